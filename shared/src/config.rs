@@ -1,0 +1,175 @@
+//! Typed configuration: TOML, units in key names, unknown keys refused, values checked against
+//! their allowed range with an error that names key, value and range.
+
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use thiserror::Error;
+
+/// Why a configuration was refused.
+#[derive(Debug, Error)]
+pub enum ConfigError {
+    /// The file could not be read.
+    #[error("reading configuration {path}: {source}; check the path and its permissions")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Not TOML, an unknown key, or a value of the wrong type.
+    #[error("parsing configuration {origin}: {message}")]
+    Parse {
+        /// The file, or what else the text came from.
+        origin: String,
+        /// What the parser says, with line and column.
+        message: String,
+    },
+    /// A value outside its range.
+    #[error("configuration key `{key}` is {value}: allowed is {allowed}; correct it and try again")]
+    Range {
+        /// Dotted key.
+        key: String,
+        /// The value found.
+        value: String,
+        /// The range in words.
+        allowed: String,
+    },
+}
+
+/// A configuration that can be checked.
+pub trait Check {
+    /// Checks every value; `at` knows the dotted path of this table.
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError>;
+}
+
+/// The dotted path of a table, for errors.
+#[derive(Clone, Copy, Debug)]
+pub struct Keys<'a> {
+    parent: Option<&'a Keys<'a>>,
+    name: &'a str,
+}
+
+impl<'a> Keys<'a> {
+    /// The root of a file.
+    pub const ROOT: Keys<'static> = Keys {
+        parent: None,
+        name: "",
+    };
+
+    /// The table `name` below this one.
+    pub const fn table(&'a self, name: &'a str) -> Keys<'a> {
+        Keys {
+            parent: Some(self),
+            name,
+        }
+    }
+    /// The dotted name of `key` in this table.
+    pub fn key(&self, key: &str) -> String {
+        let mut parts = vec![key];
+        let mut at = Some(self);
+        while let Some(k) = at {
+            if !k.name.is_empty() {
+                parts.push(k.name);
+            }
+            at = k.parent;
+        }
+        parts.reverse();
+        parts.join(".")
+    }
+    /// `low <= value <= high`; a NaN fails.
+    pub fn range(&self, key: &str, value: f64, low: f64, high: f64) -> Result<(), ConfigError> {
+        if (low..=high).contains(&value) {
+            return Ok(());
+        }
+        Err(ConfigError::Range {
+            key: self.key(key),
+            value: format!("{value}"),
+            allowed: format!("{low} to {high}"),
+        })
+    }
+    /// Every item of a list in range.
+    pub fn ranges(&self, key: &str, values: &[f64], low: f64, high: f64) -> Result<(), ConfigError> {
+        values
+            .iter()
+            .enumerate()
+            .try_for_each(|(i, v)| self.range(&format!("{key}[{i}]"), *v, low, high))
+    }
+    /// Any other condition, in words.
+    pub fn require(
+        &self,
+        ok: bool,
+        key: &str,
+        value: impl ToString,
+        allowed: &str,
+    ) -> Result<(), ConfigError> {
+        if ok {
+            return Ok(());
+        }
+        Err(ConfigError::Range {
+            key: self.key(key),
+            value: value.to_string(),
+            allowed: allowed.into(),
+        })
+    }
+}
+
+/// Parses and checks a configuration; `origin` names the text in errors.
+pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
+    let config: T = toml::from_str(text).map_err(|e| ConfigError::Parse {
+        origin: origin.into(),
+        message: e.to_string(),
+    })?;
+    config.check(&Keys::ROOT)?;
+    Ok(config)
+}
+
+/// Reads, parses and checks a configuration file.
+pub fn load<T: DeserializeOwned + Check>(path: &Path) -> Result<T, ConfigError> {
+    let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Read {
+        path: path.into(),
+        source,
+    })?;
+    parse(&text, &path.display().to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(serde::Deserialize, Debug, Default)]
+    #[serde(deny_unknown_fields, default)]
+    struct Outer {
+        inner: Inner,
+    }
+    #[derive(serde::Deserialize, Debug, Default)]
+    #[serde(deny_unknown_fields, default)]
+    struct Inner {
+        speed_mps: f64,
+    }
+    impl Check for Outer {
+        fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+            at.table("inner")
+                .range("speed_mps", self.inner.speed_mps, 0.0, 8.0)
+        }
+    }
+
+    #[test]
+    fn an_error_names_key_value_and_range() {
+        let e = parse::<Outer>("[inner]\nspeed_mps = 9.5", "test")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            e.contains("inner.speed_mps") && e.contains("9.5") && e.contains("0 to 8"),
+            "{e}"
+        );
+        let e = parse::<Outer>("[inner]\nspeed_mps = nan", "test")
+            .unwrap_err()
+            .to_string();
+        assert!(e.contains("NaN"), "{e}");
+        let e = parse::<Outer>("[inner]\nspeed = 1.0", "test")
+            .unwrap_err()
+            .to_string();
+        assert!(e.contains("unknown field `speed`"), "{e}");
+    }
+}

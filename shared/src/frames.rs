@@ -1,0 +1,360 @@
+//! Typed frames: a vector, point or rotation carries the frame it is expressed in, and mixing
+//! frames does not compile.
+//!
+//! World frames are NED tangent planes. Alight has three of them because nobody measures the true
+//! one: [`VesselNed`] and [`DroneNed`] are displaced by each craft's own GNSS error (a metre or
+//! more), and [`TrueNed`] exists in the simulated world only. Bodies are FRD (forward, right,
+//! down).
+//!
+//! ```compile_fail
+//! use alight_shared::frames::{Vector, VesselNed, DroneNed};
+//! let wrong = Vector::<VesselNed>::new(1.0, 0.0, 0.0) + Vector::<DroneNed>::new(1.0, 0.0, 0.0);
+//! ```
+
+use core::fmt;
+use core::marker::PhantomData;
+use core::ops::{Add, Mul, Neg, Sub};
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// A coordinate frame.
+pub trait Frame: 'static {
+    /// Name for messages to a person.
+    const NAME: &'static str;
+}
+
+macro_rules! frames {
+    ($($(#[$doc:meta])* $name:ident = $text:literal;)*) => {$(
+        $(#[$doc])*
+        #[derive(Debug)]
+        pub enum $name {}
+        impl Frame for $name { const NAME: &'static str = $text; }
+    )*};
+}
+frames! {
+    /// NED tangent plane as the vessel's GNSS sees it.
+    VesselNed = "vessel NED";
+    /// NED tangent plane as the drone's navigation sees it.
+    DroneNed = "drone NED";
+    /// The simulated world's NED tangent plane.
+    TrueNed = "true NED";
+    /// The vessel's body, FRD, origin at its reference point (midships on the waterline at rest).
+    VesselBody = "vessel FRD";
+    /// The vessel-parallel frame: horizontal, turned by the heading, origin at the reference point
+    /// (Fossen 2011, section 7.5.3).
+    VesselParallel = "vessel-parallel";
+    /// The landing deck, FRD, origin at the centre of its upper surface.
+    Deck = "deck FRD";
+    /// The drone's body, FRD, origin at its centre of mass.
+    DroneBody = "drone FRD";
+    /// The camera: x right in the image, y down in the image, z along the optical axis.
+    Camera = "camera RDF";
+    /// The fiducial tag: axes parallel to the deck's FRD, origin at the tag's centre.
+    Tag = "tag FRD";
+}
+
+/// A free vector in frame `F` (displacement, velocity, acceleration, rate, force), SI units.
+pub struct Vector<F>(pub Vector3<f64>, PhantomData<fn() -> F>);
+/// A position in frame `F`, m.
+pub struct Point<F>(pub Vector3<f64>, PhantomData<fn() -> F>);
+/// The rotation that takes coordinates in `From` to coordinates in `To`: `v_to = R v_from`.
+pub struct Rotation<To, From>(pub UnitQuaternion<f64>, PhantomData<fn() -> (To, From)>);
+
+impl<F> Vector<F> {
+    /// From components.
+    pub const fn new(x: f64, y: f64, z: f64) -> Self {
+        Vector(Vector3::new(x, y, z), PhantomData)
+    }
+    /// From a bare vector whose frame the caller vouches for.
+    pub const fn from(v: Vector3<f64>) -> Self {
+        Vector(v, PhantomData)
+    }
+    /// The zero vector.
+    pub const fn zero() -> Self {
+        Self::new(0.0, 0.0, 0.0)
+    }
+    /// Euclidean norm.
+    pub fn norm(&self) -> f64 {
+        self.0.norm()
+    }
+    /// Inner product.
+    pub fn dot(&self, o: &Self) -> f64 {
+        self.0.dot(&o.0)
+    }
+    /// Cross product.
+    pub fn cross(&self, o: &Self) -> Self {
+        Self::from(self.0.cross(&o.0))
+    }
+}
+impl<F> Point<F> {
+    /// From components, m.
+    pub const fn new(x: f64, y: f64, z: f64) -> Self {
+        Point(Vector3::new(x, y, z), PhantomData)
+    }
+    /// From a bare vector whose frame the caller vouches for.
+    pub const fn from(v: Vector3<f64>) -> Self {
+        Point(v, PhantomData)
+    }
+    /// The frame's origin.
+    pub const fn origin() -> Self {
+        Self::new(0.0, 0.0, 0.0)
+    }
+}
+impl<To, From> Rotation<To, From> {
+    /// From a bare quaternion whose frames the caller vouches for.
+    pub const fn from(q: UnitQuaternion<f64>) -> Self {
+        Rotation(q, PhantomData)
+    }
+    /// The two frames are parallel.
+    pub fn identity() -> Self {
+        Self::from(UnitQuaternion::identity())
+    }
+    /// ZYX Euler angles (Fossen 2011, eq. 2.18): `R = Rz(yaw) Ry(pitch) Rx(roll)`, rad.
+    pub fn from_euler(roll: f64, pitch: f64, yaw: f64) -> Self {
+        Self::from(UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+    }
+    /// ZYX Euler angles (roll, pitch, yaw), rad.
+    pub fn euler(&self) -> (f64, f64, f64) {
+        self.0.euler_angles()
+    }
+    /// The other way round.
+    pub fn inverse(&self) -> Rotation<From, To> {
+        Rotation::from(self.0.inverse())
+    }
+    /// Image of `From`'s down axis, e.g. the direction a body points its belly.
+    pub fn down(&self) -> Vector<To> {
+        Vector::from(self.0 * Vector3::z())
+    }
+}
+
+impl<F> Clone for Vector<F> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<F> Copy for Vector<F> {}
+impl<F> Clone for Point<F> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<F> Copy for Point<F> {}
+impl<A, B> Clone for Rotation<A, B> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<A, B> Copy for Rotation<A, B> {}
+impl<F> PartialEq for Vector<F> {
+    fn eq(&self, o: &Self) -> bool {
+        self.0 == o.0
+    }
+}
+impl<F> PartialEq for Point<F> {
+    fn eq(&self, o: &Self) -> bool {
+        self.0 == o.0
+    }
+}
+impl<F: Frame> fmt::Debug for Vector<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "[{:.4} {:.4} {:.4}] in {}",
+            self.0.x,
+            self.0.y,
+            self.0.z,
+            F::NAME
+        )
+    }
+}
+impl<F: Frame> fmt::Debug for Point<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "({:.4} {:.4} {:.4}) in {}",
+            self.0.x,
+            self.0.y,
+            self.0.z,
+            F::NAME
+        )
+    }
+}
+impl<A: Frame, B: Frame> fmt::Debug for Rotation<A, B> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (r, p, y) = self.euler();
+        write!(
+            f,
+            "{} from {}: roll {r:.4} pitch {p:.4} yaw {y:.4} rad",
+            A::NAME,
+            B::NAME
+        )
+    }
+}
+
+impl<F> Add for Vector<F> {
+    type Output = Self;
+    fn add(self, o: Self) -> Self {
+        Self::from(self.0 + o.0)
+    }
+}
+impl<F> Sub for Vector<F> {
+    type Output = Self;
+    fn sub(self, o: Self) -> Self {
+        Self::from(self.0 - o.0)
+    }
+}
+impl<F> Neg for Vector<F> {
+    type Output = Self;
+    fn neg(self) -> Self {
+        Self::from(-self.0)
+    }
+}
+impl<F> Mul<f64> for Vector<F> {
+    type Output = Self;
+    fn mul(self, k: f64) -> Self {
+        Self::from(self.0 * k)
+    }
+}
+impl<F> Sub for Point<F> {
+    type Output = Vector<F>;
+    fn sub(self, o: Self) -> Vector<F> {
+        Vector::from(self.0 - o.0)
+    }
+}
+impl<F> Add<Vector<F>> for Point<F> {
+    type Output = Self;
+    fn add(self, v: Vector<F>) -> Self {
+        Self::from(self.0 + v.0)
+    }
+}
+impl<F> Sub<Vector<F>> for Point<F> {
+    type Output = Self;
+    fn sub(self, v: Vector<F>) -> Self {
+        Self::from(self.0 - v.0)
+    }
+}
+impl<A, B> Mul<Vector<B>> for Rotation<A, B> {
+    type Output = Vector<A>;
+    fn mul(self, v: Vector<B>) -> Vector<A> {
+        Vector::from(self.0 * v.0)
+    }
+}
+impl<A, B, C> Mul<Rotation<B, C>> for Rotation<A, B> {
+    type Output = Rotation<A, C>;
+    fn mul(self, o: Rotation<B, C>) -> Rotation<A, C> {
+        Rotation::from(self.0 * o.0)
+    }
+}
+
+/// WGS-84 position of a NED tangent plane's origin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[repr(C)]
+#[serde(deny_unknown_fields)]
+pub struct Datum {
+    /// Geodetic latitude, deg, north positive.
+    pub latitude_deg: f64,
+    /// Longitude, deg, east positive.
+    pub longitude_deg: f64,
+    /// Height above the ellipsoid, m.
+    pub height_m: f64,
+}
+
+impl Datum {
+    /// NED displacement (m) of `other`'s origin seen from `self`'s, by the local radii of the
+    /// WGS-84 ellipsoid (Groves 2013, eq. 2.105 and 2.106); exact to millimetres within 10 km.
+    pub fn offset_to<F>(&self, other: &Datum) -> Vector<F> {
+        const A: f64 = 6_378_137.0;
+        const E2: f64 = 6.694_379_990_14e-3;
+        let lat = self.latitude_deg.to_radians();
+        let w = (1.0 - E2 * lat.sin().powi(2)).sqrt();
+        let meridian = A * (1.0 - E2) / w.powi(3);
+        let prime = A / w;
+        Vector::new(
+            (other.latitude_deg - self.latitude_deg).to_radians() * (meridian + self.height_m),
+            (other.longitude_deg - self.longitude_deg).to_radians() * (prime + self.height_m) * lat.cos(),
+            self.height_m - other.height_m,
+        )
+    }
+}
+
+/// Wraps an angle to (-pi, pi], rad. A non-finite angle stays non-finite.
+pub fn wrap_angle(a: f64) -> f64 {
+    use core::f64::consts::{PI, TAU};
+    let w = (a + PI).rem_euclid(TAU) - PI;
+    if w <= -PI { PI } else { w }
+}
+
+/// Euler-angle rates from body rates: `T(phi, theta)` of Fossen 2011, eq. 2.28 (rad/s). Singular
+/// at pitch +-90 deg, where the cosine is held at 1e-3.
+pub fn euler_rates(roll: f64, pitch: f64, body: Vector3<f64>) -> Vector3<f64> {
+    let (sr, cr) = roll.sin_cos();
+    let cp = if pitch.cos().abs() < 1e-3 {
+        1e-3
+    } else {
+        pitch.cos()
+    };
+    let tp = pitch.sin() / cp;
+    Vector3::new(
+        body.x + sr * tp * body.y + cr * tp * body.z,
+        cr * body.y - sr * body.z,
+        (sr * body.y + cr * body.z) / cp,
+    )
+}
+
+/// Body rates from Euler-angle rates, the inverse of [`euler_rates`] (rad/s).
+pub fn body_rates(roll: f64, pitch: f64, euler: Vector3<f64>) -> Vector3<f64> {
+    let (sr, cr) = roll.sin_cos();
+    let (sp, cp) = pitch.sin_cos();
+    Vector3::new(
+        euler.x - sp * euler.z,
+        cr * euler.y + sr * cp * euler.z,
+        -sr * euler.y + cr * cp * euler.z,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn euler_rates_invert_body_rates() {
+        let e = Vector3::new(0.3, -0.2, 0.5);
+        let back = euler_rates(0.4, -0.3, body_rates(0.4, -0.3, e));
+        assert!((back - e).norm() < 1e-12);
+    }
+
+    #[test]
+    fn rotation_takes_from_to_to() {
+        // A vessel heading east: its bow points east.
+        let r = Rotation::<VesselNed, VesselBody>::from_euler(0.0, 0.0, core::f64::consts::FRAC_PI_2);
+        let bow = r * Vector::new(1.0, 0.0, 0.0);
+        assert!((bow.0 - Vector3::new(0.0, 1.0, 0.0)).norm() < 1e-12);
+        // Bow up is positive pitch: the bow then points to negative down.
+        let up = Rotation::<VesselNed, VesselBody>::from_euler(0.0, 0.1, 0.0) * Vector::new(1.0, 0.0, 0.0);
+        assert!(up.0.z < 0.0);
+    }
+
+    #[test]
+    fn angles_wrap_to_half_open_interval() {
+        use core::f64::consts::PI;
+        assert!((wrap_angle(3.0 * PI) - PI).abs() < 1e-12);
+        assert!((wrap_angle(-PI) - PI).abs() < 1e-12);
+        assert!((wrap_angle(0.1) - 0.1).abs() < 1e-15);
+        assert!(wrap_angle(f64::NAN).is_nan());
+    }
+
+    #[test]
+    fn a_degree_of_latitude_is_about_111_km() {
+        let a = Datum {
+            latitude_deg: 45.0,
+            longitude_deg: 7.0,
+            height_m: 0.0,
+        };
+        let b = Datum {
+            latitude_deg: 45.001,
+            ..a
+        };
+        let d = a.offset_to::<TrueNed>(&b);
+        assert!((d.0.x - 111.13).abs() < 0.02, "{d:?}");
+    }
+}

@@ -1,0 +1,267 @@
+//! What the drone knows of the deck: sightings, link, forecast.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within};
+use crate::seq::Seq;
+use crate::time::{DroneClock, Span};
+
+/// Stages of a deck forecast.
+pub const FORECAST_STAGES: usize = 41;
+
+/// A 6-DOF sighting of the deck's fiducial tag.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct TagPose {
+    /// Identity; `at` is the time of exposure.
+    pub header: Header<DroneClock>,
+    /// Tag's centre in the camera frame, m.
+    pub position: [f64; 3],
+    /// Rotation camera from tag, unit quaternion (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// Variances: position x, y, z (m²) and rotation about the camera's x, y, z (rad²).
+    pub variance: [f64; 6],
+}
+
+/// A sighting of the deck's blinking UV markers: coarser, from further away.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct UvdarFix {
+    /// Identity; `at` is the time of exposure.
+    pub header: Header<DroneClock>,
+    /// Deck's centre in the camera frame, m.
+    pub position: [f64; 3],
+    /// Variances of the position in the camera frame, m².
+    pub variance: [f64; 3],
+}
+
+/// A reading of the belly rangefinder.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct RangeSample {
+    /// Identity; `at` is the time of measurement.
+    pub header: Header<DroneClock>,
+    /// Distance along the body's down axis, m.
+    pub range_m: f64,
+    /// Variance, m².
+    pub variance: f64,
+}
+
+/// What the bridge knows of the link and of the clocks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct LinkState {
+    /// Identity.
+    pub header: Header<DroneClock>,
+    /// Drone clock minus vessel clock, s.
+    pub clock_offset_s: f64,
+    /// Standard deviation of the offset, path asymmetry included, s; infinite until known.
+    pub clock_offset_sd_s: f64,
+    /// Age of the newest admitted vessel estimate, s.
+    pub age_s: f64,
+    /// Fraction of vessel estimates lost over the last seconds.
+    pub loss: f64,
+    /// Median latency of vessel estimates, s.
+    pub latency_p50_s: f64,
+    /// 99th percentile of the latency, s.
+    pub latency_p99_s: f64,
+    /// Vessel messages refused since start.
+    pub rejected: u32,
+}
+
+/// Where the forecast gets its knowledge from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum Source {
+    /// Nothing yet.
+    #[default]
+    None,
+    /// The vessel's messages only.
+    Radio,
+    /// The drone's own sight only.
+    Vision,
+    /// Both.
+    Both,
+}
+
+/// The deck at one instant of the forecast, in the drone's NED.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct DeckStage {
+    /// Deck centre, m.
+    pub position: [f64; 3],
+    /// Its velocity, m/s.
+    pub velocity: [f64; 3],
+    /// Its acceleration, m/s².
+    pub acceleration: [f64; 3],
+    /// Roll, pitch, yaw of the deck (ZYX), rad.
+    pub euler: [f64; 3],
+    /// Euler-angle rates, rad/s.
+    pub euler_rates: [f64; 3],
+    /// Standard deviations of `position`, m.
+    pub position_sd: [f64; 3],
+    /// Standard deviations of `velocity`, m/s.
+    pub velocity_sd: [f64; 3],
+    /// Standard deviations of `euler`, rad.
+    pub euler_sd: [f64; 3],
+}
+
+impl DeckStage {
+    /// Upward unit normal of the deck in NED (its third component is negative on a level deck).
+    pub fn normal(&self) -> Vector3<f64> {
+        let [r, p, y] = self.euler;
+        let q = nalgebra::UnitQuaternion::from_euler_angles(r, p, y);
+        q * -Vector3::z()
+    }
+    /// Rotation matrix NED from deck.
+    pub fn rotation(&self) -> Matrix3<f64> {
+        let [r, p, y] = self.euler;
+        nalgebra::Rotation3::from_euler_angles(r, p, y).into_inner()
+    }
+    /// Linear blend `(1 - s) self + s other`; angles along the shorter way.
+    pub fn blend(&self, other: &DeckStage, s: f64) -> DeckStage {
+        let mix = |a: [f64; 3], b: [f64; 3]| core::array::from_fn(|i| a[i] + s * (b[i] - a[i]));
+        let turn = |a: [f64; 3], b: [f64; 3]| {
+            core::array::from_fn(|i| a[i] + s * crate::frames::wrap_angle(b[i] - a[i]))
+        };
+        DeckStage {
+            position: mix(self.position, other.position),
+            velocity: mix(self.velocity, other.velocity),
+            acceleration: mix(self.acceleration, other.acceleration),
+            euler: turn(self.euler, other.euler),
+            euler_rates: mix(self.euler_rates, other.euler_rates),
+            position_sd: mix(self.position_sd, other.position_sd),
+            velocity_sd: mix(self.velocity_sd, other.velocity_sd),
+            euler_sd: mix(self.euler_sd, other.euler_sd),
+        }
+    }
+}
+
+/// The deck's predicted motion, in the drone's NED and on the drone's clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct DeckForecast {
+    /// Identity; `at` is the time of the first stage (about now).
+    pub header: Header<DroneClock>,
+    /// Time between stages.
+    pub step: Span,
+    /// Where the knowledge comes from now.
+    pub source: Source,
+    /// Age of the newest vessel estimate that was used, s; infinite when there was none.
+    pub radio_age_s: f64,
+    /// Age of the newest sighting (tag or UVDAR) that was used, s; infinite when there was none.
+    pub vision_age_s: f64,
+    /// Age of the newest tag sighting that was used, s; infinite when there was none.
+    pub tag_age_s: f64,
+    /// Confidence in the wave model, 0 (broad default) to 1.
+    pub wave_confidence: f64,
+    /// The deck's mean heading without the waves' share, rad.
+    pub mean_heading: f64,
+    /// The trajectory.
+    pub stages: Seq<DeckStage, FORECAST_STAGES>,
+}
+
+impl DeckForecast {
+    /// The deck at time `t`, by linear interpolation; None before the first or after the last
+    /// stage, and while the forecast is empty.
+    pub fn at(&self, t: crate::time::Time<DroneClock>) -> Option<DeckStage> {
+        let step = self.step.secs();
+        if !(step > 0.0) {
+            return None;
+        }
+        let x = (t - self.header.at).secs() / step;
+        let last = self.stages.len().checked_sub(1)? as f64;
+        if !(-1e-6..=last + 1e-6).contains(&x) {
+            return None;
+        }
+        let x = x.clamp(0.0, last);
+        let i = (x.floor() as usize).min(self.stages.len().saturating_sub(2));
+        let a = self.stages.get(i)?;
+        match self.stages.get(i + 1) {
+            Some(b) => Some(a.blend(b, x - i as f64)),
+            None => Some(*a),
+        }
+    }
+}
+
+macro_rules! message {
+    ($name:ident, |$m:ident| $check:block) => {
+        impl Message for $name {
+            type Clock = DroneClock;
+            fn header(&self) -> &Header<DroneClock> {
+                &self.header
+            }
+            fn check(&self) -> Result<(), &'static str> {
+                let $m = self;
+                $check
+            }
+        }
+    };
+}
+message!(TagPose, |m| {
+    if !within(&m.position, 1e3) {
+        return Err("position");
+    }
+    let n: f64 = m.attitude.iter().map(|v| v * v).sum();
+    if !((n - 1.0).abs() < 1e-3) {
+        return Err("attitude");
+    }
+    if !m.variance.iter().all(|v| *v > 0.0 && *v < 1e6) {
+        return Err("variance");
+    }
+    Ok(())
+});
+message!(UvdarFix, |m| {
+    if !within(&m.position, 1e3) {
+        return Err("position");
+    }
+    if !m.variance.iter().all(|v| *v > 0.0 && *v < 1e6) {
+        return Err("variance");
+    }
+    Ok(())
+});
+message!(RangeSample, |m| {
+    if !(0.0..=1e3).contains(&m.range_m) {
+        return Err("range_m");
+    }
+    if !(m.variance > 0.0 && m.variance < 1e6) {
+        return Err("variance");
+    }
+    Ok(())
+});
+message!(LinkState, |m| {
+    // The offset's spread and the age are infinite before the first exchange.
+    if !m.clock_offset_s.is_finite() || !(m.clock_offset_sd_s >= 0.0) {
+        return Err("clock_offset");
+    }
+    if !(m.age_s >= 0.0) || !(0.0..=1.0).contains(&m.loss) {
+        return Err("statistics");
+    }
+    Ok(())
+});
+message!(DeckForecast, |m| {
+    if m.step <= Span::ZERO {
+        return Err("step");
+    }
+    for s in m.stages.iter() {
+        if !within(&s.position, MAX_POSITION_M)
+            || !within(&s.velocity, MAX_SPEED_MPS)
+            || !within(&s.acceleration, super::MAX_ACCELERATION_MPS2)
+            || !within(&s.euler, 7.0)
+            || !within(&s.euler_rates, MAX_RATE_RPS)
+        {
+            return Err("stages");
+        }
+        if !s
+            .position_sd
+            .iter()
+            .chain(&s.velocity_sd)
+            .chain(&s.euler_sd)
+            .all(|v| *v >= 0.0)
+        {
+            return Err("standard deviations");
+        }
+    }
+    Ok(())
+});

@@ -1,0 +1,399 @@
+//! The drone's own state, its plan and its set-point.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{Header, MAX_ACCELERATION_MPS2, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within};
+use crate::frames::wrap_angle;
+use crate::seq::Seq;
+use crate::time::{DroneClock, Span, Time};
+
+/// Stages of a plan.
+pub const PLAN_STAGES: usize = 41;
+
+/// The drone's odometry as its autopilot gives it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct DroneState {
+    /// Identity and time of validity.
+    pub header: Header<DroneClock>,
+    /// Centre of mass in the drone's NED, m.
+    pub position: [f64; 3],
+    /// Velocity in NED, m/s.
+    pub velocity: [f64; 3],
+    /// Rotation NED from body, unit quaternion (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// Body rates, rad/s.
+    pub rates: [f64; 3],
+    /// Specific force in the body frame (what accelerometers measure), m/s².
+    pub specific_force: [f64; 3],
+    /// Standard deviations of `position` (without the common GNSS offset), m.
+    pub position_sd: [f64; 3],
+    /// Standard deviations of `velocity`, m/s.
+    pub velocity_sd: [f64; 3],
+    /// Standard deviations of roll, pitch, yaw, rad.
+    pub euler_sd: [f64; 3],
+}
+
+impl Default for DroneState {
+    fn default() -> Self {
+        DroneState {
+            header: Header::default(),
+            position: [0.0; 3],
+            velocity: [0.0; 3],
+            attitude: [1.0, 0.0, 0.0, 0.0],
+            rates: [0.0; 3],
+            specific_force: [0.0, 0.0, -9.81],
+            position_sd: [0.0; 3],
+            velocity_sd: [0.0; 3],
+            euler_sd: [0.0; 3],
+        }
+    }
+}
+
+impl DroneState {
+    /// Position in the drone's NED, m.
+    pub fn position(&self) -> Vector3<f64> {
+        Vector3::from(self.position)
+    }
+    /// Velocity in NED, m/s.
+    pub fn velocity(&self) -> Vector3<f64> {
+        Vector3::from(self.velocity)
+    }
+    /// Rotation NED from body.
+    pub fn attitude(&self) -> UnitQuaternion<f64> {
+        quaternion(&self.attitude)
+    }
+    /// Roll, pitch, yaw, rad.
+    pub fn euler(&self) -> Vector3<f64> {
+        let (r, p, y) = self.attitude().euler_angles();
+        Vector3::new(r, p, y)
+    }
+}
+
+/// The unit quaternion of (w, x, y, z); the identity when its norm is useless.
+pub(crate) fn quaternion(q: &[f64; 4]) -> UnitQuaternion<f64> {
+    UnitQuaternion::try_new(Quaternion::new(q[0], q[1], q[2], q[3]), 1e-9).unwrap_or_default()
+}
+
+/// What the autopilot is doing, reduced to what matters for landing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum AutopilotMode {
+    /// A person flies, or a mode of the autopilot's own: Alight does not command.
+    #[default]
+    Other,
+    /// PX4 OFFBOARD, ArduCopter GUIDED: set-points are followed.
+    Offboard,
+    /// The autopilot's own hold, after set-points were lost or by command.
+    Hold,
+    /// The autopilot lands by itself (its failsafe).
+    Land,
+    /// The autopilot returns home by itself.
+    Return,
+}
+
+/// The autopilot's own opinion of where it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum LandedState {
+    /// Not known.
+    #[default]
+    Unknown,
+    /// On the ground.
+    OnGround,
+    /// In the air.
+    InAir,
+}
+
+/// The autopilot's state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct AutopilotState {
+    /// Identity and time of validity.
+    pub header: Header<DroneClock>,
+    /// Motors may turn.
+    pub armed: bool,
+    /// Its mode.
+    pub mode: AutopilotMode,
+    /// Its own opinion.
+    pub landed: LandedState,
+    /// Counts jumps of its position estimate.
+    pub origin_resets: u8,
+    /// Remaining battery, 0 to 1.
+    pub battery: f64,
+    /// Collective thrust that it applies now, 0 to 1 of the maximum.
+    pub thrust: f64,
+    /// Its own estimate of the collective thrust that hovers, 0 to 1.
+    pub hover_thrust: f64,
+}
+
+/// How a solve ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum Solve {
+    /// Optimal to the solver's tolerance.
+    #[default]
+    Optimal,
+    /// Stopped by the bound on iterations; the iterate is usable.
+    IterationLimit,
+    /// No input satisfies the hard limits; the plan is the previous one or a hold.
+    Infeasible,
+}
+
+/// One instant of a plan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct PlanStage {
+    /// Centre of mass in the drone's NED, m.
+    pub position: [f64; 3],
+    /// Velocity, m/s.
+    pub velocity: [f64; 3],
+    /// Acceleration, m/s².
+    pub acceleration: [f64; 3],
+    /// Roll, pitch, yaw, rad.
+    pub euler: [f64; 3],
+    /// Euler-angle rates, rad/s.
+    pub euler_rates: [f64; 3],
+}
+
+/// A trajectory that the pilot samples at its own rate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct Plan {
+    /// Identity; `at` is the time of the first stage.
+    pub header: Header<DroneClock>,
+    /// Time between stages.
+    pub step: Span,
+    /// How the solve ended.
+    pub solve: Solve,
+    /// Iterations of the solver; 0 when the unconstrained optimum was feasible.
+    pub iterations: u32,
+    /// The planner expects the feet on the deck at this time; None when it does not mean to touch.
+    pub touchdown_at: Option<Time<DroneClock>>,
+    /// Weight of attitude alignment at the first stage (FAA), for display.
+    pub alignment: f64,
+    /// The trajectory.
+    pub stages: Seq<PlanStage, PLAN_STAGES>,
+}
+
+impl Plan {
+    /// The plan at time `t`: position by cubic Hermite, the rest by linear interpolation. After
+    /// the last stage that stage is rolled on at constant velocity; None before the first stage or
+    /// with fewer than two stages.
+    pub fn sample(&self, t: Time<DroneClock>) -> Option<PlanStage> {
+        let h = self.step.secs();
+        let n = self.stages.len();
+        if n < 2 || !(h > 0.0) {
+            return None;
+        }
+        let x = (t - self.header.at).secs() / h;
+        if !(x >= -1e-6) {
+            return None;
+        }
+        let x = x.max(0.0);
+        let last = (n - 1) as f64;
+        if x >= last {
+            let mut s = *self.stages.last()?;
+            let dt = (x - last) * h;
+            for i in 0..3 {
+                s.position[i] += s.velocity[i] * dt;
+                s.acceleration[i] = 0.0;
+                s.euler_rates[i] = 0.0;
+            }
+            return Some(s);
+        }
+        let i = x as usize;
+        let (a, b, s) = (self.stages.get(i)?, self.stages.get(i + 1)?, x - i as f64);
+        let mix = |p: &[f64; 3], q: &[f64; 3]| core::array::from_fn(|k| p[k] + s * (q[k] - p[k]));
+        let (s2, s3) = (s * s, s * s * s);
+        let position = core::array::from_fn(|k| {
+            (2.0 * s3 - 3.0 * s2 + 1.0) * a.position[k]
+                + (s3 - 2.0 * s2 + s) * h * a.velocity[k]
+                + (3.0 * s2 - 2.0 * s3) * b.position[k]
+                + (s3 - s2) * h * b.velocity[k]
+        });
+        Some(PlanStage {
+            position,
+            velocity: mix(&a.velocity, &b.velocity),
+            acceleration: mix(&a.acceleration, &b.acceleration),
+            euler: core::array::from_fn(|k| a.euler[k] + s * wrap_angle(b.euler[k] - a.euler[k])),
+            euler_rates: mix(&a.euler_rates, &b.euler_rates),
+        })
+    }
+}
+
+/// What a set-point asks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum SetPointKind {
+    /// Nothing: the autopilot's own behaviour.
+    #[default]
+    None,
+    /// Position, velocity, acceleration and yaw.
+    Trajectory,
+    /// Attitude with body rates as feed-forward, and thrust.
+    Attitude,
+}
+
+/// What a set-point asks of the motors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum Motors {
+    /// Turn.
+    #[default]
+    Run,
+    /// Stop now: touchdown is confirmed.
+    Stop,
+}
+
+/// The pilot's set-point to the autopilot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct SetPoint {
+    /// Identity and time it is meant for.
+    pub header: Header<DroneClock>,
+    /// Which of the fields below are to be used.
+    pub kind: SetPointKind,
+    /// Motors on or off.
+    pub motors: Motors,
+    /// Position in the drone's NED, m.
+    pub position: [f64; 3],
+    /// Velocity, m/s.
+    pub velocity: [f64; 3],
+    /// Acceleration, m/s².
+    pub acceleration: [f64; 3],
+    /// Heading, rad.
+    pub yaw: f64,
+    /// Heading rate, rad/s.
+    pub yaw_rate: f64,
+    /// Rotation NED from body, unit quaternion (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// Body rates, rad/s.
+    pub rates: [f64; 3],
+    /// Collective thrust, 0 to 1 of the maximum.
+    pub thrust: f64,
+}
+
+impl Default for SetPoint {
+    fn default() -> Self {
+        SetPoint {
+            header: Header::default(),
+            kind: SetPointKind::None,
+            motors: Motors::Run,
+            position: [0.0; 3],
+            velocity: [0.0; 3],
+            acceleration: [0.0; 3],
+            yaw: 0.0,
+            yaw_rate: 0.0,
+            attitude: [1.0, 0.0, 0.0, 0.0],
+            rates: [0.0; 3],
+            thrust: 0.0,
+        }
+    }
+}
+impl SetPoint {
+    /// Rotation NED from body.
+    pub fn attitude(&self) -> UnitQuaternion<f64> {
+        quaternion(&self.attitude)
+    }
+}
+
+fn unit(q: &[f64; 4]) -> bool {
+    (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-3
+}
+
+impl Message for DroneState {
+    type Clock = DroneClock;
+    fn header(&self) -> &Header<DroneClock> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if !within(&self.position, MAX_POSITION_M) {
+            return Err("position");
+        }
+        if !within(&self.velocity, MAX_SPEED_MPS) {
+            return Err("velocity");
+        }
+        if !unit(&self.attitude) {
+            return Err("attitude");
+        }
+        if !within(&self.rates, MAX_RATE_RPS) {
+            return Err("rates");
+        }
+        if !within(&self.specific_force, 1e3) {
+            return Err("specific_force");
+        }
+        if !self
+            .position_sd
+            .iter()
+            .chain(&self.velocity_sd)
+            .chain(&self.euler_sd)
+            .all(|v| (0.0..=1e4).contains(v))
+        {
+            return Err("standard deviations");
+        }
+        Ok(())
+    }
+}
+impl Message for AutopilotState {
+    type Clock = DroneClock;
+    fn header(&self) -> &Header<DroneClock> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        for (v, name) in [
+            (self.battery, "battery"),
+            (self.thrust, "thrust"),
+            (self.hover_thrust, "hover_thrust"),
+        ] {
+            if !(-0.01..=1.5).contains(&v) {
+                return Err(name);
+            }
+        }
+        Ok(())
+    }
+}
+impl Message for Plan {
+    type Clock = DroneClock;
+    fn header(&self) -> &Header<DroneClock> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if self.step <= Span::ZERO {
+            return Err("step");
+        }
+        for s in self.stages.iter() {
+            if !within(&s.position, MAX_POSITION_M)
+                || !within(&s.velocity, MAX_SPEED_MPS)
+                || !within(&s.acceleration, MAX_ACCELERATION_MPS2)
+                || !within(&s.euler, 7.0)
+                || !within(&s.euler_rates, MAX_RATE_RPS)
+            {
+                return Err("stages");
+            }
+        }
+        Ok(())
+    }
+}
+impl Message for SetPoint {
+    type Clock = DroneClock;
+    fn header(&self) -> &Header<DroneClock> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if !within(&self.position, MAX_POSITION_M) || !within(&self.velocity, MAX_SPEED_MPS) {
+            return Err("position or velocity");
+        }
+        if !within(&self.acceleration, MAX_ACCELERATION_MPS2) || !within([&self.yaw, &self.yaw_rate], 50.0) {
+            return Err("acceleration or yaw");
+        }
+        if !unit(&self.attitude) || !within(&self.rates, MAX_RATE_RPS) {
+            return Err("attitude or rates");
+        }
+        if !(0.0..=1.0).contains(&self.thrust) {
+            return Err("thrust");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,286 @@
+//! The mission's state, its reason, and commands to it.
+
+use core::fmt;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::{Header, Message};
+use crate::time::{DroneClock, Time};
+
+/// States of the landing mission (Procházka et al., section IV).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum State {
+    /// Waits for a landing command, flight and the vessel's state.
+    #[default]
+    Idle,
+    /// Straight up or down to the approach height.
+    GetAltitude,
+    /// Towards the predicted vessel at approach height.
+    Approach,
+    /// Follows the predicted vessel at tracking height.
+    Tracking,
+    /// The same, stably above the deck.
+    TrackingStable,
+    /// Descends at constant speed relative to the predicted deck.
+    Descent,
+    /// The last part, with the full deck pose as reference.
+    Flare,
+    /// On the deck.
+    Landed,
+    /// Holds position at a safe height: data too old, or commanded.
+    Hold,
+    /// Ended without landing: aborted by command or out of retries.
+    GaveUp,
+}
+
+/// Phases that choose weights and rates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum Phase {
+    /// No planning.
+    #[default]
+    None,
+    /// Far from the vessel.
+    Navigation,
+    /// Above the vessel.
+    Follow,
+    /// Descent and flare.
+    Landing,
+}
+
+impl State {
+    /// The phase that a state belongs to.
+    pub const fn phase(self) -> Phase {
+        match self {
+            State::Idle | State::Landed => Phase::None,
+            State::GetAltitude | State::Approach | State::Hold | State::GaveUp => Phase::Navigation,
+            State::Tracking | State::TrackingStable => Phase::Follow,
+            State::Descent | State::Flare => Phase::Landing,
+        }
+    }
+    /// The name that a person reads.
+    pub const fn name(self) -> &'static str {
+        match self {
+            State::Idle => "Idle",
+            State::GetAltitude => "Get altitude",
+            State::Approach => "Approach",
+            State::Tracking => "Tracking",
+            State::TrackingStable => "Tracking stable",
+            State::Descent => "Descent",
+            State::Flare => "Flare",
+            State::Landed => "Landed",
+            State::Hold => "Hold",
+            State::GaveUp => "Gave up",
+        }
+    }
+}
+
+/// Why a transition happened, or why the next one does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum ReasonCode {
+    /// Nothing to say.
+    #[default]
+    None,
+    /// A landing was commanded.
+    Commanded,
+    /// The condition to go on is met.
+    Reached,
+    /// No landing was commanded.
+    NotCommanded,
+    /// The drone is not flying, not armed or not in the mode that takes set-points.
+    NotFlying,
+    /// No message of the vessel yet.
+    NoVessel,
+    /// The drone's own odometry is too old, s.
+    OdometryOld,
+    /// The deck forecast is too old, s.
+    ForecastOld,
+    /// Neither tag nor UVDAR has been seen yet.
+    NotSeen,
+    /// The deck has not been seen for too long, s.
+    SightLost,
+    /// Horizontal distance to the deck is too large, m.
+    TooFar,
+    /// Relative horizontal speed is too large, m/s.
+    TooFast,
+    /// The deck's predicted position is too uncertain, m.
+    Uncertain,
+    /// The deck's predicted speed or acceleration exceeds what the drone can follow.
+    Infeasible,
+    /// The deck's predicted tilt exceeds the limit, rad.
+    TooSteep,
+    /// Not yet steady above the deck for long enough, s.
+    NotSteady,
+    /// The plan is too old or the solver found none, s.
+    NoPlan,
+    /// The drone left the cone above the deck, m.
+    Deviated,
+    /// The deck was missed: still no contact, m below it.
+    Missed,
+    /// Touchdown was detected.
+    Touchdown,
+    /// Battery below the reserve, fraction.
+    BatteryLow,
+    /// Attempts used up.
+    OutOfRetries,
+    /// An operator said so.
+    Operator,
+    /// Below the minimum altitude, m.
+    TooLow,
+}
+
+/// A reason with the figure that decided and its limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct Reason {
+    /// What.
+    pub code: ReasonCode,
+    /// The figure (unit by code).
+    pub value: f64,
+    /// What it was compared with.
+    pub limit: f64,
+}
+
+impl Reason {
+    /// A reason without a figure.
+    pub const fn plain(code: ReasonCode) -> Self {
+        Reason {
+            code,
+            value: 0.0,
+            limit: 0.0,
+        }
+    }
+    /// A reason with its figure and limit.
+    pub const fn new(code: ReasonCode, value: f64, limit: f64) -> Self {
+        Reason { code, value, limit }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (v, l) = (self.value, self.limit);
+        match self.code {
+            ReasonCode::None => Ok(()),
+            ReasonCode::Commanded => write!(f, "landing commanded"),
+            ReasonCode::Reached => write!(f, "reached"),
+            ReasonCode::NotCommanded => write!(f, "no landing commanded"),
+            ReasonCode::NotFlying => write!(f, "not flying, not armed or not in offboard mode"),
+            ReasonCode::NoVessel => write!(f, "no vessel state received"),
+            ReasonCode::OdometryOld => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
+            ReasonCode::ForecastOld => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
+            ReasonCode::NotSeen => write!(f, "deck not seen yet"),
+            ReasonCode::SightLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
+            ReasonCode::TooFar => write!(f, "{v:.2} m from above the deck (limit {l:.2})"),
+            ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
+            ReasonCode::Uncertain => write!(f, "deck known to {v:.2} m only (limit {l:.2})"),
+            ReasonCode::Infeasible => write!(f, "deck moves too hard to follow: {v:.2} (limit {l:.2})"),
+            ReasonCode::TooSteep => {
+                write!(
+                    f,
+                    "deck tilts {:.1} deg (limit {:.1})",
+                    v.to_degrees(),
+                    l.to_degrees()
+                )
+            }
+            ReasonCode::NotSteady => write!(f, "steady for {v:.2} s (needs {l:.2})"),
+            ReasonCode::NoPlan => write!(f, "no fresh plan for {v:.2} s (limit {l:.2})"),
+            ReasonCode::Deviated => write!(f, "{v:.2} m off the deck's centre (limit {l:.2})"),
+            ReasonCode::Missed => write!(f, "deck missed: feet {v:.2} m below it (limit {l:.2})"),
+            ReasonCode::Touchdown => write!(f, "touchdown"),
+            ReasonCode::BatteryLow => write!(f, "battery at {:.0} % (reserve {:.0} %)", v * 100.0, l * 100.0),
+            ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
+            ReasonCode::Operator => write!(f, "operator's command"),
+            ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
+        }
+    }
+}
+
+/// The mission's state and what it permits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct MissionState {
+    /// Identity.
+    pub header: Header<DroneClock>,
+    /// The state.
+    pub state: State,
+    /// The state before it.
+    pub previous: State,
+    /// When the state was entered.
+    pub since: Time<DroneClock>,
+    /// Why it was entered.
+    pub entered: Reason,
+    /// Why the next state is not entered yet.
+    pub waiting: Reason,
+    /// Descents begun so far.
+    pub attempts: u32,
+    /// Height of the drone's centre of mass above the deck's mean that the state asks for, m.
+    pub height_m: f64,
+    /// Permitted speed of descent relative to the deck, m/s; 0 when descent is not permitted.
+    pub descent_mps: f64,
+    /// The trajectory must stay above this height over the water (NED z is its negative), m.
+    pub minimum_altitude_m: f64,
+    /// Where to hold in `Hold`, `GetAltitude` and `GaveUp`: drone's NED, m.
+    pub hold_position: [f64; 3],
+    /// Heading to hold there, rad.
+    pub hold_yaw: f64,
+}
+
+impl MissionState {
+    /// Where to hold, drone's NED, m.
+    pub fn hold_position(&self) -> Vector3<f64> {
+        Vector3::from(self.hold_position)
+    }
+}
+
+/// What an operator wants.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum CommandKind {
+    /// Land on the vessel.
+    #[default]
+    Land,
+    /// Stop landing, climb and hold; always wins.
+    Abort,
+    /// Hold where you are (not below the tracking height over the deck).
+    Hold,
+}
+
+/// A command to the mission.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct Command {
+    /// Identity and time it was given.
+    pub header: Header<DroneClock>,
+    /// What to do.
+    pub kind: CommandKind,
+}
+
+impl Message for MissionState {
+    type Clock = DroneClock;
+    fn header(&self) -> &Header<DroneClock> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if !super::within(&self.hold_position, super::MAX_POSITION_M)
+            || !super::within([&self.hold_yaw], 50.0)
+        {
+            return Err("hold_position");
+        }
+        if !(0.0..=1e3).contains(&self.height_m) || !(0.0..=10.0).contains(&self.descent_mps) {
+            return Err("height_m or descent_mps");
+        }
+        Ok(())
+    }
+}
+impl Message for Command {
+    type Clock = DroneClock;
+    fn header(&self) -> &Header<DroneClock> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+}

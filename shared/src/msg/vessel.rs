@@ -1,0 +1,330 @@
+//! What the vessel says over the radio.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within, within32};
+use crate::frames::Datum;
+use crate::seq::Seq;
+use crate::time::{Clock, Time};
+
+/// Most wave components that a wave model carries.
+pub const MAX_COMPONENTS: usize = 6;
+/// Stages of the vessel's own prediction.
+pub const PREDICTION_STAGES: usize = 15;
+
+/// The vessel's 6-DOF state. Degrees of freedom in order: surge/north, sway/east, heave/down,
+/// roll, pitch, yaw.
+#[derive(Debug, Serialize, Deserialize)]
+#[repr(C)]
+#[serde(bound = "")]
+pub struct VesselEstimate<C: Clock> {
+    /// Identity and time of validity.
+    pub header: Header<C>,
+    /// Origin of the vessel's NED plane.
+    pub datum: Datum,
+    /// `eta`: position of the reference point in the vessel's NED (m), then roll, pitch, yaw (rad).
+    pub eta: [f64; 6],
+    /// `eta_dot`: velocity in NED (m/s), then Euler-angle rates (rad/s).
+    pub eta_dot: [f32; 6],
+    /// `eta_ddot`: acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
+    pub eta_ddot: [f32; 6],
+    /// Per degree of freedom the covariance block of (eta, eta_dot): var eta, cov, var eta_dot.
+    pub covariance: [[f32; 3]; 6],
+    /// Centre of the landing deck's surface in the vessel's body frame, m.
+    pub deck_centre: [f32; 3],
+    /// Nominal course and speed over ground without the waves' orbital motion: north, east, m/s.
+    pub mean_velocity: [f32; 2],
+    /// Heading without the waves' share, rad, and its rate, rad/s.
+    pub mean_heading: [f32; 2],
+}
+
+/// One wave component as the vessel feels it, in the oscillator form of Fossen's wave filter
+/// (Fossen 2011, section 8.2.6; Procházka 2024, eq. 3): a damped oscillator per degree of freedom
+/// that shares its frequency.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct WaveComponent {
+    /// Earth-frame angular frequency, rad/s.
+    pub omega: f32,
+    /// Direction the component travels to, from north towards east, rad.
+    pub direction: f32,
+    /// Standard deviation of the direction, rad; pi when unknown.
+    pub direction_sd: f32,
+    /// Angular frequency of encounter at the time of validity, rad/s.
+    pub omega_encounter: f32,
+    /// Damping ratio lambda of the oscillator.
+    pub damping: f32,
+    /// Oscillator states per degree of freedom, `[value, rate]`, in the units of the vessel model
+    /// (`alight_shared::vessel_model`).
+    pub state: [[f32; 2]; 6],
+    /// Covariance block per degree of freedom: var value, cov, var rate.
+    pub covariance: [[f32; 3]; 6],
+    /// Spectral density of the white noise that drives the oscillator, per degree of freedom.
+    pub drive: [f32; 6],
+}
+
+/// The vessel's wave model: what rolls its estimate on.
+#[derive(Debug, Serialize, Deserialize)]
+#[repr(C)]
+#[serde(bound = "")]
+pub struct WaveModel<C: Clock> {
+    /// Identity and time of validity of the oscillator states.
+    pub header: Header<C>,
+    /// Significant wave height as the vessel's heave tells it, m.
+    pub significant_height_m: f32,
+    /// 0 while the broad default model is in use, 1 when the identification is fully trusted.
+    pub confidence: f32,
+    /// Components, strongest first.
+    pub components: Seq<WaveComponent, MAX_COMPONENTS>,
+}
+
+/// One stage of the vessel's prediction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct PredictedStage {
+    /// Position relative to `origin` in the vessel's NED (m), then roll, pitch, yaw (rad).
+    pub eta: [f32; 6],
+    /// Velocity in NED (m/s), then Euler-angle rates (rad/s).
+    pub eta_dot: [f32; 6],
+    /// Standard deviation of each degree of freedom of `eta`.
+    pub sd: [f32; 6],
+}
+
+/// The vessel's predicted trajectory.
+#[derive(Debug, Serialize, Deserialize)]
+#[repr(C)]
+#[serde(bound = "")]
+pub struct VesselPrediction<C: Clock> {
+    /// Identity; `at` is the time of the first stage.
+    pub header: Header<C>,
+    /// Time between stages, s.
+    pub step_s: f32,
+    /// Position that the stages are relative to, in the vessel's NED, m.
+    pub origin: [f64; 3],
+    /// The trajectory.
+    pub stages: Seq<PredictedStage, PREDICTION_STAGES>,
+}
+
+/// The drone asks the vessel for its time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct TimeRequest<C: Clock> {
+    /// Which vessel and drone, and the drone's time of sending (t1).
+    #[serde(bound = "")]
+    pub header: Header<C>,
+}
+
+/// The vessel answers with the time stamps of Mills' on-wire protocol (RFC 5905, section 8).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct TimeReply<V: Clock, D: Clock> {
+    /// Identity; `at` is the vessel's time of sending (t3).
+    #[serde(bound = "")]
+    pub header: Header<V>,
+    /// The request's time of sending on the drone's clock (t1).
+    #[serde(bound = "")]
+    pub asked_at: Time<D>,
+    /// The request's time of arrival on the vessel's clock (t2).
+    #[serde(bound = "")]
+    pub received_at: Time<V>,
+}
+
+macro_rules! clone_message {
+    ($($name:ident),*) => {$(
+        impl<C: Clock> Clone for $name<C> { fn clone(&self) -> Self { *self } }
+        impl<C: Clock> Copy for $name<C> {}
+    )*};
+}
+clone_message!(VesselEstimate, WaveModel, VesselPrediction);
+
+impl<C: Clock> PartialEq for VesselEstimate<C> {
+    fn eq(&self, o: &Self) -> bool {
+        self.header == o.header
+            && self.datum == o.datum
+            && self.eta == o.eta
+            && self.eta_dot == o.eta_dot
+            && self.eta_ddot == o.eta_ddot
+            && self.covariance == o.covariance
+            && self.deck_centre == o.deck_centre
+            && self.mean_velocity == o.mean_velocity
+            && self.mean_heading == o.mean_heading
+    }
+}
+impl<C: Clock> PartialEq for WaveModel<C> {
+    fn eq(&self, o: &Self) -> bool {
+        self.header == o.header
+            && self.significant_height_m == o.significant_height_m
+            && self.confidence == o.confidence
+            && self.components == o.components
+    }
+}
+impl<C: Clock> PartialEq for VesselPrediction<C> {
+    fn eq(&self, o: &Self) -> bool {
+        self.header == o.header
+            && self.step_s == o.step_s
+            && self.origin == o.origin
+            && self.stages == o.stages
+    }
+}
+
+impl<C: Clock> VesselEstimate<C> {
+    /// The same estimate with its time of validity on another clock.
+    pub fn restamped<D: Clock>(&self, at: Time<D>) -> VesselEstimate<D> {
+        VesselEstimate {
+            header: self.header.restamped(at),
+            datum: self.datum,
+            eta: self.eta,
+            eta_dot: self.eta_dot,
+            eta_ddot: self.eta_ddot,
+            covariance: self.covariance,
+            deck_centre: self.deck_centre,
+            mean_velocity: self.mean_velocity,
+            mean_heading: self.mean_heading,
+        }
+    }
+    /// Position of the reference point in the vessel's NED, m.
+    pub fn position(&self) -> Vector3<f64> {
+        Vector3::new(self.eta[0], self.eta[1], self.eta[2])
+    }
+    /// Deck centre in the body frame, m.
+    pub fn deck_centre(&self) -> Vector3<f64> {
+        Vector3::from(self.deck_centre.map(f64::from))
+    }
+}
+impl<C: Clock> WaveModel<C> {
+    /// The same model with its time of validity on another clock.
+    pub fn restamped<D: Clock>(&self, at: Time<D>) -> WaveModel<D> {
+        WaveModel {
+            header: self.header.restamped(at),
+            significant_height_m: self.significant_height_m,
+            confidence: self.confidence,
+            components: self.components,
+        }
+    }
+}
+impl<C: Clock> VesselPrediction<C> {
+    /// The same prediction with its time on another clock.
+    pub fn restamped<D: Clock>(&self, at: Time<D>) -> VesselPrediction<D> {
+        VesselPrediction {
+            header: self.header.restamped(at),
+            step_s: self.step_s,
+            origin: self.origin,
+            stages: self.stages,
+        }
+    }
+}
+
+/// Largest tilt that a surface vessel's message may carry, rad: beyond it, it has capsized.
+const MAX_TILT: f64 = 1.3;
+
+fn check_covariance(blocks: &[[f32; 3]; 6]) -> bool {
+    blocks.iter().all(|[a, c, b]| {
+        (0.0..=1e8).contains(a)
+            && (0.0..=1e8).contains(b)
+            && f64::from(*c).powi(2) <= f64::from(*a) * f64::from(*b) * 1.01 + 1e-12
+    })
+}
+
+impl<C: Clock> Message for VesselEstimate<C> {
+    type Clock = C;
+    fn header(&self) -> &Header<C> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if !within(&self.eta[..3], MAX_POSITION_M)
+            || !within(&self.eta[3..5], MAX_TILT)
+            || !within(&self.eta[5..], 7.0)
+        {
+            return Err("eta");
+        }
+        if !within32(&self.eta_dot[..3], MAX_SPEED_MPS as f32)
+            || !within32(&self.eta_dot[3..], MAX_RATE_RPS as f32)
+        {
+            return Err("eta_dot");
+        }
+        if !within32(&self.eta_ddot, 200.0) {
+            return Err("eta_ddot");
+        }
+        if !check_covariance(&self.covariance) {
+            return Err("covariance");
+        }
+        if !within32(&self.deck_centre, 100.0) {
+            return Err("deck_centre");
+        }
+        if !within32(&self.mean_velocity, MAX_SPEED_MPS as f32) || !within32(&self.mean_heading, 50.0) {
+            return Err("mean motion");
+        }
+        if !within([&self.datum.latitude_deg], 90.0)
+            || !within([&self.datum.longitude_deg], 360.0)
+            || !within([&self.datum.height_m], 1e4)
+        {
+            return Err("datum");
+        }
+        Ok(())
+    }
+}
+impl<C: Clock> Message for WaveModel<C> {
+    type Clock = C;
+    fn header(&self) -> &Header<C> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if !(0.0..=50.0).contains(&self.significant_height_m) {
+            return Err("significant_height_m");
+        }
+        if !(0.0..=1.0).contains(&self.confidence) {
+            return Err("confidence");
+        }
+        for c in self.components.iter() {
+            if !(0.01..=20.0).contains(&c.omega) || !(0.01..=20.0).contains(&c.omega_encounter) {
+                return Err("omega");
+            }
+            if !within32([&c.direction], 7.0) || !(0.0..=7.0).contains(&c.direction_sd) {
+                return Err("direction");
+            }
+            if !(0.0..=2.0).contains(&c.damping) {
+                return Err("damping");
+            }
+            if !within32(c.state.iter().flatten(), 1e4) {
+                return Err("state");
+            }
+            if !check_covariance(&c.covariance) {
+                return Err("covariance");
+            }
+            if !c.drive.iter().all(|d| (0.0..=1e6).contains(d)) {
+                return Err("drive");
+            }
+        }
+        Ok(())
+    }
+}
+impl<C: Clock> Message for VesselPrediction<C> {
+    type Clock = C;
+    fn header(&self) -> &Header<C> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if !(0.001..=10.0).contains(&self.step_s) {
+            return Err("step_s");
+        }
+        if !within(&self.origin, MAX_POSITION_M) {
+            return Err("origin");
+        }
+        for s in self.stages.iter() {
+            if !within32(&s.eta, 1e4)
+                || !within32(&s.eta_dot, 1e3)
+                || !s.sd.iter().all(|v| (0.0..=1e4).contains(v))
+            {
+                return Err("stages");
+            }
+        }
+        Ok(())
+    }
+}
+impl<V: Clock, D: Clock> TimeReply<V, D> {
+    /// Its identity.
+    pub fn header(&self) -> &Header<V> {
+        &self.header
+    }
+}

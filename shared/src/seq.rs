@@ -1,0 +1,127 @@
+//! A bounded list of plain data: fixed memory for shared memory, length checked on the wire.
+
+use core::fmt;
+use core::ops::{Deref, DerefMut};
+
+use serde::de::{Error, SeqAccess, Visitor};
+use serde::ser::SerializeSeq;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// At most `N` items of plain data, stored in place.
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub struct Seq<T, const N: usize> {
+    len: u32,
+    items: [T; N],
+}
+
+impl<T: Copy + Default, const N: usize> Seq<T, N> {
+    /// The largest length.
+    pub const CAPACITY: usize = N;
+
+    /// An empty list.
+    pub fn new() -> Self {
+        Seq {
+            len: 0,
+            items: [T::default(); N],
+        }
+    }
+    /// Takes as many items as fit; the rest are dropped.
+    pub fn filled(items: impl IntoIterator<Item = T>) -> Self {
+        let mut s = Self::new();
+        for i in items {
+            if s.push(i).is_err() {
+                break;
+            }
+        }
+        s
+    }
+    /// Appends `item`, or gives it back when the list is full.
+    pub fn push(&mut self, item: T) -> Result<(), T> {
+        match self.items.get_mut(self.len as usize) {
+            Some(slot) => {
+                *slot = item;
+                self.len += 1;
+                Ok(())
+            }
+            None => Err(item),
+        }
+    }
+    /// Removes everything.
+    pub fn clear(&mut self) {
+        *self = Self::new();
+    }
+}
+
+impl<T: Copy + Default, const N: usize> Default for Seq<T, N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+impl<T, const N: usize> Deref for Seq<T, N> {
+    type Target = [T];
+    fn deref(&self) -> &[T] {
+        // A length from another process is data: never index past the storage.
+        self.items.get(..self.len as usize).unwrap_or(&self.items)
+    }
+}
+impl<T, const N: usize> DerefMut for Seq<T, N> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        let n = (self.len as usize).min(N);
+        &mut self.items[..n]
+    }
+}
+impl<T: PartialEq, const N: usize> PartialEq for Seq<T, N> {
+    fn eq(&self, o: &Self) -> bool {
+        **self == **o
+    }
+}
+impl<T: fmt::Debug, const N: usize> fmt::Debug for Seq<T, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries(self.iter()).finish()
+    }
+}
+impl<T: Serialize, const N: usize> Serialize for Seq<T, N> {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        let mut seq = s.serialize_seq(Some(self.iter().len()))?;
+        for i in self.iter() {
+            seq.serialize_element(i)?;
+        }
+        seq.end()
+    }
+}
+impl<'de, T: Deserialize<'de> + Copy + Default, const N: usize> Deserialize<'de> for Seq<T, N> {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct V<T, const N: usize>(core::marker::PhantomData<T>);
+        impl<'de, T: Deserialize<'de> + Copy + Default, const N: usize> Visitor<'de> for V<T, N> {
+            type Value = Seq<T, N>;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "at most {N} items")
+            }
+            fn visit_seq<A: SeqAccess<'de>>(self, mut a: A) -> Result<Self::Value, A::Error> {
+                let mut s = Seq::new();
+                while let Some(item) = a.next_element()? {
+                    if s.push(item).is_err() {
+                        return Err(A::Error::invalid_length(N + 1, &self));
+                    }
+                }
+                Ok(s)
+            }
+        }
+        d.deserialize_seq(V(core::marker::PhantomData))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_list_gives_the_item_back() {
+        let mut s = Seq::<u8, 2>::new();
+        assert_eq!(s.push(1), Ok(()));
+        assert_eq!(s.push(2), Ok(()));
+        assert_eq!(s.push(3), Err(3));
+        assert_eq!(&*s, &[1, 2]);
+    }
+}

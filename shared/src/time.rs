@@ -1,0 +1,267 @@
+//! Time with a clock type. Instants of two clocks do not compare, subtract or mix by accident:
+//! the vessel's computer, the drone's computer and the simulated truth each have a type of their
+//! own, and only the bridge converts between them, with a stated uncertainty.
+
+use core::cmp::Ordering;
+use core::fmt;
+use core::hash::{Hash, Hasher};
+use core::marker::PhantomData;
+use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// A clock that stamps instants.
+pub trait Clock: 'static {
+    /// Name for messages to a person.
+    const NAME: &'static str;
+}
+
+/// The clock of the vessel's computer.
+#[derive(Debug)]
+pub enum VesselClock {}
+/// The clock of the drone's computer.
+#[derive(Debug)]
+pub enum DroneClock {}
+/// The simulated world's own time. No node ever sees it.
+#[derive(Debug)]
+pub enum TrueTime {}
+
+impl Clock for VesselClock {
+    const NAME: &'static str = "vessel clock";
+}
+impl Clock for DroneClock {
+    const NAME: &'static str = "drone clock";
+}
+impl Clock for TrueTime {
+    const NAME: &'static str = "true time";
+}
+
+/// A length of time in whole nanoseconds; arithmetic saturates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[repr(transparent)]
+#[serde(transparent)]
+pub struct Span(i64);
+
+impl Span {
+    /// No time at all.
+    pub const ZERO: Span = Span(0);
+    /// The longest span.
+    pub const MAX: Span = Span(i64::MAX);
+
+    /// From whole nanoseconds.
+    pub const fn from_nanos(ns: i64) -> Self {
+        Span(ns)
+    }
+    /// From whole milliseconds.
+    pub const fn from_millis(ms: i64) -> Self {
+        Span(ms.saturating_mul(1_000_000))
+    }
+    /// From seconds, rounded to the nanosecond; saturates, and a NaN becomes zero.
+    pub fn from_secs(s: f64) -> Self {
+        // `as` saturates and maps NaN to zero.
+        Span((s * 1e9).round() as i64)
+    }
+    /// Whole nanoseconds.
+    pub const fn nanos(self) -> i64 {
+        self.0
+    }
+    /// Seconds.
+    pub fn secs(self) -> f64 {
+        self.0 as f64 * 1e-9
+    }
+    /// The magnitude.
+    pub const fn abs(self) -> Self {
+        Span(self.0.saturating_abs())
+    }
+}
+
+impl Add for Span {
+    type Output = Span;
+    fn add(self, o: Span) -> Span {
+        Span(self.0.saturating_add(o.0))
+    }
+}
+impl Sub for Span {
+    type Output = Span;
+    fn sub(self, o: Span) -> Span {
+        Span(self.0.saturating_sub(o.0))
+    }
+}
+impl Neg for Span {
+    type Output = Span;
+    fn neg(self) -> Span {
+        Span(self.0.saturating_neg())
+    }
+}
+impl Mul<i64> for Span {
+    type Output = Span;
+    fn mul(self, k: i64) -> Span {
+        Span(self.0.saturating_mul(k))
+    }
+}
+impl Div<i64> for Span {
+    type Output = Span;
+    fn div(self, k: i64) -> Span {
+        Span(self.0.checked_div(k).unwrap_or(0))
+    }
+}
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.3} s", self.secs())
+    }
+}
+
+/// An instant on clock `C`, in nanoseconds since that clock's own epoch.
+#[repr(transparent)]
+pub struct Time<C> {
+    ns: i64,
+    clock: PhantomData<fn() -> C>,
+}
+
+impl<C> Time<C> {
+    /// The clock's epoch.
+    pub const EPOCH: Time<C> = Time::from_nanos(0);
+
+    /// From nanoseconds since the epoch.
+    pub const fn from_nanos(ns: i64) -> Self {
+        Time {
+            ns,
+            clock: PhantomData,
+        }
+    }
+    /// From seconds since the epoch; saturates.
+    pub fn from_secs(s: f64) -> Self {
+        Self::from_nanos(Span::from_secs(s).nanos())
+    }
+    /// Nanoseconds since the epoch.
+    pub const fn nanos(self) -> i64 {
+        self.ns
+    }
+    /// Seconds since the epoch.
+    pub fn secs(self) -> f64 {
+        self.ns as f64 * 1e-9
+    }
+    /// `self - earlier`, the age of a value that was valid at `earlier`.
+    pub fn since(self, earlier: Time<C>) -> Span {
+        self - earlier
+    }
+}
+
+impl<C> Clone for Time<C> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<C> Copy for Time<C> {}
+impl<C> Default for Time<C> {
+    fn default() -> Self {
+        Self::EPOCH
+    }
+}
+impl<C> PartialEq for Time<C> {
+    fn eq(&self, o: &Self) -> bool {
+        self.ns == o.ns
+    }
+}
+impl<C> Eq for Time<C> {}
+impl<C> PartialOrd for Time<C> {
+    fn partial_cmp(&self, o: &Self) -> Option<Ordering> {
+        Some(self.cmp(o))
+    }
+}
+impl<C> Ord for Time<C> {
+    fn cmp(&self, o: &Self) -> Ordering {
+        self.ns.cmp(&o.ns)
+    }
+}
+impl<C> Hash for Time<C> {
+    fn hash<H: Hasher>(&self, h: &mut H) {
+        self.ns.hash(h);
+    }
+}
+impl<C: Clock> fmt::Debug for Time<C> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.6} s ({})", self.secs(), C::NAME)
+    }
+}
+impl<C> Sub for Time<C> {
+    type Output = Span;
+    fn sub(self, o: Self) -> Span {
+        Span(self.ns.saturating_sub(o.ns))
+    }
+}
+impl<C> Add<Span> for Time<C> {
+    type Output = Self;
+    fn add(self, d: Span) -> Self {
+        Self::from_nanos(self.ns.saturating_add(d.0))
+    }
+}
+impl<C> AddAssign<Span> for Time<C> {
+    fn add_assign(&mut self, d: Span) {
+        *self = *self + d;
+    }
+}
+impl<C> Sub<Span> for Time<C> {
+    type Output = Self;
+    fn sub(self, d: Span) -> Self {
+        Self::from_nanos(self.ns.saturating_sub(d.0))
+    }
+}
+impl<C> Serialize for Time<C> {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        self.ns.serialize(s)
+    }
+}
+impl<'de, C> Deserialize<'de> for Time<C> {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        i64::deserialize(d).map(Self::from_nanos)
+    }
+}
+
+/// A value and its time of validity.
+#[derive(Debug)]
+pub struct Stamped<C: Clock, T> {
+    /// When the value was valid (measured, or computed for), not when it arrived.
+    pub at: Time<C>,
+    /// The value.
+    pub value: T,
+}
+impl<C: Clock, T: Clone> Clone for Stamped<C, T> {
+    fn clone(&self) -> Self {
+        Stamped {
+            at: self.at,
+            value: self.value.clone(),
+        }
+    }
+}
+impl<C: Clock, T: Copy> Copy for Stamped<C, T> {}
+
+impl<C: Clock, T> Stamped<C, T> {
+    /// A value valid at `at`.
+    pub const fn new(at: Time<C>, value: T) -> Self {
+        Stamped { at, value }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arithmetic_saturates_instead_of_wrapping() {
+        let end = Time::<TrueTime>::from_nanos(i64::MAX);
+        assert_eq!(end + Span::from_secs(1.0), end);
+        assert_eq!(
+            Time::<TrueTime>::from_nanos(i64::MIN) - end,
+            Span::from_nanos(i64::MIN)
+        );
+        assert_eq!(Span::from_secs(f64::NAN), Span::ZERO);
+        assert_eq!(Span::from_secs(f64::INFINITY), Span::MAX);
+    }
+
+    #[test]
+    fn seconds_round_trip_to_the_nanosecond() {
+        assert_eq!(Span::from_secs(0.1).nanos(), 100_000_000);
+        assert!((Time::<VesselClock>::from_secs(12.5).secs() - 12.5).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,98 @@
+//! The topics, each declared once: name, type, rate, largest size and staleness limit.
+
+use core::mem::size_of;
+
+use crate::msg;
+use crate::time::{DroneClock, Span, VesselClock};
+
+/// How a topic travels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Medium {
+    /// Between the computers, as bincode: `bytes` is the bound on the wire.
+    Radio,
+    /// Inside one computer, as plain data in shared memory: `bytes` is the size in memory.
+    Memory,
+}
+
+/// A topic.
+#[derive(Clone, Copy, Debug)]
+pub struct Topic {
+    /// Key expression suffix (radio) or service name (shared memory).
+    pub name: &'static str,
+    /// Message type.
+    pub message: &'static str,
+    /// How it travels.
+    pub medium: Medium,
+    /// Nominal rate, Hz.
+    pub rate_hz: f64,
+    /// Largest size, bytes.
+    pub bytes: usize,
+    /// Older than this, a consumer treats it as missing.
+    pub stale_after: Span,
+}
+
+macro_rules! topics {
+    ($($(#[$doc:meta])* $id:ident: $name:literal, $ty:ty, $medium:ident, $rate:literal Hz, $bytes:expr, $stale:literal ms;)*) => {
+        $($(#[$doc])* pub const $id: Topic = Topic {
+            name: $name, message: stringify!($ty), medium: Medium::$medium, rate_hz: $rate,
+            bytes: $bytes, stale_after: Span::from_millis($stale),
+        };)*
+        // Every topic's type exists and fits: a radio message is never larger in memory than 4 kB.
+        $(const _: () = assert!(size_of::<$ty>() <= 64 * 1024);)*
+        /// Every topic.
+        pub const ALL: &[Topic] = &[$($id),*];
+    };
+}
+topics! {
+    /// The vessel's state.
+    ESTIMATE: "estimate", msg::VesselEstimate<VesselClock>, Radio, 30.0 Hz, 300, 1000 ms;
+    /// The vessel's wave model.
+    WAVE: "wave", msg::WaveModel<VesselClock>, Radio, 5.0 Hz, 1200, 5000 ms;
+    /// The vessel's own prediction.
+    PREDICTION: "prediction", msg::VesselPrediction<VesselClock>, Radio, 2.0 Hz, 1200, 3000 ms;
+    /// The drone's question for the vessel's time.
+    TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, Radio, 2.0 Hz, 64, 2000 ms;
+    /// The vessel's answer.
+    TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms;
+    /// The autopilot's odometry.
+    DRONE_STATE: "drone/state", msg::DroneState, Memory, 100.0 Hz, size_of::<msg::DroneState>(), 200 ms;
+    /// The autopilot's state.
+    AUTOPILOT: "drone/autopilot", msg::AutopilotState, Memory, 10.0 Hz, size_of::<msg::AutopilotState>(), 1000 ms;
+    /// Tag sightings.
+    TAG: "camera/tag", msg::TagPose, Memory, 30.0 Hz, size_of::<msg::TagPose>(), 500 ms;
+    /// UV marker sightings.
+    UVDAR: "camera/uvdar", msg::UvdarFix, Memory, 20.0 Hz, size_of::<msg::UvdarFix>(), 500 ms;
+    /// Rangefinder.
+    RANGE: "drone/range", msg::RangeSample, Memory, 50.0 Hz, size_of::<msg::RangeSample>(), 200 ms;
+    /// The bridge's view of link and clocks.
+    LINK: "bridge/link", msg::LinkState, Memory, 10.0 Hz, size_of::<msg::LinkState>(), 1000 ms;
+    /// The deck's forecast.
+    FORECAST: "deck/forecast", msg::DeckForecast, Memory, 50.0 Hz, size_of::<msg::DeckForecast>(), 300 ms;
+    /// The mission's state.
+    MISSION: "mission/state", msg::MissionState, Memory, 50.0 Hz, size_of::<msg::MissionState>(), 500 ms;
+    /// The planner's trajectory.
+    PLAN: "planner/plan", msg::Plan, Memory, 50.0 Hz, size_of::<msg::Plan>(), 500 ms;
+    /// The pilot's set-point.
+    SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms;
+    /// The operator's command.
+    COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique() {
+        for (i, a) in ALL.iter().enumerate() {
+            assert!(ALL.iter().skip(i + 1).all(|b| b.name != a.name), "{}", a.name);
+        }
+    }
+
+    #[test]
+    fn staleness_allows_at_least_three_periods() {
+        for t in ALL.iter().filter(|t| t.rate_hz >= 1.0) {
+            assert!(t.stale_after.secs() * t.rate_hz >= 3.0, "{}", t.name);
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! The wire format of the radio: bincode 2, little endian, fixed-width integers, at most
+//! [`MAX_WIRE_BYTES`]. The only module that knows bincode.
+
+use serde::{Serialize, de::DeserializeOwned};
+use thiserror::Error;
+
+/// No message of Alight is longer on the wire.
+pub const MAX_WIRE_BYTES: usize = 4096;
+
+/// Why bytes were refused.
+#[derive(Debug, Error)]
+pub enum WireError {
+    /// More bytes than any message has.
+    #[error("decoding {name}: {got} bytes, at most {MAX_WIRE_BYTES} are accepted")]
+    Oversized {
+        /// Message type.
+        name: &'static str,
+        /// Bytes received.
+        got: usize,
+    },
+    /// The bytes are not this message.
+    #[error("decoding {name} from {got} bytes: {source}")]
+    Malformed {
+        /// Message type.
+        name: &'static str,
+        /// Bytes received.
+        got: usize,
+        /// What bincode says.
+        source: bincode::error::DecodeError,
+    },
+    /// Bytes were left over.
+    #[error("decoding {name}: {left} of {got} bytes left over")]
+    Trailing {
+        /// Message type.
+        name: &'static str,
+        /// Bytes received.
+        got: usize,
+        /// Bytes not consumed.
+        left: usize,
+    },
+    /// The message does not encode.
+    #[error("encoding {name}: {source}")]
+    Encode {
+        /// Message type.
+        name: &'static str,
+        /// What bincode says.
+        source: bincode::error::EncodeError,
+    },
+}
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard()
+        .with_little_endian()
+        .with_fixed_int_encoding()
+        .with_limit::<MAX_WIRE_BYTES>()
+}
+
+/// Encodes a message.
+pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, WireError> {
+    bincode::serde::encode_to_vec(message, config()).map_err(|source| WireError::Encode {
+        name: short_name::<T>(),
+        source,
+    })
+}
+
+/// Decodes a message; all bytes must be consumed.
+pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
+    let (name, got) = (short_name::<T>(), bytes.len());
+    if got > MAX_WIRE_BYTES {
+        return Err(WireError::Oversized { name, got });
+    }
+    let (message, used) = bincode::serde::decode_from_slice(bytes, config())
+        .map_err(|source| WireError::Malformed { name, got, source })?;
+    match got - used {
+        0 => Ok(message),
+        left => Err(WireError::Trailing { name, got, left }),
+    }
+}
+
+fn short_name<T>() -> &'static str {
+    let full = core::any::type_name::<T>();
+    let head = full.split('<').next().unwrap_or(full);
+    head.rsplit("::").next().unwrap_or(head)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::msg::{PredictedStage, VesselEstimate, VesselPrediction, WaveComponent, WaveModel};
+    use crate::seq::Seq;
+    use crate::time::VesselClock;
+
+    fn estimate() -> VesselEstimate<VesselClock> {
+        VesselEstimate {
+            header: crate::msg::Header::new(1, 0, 7, 3, crate::time::Time::from_secs(1.5)),
+            datum: Default::default(),
+            eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
+            eta_dot: [0.5; 6],
+            eta_ddot: [0.25; 6],
+            covariance: [[1.0, 0.0, 1.0]; 6],
+            deck_centre: [0.0, 0.0, -1.3],
+            mean_velocity: [0.0; 2],
+            mean_heading: [0.0; 2],
+        }
+    }
+
+    #[test]
+    fn the_estimate_fits_in_300_bytes_and_comes_back() {
+        let bytes = encode(&estimate()).unwrap();
+        assert!(bytes.len() <= 300, "{}", bytes.len());
+        assert_eq!(decode::<VesselEstimate<VesselClock>>(&bytes).unwrap(), estimate());
+    }
+
+    #[test]
+    fn full_wave_model_and_prediction_fit_in_1200_bytes() {
+        let waves = WaveModel::<VesselClock> {
+            header: Default::default(),
+            significant_height_m: 1.0,
+            confidence: 1.0,
+            components: Seq::filled([WaveComponent::default(); 6]),
+        };
+        assert!(encode(&waves).unwrap().len() <= 1200);
+        let prediction = VesselPrediction::<VesselClock> {
+            header: Default::default(),
+            step_s: 0.2,
+            origin: [0.0; 3],
+            stages: Seq::filled([PredictedStage::default(); 15]),
+        };
+        assert!(encode(&prediction).unwrap().len() <= 1200);
+    }
+
+    #[test]
+    fn truncated_and_padded_bytes_are_refused() {
+        let mut bytes = encode(&estimate()).unwrap();
+        assert!(decode::<VesselEstimate<VesselClock>>(&bytes[..bytes.len() - 1]).is_err());
+        bytes.push(0);
+        assert!(matches!(
+            decode::<VesselEstimate<VesselClock>>(&bytes),
+            Err(WireError::Trailing { left: 1, .. })
+        ));
+    }
+}

@@ -1,0 +1,13 @@
+//! The simulated world of Alight: truth that shares no model with the nodes.
+//!
+//! Start at [`world`]: `World::tick` is the architecture diagram. [`trial`] flies one landing.
+
+pub mod body;
+pub mod deck_motion;
+pub mod drone;
+pub mod radio;
+pub mod response;
+pub mod sea;
+pub mod sensors;
+pub mod streams;
+pub mod vessel;
