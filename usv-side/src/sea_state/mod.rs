@@ -1,1 +1,104 @@
-//! (to be written)
+//! Identification of the sea from the vessel's own motion.
+//!
+//! The vessel is a wave buoy: the vertical acceleration and the tilt of its deck hold, for every
+//! wave component, the same frequency. The last minute of them is modelled as
+//!
+//! ```text
+//! y_c(t) = o_c + s_c t + sum_j Re( A_cj exp(i phi_j(t)) ),   phi_j(t) = omega_j t - k_j d_j . x(t)
+//! ```
+//!
+//! with channels `c` (acceleration upwards, north and east component of the deck's upward normal),
+//! deep-water dispersion `k = omega^2 / g`, the unit vector `d_j` the component travels to and the
+//! vessel's mean path `x(t)`. Through `x(t)` the frequencies are those of the earth frame, and a
+//! vessel that moves or turns within the minute does not smear them.
+//!
+//! Usage: [`Identifier::push`] every sample, [`Identifier::update`] every tick; `update` works only
+//! when it is due (once in `update_period_s`) and within a fixed number of iterations.
+
+mod config;
+mod identifier;
+
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::MAX_COMPONENTS;
+use alight_shared::seq::Seq;
+use alight_shared::time::{Time, VesselClock};
+use nalgebra::Complex;
+
+pub use config::SeaStateConfig;
+pub use identifier::Identifier;
+
+/// The vessel's motion at one instant, in the earth frame (NED axes), on the vessel's clock. Uneven
+/// times are fine, 10 to 100 Hz; the samples are averaged into bins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionSample {
+    /// Time of validity.
+    pub at: Time<VesselClock>,
+    /// Velocity over ground without the waves' orbital motion: north, east, m/s.
+    pub mean_velocity: [f64; 2],
+    /// North and east component of the deck's upward unit normal `n = -R_nb [0 0 1]'`, the waves'
+    /// share and any trim included; `-r_nb.down()` of `alight_shared::frames`. Best from an
+    /// attitude that gyros carry: an accelerometer on a hull that follows the water feels no tilt.
+    pub normal: [f64; 2],
+    /// Vertical acceleration of the reference point, upwards positive, gravity removed, m/s².
+    pub acceleration_up: f64,
+}
+
+/// One wave component of the identified sea.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SeaComponent {
+    /// Earth-frame angular frequency, rad/s.
+    pub omega: f64,
+    /// Its standard deviation, rad/s.
+    pub omega_sd: f64,
+    /// Direction the component travels to, from north towards east, rad.
+    pub direction: f64,
+    /// Its standard deviation, rad; pi when unknown.
+    pub direction_sd: f64,
+    /// Amplitude of the heave, m.
+    pub amplitude_heave_m: f64,
+    /// Amplitude of the tilt, rad.
+    pub amplitude_tilt_rad: f64,
+    /// Phasor of the heave upwards at the state's time of validity, m: `Re(p e^{i omega_e tau})` is
+    /// the component's heave `tau` later, with `omega_e` of [`SeaComponent::encounter`].
+    pub heave: Complex<f64>,
+    /// Phasors of the north and east component of the deck's upward normal, likewise.
+    pub normal: [Complex<f64>; 2],
+}
+
+/// What is known about the sea.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// No motion worth a component: a calm sea.
+    Calm,
+    /// There is motion, but the components do not explain it yet (too short a record, or a sea too
+    /// broad): use the broad default bank.
+    Broad,
+    /// The components may be used.
+    Identified,
+}
+
+/// The identified sea.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeaState {
+    /// Time of validity of the phasors: the newest sample of the record.
+    pub at: Time<VesselClock>,
+    /// What to make of it.
+    pub verdict: Verdict,
+    /// Components, strongest first.
+    pub components: Seq<SeaComponent, MAX_COMPONENTS>,
+    /// Significant wave height as the vessel's heave tells it, 4 times its standard deviation, m.
+    pub significant_height_m: f64,
+    /// 0 to 1: explained share of the motion, times the maturity of the record.
+    pub confidence: f64,
+    /// Share of the motion's variance that the components leave unexplained, 0 to 1.
+    pub residual_fraction: f64,
+}
+
+impl SeaComponent {
+    /// Angular frequency of encounter `omega - (omega^2 / g) U . d` at the mean velocity (north,
+    /// east, m/s), rad/s (Fossen 2011, eq. 8.79).
+    pub fn encounter(&self, mean_velocity: [f64; 2]) -> f64 {
+        let (sin, cos) = self.direction.sin_cos();
+        self.omega - self.omega * self.omega / GRAVITY * (mean_velocity[0] * cos + mean_velocity[1] * sin)
+    }
+}

@@ -1,0 +1,59 @@
+//! Settings of the identification.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use serde::{Deserialize, Serialize};
+
+/// Settings of the identification of the sea.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SeaStateConfig {
+    /// Length of the record, s.
+    pub window_s: f64,
+    /// Shortest record that is tried, s.
+    pub min_window_s: f64,
+    /// Time between two refinements, s.
+    pub update_period_s: f64,
+    /// Width of the bins that samples are averaged into, s.
+    pub bin_s: f64,
+    /// Lowest angular frequency of a component, rad/s.
+    pub omega_min_radps: f64,
+    /// Highest angular frequency of a component, rad/s.
+    pub omega_max_radps: f64,
+}
+
+impl Default for SeaStateConfig {
+    fn default() -> Self {
+        SeaStateConfig {
+            // Issue 2: "spectrum of the last minute".
+            window_s: 60.0,
+            // Ours: four periods of a 5 s sea.
+            min_window_s: 20.0,
+            // Ours: a fifth of a wave period, within the CPU share.
+            update_period_s: 1.0,
+            // Ours: 8 Hz, four times the fastest deck (0.95 Hz) and a margin.
+            bin_s: 0.125,
+            // Ours: waves of 20 s, longer than any sea that rocks a small boat.
+            omega_min_radps: 0.3,
+            // Ours: small decks in a harbour rock at up to 0.95 Hz (6 rad/s).
+            omega_max_radps: 7.0,
+        }
+    }
+}
+
+impl Check for SeaStateConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("window_s", self.window_s, 20.0, 120.0)?;
+        at.range("min_window_s", self.min_window_s, 10.0, self.window_s)?;
+        at.range("update_period_s", self.update_period_s, 0.2, 10.0)?;
+        at.range("bin_s", self.bin_s, 0.1, 0.5)?;
+        at.range("omega_min_radps", self.omega_min_radps, 0.1, 2.0)?;
+        // The bins sample each period at least four times.
+        let fastest = core::f64::consts::FRAC_PI_2 / self.bin_s;
+        at.range(
+            "omega_max_radps",
+            self.omega_max_radps,
+            self.omega_min_radps,
+            fastest,
+        )
+    }
+}
