@@ -130,6 +130,8 @@ pub enum ReasonCode {
     Operator,
     /// Below the minimum altitude, m.
     TooLow,
+    /// A state lasted longer than its limit, s.
+    TooLong,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -194,6 +196,7 @@ impl fmt::Display for Reason {
             ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
+            ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
         }
     }
 }
