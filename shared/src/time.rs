@@ -17,13 +17,13 @@ pub trait Clock: 'static {
 }
 
 /// The clock of the vessel's computer.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VesselClock {}
 /// The clock of the drone's computer.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DroneClock {}
 /// The simulated world's own time. No node ever sees it.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrueTime {}
 
 impl Clock for VesselClock {
