@@ -1,0 +1,329 @@
+//! Offset of the drone's clock against the vessel's from time stamps that crossed the radio
+//! (Mills' on-wire protocol, RFC 5905, section 8).
+//!
+//! With `o` = drone clock minus vessel clock, the request left at t1 (drone) and arrived at t2
+//! (vessel), the reply left at t3 (vessel) and arrived at t4 (drone). Nothing arrives before it
+//! left, so `t1 - t2 <= o <= t4 - t3`, whatever the delays: an interval with Mills' estimate
+//! `((t1 - t2) + (t4 - t3)) / 2` in the middle and half the round trip to either side. How the
+//! round trip divides between the directions cannot be observed from time stamps; the interval
+//! covers every division, and its uniform standard deviation is width / sqrt(12). An error at its
+//! very edge is sqrt(3) of these.
+//!
+//! Every exchange of the window contributes (each bound loosened by the drift since), so the
+//! fastest request and the fastest reply bound the offset even if they belong to different
+//! exchanges: Mills' minimum-delay sample, per direction. Vessel estimates bound it from above:
+//! they cannot be valid after they arrived.
+
+use std::collections::VecDeque;
+
+use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+
+use crate::config::ClockConfig;
+
+/// At most this many exchanges are kept.
+const MAX_SAMPLES: usize = 256;
+/// Exchanges that count as recent when looking for a step.
+const RECENT: usize = 10;
+
+/// One exchange: bounds of the offset, s, and when they were measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Bounds {
+    at: Time<DroneClock>,
+    low: f64,
+    high: f64,
+}
+
+/// Knowledge of the offset at some instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Offset {
+    /// Drone clock minus vessel clock, s.
+    pub offset_s: f64,
+    /// Standard deviation, any asymmetry of the path included, s.
+    pub sd_s: f64,
+    /// Half the width of the interval that must contain the offset, s.
+    pub half_width_s: f64,
+}
+
+/// Why an exchange was not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// The round trip is negative or too long.
+    RoundTrip,
+    /// It contradicts all others; it may be the first after a step and is kept aside.
+    Contradiction,
+}
+
+/// Bounds of the offset over a window of exchanges.
+#[derive(Clone, Debug)]
+pub struct ClockOffset {
+    config: ClockConfig,
+    samples: VecDeque<Bounds>,
+    /// Upper bounds by one-way messages, the best of each half second.
+    one_way: VecDeque<Bounds>,
+    suspect: Option<Bounds>,
+    steps: u32,
+    /// Bounds combined at the time of the last change, to be loosened by drift.
+    combined: Option<Bounds>,
+}
+
+impl ClockOffset {
+    /// Knows nothing yet.
+    pub fn new(config: &ClockConfig) -> Self {
+        ClockOffset {
+            config: config.clone(),
+            samples: VecDeque::with_capacity(MAX_SAMPLES),
+            one_way: VecDeque::with_capacity(MAX_SAMPLES),
+            suspect: None,
+            steps: 0,
+            combined: None,
+        }
+    }
+
+    /// Forgets everything (the vessel's computer started anew).
+    pub fn reset(&mut self) {
+        self.samples.clear();
+        self.one_way.clear();
+        self.suspect = None;
+        self.combined = None;
+    }
+
+    /// Steps of the offset seen since the start.
+    pub fn steps(&self) -> u32 {
+        self.steps
+    }
+
+    /// Takes the four time stamps of an exchange.
+    pub fn exchange(
+        &mut self,
+        t1: Time<DroneClock>,
+        t2: Time<VesselClock>,
+        t3: Time<VesselClock>,
+        t4: Time<DroneClock>,
+    ) -> Result<(), Refused> {
+        let low = Span::from_nanos(t1.nanos().saturating_sub(t2.nanos())).secs();
+        let high = Span::from_nanos(t4.nanos().saturating_sub(t3.nanos())).secs();
+        let round_trip = high - low;
+        if t3 < t2 || t4 < t1 || !(0.0..=self.config.max_round_trip_s).contains(&round_trip) {
+            return Err(Refused::RoundTrip);
+        }
+        let new = Bounds { at: t4, low, high };
+        if let Some(now) = self.combined.map(|b| self.loosened(&b, t4))
+            && (new.low > now.high || new.high < now.low)
+        {
+            // Disjoint from everything before: believed when a second one agrees with it.
+            let agrees = self.suspect.is_some_and(|s| {
+                let s = self.loosened(&s, t4);
+                new.low <= s.high && new.high >= s.low
+            });
+            if !agrees {
+                self.suspect = Some(new);
+                return Err(Refused::Contradiction);
+            }
+            self.steps = self.steps.saturating_add(1);
+            let first = self.suspect.take();
+            self.reset();
+            self.samples.extend(first);
+        }
+        self.suspect = None;
+        if self.samples.len() == MAX_SAMPLES {
+            self.samples.pop_front();
+        }
+        self.samples.push_back(new);
+        self.detect_step(t4);
+        self.combine(t4);
+        Ok(())
+    }
+
+    /// A message valid at `at` arrived at `arrival`: an upper bound. Ignored before the first
+    /// exchange and when it contradicts the exchanges.
+    pub fn one_way(&mut self, at: Time<VesselClock>, arrival: Time<DroneClock>) {
+        let high = Span::from_nanos(arrival.nanos().saturating_sub(at.nanos())).secs();
+        let Some(now) = self.combined.map(|b| self.loosened(&b, arrival)) else {
+            return;
+        };
+        if high < now.low {
+            return;
+        }
+        let new = Bounds {
+            at: arrival,
+            low: f64::NEG_INFINITY,
+            high,
+        };
+        match self.one_way.back_mut() {
+            Some(b) if (arrival - b.at).secs() < 0.5 => b.high = b.high.min(high),
+            _ => {
+                if self.one_way.len() == MAX_SAMPLES {
+                    self.one_way.pop_front();
+                }
+                self.one_way.push_back(new);
+            }
+        }
+        if high < now.high {
+            self.combined = Some(Bounds { high, ..now });
+        }
+    }
+
+    /// The offset as known at `now`; None before the first exchange.
+    pub fn at(&self, now: Time<DroneClock>) -> Option<Offset> {
+        let b = self.loosened(self.combined.as_ref()?, now);
+        let half_width_s = 0.5 * (b.high - b.low);
+        Some(Offset {
+            offset_s: 0.5 * (b.low + b.high),
+            sd_s: (half_width_s / 3f64.sqrt()).max(self.config.min_sd_s),
+            half_width_s,
+        })
+    }
+
+    /// Bounds as they hold at `now`, after the drift since they were measured.
+    fn loosened(&self, b: &Bounds, now: Time<DroneClock>) -> Bounds {
+        let drift = (now - b.at).secs().max(0.0) * self.config.max_drift;
+        Bounds {
+            at: now.max(b.at),
+            low: b.low - drift,
+            high: b.high + drift,
+        }
+    }
+
+    /// Both directions' best moved the same way by more than `step_s`: a path that changed would
+    /// move them apart or only one of them. The exchanges before it are forgotten.
+    fn detect_step(&mut self, now: Time<DroneClock>) {
+        let n = self.samples.len();
+        if n < 2 * RECENT {
+            return;
+        }
+        let best = |r: core::ops::Range<usize>| {
+            self.samples
+                .range(r)
+                .fold((f64::NEG_INFINITY, f64::INFINITY), |(l, h), b| {
+                    let b = self.loosened(b, now);
+                    (l.max(b.low), h.min(b.high))
+                })
+        };
+        let (old_low, old_high) = best(0..n - RECENT);
+        let (new_low, new_high) = best(n - RECENT..n);
+        let (dl, dh) = (new_low - old_low, new_high - old_high);
+        if dl * dh > 0.0 && dl.abs().min(dh.abs()) > self.config.step_s {
+            self.steps = self.steps.saturating_add(1);
+            self.samples.drain(..n - RECENT);
+            self.one_way.clear();
+        }
+    }
+
+    /// Forgets what left the window and intersects the rest.
+    fn combine(&mut self, now: Time<DroneClock>) {
+        let window = self.config.window_s;
+        self.samples.retain(|b| (now - b.at).secs() <= window);
+        self.one_way.retain(|b| (now - b.at).secs() <= window);
+        let both =
+            self.samples
+                .iter()
+                .chain(&self.one_way)
+                .fold((f64::NEG_INFINITY, f64::INFINITY), |(l, h), b| {
+                    let b = self.loosened(b, now);
+                    (l.max(b.low), h.min(b.high))
+                });
+        let (low, high) = match both {
+            (l, h) if l <= h => (l, h),
+            // Rounding, or a drift above its limit: the newest exchange alone is always valid.
+            _ => match self.samples.back() {
+                Some(b) => (b.low, b.high),
+                None => return,
+            },
+        };
+        self.combined = Some(Bounds { at: now, low, high });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn t<C>(s: f64) -> Time<C> {
+        Time::from_secs(s)
+    }
+    /// An exchange at drone time `now` (s) with the given one-way delays and true offset.
+    fn run(c: &mut ClockOffset, now: f64, there: f64, back: f64, offset: f64) -> Result<(), Refused> {
+        let t2 = now + there - offset;
+        c.exchange(t(now), t(t2), t(t2 + 0.002), t(now + there + 0.002 + back))
+    }
+
+    #[test]
+    fn symmetric_delays_give_the_offset() {
+        let mut c = ClockOffset::new(&ClockConfig::default());
+        for k in 0..10 {
+            run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.437).unwrap();
+        }
+        let o = c.at(t(5.0)).unwrap();
+        assert!((o.offset_s - 0.437).abs() < 1e-4, "{o:?}");
+        assert!((o.sd_s - 0.05 / 3f64.sqrt()).abs() < 1e-3, "{o:?}");
+    }
+
+    #[test]
+    fn a_drift_of_20_ppm_is_followed() {
+        let mut c = ClockOffset::new(&ClockConfig::default());
+        for k in 0..1200 {
+            let now = 0.5 * f64::from(k);
+            run(&mut c, now, 0.03, 0.03, 0.2 + 20e-6 * now).unwrap();
+        }
+        let o = c.at(t(600.0)).unwrap();
+        assert!((o.offset_s - 0.212).abs() < 2e-3, "{o:?}");
+    }
+
+    #[test]
+    fn a_step_is_believed_at_its_second_exchange() {
+        let mut c = ClockOffset::new(&ClockConfig::default());
+        for k in 0..20 {
+            run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.4).unwrap();
+        }
+        assert_eq!(run(&mut c, 10.0, 0.05, 0.05, -3.0), Err(Refused::Contradiction));
+        assert_eq!(run(&mut c, 10.5, 0.05, 0.05, -3.0), Ok(()));
+        assert_eq!(c.steps(), 1);
+        assert!((c.at(t(10.6)).unwrap().offset_s + 3.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_step_within_the_round_trip_is_found_from_both_directions() {
+        let mut c = ClockOffset::new(&ClockConfig::default());
+        for k in 0..60 {
+            let now = 0.5 * f64::from(k);
+            let offset = if now < 20.0 { 0.0 } else { 0.06 };
+            run(&mut c, now, 0.05, 0.05, offset).unwrap();
+        }
+        assert_eq!(c.steps(), 1);
+        assert!((c.at(t(30.0)).unwrap().offset_s - 0.06).abs() < 2e-3);
+    }
+
+    #[test]
+    fn one_way_messages_tighten_the_upper_bound_only_if_they_can_be_true() {
+        let mut c = ClockOffset::new(&ClockConfig::default());
+        c.one_way(t(0.0), t(0.5));
+        assert_eq!(c.at(t(0.0)), None, "no offset from one direction alone");
+        run(&mut c, 0.0, 0.05, 0.05, 0.4).unwrap();
+        let before = c.at(t(1.0)).unwrap();
+        // Valid at vessel time 0.6 = drone time 1.0, arrived 10 ms later.
+        c.one_way(t(0.6), t(1.01));
+        let after = c.at(t(1.01)).unwrap();
+        assert!(after.sd_s < before.sd_s && (after.offset_s - 0.4).abs() <= after.half_width_s);
+        // Valid after its arrival: impossible, ignored.
+        c.one_way(t(5.0), t(1.02));
+        assert!((c.at(t(1.02)).unwrap().offset_s - after.offset_s).abs() < 1e-6);
+    }
+
+    #[test]
+    fn impossible_round_trips_are_refused() {
+        let mut c = ClockOffset::new(&ClockConfig::default());
+        assert_eq!(
+            c.exchange(t(1.0), t(0.0), t(0.5), t(1.1)),
+            Err(Refused::RoundTrip)
+        );
+        assert_eq!(
+            c.exchange(t(1.0), t(0.5), t(0.4), t(1.1)),
+            Err(Refused::RoundTrip)
+        );
+        assert_eq!(
+            c.exchange(t(1.0), t(0.5), t(0.5), t(9.0)),
+            Err(Refused::RoundTrip)
+        );
+        assert_eq!(c.at(t(9.0)), None);
+    }
+}

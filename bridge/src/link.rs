@@ -1,0 +1,114 @@
+//! Statistics of the link: loss from gaps in the sequence, latency, age of information.
+
+use std::collections::VecDeque;
+
+use alight_shared::time::{DroneClock, Time};
+
+/// At most this many arrivals are remembered.
+const MAX_ARRIVALS: usize = 256;
+
+/// One admitted estimate.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    at: Time<DroneClock>,
+    /// Sequence numbers since the one before it, itself included: 1 without loss.
+    advance: u32,
+    latency_s: f64,
+}
+
+/// Loss and latency over a sliding window, in bounded memory.
+#[derive(Clone, Debug)]
+pub struct LinkStatistics {
+    window_s: f64,
+    arrivals: VecDeque<Arrival>,
+    newest_valid: Option<Time<DroneClock>>,
+    sorted: Vec<f64>,
+}
+
+impl LinkStatistics {
+    /// Empty statistics over `window_s`.
+    pub fn new(window_s: f64) -> Self {
+        LinkStatistics {
+            window_s,
+            arrivals: VecDeque::with_capacity(MAX_ARRIVALS),
+            newest_valid: None,
+            sorted: Vec::with_capacity(MAX_ARRIVALS),
+        }
+    }
+
+    /// An estimate valid at `valid` was admitted at `arrival`, `advance` sequence numbers after
+    /// the one before it.
+    pub fn admitted(&mut self, arrival: Time<DroneClock>, valid: Time<DroneClock>, advance: u32) {
+        if self.arrivals.len() == MAX_ARRIVALS {
+            self.arrivals.pop_front();
+        }
+        self.arrivals.push_back(Arrival {
+            at: arrival,
+            advance: advance.max(1),
+            latency_s: (arrival - valid).secs(),
+        });
+        self.newest_valid = Some(self.newest_valid.map_or(valid, |v| v.max(valid)));
+    }
+
+    /// The vessel started anew: ages and latencies on its old clock mean nothing.
+    pub fn reset(&mut self) {
+        self.arrivals.clear();
+        self.newest_valid = None;
+    }
+
+    /// Age of the newest admitted estimate, s; infinite when there was none.
+    pub fn age_s(&self, now: Time<DroneClock>) -> f64 {
+        self.newest_valid
+            .map_or(f64::INFINITY, |v| (now - v).secs().max(0.0))
+    }
+
+    /// Fraction of estimates that never came, by the gaps before those that did; 0 without any.
+    pub fn loss(&mut self, now: Time<DroneClock>) -> f64 {
+        let window = self.window_s;
+        self.arrivals.retain(|a| (now - a.at).secs() <= window);
+        let sent: f64 = self.arrivals.iter().map(|a| f64::from(a.advance)).sum();
+        if sent > 0.0 {
+            1.0 - self.arrivals.len() as f64 / sent
+        } else {
+            0.0
+        }
+    }
+
+    /// Median and 99th percentile of the latency over the window, s; 0 without any.
+    pub fn latency_s(&mut self) -> (f64, f64) {
+        self.sorted.clear();
+        self.sorted.extend(self.arrivals.iter().map(|a| a.latency_s));
+        self.sorted.sort_unstable_by(f64::total_cmp);
+        let n = self.sorted.len();
+        let rank = |q: f64| {
+            let i = ((q * n as f64).ceil() as usize).clamp(1, n.max(1)) - 1;
+            self.sorted.get(i).copied().unwrap_or(0.0)
+        };
+        (rank(0.5), rank(0.99))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn loss_latency_and_age_follow_the_arrivals() {
+        let mut s = LinkStatistics::new(5.0);
+        let t = |ms: i64| Time::from_nanos(ms * 1_000_000);
+        assert_eq!(s.age_s(t(0)), f64::INFINITY);
+        for k in 0..100_i64 {
+            // Every fourth is preceded by a lost one; latencies 1 to 100 ms.
+            let advance = if k % 4 == 0 { 2 } else { 1 };
+            s.admitted(t(1000 + k), t(1000 + k - (k + 1)), advance);
+        }
+        assert!((s.loss(t(1100)) - 0.2).abs() < 1e-12);
+        let (p50, p99) = s.latency_s();
+        assert!(
+            (p50 - 0.050).abs() < 1e-9 && (p99 - 0.099).abs() < 1e-9,
+            "{p50} {p99}"
+        );
+        assert!((s.age_s(t(1100)) - 0.101).abs() < 1e-9);
+        assert_eq!(s.loss(t(9000)), 0.0, "the window has emptied");
+    }
+}

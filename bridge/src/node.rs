@@ -1,0 +1,354 @@
+//! The bridge: packets of the radio in, messages on the drone's clock out.
+
+use std::collections::VecDeque;
+
+use alight_shared::msg::{
+    Header, LinkState, Message, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveModel,
+};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
+use alight_shared::topics::{self, Topic};
+use alight_shared::wire::{self, WireError};
+use serde::de::DeserializeOwned;
+
+use crate::admission::{Boot, Boots, Order, Reason, Rejections, identity};
+use crate::clock::{ClockOffset, Offset};
+use crate::config::BridgeConfig;
+use crate::link::LinkStatistics;
+
+/// Which topic a packet came on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PacketKind {
+    /// [`topics::ESTIMATE`].
+    Estimate,
+    /// [`topics::WAVE`].
+    Wave,
+    /// [`topics::PREDICTION`].
+    Prediction,
+    /// [`topics::TIME_REPLY`].
+    TimeReply,
+}
+
+/// What came over the radio.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Packet {
+    /// Its topic.
+    pub kind: PacketKind,
+    /// Its content, as [`wire::encode`] makes it.
+    pub bytes: Vec<u8>,
+}
+
+/// Packets since the last step, each with its time of arrival.
+#[derive(Clone, Debug, Default)]
+pub struct BridgeIn {
+    /// In order of arrival.
+    pub packets: Vec<Stamped<DroneClock, Packet>>,
+}
+
+/// What was admitted, on the drone's clock: the newest of each kind.
+#[derive(Clone, Debug, Default)]
+pub struct BridgeOut {
+    /// The vessel's state.
+    pub estimate: Option<VesselEstimate<DroneClock>>,
+    /// Its wave model.
+    pub wave: Option<WaveModel<DroneClock>>,
+    /// Its own prediction.
+    pub prediction: Option<VesselPrediction<DroneClock>>,
+    /// The link's state, at its own rate.
+    pub link: Option<LinkState>,
+    /// A question for the vessel, to be sent at once.
+    pub time_request: Option<TimeRequest<DroneClock>>,
+}
+
+/// Requests that may still be answered.
+const MAX_OPEN: usize = 16;
+
+/// Admission, clock offset and link statistics.
+#[derive(Clone, Debug)]
+pub struct Bridge {
+    config: BridgeConfig,
+    boot: u32,
+    boots: Boots,
+    estimate: Order,
+    wave: Order,
+    prediction: Order,
+    reply: Order,
+    /// Newest time of validity of the current boot, on the vessel's clock.
+    newest: Option<Time<VesselClock>>,
+    clock: ClockOffset,
+    link: LinkStatistics,
+    rejections: Rejections,
+    /// t1 of requests without an answer.
+    open: VecDeque<Time<DroneClock>>,
+    next_request: Option<Time<DroneClock>>,
+    requests: u32,
+    next_link: Option<Time<DroneClock>>,
+    links: u32,
+}
+
+impl Bridge {
+    /// A bridge that has heard nothing yet; `boot` is drawn anew at each start.
+    pub fn new(config: &BridgeConfig, boot: u32) -> Self {
+        Bridge {
+            config: config.clone(),
+            boot,
+            boots: Boots::default(),
+            estimate: Order::default(),
+            wave: Order::default(),
+            prediction: Order::default(),
+            reply: Order::default(),
+            newest: None,
+            clock: ClockOffset::new(&config.clock),
+            link: LinkStatistics::new(config.loss_window_s),
+            rejections: Rejections::default(),
+            open: VecDeque::with_capacity(MAX_OPEN),
+            next_request: None,
+            requests: 0,
+            next_link: None,
+            links: 0,
+        }
+    }
+
+    /// Refusals since the start.
+    pub fn rejections(&self) -> &Rejections {
+        &self.rejections
+    }
+    /// The clocks' offset at `now`; None before the first exchange.
+    pub fn offset(&self, now: Time<DroneClock>) -> Option<Offset> {
+        self.clock.at(now)
+    }
+    /// Steps of the clocks' offset since the start.
+    pub fn clock_steps(&self) -> u32 {
+        self.clock.steps()
+    }
+
+    fn packet(
+        &mut self,
+        arrival: Time<DroneClock>,
+        packet: &Packet,
+        out: &mut BridgeOut,
+    ) -> Result<(), Reason> {
+        match packet.kind {
+            PacketKind::Estimate => {
+                let m: VesselEstimate<VesselClock> = decode(&packet.bytes)?;
+                let order = self.estimate;
+                let (at, advance) = self.admit(arrival, &m, &order, &topics::ESTIMATE, 0.0)?;
+                self.estimate.admit(m.header.sequence);
+                self.clock.one_way(m.header.at, arrival);
+                self.link.admitted(arrival, at, advance);
+                out.estimate = Some(m.restamped(at));
+            }
+            PacketKind::Wave => {
+                let m: WaveModel<VesselClock> = decode(&packet.bytes)?;
+                let order = self.wave;
+                let (at, _) = self.admit(arrival, &m, &order, &topics::WAVE, 0.0)?;
+                self.wave.admit(m.header.sequence);
+                out.wave = Some(m.restamped(at));
+            }
+            PacketKind::Prediction => {
+                let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;
+                let order = self.prediction;
+                // Its time is that of the first stage, which may lie a step ahead.
+                let ahead = f64::from(m.step_s).clamp(0.0, 1.0);
+                let (at, _) = self.admit(arrival, &m, &order, &topics::PREDICTION, ahead)?;
+                self.prediction.admit(m.header.sequence);
+                out.prediction = Some(m.restamped(at));
+            }
+            PacketKind::TimeReply => {
+                let m: TimeReply<VesselClock, DroneClock> = decode(&packet.bytes)?;
+                self.time_reply(arrival, &m)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// All checks of a message in order, from the cheapest; its time of validity on the drone's
+    /// clock and the sequence numbers since its predecessor. `ahead` is how far in the future its
+    /// time may rightly lie, s.
+    fn admit<M: Message<Clock = VesselClock>>(
+        &mut self,
+        arrival: Time<DroneClock>,
+        message: &M,
+        order: &Order,
+        topic: &Topic,
+        ahead: f64,
+    ) -> Result<(Time<DroneClock>, u32), Reason> {
+        let header = message.header();
+        identity(header, self.config.vessel_id, self.config.drone_id)?;
+        message.check().map_err(|_| Reason::Absurd)?;
+        let restart = match self.boots.look(header.boot) {
+            Boot::Current => false,
+            Boot::First => true,
+            Boot::Retired => return Err(Reason::Boot),
+            // A restart can only speak of later times than its predecessor did; if the vessel's
+            // clock went back with it, the first reply to a request of ours proves the new boot.
+            Boot::Unknown if self.newest.is_some_and(|n| header.at > n) => true,
+            Boot::Unknown => return Err(Reason::Boot),
+        };
+        let advance = if restart {
+            1
+        } else {
+            order.advance(header.sequence)?
+        };
+        let offset = self.clock.at(arrival).ok_or(Reason::NoClock)?;
+        let at = Time::from_nanos(
+            header
+                .at
+                .nanos()
+                .saturating_add(Span::from_secs(offset.offset_s).nanos()),
+        );
+        let slack = offset.half_width_s + self.config.future_margin_s;
+        let age = (arrival - at).secs();
+        if age < -(slack + ahead) {
+            return Err(Reason::Future);
+        }
+        if age > topic.stale_after.secs() {
+            return Err(Reason::Stale);
+        }
+        if restart {
+            self.adopt(header.boot);
+        }
+        self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
+        Ok((at, advance))
+    }
+
+    fn adopt(&mut self, boot: u32) {
+        self.boots.adopt(boot);
+        self.estimate = Order::default();
+        self.wave = Order::default();
+        self.prediction = Order::default();
+        self.reply = Order::default();
+        self.newest = None;
+        self.link.reset();
+    }
+
+    fn time_reply(
+        &mut self,
+        t4: Time<DroneClock>,
+        m: &TimeReply<VesselClock, DroneClock>,
+    ) -> Result<(), Reason> {
+        let header: &Header<VesselClock> = &m.header;
+        identity(header, self.config.vessel_id, self.config.drone_id)?;
+        let (is_new, is_first) = match self.boots.look(header.boot) {
+            Boot::Current => (false, false),
+            Boot::First => (true, true),
+            Boot::Unknown => (true, false),
+            Boot::Retired => return Err(Reason::Boot),
+        };
+        // An answer to an open request is fresh by proof: only the running computer can give it.
+        let Some(i) = self.open.iter().position(|t1| *t1 == m.asked_at) else {
+            return Err(Reason::Unasked);
+        };
+        self.open.remove(i);
+        if is_new {
+            self.adopt(header.boot);
+            if !is_first {
+                self.clock.reset();
+            }
+        }
+        self.clock
+            .exchange(m.asked_at, m.received_at, header.at, t4)
+            .map_err(|_| Reason::RoundTrip)?;
+        self.reply.admit(header.sequence);
+        Ok(())
+    }
+
+    fn time_request(&mut self, now: Time<DroneClock>) -> Option<TimeRequest<DroneClock>> {
+        if !due(
+            &mut self.next_request,
+            now,
+            Span::from_secs(1.0 / self.config.clock.request_rate_hz),
+        ) {
+            return None;
+        }
+        if self.open.len() == MAX_OPEN {
+            self.open.pop_front();
+        }
+        self.open.push_back(now);
+        let header = Header::new(
+            self.config.vessel_id,
+            self.config.drone_id,
+            self.boot,
+            self.requests,
+            now,
+        );
+        self.requests = self.requests.wrapping_add(1);
+        Some(TimeRequest { header })
+    }
+
+    fn link_state(&mut self, now: Time<DroneClock>) -> Option<LinkState> {
+        if !due(
+            &mut self.next_link,
+            now,
+            Span::from_secs(1.0 / self.config.link_rate_hz),
+        ) {
+            return None;
+        }
+        let offset = self.clock.at(now);
+        let loss = self.link.loss(now);
+        let (latency_p50_s, latency_p99_s) = self.link.latency_s();
+        let header = Header::new(
+            self.config.vessel_id,
+            self.config.drone_id,
+            self.boot,
+            self.links,
+            now,
+        );
+        self.links = self.links.wrapping_add(1);
+        Some(LinkState {
+            header,
+            clock_offset_s: offset.map_or(0.0, |o| o.offset_s),
+            clock_offset_sd_s: offset.map_or(f64::INFINITY, |o| o.sd_s),
+            age_s: self.link.age_s(now),
+            loss,
+            latency_p50_s,
+            latency_p99_s,
+            rejected: self.rejections.total(),
+        })
+    }
+}
+
+impl Node for Bridge {
+    type Clock = DroneClock;
+    type In = BridgeIn;
+    type Out = BridgeOut;
+
+    fn step(&mut self, now: Time<DroneClock>, input: &BridgeIn) -> BridgeOut {
+        let mut out = BridgeOut::default();
+        for p in &input.packets {
+            // Nothing has arrived after now.
+            if let Err(reason) = self.packet(p.at.min(now), &p.value, &mut out) {
+                self.rejections.count(reason);
+            }
+        }
+        out.time_request = self.time_request(now);
+        out.link = self.link_state(now);
+        out
+    }
+}
+
+/// Whether something of the given period is due at `now`, and when next: on the period's grid,
+/// without catching up after a pause.
+fn due(next: &mut Option<Time<DroneClock>>, now: Time<DroneClock>, period: Span) -> bool {
+    match *next {
+        Some(t) if now < t => false,
+        Some(t) => {
+            let on_grid = t + period;
+            *next = Some(if on_grid > now { on_grid } else { now + period });
+            true
+        }
+        None => {
+            *next = Some(now + period);
+            true
+        }
+    }
+}
+
+fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Reason> {
+    wire::decode(bytes).map_err(|e| match e {
+        WireError::Oversized { .. } => Reason::Oversized,
+        WireError::Malformed { .. } | WireError::Trailing { .. } | WireError::Encode { .. } => {
+            Reason::Malformed
+        }
+    })
+}

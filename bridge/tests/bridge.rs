@@ -1,0 +1,386 @@
+//! The bridge on one clock with a vessel made here: what it admits, what it refuses, and how far
+//! its clock may be believed.
+
+use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind, Reason};
+use alight_shared::frames::Datum;
+use alight_shared::msg::{
+    Header, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveComponent,
+    WaveModel,
+};
+use alight_shared::node::Node;
+use alight_shared::seq::Seq;
+use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
+use alight_shared::wire;
+use proptest::prelude::*;
+
+const OFFSET: f64 = 0.35;
+
+fn drone(s: f64) -> Time<DroneClock> {
+    Time::from_secs(s)
+}
+/// The vessel's clock at drone time `s`.
+fn vessel(s: f64) -> Time<VesselClock> {
+    Time::from_secs(s - OFFSET)
+}
+
+fn estimate(boot: u32, sequence: u32, at: Time<VesselClock>) -> VesselEstimate<VesselClock> {
+    VesselEstimate {
+        header: Header::new(1, 0, boot, sequence, at),
+        datum: Datum::default(),
+        eta: [1.0, 2.0, 0.1, 0.05, -0.03, 1.0],
+        eta_dot: [0.5; 6],
+        eta_ddot: [0.1; 6],
+        covariance: [[0.1, 0.0, 0.1]; 6],
+        deck_centre: [0.0, 0.0, -1.3],
+        mean_velocity: [0.1, 0.0],
+        mean_heading: [1.0, 0.0],
+    }
+}
+fn packet<T: serde::Serialize>(arrival: f64, kind: PacketKind, m: &T) -> Stamped<DroneClock, Packet> {
+    Stamped::new(
+        drone(arrival),
+        Packet {
+            kind,
+            bytes: wire::encode(m).unwrap(),
+        },
+    )
+}
+fn step(b: &mut Bridge, now: f64, packets: Vec<Stamped<DroneClock, Packet>>) -> BridgeOut {
+    b.step(drone(now), &BridgeIn { packets })
+}
+fn reply(q: &TimeRequest<DroneClock>, boot: u32, at: f64) -> TimeReply<VesselClock, DroneClock> {
+    TimeReply {
+        header: Header::new(1, q.header.drone, boot, q.header.sequence, vessel(at)),
+        asked_at: q.header.at,
+        received_at: vessel(at),
+    }
+}
+
+/// A bridge whose clock has settled over `seconds` of exchanges with the given one-way delays.
+fn settled(there: f64, back: f64, seconds: f64) -> (Bridge, f64) {
+    let mut b = Bridge::new(&BridgeConfig::default(), 9);
+    let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
+    let mut now = 0.0;
+    while now < seconds {
+        let (arrived, rest): (Vec<_>, Vec<_>) = in_flight.into_iter().partition(|(t, _)| *t <= now);
+        in_flight = rest;
+        let packets = arrived
+            .iter()
+            .map(|(t, r)| packet(*t, PacketKind::TimeReply, r))
+            .collect();
+        if let Some(q) = step(&mut b, now, packets).time_request {
+            in_flight.push((now + there + back, reply(&q, 1, now + there)));
+        }
+        now += 0.01;
+    }
+    (b, now)
+}
+
+#[test]
+fn an_estimate_comes_out_on_the_drones_clock() {
+    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let m = estimate(1, 0, vessel(now - 0.04));
+    let out = step(&mut b, now, vec![packet(now, PacketKind::Estimate, &m)]);
+    let e = out.estimate.unwrap();
+    assert!(
+        (e.header.at.secs() - (now - 0.04)).abs() < 0.002,
+        "{:?}",
+        e.header.at
+    );
+    assert_eq!(e.eta, m.eta);
+    assert_eq!(b.rejections().total(), 0);
+}
+
+#[test]
+fn wave_model_and_prediction_come_through() {
+    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let wave = WaveModel::<VesselClock> {
+        header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
+        significant_height_m: 1.0,
+        confidence: 0.5,
+        components: Seq::filled([WaveComponent {
+            omega: 1.2,
+            omega_encounter: 1.3,
+            damping: 0.05,
+            ..Default::default()
+        }]),
+    };
+    let prediction = VesselPrediction::<VesselClock> {
+        header: Header::new(1, 0, 1, 0, vessel(now - 0.1)),
+        step_s: 0.2,
+        origin: [1.0, 2.0, 0.0],
+        stages: Seq::filled([PredictedStage::default(); 15]),
+    };
+    let out = step(
+        &mut b,
+        now,
+        vec![
+            packet(now, PacketKind::Wave, &wave),
+            packet(now, PacketKind::Prediction, &prediction),
+        ],
+    );
+    assert_eq!(out.wave.unwrap().components, wave.components);
+    assert_eq!(out.prediction.unwrap().stages, prediction.stages);
+}
+
+#[test]
+fn nothing_is_admitted_before_the_clocks_are_known() {
+    let mut b = Bridge::new(&BridgeConfig::default(), 9);
+    let m = estimate(1, 0, vessel(1.0));
+    let out = step(&mut b, 1.0, vec![packet(1.0, PacketKind::Estimate, &m)]);
+    assert!(out.estimate.is_none());
+    assert_eq!(b.rejections().of(Reason::NoClock), 1);
+    assert_eq!(out.link.unwrap().clock_offset_sd_s, f64::INFINITY);
+}
+
+#[test]
+fn each_fault_has_its_reason() {
+    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let good = estimate(1, 10, vessel(now - 0.05));
+    let edit = |f: &dyn Fn(&mut VesselEstimate<VesselClock>)| {
+        let mut m = estimate(1, 11, vessel(now - 0.02));
+        f(&mut m);
+        packet(now, PacketKind::Estimate, &m)
+    };
+    assert!(
+        step(&mut b, now, vec![packet(now, PacketKind::Estimate, &good)])
+            .estimate
+            .is_some()
+    );
+    let mut long = packet(now, PacketKind::Estimate, &good);
+    long.value.bytes.resize(wire::MAX_WIRE_BYTES + 1, 0);
+    let mut short = packet(now, PacketKind::Estimate, &good);
+    short.value.bytes.truncate(100);
+    let faults = [
+        (long, Reason::Oversized),
+        (short, Reason::Malformed),
+        (edit(&|m| m.header.version = 2), Reason::Version),
+        (edit(&|m| m.header.vessel = 2), Reason::Vessel),
+        (edit(&|m| m.header.drone = 77), Reason::Drone),
+        (
+            edit(&|m| {
+                m.header.boot = 2;
+                m.header.at = vessel(now - 0.5);
+            }),
+            Reason::Boot,
+        ),
+        (edit(&|m| m.header.sequence = 10), Reason::Duplicate),
+        (edit(&|m| m.header.sequence = 9), Reason::Order),
+        (edit(&|m| m.header.at = vessel(now - 1.2)), Reason::Stale),
+        (edit(&|m| m.header.at = vessel(now + 0.2)), Reason::Future),
+        (edit(&|m| m.eta[2] = f64::NAN), Reason::Absurd),
+        (edit(&|m| m.eta_dot[0] = 1e6), Reason::Absurd),
+    ];
+    for (p, reason) in faults {
+        let before = b.rejections().of(reason);
+        let out = step(&mut b, now, vec![p]);
+        assert!(out.estimate.is_none(), "{reason:?}");
+        assert_eq!(b.rejections().of(reason), before + 1, "{reason:?}");
+    }
+    let unasked = TimeReply::<VesselClock, DroneClock> {
+        header: Header::new(1, 1, 1, 99, vessel(now)),
+        asked_at: drone(now - 0.123),
+        received_at: vessel(now),
+    };
+    step(&mut b, now, vec![packet(now, PacketKind::TimeReply, &unasked)]);
+    assert_eq!(b.rejections().of(Reason::Unasked), 1);
+}
+
+#[test]
+fn a_restart_is_accepted_once_and_the_old_boot_never_again() {
+    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let old = estimate(1, 500, vessel(now - 0.2));
+    step(&mut b, now, vec![packet(now, PacketKind::Estimate, &old)]);
+    let new = estimate(2, 0, vessel(now - 0.05));
+    assert!(
+        step(&mut b, now, vec![packet(now, PacketKind::Estimate, &new)])
+            .estimate
+            .is_some()
+    );
+    let late = estimate(1, 501, vessel(now - 0.01));
+    assert!(
+        step(&mut b, now, vec![packet(now, PacketKind::Estimate, &late)])
+            .estimate
+            .is_none()
+    );
+    assert_eq!(b.rejections().of(Reason::Boot), 1);
+}
+
+#[test]
+fn a_vessel_whose_clock_went_back_with_its_restart_is_found_by_its_reply() {
+    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    // Given a vessel that restarts with its clock 100 s behind.
+    let behind = |s: f64| vessel(s - 100.0);
+    let e = |seq: u32, s: f64| packet(s, PacketKind::Estimate, &estimate(2, seq, behind(s - 0.05)));
+    let known = packet(now, PacketKind::Estimate, &estimate(1, 1, vessel(now - 0.05)));
+    step(&mut b, now, vec![known]);
+    assert!(step(&mut b, now, vec![e(0, now)]).estimate.is_none());
+    // When it answers a request.
+    let mut t = now;
+    let q = loop {
+        t += 0.01;
+        if let Some(q) = step(&mut b, t, vec![]).time_request {
+            break q;
+        }
+    };
+    let mut r = reply(&q, 2, t + 0.05);
+    r.header.at = behind(t + 0.05);
+    r.received_at = behind(t + 0.05);
+    t += 0.1;
+    step(&mut b, t, vec![packet(t, PacketKind::TimeReply, &r)]);
+    // Then its estimates are admitted at their right time.
+    let out = step(&mut b, t, vec![e(1, t)]).estimate.unwrap();
+    assert!((out.header.at.secs() - (t - 0.05)).abs() < 0.01);
+}
+
+#[test]
+fn link_state_at_10_hz_counts_loss_and_age() {
+    let (mut b, start) = settled(0.05, 0.05, 5.0);
+    let mut links = Vec::new();
+    for k in 0..300_u32 {
+        let now = start + 0.01 * f64::from(k);
+        // 25 Hz; every fifth is lost; silence after 2 s.
+        let sent = k % 4 == 0 && now < start + 2.0;
+        let seq = k / 4;
+        let packets = if sent && seq % 5 != 4 {
+            vec![packet(
+                now,
+                PacketKind::Estimate,
+                &estimate(1, seq, vessel(now - 0.06)),
+            )]
+        } else {
+            vec![]
+        };
+        links.extend(step(&mut b, now, packets).link.map(|l| (now, l)));
+    }
+    assert!((28..=32).contains(&links.len()), "{}", links.len());
+    let (_, mid) = links
+        .iter()
+        .filter(|(t, _)| *t < start + 2.0)
+        .next_back()
+        .unwrap();
+    assert!((mid.loss - 0.2).abs() < 0.05, "{}", mid.loss);
+    assert!((mid.latency_p50_s - 0.06).abs() < 0.002, "{}", mid.latency_p50_s);
+    let (_, last) = links.last().unwrap();
+    assert!((0.9..1.3).contains(&last.age_s), "{}", last.age_s);
+    last.check().unwrap();
+}
+
+/// Small deterministic noise in [0, 1).
+fn noise(k: u32) -> f64 {
+    f64::from(k.wrapping_mul(2_654_435_761) >> 8) / f64::from(1 << 24)
+}
+
+#[test]
+fn a_delay_that_differs_by_100_ms_between_the_directions_is_covered_by_the_stated_sd() {
+    for (there, back) in [(0.05, 0.15), (0.15, 0.05), (0.01, 0.11), (0.11, 0.01), (0.0, 0.1)] {
+        let (b, now) = settled(there, back, 20.0);
+        let o = b.offset(drone(now)).unwrap();
+        let error = (o.offset_s - OFFSET).abs();
+        assert!(
+            error > 0.03,
+            "the asymmetry cannot be seen from time stamps: {error}"
+        );
+        assert!(error < 2.0 * o.sd_s, "{there} {back}: {error} against {}", o.sd_s);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_delays_stay_within_two_sd(
+        there in 0.0..0.2f64, back in 0.0..0.2f64, jitter in 0.0..0.1f64, seed in any::<u32>(),
+    ) {
+        let mut b = Bridge::new(&BridgeConfig::default(), 9);
+        let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
+        for k in 0..1000_u32 {
+            let now = 0.01 * f64::from(k);
+            let (arrived, rest): (Vec<_>, Vec<_>) = in_flight.into_iter().partition(|(t, _)| *t <= now);
+            in_flight = rest;
+            let packets = arrived.iter().map(|(t, r)| packet(*t, PacketKind::TimeReply, r)).collect();
+            if let Some(q) = step(&mut b, now, packets).time_request {
+                let up = there + jitter * noise(seed.wrapping_add(2 * k));
+                let down = back + jitter * noise(seed.wrapping_add(2 * k + 1));
+                in_flight.push((now + up + down, reply(&q, 1, now + up)));
+            }
+        }
+        let o = b.offset(drone(10.0)).unwrap();
+        prop_assert!((o.offset_s - OFFSET).abs() <= 2.0 * o.sd_s);
+    }
+
+    #[test]
+    fn random_bytes_are_refused_and_counted(
+        bytes in prop::collection::vec(any::<u8>(), 0..600), kind in 0..4usize,
+    ) {
+        let (mut b, now) = settled(0.05, 0.05, 1.0);
+        let kind = [PacketKind::Estimate, PacketKind::Wave, PacketKind::Prediction, PacketKind::TimeReply][kind];
+        let out = step(&mut b, now, vec![Stamped::new(drone(now), Packet { kind, bytes })]);
+        prop_assert!(out.estimate.is_none() && out.wave.is_none() && out.prediction.is_none());
+        prop_assert_eq!(b.rejections().total(), 1);
+    }
+
+    #[test]
+    fn damaged_estimates_never_pass_unless_they_are_sane(
+        cut in 0..300usize, flip in 0..2000usize, which in 0..2u8,
+    ) {
+        let (mut b, now) = settled(0.05, 0.05, 1.0);
+        let mut p = packet(now, PacketKind::Estimate, &estimate(1, 0, vessel(now - 0.05)));
+        let n = p.value.bytes.len();
+        if which == 0 {
+            p.value.bytes.truncate(cut % n);
+        } else {
+            p.value.bytes[(flip / 8) % n] ^= 1 << (flip % 8);
+        }
+        let out = step(&mut b, now, vec![p]);
+        match out.estimate {
+            Some(e) => prop_assert!(e.check().is_ok() && which == 1),
+            None => prop_assert_eq!(b.rejections().total(), 1),
+        }
+    }
+
+    #[test]
+    fn any_order_of_arrival_gives_only_newer_estimates(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
+        let (mut b, start) = settled(0.05, 0.05, 1.0);
+        let mut newest: Option<(u32, Time<DroneClock>)> = None;
+        let (mut passed, mut sent) = (0, 0);
+        for (k, seq) in order.iter().enumerate() {
+            let now = start + 0.5 + 0.002 * k as f64;
+            let m = estimate(1, *seq, vessel(start + 0.01 * f64::from(*seq)));
+            // Each arrives twice.
+            let p = packet(now, PacketKind::Estimate, &m);
+            sent += 2;
+            if let Some(e) = step(&mut b, now, vec![p.clone(), p]).estimate {
+                passed += 1;
+                if let Some((s, at)) = newest {
+                    prop_assert!(e.header.sequence > s && e.header.at > at - Span::from_millis(1));
+                }
+                newest = Some((e.header.sequence, e.header.at));
+            }
+        }
+        prop_assert_eq!(newest.map(|n| n.0), Some(39));
+        prop_assert_eq!(b.rejections().total(), sent - passed);
+    }
+
+    #[test]
+    fn absurd_times_do_no_harm(at in any::<i64>(), t2 in any::<i64>(), t3 in any::<i64>()) {
+        let mut b = Bridge::new(&BridgeConfig::default(), 9);
+        let q = step(&mut b, 0.0, vec![]).time_request.unwrap();
+        let r = TimeReply::<VesselClock, DroneClock> {
+            header: Header::new(1, 1, 1, 0, Time::from_nanos(t3)),
+            asked_at: q.header.at,
+            received_at: Time::from_nanos(t2),
+        };
+        let e = estimate(1, 0, Time::from_nanos(at));
+        let out = step(&mut b, 0.1, vec![
+            packet(0.1, PacketKind::TimeReply, &r),
+            packet(0.1, PacketKind::Estimate, &e),
+        ]);
+        if let Some(e) = out.estimate {
+            prop_assert!((e.header.at.secs() - 0.1).abs() < 1.2);
+        }
+        if let Some(o) = b.offset(drone(0.1)) {
+            prop_assert!(o.offset_s.is_finite() && o.sd_s <= 1.2);
+        }
+    }
+}
