@@ -1,6 +1,8 @@
 //! The bridge on one clock with a vessel made here: what it admits, what it refuses, and how far
 //! its clock may be believed.
 
+#![allow(clippy::unwrap_used)] // Helpers of a test may.
+
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind, Reason};
 use alight_shared::frames::Datum;
 use alight_shared::msg::{
@@ -254,11 +256,7 @@ fn link_state_at_10_hz_counts_loss_and_age() {
         links.extend(step(&mut b, now, packets).link.map(|l| (now, l)));
     }
     assert!((28..=32).contains(&links.len()), "{}", links.len());
-    let (_, mid) = links
-        .iter()
-        .filter(|(t, _)| *t < start + 2.0)
-        .next_back()
-        .unwrap();
+    let (_, mid) = links.iter().rfind(|(t, _)| *t < start + 2.0).unwrap();
     assert!((mid.loss - 0.2).abs() < 0.05, "{}", mid.loss);
     assert!((mid.latency_p50_s - 0.06).abs() < 0.002, "{}", mid.latency_p50_s);
     let (_, last) = links.last().unwrap();
