@@ -1,0 +1,201 @@
+//! The belly camera's mount and lens.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::frames::{Camera, DroneBody, Point, Rotation, TrueNed, Vector};
+use alight_shared::geometry::DroneGeometry;
+use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::noise::Noise;
+use crate::body::RigidState;
+use crate::streams::Streams;
+
+/// What the camera's mount is wrong by, unknown to the nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraMountConfig {
+    /// Standard deviation of the rotation about each of the camera's axes, drawn per seed, deg.
+    pub angle_sd_deg: f64,
+    /// Standard deviation of the position, each axis, drawn per seed, m.
+    pub position_sd_m: f64,
+}
+
+impl Default for CameraMountConfig {
+    /// Issue 2.
+    fn default() -> Self {
+        CameraMountConfig {
+            angle_sd_deg: 1.0,
+            position_sd_m: 0.01,
+        }
+    }
+}
+impl Check for CameraMountConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("angle_sd_deg", self.angle_sd_deg, 0.0, 30.0)?;
+        at.range("position_sd_m", self.position_sd_m, 0.0, 1.0)
+    }
+}
+
+/// Rotation drone body from camera as it is designed: the camera looks down and the image's upper
+/// edge is forward, so camera x -> body y (right), camera y -> body -x (aft), camera z -> body z.
+/// That is a turn by +90 deg about the common z axis.
+pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
+    let half = core::f64::consts::FRAC_1_SQRT_2;
+    Rotation::from(UnitQuaternion::new_unchecked(Quaternion::new(
+        half, 0.0, 0.0, half,
+    )))
+}
+
+/// Where the camera really sits.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraMount {
+    /// Optical centre in the body frame, m.
+    pub position: Vector3<f64>,
+    /// Rotation drone body from camera.
+    pub attitude: Rotation<DroneBody, Camera>,
+}
+
+impl CameraMount {
+    /// The mount of this seed: as designed, plus what it is wrong by.
+    pub fn new(config: &CameraMountConfig, drone: &DroneGeometry, streams: &Streams) -> Self {
+        let mut noise = Noise::new(streams, "drone.camera.mount");
+        let turn = noise.normal3() * config.angle_sd_deg.to_radians();
+        CameraMount {
+            position: Vector3::from(drone.camera_m) + noise.normal3() * config.position_sd_m,
+            attitude: body_from_camera()
+                * Rotation::<Camera, Camera>::from(UnitQuaternion::from_scaled_axis(turn)),
+        }
+    }
+    /// The camera's motion on a drone that moves like `drone`.
+    pub fn view(&self, drone: &RigidState<DroneBody>) -> View {
+        let at = drone.at::<DroneBody>(self.position);
+        let camera_from_body = self.attitude.inverse();
+        View {
+            centre: at.position,
+            velocity: at.velocity,
+            camera_from_world: camera_from_body * at.attitude.inverse(),
+            rates: camera_from_body * at.rates,
+        }
+    }
+}
+
+/// The camera at one instant.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    /// Optical centre.
+    pub centre: Point<TrueNed>,
+    /// Its velocity, m/s.
+    pub velocity: Vector<TrueNed>,
+    /// Rotation camera from world.
+    pub camera_from_world: Rotation<Camera, TrueNed>,
+    /// Angular velocity of the camera in its own axes, rad/s.
+    pub rates: Vector<Camera>,
+}
+
+impl View {
+    /// A point of the world in camera coordinates, m.
+    pub fn sees(&self, point: Point<TrueNed>) -> Vector3<f64> {
+        (self.camera_from_world * (point - self.centre)).0
+    }
+    /// Velocity in camera coordinates of a point that is at `seen` and moves with `velocity`:
+    /// `R (v - v_camera) - w x p`, m/s.
+    pub fn drift(&self, seen: Vector3<f64>, velocity: Vector<TrueNed>) -> Vector3<f64> {
+        (self.camera_from_world * (velocity - self.velocity)).0 - self.rates.0.cross(&seen)
+    }
+}
+
+/// A pinhole lens without distortion (what is left after rectification).
+#[derive(Clone, Copy, Debug)]
+pub struct Lens {
+    /// Image size, px.
+    pub size_px: [f64; 2],
+    /// Focal length, px.
+    pub focal_px: f64,
+}
+
+impl Lens {
+    /// A lens whose image is `width_px` wide over the horizontal field of view `fov_rad`.
+    pub fn new(width_px: f64, height_px: f64, fov_rad: f64) -> Self {
+        Lens {
+            size_px: [width_px, height_px],
+            focal_px: 0.5 * width_px / (0.5 * fov_rad).tan(),
+        }
+    }
+    /// Pixel of a point in camera coordinates; None behind the camera.
+    pub fn project(&self, p: Vector3<f64>) -> Option<Vector2<f64>> {
+        (p.z > 1e-3).then(|| p.xy() * (self.focal_px / p.z) + self.centre())
+    }
+    /// Whether the pixel lies in the image.
+    pub fn holds(&self, px: Vector2<f64>) -> bool {
+        (0.0..=self.size_px[0]).contains(&px.x) && (0.0..=self.size_px[1]).contains(&px.y)
+    }
+    /// Image coordinates at unit distance.
+    pub fn normalised(&self, px: Vector2<f64>) -> Vector2<f64> {
+        (px - self.centre()) / self.focal_px
+    }
+    fn centre(&self) -> Vector2<f64> {
+        Vector2::new(0.5 * self.size_px[0], 0.5 * self.size_px[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_camera_looks_down_with_forward_up() {
+        let r = body_from_camera();
+        let to_body = |x, y, z| (r * Vector::<Camera>::new(x, y, z)).0;
+        assert!((to_body(1.0, 0.0, 0.0) - Vector3::y()).norm() < 1e-15);
+        assert!((to_body(0.0, 1.0, 0.0) + Vector3::x()).norm() < 1e-15);
+        assert!((to_body(0.0, 0.0, 1.0) - Vector3::z()).norm() < 1e-15);
+        // What lies ahead of the drone appears in the upper half of the image, what lies to
+        // starboard in the right half.
+        let mount = CameraMount {
+            position: Vector3::zeros(),
+            attitude: r,
+        };
+        let view = mount.view(&RigidState {
+            position: Point::new(0.0, 0.0, -10.0),
+            ..Default::default()
+        });
+        let lens = Lens::new(640.0, 480.0, 90_f64.to_radians());
+        let px = lens.project(view.sees(Point::new(2.0, 1.0, 0.0))).unwrap();
+        assert!(
+            (px - Vector2::new(320.0 + 32.0, 240.0 - 64.0)).norm() < 1e-9,
+            "{px}"
+        );
+    }
+
+    #[test]
+    fn image_drift_is_the_derivative_of_what_is_seen() {
+        let mount = CameraMount {
+            position: Vector3::new(0.05, -0.02, 0.08),
+            attitude: body_from_camera() * Rotation::from_euler(0.02, -0.01, 0.03),
+        };
+        let drone = RigidState::<DroneBody> {
+            position: Point::new(1.0, 2.0, -8.0),
+            velocity: Vector::new(1.0, -0.5, 0.7),
+            attitude: Rotation::from_euler(0.1, -0.2, 0.7),
+            rates: Vector::new(0.3, -0.4, 0.2),
+            ..Default::default()
+        };
+        let point = Point::new(0.4, 0.3, -1.0);
+        let moves = Vector::new(0.2, 0.1, -0.6);
+        let view = mount.view(&drone);
+        let h = 1e-5;
+        let seen = |s: f64| {
+            let turned = drone.attitude
+                * Rotation::<DroneBody, DroneBody>::from(UnitQuaternion::from_scaled_axis(drone.rates.0 * s));
+            let later = RigidState {
+                position: drone.position + drone.velocity * s,
+                attitude: turned,
+                ..drone
+            };
+            mount.view(&later).sees(point + moves * s)
+        };
+        let numerical = (seen(h) - seen(-h)) / (2.0 * h);
+        let analytical = view.drift(view.sees(point), moves);
+        assert!((numerical - analytical).norm() < 1e-7, "{numerical} {analytical}");
+    }
+}

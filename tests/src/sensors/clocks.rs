@@ -1,0 +1,140 @@
+//! The two computers' clocks: offset and drift, drawn per seed.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::time::{Clock, DroneClock, Span, Time, TrueTime, VesselClock};
+use serde::{Deserialize, Serialize};
+
+use super::noise::Noise;
+use crate::streams::Streams;
+
+/// How far the clocks are apart.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ClockConfig {
+    /// Both clocks read about this at the true time zero, s.
+    pub epoch_s: f64,
+    /// Drone clock minus vessel clock at the true time zero is uniform within this, s.
+    pub offset_s: f64,
+    /// The clocks drift apart by this much, either way, parts per million.
+    pub drift_ppm: f64,
+}
+
+impl Default for ClockConfig {
+    fn default() -> Self {
+        ClockConfig {
+            // Ours: no node may take its clock to begin at zero.
+            epoch_s: 100.0,
+            // Issue 2.
+            offset_s: 0.5,
+            drift_ppm: 20.0,
+        }
+    }
+}
+impl Check for ClockConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("epoch_s", self.epoch_s, 0.0, 1e9)?;
+        at.range("offset_s", self.offset_s, 0.0, 3600.0)?;
+        at.range("drift_ppm", self.drift_ppm, 0.0, 500.0)
+    }
+}
+
+/// One clock: `C = true + offset + drift * true`.
+#[derive(Clone, Copy, Debug)]
+pub struct ClockModel {
+    offset: Span,
+    drift: f64,
+}
+
+impl ClockModel {
+    /// A clock with `offset_s` at the true time zero and `drift` (1 = one second per second).
+    pub fn new(offset_s: f64, drift: f64) -> Self {
+        ClockModel {
+            offset: Span::from_secs(offset_s),
+            drift,
+        }
+    }
+    /// What the clock reads at `t`.
+    pub fn read<C: Clock>(&self, t: Time<TrueTime>) -> Time<C> {
+        let ahead = Span::from_nanos((t.nanos() as f64 * self.drift).round() as i64);
+        Time::<C>::from_nanos(t.nanos()) + self.offset + ahead
+    }
+    /// When the clock reads `c`, to a nanosecond.
+    pub fn true_time<C: Clock>(&self, c: Time<C>) -> Time<TrueTime> {
+        let shown = Time::<TrueTime>::from_nanos(c.nanos()) - self.offset;
+        let ahead = shown.nanos() as f64 * (self.drift / (1.0 + self.drift));
+        shown - Span::from_nanos(ahead.round() as i64)
+    }
+}
+
+/// The vessel's and the drone's clock.
+#[derive(Clone, Copy, Debug)]
+pub struct Clocks {
+    /// The vessel's.
+    pub vessel: ClockModel,
+    /// The drone's.
+    pub drone: ClockModel,
+}
+
+impl Clocks {
+    /// Draws the clocks of this seed: the difference of the offsets is uniform within
+    /// `offset_s`, the difference of the drifts is `drift_ppm` with a random sign, and half of
+    /// each belongs to either clock.
+    pub fn new(config: &ClockConfig, streams: &Streams) -> Self {
+        let mut noise = Noise::new(streams, "clocks");
+        let offset = 0.5 * config.offset_s * (2.0 * noise.uniform() - 1.0);
+        let sign = if noise.chance(0.5) { 1.0 } else { -1.0 };
+        let drift = 0.5e-6 * config.drift_ppm * sign;
+        Clocks {
+            vessel: ClockModel::new(config.epoch_s - offset, -drift),
+            drone: ClockModel::new(config.epoch_s + offset, drift),
+        }
+    }
+    /// What the vessel's clock reads at `t`.
+    pub fn vessel_time(&self, t: Time<TrueTime>) -> Time<VesselClock> {
+        self.vessel.read(t)
+    }
+    /// What the drone's clock reads at `t`.
+    pub fn drone_time(&self, t: Time<TrueTime>) -> Time<DroneClock> {
+        self.drone.read(t)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clocks_are_apart_as_stated_and_invert() {
+        let config = ClockConfig::default();
+        let mut signs = [0, 0];
+        for seed in 0..200 {
+            let c = Clocks::new(&config, &Streams::new(seed));
+            let apart = |s: f64| {
+                let t = Time::from_secs(s);
+                c.drone_time(t).secs() - c.vessel_time(t).secs()
+            };
+            assert!(apart(0.0).abs() <= 0.5);
+            let drift = (apart(1000.0) - apart(0.0)) / 1000.0;
+            assert!((drift.abs() - 20e-6).abs() < 1e-9, "{drift}");
+            signs[usize::from(drift > 0.0)] += 1;
+            let t = Time::from_secs(123.456);
+            assert!((c.drone.true_time(c.drone_time(t)) - t).abs() <= Span::from_nanos(1));
+            assert!((c.vessel.true_time(c.vessel_time(t)) - t).abs() <= Span::from_nanos(1));
+        }
+        assert!(signs.iter().all(|n| *n > 70), "{signs:?}");
+        let spread: f64 = (0..200)
+            .map(|s| Clocks::new(&config, &Streams::new(s)))
+            .map(|c| (c.drone_time(Time::EPOCH).secs() - c.vessel_time(Time::EPOCH).secs()).powi(2))
+            .sum::<f64>()
+            / 200.0;
+        // Uniform within +-0.5 s: variance 1/12.
+        assert!((spread * 12.0 - 1.0).abs() < 0.2, "{spread}");
+    }
+
+    #[test]
+    fn a_clock_never_goes_back() {
+        let c = ClockModel::new(0.3, -500e-6);
+        let read = |k: i64| c.read::<VesselClock>(Time::from_nanos(k * 10_000_000));
+        assert!((0..1000).all(|k| read(k + 1) > read(k)));
+    }
+}

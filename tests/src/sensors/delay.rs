@@ -1,0 +1,99 @@
+//! A bounded queue of things under way.
+
+use std::collections::VecDeque;
+
+use alight_shared::time::{Time, TrueTime};
+
+/// Holds values until their time of arrival, in the order of arrival; equal times keep the order
+/// of sending. A full line drops what comes and counts it.
+#[derive(Clone, Debug)]
+pub struct DelayLine<T> {
+    queue: VecDeque<(Time<TrueTime>, T)>,
+    capacity: usize,
+    dropped: u64,
+}
+
+impl<T> DelayLine<T> {
+    /// A line that holds at most `capacity` values.
+    pub const fn new(capacity: usize) -> Self {
+        DelayLine {
+            queue: VecDeque::new(),
+            capacity,
+            dropped: 0,
+        }
+    }
+    /// Sends `value` so that it arrives at `arrival`; false when the line is full.
+    pub fn push(&mut self, arrival: Time<TrueTime>, value: T) -> bool {
+        if self.queue.len() >= self.capacity {
+            self.dropped += 1;
+            return false;
+        }
+        // Arrivals are nearly in order, so the search from the back ends at once.
+        let at = self
+            .queue
+            .iter()
+            .rposition(|(t, _)| *t <= arrival)
+            .map_or(0, |i| i + 1);
+        self.queue.insert(at, (arrival, value));
+        true
+    }
+    /// The next value that has arrived by `now`.
+    pub fn pop(&mut self, now: Time<TrueTime>) -> Option<(Time<TrueTime>, T)> {
+        let (arrival, _) = self.queue.front()?;
+        if *arrival > now {
+            return None;
+        }
+        self.queue.pop_front()
+    }
+    /// All values that have arrived by `now`.
+    pub fn arrived(&mut self, now: Time<TrueTime>) -> Vec<T> {
+        core::iter::from_fn(|| self.pop(now)).map(|(_, v)| v).collect()
+    }
+    /// How many are under way.
+    pub fn len(&self) -> usize {
+        self.queue.len()
+    }
+    /// Whether none is under way.
+    pub fn is_empty(&self) -> bool {
+        self.queue.is_empty()
+    }
+    /// How many were dropped because the line was full.
+    pub const fn dropped(&self) -> u64 {
+        self.dropped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn everything_arrives_once_in_order_and_never_early(delays in proptest::collection::vec(0_i64..50, 1..60)) {
+            let mut line = DelayLine::new(100);
+            for (k, d) in delays.iter().enumerate() {
+                prop_assert!(line.push(Time::from_nanos(k as i64 + d), k));
+            }
+            let (mut seen, mut last) = (vec![], Time::EPOCH);
+            for now in 0..200 {
+                while let Some((at, k)) = line.pop(Time::from_nanos(now)) {
+                    prop_assert!(at.nanos() <= now && at >= last);
+                    last = at;
+                    seen.push(k);
+                }
+            }
+            seen.sort_unstable();
+            prop_assert_eq!(seen, (0..delays.len()).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn a_full_line_drops_and_counts() {
+        let mut line = DelayLine::new(2);
+        assert!(line.push(Time::EPOCH, 1) && line.push(Time::EPOCH, 2) && !line.push(Time::EPOCH, 3));
+        assert_eq!((line.len(), line.dropped()), (2, 1));
+        assert_eq!(line.arrived(Time::EPOCH), vec![1, 2]);
+        assert!(line.is_empty());
+    }
+}

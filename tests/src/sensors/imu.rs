@@ -1,0 +1,178 @@
+//! The vessel's inertial measurement unit.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::frames::{TrueNed, Vector, VesselBody};
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::{Header, ImuSample};
+use alight_shared::time::{Span, Time, TrueTime};
+use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::clocks::Clocks;
+use super::delay::DelayLine;
+use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
+use super::{Identity, QUEUE};
+use crate::body::RigidState;
+use crate::streams::Streams;
+
+/// The vessel's IMU.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VesselImuConfig {
+    /// Measurements per second.
+    pub rate_hz: f64,
+    /// From measurement to arrival at the estimator, s.
+    pub latency_s: f64,
+    /// Place in the vessel's body frame, as the estimator is told, m.
+    pub lever_arm_m: [f64; 3],
+    /// Standard deviation of what `lever_arm_m` is wrong by, each axis, drawn per seed, m.
+    pub lever_arm_error_sd_m: f64,
+    /// Standard deviation of the misalignment with the hull, each axis, drawn per seed, deg.
+    pub alignment_sd_deg: f64,
+    /// White noise of the gyroscope, each axis and sample, rad/s.
+    pub gyro_white_sd_radps: f64,
+    /// Standard deviation of the gyroscope's bias, each axis, rad/s.
+    pub gyro_bias_sd_radps: f64,
+    /// White noise of the accelerometer, each axis and sample, m/s².
+    pub accelerometer_white_sd_mps2: f64,
+    /// Standard deviation of the accelerometer's bias, each axis, m/s².
+    pub accelerometer_bias_sd_mps2: f64,
+    /// Correlation time of both biases, s.
+    pub bias_correlation_s: f64,
+    /// Probability that a sample is missing.
+    pub dropout: f64,
+    /// Windows `[start, end)` without samples, s of true time.
+    pub outages_s: Vec<[f64; 2]>,
+}
+
+impl Default for VesselImuConfig {
+    fn default() -> Self {
+        VesselImuConfig {
+            // Procházka 2024: IMU at 100 Hz.
+            rate_hz: 100.0,
+            // Ours: within one step of the estimator.
+            latency_s: 0.0,
+            // Ours: in the payload tray, off the middle.
+            lever_arm_m: [0.3, 0.1, -0.3],
+            // Ours: a tape measure, a spirit level.
+            lever_arm_error_sd_m: 0.01,
+            alignment_sd_deg: 0.2,
+            // Virtual RobotX WAM-V.
+            gyro_white_sd_radps: 0.009,
+            gyro_bias_sd_radps: 0.005,
+            accelerometer_white_sd_mps2: 0.021,
+            accelerometer_bias_sd_mps2: 0.05,
+            // Ours: all but constant over a landing.
+            bias_correlation_s: 3600.0,
+            dropout: 0.0,
+            outages_s: Vec::new(),
+        }
+    }
+}
+impl Check for VesselImuConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("rate_hz", self.rate_hz, 1.0, 100.0)?;
+        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
+        at.ranges("lever_arm_m", &self.lever_arm_m, -50.0, 50.0)?;
+        at.range("lever_arm_error_sd_m", self.lever_arm_error_sd_m, 0.0, 1.0)?;
+        at.range("alignment_sd_deg", self.alignment_sd_deg, 0.0, 20.0)?;
+        at.range("gyro_white_sd_radps", self.gyro_white_sd_radps, 0.0, 1.0)?;
+        at.range("gyro_bias_sd_radps", self.gyro_bias_sd_radps, 0.0, 1.0)?;
+        at.range(
+            "accelerometer_white_sd_mps2",
+            self.accelerometer_white_sd_mps2,
+            0.0,
+            10.0,
+        )?;
+        at.range(
+            "accelerometer_bias_sd_mps2",
+            self.accelerometer_bias_sd_mps2,
+            0.0,
+            10.0,
+        )?;
+        at.range("bias_correlation_s", self.bias_correlation_s, 1.0, 1e9)?;
+        at.range("dropout", self.dropout, 0.0, 1.0)?;
+        check_windows(at, "outages_s", &self.outages_s)
+    }
+}
+
+/// What an ideal inertial sensor at the state's reference point measures: the angular rate
+/// (rad/s) and the specific force `R' (a - g)` (m/s²), both in the body frame (Groves 2013,
+/// section 4.1).
+pub fn inertial<B>(state: &RigidState<B>) -> (Vector3<f64>, Vector3<f64>) {
+    let gravity = Vector::<TrueNed>::new(0.0, 0.0, GRAVITY);
+    let force = state.attitude.inverse() * (state.acceleration - gravity);
+    (state.rates.0, force.0)
+}
+
+/// The vessel's IMU at work.
+#[derive(Clone, Debug)]
+pub(super) struct VesselImu {
+    config: VesselImuConfig,
+    arm: Vector3<f64>,
+    /// Rotation sensor from body.
+    alignment: UnitQuaternion<f64>,
+    gyro_bias: GaussMarkov,
+    accelerometer_bias: GaussMarkov,
+    gyro_white: Noise,
+    accelerometer_white: Noise,
+    dropout: Noise,
+    schedule: Schedule,
+    sequence: u32,
+    line: DelayLine<ImuSample>,
+}
+
+impl VesselImu {
+    pub(super) fn new(config: &VesselImuConfig, streams: &Streams) -> Self {
+        let noise = |what: &str| Noise::new(streams, &format!("vessel.imu.{what}"));
+        let mut mount = noise("mount");
+        let tau = config.bias_correlation_s;
+        VesselImu {
+            arm: Vector3::from(config.lever_arm_m) + mount.normal3() * config.lever_arm_error_sd_m,
+            alignment: UnitQuaternion::from_scaled_axis(
+                mount.normal3() * config.alignment_sd_deg.to_radians(),
+            ),
+            gyro_bias: GaussMarkov::new(noise("gyro.bias"), config.gyro_bias_sd_radps, tau),
+            accelerometer_bias: GaussMarkov::new(
+                noise("accelerometer.bias"),
+                config.accelerometer_bias_sd_mps2,
+                tau,
+            ),
+            gyro_white: noise("gyro.white"),
+            accelerometer_white: noise("accelerometer.white"),
+            dropout: noise("dropout"),
+            schedule: Schedule::new(config.rate_hz),
+            sequence: 0,
+            line: DelayLine::new(QUEUE),
+            config: config.clone(),
+        }
+    }
+    pub(super) fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        id: &Identity,
+        clocks: &Clocks,
+    ) -> Vec<ImuSample> {
+        if let Some(dt) = self.schedule.due(t) {
+            let (rate, force) = inertial(&vessel.at::<VesselBody>(self.arm));
+            let gyro = self.alignment * rate
+                + self.gyro_bias.step(dt)
+                + self.gyro_white.normal3() * self.config.gyro_white_sd_radps;
+            let accelerometer = self.alignment * force
+                + self.accelerometer_bias.step(dt)
+                + self.accelerometer_white.normal3() * self.config.accelerometer_white_sd_mps2;
+            let lost = self.dropout.chance(self.config.dropout);
+            if !lost && !covers(&self.config.outages_s, t) {
+                let sample = ImuSample {
+                    header: Header::new(id.vessel, 0, id.boot, self.sequence, clocks.vessel_time(t)),
+                    gyro: gyro.into(),
+                    accelerometer: accelerometer.into(),
+                };
+                self.sequence = self.sequence.wrapping_add(1);
+                self.line.push(t + Span::from_secs(self.config.latency_s), sample);
+            }
+        }
+        self.line.arrived(t)
+    }
+}

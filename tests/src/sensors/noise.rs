@@ -1,0 +1,180 @@
+//! Where all sensor errors come from: white noise and first-order Gauss-Markov processes.
+
+use alight_shared::config::{ConfigError, Keys};
+use alight_shared::time::{Time, TrueTime};
+use nalgebra::Vector3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use crate::streams::Streams;
+
+/// One named random stream and the draws that sensors need.
+#[derive(Clone, Debug)]
+pub struct Noise(ChaCha8Rng);
+
+impl Noise {
+    /// The noise of the stream called `name`.
+    pub fn new(streams: &Streams, name: &str) -> Self {
+        Noise(streams.stream(name))
+    }
+    /// A standard normal draw.
+    pub fn normal(&mut self) -> f64 {
+        self.0.sample(StandardNormal)
+    }
+    /// Three independent standard normal draws.
+    pub fn normal3(&mut self) -> Vector3<f64> {
+        Vector3::new(self.normal(), self.normal(), self.normal())
+    }
+    /// Uniform in [0, 1).
+    pub fn uniform(&mut self) -> f64 {
+        self.0.random()
+    }
+    /// True with probability `p`; draws always, so that `p` does not shift what follows.
+    pub fn chance(&mut self, p: f64) -> bool {
+        self.uniform() < p
+    }
+}
+
+/// A first-order Gauss-Markov process in three independent axes (Brown and Hwang 2012, section
+/// 2.9): `db/dt = -b / tau + w`, stationary with the standard deviation `sd` and the correlation
+/// `exp(-dt / tau)`, discretised exactly and begun in its stationary distribution.
+#[derive(Clone, Debug)]
+pub struct GaussMarkov {
+    noise: Noise,
+    sd: f64,
+    correlation_s: f64,
+    value: Vector3<f64>,
+}
+
+impl GaussMarkov {
+    /// A process with `sd` (unit of the value) and `correlation_s` (s), from its own stream.
+    pub fn new(noise: Noise, sd: f64, correlation_s: f64) -> Self {
+        let mut noise = noise;
+        let value = noise.normal3() * sd;
+        GaussMarkov {
+            noise,
+            sd,
+            correlation_s,
+            value,
+        }
+    }
+    /// Its value now.
+    pub fn value(&self) -> Vector3<f64> {
+        self.value
+    }
+    /// Its value `dt` seconds later.
+    pub fn step(&mut self, dt: f64) -> Vector3<f64> {
+        let keep = (-dt.max(0.0) / self.correlation_s).exp();
+        let fresh = self.sd * (1.0 - keep * keep).max(0.0).sqrt();
+        self.value = self.value * keep + self.noise.normal3() * fresh;
+        self.value
+    }
+}
+
+/// Decides on which ticks a sensor of a lower rate measures. A rate that does not divide the tick
+/// rate alternates between neighbouring intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); the stamp
+/// is the tick's exact time either way.
+#[derive(Clone, Copy, Debug)]
+pub struct Schedule {
+    rate_hz: f64,
+    last: Option<(i64, Time<TrueTime>)>,
+}
+
+impl Schedule {
+    /// Measures `rate_hz` times per second.
+    pub const fn new(rate_hz: f64) -> Self {
+        Schedule { rate_hz, last: None }
+    }
+    /// The seconds since the previous measurement (0 at the first) when one is due at `t`.
+    pub fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
+        // The nudge keeps 0.29 s * 100 Hz from falling to 28.
+        let index = (t.secs() * self.rate_hz + 1e-6).floor() as i64;
+        match self.last {
+            Some((last, _)) if index <= last => None,
+            Some((_, at)) => {
+                self.last = Some((index, t));
+                Some((t - at).secs())
+            }
+            None => {
+                self.last = Some((index, t));
+                Some(0.0)
+            }
+        }
+    }
+}
+
+/// Whether one of the windows `[start, end)` (s, true time) covers `t`.
+pub fn covers(windows_s: &[[f64; 2]], t: Time<TrueTime>) -> bool {
+    let s = t.secs();
+    windows_s.iter().any(|[start, end]| (*start..*end).contains(&s))
+}
+
+/// Checks the windows of an outage list.
+pub fn check_windows(at: &Keys<'_>, key: &str, windows_s: &[[f64; 2]]) -> Result<(), ConfigError> {
+    for (i, [start, end]) in windows_s.iter().enumerate() {
+        at.require(
+            start.is_finite() && end.is_finite() && start <= end,
+            &format!("{key}[{i}]"),
+            format!("{start} to {end}"),
+            "a start and a later end, s",
+        )?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gauss_markov_has_its_stated_spread_and_correlation() {
+        let (tau, sd, dt) = (300.0, 1.0, 30.0);
+        let (mut var, mut lag, mut n) = (0.0, 0.0, 0.0);
+        for seed in 0..40 {
+            let mut p = GaussMarkov::new(Noise::new(&Streams::new(seed), "test"), sd, tau);
+            let mut last = p.value();
+            for _ in 0..400 {
+                let v = p.step(dt);
+                var += v.norm_squared();
+                lag += v.dot(&last);
+                n += 3.0;
+                last = v;
+            }
+        }
+        assert!((var / n - 1.0_f64).abs() < 0.06, "variance {}", var / n);
+        let rho: f64 = lag / var;
+        assert!((rho - (-dt / tau).exp()).abs() < 0.01, "correlation {rho}");
+    }
+
+    #[test]
+    fn one_long_step_spreads_like_many_short_ones() {
+        let spread = |steps: usize| {
+            let mut sum = 0.0;
+            for seed in 0..600 {
+                let mut p = GaussMarkov::new(Noise::new(&Streams::new(seed), "test"), 2.0, 100.0);
+                let start = p.value();
+                for _ in 0..steps {
+                    p.step(60.0 / steps as f64);
+                }
+                sum += (p.value() - start * (-0.6_f64).exp()).norm_squared();
+            }
+            sum / 1800.0
+        };
+        let expected = 4.0 * (1.0 - (-1.2_f64).exp());
+        for steps in [1, 60] {
+            assert!((spread(steps) / expected - 1.0).abs() < 0.12, "{steps} steps");
+        }
+    }
+
+    #[test]
+    fn a_schedule_keeps_its_mean_rate() {
+        for (hz, expected) in [(100.0, 1000), (50.0, 500), (30.0, 300), (20.0, 200), (10.0, 100)] {
+            let mut s = Schedule::new(hz);
+            let n = (0..1000)
+                .filter(|k| s.due(Time::from_nanos(k * 10_000_000)).is_some())
+                .count();
+            assert_eq!(n, expected, "{hz} Hz");
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! The belly rangefinder: distance along the body's down axis to the deck, else to the water.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::frames::{Deck, DroneBody};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::{Header, RangeSample};
+use alight_shared::time::{Span, Time, TrueTime};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::clocks::Clocks;
+use super::delay::DelayLine;
+use super::noise::{Noise, Schedule, check_windows, covers};
+use super::{Identity, QUEUE};
+use crate::body::RigidState;
+use crate::streams::Streams;
+
+/// The rangefinder.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RangefinderConfig {
+    /// Readings per second.
+    pub rate_hz: f64,
+    /// From measurement to arrival, s.
+    pub latency_s: f64,
+    /// Furthest reading, m; beyond it there is none.
+    pub max_range_m: f64,
+    /// Nearest reading, m; below it there is none.
+    pub min_range_m: f64,
+    /// White noise, m.
+    pub white_sd_m: f64,
+    /// Probability that a reading from the deck is missing.
+    pub deck_miss: f64,
+    /// Probability that a reading from the water is missing: water mirrors the beam away.
+    pub water_miss: f64,
+    /// Windows `[start, end)` without readings, s of true time.
+    pub outages_s: Vec<[f64; 2]>,
+}
+
+impl Default for RangefinderConfig {
+    fn default() -> Self {
+        RangefinderConfig {
+            // Ours: a usual small lidar.
+            rate_hz: 50.0,
+            latency_s: 0.01,
+            max_range_m: 30.0,
+            min_range_m: 0.05,
+            // Issue 2.
+            white_sd_m: 0.03,
+            // Ours.
+            deck_miss: 0.005,
+            water_miss: 0.2,
+            outages_s: Vec::new(),
+        }
+    }
+}
+impl Check for RangefinderConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("rate_hz", self.rate_hz, 0.1, 100.0)?;
+        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
+        at.range("max_range_m", self.max_range_m, 0.1, 500.0)?;
+        at.range("min_range_m", self.min_range_m, 0.0, self.max_range_m)?;
+        at.range("white_sd_m", self.white_sd_m, 0.0, 5.0)?;
+        at.range("deck_miss", self.deck_miss, 0.0, 1.0)?;
+        at.range("water_miss", self.water_miss, 0.0, 1.0)?;
+        check_windows(at, "outages_s", &self.outages_s)
+    }
+}
+
+/// What the beam met.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Echo {
+    Deck(f64),
+    Water(f64),
+    None,
+}
+
+/// The rangefinder at work.
+#[derive(Clone, Debug)]
+pub(super) struct Rangefinder {
+    config: RangefinderConfig,
+    place: Vector3<f64>,
+    /// Half length and half width of the deck, m.
+    half: [f64; 2],
+    white: Noise,
+    miss: Noise,
+    schedule: Schedule,
+    sequence: u32,
+    line: DelayLine<RangeSample>,
+}
+
+impl Rangefinder {
+    pub(super) fn new(
+        config: &RangefinderConfig,
+        drone: &DroneGeometry,
+        deck: &DeckGeometry,
+        streams: &Streams,
+    ) -> Self {
+        Rangefinder {
+            place: Vector3::from(drone.rangefinder_m),
+            half: [0.5 * deck.length_m, 0.5 * deck.width_m],
+            white: Noise::new(streams, "drone.rangefinder.white"),
+            miss: Noise::new(streams, "drone.rangefinder.miss"),
+            schedule: Schedule::new(config.rate_hz),
+            sequence: 0,
+            line: DelayLine::new(QUEUE),
+            config: config.clone(),
+        }
+    }
+    pub(super) fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        drone: &RigidState<DroneBody>,
+        deck: &RigidState<Deck>,
+        water: impl Fn(f64, f64) -> f64,
+        id: &Identity,
+        clocks: &Clocks,
+    ) -> Vec<RangeSample> {
+        if self.schedule.due(t).is_some() {
+            let (white, luck) = (self.white.normal(), self.miss.uniform());
+            let met = match self.echo(drone, deck, water) {
+                Echo::Deck(r) if luck >= self.config.deck_miss => Some(r),
+                Echo::Water(r) if luck >= self.config.water_miss => Some(r),
+                Echo::Deck(_) | Echo::Water(_) | Echo::None => None,
+            };
+            let range = met
+                .map(|r| r + white * self.config.white_sd_m)
+                .filter(|r| (self.config.min_range_m..=self.config.max_range_m).contains(r));
+            if let (Some(range_m), false) = (range, covers(&self.config.outages_s, t)) {
+                let sample = RangeSample {
+                    header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
+                    range_m,
+                    variance: self.config.white_sd_m.max(1e-3).powi(2),
+                };
+                self.sequence = self.sequence.wrapping_add(1);
+                self.line.push(t + Span::from_secs(self.config.latency_s), sample);
+            }
+        }
+        self.line.arrived(t)
+    }
+    /// Follows the beam to the deck's rectangle or the water.
+    fn echo(
+        &self,
+        drone: &RigidState<DroneBody>,
+        deck: &RigidState<Deck>,
+        water: impl Fn(f64, f64) -> f64,
+    ) -> Echo {
+        let eye = drone.at::<DroneBody>(self.place).position;
+        let beam = drone.attitude.down();
+        let to_deck = deck.attitude.inverse();
+        let (from, along) = (to_deck * (eye - deck.position), to_deck * beam);
+        if along.0.z > 1e-6 && from.0.z < 0.0 {
+            let r = -from.0.z / along.0.z;
+            let hit = from.0 + along.0 * r;
+            if hit.x.abs() <= self.half[0] && hit.y.abs() <= self.half[1] {
+                return Echo::Deck(r);
+            }
+        }
+        self.water(eye.0, beam.0, water)
+    }
+    /// Meets the surface by fixed-point steps along the beam: each evaluates the surface under
+    /// the last guess. They contract by (slope x tan tilt), below 0.2 in flight.
+    fn water(&self, eye: Vector3<f64>, beam: Vector3<f64>, water: impl Fn(f64, f64) -> f64) -> Echo {
+        if !(beam.z > 0.2) {
+            return Echo::None;
+        }
+        let mut r = -eye.z / beam.z;
+        for _ in 0..4 {
+            if !(-10.0..=2.0 * self.config.max_range_m).contains(&r) {
+                return Echo::None;
+            }
+            let at = eye + beam * r;
+            let next = (water(at.x, at.y) - eye.z) / beam.z;
+            let moved = (next - r).abs();
+            r = next;
+            if moved < 0.01 {
+                break;
+            }
+        }
+        if r > 0.0 { Echo::Water(r) } else { Echo::None }
+    }
+}

@@ -1,0 +1,160 @@
+//! UVDAR: blinking ultraviolet markers on the deck, seen by a fisheye camera from further away
+//! than the tag (Walter et al. 2019, "UVDAR system for visual relative localization").
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::frames::{Deck, DroneBody, Vector};
+use alight_shared::msg::{Header, UvdarFix};
+use alight_shared::time::{Span, Time, TrueTime};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::camera::{CameraMount, View};
+use super::clocks::Clocks;
+use super::delay::DelayLine;
+use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
+use super::{Identity, QUEUE};
+use crate::body::RigidState;
+use crate::streams::Streams;
+
+/// The UVDAR system. Its fixes are given in the frame of the belly camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UvdarConfig {
+    /// Fixes per second.
+    pub rate_hz: f64,
+    /// From exposure to delivery, s.
+    pub latency_s: f64,
+    /// Furthest distance, m.
+    pub max_range_m: f64,
+    /// Nearest distance, m: nearer, the markers leave the image.
+    pub min_range_m: f64,
+    /// Full cone of the fisheye lens, deg.
+    pub fov_deg: f64,
+    /// Its axis below the body's forward axis, deg.
+    pub tilt_down_deg: f64,
+    /// Standard deviation of the bearing, each of two axes, deg.
+    pub bearing_sd_deg: f64,
+    /// Standard deviation of the distance relative to the distance.
+    pub distance_sd: f64,
+    /// Correlation time of the distance error, s: its cause, the markers' apparent geometry,
+    /// changes slowly.
+    pub distance_correlation_s: f64,
+    /// Probability that a fix is missing.
+    pub miss: f64,
+    /// Windows `[start, end)` without fixes, s of true time.
+    pub outages_s: Vec<[f64; 2]>,
+}
+
+impl Default for UvdarConfig {
+    fn default() -> Self {
+        UvdarConfig {
+            // Issue 2.
+            rate_hz: 20.0,
+            latency_s: 0.05,
+            // Ours, after the published 15 m to 30 m with brighter markers on a vessel.
+            max_range_m: 35.0,
+            min_range_m: 1.5,
+            // Ours: one fisheye lens that sees from straight ahead to straight down and behind.
+            fov_deg: 180.0,
+            tilt_down_deg: 45.0,
+            // Ours.
+            bearing_sd_deg: 0.5,
+            distance_sd: 0.07,
+            distance_correlation_s: 0.5,
+            miss: 0.05,
+            outages_s: Vec::new(),
+        }
+    }
+}
+impl Check for UvdarConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("rate_hz", self.rate_hz, 0.1, 100.0)?;
+        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
+        at.range("max_range_m", self.max_range_m, 0.0, 500.0)?;
+        at.range("min_range_m", self.min_range_m, 0.1, 500.0)?;
+        at.range("fov_deg", self.fov_deg, 10.0, 360.0)?;
+        at.range("tilt_down_deg", self.tilt_down_deg, 0.0, 90.0)?;
+        at.range("bearing_sd_deg", self.bearing_sd_deg, 1e-3, 45.0)?;
+        at.range("distance_sd", self.distance_sd, 1e-4, 1.0)?;
+        at.range("distance_correlation_s", self.distance_correlation_s, 1e-3, 1e4)?;
+        at.range("miss", self.miss, 0.0, 1.0)?;
+        check_windows(at, "outages_s", &self.outages_s)
+    }
+}
+
+/// The UVDAR system at work.
+#[derive(Clone, Debug)]
+pub(super) struct Uvdar {
+    config: UvdarConfig,
+    /// Axis of the lens in camera coordinates.
+    axis: Vector3<f64>,
+    distance: GaussMarkov,
+    bearing: Noise,
+    miss: Noise,
+    schedule: Schedule,
+    sequence: u32,
+    line: DelayLine<UvdarFix>,
+}
+
+impl Uvdar {
+    pub(super) fn new(config: &UvdarConfig, mount: &CameraMount, streams: &Streams) -> Self {
+        let noise = |what: &str| Noise::new(streams, &format!("drone.uvdar.{what}"));
+        let (down, forward) = config.tilt_down_deg.to_radians().sin_cos();
+        let axis = mount.attitude.inverse() * Vector::<DroneBody>::new(forward, 0.0, down);
+        Uvdar {
+            axis: axis.0,
+            distance: GaussMarkov::new(
+                noise("distance"),
+                config.distance_sd,
+                config.distance_correlation_s,
+            ),
+            bearing: noise("bearing"),
+            miss: noise("miss"),
+            schedule: Schedule::new(config.rate_hz),
+            sequence: 0,
+            line: DelayLine::new(QUEUE),
+            config: config.clone(),
+        }
+    }
+    pub(super) fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        view: &View,
+        deck: &RigidState<Deck>,
+        id: &Identity,
+        clocks: &Clocks,
+    ) -> Vec<UvdarFix> {
+        if let Some(dt) = self.schedule.due(t) {
+            let stretch = self.distance.step(dt).x;
+            let turn = self.bearing.normal3() * self.config.bearing_sd_deg.to_radians();
+            let missed = self.miss.chance(self.config.miss);
+            let seen = view.sees(deck.position);
+            let below = deck.position.0.z > view.centre.0.z;
+            if !missed && below && self.visible(seen) && !covers(&self.config.outages_s, t) {
+                // The part of the turn along the line of sight does nothing.
+                let measured = UnitQuaternion::from_scaled_axis(turn) * seen * (1.0 + stretch).max(0.1);
+                let fix = UvdarFix {
+                    header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
+                    position: measured.into(),
+                    variance: self.variance(measured).into(),
+                };
+                self.sequence = self.sequence.wrapping_add(1);
+                self.line.push(t + Span::from_secs(self.config.latency_s), fix);
+            }
+        }
+        self.line.arrived(t)
+    }
+    fn visible(&self, seen: Vector3<f64>) -> bool {
+        let range = seen.norm();
+        let cone = (0.5 * self.config.fov_deg).to_radians().cos();
+        (self.config.min_range_m..=self.config.max_range_m).contains(&range)
+            && self.axis.dot(&seen) >= range * cone
+    }
+    /// Diagonal of `r² (s_d² u u' + s_b² (I - u u'))` in camera axes, m².
+    fn variance(&self, p: Vector3<f64>) -> Vector3<f64> {
+        let along = self.config.distance_sd.powi(2);
+        let across = self.config.bearing_sd_deg.to_radians().powi(2);
+        let uu = p * p.transpose();
+        (uu * along + (Matrix3::identity() * p.norm_squared() - uu) * across).diagonal()
+    }
+}
