@@ -19,6 +19,19 @@ pub struct SeaStateConfig {
     pub omega_min_radps: f64,
     /// Highest angular frequency of a component, rad/s.
     pub omega_max_radps: f64,
+    /// Noise of the vertical acceleration in a bin, m/s².
+    pub acceleration_noise_mps2: f64,
+    /// Noise of the tilt in a bin, rad.
+    pub tilt_noise_rad: f64,
+    /// Standard deviation of the vertical acceleration below which the sea is calm, m/s².
+    pub calm_acceleration_mps2: f64,
+    /// Standard deviation of each component of the tilt below which the sea is calm, rad.
+    pub calm_tilt_rad: f64,
+    /// Bandwidth of what the components leave unexplained, Hz: sets how many independent samples
+    /// the information criterion counts.
+    pub residual_band_hz: f64,
+    /// Two components closer than this many cycles over the record are taken for one.
+    pub min_separation: f64,
 }
 
 impl Default for SeaStateConfig {
@@ -36,6 +49,17 @@ impl Default for SeaStateConfig {
             omega_min_radps: 0.3,
             // Ours: small decks in a harbour rock at up to 0.95 Hz (6 rad/s).
             omega_max_radps: 7.0,
+            // VRX sensor noise 0.021 m/s² a sample, and lever arms.
+            acceleration_noise_mps2: 0.02,
+            // 0.1 deg: gyro-carried attitude within a wave period.
+            tilt_noise_rad: 0.0018,
+            // Ours: half of what the smallest named sea (0.3 m, 5 s) makes, four times over.
+            calm_acceleration_mps2: 0.06,
+            calm_tilt_rad: 0.006,
+            // Ours: the waves' own band, in which residuals are left.
+            residual_band_hz: 0.5,
+            // Ours: closer, and their amplitudes grow without bound.
+            min_separation: 0.2,
         }
     }
 }

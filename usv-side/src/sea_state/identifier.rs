@@ -1,33 +1,458 @@
-//! The identifier.
+//! The identifier: refine what is known, drop what explains nothing, try one more.
 
+use core::f64::consts::{PI, TAU};
+use core::fmt;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::MAX_COMPONENTS;
+use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
+use nalgebra::Complex;
 
-use super::{MotionSample, SeaState, SeaStateConfig};
+use super::fit::{DirectionPrior, Fitter, Solution, Wave};
+use super::record::{CHANNELS, Record};
+use super::spectrum::{Peak, Spectrum};
+use super::{MotionSample, SeaComponent, SeaState, SeaStateConfig, Verdict};
+
+/// Passes over the record to follow known components.
+const TRACK_PASSES: usize = 2;
+/// Passes over the record to settle a new hypothesis.
+const TRIAL_PASSES: usize = 4;
+/// A state older than this is not given out any more, s.
+const STALE_S: f64 = 5.0;
 
 /// Identifies the sea from the vessel's own motion.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Identifier {
+    config: SeaStateConfig,
+    record: Record,
+    fitter: Fitter,
+    spectrum: Spectrum,
+    residuals: [Vec<f64>; CHANNELS],
+    waves: Vec<Wave>,
+    rounds: u64,
+    worked_at: Option<Time<VesselClock>>,
     state: Option<SeaState>,
+}
+
+impl fmt::Debug for Identifier {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Identifier")
+            .field("config", &self.config)
+            .field("waves", &self.waves)
+            .field("state", &self.state)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Identifier {
     /// An identifier without a record.
-    pub fn new(_config: &SeaStateConfig) -> Self {
-        Identifier { state: None }
+    pub fn new(config: &SeaStateConfig) -> Self {
+        let bins = (config.window_s / config.bin_s).ceil().clamp(16.0, 2048.0) as usize;
+        Identifier {
+            config: config.clone(),
+            record: Record::new(config.window_s, config.bin_s),
+            fitter: Fitter::default(),
+            spectrum: Spectrum::new(bins + 1, config.bin_s),
+            residuals: Default::default(),
+            waves: Vec::with_capacity(MAX_COMPONENTS + 1),
+            rounds: 0,
+            worked_at: None,
+            state: None,
+        }
     }
 
     /// Takes a sample; a sample that is not finite, absurd, repeated or older than the newest is
     /// counted and dropped.
-    pub fn push(&mut self, _sample: &MotionSample) {}
-
-    /// Does the work that is due at `now`, at most once in `update_period_s`, and returns the
-    /// newest state: `None` before `min_window_s` of record.
-    pub fn update(&mut self, _now: Time<VesselClock>) -> Option<&SeaState> {
-        self.state.as_ref()
+    pub fn push(&mut self, sample: &MotionSample) {
+        self.record.push(sample);
     }
 
     /// Samples dropped so far.
     pub fn rejected(&self) -> u64 {
-        0
+        self.record.rejected()
+    }
+
+    /// Does the work that is due at `now`, at most once in `update_period_s`, and returns the
+    /// newest state: `None` before `min_window_s` of record and when the record has gone stale.
+    pub fn update(&mut self, now: Time<VesselClock>) -> Option<&SeaState> {
+        let due = self
+            .worked_at
+            .is_none_or(|t| (now - t).secs().abs() >= self.config.update_period_s * 0.999);
+        if due {
+            self.worked_at = Some(now);
+            self.work(now);
+        }
+        self.state.as_ref()
+    }
+
+    fn work(&mut self, now: Time<VesselClock>) {
+        let Some((newest, _)) = self.record.newest() else {
+            self.state = None;
+            return;
+        };
+        if self.record.span_s() < self.config.min_window_s
+            || (self.record.elapsed(now) - newest).abs() > STALE_S
+        {
+            self.state = None;
+            return;
+        }
+        self.fitter.rows.load(self.record.bins(), self.config.window_s);
+        self.state = self.identify();
+        self.rounds += 1;
+    }
+
+    /// Noise variances that are believed possible, per channel.
+    fn floors(&self) -> [f64; CHANNELS] {
+        let tilt = self.config.tilt_noise_rad.powi(2);
+        [self.config.acceleration_noise_mps2.powi(2), tilt, tilt]
+    }
+
+    fn identify(&mut self) -> Option<SeaState> {
+        let n = self.fitter.rows.len() as f64;
+        let floors = self.floors();
+        self.fitter.weights = floors.map(|v| 1.0 / v);
+        self.fitter.ridge = 0.0;
+        let still = self.fitter.solve(&[], &[])?;
+        let variance = still.residual.map(|r| r / n);
+        let gate = [
+            self.config.calm_acceleration_mps2.powi(2),
+            self.config.calm_tilt_rad.powi(2),
+            self.config.calm_tilt_rad.powi(2),
+        ];
+        if (0..CHANNELS).all(|c| variance[c] < gate[c]) {
+            self.waves.clear();
+            return Some(self.report(&still, &[], variance, Verdict::Calm));
+        }
+
+        // Start from what was known; the weights follow from what it leaves unexplained.
+        let mut best = match self.fitter.solve(&self.waves.clone(), &[]) {
+            Some(s) => s,
+            None => still.clone(),
+        };
+        self.reweigh(&best, variance);
+        let mut priors = self.priors(&best);
+        let waves = best.waves.clone();
+        best = self.fitter.solve(&waves, &priors)?;
+        best = self.fitter.refine(best, &priors, self.limits(), TRACK_PASSES);
+        self.prune(&mut best, &mut priors);
+        // A cold start may take several at once; otherwise one hypothesis a round.
+        let tries = if best.waves.len() < 2 { 3 } else { 1 };
+        for attempt in 0..tries {
+            if !self.explore(&mut best, &mut priors, self.rounds + attempt) {
+                break;
+            }
+        }
+        self.settle_directions(&mut best);
+        self.waves.clone_from(&best.waves);
+        Some(self.report(&best, &priors, variance, Verdict::Identified))
+    }
+
+    fn limits(&self) -> (f64, f64) {
+        (self.config.omega_min_radps, self.config.omega_max_radps)
+    }
+
+    /// Weights from the residual of `s`, between the sensors' noise and the signal itself.
+    fn reweigh(&mut self, s: &Solution, variance: [f64; CHANNELS]) {
+        let n = self.fitter.rows.len() as f64;
+        let floors = self.floors();
+        let mut ridge: f64 = 0.0;
+        for c in 0..CHANNELS {
+            let noise = (s.residual[c] / n).max(floors[c]);
+            self.fitter.weights[c] = 1.0 / noise;
+            ridge = ridge.max((0.25 * noise / variance[c].max(floors[c])).min(0.25));
+        }
+        self.fitter.ridge = ridge;
+    }
+
+    /// What the amplitudes say of the directions: with elevation `zeta` and `n = i k d zeta`,
+    /// `a_up = -omega_e^2 zeta`, the normal's part in quadrature with the heave points along `d`.
+    fn priors(&self, s: &Solution) -> Vec<DirectionPrior> {
+        (0..s.waves.len())
+            .map(|j| {
+                direction_of(
+                    core::array::from_fn(|c| s.phasor(c, j)),
+                    core::array::from_fn(|c| s.phasor_variance(j) / self.fitter.weights[c] * self.colour()),
+                )
+            })
+            .collect()
+    }
+
+    /// Residuals are no white noise: so many bins count as one independent sample.
+    fn colour(&self) -> f64 {
+        let independent = 2.0 * self.config.residual_band_hz * self.fitter.rows.span_s;
+        (self.fitter.rows.len() as f64 / independent.max(1.0)).max(1.0)
+    }
+
+    /// Bayesian information criterion (Schwarz 1978) for a change of model: true when `after`, with
+    /// `extra` more components than `before`, is the better one.
+    fn better(&self, before: &Solution, after: &Solution, extra: f64) -> bool {
+        let n = self.fitter.rows.len() as f64;
+        let floors = self.floors();
+        let independent = n / self.colour();
+        let log_ratio: f64 = (0..CHANNELS)
+            .map(|c| ((before.residual[c] / n + floors[c]) / (after.residual[c] / n + floors[c])).ln())
+            .sum();
+        let per_component = (2 * CHANNELS + 1) as f64;
+        let penalty = extra * per_component * (CHANNELS as f64 * independent).ln();
+        independent * log_ratio > penalty.max(0.02 * independent)
+    }
+
+    /// Drops components that explain too little or that have run into each other.
+    fn prune(&mut self, best: &mut Solution, priors: &mut Vec<DirectionPrior>) {
+        for _ in 0..MAX_COMPONENTS {
+            let closest = TAU * self.config.min_separation / self.fitter.rows.span_s.max(1.0);
+            let mut worst: Option<(usize, Solution)> = None;
+            for j in 0..best.waves.len() {
+                let Some(s) = self.fitter.without(best, j, priors) else {
+                    continue;
+                };
+                let crowded = (0..best.waves.len())
+                    .any(|i| i != j && (best.waves[i].omega - best.waves[j].omega).abs() < closest);
+                let droppable = crowded || !self.better(&s, best, 1.0);
+                if droppable && worst.as_ref().is_none_or(|(_, w)| s.cost < w.cost) {
+                    worst = Some((j, s));
+                }
+            }
+            let Some((j, s)) = worst else { return };
+            *best = s;
+            priors.remove(j);
+        }
+    }
+
+    /// Tries one more component: at the residual's strongest peak or by splitting one. True if the
+    /// model changed.
+    fn explore(&mut self, best: &mut Solution, priors: &mut Vec<DirectionPrior>, round: u64) -> bool {
+        let n = self.fitter.rows.len() as f64;
+        let floors = self.floors();
+        if (0..CHANNELS).all(|c| best.residual[c] / n < 1.2 * floors[c]) {
+            return false;
+        }
+        let k = best.waves.len();
+        let split = k > 0 && round % 2 == 1;
+        let mut waves = best.waves.clone();
+        let mut trial_priors = priors.clone();
+        if split {
+            let j = (round / 2) as usize % k;
+            let apart = TAU * 0.3 / self.fitter.rows.span_s;
+            let twin = Wave {
+                omega: waves[j].omega + apart,
+                ..waves[j]
+            };
+            waves[j].omega -= apart;
+            waves.push(twin);
+            trial_priors.push(DirectionPrior { sd: 1.0, ..priors[j] });
+            trial_priors[j].sd = 1.0;
+        } else {
+            self.fitter.residuals(best, &mut self.residuals);
+            let weights = self.fitter.weights;
+            let limits = self.limits();
+            let Some(peak) = self
+                .spectrum
+                .peak(&self.residuals, &self.fitter.rows.slot, &weights, limits)
+            else {
+                return false;
+            };
+            let wave = self.earth_frame(&peak);
+            trial_priors.push(DirectionPrior {
+                mean: wave.direction,
+                sd: 1.0,
+            });
+            waves.push(wave);
+        }
+        let Some(start) = self.fitter.solve(&waves, &trial_priors) else {
+            return false;
+        };
+        let mut trial = self
+            .fitter
+            .refine(start, &trial_priors, self.limits(), TRIAL_PASSES);
+        let mut extra = 1.0;
+        if k >= MAX_COMPONENTS {
+            // No room: the weakest goes.
+            let weakest = (0..trial.waves.len())
+                .filter_map(|j| self.fitter.without(&trial, j, &trial_priors).map(|s| (j, s)))
+                .min_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
+            let Some((j, s)) = weakest else { return false };
+            trial = s;
+            trial_priors.remove(j);
+            extra = 0.0;
+        }
+        if !self.better(best, &trial, extra) {
+            return false;
+        }
+        *best = trial;
+        *priors = trial_priors;
+        self.prune(best, priors);
+        true
+    }
+
+    /// The earth-frame wave of a peak: direction from the phasors, frequency from
+    /// `omega_e = omega - omega^2 u / g` solved for the branch that tends to `omega_e` at `u = 0`.
+    fn earth_frame(&self, peak: &Peak) -> Wave {
+        let direction = direction_of(peak.phasors, [0.0; CHANNELS]).mean;
+        let rows = &self.fitter.rows;
+        let slope = |x: &[f64]| match (x.first(), x.last()) {
+            (Some(a), Some(b)) => (b - a) / rows.span_s.max(1.0),
+            (Some(_), None) | (None, Some(_)) | (None, None) => 0.0,
+        };
+        let (sin, cos) = direction.sin_cos();
+        let along = cos * slope(&rows.path[0]) + sin * slope(&rows.path[1]);
+        Wave {
+            omega: from_encounter(peak.omega, along),
+            direction,
+        }
+    }
+
+    /// Without a path the phases say nothing of directions: the amplitudes alone decide.
+    fn settle_directions(&self, s: &mut Solution) {
+        if !self.fitter.rows.moving {
+            let priors = self.priors(s);
+            for (w, p) in s.waves.iter_mut().zip(priors) {
+                w.direction = p.mean;
+            }
+        }
+        for w in &mut s.waves {
+            w.direction = wrap_angle(w.direction);
+        }
+    }
+
+    fn report(
+        &self,
+        s: &Solution,
+        priors: &[DirectionPrior],
+        variance: [f64; CHANNELS],
+        verdict: Verdict,
+    ) -> SeaState {
+        let n = self.fitter.rows.len() as f64;
+        let floors = self.floors();
+        let newest = self.record.newest().unwrap_or((0.0, [0.0; 2]));
+        let at = self.record.instant(newest.0);
+        let deviations = self.fitter.deviations(s, priors);
+        let colour = self.colour().sqrt();
+        let fresh = self.priors(s);
+        let k = s.waves.len();
+        let mut components: Vec<SeaComponent> = Vec::with_capacity(k);
+        for (j, w) in s.waves.iter().enumerate() {
+            let number = w.omega * w.omega / GRAVITY;
+            let (sin, cos) = w.direction.sin_cos();
+            let (north, east) = (
+                newest.1[0] - self.fitter.rows.middle.1[0],
+                newest.1[1] - self.fitter.rows.middle.1[1],
+            );
+            let phase =
+                w.omega * (newest.0 - self.fitter.rows.middle.0) - number * (cos * north + sin * east);
+            let turn = Complex::from_polar(1.0, phase);
+            let u = self.mean_velocity();
+            let mut component = SeaComponent {
+                omega: w.omega,
+                direction: w.direction,
+                ..SeaComponent::default()
+            };
+            let encounter = component.encounter(u);
+            component.heave = -s.phasor(0, j) * turn / (encounter * encounter).max(0.01);
+            component.normal = [s.phasor(1, j) * turn, s.phasor(2, j) * turn];
+            component.amplitude_heave_m = component.heave.norm();
+            component.amplitude_tilt_rad = component.normal[0].norm().hypot(component.normal[1].norm());
+            component.omega_sd = deviations
+                .as_ref()
+                .and_then(|d| d.get(j))
+                .map_or(w.omega, |d| (d * colour).min(w.omega));
+            component.direction_sd = deviations
+                .as_ref()
+                .and_then(|d| d.get(k + j))
+                .copied()
+                .unwrap_or(fresh[j].sd)
+                .min(PI);
+            components.push(component);
+        }
+        components.sort_by(|a, b| {
+            (b.amplitude_tilt_rad + 0.1 * b.amplitude_heave_m)
+                .total_cmp(&(a.amplitude_tilt_rad + 0.1 * a.amplitude_heave_m))
+        });
+        // Unexplained share, channels with signal only.
+        let (mut left, mut all) = (0.0, 0.0);
+        for c in 0..CHANNELS {
+            let signal = variance[c] / floors[c];
+            all += signal;
+            left += (s.residual[c] / n / floors[c] - 1.0).max(0.0);
+        }
+        let residual_fraction = if k == 0 {
+            1.0
+        } else {
+            (left / all.max(1e-9)).clamp(0.0, 1.0)
+        };
+        let maturity = ((self.fitter.rows.span_s - 10.0) / 30.0).clamp(0.0, 1.0);
+        let confidence = maturity * (1.0 - residual_fraction / 0.6).clamp(0.0, 1.0);
+        let heave_variance: f64 = components.iter().map(|c| 0.5 * c.amplitude_heave_m.powi(2)).sum();
+        SeaState {
+            at,
+            verdict: match verdict {
+                Verdict::Identified if confidence < 0.15 => Verdict::Broad,
+                v @ (Verdict::Calm | Verdict::Broad | Verdict::Identified) => v,
+            },
+            components: Seq::filled(components),
+            significant_height_m: 4.0 * heave_variance.sqrt(),
+            confidence: match verdict {
+                Verdict::Calm => maturity,
+                Verdict::Broad | Verdict::Identified => confidence,
+            },
+            residual_fraction: match verdict {
+                Verdict::Calm => 0.0,
+                Verdict::Broad | Verdict::Identified => residual_fraction,
+            },
+        }
+    }
+
+    /// Mean velocity at the end of the record, from its path: north, east, m/s.
+    fn mean_velocity(&self) -> [f64; 2] {
+        let rows = &self.fitter.rows;
+        let n = rows.len();
+        let back = n.saturating_sub(1 + (3.0 / self.config.bin_s) as usize);
+        match (rows.t.get(back), rows.t.last()) {
+            (Some(a), Some(b)) if b - a > 0.5 => core::array::from_fn(|i| {
+                (rows.path[i].last().copied().unwrap_or(0.0) - rows.path[i][back]) / (b - a)
+            }),
+            (Some(_) | None, Some(_) | None) => [0.0; 2],
+        }
+    }
+}
+
+/// Frequency in the earth frame from that of encounter at `along = U . d`, rad/s.
+fn from_encounter(encounter: f64, along: f64) -> f64 {
+    let b = along / GRAVITY;
+    let root = 1.0 - 4.0 * b * encounter;
+    if b.abs() < 1e-6 || root <= 0.0 {
+        return encounter;
+    }
+    (1.0 - root.sqrt()) / (2.0 * b)
+}
+
+/// Direction of travel from the channels' phasors (up acceleration, normal) and their variances.
+fn direction_of(p: [Complex<f64>; CHANNELS], variance: [f64; CHANNELS]) -> DirectionPrior {
+    // zeta is proportional to -a_up; i zeta has the phase of n along d.
+    let reference = p[0] * -Complex::<f64>::i();
+    let size = reference.norm();
+    if size <= 0.0 {
+        return DirectionPrior { mean: 0.0, sd: PI };
+    }
+    let unit = reference.conj() / size;
+    let (north, east) = (p[1] * unit, p[2] * unit);
+    let along = north.re.hypot(east.re);
+    if along <= 0.0 {
+        return DirectionPrior { mean: 0.0, sd: PI };
+    }
+    let mean = east.re.atan2(north.re);
+    // What contradicts one plane wave: noise, and tilt in phase with the heave.
+    let (d_n, d_e) = (north.re / along, east.re / along);
+    let across = (-d_e * north.im + d_n * east.im).abs();
+    let heave_phase = variance[0].sqrt() / size;
+    let noise = (0.5 * (variance[1] + variance[2])).sqrt();
+    let sd = ((noise / along).powi(2) + (across / along).powi(2)).sqrt();
+    // A heave lost in noise leaves the sign open.
+    let sd = if heave_phase > 0.7 { PI } else { sd };
+    DirectionPrior {
+        mean,
+        sd: sd.clamp(0.02, PI),
     }
 }

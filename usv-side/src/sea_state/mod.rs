@@ -16,7 +16,10 @@
 //! when it is due (once in `update_period_s`) and within a fixed number of iterations.
 
 mod config;
+mod fit;
 mod identifier;
+mod record;
+mod spectrum;
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
