@@ -1,0 +1,539 @@
+//! Mean and covariance of the wave-augmented state, in blocks of degrees of freedom whose
+//! correlation is kept.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::model::connected;
+use super::{Component, DISTURBANCE, DOFS, ETA, HEAD, NU, PITCH, ROLL, SLOW, SURGE, SWAY, VesselModel};
+use crate::kalman::{Gaussian, Transition, Update};
+
+/// A state of the caller's own that rides in a degree of freedom's block, e.g. a sensor bias.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extra {
+    /// Initial standard deviation.
+    pub sd: f64,
+    /// Random walk after 1 s.
+    pub walk: f64,
+    /// Correlation time, s; infinite for a pure random walk.
+    pub time_s: f64,
+}
+
+/// How to lay a belief out.
+#[derive(Clone, Debug, Default)]
+pub struct BeliefSpec {
+    /// Pairs of degrees of freedom whose correlation is kept, besides those the model couples.
+    pub couplings: Vec<(usize, usize)>,
+    /// The caller's states per degree of freedom.
+    pub extras: [Vec<Extra>; DOFS],
+    /// Initial standard deviations of eta and nu per degree of freedom.
+    pub initial_sd: [[f64; 2]; DOFS],
+}
+
+/// Where each state lives.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    components: usize,
+    extras: [usize; DOFS],
+    blocks: Vec<Vec<usize>>,
+    place: [(usize, usize); DOFS],
+}
+
+impl Layout {
+    /// Number of wave components.
+    pub const fn components(&self) -> usize {
+        self.components
+    }
+    /// Slot of the caller's `k`-th state.
+    pub const fn extra(&self, k: usize) -> usize {
+        HEAD + k
+    }
+    /// Slot of the value of component `j` in degree of freedom `dof`.
+    pub const fn value(&self, dof: usize, j: usize) -> usize {
+        HEAD + self.extras[dof] + 2 * j
+    }
+    /// Slot of the rate of component `j` in degree of freedom `dof`.
+    pub const fn rate(&self, dof: usize, j: usize) -> usize {
+        self.value(dof, j) + 1
+    }
+    /// Number of slots of a degree of freedom.
+    pub const fn slots(&self, dof: usize) -> usize {
+        HEAD + self.extras[dof] + 2 * self.components
+    }
+    /// Degrees of freedom per block.
+    pub fn blocks(&self) -> &[Vec<usize>] {
+        &self.blocks
+    }
+    /// (block, index) of a state.
+    pub const fn at(&self, dof: usize, slot: usize) -> (usize, usize) {
+        let (block, offset) = self.place[dof];
+        (block, offset + slot)
+    }
+    fn new(components: usize, extras: [usize; DOFS], blocks: Vec<Vec<usize>>) -> Self {
+        let mut layout = Layout {
+            components,
+            extras,
+            blocks,
+            place: [(0, 0); DOFS],
+        };
+        for (b, dofs) in layout.blocks.clone().iter().enumerate() {
+            let mut offset = 0;
+            for &d in dofs {
+                layout.place[d] = (b, offset);
+                offset += layout.slots(d);
+            }
+        }
+        layout
+    }
+}
+
+/// One entry of a measurement row: `gain` times the state (`dof`, `slot`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Term {
+    /// Degree of freedom.
+    pub dof: usize,
+    /// Slot in it.
+    pub slot: usize,
+    /// Partial derivative of the measurement.
+    pub gain: f64,
+}
+
+impl Term {
+    /// `gain` times (`dof`, `slot`).
+    pub const fn new(dof: usize, slot: usize, gain: f64) -> Self {
+        Term { dof, slot, gain }
+    }
+}
+
+/// Transition and noise of one step in the layout of a [`Belief`].
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// Length, s.
+    pub dt: f64,
+    blocks: Vec<(Transition, DMatrix<f64>)>,
+}
+
+/// The belief.
+#[derive(Clone, Debug)]
+pub struct Belief {
+    spec: BeliefSpec,
+    layout: Layout,
+    components: Vec<Component>,
+    blocks: Vec<Gaussian>,
+}
+
+impl Belief {
+    /// Zero mean; slow states, disturbances and oscillators at their stationary or initial spread.
+    pub fn new(model: &VesselModel, spec: &BeliefSpec) -> Self {
+        let mut related = [[false; DOFS]; DOFS];
+        for g in model.groups() {
+            for &i in g {
+                for &j in g {
+                    related[i][j] = true;
+                }
+            }
+        }
+        for &(i, j) in &spec.couplings {
+            if i < DOFS && j < DOFS {
+                related[i][j] = true;
+            }
+        }
+        let extras = core::array::from_fn(|d| spec.extras[d].len());
+        let layout = Layout::new(model.components().len(), extras, connected(&related));
+        let c = model.config();
+        let blocks = layout
+            .blocks
+            .iter()
+            .map(|dofs| {
+                let mut sd = Vec::new();
+                for &d in dofs {
+                    sd.extend([
+                        spec.initial_sd[d][0],
+                        spec.initial_sd[d][1],
+                        c.slow_sd_mps_m_rad_radps[d],
+                        c.disturbance_sd_mps2_m_rad_radps2[d],
+                    ]);
+                    sd.extend(spec.extras[d].iter().map(|e| e.sd));
+                    for w in model.components() {
+                        let s = w.stationary_sd(d);
+                        sd.extend([s, s * w.omega_encounter]);
+                    }
+                }
+                Gaussian::new(&sd)
+            })
+            .collect();
+        Belief {
+            spec: spec.clone(),
+            layout,
+            components: model.components().to_vec(),
+            blocks,
+        }
+    }
+    /// Where each state lives.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+    /// The components whose oscillators it holds.
+    pub fn components(&self) -> &[Component] {
+        &self.components
+    }
+    /// The blocks, in the order of [`Layout::blocks`].
+    pub fn blocks(&self) -> &[Gaussian] {
+        &self.blocks
+    }
+    /// Every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.blocks.iter().all(Gaussian::is_finite)
+    }
+    /// Mean of a state.
+    pub fn get(&self, dof: usize, slot: usize) -> f64 {
+        let (b, i) = self.layout.at(dof, slot);
+        self.blocks[b].x[i]
+    }
+    /// Overwrites the mean of a state.
+    pub fn set(&mut self, dof: usize, slot: usize, value: f64) {
+        let (b, i) = self.layout.at(dof, slot);
+        self.blocks[b].x[i] = value;
+    }
+    /// Covariance of two states; zero across blocks.
+    pub fn covariance(&self, a: (usize, usize), b: (usize, usize)) -> f64 {
+        let ((ba, i), (bb, j)) = (self.layout.at(a.0, a.1), self.layout.at(b.0, b.1));
+        if ba == bb { self.blocks[ba].p[(i, j)] } else { 0.0 }
+    }
+    /// Variance of a state.
+    pub fn variance(&self, dof: usize, slot: usize) -> f64 {
+        self.covariance((dof, slot), (dof, slot))
+    }
+    /// Forgets what is known of a state's correlation and gives it this variance.
+    pub fn set_variance(&mut self, dof: usize, slot: usize, variance: f64) {
+        let (b, i) = self.layout.at(dof, slot);
+        let p = &mut self.blocks[b].p;
+        p.column_mut(i).fill(0.0);
+        p.row_mut(i).fill(0.0);
+        p[(i, i)] = variance;
+    }
+    /// Adds to the variance of a state.
+    pub fn inflate(&mut self, dof: usize, slot: usize, variance: f64) {
+        let (b, i) = self.layout.at(dof, slot);
+        self.blocks[b].p[(i, i)] += variance;
+    }
+    /// Sets the 2 x 2 covariance of two neighbouring slots and drops their other correlations.
+    pub fn set_pair(&mut self, dof: usize, slot: usize, [a, c, b]: [f64; 3]) {
+        self.set_variance(dof, slot, a);
+        self.set_variance(dof, slot + 1, b);
+        let (block, i) = self.layout.at(dof, slot);
+        let p = &mut self.blocks[block].p;
+        p[(i, i + 1)] = c;
+        p[(i + 1, i)] = c;
+    }
+    /// Sum of the components' values in a degree of freedom.
+    pub fn wave(&self, dof: usize) -> f64 {
+        (0..self.layout.components)
+            .map(|j| self.get(dof, self.layout.value(dof, j)))
+            .sum()
+    }
+    /// The model's acceleration `nu_dot` of a degree of freedom at the mean.
+    pub fn acceleration(&self, model: &VesselModel, dof: usize) -> f64 {
+        let mut sum = 0.0;
+        for g in model.groups() {
+            if g.contains(&dof) {
+                for &k in g {
+                    let row = model.acceleration_row(dof, k);
+                    for (slot, r) in row.iter().enumerate() {
+                        sum += r * self.get(k, slot);
+                    }
+                    sum += row[DISTURBANCE] * self.wave(k);
+                }
+            }
+        }
+        sum
+    }
+    /// Appends the terms of `scale * nu_dot` of a degree of freedom to a measurement row.
+    pub fn acceleration_terms(&self, model: &VesselModel, dof: usize, scale: f64, row: &mut Vec<Term>) {
+        for g in model.groups() {
+            if g.contains(&dof) {
+                for &k in g {
+                    let r = model.acceleration_row(dof, k);
+                    for (slot, v) in r.iter().enumerate() {
+                        if *v != 0.0 {
+                            row.push(Term::new(k, slot, scale * v));
+                        }
+                    }
+                    if r[DISTURBANCE] != 0.0 {
+                        for j in 0..self.layout.components {
+                            row.push(Term::new(k, self.layout.value(k, j), scale * r[DISTURBANCE]));
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The exact step over `dt` seconds in this belief's layout.
+    pub fn step(&self, model: &VesselModel, dt: f64) -> Step {
+        let discrete = model.discretise(dt);
+        let blocks = self
+            .layout
+            .blocks
+            .iter()
+            .enumerate()
+            .map(|(b, _)| {
+                let n = self.blocks[b].len();
+                let (mut a, mut q) = (DMatrix::identity(n, n), DMatrix::zeros(n, n));
+                for g in discrete.groups.iter() {
+                    let stride = HEAD + 2 * discrete.components;
+                    let place: Vec<Option<usize>> = (0..g.dofs.len() * stride)
+                        .map(|s| {
+                            let (dof, slot) = (g.dofs[s / stride], s % stride);
+                            let slot = if slot < HEAD {
+                                slot
+                            } else {
+                                slot + self.layout.extras[dof]
+                            };
+                            let (block, i) = self.layout.at(dof, slot);
+                            (block == b).then_some(i)
+                        })
+                        .collect();
+                    for (i, pi) in place.iter().enumerate() {
+                        for (j, pj) in place.iter().enumerate() {
+                            if let (Some(pi), Some(pj)) = (pi, pj) {
+                                a[(*pi, *pj)] = g.a[(i, j)];
+                                q[(*pi, *pj)] = g.q[(i, j)];
+                            }
+                        }
+                    }
+                }
+                for &dof in &self.layout.blocks[b] {
+                    for (k, e) in self.spec.extras[dof].iter().enumerate() {
+                        let (_, i) = self.layout.at(dof, self.layout.extra(k));
+                        let phi = (-dt / e.time_s).exp();
+                        a[(i, i)] = phi;
+                        q[(i, i)] = if e.time_s.is_finite() {
+                            e.walk * e.walk * 0.5 * e.time_s * (1.0 - phi * phi)
+                        } else {
+                            e.walk * e.walk * dt
+                        };
+                    }
+                }
+                (Transition::from_dense(&a), q)
+            })
+            .collect();
+        Step { dt, blocks }
+    }
+    /// Mean and covariance one step on.
+    pub fn propagate(&mut self, step: &Step) {
+        for (g, (a, q)) in self.blocks.iter_mut().zip(&step.blocks) {
+            g.predict(a, q);
+        }
+    }
+    /// The mean only, one step on.
+    pub fn propagate_mean(&mut self, step: &Step) {
+        for (g, (a, _)) in self.blocks.iter_mut().zip(&step.blocks) {
+            g.predict_mean(a);
+        }
+    }
+    /// What a measurement row predicts.
+    pub fn predicted(&self, row: &[Term]) -> f64 {
+        row.iter().map(|t| t.gain * self.get(t.dof, t.slot)).sum()
+    }
+
+    /// Fuses a scalar with the given innovation and variance `r`, unless its normalised innovation
+    /// squared exceeds `gate`. A row may span blocks: each gets its exact marginal posterior, the
+    /// correlation between the blocks is dropped.
+    pub fn update(&mut self, row: &[Term], innovation: f64, r: f64, gate: f64) -> Update {
+        const MOST: usize = 64;
+        let mut entries = [(0usize, 0.0f64); MOST];
+        let mut used = [0usize; DOFS + 1];
+        if row.len() > MOST || !innovation.is_finite() {
+            return Update::Invalid;
+        }
+        // The row, sorted by block.
+        let mut n = 0;
+        for b in 0..self.blocks.len().min(DOFS) {
+            for t in row {
+                let (block, i) = self.layout.at(t.dof, t.slot);
+                if block == b {
+                    entries[n] = (i, t.gain);
+                    n += 1;
+                }
+            }
+            used[b + 1] = n;
+        }
+        let mut s = r;
+        for (b, g) in self.blocks.iter_mut().enumerate() {
+            let h = &entries[used[b]..used[b + 1]];
+            if !h.is_empty() {
+                s += g.project(h);
+            }
+        }
+        if !(s > 0.0 && s.is_finite()) {
+            return Update::Invalid;
+        }
+        let nis = innovation * innovation / s;
+        if !(nis <= gate) {
+            return Update::Gated { nis };
+        }
+        for (b, g) in self.blocks.iter_mut().enumerate() {
+            if used[b + 1] > used[b] {
+                g.fuse_projected(innovation, s);
+            }
+        }
+        Update::Fused { nis }
+    }
+
+    /// Turns the reference heading by `delta` rad: (surge, sway) and (roll, pitch) with their waves
+    /// and disturbances, and the mean velocity, are expressed in the turned frame. Trim (the slow
+    /// state of roll and pitch), extras and yaw belong to the body and stay.
+    pub fn turn(&mut self, delta: f64) {
+        let (s, c) = delta.sin_cos();
+        let before = self.clone();
+        // Every new state is `own * old + other * old of the partner`.
+        let partner = |dof: usize| match dof {
+            SURGE => Some((SWAY, s)),
+            SWAY => Some((SURGE, -s)),
+            ROLL => Some((PITCH, s)),
+            PITCH => Some((ROLL, -s)),
+            _ => None,
+        };
+        let turns = |dof: usize, slot: usize| {
+            let extras = HEAD..HEAD + self.layout.extras[dof];
+            !extras.contains(&slot) && !(slot == SLOW && (dof == ROLL || dof == PITCH))
+        };
+        let twin = |dof: usize, slot: usize, other: usize| {
+            if slot < HEAD {
+                slot
+            } else {
+                slot - self.layout.extras[dof] + self.layout.extras[other]
+            }
+        };
+        let mut out = self.blocks.clone();
+        for (b, dofs) in self.layout.blocks.iter().enumerate() {
+            // (new index, [(block, index, factor); 2])
+            let mut map: Vec<[(usize, usize, f64); 2]> = Vec::with_capacity(self.blocks[b].len());
+            for &d in dofs {
+                for slot in 0..self.layout.slots(d) {
+                    let (bi, i) = self.layout.at(d, slot);
+                    map.push(match partner(d) {
+                        Some((o, f)) if turns(d, slot) => {
+                            let (bo, io) = self.layout.at(o, twin(d, slot, o));
+                            [(bi, i, c), (bo, io, f)]
+                        }
+                        _ => [(bi, i, 1.0), (bi, i, 0.0)],
+                    });
+                }
+            }
+            for (i, from) in map.iter().enumerate() {
+                out[b].x[i] = from.iter().map(|&(k, j, f)| f * before.blocks[k].x[j]).sum();
+                for (j, to) in map.iter().enumerate().take(i + 1) {
+                    let mut v = 0.0;
+                    for &(ka, ia, fa) in from {
+                        for &(kb, ib, fb) in to {
+                            if ka == kb {
+                                v += fa * fb * before.blocks[ka].p[(ia, ib)];
+                            }
+                        }
+                    }
+                    out[b].p[(i, j)] = v;
+                    out[b].p[(j, i)] = v;
+                }
+            }
+        }
+        self.blocks = out;
+    }
+
+    /// Moves to another model: the head and the extras stay; every old component hands its value
+    /// and its rate (rescaled by the ratio of frequencies, so that the amplitude stays) to the
+    /// nearest new one within 40 %; new components that inherit nothing start at rest with their
+    /// stationary spread. `fresh` of the stationary variance is added to those whose frequency
+    /// moved by more than 2 %, because their phase no longer is what it was.
+    pub fn remodel(&mut self, model: &VesselModel, fresh: f64) {
+        let old = self.clone();
+        let new = model.components();
+        self.layout = Layout::new(new.len(), old.layout.extras, old.layout.blocks.clone());
+        self.components = new.to_vec();
+        let heir: Vec<Option<(usize, f64)>> = old
+            .components
+            .iter()
+            .map(|o| {
+                let ratio = |n: &Component| n.omega_encounter / o.omega_encounter;
+                new.iter()
+                    .enumerate()
+                    .map(|(j, n)| (j, ratio(n)))
+                    .min_by(|a, b| a.1.ln().abs().total_cmp(&b.1.ln().abs()))
+                    .filter(|(_, r)| r.ln().abs() < 0.34)
+            })
+            .collect();
+        self.blocks = old
+            .layout
+            .blocks
+            .iter()
+            .enumerate()
+            .map(|(b, dofs)| {
+                let n: usize = dofs.iter().map(|&d| self.layout.slots(d)).sum();
+                // x_new = T x_old, T sparse: one (new, factor) per old state.
+                let mut to: Vec<Option<(usize, f64)>> = vec![None; old.blocks[b].len()];
+                for &d in dofs {
+                    for slot in 0..HEAD + old.layout.extras[d] {
+                        to[old.layout.at(d, slot).1] = Some((self.layout.at(d, slot).1, 1.0));
+                    }
+                    for (j, h) in heir.iter().enumerate() {
+                        if let Some((k, ratio)) = *h {
+                            to[old.layout.at(d, old.layout.value(d, j)).1] =
+                                Some((self.layout.at(d, self.layout.value(d, k)).1, 1.0));
+                            to[old.layout.at(d, old.layout.rate(d, j)).1] =
+                                Some((self.layout.at(d, self.layout.rate(d, k)).1, ratio));
+                        }
+                    }
+                }
+                let (mut x, mut p) = (DVector::zeros(n), DMatrix::zeros(n, n));
+                for (i, ti) in to.iter().enumerate() {
+                    let Some((ni, fi)) = *ti else { continue };
+                    x[ni] += fi * old.blocks[b].x[i];
+                    for (j, tj) in to.iter().enumerate() {
+                        if let Some((nj, fj)) = *tj {
+                            p[(ni, nj)] += fi * fj * old.blocks[b].p[(i, j)];
+                        }
+                    }
+                }
+                for &d in dofs {
+                    for (k, w) in new.iter().enumerate() {
+                        let mut share = 1.0;
+                        let mut inherited = false;
+                        for (h, o) in heir.iter().zip(&old.components) {
+                            if let Some((hk, ratio)) = *h
+                                && hk == k
+                            {
+                                inherited = true;
+                                // A jump of frequency or of direction makes the phase doubtful.
+                                if (ratio - 1.0).abs() < 0.02 && o.damping == w.damping {
+                                    share = 0.0;
+                                } else {
+                                    share = fresh;
+                                }
+                            }
+                        }
+                        if !inherited {
+                            share = 1.0;
+                        }
+                        let sd = w.stationary_sd(d);
+                        let (v, r) = (
+                            self.layout.at(d, self.layout.value(d, k)).1,
+                            self.layout.at(d, self.layout.rate(d, k)).1,
+                        );
+                        p[(v, v)] += share * sd * sd;
+                        p[(r, r)] += share * (sd * w.omega_encounter).powi(2);
+                    }
+                }
+                Gaussian::from_moments(x, p)
+            })
+            .collect();
+    }
+
+    /// (variance of eta, covariance, variance of nu) of a degree of freedom.
+    pub fn motion_covariance(&self, dof: usize) -> [f64; 3] {
+        [
+            self.variance(dof, ETA),
+            self.covariance((dof, ETA), (dof, NU)),
+            self.variance(dof, NU),
+        ]
+    }
+}

@@ -1,0 +1,304 @@
+//! From the vessel's figures and a list of wave components to exact discrete matrices.
+
+use nalgebra::{DMatrix, Rotation2, SMatrix, Vector2, Vector3};
+
+use super::{DISTURBANCE, DOFS, ETA, HEAD, NU, SLOW, VesselModelConfig, expm::van_loan};
+use crate::geometry::GRAVITY;
+use crate::msg::MAX_COMPONENTS;
+
+/// A wave component as the model needs it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Component {
+    /// Earth-frame angular frequency, rad/s.
+    pub omega: f64,
+    /// Direction it travels to, from north towards east, rad.
+    pub direction: f64,
+    /// Standard deviation of the direction, rad; pi when unknown.
+    pub direction_sd: f64,
+    /// Angular frequency of encounter, rad/s, positive.
+    pub omega_encounter: f64,
+    /// Damping ratio lambda.
+    pub damping: f64,
+    /// Spectral density of the white noise that drives `w''`, per degree of freedom.
+    pub drive: [f64; 6],
+}
+
+impl Component {
+    /// The drive that keeps a standard deviation of `sd` in the oscillator's value:
+    /// `q = 4 lambda omega^3 sd^2`.
+    pub fn drive_for(omega: f64, damping: f64, sd: f64) -> f64 {
+        4.0 * damping * omega.powi(3) * sd * sd
+    }
+    /// Stationary standard deviation of the oscillator's value: sqrt(q / (4 lambda omega^3)).
+    pub fn stationary_sd(&self, dof: usize) -> f64 {
+        let q = self.drive.get(dof).copied().unwrap_or(0.0);
+        let d = 4.0 * self.damping * self.omega_encounter.powi(3);
+        if d > 0.0 { (q / d).max(0.0).sqrt() } else { 0.0 }
+    }
+    /// Recomputes the frequency of encounter for a mean velocity (north, east, m/s). Below a
+    /// direction known to 1 rad the earth-frame frequency is kept.
+    pub fn meet(&mut self, mean_velocity: [f64; 2]) {
+        self.omega_encounter = if self.direction_sd < 1.0 {
+            encounter_frequency(self.omega, self.direction, mean_velocity)
+        } else {
+            self.omega
+        };
+    }
+}
+
+/// Frequency of encounter `|omega - (omega^2 / g) U cos(direction - course)|` of deep-water waves at
+/// mean velocity (north, east, m/s), rad/s (Fossen 2011, eq. 8.79); held above a fifth of `omega`,
+/// because a component that the vessel runs along with has no period to follow.
+pub fn encounter_frequency(omega: f64, direction: f64, mean_velocity: [f64; 2]) -> f64 {
+    let (s, c) = direction.sin_cos();
+    let along = mean_velocity[0] * c + mean_velocity[1] * s;
+    (omega - omega * omega / GRAVITY * along).abs().max(0.2 * omega)
+}
+
+/// Roll and pitch (rad) of the same deck normal seen at a heading that is larger by `delta` (rad).
+/// Exact for any tilt: the normal `(sin theta cos phi, -sin phi, cos theta cos phi)` of a ZYX
+/// attitude is turned by `-delta` about the vertical. For small angles a rotation of (roll, pitch).
+pub fn turn_tilt(roll: f64, pitch: f64, delta: f64) -> (f64, f64) {
+    let n = Vector3::new(pitch.sin() * roll.cos(), -roll.sin(), pitch.cos() * roll.cos());
+    let h = Rotation2::new(-delta) * Vector2::new(n.x, n.y);
+    ((-h.y).clamp(-1.0, 1.0).asin(), h.x.atan2(n.z))
+}
+
+/// The continuous model: figures and components.
+#[derive(Clone, Debug)]
+pub struct VesselModel {
+    config: VesselModelConfig,
+    components: Vec<Component>,
+    groups: Vec<Vec<usize>>,
+    /// `M^-1 D`, `M^-1 G` and the input gain of the wave terms.
+    drag: SMatrix<f64, DOFS, DOFS>,
+    spring: SMatrix<f64, DOFS, DOFS>,
+    gain: SMatrix<f64, DOFS, DOFS>,
+}
+
+/// Discrete transition and noise of one step, per group of coupled degrees of freedom. Order within
+/// a group: per degree of freedom the head (eta, nu, slow, disturbance), then value and rate per
+/// component.
+#[derive(Clone, Debug)]
+pub struct Discrete {
+    /// Time of the step, s.
+    pub dt: f64,
+    pub(crate) components: usize,
+    pub(crate) groups: Vec<Group>,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Group {
+    pub(crate) dofs: Vec<usize>,
+    pub(crate) a: DMatrix<f64>,
+    pub(crate) q: DMatrix<f64>,
+}
+
+impl VesselModel {
+    /// The model of a vessel in a sea of `components` (at most [`MAX_COMPONENTS`], further ones are
+    /// left out). A configuration that has passed its check has an invertible M.
+    pub fn new(config: &VesselModelConfig, components: &[Component]) -> Self {
+        let (m, d, g) = (config.inertia(), config.damping(), config.stiffness());
+        let inverse = m.try_inverse().unwrap_or_else(SMatrix::zeros);
+        let drag = inverse * d;
+        let spring = inverse * g;
+        let mut gain = SMatrix::<f64, DOFS, DOFS>::identity();
+        for i in 0..DOFS {
+            if g[(i, i)] > 0.0 {
+                gain.set_column(i, &spring.column(i));
+            }
+        }
+        let mut coupled = [[false; DOFS]; DOFS];
+        for i in 0..DOFS {
+            for j in 0..DOFS {
+                coupled[i][j] = i != j && (m[(i, j)] != 0.0 || d[(i, j)] != 0.0 || g[(i, j)] != 0.0);
+            }
+        }
+        VesselModel {
+            config: config.clone(),
+            components: components.iter().copied().take(MAX_COMPONENTS).collect(),
+            groups: connected(&coupled),
+            drag,
+            spring,
+            gain,
+        }
+    }
+    /// The model with the broad default bank, whose directions are unknown.
+    pub fn with_bank(config: &VesselModelConfig) -> Self {
+        let lambda = config.bank_damping;
+        let components: Vec<Component> = config
+            .bank_omega_radps
+            .iter()
+            .map(|&omega| {
+                let z = config.bank_heave_sd_m;
+                // Deep water: slope k a, orbital acceleration omega² a; either way shared by two axes.
+                let (slope, orbital) = (omega * omega / GRAVITY * z, omega * omega * z);
+                let half = core::f64::consts::FRAC_1_SQRT_2;
+                let sd = [
+                    half * orbital,
+                    half * orbital,
+                    z,
+                    half * slope,
+                    half * slope,
+                    0.1 * slope * omega * omega,
+                ];
+                Component {
+                    omega,
+                    direction: 0.0,
+                    direction_sd: core::f64::consts::PI,
+                    omega_encounter: omega,
+                    damping: lambda,
+                    drive: sd.map(|s| Component::drive_for(omega, lambda, s)),
+                }
+            })
+            .collect();
+        Self::new(config, &components)
+    }
+    /// Its figures.
+    pub fn config(&self) -> &VesselModelConfig {
+        &self.config
+    }
+    /// Its wave components.
+    pub fn components(&self) -> &[Component] {
+        &self.components
+    }
+    /// The connected sets of degrees of freedom that M, D and G couple.
+    pub fn groups(&self) -> &[Vec<usize>] {
+        &self.groups
+    }
+    /// The degree of freedom has stiffness: its waves are equilibria, not accelerations.
+    pub fn is_stiff(&self, dof: usize) -> bool {
+        self.config
+            .stiffness_npm_nmprad
+            .get(dof)
+            .is_some_and(|g| *g > 0.0)
+    }
+
+    /// Coefficients of `nu_dot` of degree of freedom `i` with respect to the head of degree of
+    /// freedom `k`: (eta, nu, slow, disturbance); the last is also that of every wave value.
+    pub fn acceleration_row(&self, i: usize, k: usize) -> [f64; HEAD] {
+        let (drag, spring, gain) = (self.drag[(i, k)], self.spring[(i, k)], self.gain[(i, k)]);
+        let slow = if self.is_stiff(k) { spring } else { drag };
+        [-spring, -drag, slow, gain]
+    }
+
+    /// Exact discretisation over `dt` seconds. The noise sources are independent, so the whole of a
+    /// group is the superposition of small exact problems: {eta, nu, slow, disturbance} with its
+    /// own noise, and {eta, nu, oscillator} for each component.
+    pub fn discretise(&self, dt: f64) -> Discrete {
+        let groups = self.groups.iter().map(|g| self.discretise_group(g, dt)).collect();
+        Discrete {
+            dt,
+            components: self.components.len(),
+            groups,
+        }
+    }
+
+    fn discretise_group(&self, dofs: &[usize], dt: f64) -> Group {
+        let (d, nc) = (dofs.len(), self.components.len());
+        let stride = HEAD + 2 * nc;
+        let n = d * stride;
+        let (mut a, mut q) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+        let c = &self.config;
+        // The small problems: four states per degree of freedom.
+        let core = |second: &dyn Fn(&mut DMatrix<f64>, &mut DMatrix<f64>, usize, usize)| {
+            let mut f = DMatrix::zeros(HEAD * d, HEAD * d);
+            let mut w = DMatrix::zeros(HEAD * d, HEAD * d);
+            for (li, &i) in dofs.iter().enumerate() {
+                f[(HEAD * li + ETA, HEAD * li + NU)] = 1.0;
+                for (lk, &k) in dofs.iter().enumerate() {
+                    let row = self.acceleration_row(i, k);
+                    f[(HEAD * li + NU, HEAD * lk + ETA)] = row[ETA];
+                    f[(HEAD * li + NU, HEAD * lk + NU)] = row[NU];
+                }
+                second(&mut f, &mut w, li, i);
+            }
+            van_loan(&f, &w, dt)
+        };
+        let (fa, fq) = core(&|f, w, li, i| {
+            let r = HEAD * li;
+            for (lk, &k) in dofs.iter().enumerate() {
+                let row = self.acceleration_row(i, k);
+                f[(r + NU, HEAD * lk + SLOW)] = row[SLOW];
+                f[(r + NU, HEAD * lk + DISTURBANCE)] = row[DISTURBANCE];
+            }
+            let tau = c.disturbance_time_s[i];
+            f[(r + DISTURBANCE, r + DISTURBANCE)] = -1.0 / tau;
+            w[(r + ETA, r + ETA)] = c.eta_walk_m_rad[i].powi(2);
+            w[(r + SLOW, r + SLOW)] = c.slow_walk_mps_m_rad_radps[i].powi(2);
+            w[(r + DISTURBANCE, r + DISTURBANCE)] = 2.0 * c.disturbance_sd_mps2_m_rad_radps2[i].powi(2) / tau;
+        });
+        let at = |s: usize| (s / HEAD) * stride + s % HEAD;
+        for i in 0..HEAD * d {
+            for j in 0..HEAD * d {
+                a[(at(i), at(j))] = fa[(i, j)];
+                q[(at(i), at(j))] = fq[(i, j)];
+            }
+        }
+        for (index, wave) in self.components.iter().enumerate() {
+            let (oa, oq) = core(&|f, w, li, i| {
+                // Slots 2 and 3 hold the oscillator here.
+                let (r, o) = (HEAD * li, wave.omega_encounter);
+                for (lk, &k) in dofs.iter().enumerate() {
+                    f[(r + NU, HEAD * lk + 2)] = self.gain[(i, k)];
+                }
+                f[(r + 2, r + 3)] = 1.0;
+                f[(r + 3, r + 2)] = -o * o;
+                f[(r + 3, r + 3)] = -2.0 * wave.damping * o;
+                w[(r + 3, r + 3)] = wave.drive[i];
+            });
+            let osc = |s: usize| {
+                let (dof, slot) = (s / HEAD, s % HEAD);
+                dof * stride
+                    + if slot < 2 {
+                        slot
+                    } else {
+                        HEAD + 2 * index + slot - 2
+                    }
+            };
+            for i in 0..HEAD * d {
+                for j in 0..HEAD * d {
+                    q[(osc(i), osc(j))] += oq[(i, j)];
+                    if j % HEAD >= 2 {
+                        a[(osc(i), osc(j))] = oa[(i, j)];
+                    }
+                }
+            }
+        }
+        Group {
+            dofs: dofs.to_vec(),
+            a,
+            q,
+        }
+    }
+
+    /// Stationary standard deviation of the sum of all components in a degree of freedom.
+    pub fn wave_sd(&self, dof: usize) -> f64 {
+        self.components
+            .iter()
+            .map(|c| c.stationary_sd(dof).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
+}
+
+/// Connected sets of a symmetric relation, each in rising order.
+pub(crate) fn connected(related: &[[bool; DOFS]; DOFS]) -> Vec<Vec<usize>> {
+    let mut label: [usize; DOFS] = core::array::from_fn(|i| i);
+    // DOFS rounds are enough for the smallest label to reach everywhere.
+    for _ in 0..DOFS {
+        for i in 0..DOFS {
+            for j in 0..DOFS {
+                if related[i][j] || related[j][i] {
+                    let least = label[i].min(label[j]);
+                    label[i] = least;
+                    label[j] = least;
+                }
+            }
+        }
+    }
+    (0..DOFS)
+        .map(|l| (0..DOFS).filter(|&i| label[i] == l).collect::<Vec<_>>())
+        .filter(|g| !g.is_empty())
+        .collect()
+}
