@@ -1,0 +1,318 @@
+//! The drone's deck sensors.
+
+use super::*;
+use alight_shared::frames::Camera;
+use alight_shared::msg::Message;
+use nalgebra::{Quaternion, UnitQuaternion};
+
+/// A level deck whose centre is at the origin, 1.3 m above the water.
+fn deck() -> RigidState<Deck> {
+    still([0.0; 3], [0.0; 3])
+}
+const FLAT: fn(f64, f64) -> f64 = |_, _| 1.3;
+
+/// All that a drone that stays there is told in `ticks` ticks.
+fn watch(
+    config: &SensorConfig,
+    drone: &RigidState<DroneBody>,
+    deck: &RigidState<Deck>,
+    ticks: usize,
+) -> DroneReadings {
+    let mut s = sensors(config, 1);
+    let mut all = DroneReadings::default();
+    for k in 0..ticks {
+        let r = s.drone(tick(k), drone, deck, FLAT);
+        all.tags.extend(r.tags);
+        all.uvdar.extend(r.uvdar);
+        all.ranges.extend(r.ranges);
+    }
+    all
+}
+fn sees_tag(drone: [f64; 3], euler: [f64; 3]) -> bool {
+    !watch(&ideal(), &still(drone, euler), &deck(), 20).tags.is_empty()
+}
+fn sees_uvdar(drone: [f64; 3], euler: [f64; 3]) -> bool {
+    !watch(&ideal(), &still(drone, euler), &deck(), 20)
+        .uvdar
+        .is_empty()
+}
+fn range(drone: [f64; 3], euler: [f64; 3], deck: &RigidState<Deck>) -> Option<f64> {
+    let r = watch(&ideal(), &still(drone, euler), deck, 5).ranges;
+    r.first().map(|m| m.range_m)
+}
+
+#[test]
+fn an_ideal_sighting_gives_the_deck_back_and_comes_late_with_its_exposure_stamp() {
+    let mut config = ideal();
+    config.tag.latency_s = 0.05;
+    let geometry = DroneGeometry::default();
+    let mut s = sensors(&config, 1);
+    let mut n = 0;
+    let drone = |t: f64| {
+        let mut d = rocking::<DroneBody>(0.7 * t + 1.0);
+        d.position = rocking::<Deck>(t).position + Vector::<TrueNed>::new(0.5, -0.4, -6.0);
+        d
+    };
+    for k in 0..300 {
+        let t = tick(k);
+        for m in s.drone(t, &drone(t.secs()), &rocking(t.secs()), FLAT).tags {
+            assert_eq!(m.check(), Ok(()));
+            let at = s.clocks.drone.true_time(m.header.at);
+            assert!(((t - at).secs() - 0.05).abs() < 1e-8);
+            let (d, deck) = (drone(at.secs()), rocking::<Deck>(at.secs()));
+            let seen = Vector::<Camera>::from(Vector3::from(m.position));
+            let body = camera::body_from_camera() * seen;
+            let centre = d.position
+                + d.attitude * (Vector::<DroneBody>::from(Vector3::from(geometry.camera_m)) + body);
+            assert!(
+                (centre - deck.position).norm() < 1e-4,
+                "{:?}",
+                centre - deck.position
+            );
+            let [w, i, j, k] = m.attitude;
+            let q = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
+            let told = d.attitude.0 * camera::body_from_camera().0 * q;
+            assert!(
+                told.angle_to(&deck.attitude.0) < 1e-4,
+                "{}",
+                told.angle_to(&deck.attitude.0)
+            );
+            n += 1;
+        }
+    }
+    assert!(n > 80, "{n}");
+}
+
+#[test]
+fn a_tag_is_lost_outside_the_image_too_far_too_near_too_oblique_and_from_below() {
+    let level = [0.0; 3];
+    assert!(sees_tag([0.0, 0.0, -7.0], level));
+    // 480 rows are 73.7 deg fore and aft, 640 columns 90 deg across.
+    assert!(!sees_tag([0.0, 7.0, -7.0], level) && sees_tag([0.0, 6.0, -7.0], level));
+    assert!(!sees_tag([5.0, 0.0, -7.0], level) && sees_tag([4.5, 0.0, -7.0], level));
+    // A tilt moves it in the image: with the bow 30 deg up, what lies below is at the upper edge.
+    assert!(sees_tag([0.0, 0.0, -7.0], [0.0, 0.5, 0.0]));
+    assert!(!sees_tag([0.0, 0.0, -7.0], [0.0, 0.62, 0.0]));
+    // 14 px of 1 m at 320 px focal length: 22.9 m.
+    assert!(sees_tag([0.0, 0.0, -22.5], level) && !sees_tag([0.0, 0.0, -23.5], level));
+    // The last decimetres: four corners of 1 m no longer fit 73.7 deg below 0.67 m.
+    assert!(sees_tag([0.0, 0.0, -0.80], level) && !sees_tag([0.0, 0.0, -0.70], level));
+    // Looking along a deck that is tilted away by 75 deg; at 60 deg it is still read.
+    let tilted = |deg: f64| still::<Deck>([0.0; 3], [0.0, deg.to_radians(), 0.0]);
+    let at = still([0.0, 0.0, -3.0], level);
+    assert!(watch(&ideal(), &at, &tilted(75.0), 20).tags.is_empty());
+    assert!(!watch(&ideal(), &at, &tilted(60.0), 20).tags.is_empty());
+    // Its back is blank.
+    assert!(!sees_tag([0.0, 0.0, 3.0], [core::f64::consts::PI, 0.0, 0.0]));
+}
+
+#[test]
+fn a_blurred_frame_is_lost() {
+    let mut spinning = still([0.0, 0.0, -4.0], [0.0; 3]);
+    spinning.rates = Vector::new(2.0, 0.0, 0.0);
+    assert!(!watch(&ideal(), &spinning, &deck(), 20).tags.is_empty());
+    // 6 px in 4 ms at 320 px focal length: 4.7 rad/s.
+    spinning.rates = Vector::new(5.5, 0.0, 0.0);
+    assert!(watch(&ideal(), &spinning, &deck(), 20).tags.is_empty());
+}
+
+#[test]
+fn frames_are_missed_as_often_as_stated() {
+    let mut config = SensorConfig::default();
+    config.camera_mount.angle_sd_deg = 0.0;
+    let seconds = 100;
+    let n = watch(
+        &config,
+        &still([0.0, 0.0, -4.0], [0.0; 3]),
+        &deck(),
+        seconds * 100,
+    )
+    .tags
+    .len();
+    let missed = 1.0 - n as f64 / (seconds * 30) as f64;
+    assert!((missed - 0.03).abs() < 0.012, "{missed}");
+}
+
+#[test]
+fn sightings_spread_as_their_variance_says() {
+    let mut config = SensorConfig::default();
+    config.camera_mount.angle_sd_deg = 0.0;
+    config.camera_mount.position_sd_m = 0.0;
+    for height in [1.5, 3.0, 7.0, 12.0] {
+        let drone = still([0.3, -0.2, -height], [0.05, 0.1, 0.6]);
+        let tags = watch(&config, &drone, &deck(), 4000).tags;
+        let exact = watch(&ideal(), &drone, &deck(), 20).tags[0];
+        let quaternion = |m: &TagPose| {
+            let [w, i, j, k] = m.attitude;
+            UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k))
+        };
+        let (mut square, mut stated) = ([0.0; 6], [0.0; 6]);
+        for m in &tags {
+            assert_eq!(m.check(), Ok(()));
+            let r = (quaternion(m) * quaternion(&exact).inverse()).scaled_axis();
+            for i in 0..3 {
+                square[i] += (m.position[i] - exact.position[i]).powi(2);
+                square[i + 3] += r[i].powi(2);
+            }
+            for i in 0..6 {
+                stated[i] += m.variance[i];
+            }
+        }
+        for i in 0..6 {
+            let ratio = (stated[i] / square[i]).sqrt();
+            assert!((0.5..2.0).contains(&ratio), "{height} m, component {i}: {ratio}");
+        }
+        // The scale of it, from one pixel on the tag's side: relative distance 1/(side in px).
+        let sd = (square[2] / tags.len() as f64).sqrt();
+        let side_px = 320.0 / height;
+        assert!((0.2..1.5).contains(&(sd / height * side_px)), "{height} m: {sd}");
+    }
+}
+
+#[test]
+fn the_mount_is_wrong_by_what_is_stated_and_moves_the_sighting() {
+    let config = SensorConfig::default();
+    let (mut turns, mut shifts) = (vec![], vec![]);
+    for seed in 0..300 {
+        let s = sensors(&config, seed);
+        let error = camera::body_from_camera().inverse() * s.camera_mount().attitude;
+        turns.extend(error.0.scaled_axis().iter().map(|r| r.to_degrees()));
+        let shift = s.camera_mount().position - Vector3::from(DroneGeometry::default().camera_m);
+        shifts.extend(shift.iter().copied());
+    }
+    assert!((moments(&turns).1 - 1.0).abs() < 0.08, "{:?}", moments(&turns));
+    assert!(
+        (moments(&shifts).1 / 0.01 - 1.0).abs() < 0.08,
+        "{:?}",
+        moments(&shifts)
+    );
+    let mut wrong = ideal();
+    wrong.camera_mount.angle_sd_deg = 1.0;
+    let drone = still([0.0, 0.0, -10.0], [0.0; 3]);
+    let (a, b) = (
+        watch(&ideal(), &drone, &deck(), 10).tags[0],
+        watch(&wrong, &drone, &deck(), 10).tags[0],
+    );
+    let moved = (Vector3::from(a.position) - Vector3::from(b.position)).norm();
+    // A degree at 10 m is 17 cm.
+    assert!((0.02..0.8).contains(&moved), "{moved}");
+}
+
+#[test]
+fn uvdar_reaches_further_than_the_tag_and_sees_ahead_but_not_above_the_horizon() {
+    let level = [0.0; 3];
+    assert!(sees_uvdar([-30.0, 0.0, -15.0], level) && !sees_tag([-30.0, 0.0, -15.0], level));
+    assert!(!sees_uvdar([-34.0, 0.0, -15.0], level), "beyond 35 m");
+    assert!(
+        !sees_uvdar([-10.0, 0.0, 0.5], level),
+        "the deck is above the drone"
+    );
+    assert!(sees_uvdar([0.0, 0.0, -7.0], level), "straight down");
+    assert!(!sees_uvdar([30.0, 0.0, -5.0], level), "behind, near the horizon");
+    assert!(!sees_uvdar([0.0, 0.0, -1.0], level), "too near");
+}
+
+#[test]
+fn uvdar_spreads_as_its_variance_says() {
+    let mut config = ideal();
+    config.uvdar.distance_correlation_s = 0.05;
+    let drone = still([-12.0, 5.0, -9.0], [0.05, -0.03, 0.2]);
+    let fixes = watch(&config, &drone, &deck(), 20_000).uvdar;
+    let camera = Vector::<DroneBody>::from(Vector3::from(DroneGeometry::default().camera_m));
+    let arm = drone.attitude.inverse() * (Point::<TrueNed>::origin() - drone.position) - camera;
+    let truth = camera::body_from_camera().inverse() * arm;
+    let (mut distance, mut chi) = (vec![], [0.0; 3]);
+    for f in &fixes {
+        assert_eq!(f.check(), Ok(()));
+        let p = Vector3::from(f.position);
+        distance.push(p.norm() / truth.norm() - 1.0);
+        for i in 0..3 {
+            chi[i] += (p[i] - truth.0[i]).powi(2) / f.variance[i] / fixes.len() as f64;
+        }
+    }
+    let (mean, sd) = moments(&distance);
+    assert!(mean.abs() < 0.01 && (sd / 0.07 - 1.0).abs() < 0.08, "{mean} {sd}");
+    assert!(chi.iter().all(|c| (0.8..1.25).contains(c)), "{chi:?}");
+}
+
+#[test]
+fn the_rangefinder_meets_the_deck_inside_its_edges_and_else_the_water() {
+    // It sits 0.10 m ahead of and 0.08 m below the centre of mass.
+    let level = [0.0; 3];
+    let near = |a: Option<f64>, b: f64| assert!(a.is_some_and(|a| (a - b).abs() < 1e-9), "{a:?} {b}");
+    near(range([0.0, 0.0, -5.0], level, &deck()), 4.92);
+    near(range([1.14, 0.0, -5.0], level, &deck()), 4.92);
+    near(range([1.16, 0.0, -5.0], level, &deck()), 4.92 + 1.3);
+    near(range([0.0, 0.86, -5.0], level, &deck()), 4.92 + 1.3);
+    // A tilted deck: the plane rises towards the bow.
+    let up = still::<Deck>([0.0; 3], [0.0, 0.2, 0.0]);
+    near(range([0.4, 0.0, -5.0], level, &up), 4.92 - 0.5 * 0.2_f64.tan());
+    // A tilted drone looks along its own down axis.
+    near(
+        range([-0.1, 0.0, -50.0 / 3.0], [0.9, 0.0, 0.0], &deck()),
+        (50.0 / 3.0 - 0.08 * 0.9_f64.cos() + 1.3) / 0.9_f64.cos(),
+    );
+    // Limits, and upside down.
+    assert_eq!(range([0.0, 0.0, -31.0], level, &deck()), None);
+    assert_eq!(range([0.0, 0.0, -0.12], level, &deck()), None);
+    assert_eq!(
+        range([0.0, 0.0, -5.0], [core::f64::consts::PI, 0.0, 0.0], &deck()),
+        None
+    );
+}
+
+#[test]
+fn the_beam_ends_on_the_waves_surface() {
+    let surface = |n: f64, e: f64| 0.8 * (0.3 * n).sin() + 0.5 * (0.4 * e + 1.0).cos();
+    let mut s = sensors(&ideal(), 1);
+    let far = still::<Deck>([500.0, 0.0, 0.0], [0.0; 3]);
+    let mut n = 0;
+    for k in 0..400 {
+        let a = k as f64 * 0.1;
+        let drone = still::<DroneBody>([3.0 * a, 2.0 * a, -9.0], [0.25 * a.sin(), 0.25 * a.cos(), a]);
+        let mut at = s.drone(tick(2 * k), &drone, &far, surface).ranges;
+        at.extend(s.drone(tick(2 * k + 1), &drone, &far, surface).ranges);
+        for m in at {
+            let eye = drone.at::<DroneBody>(Vector3::new(0.10, 0.0, 0.08)).position.0;
+            let end = eye + drone.attitude.down().0 * m.range_m;
+            assert!((end.z - surface(end.x, end.y)).abs() < 0.01);
+            n += 1;
+        }
+    }
+    assert!(n >= 399, "{n}");
+}
+
+#[test]
+fn rangefinder_noise_misses_and_latency_are_as_stated() {
+    let drone = still([0.0, 0.0, -5.0], [0.0; 3]);
+    let mut s = sensors(&SensorConfig::default(), 3);
+    let (mut error, mut over_deck) = (vec![], 0);
+    for k in 0..10_000 {
+        for m in s.drone(tick(k), &drone, &deck(), FLAT).ranges {
+            assert_eq!(m.check(), Ok(()));
+            let at = s.clocks.drone.true_time(m.header.at);
+            assert!(((tick(k) - at).secs() - 0.01).abs() < 1e-8);
+            error.push(m.range_m - 4.92);
+            over_deck += 1;
+        }
+    }
+    let (mean, sd) = moments(&error);
+    assert!(
+        mean.abs() < 0.002 && (sd / 0.03 - 1.0).abs() < 0.04,
+        "{mean} {sd}"
+    );
+    assert!((4940..=4999).contains(&over_deck), "{over_deck}");
+    let off = still([5.0, 0.0, -5.0], [0.0; 3]);
+    let n = watch(&SensorConfig::default(), &off, &deck(), 10_000)
+        .ranges
+        .len();
+    assert!((3900..4100).contains(&n), "{n}");
+}
+
+#[test]
+fn a_world_that_has_gone_wrong_gives_no_sighting_and_no_panic() {
+    let mut broken = still([0.0, 0.0, -5.0], [0.0; 3]);
+    broken.position = Point::new(f64::NAN, 0.0, f64::INFINITY);
+    let r = watch(&ideal(), &broken, &deck(), 50);
+    assert_eq!(r, DroneReadings::default());
+}

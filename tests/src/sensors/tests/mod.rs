@@ -1,0 +1,154 @@
+//! The sensors against their stated figures.
+
+mod drone;
+mod vessel;
+
+use super::*;
+use alight_shared::frames::{Point, Rotation, TrueNed, Vector, body_rates};
+
+/// The time of tick `k`.
+fn tick(k: usize) -> Time<TrueTime> {
+    Time::from_nanos(k as i64 * 10_000_000)
+}
+
+fn sensors(config: &SensorConfig, seed: u64) -> Sensors {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    Sensors::new(config, &drone, &deck, &Streams::new(seed))
+}
+
+/// Every error and every failure switched off; latencies stay.
+fn ideal() -> SensorConfig {
+    let mut c = SensorConfig::default();
+    let imu = &mut c.vessel_imu;
+    imu.lever_arm_error_sd_m = 0.0;
+    imu.alignment_sd_deg = 0.0;
+    imu.gyro_white_sd_radps = 0.0;
+    imu.gyro_bias_sd_radps = 0.0;
+    imu.accelerometer_white_sd_mps2 = 0.0;
+    imu.accelerometer_bias_sd_mps2 = 0.0;
+    let gnss = &mut c.vessel_gnss;
+    gnss.antenna_error_sd_m = 0.0;
+    gnss.dropout = 0.0;
+    gnss.error.bias_sd_m = 0.0;
+    gnss.error.white_sd_m = 0.0;
+    gnss.error.velocity_sd_mps = 0.0;
+    let heading = &mut c.vessel_heading;
+    heading.white_sd_deg = 0.0;
+    heading.bias_sd_deg = 0.0;
+    heading.dropout = 0.0;
+    c.tag.corner_sd_px = 1e-6;
+    c.tag.miss = 0.0;
+    c.uvdar.miss = 0.0;
+    c.rangefinder.white_sd_m = 0.0;
+    c.rangefinder.deck_miss = 0.0;
+    c.rangefinder.water_miss = 0.0;
+    c.camera_mount.angle_sd_deg = 0.0;
+    c.camera_mount.position_sd_m = 0.0;
+    c
+}
+
+/// A body at rest at `position` with the given attitude.
+fn still<B>(position: [f64; 3], euler: [f64; 3]) -> RigidState<B> {
+    RigidState {
+        position: Point::from(Vector3::from(position)),
+        attitude: Rotation::from_euler(euler[0], euler[1], euler[2]),
+        ..RigidState::default()
+    }
+}
+
+/// A smooth motion in all six degrees of freedom; derivatives by central differences of the
+/// analytic positions and angles.
+fn rocking<B>(t: f64) -> RigidState<B> {
+    let wave = |t: f64, a: f64, w: f64, p: f64| a * (w * t + p).sin();
+    let place = |t: f64| {
+        Vector3::new(
+            1.5 * t + wave(t, 0.4, 1.1, 0.2),
+            wave(t, 0.6, 0.9, 1.0),
+            wave(t, 0.5, 1.26, 0.0),
+        )
+    };
+    let angles = |t: f64| {
+        Vector3::new(
+            wave(t, 0.15, 1.3, 0.4),
+            wave(t, 0.12, 1.26, 1.4),
+            0.5 + 0.05 * t + wave(t, 0.1, 0.7, 0.0),
+        )
+    };
+    let h = 1e-3;
+    let rates = |t: f64| {
+        let e = angles(t);
+        body_rates(e.x, e.y, (angles(t + h) - angles(t - h)) / (2.0 * h))
+    };
+    let e = angles(t);
+    RigidState {
+        position: Point::from(place(t)),
+        velocity: Vector::from((place(t + h) - place(t - h)) / (2.0 * h)),
+        acceleration: Vector::from((place(t + h) - place(t) * 2.0 + place(t - h)) / (h * h)),
+        attitude: Rotation::from_euler(e.x, e.y, e.z),
+        rates: Vector::from(rates(t)),
+        angular_acceleration: Vector::from((rates(t + h) - rates(t - h)) / (2.0 * h)),
+    }
+}
+
+/// Mean and standard deviation.
+fn moments(x: &[f64]) -> (f64, f64) {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    let var = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+    (mean, var.sqrt())
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
+    let run = |seed| {
+        let mut s = sensors(&SensorConfig::default(), seed);
+        let mut log = vec![];
+        for k in 0..500 {
+            let t = tick(k);
+            let vessel = rocking::<VesselBody>(t.secs());
+            let deck = vessel.at::<Deck>(DeckGeometry::default().centre());
+            let mut over = still::<DroneBody>([0.0; 3], [0.02, -0.03, 0.4]);
+            over.position = deck.position + Vector::<TrueNed>::new(0.3, -0.2, -5.0);
+            log.push((s.vessel(t, &vessel), s.drone(t, &over, &deck, |_, _| 0.0)));
+        }
+        log
+    };
+    let (a, b, c) = (run(1), run(1), run(2));
+    assert!(a == b);
+    assert!(a != c);
+    let count = |f: fn(&(VesselReadings, DroneReadings)) -> usize| a.iter().map(f).sum::<usize>();
+    assert_eq!(count(|r| r.0.imu.len()), 500);
+    assert!(count(|r| r.0.gnss.len()) > 45 && count(|r| r.0.heading.len()) > 45);
+    assert!(count(|r| r.1.tags.len()) > 130, "{}", count(|r| r.1.tags.len()));
+    assert!(count(|r| r.1.uvdar.len()) > 80 && count(|r| r.1.ranges.len()) > 240);
+}
+
+#[test]
+fn defaults_pass_their_check_and_survive_toml() {
+    let c = SensorConfig::default();
+    assert!(c.check(&Keys::ROOT).is_ok());
+    assert!(ideal().check(&Keys::ROOT).is_ok());
+    let text = toml::to_string(&c).unwrap();
+    assert_eq!(
+        alight_shared::config::parse::<SensorConfig>(&text, "test").unwrap(),
+        c
+    );
+}
+
+#[test]
+fn bad_configurations_are_refused_by_name() {
+    let refused = |text: &str| {
+        alight_shared::config::parse::<SensorConfig>(text, "test")
+            .unwrap_err()
+            .to_string()
+    };
+    let e = refused("[vessel_gnss.error]\nbias_sd_m = -1.0");
+    assert!(
+        e.contains("vessel_gnss.error.bias_sd_m") && e.contains("-1"),
+        "{e}"
+    );
+    assert!(refused("[tag]\nfov_deg = 200.0").contains("tag.fov_deg"));
+    assert!(refused("[tag]\nfov = 90.0").contains("unknown field"));
+    assert!(refused("[clocks]\ndrift_ppm = nan").contains("clocks.drift_ppm"));
+    assert!(refused("[uvdar]\noutages_s = [[3.0, 1.0]]").contains("uvdar.outages_s[0]"));
+}
