@@ -35,6 +35,8 @@ mod expm;
 mod horizon;
 mod messages;
 mod model;
+#[cfg(test)]
+mod tests;
 
 pub use belief::{Belief, BeliefSpec, Extra, Layout, Step, Term};
 pub use config::{Coupling, VesselModelConfig};
