@@ -1,4 +1,5 @@
 //! The drone's side of Alight: predictor, mission, planner, pilot.
+mod latest;
 pub mod mission;
 pub mod pilot;
 pub mod planner;

@@ -1,1 +1,411 @@
-//! (to be written)
+//! The mission: permits what the planner may fly, and says why it does not permit more.
+//!
+//! Read [`transition`] (the state table as a pure function), then [`situation`] (every figure it
+//! looks at). This file keeps the inputs and gives the output its shape.
+
+pub mod config;
+pub mod situation;
+pub mod transition;
+
+#[cfg(test)]
+mod tests;
+
+pub use config::MissionConfig;
+pub use transition::MissionPhase;
+
+use alight_shared::config::{ConfigError, Keys};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::{
+    AutopilotState, Command, CommandKind, DeckForecast, DroneState, Header, MESSAGE_VERSION, MissionState,
+    Motors, Plan, Reason, ReasonCode, SetPoint, Solve, State,
+};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{config::Check, topics};
+
+use crate::latest::Latest;
+use situation::{Deck, Flight, Own, Situation};
+use transition::{Decision, HoldCause, Progress, blind_limit, decide};
+
+/// What arrives.
+#[derive(Clone, Debug, Default)]
+pub struct MissionIn {
+    /// The deck's forecast.
+    pub forecast: Option<DeckForecast>,
+    /// The drone's odometry.
+    pub drone: Option<DroneState>,
+    /// The autopilot's state.
+    pub autopilot: Option<AutopilotState>,
+    /// The planner's trajectory.
+    pub plan: Option<Plan>,
+    /// The pilot's set-point: its `motors` field is the touchdown.
+    pub set_point: Option<SetPoint>,
+    /// An operator's command.
+    pub command: Option<Command>,
+}
+
+/// What the mission says.
+#[derive(Clone, Debug, Default)]
+pub struct MissionOut {
+    /// The state: 50 Hz, and at once when it changes.
+    pub state: Option<MissionState>,
+}
+
+/// Messages refused since start, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MissionRejected {
+    /// Forecasts.
+    pub forecast: u32,
+    /// Odometry.
+    pub drone: u32,
+    /// Autopilot states.
+    pub autopilot: u32,
+    /// Plans.
+    pub plan: u32,
+    /// Set-points.
+    pub set_point: u32,
+    /// Commands: old, repeated or out of order.
+    pub command: u32,
+}
+
+/// Time between outputs.
+const PERIOD: Span = Span::from_millis(20);
+/// Time constant of the deck's mean level, s: two periods of a long swell.
+const LEVEL_TIME_S: f64 = 10.0;
+/// A jump of the mean level beyond this is another frame, not a wave, m.
+const LEVEL_JUMP_M: f64 = 3.0;
+
+/// The mission node.
+#[derive(Clone, Debug)]
+pub struct Mission {
+    config: MissionConfig,
+    drone_geometry: DroneGeometry,
+    deck_geometry: DeckGeometry,
+    drone_id: u32,
+    boot: u32,
+    sequence: u32,
+
+    forecast: Latest<DeckForecast>,
+    drone: Latest<DroneState>,
+    autopilot: Latest<AutopilotState>,
+    plan: Latest<Plan>,
+    set_point: Latest<SetPoint>,
+    command: Option<Header<DroneClock>>,
+    commands_rejected: u32,
+    origin_resets: Option<u8>,
+    mean_deck_z: Option<(Time<DroneClock>, f64)>,
+
+    phase: MissionPhase,
+    progress: Progress,
+    previous: State,
+    since: Time<DroneClock>,
+    entered: Reason,
+    due: Time<DroneClock>,
+}
+
+impl Mission {
+    /// A mission that waits for a command.
+    pub fn new(
+        config: &MissionConfig,
+        drone: &DroneGeometry,
+        deck: &DeckGeometry,
+        drone_id: u32,
+        boot: u32,
+    ) -> Self {
+        Mission {
+            config: config.clone(),
+            drone_geometry: *drone,
+            deck_geometry: *deck,
+            drone_id,
+            boot,
+            sequence: 0,
+            forecast: Latest::default(),
+            drone: Latest::default(),
+            autopilot: Latest::default(),
+            plan: Latest::default(),
+            set_point: Latest::default(),
+            command: None,
+            commands_rejected: 0,
+            origin_resets: None,
+            mean_deck_z: None,
+            phase: MissionPhase::Idle,
+            progress: Progress::default(),
+            previous: State::Idle,
+            since: Time::EPOCH,
+            entered: Reason::default(),
+            due: Time::from_nanos(i64::MIN),
+        }
+    }
+    /// Replaces the parameters, in any state; refused parameters change nothing.
+    pub fn set_config(&mut self, config: &MissionConfig) -> Result<(), ConfigError> {
+        config.check(&Keys::ROOT)?;
+        self.config = config.clone();
+        Ok(())
+    }
+    /// The parameters in use.
+    pub fn config(&self) -> &MissionConfig {
+        &self.config
+    }
+    /// The phase with its data.
+    pub fn phase(&self) -> &MissionPhase {
+        &self.phase
+    }
+    /// Messages refused since start.
+    pub fn rejected(&self) -> MissionRejected {
+        MissionRejected {
+            forecast: self.forecast.rejected(),
+            drone: self.drone.rejected(),
+            autopilot: self.autopilot.rejected(),
+            plan: self.plan.rejected(),
+            set_point: self.set_point.rejected(),
+            command: self.commands_rejected,
+        }
+    }
+
+    fn take(&mut self, now: Time<DroneClock>, input: &MissionIn) -> Option<CommandKind> {
+        if let Some(m) = &input.autopilot
+            && self.autopilot.offer(now, m)
+        {
+            // The origin jumped: forecast, plan and level are of another frame.
+            if self.origin_resets.is_some_and(|n| n != m.origin_resets) {
+                self.forecast.forget();
+                self.plan.forget();
+                self.mean_deck_z = None;
+            }
+            self.origin_resets = Some(m.origin_resets);
+        }
+        if let Some(m) = &input.drone {
+            self.drone.offer(now, m);
+        }
+        if let Some(m) = &input.forecast
+            && self.forecast.offer(now, m)
+        {
+            self.follow_level(m);
+        }
+        if let Some(m) = &input.plan {
+            self.plan.offer(now, m);
+        }
+        if let Some(m) = &input.set_point {
+            self.set_point.offer(now, m);
+        }
+        input.command.as_ref().and_then(|m| self.order(now, m))
+    }
+
+    /// A command counts once, in order and while it is young; an abort counts however old it is.
+    fn order(&mut self, now: Time<DroneClock>, command: &Command) -> Option<CommandKind> {
+        let h = &command.header;
+        let known = self
+            .command
+            .is_some_and(|k| (k.boot == h.boot && k.sequence == h.sequence) || (h.at < k.at));
+        let age = now - h.at;
+        let young = (Span::from_millis(-500)..=topics::COMMAND.stale_after).contains(&age);
+        if h.version != MESSAGE_VERSION || known || !(young || command.kind == CommandKind::Abort) {
+            self.commands_rejected = self.commands_rejected.saturating_add(1);
+            return None;
+        }
+        // A damaged time far ahead must not lock out what follows.
+        self.command = Some(if young { *h } else { Header { at: now, ..*h } });
+        Some(command.kind)
+    }
+
+    /// First-order low-pass of the forecast's mean height, which itself spans about one wave.
+    fn follow_level(&mut self, forecast: &DeckForecast) {
+        let n = forecast.stages.len();
+        if n == 0 {
+            return;
+        }
+        let mean = forecast.stages.iter().map(|s| s.position[2]).sum::<f64>() / n as f64;
+        let at = forecast.header.at;
+        self.mean_deck_z = Some(match self.mean_deck_z {
+            Some((t, z)) if (mean - z).abs() < LEVEL_JUMP_M => {
+                let share = 1.0 - (-(at - t).secs().max(0.0) / LEVEL_TIME_S).exp();
+                (at, z + share * (mean - z))
+            }
+            Some(_) | None => (at, mean),
+        });
+    }
+
+    fn situation(&self, now: Time<DroneClock>) -> Situation {
+        let c = &self.config;
+        let drone = self.drone.get();
+        let own = drone.map(Own::of);
+        let deck = match (self.forecast.get(), own, drone) {
+            (Some(f), Some(own), Some(d)) => Deck::of(f, &own, &self.drone_geometry, &d.attitude(), c, now),
+            _ => None,
+        };
+        let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
+        let mean_deck_z = self.mean_deck_z.map(|(_, z)| z);
+        Situation {
+            now,
+            flight: Flight::of(autopilot),
+            // A link that does not report it gives zero, at which nothing flies.
+            battery: autopilot.map(|a| a.battery).filter(|b| *b > 0.0),
+            own,
+            odometry_age_s: self.drone.age_s(now),
+            odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
+            deck,
+            mean_deck_z,
+            water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
+            forecast_age_s: self.forecast.age_s(now),
+            forecast_limit_s: topics::FORECAST.stale_after.secs(),
+            plan_age_s: match self.plan.get() {
+                Some(p) if p.solve != Solve::Infeasible => (now - p.header.at).secs(),
+                Some(_) | None => f64::INFINITY,
+            },
+            plan_limit_s: topics::PLAN.stale_after.secs(),
+            outside_m: deck.map_or(f64::INFINITY, |d| {
+                d.outside_m(&self.deck_geometry, &self.drone_geometry)
+            }),
+            motors_stopped: self
+                .set_point
+                .fresh(now, topics::SET_POINT.stale_after)
+                .is_some_and(|s| s.motors == Motors::Stop),
+        }
+    }
+
+    /// The longest stay in a landing state has passed: the loop is bounded.
+    fn outstayed(&self, decision: Decision, now: Time<DroneClock>) -> Decision {
+        let limit = match decision.phase {
+            MissionPhase::Descent { .. } => self.config.descent_timeout_s,
+            MissionPhase::Flare { .. } => self.config.flare_timeout_s,
+            MissionPhase::Idle
+            | MissionPhase::GetAltitude { .. }
+            | MissionPhase::Approach { .. }
+            | MissionPhase::Tracking { .. }
+            | MissionPhase::TrackingStable
+            | MissionPhase::Landed { .. }
+            | MissionPhase::Hold { .. }
+            | MissionPhase::GaveUp { .. } => return decision,
+        };
+        let lasted = (now - self.since).secs();
+        if decision.entered.is_some() || lasted <= limit {
+            return decision;
+        }
+        let why = Reason::new(ReasonCode::TooLong, lasted, limit);
+        Decision {
+            phase: MissionPhase::Tracking { steady: None },
+            entered: Some(why),
+            waiting: why,
+            ..decision
+        }
+    }
+
+    /// Permitted speed of descent, m/s: zero unless deck, sight and control are there right now.
+    fn permitted_descent(&self, s: &Situation) -> f64 {
+        let c = &self.config;
+        let controlled = matches!(s.flight, Flight::Ours | Flight::OnGround);
+        let Some(deck) = s.fresh_deck().filter(|_| controlled) else {
+            return 0.0;
+        };
+        match self.phase {
+            MissionPhase::Descent { gated: None, .. } if deck.vision_age_s <= c.descent_sight_s => {
+                c.descent_mps
+            }
+            // A committed flare goes on blind for as long as the longest blind end allows.
+            MissionPhase::Flare { committed, .. }
+                if deck.vision_age_s <= blind_limit(deck, c)
+                    || (committed && deck.vision_age_s <= c.flare_radio_blind_s + c.flare_timeout_s) =>
+            {
+                c.flare_mps
+            }
+            MissionPhase::Descent { .. }
+            | MissionPhase::Flare { .. }
+            | MissionPhase::Idle
+            | MissionPhase::GetAltitude { .. }
+            | MissionPhase::Approach { .. }
+            | MissionPhase::Tracking { .. }
+            | MissionPhase::TrackingStable
+            | MissionPhase::Landed { .. }
+            | MissionPhase::Hold { .. }
+            | MissionPhase::GaveUp { .. } => 0.0,
+        }
+    }
+
+    fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
+        let c = &self.config;
+        let own = s.own.map_or(([0.0; 3], 0.0), |o| (o.position.into(), o.yaw));
+        let (hold_position, hold_yaw, height_m) = match self.phase {
+            MissionPhase::GetAltitude { from } => {
+                let z = s.mean_deck_z.map_or(own.0[2], |m| m - c.approach_height_m);
+                let yaw = s.deck.map_or(own.1, |d| d.bearing_rad);
+                ([from[0], from[1], z], yaw, c.approach_height_m)
+            }
+            MissionPhase::Hold { at, yaw, cause, .. } => {
+                let height = match cause {
+                    HoldCause::Operator | HoldCause::Data => c.tracking_height_m,
+                };
+                (at.into(), yaw, height)
+            }
+            MissionPhase::GaveUp { at, yaw } => (at.into(), yaw, c.approach_height_m),
+            MissionPhase::Idle | MissionPhase::Approach { .. } => (own.0, own.1, c.approach_height_m),
+            MissionPhase::Tracking { .. } | MissionPhase::TrackingStable => {
+                (own.0, own.1, c.tracking_height_m)
+            }
+            MissionPhase::Descent { .. } | MissionPhase::Flare { .. } | MissionPhase::Landed { .. } => {
+                (own.0, own.1, c.tracking_height_m)
+            }
+        };
+        let altitude = match self.phase {
+            MissionPhase::Descent { .. } | MissionPhase::Flare { .. } | MissionPhase::Landed { .. } => {
+                c.minimum_altitude_landing_m
+            }
+            MissionPhase::Idle
+            | MissionPhase::GetAltitude { .. }
+            | MissionPhase::Approach { .. }
+            | MissionPhase::Tracking { .. }
+            | MissionPhase::TrackingStable
+            | MissionPhase::Hold { .. }
+            | MissionPhase::GaveUp { .. } => c.minimum_altitude_m,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        let vessel = self.forecast.get().map_or(0, |f| f.header.vessel);
+        MissionState {
+            header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
+            state: self.phase.state(),
+            previous: self.previous,
+            since: self.since,
+            entered: self.entered,
+            waiting,
+            attempts: self.progress.attempts,
+            height_m,
+            descent_mps: self.permitted_descent(s),
+            // Stated in the drone's NED, whose zero is the water only to a GNSS error.
+            minimum_altitude_m: altitude - s.water_z,
+            hold_position,
+            hold_yaw,
+        }
+    }
+}
+
+impl Node for Mission {
+    type Clock = DroneClock;
+    type In = MissionIn;
+    type Out = MissionOut;
+
+    fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
+        let order = self.take(now, input);
+        let s = self.situation(now);
+        let decision = decide(self.phase, self.progress, order, &s, &self.config);
+        let decision = self.outstayed(decision, now);
+        self.progress = decision.progress;
+        let was = self.phase.state();
+        self.phase = decision.phase;
+        let changed = decision.entered.is_some();
+        if let Some(why) = decision.entered {
+            self.previous = was;
+            self.since = now;
+            self.entered = why;
+        }
+        if now < self.due && !changed {
+            return MissionOut::default();
+        }
+        self.due = if changed || now - self.due > PERIOD {
+            now + PERIOD
+        } else {
+            self.due + PERIOD
+        };
+        MissionOut {
+            state: Some(self.message(now, &s, decision.waiting)),
+        }
+    }
+}

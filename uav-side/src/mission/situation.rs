@@ -1,0 +1,212 @@
+//! The situation: every figure that a transition looks at, computed once per step.
+
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::{AutopilotMode, AutopilotState, DeckForecast, DroneState, LandedState};
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{Vector2, Vector3};
+
+use super::config::MissionConfig;
+
+/// Whether the drone flies and listens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flight {
+    /// The autopilot has said nothing for too long.
+    Unknown,
+    /// Disarmed.
+    Disarmed,
+    /// Armed and on the ground.
+    OnGround,
+    /// Armed, under a person's or the autopilot's own control.
+    NotOurs(AutopilotMode),
+    /// Armed, in the air, following set-points.
+    Ours,
+}
+
+impl Flight {
+    /// The autopilot's state in these words; None when it is missing or stale.
+    pub fn of(autopilot: Option<&AutopilotState>) -> Self {
+        let Some(a) = autopilot else {
+            return Flight::Unknown;
+        };
+        if !a.armed {
+            return Flight::Disarmed;
+        }
+        match (a.mode, a.landed) {
+            (AutopilotMode::Offboard, LandedState::OnGround) => Flight::OnGround,
+            (AutopilotMode::Offboard, LandedState::InAir | LandedState::Unknown) => Flight::Ours,
+            (
+                m
+                @ (AutopilotMode::Other | AutopilotMode::Hold | AutopilotMode::Land | AutopilotMode::Return),
+                _,
+            ) => Flight::NotOurs(m),
+        }
+    }
+}
+
+/// The drone as its newest odometry tells it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Own {
+    /// Drone's NED, m.
+    pub position: Vector3<f64>,
+    /// m/s.
+    pub velocity: Vector3<f64>,
+    /// rad.
+    pub yaw: f64,
+}
+
+impl Own {
+    /// From odometry.
+    pub fn of(d: &DroneState) -> Self {
+        Own {
+            position: d.position(),
+            velocity: d.velocity(),
+            yaw: d.euler().z,
+        }
+    }
+}
+
+/// The deck as the forecast tells it, seen from the drone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deck {
+    /// Foot plane above the deck along the deck's normal, m.
+    pub clearance_m: f64,
+    /// Horizontal distance of the centre of mass from the deck's centre, m.
+    pub distance_m: f64,
+    /// Direction to the deck's centre from north towards east, rad.
+    pub bearing_rad: f64,
+    /// Centre of the feet in the deck's plane: along and across, m.
+    pub feet: Vector2<f64>,
+    /// Horizontal speed relative to the deck, m/s.
+    pub relative_speed_mps: f64,
+    /// Age of the newest vessel estimate, s.
+    pub radio_age_s: f64,
+    /// Age of the newest sighting, s.
+    pub vision_age_s: f64,
+    /// Horizontal standard deviation ahead, m.
+    pub horizontal_sd_m: f64,
+    /// Vertical standard deviation ahead, m.
+    pub vertical_sd_m: f64,
+    /// Greatest predicted horizontal speed over the horizon, m/s.
+    pub speed_mps: f64,
+    /// Greatest predicted vertical speed over the horizon, m/s.
+    pub heave_mps: f64,
+    /// Greatest predicted acceleration over the horizon, m/s².
+    pub acceleration_mps2: f64,
+    /// Greatest predicted tilt over the horizon, rad.
+    pub tilt_rad: f64,
+    /// Mean of the predicted height over the whole forecast, NED z, m.
+    pub mean_z: f64,
+}
+
+impl Deck {
+    /// The deck at `now`; None when the forecast does not reach there.
+    pub fn of(
+        forecast: &DeckForecast,
+        own: &Own,
+        drone: &DroneGeometry,
+        attitude: &nalgebra::UnitQuaternion<f64>,
+        config: &MissionConfig,
+        now: Time<DroneClock>,
+    ) -> Option<Deck> {
+        // A forecast stamped one tick ahead still tells of now.
+        let start = now.max(forecast.header.at);
+        let here = forecast.at(start)?;
+        let centre = Vector3::from(here.position);
+        let r = own.position - centre;
+        let v = own.velocity - Vector3::from(here.velocity);
+        let feet = here.rotation().transpose() * (r + attitude * (Vector3::z() * drone.feet_below_m));
+
+        let step = forecast.step.secs();
+        let since = (start - forecast.header.at).secs();
+        let (mut speed, mut heave, mut acceleration, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+        let mut sum = 0.0;
+        for (i, s) in forecast.stages.iter().enumerate() {
+            sum += s.position[2];
+            let lead = i as f64 * step - since;
+            if lead < -step || lead > config.feasibility_horizon_s {
+                continue;
+            }
+            speed = speed.max(s.velocity[0].hypot(s.velocity[1]));
+            heave = heave.max(s.velocity[2].abs());
+            acceleration = acceleration.max(Vector3::from(s.acceleration).norm());
+            tilt = tilt.max(angle_from_vertical(s.euler[0], s.euler[1]));
+        }
+        let ahead = forecast
+            .at(start + Span::from_secs(config.sd_lead_s))
+            .or(forecast.stages.last().copied())?;
+        Some(Deck {
+            clearance_m: r.dot(&here.normal()) - drone.feet_below_m,
+            distance_m: r.x.hypot(r.y),
+            bearing_rad: (-r.y).atan2(-r.x),
+            feet: feet.xy(),
+            relative_speed_mps: v.x.hypot(v.y),
+            radio_age_s: forecast.radio_age_s,
+            vision_age_s: forecast.vision_age_s,
+            horizontal_sd_m: ahead.position_sd[0].hypot(ahead.position_sd[1]),
+            vertical_sd_m: ahead.position_sd[2],
+            speed_mps: speed,
+            heave_mps: heave,
+            acceleration_mps2: acceleration,
+            tilt_rad: tilt,
+            mean_z: sum / forecast.stages.len().max(1) as f64,
+        })
+    }
+    /// How far the centre of the feet is outside the part of the deck on which all feet stand, m;
+    /// negative inside.
+    pub fn outside_m(&self, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
+        let along = self.feet.x.abs() - 0.5 * (deck.length_m - drone.feet_span_m[0]);
+        let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
+        along.max(across)
+    }
+}
+
+/// Angle between a body's down axis and the vertical for roll and pitch, rad.
+pub fn angle_from_vertical(roll: f64, pitch: f64) -> f64 {
+    (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos()
+}
+
+/// The situation that a transition judges.
+#[derive(Clone, Copy, Debug)]
+pub struct Situation {
+    /// Now.
+    pub now: Time<DroneClock>,
+    /// Whether the drone flies and listens.
+    pub flight: Flight,
+    /// Remaining battery; None when not reported.
+    pub battery: Option<f64>,
+    /// The newest odometry.
+    pub own: Option<Own>,
+    /// Its age, s.
+    pub odometry_age_s: f64,
+    /// Oldest useful odometry, s.
+    pub odometry_limit_s: f64,
+    /// The deck; None when there is no forecast that reaches `now`.
+    pub deck: Option<Deck>,
+    /// Low-pass of the deck's level, NED z, m; None before the first forecast.
+    pub mean_deck_z: Option<f64>,
+    /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.
+    pub water_z: f64,
+    /// Age of the forecast, s.
+    pub forecast_age_s: f64,
+    /// Oldest useful forecast, s.
+    pub forecast_limit_s: f64,
+    /// Age of the plan, s; infinite when there is none or the solver found none.
+    pub plan_age_s: f64,
+    /// Oldest useful plan, s.
+    pub plan_limit_s: f64,
+    /// How far the feet are outside the usable deck, m.
+    pub outside_m: f64,
+    /// The pilot has stopped the motors.
+    pub motors_stopped: bool,
+}
+
+impl Situation {
+    /// The deck, when forecast and odometry are fresh.
+    pub fn fresh_deck(&self) -> Option<&Deck> {
+        if self.forecast_age_s <= self.forecast_limit_s && self.odometry_age_s <= self.odometry_limit_s {
+            self.deck.as_ref()
+        } else {
+            None
+        }
+    }
+}
