@@ -1,1 +1,455 @@
-//! (to be written)
+//! The planner: a trajectory for the next seconds, again and again.
+//!
+//! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`]
+//! (what it follows in each mission state), [`condensed`] and [`qp`] (how it is solved), this file
+//! (when, from where, and what becomes of it).
+//!
+//! A plan starts from the previous plan sampled at now, not from the measured state: the pilot's
+//! tracker closes the loop, and a lagging drone does not bend its own plan. It starts from the
+//! measured state when there is no plan, when the last is old, when the drone is further from it
+//! than [`config::Reset`] allows, and when the autopilot's position estimate jumped.
+
+pub mod condensed;
+pub mod config;
+pub mod model;
+pub mod mpc_faa;
+pub mod qp;
+pub mod reference;
+pub mod weights;
+
+#[cfg(test)]
+mod tests;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::msg::{
+    AutopilotState, DeckForecast, DroneState, Header, MESSAGE_VERSION, Message, MissionState, Phase, Plan,
+    PlanStage, Solve,
+};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::Vector3;
+
+pub use config::{PlannerConfig, PlannerKind};
+
+use model::{INPUTS, State};
+use mpc_faa::{Mpc, Problem, Solution};
+use reference::{Aim, Guide, clearance, tilt_of, up_of};
+
+/// What the planner hears.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PlannerIn {
+    /// The predicted deck.
+    pub forecast: Option<DeckForecast>,
+    /// What is permitted.
+    pub mission: Option<MissionState>,
+    /// Odometry.
+    pub drone: Option<DroneState>,
+    /// The autopilot: its origin-reset counter.
+    pub autopilot: Option<AutopilotState>,
+}
+
+/// What it says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PlannerOut {
+    /// A new plan, starting now.
+    pub plan: Option<Plan>,
+}
+
+/// What happened, counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlannerCounters {
+    /// Inputs refused: wrong version, impossible numbers, out of order, from the future.
+    pub rejected: u32,
+    /// Plans made.
+    pub plans: u32,
+    /// Of these, how many needed the solver.
+    pub constrained: u32,
+    /// Solves without a solution.
+    pub infeasible: u32,
+    /// Starts from the measured state.
+    pub resets: u32,
+}
+
+/// A plan as the solver left it: exact at any time, not only at its stages.
+#[derive(Clone, Debug)]
+struct Flight {
+    at: Time<DroneClock>,
+    start: State,
+    solution: Solution,
+}
+
+/// The node.
+#[derive(Debug)]
+pub struct Planner {
+    config: PlannerConfig,
+    drone_geometry: DroneGeometry,
+    boot: u32,
+    sequence: u32,
+    mpc: Mpc,
+    guide: Guide,
+    problem: Problem,
+    aim: Aim,
+    spare: Solution,
+    flight: Option<Flight>,
+    last_solve: Option<(Time<DroneClock>, Phase)>,
+    forecast: Option<DeckForecast>,
+    mission: Option<MissionState>,
+    drone: Option<DroneState>,
+    autopilot: Option<AutopilotState>,
+    counters: PlannerCounters,
+}
+
+impl Planner {
+    /// A planner for this drone and deck. `boot` tells this start from others.
+    pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
+        Planner {
+            config: config.clone(),
+            drone_geometry: *drone,
+            boot,
+            sequence: 0,
+            mpc: Mpc::new(config, drone),
+            guide: Guide::new(config, drone, deck),
+            problem: Problem::default(),
+            aim: Aim::default(),
+            spare: Solution::default(),
+            flight: None,
+            last_solve: None,
+            forecast: None,
+            mission: None,
+            drone: None,
+            autopilot: None,
+            counters: PlannerCounters::default(),
+        }
+    }
+
+    /// What happened so far.
+    pub fn counters(&self) -> &PlannerCounters {
+        &self.counters
+    }
+    /// The last problem, for benchmarks and displays.
+    pub fn problem(&self) -> &Problem {
+        &self.problem
+    }
+    /// What the last references amounted to.
+    pub fn aim(&self) -> &Aim {
+        &self.aim
+    }
+
+    fn listen(&mut self, now: Time<DroneClock>, input: &PlannerIn) {
+        let c = &self.config;
+        let jumped = |old: &Option<AutopilotState>, new: &Option<AutopilotState>| match (old, new) {
+            (Some(a), Some(b)) => a.origin_resets != b.origin_resets,
+            _ => false,
+        };
+        let refused = &mut self.counters.rejected;
+        admit(
+            now,
+            c.forecast_age_s,
+            &input.forecast,
+            &mut self.forecast,
+            refused,
+        );
+        admit(now, c.mission_age_s, &input.mission, &mut self.mission, refused);
+        admit(now, c.odometry_age_s, &input.drone, &mut self.drone, refused);
+        let before = self.autopilot;
+        // Any age will do for a counter of jumps.
+        admit(now, 10.0, &input.autopilot, &mut self.autopilot, refused);
+        if jumped(&before, &self.autopilot) {
+            self.flight = None;
+            self.guide.forget();
+        }
+    }
+
+    /// Where the plan starts: the last plan now, or the measured state. None without odometry.
+    fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
+        let drone = self
+            .drone
+            .filter(|d| young(now, d.header.at, self.config.odometry_age_s))?;
+        let measured = measured_state(&drone);
+        let r = &self.config.reset;
+        if let Some(flight) = &self.flight
+            && young(now, flight.at, r.age_s)
+        {
+            // Compared at the time of the odometry.
+            let (then, _) = self.at(flight, drone.header.at);
+            let gap: [f64; 12] = core::array::from_fn(|i| measured[i] - then[i]);
+            let near = gap[0].hypot(gap[1]) <= r.horizontal_m
+                && gap[6].hypot(gap[7]) <= r.horizontal_mps
+                && gap[2].abs() <= r.vertical_m
+                && gap[8].abs() <= r.vertical_mps
+                && wrap_angle(gap[5]).abs() <= r.yaw_deg.to_radians();
+            if near {
+                return Some(self.at(flight, now));
+            }
+        }
+        self.flight = None;
+        self.guide.restart();
+        self.counters.resets += 1;
+        // Limits are soft except those of the inputs, and hover is inside these.
+        Some((measured, [0.0; INPUTS]))
+    }
+
+    /// A flight's state and input at a time, exactly: whole stages from the solver's states, the
+    /// rest rolled. Before its start the start, after its end constant velocity and level.
+    fn at(&self, flight: &Flight, t: Time<DroneClock>) -> (State, [f64; INPUTS]) {
+        let step = self.mpc.step_s();
+        let x = (t - flight.at).secs().max(0.0) / step;
+        let k = (x + 1e-6).floor() as usize;
+        let rest = ((x - k as f64) * step).max(0.0);
+        let from = match k.checked_sub(1) {
+            None => Some(flight.start),
+            Some(i) => flight.solution.states.get(i).copied(),
+        };
+        match (from, flight.solution.inputs.get(k)) {
+            (Some(state), Some(input)) if rest > 1e-6 => (self.mpc.roll(&state, input, rest), *input),
+            (Some(state), Some(input)) => (state, *input),
+            _ => {
+                let mut s = flight.solution.states.last().copied().unwrap_or(flight.start);
+                let beyond = (x - flight.solution.states.len() as f64) * step;
+                for i in 0..3 {
+                    s[i] += s[6 + i] * beyond;
+                }
+                for i in [3, 4, 9, 10, 11] {
+                    s[i] = 0.0;
+                }
+                (s, [0.0; INPUTS])
+            }
+        }
+    }
+
+    fn due(&mut self, now: Time<DroneClock>, phase: Phase) -> bool {
+        let rate = match phase {
+            Phase::None => return false,
+            Phase::Navigation => self.config.navigation_hz,
+            Phase::Follow | Phase::Landing => self.config.landing_hz,
+        };
+        // Half a tick of the fastest world early is on time.
+        const EARLY_S: f64 = 0.004;
+        match self.last_solve {
+            Some((at, before)) => before != phase || (now - at).secs() >= 1.0 / rate - EARLY_S,
+            None => true,
+        }
+    }
+
+    fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
+        let (state, input) = self.start(now)?;
+        let forecast = self
+            .forecast
+            .filter(|f| young(now, f.header.at, self.config.forecast_age_s));
+        self.problem.state = state;
+        self.problem.input = input;
+        let (n, step) = (self.mpc.stages(), self.mpc.step_s());
+        self.guide.aim(
+            now,
+            mission,
+            forecast.as_ref(),
+            n,
+            step,
+            &mut self.problem,
+            &mut self.aim,
+        );
+        let (guide, aim) = (&self.guide, &self.aim);
+        self.mpc.solve(
+            &mut self.problem,
+            |k, x, y| guide.ceiling(aim, k, x, y),
+            &mut self.spare,
+        );
+        self.counters.plans += 1;
+        if self.spare.iterations > 0 {
+            self.counters.constrained += 1;
+        }
+        let (solve, iterations) = (self.spare.solve, self.spare.iterations);
+        match solve {
+            Solve::Optimal | Solve::IterationLimit => {
+                let kept = self.flight.get_or_insert_with(|| Flight {
+                    at: now,
+                    start: state,
+                    solution: Solution::default(),
+                });
+                kept.at = now;
+                kept.start = state;
+                core::mem::swap(&mut kept.solution, &mut self.spare);
+            }
+            // The previous flight goes on until it is too old; then the measured state begins anew.
+            Solve::Infeasible => self.counters.infeasible += 1,
+        }
+        let flight = self.flight.as_ref()?;
+        let mut plan = self.written(now, flight);
+        plan.solve = solve;
+        plan.iterations = iterations;
+        plan.alignment = self.aim.alignment;
+        plan.touchdown_at = self.touchdown(now, flight);
+        plan.check().is_ok().then_some(plan)
+    }
+
+    /// The flight as a message from `now` on: at half steps where they fit, so that the pilot's
+    /// interpolation is fine.
+    fn written(&self, now: Time<DroneClock>, flight: &Flight) -> Plan {
+        let (n, step) = (self.mpc.stages(), self.mpc.step_s());
+        let halves = 2 * n < alight_shared::msg::PLAN_STAGES;
+        let mut plan = Plan {
+            header: Header::new(0, 0, self.boot, self.sequence, now),
+            step: Span::from_secs(if halves { 0.5 * step } else { step }),
+            ..Plan::default()
+        };
+        let mut keep = |state: &State, input: &[f64; INPUTS]| {
+            // Capacity is checked by the configuration: n < PLAN_STAGES.
+            let _ = plan.stages.push(self.stage(state, input));
+        };
+        if flight.at == now {
+            let mut state = flight.start;
+            for (input, next) in flight.solution.inputs.iter().zip(&flight.solution.states) {
+                keep(&state, input);
+                if halves {
+                    keep(&self.mpc.half_step(&state, input), input);
+                }
+                state = *next;
+            }
+            keep(&state, &[0.0; INPUTS]);
+        } else {
+            let stride = plan.step;
+            let count = if halves { 2 * n } else { n };
+            for k in 0..=count {
+                let (state, input) = self.at(flight, now + stride * k as i64);
+                keep(&state, &input);
+            }
+        }
+        plan
+    }
+
+    /// A state as a stage of the message: tilt turned into the body's heading.
+    fn stage(&self, s: &State, input: &[f64; INPUTS]) -> PlanStage {
+        let (phi, theta) = tilt_of(&up_of(s[3], s[4]), s[5]);
+        let (sin, cos) = s[5].sin_cos();
+        PlanStage {
+            position: [s[0], s[1], s[2]],
+            velocity: [s[6], s[7], s[8]],
+            acceleration: [
+                -GRAVITY * s[4],
+                GRAVITY * s[3],
+                self.mpc.model().vertical * input[0],
+            ],
+            euler: [phi, theta, wrap_angle(s[5])],
+            euler_rates: [
+                cos * s[9] + sin * s[10] + s[11] * theta,
+                -sin * s[9] + cos * s[10] - s[11] * phi,
+                s[11],
+            ],
+        }
+    }
+
+    /// When the feet reach the deck's plane in this flight, if they are meant to.
+    fn touchdown(&self, now: Time<DroneClock>, flight: &Flight) -> Option<Time<DroneClock>> {
+        if !self.aim.touch {
+            return None;
+        }
+        if self.aim.clearance_m <= 0.0 {
+            return Some(now);
+        }
+        let (step, mut before) = (self.mpc.step_s(), self.aim.clearance_m);
+        for (k, s) in flight.solution.states.iter().enumerate() {
+            let deck = self.aim.deck.get(k + 1)?;
+            let p = Vector3::new(s[0], s[1], s[2]);
+            let c = clearance(&p, &up_of(s[3], s[4]), deck, self.drone_geometry.feet_below_m);
+            if c <= 0.0 {
+                let share = before / (before - c);
+                return Some(now + Span::from_secs(step * (k as f64 + share)));
+            }
+            before = c;
+        }
+        None
+    }
+}
+
+impl Node for Planner {
+    type Clock = DroneClock;
+    type In = PlannerIn;
+    type Out = PlannerOut;
+
+    fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
+        self.listen(now, input);
+        let mission = self
+            .mission
+            .filter(|m| young(now, m.header.at, self.config.mission_age_s));
+        let Some(mission) = mission else {
+            return PlannerOut::default();
+        };
+        let phase = mission.state.phase();
+        match phase {
+            Phase::None => {
+                self.flight = None;
+                self.last_solve = None;
+                self.guide.restart();
+                PlannerOut::default()
+            }
+            Phase::Navigation | Phase::Follow | Phase::Landing => {
+                if !self.due(now, phase) {
+                    return PlannerOut::default();
+                }
+                self.last_solve = Some((now, phase));
+                let mut plan = self.plan(now, &mission);
+                if let Some(plan) = &mut plan {
+                    plan.header.vessel = mission.header.vessel;
+                    plan.header.drone = mission.header.drone;
+                    self.sequence = self.sequence.wrapping_add(1);
+                }
+                PlannerOut { plan }
+            }
+        }
+    }
+}
+
+/// Tolerance for stamps ahead of now, s: shared memory between processes of one computer.
+const AHEAD_S: f64 = 0.05;
+
+fn young(now: Time<DroneClock>, at: Time<DroneClock>, age_s: f64) -> bool {
+    let age = (now - at).secs();
+    (-AHEAD_S..=age_s).contains(&age)
+}
+
+/// Keeps `new` if it is of this version, possible, in order, not old and not from the future; else
+/// counts a refusal.
+fn admit<M: Message<Clock = DroneClock> + Clone>(
+    now: Time<DroneClock>,
+    age_s: f64,
+    new: &Option<M>,
+    kept: &mut Option<M>,
+    refused: &mut u32,
+) {
+    let Some(new) = new else {
+        return;
+    };
+    let h = new.header();
+    let in_order = kept.as_ref().is_none_or(|old| {
+        let old = old.header();
+        old.boot != h.boot || (h.sequence > old.sequence && h.at >= old.at)
+    });
+    if h.version == MESSAGE_VERSION && in_order && young(now, h.at, age_s) && new.check().is_ok() {
+        *kept = Some(new.clone());
+    } else {
+        *refused = refused.saturating_add(1);
+    }
+}
+
+/// Odometry as a state of the model: tilt and rates about north and east.
+fn measured_state(drone: &DroneState) -> State {
+    let q = drone.attitude();
+    let (phi, theta) = tilt_of(&(q * -Vector3::z()), 0.0);
+    let w = q * Vector3::from(drone.rates);
+    let (p, v) = (drone.position, drone.velocity);
+    [
+        p[0],
+        p[1],
+        p[2],
+        phi,
+        theta,
+        drone.euler().z,
+        v[0],
+        v[1],
+        v[2],
+        w.x,
+        w.y,
+        w.z,
+    ]
+}

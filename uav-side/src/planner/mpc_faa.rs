@@ -1,0 +1,327 @@
+//! The paper's planner, section III of Procházka et al. 2024, equation by equation:
+//!
+//! - eq. 4-5: the model, linear about hover ([`super::model`]);
+//! - eq. 6: minimise over the increments of the inputs
+//!   `sum_k (x_k - r_k)' Q_k (x_k - r_k) + du_k' R du_k`, no terminal cost;
+//! - Q with flight-attitude alignment ([`super::weights`]);
+//! - eq. 7: limits of inputs and increments (hard), of tilt, velocity and rates (soft).
+//!
+//! Solved chain by chain: exactly without limits first ([`super::condensed`]), and only a chain
+//! whose optimum passes a limit goes to Clarabel ([`super::qp`]).
+//!
+//! Axes: NED, and tilt is measured about north and east whatever the heading (`phi`, `theta` of
+//! the body turned back by its yaw). Then the hover model at yaw 0 is right at every heading.
+
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::Solve;
+use nalgebra::SVector;
+
+use super::condensed::{Condensed, StageCost};
+use super::config::PlannerConfig;
+use super::model::{Chain, Discrete, HoverModel, INPUTS, State};
+use super::qp::{ChainLimits, ChainSolver, Instance, NO_CEILING, SlackCost, SparseForm};
+
+/// One problem: where the drone is, where it should be, how much that matters.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Problem {
+    /// State now, paper's order.
+    pub state: State,
+    /// Virtual input applied now: thrust, roll, pitch, yaw, as deviation from hover.
+    pub input: [f64; INPUTS],
+    /// References of the stages 1..=N.
+    pub reference: Vec<State>,
+    /// Q's diagonal at the stages 1..=N.
+    pub weight: Vec<State>,
+    /// Soft upper bound of z (NED: the lowest height) at the stages 1..=N, m.
+    pub ceiling: Vec<f64>,
+}
+
+/// What a solve found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Solution {
+    /// How it ended, the worst of the chains.
+    pub solve: Solve,
+    /// Iterations of the solver over all chains; 0 on the fast path.
+    pub iterations: u32,
+    /// Virtual inputs held over each stage.
+    pub inputs: Vec<[f64; INPUTS]>,
+    /// States at the ends of the stages.
+    pub states: Vec<State>,
+}
+
+/// Position of each chain's states in the paper's state, and of its input.
+const X: ([usize; 4], usize) = ([0, 6, 4, 10], 2);
+const Y: ([usize; 4], usize) = ([1, 7, 3, 9], 1);
+const Z: ([usize; 2], usize) = ([2, 8], 0);
+const YAW: ([usize; 2], usize) = ([5, 11], 3);
+
+/// The planner's solver, one per horizon.
+#[derive(Debug)]
+pub struct Mpc {
+    stages: usize,
+    step_s: f64,
+    model: HoverModel,
+    x: ChainMpc<4>,
+    y: ChainMpc<4>,
+    z: ChainMpc<2>,
+    yaw: ChainMpc<2>,
+    half: Roller,
+}
+
+impl Mpc {
+    /// Lays down all four problems.
+    pub fn new(config: &PlannerConfig, drone: &DroneGeometry) -> Self {
+        let model = heading_free(drone);
+        let bounds = config.rotors.bounds(drone);
+        let [slew_thrust, slew_roll, slew_pitch, slew_yaw] = config.rotors.slew(config.step_s);
+        let l = &config.limits;
+        let (tilt, rate) = (l.tilt_deg.to_radians(), l.rates_rps);
+        let horizontal = [None, Some(l.horizontal_mps), Some(tilt), Some(rate)];
+        let tilting = |slew| ChainLimits {
+            input: [-bounds.tilt, bounds.tilt],
+            slew,
+            state: horizontal,
+            ceiling: false,
+        };
+        let vertical = ChainLimits {
+            input: bounds.thrust,
+            slew: slew_thrust,
+            state: [None, Some(l.vertical_mps)],
+            ceiling: true,
+        };
+        let turning = ChainLimits {
+            input: [-bounds.yaw, bounds.yaw],
+            slew: slew_yaw,
+            state: [None, Some(rate)],
+            ceiling: false,
+        };
+        Mpc {
+            stages: config.stages,
+            step_s: config.step_s,
+            model,
+            x: ChainMpc::new(model.x_chain(), X, tilting(slew_pitch), config),
+            y: ChainMpc::new(model.y_chain(), Y, tilting(slew_roll), config),
+            z: ChainMpc::new(model.z_chain(), Z, vertical, config),
+            yaw: ChainMpc::new(model.yaw_chain(), YAW, turning, config),
+            half: Roller::new(&model, 0.5 * config.step_s),
+        }
+    }
+
+    /// Stages of the horizon.
+    pub fn stages(&self) -> usize {
+        self.stages
+    }
+    /// Time between stages, s.
+    pub fn step_s(&self) -> f64 {
+        self.step_s
+    }
+    /// The model in use: the larger of the two tilt inertias about both axes.
+    pub fn model(&self) -> &HoverModel {
+        &self.model
+    }
+    /// The limits of the chains x, y, z, yaw.
+    pub fn limits(&self) -> (ChainLimits<4>, ChainLimits<4>, ChainLimits<2>, ChainLimits<2>) {
+        (self.x.limits, self.y.limits, self.z.limits, self.yaw.limits)
+    }
+
+    /// Solves. `ceiling(k, x, y)` bounds z at stage k+1 given where the drone will be then; it is
+    /// written into the problem.
+    pub fn solve(
+        &mut self,
+        problem: &mut Problem,
+        mut ceiling: impl FnMut(usize, f64, f64) -> f64,
+        solution: &mut Solution,
+    ) {
+        let n = self.stages;
+        solution.solve = Solve::Optimal;
+        solution.iterations = 0;
+        solution.inputs.clear();
+        solution.inputs.resize(n, [0.0; INPUTS]);
+        solution.states.clear();
+        solution.states.resize(n, problem.state);
+        if problem.reference.len() != n || problem.weight.len() != n {
+            solution.solve = Solve::Infeasible;
+            return;
+        }
+        problem.ceiling.clear();
+        problem.ceiling.resize(n, NO_CEILING);
+        self.x.solve(problem, solution);
+        self.y.solve(problem, solution);
+        for k in 0..n {
+            problem.ceiling[k] = ceiling(k, solution.states[k][0], solution.states[k][1]);
+        }
+        self.z.solve(problem, solution);
+        self.yaw.solve(problem, solution);
+    }
+
+    /// Rolls half a step on, exactly.
+    pub fn half_step(&self, state: &State, input: &[f64; INPUTS]) -> State {
+        self.half.step(state, input)
+    }
+    /// Rolls any time on, exactly.
+    pub fn roll(&self, state: &State, input: &[f64; INPUTS], time_s: f64) -> State {
+        Roller::new(&self.model, time_s).step(state, input)
+    }
+}
+
+/// The hover model for axes that do not turn with the body: both tilts get the larger inertia, so
+/// that the limits of torque hold at every heading.
+pub fn heading_free(drone: &DroneGeometry) -> HoverModel {
+    let model = HoverModel::new(drone);
+    let weaker = model.roll.min(model.pitch);
+    HoverModel {
+        roll: weaker,
+        pitch: weaker,
+        ..model
+    }
+}
+
+/// All four chains over one length of time.
+#[derive(Clone, Copy, Debug)]
+struct Roller {
+    x: Discrete<4, 1>,
+    y: Discrete<4, 1>,
+    z: Discrete<2, 1>,
+    yaw: Discrete<2, 1>,
+}
+
+impl Roller {
+    fn new(model: &HoverModel, time_s: f64) -> Self {
+        Roller {
+            x: model.x_chain().discrete(time_s),
+            y: model.y_chain().discrete(time_s),
+            z: model.z_chain().discrete(time_s),
+            yaw: model.yaw_chain().discrete(time_s),
+        }
+    }
+    fn step(&self, state: &State, input: &[f64; INPUTS]) -> State {
+        let mut next = *state;
+        scatter(&X.0, &self.x.step(&gather(&X.0, state), input[X.1]), &mut next);
+        scatter(&Y.0, &self.y.step(&gather(&Y.0, state), input[Y.1]), &mut next);
+        scatter(&Z.0, &self.z.step(&gather(&Z.0, state), input[Z.1]), &mut next);
+        scatter(
+            &YAW.0,
+            &self.yaw.step(&gather(&YAW.0, state), input[YAW.1]),
+            &mut next,
+        );
+        next
+    }
+}
+
+fn gather<const N: usize>(index: &[usize; N], full: &State) -> SVector<f64, N> {
+    SVector::from_fn(|i, _| full[index[i]])
+}
+fn scatter<const N: usize>(index: &[usize; N], part: &SVector<f64, N>, full: &mut State) {
+    for i in 0..N {
+        full[index[i]] = part[i];
+    }
+}
+
+/// One chain: fast path, then solver.
+#[derive(Debug)]
+struct ChainMpc<const N: usize> {
+    index: [usize; N],
+    input: usize,
+    model: Discrete<N, 1>,
+    limits: ChainLimits<N>,
+    fast: Condensed<N>,
+    solver: ChainSolver<N>,
+    cost: Vec<StageCost<N>>,
+    ceiling: Vec<f64>,
+    inputs: Vec<f64>,
+    states: Vec<SVector<f64, N>>,
+}
+
+impl<const N: usize> ChainMpc<N> {
+    fn new(
+        chain: Chain<N>,
+        (index, input): ([usize; N], usize),
+        limits: ChainLimits<N>,
+        config: &PlannerConfig,
+    ) -> Self {
+        let (n, r) = (config.stages, config.increment_weight);
+        let model = chain.discrete(config.step_s);
+        let slack = SlackCost {
+            linear: config.limits.slack_linear,
+            quadratic: config.limits.slack_quadratic,
+        };
+        ChainMpc {
+            index,
+            input,
+            model,
+            limits,
+            fast: Condensed::new(model, n, r),
+            solver: ChainSolver::new(SparseForm::new(model, n, r, limits, slack)),
+            cost: Vec::with_capacity(n),
+            ceiling: vec![NO_CEILING; n],
+            inputs: vec![0.0; n],
+            states: vec![SVector::zeros(); n],
+        }
+    }
+
+    fn solve(&mut self, problem: &Problem, solution: &mut Solution) {
+        // Positions relative to here, so that a place far from the origin costs no digits.
+        let origin = problem.state[self.index[0]];
+        let local = |full: &State| {
+            let mut x = gather(&self.index, full);
+            x[0] -= origin;
+            x
+        };
+        let x0 = local(&problem.state);
+        let previous = problem.input[self.input].clamp(self.limits.input[0], self.limits.input[1]);
+        self.cost.clear();
+        self.cost.extend(
+            problem
+                .reference
+                .iter()
+                .zip(&problem.weight)
+                .map(|(r, w)| StageCost {
+                    reference: local(r),
+                    weight: gather(&self.index, w),
+                }),
+        );
+        for (own, given) in self.ceiling.iter_mut().zip(&problem.ceiling) {
+            *own = (given - origin).min(NO_CEILING);
+        }
+
+        let solved = self.fast.solve(&x0, previous, &self.cost, &mut self.inputs);
+        self.roll(&x0);
+        if !solved
+            || !self
+                .limits
+                .hold(previous, &self.inputs, &self.states, &self.ceiling)
+        {
+            let instance = Instance {
+                state: x0,
+                previous_input: previous,
+                cost: &self.cost,
+                ceiling: &self.ceiling,
+            };
+            let (ending, iterations) = self.solver.solve(&instance, &mut self.inputs);
+            solution.iterations += iterations;
+            solution.solve = worse(solution.solve, ending);
+            self.roll(&x0);
+        }
+        for k in 0..self.states.len() {
+            self.states[k][0] += origin;
+            scatter(&self.index, &self.states[k], &mut solution.states[k]);
+            solution.inputs[k][self.input] = self.inputs[k];
+        }
+    }
+
+    fn roll(&mut self, x0: &SVector<f64, N>) {
+        let mut x = *x0;
+        for (u, slot) in self.inputs.iter().zip(&mut self.states) {
+            x = self.model.step(&x, *u);
+            *slot = x;
+        }
+    }
+}
+
+fn worse(a: Solve, b: Solve) -> Solve {
+    match (a, b) {
+        (Solve::Infeasible, _) | (_, Solve::Infeasible) => Solve::Infeasible,
+        (Solve::IterationLimit, _) | (_, Solve::IterationLimit) => Solve::IterationLimit,
+        (Solve::Optimal, Solve::Optimal) => Solve::Optimal,
+    }
+}

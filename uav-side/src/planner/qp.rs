@@ -1,0 +1,362 @@
+//! One chain's problem with its limits: sparse multiple shooting into Clarabel, the structure laid
+//! down once and only numbers replaced at each solve.
+//!
+//! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, one slack `s_k` shared by the
+//! stage's state limits and measured in shares of each limit. Inputs and their increments are hard
+//! limits, states soft with a linear and a quadratic cost of slack: 2.5 % of closed-loop problems
+//! have no solution with hard state limits (our measurement).
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{
+    DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT, ZeroConeT,
+};
+use nalgebra::SVector;
+
+use alight_shared::msg::Solve;
+
+use super::condensed::StageCost;
+use super::model::Discrete;
+
+/// Limits of one chain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChainLimits<const N: usize> {
+    /// Hard bounds of the virtual input (deviation from hover).
+    pub input: [f64; 2],
+    /// Hard bound of its change per stage.
+    pub slew: f64,
+    /// Soft bound of each state's magnitude.
+    pub state: [Option<f64>; N],
+    /// The first state has a soft upper bound of its own at each stage (height over the water).
+    pub ceiling: bool,
+}
+
+/// Cost of one unit of slack (a whole limit's worth), linear and quadratic.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlackCost {
+    /// Linear.
+    pub linear: f64,
+    /// Quadratic.
+    pub quadratic: f64,
+}
+
+/// Stands in for a ceiling that is not there, m: far beyond what a horizon can reach.
+pub const NO_CEILING: f64 = 1.0e3;
+/// How far a limit may be passed before the unconstrained optimum counts as violating it, in the
+/// limit's own unit: the solver's feasibility tolerance.
+const TOLERANCE: f64 = 1e-9;
+/// Iterations of the interior point method; it needs 7 to 15.
+const MAX_ITERATIONS: u32 = 40;
+
+impl<const N: usize> ChainLimits<N> {
+    /// True when no limit is passed by inputs and states (`states[k]` follows `inputs[k]`).
+    pub fn hold(
+        &self,
+        previous_input: f64,
+        inputs: &[f64],
+        states: &[SVector<f64, N>],
+        ceiling: &[f64],
+    ) -> bool {
+        let mut before = previous_input;
+        for (k, (u, x)) in inputs.iter().zip(states).enumerate() {
+            if !(*u >= self.input[0] - TOLERANCE && *u <= self.input[1] + TOLERANCE)
+                || !((u - before).abs() <= self.slew + TOLERANCE)
+            {
+                return false;
+            }
+            before = *u;
+            for (value, limit) in x.iter().zip(&self.state) {
+                if let Some(limit) = limit
+                    && !(value.abs() <= limit + TOLERANCE)
+                {
+                    return false;
+                }
+            }
+            if self.ceiling && !ceiling.get(k).is_none_or(|top| x[0] <= top + TOLERANCE) {
+                return false;
+            }
+        }
+        true
+    }
+}
+
+/// The numbers of one problem.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance<'a, const N: usize> {
+    /// State now.
+    pub state: SVector<f64, N>,
+    /// Input applied now.
+    pub previous_input: f64,
+    /// References and weights, one per stage.
+    pub cost: &'a [StageCost<N>],
+    /// Upper bound of the first state per stage ([`NO_CEILING`] for none); read if the chain has one.
+    pub ceiling: &'a [f64],
+}
+
+/// Fixed-structure problem data, in Clarabel's form `min x'Px/2 + q'x, Ax + s = b`.
+#[derive(Clone, Debug)]
+pub struct SparseForm<const N: usize> {
+    stages: usize,
+    limits: ChainLimits<N>,
+    increment_weight: f64,
+    slack: SlackCost,
+    model: Discrete<N, 1>,
+    /// Quadratic cost, upper triangle.
+    pub p: CscMatrix<f64>,
+    /// Linear cost.
+    pub q: Vec<f64>,
+    /// Constraints: dynamics first, then inequalities.
+    pub a: CscMatrix<f64>,
+    /// Right-hand side.
+    pub b: Vec<f64>,
+    /// Rows of the dynamics.
+    pub equalities: usize,
+    /// Where the diagonal of `P` for each stage's first state begins in the stored values.
+    weight_at: Vec<usize>,
+    /// First inequality row of each stage.
+    row_at: Vec<usize>,
+}
+
+impl<const N: usize> SparseForm<N> {
+    /// Lays down the structure.
+    pub fn new(
+        model: Discrete<N, 1>,
+        stages: usize,
+        increment_weight: f64,
+        limits: ChainLimits<N>,
+        slack: SlackCost,
+    ) -> Self {
+        let width = N + 2;
+        let (u, x, s) = (
+            |k: usize| k * width,
+            |k: usize| k * width + 1,
+            |k: usize| k * width + 1 + N,
+        );
+        let variables = stages * width;
+
+        // P: u tridiagonal (squared increments), x diagonal (Q, explicit even if zero), s diagonal.
+        let (mut colptr, mut rowval, mut nzval) = (vec![0], Vec::new(), Vec::new());
+        let mut weight_at = Vec::with_capacity(stages);
+        let r2 = 2.0 * increment_weight;
+        for k in 0..stages {
+            if k > 0 {
+                rowval.push(u(k - 1));
+                nzval.push(-r2);
+            }
+            rowval.push(u(k));
+            nzval.push(if k + 1 < stages { 2.0 * r2 } else { r2 });
+            colptr.push(rowval.len());
+            weight_at.push(nzval.len());
+            for i in 0..N {
+                rowval.push(x(k) + i);
+                nzval.push(2.0);
+                colptr.push(rowval.len());
+            }
+            rowval.push(s(k));
+            nzval.push(2.0 * slack.quadratic);
+            colptr.push(rowval.len());
+        }
+        let p = CscMatrix::new(variables, variables, colptr, rowval, nzval);
+
+        let (mut rows, mut cols, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        let mut set = |r: usize, c: usize, v: f64| {
+            rows.push(r);
+            cols.push(c);
+            values.push(v);
+        };
+        let equalities = stages * N;
+        let mut b = vec![0.0; equalities];
+        for k in 0..stages {
+            for i in 0..N {
+                let row = k * N + i;
+                set(row, x(k) + i, 1.0);
+                set(row, u(k), -model.b[i]);
+                if k > 0 {
+                    for j in 0..N {
+                        if model.a[(i, j)] != 0.0 {
+                            set(row, x(k - 1) + j, -model.a[(i, j)]);
+                        }
+                    }
+                }
+            }
+        }
+        let mut row_at = Vec::with_capacity(stages);
+        for k in 0..stages {
+            row_at.push(b.len());
+            for (sign, bound) in [(1.0, limits.input[1]), (-1.0, -limits.input[0])] {
+                set(b.len(), u(k), sign);
+                b.push(bound);
+            }
+            for sign in [1.0, -1.0] {
+                set(b.len(), u(k), sign);
+                if k > 0 {
+                    set(b.len(), u(k - 1), -sign);
+                }
+                b.push(limits.slew);
+            }
+            set(b.len(), s(k), -1.0);
+            b.push(0.0);
+            if limits.ceiling {
+                set(b.len(), x(k), 1.0);
+                set(b.len(), s(k), -1.0);
+                b.push(NO_CEILING);
+            }
+            for (i, limit) in limits.state.iter().enumerate() {
+                if let Some(limit) = limit {
+                    for sign in [1.0, -1.0] {
+                        set(b.len(), x(k) + i, sign);
+                        set(b.len(), s(k), -limit);
+                        b.push(*limit);
+                    }
+                }
+            }
+        }
+        let a = CscMatrix::new_from_triplets(b.len(), variables, rows, cols, values);
+        let mut q = vec![0.0; variables];
+        for k in 0..stages {
+            q[s(k)] = slack.linear;
+        }
+        SparseForm {
+            stages,
+            limits,
+            increment_weight,
+            slack,
+            model,
+            p,
+            q,
+            a,
+            b,
+            equalities,
+            weight_at,
+            row_at,
+        }
+    }
+
+    /// Replaces the numbers by those of `instance`.
+    pub fn fill(&mut self, instance: &Instance<'_, N>) {
+        let width = N + 2;
+        for (k, cost) in instance.cost.iter().take(self.stages).enumerate() {
+            for i in 0..N {
+                self.p.nzval[self.weight_at[k] + i] = 2.0 * cost.weight[i];
+                self.q[k * width + 1 + i] = -2.0 * cost.weight[i] * cost.reference[i];
+            }
+            if self.limits.ceiling {
+                // After two input, two slew and one slack row.
+                self.b[self.row_at[k] + 5] = instance.ceiling.get(k).copied().unwrap_or(NO_CEILING);
+            }
+        }
+        self.q[0] = -2.0 * self.increment_weight * instance.previous_input;
+        let first = self.model.a * instance.state;
+        self.b[..N].copy_from_slice(first.as_slice());
+        self.b[self.row_at[0] + 2] = self.limits.slew + instance.previous_input;
+        self.b[self.row_at[0] + 3] = self.limits.slew - instance.previous_input;
+    }
+
+    fn cones(&self) -> [SupportedConeT<f64>; 2] {
+        [
+            ZeroConeT(self.equalities),
+            NonnegativeConeT(self.b.len() - self.equalities),
+        ]
+    }
+}
+
+/// The chain's solver.
+pub struct ChainSolver<const N: usize> {
+    form: SparseForm<N>,
+    /// None if Clarabel refused the structure, which a checked configuration cannot cause.
+    solver: Option<DefaultSolver<f64>>,
+}
+
+fn settings(refine: bool) -> DefaultSettings<f64> {
+    DefaultSettings {
+        verbose: false,
+        max_iter: MAX_ITERATIONS,
+        presolve_enable: false,
+        direct_solve_method: "qdldl".into(),
+        max_threads: 1,
+        iterative_refinement_enable: refine,
+        max_step_fraction: if refine { 0.99 } else { 0.999 },
+        ..DefaultSettings::default()
+    }
+}
+
+impl<const N: usize> ChainSolver<N> {
+    /// Lays down the structure of `form`.
+    pub fn new(form: SparseForm<N>) -> Self {
+        let solver =
+            DefaultSolver::new(&form.p, &form.q, &form.a, &form.b, &form.cones(), settings(false)).ok();
+        ChainSolver { form, solver }
+    }
+
+    /// Solves `instance` and writes the inputs, which keep the hard limits exactly whatever the
+    /// solver's tolerance. Also returns the iterations used.
+    pub fn solve(&mut self, instance: &Instance<'_, N>, inputs: &mut [f64]) -> (Solve, u32) {
+        self.form.fill(instance);
+        let form = &self.form;
+        let mut iterations = 0;
+        let mut ending = Solve::Infeasible;
+        if let Some(solver) = &mut self.solver
+            && solver.update_P(&form.p.nzval).is_ok()
+            && solver.update_q(&form.q).is_ok()
+            && solver.update_b(&form.b).is_ok()
+        {
+            solver.solve();
+            iterations = solver.solution.iterations;
+            ending = verdict(solver.solution.status);
+            take(form, &solver.solution.x, instance.previous_input, inputs);
+        }
+        if ending != Solve::Optimal {
+            // Once more from scratch, scaled for these very numbers and with refinement.
+            let fresh = DefaultSolver::new(&form.p, &form.q, &form.a, &form.b, &form.cones(), settings(true));
+            if let Ok(mut solver) = fresh {
+                solver.solve();
+                iterations += solver.solution.iterations;
+                ending = verdict(solver.solution.status);
+                take(form, &solver.solution.x, instance.previous_input, inputs);
+            }
+        }
+        if !inputs.iter().all(|u| u.is_finite()) {
+            ending = Solve::Infeasible;
+        }
+        (ending, iterations)
+    }
+}
+
+/// Reads the inputs and clips the solver's last digits to the hard limits.
+fn take<const N: usize>(form: &SparseForm<N>, x: &[f64], previous_input: f64, inputs: &mut [f64]) {
+    let mut before = previous_input;
+    for (k, slot) in inputs.iter_mut().enumerate() {
+        let u = x.get(k * (N + 2)).copied().unwrap_or(f64::NAN);
+        let slew = form.limits.slew;
+        let u = u
+            .clamp(before - slew, before + slew)
+            .clamp(form.limits.input[0], form.limits.input[1]);
+        *slot = u;
+        before = u;
+    }
+}
+
+fn verdict(status: SolverStatus) -> Solve {
+    match status {
+        SolverStatus::Solved => Solve::Optimal,
+        SolverStatus::AlmostSolved
+        | SolverStatus::MaxIterations
+        | SolverStatus::MaxTime
+        | SolverStatus::CallbackTerminated
+        | SolverStatus::InsufficientProgress => Solve::IterationLimit,
+        SolverStatus::Unsolved
+        | SolverStatus::PrimalInfeasible
+        | SolverStatus::DualInfeasible
+        | SolverStatus::AlmostPrimalInfeasible
+        | SolverStatus::AlmostDualInfeasible
+        | SolverStatus::NumericalError => Solve::Infeasible,
+    }
+}
+
+impl<const N: usize> core::fmt::Debug for ChainSolver<N> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("ChainSolver")
+            .field("stages", &self.form.stages)
+            .field("slack", &self.form.slack)
+            .finish_non_exhaustive()
+    }
+}

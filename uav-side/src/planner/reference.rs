@@ -1,0 +1,607 @@
+//! What the plan should follow in each mission state (Procházka et al. 2024, section IV): the
+//! predicted deck, with a height profile of the planner's own, and a carrot that brings far
+//! targets near at bearable speed.
+
+use alight_shared::frames::{body_rates, wrap_angle};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{SVector, Vector2, Vector3};
+
+use super::config::{PlannerConfig, PlannerKind, Shaping};
+use super::model::State;
+use super::mpc_faa::Problem;
+use super::qp::NO_CEILING;
+use super::weights::{FaaDistance, Weights};
+
+/// What the references amount to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Aim {
+    /// The plan means to touch the deck.
+    pub touch: bool,
+    /// Clearance of the foot plane above the deck now, m; infinite when no deck is known.
+    pub clearance_m: f64,
+    /// Weight of tilt at the first stage.
+    pub alignment: f64,
+    /// The deck now and at each stage; empty when it is not known.
+    pub deck: Vec<DeckStage>,
+    /// Lowest height over the water outside the deck's outline, m.
+    pub minimum_altitude_m: f64,
+}
+
+/// Builds references; remembers its carrots and the deck's mean height.
+#[derive(Clone, Debug)]
+pub struct Guide {
+    config: PlannerConfig,
+    drone: DroneGeometry,
+    deck: DeckGeometry,
+    horizontal: Carrot<2>,
+    vertical: Carrot<1>,
+    yaw: Carrot<1>,
+    mean_height: Option<(Time<DroneClock>, f64)>,
+    /// Where to stay when the deck is not known but should be.
+    frozen: Option<[f64; 4]>,
+}
+
+/// Tilt (phi, theta) about the axes of a frame turned by `heading` of a body whose upward axis is
+/// `up` in NED: `R = Ry(theta) Rx(phi)` takes the frame's -z there.
+pub fn tilt_of(up: &Vector3<f64>, heading: f64) -> (f64, f64) {
+    let (s, c) = heading.sin_cos();
+    let (x, y) = (c * up.x + s * up.y, -s * up.x + c * up.y);
+    (y.clamp(-1.0, 1.0).asin(), (-x).atan2(-up.z))
+}
+
+/// Upward axis in NED of a body with tilt `(phi, theta)` about north and east.
+pub fn up_of(phi: f64, theta: f64) -> Vector3<f64> {
+    let ((sp, cp), (st, ct)) = (phi.sin_cos(), theta.sin_cos());
+    Vector3::new(-st * cp, sp, -ct * cp)
+}
+
+/// Angular velocity of the deck in NED, rad/s.
+fn angular_velocity(d: &DeckStage) -> Vector3<f64> {
+    d.rotation() * body_rates(d.euler[0], d.euler[1], Vector3::from(d.euler_rates))
+}
+
+/// Height of the foot plane of a body at `p` with upward axis `up` over the deck plane, along the
+/// deck's normal, m.
+pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_below_m: f64) -> f64 {
+    let feet = p - up * feet_below_m;
+    (feet - Vector3::from(deck.position)).dot(&deck.normal())
+}
+
+impl Guide {
+    /// A guide without a past.
+    pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry) -> Self {
+        Guide {
+            config: config.clone(),
+            drone: *drone,
+            deck: *deck,
+            horizontal: Carrot::default(),
+            vertical: Carrot::default(),
+            yaw: Carrot::default(),
+            mean_height: None,
+            frozen: None,
+        }
+    }
+
+    /// Forgets the carrots: the plan starts anew from the measured state.
+    pub fn restart(&mut self) {
+        self.horizontal = Carrot::default();
+        self.vertical = Carrot::default();
+        self.yaw = Carrot::default();
+        self.frozen = None;
+    }
+    /// Forgets also what was learnt of the deck's height: the frame itself has moved.
+    pub fn forget(&mut self) {
+        self.restart();
+        self.mean_height = None;
+    }
+
+    /// Follows the deck's mean height (first-order low pass of z).
+    fn mean_height(&mut self, now: Time<DroneClock>, forecast: &DeckForecast, here: f64) -> f64 {
+        // Further off than any heave: the frame or the estimate moved, not the deck.
+        const JUMP_M: f64 = 3.0;
+        let mean = match self.mean_height {
+            Some((at, mean)) if (here - mean).abs() < JUMP_M => {
+                let dt = (now - at).secs().max(0.0);
+                mean + (here - mean) * (1.0 - (-dt / self.config.mean_height_s).exp())
+            }
+            Some(_) | None => {
+                let n = forecast.stages.len().max(1) as f64;
+                forecast.stages.iter().map(|s| s.position[2]).sum::<f64>() / n
+            }
+        };
+        self.mean_height = Some((now, mean));
+        mean
+    }
+
+    /// Writes references and weights of the stages at `now + k step` into `problem`, whose `state`
+    /// is where the plan starts.
+    pub fn aim(
+        &mut self,
+        now: Time<DroneClock>,
+        mission: &MissionState,
+        forecast: Option<&DeckForecast>,
+        stages: usize,
+        step_s: f64,
+        problem: &mut Problem,
+        aim: &mut Aim,
+    ) {
+        let start = problem.state;
+        aim.minimum_altitude_m = mission.minimum_altitude_m;
+        aim.deck.clear();
+        let mean_z = forecast.and_then(|f| {
+            sample_deck(now, f, stages, step_s, &mut aim.deck);
+            aim.deck.first().map(|d| d.position[2])
+        });
+        let mean_z = match (forecast, mean_z) {
+            (Some(f), Some(here)) => Some(self.mean_height(now, f, here)),
+            _ => None,
+        };
+        let (p, up) = (
+            Vector3::new(start[0], start[1], start[2]),
+            up_of(start[3], start[4]),
+        );
+        let feet = self.drone.feet_below_m;
+        aim.clearance_m = aim
+            .deck
+            .first()
+            .map_or(f64::INFINITY, |d| clearance(&p, &up, d, feet));
+
+        // Which mission state wants the deck, and how.
+        let wish = match mission.state {
+            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => Wish::Hold,
+            Mode::Approach => Wish::Above,
+            Mode::Tracking | Mode::TrackingStable => Wish::Above,
+            Mode::Descent => Wish::Sink,
+            Mode::Flare => Wish::Touch,
+        };
+        let (wish, hold) = match (wish, mean_z) {
+            (Wish::Hold, _) => {
+                self.frozen = None;
+                let [x, y, z] = mission.hold_position;
+                (Wish::Hold, [x, y, z, mission.hold_yaw])
+            }
+            (wish, Some(_)) => {
+                self.frozen = None;
+                (wish, [0.0; 4])
+            }
+            // The deck should be known and is not: stay here.
+            (_, None) => {
+                let here = [start[0], start[1], start[2], start[5]];
+                (Wish::Hold, *self.frozen.get_or_insert(here))
+            }
+        };
+        aim.touch = matches!(wish, Wish::Touch);
+
+        let weights = match mission.state {
+            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Approach | Mode::Hold | Mode::GaveUp => {
+                &self.config.navigation
+            }
+            Mode::Tracking | Mode::TrackingStable => &self.config.follow,
+            Mode::Descent | Mode::Flare => &self.config.landing,
+        };
+        let weights: Weights = *weights;
+
+        problem.reference.clear();
+        problem.weight.clear();
+        problem.reference.resize(stages, [0.0; 12]);
+        problem.weight.resize(stages, weights.diagonal());
+        self.horizontal_and_tilt(now, wish, &hold, stages, step_s, &start, aim, problem);
+        self.height(
+            now, wish, &hold, mission, mean_z, stages, step_s, &start, aim, problem,
+        );
+        self.heading(
+            now, wish, &hold, mission, forecast, stages, step_s, &start, aim, problem,
+        );
+        self.align(aim, problem);
+        aim.alignment = problem.weight.first().map_or(0.0, |w| w[3]);
+    }
+
+    fn horizontal_and_tilt(
+        &mut self,
+        now: Time<DroneClock>,
+        wish: Wish,
+        hold: &[f64; 4],
+        stages: usize,
+        step_s: f64,
+        start: &State,
+        aim: &Aim,
+        problem: &mut Problem,
+    ) {
+        let feet = self.drone.feet_below_m;
+        // Position and velocity of the target at stage k (0 = now), and tilt with its rate.
+        let target = |k: usize| -> (Vector2<f64>, Vector2<f64>, [f64; 4]) {
+            match (wish, aim.deck.get(k)) {
+                (Wish::Hold, _) | (_, None) => (Vector2::new(hold[0], hold[1]), Vector2::zeros(), [0.0; 4]),
+                (Wish::Above | Wish::Sink, Some(d)) => (
+                    Vector2::new(d.position[0], d.position[1]),
+                    Vector2::new(d.velocity[0], d.velocity[1]),
+                    [0.0; 4],
+                ),
+                (Wish::Touch, Some(d)) => {
+                    // The full pose: the foot plane's centre over the deck's centre.
+                    let (n, w) = (d.normal(), angular_velocity(d));
+                    let turn = w.cross(&n) * feet;
+                    let (phi, theta) = tilt_of(&n, 0.0);
+                    (
+                        Vector2::new(d.position[0] + feet * n.x, d.position[1] + feet * n.y),
+                        Vector2::new(d.velocity[0] + turn.x, d.velocity[1] + turn.y),
+                        [phi, theta, w.x, w.y],
+                    )
+                }
+            }
+        };
+        let s = self.config.shaping;
+        let pace = Pace {
+            speed: s.horizontal_mps,
+            acceleration: s.horizontal_mps2,
+            settle_s: s.settle_s,
+        };
+        let (p0, v0, _) = target(0);
+        self.horizontal.meet(
+            now,
+            wish.follows_deck(),
+            &p0,
+            &v0,
+            &Vector2::new(start[0], start[1]),
+            &Vector2::new(start[6], start[7]),
+            &pace,
+            [0.5, 3.0],
+        );
+        let mut carrot = self.horizontal.gap;
+        for k in 0..stages {
+            carrot.advance(step_s, &pace);
+            let (p, v, tilt) = target(k + 1);
+            let r = &mut problem.reference[k];
+            for i in 0..2 {
+                r[i] = p[i] + carrot.offset[i];
+                r[6 + i] = v[i] + carrot.rate[i];
+                r[3 + i] = tilt[i];
+                r[9 + i] = tilt[2 + i];
+            }
+        }
+    }
+
+    fn height(
+        &mut self,
+        now: Time<DroneClock>,
+        wish: Wish,
+        hold: &[f64; 4],
+        mission: &MissionState,
+        mean_z: Option<f64>,
+        stages: usize,
+        step_s: f64,
+        start: &State,
+        aim: &Aim,
+        problem: &mut Problem,
+    ) {
+        let feet = self.drone.feet_below_m;
+        match wish {
+            Wish::Hold | Wish::Above => {
+                let z = match (wish, mean_z) {
+                    (Wish::Above, Some(mean)) => mean - mission.height_m,
+                    _ => hold[2],
+                };
+                let z = z.min(-mission.minimum_altitude_m);
+                let s = self.config.shaping;
+                let pace = Pace {
+                    speed: s.vertical_mps,
+                    acceleration: s.vertical_mps2,
+                    settle_s: s.settle_s,
+                };
+                self.vertical.meet(
+                    now,
+                    true,
+                    &SVector::from([z]),
+                    &SVector::zeros(),
+                    &SVector::from([start[2]]),
+                    &SVector::from([start[8]]),
+                    &pace,
+                    [0.3, 1.5],
+                );
+                let mut carrot = self.vertical.gap;
+                for r in &mut problem.reference {
+                    carrot.advance(step_s, &pace);
+                    r[2] = z + carrot.offset[0];
+                    r[8] = carrot.rate[0];
+                }
+            }
+            Wish::Sink | Wish::Touch => {
+                // Constant speed relative to the predicted deck, from the clearance there is now.
+                self.vertical = Carrot::default();
+                let contact_z = |k: usize| {
+                    aim.deck.get(k).map(|d| match wish {
+                        Wish::Touch => {
+                            let n = d.normal();
+                            let turn = angular_velocity(d).cross(&n) * feet;
+                            (d.position[2] + feet * n.z, d.velocity[2] + turn.z)
+                        }
+                        Wish::Sink | Wish::Hold | Wish::Above => (d.position[2] - feet, d.velocity[2]),
+                    })
+                };
+                let c0 = contact_z(0).map_or(0.0, |(z, _)| z - start[2]);
+                for k in 0..stages {
+                    let Some((z, vz)) = contact_z(k + 1) else {
+                        continue;
+                    };
+                    let profile = c0 - mission.descent_mps * step_s * (k as f64 + 1.0);
+                    // On into the deck for a little, so that contact is pressed home.
+                    let pressed = profile <= -self.config.press_m;
+                    let r = &mut problem.reference[k];
+                    r[2] = z - profile.max(-self.config.press_m);
+                    r[8] = vz + if pressed { 0.0 } else { mission.descent_mps };
+                }
+            }
+        }
+    }
+
+    fn heading(
+        &mut self,
+        now: Time<DroneClock>,
+        wish: Wish,
+        hold: &[f64; 4],
+        mission: &MissionState,
+        forecast: Option<&DeckForecast>,
+        stages: usize,
+        step_s: f64,
+        start: &State,
+        aim: &Aim,
+        problem: &mut Problem,
+    ) {
+        let mean = forecast.map_or(hold[3], |f| f.mean_heading);
+        let far = aim
+            .deck
+            .first()
+            .map(|d| Vector2::new(d.position[0] - start[0], d.position[1] - start[1]));
+        // Heading and its rate at stage k.
+        let target = |k: usize| match (wish, aim.deck.get(k)) {
+            (Wish::Hold, _) | (_, None) => (hold[3], 0.0),
+            (Wish::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),
+            (Wish::Above | Wish::Sink, Some(_)) => match (mission.state, far) {
+                (Mode::Approach, Some(far)) if far.norm() > self.config.heading_from_m => {
+                    (far.y.atan2(far.x), 0.0)
+                }
+                _ => (mean, 0.0),
+            },
+        };
+        let Shaping {
+            yaw_rps,
+            yaw_rps2,
+            settle_s,
+            ..
+        } = self.config.shaping;
+        let pace = Pace {
+            speed: yaw_rps,
+            acceleration: yaw_rps2,
+            settle_s,
+        };
+        let (psi, rate) = target(0);
+        // The target nearest to the plan's own heading: the shortest way round.
+        let near = |a: f64| start[5] + wrap_angle(a - start[5]);
+        self.yaw.meet(
+            now,
+            true,
+            &SVector::from([near(psi)]),
+            &SVector::from([rate]),
+            &SVector::from([start[5]]),
+            &SVector::from([start[11]]),
+            &pace,
+            [0.1, 0.6],
+        );
+        let mut carrot = self.yaw.gap;
+        let first = near(psi);
+        for k in 0..stages {
+            carrot.advance(step_s, &pace);
+            let (psi_k, rate) = target(k + 1);
+            let r = &mut problem.reference[k];
+            r[5] = first + wrap_angle(psi_k - psi) + carrot.offset[0];
+            r[11] = rate + carrot.rate[0];
+        }
+    }
+
+    /// FAA: the weights grow with the clearance of the foot plane (Table 4). Only the flare has the
+    /// deck's attitude as reference, so only there does aligning make sense.
+    fn align(&self, aim: &Aim, problem: &mut Problem) {
+        let wanted = match self.config.kind {
+            PlannerKind::MpcFaa => aim.touch,
+            PlannerKind::Mpc => false,
+        };
+        if !wanted {
+            return;
+        }
+        let feet = self.drone.feet_below_m;
+        for (k, (weight, r)) in problem.weight.iter_mut().zip(&problem.reference).enumerate() {
+            let d = match (self.config.faa.distance, aim.deck.get(k + 1)) {
+                (FaaDistance::Current, _) | (FaaDistance::PerStage, None) => aim.clearance_m,
+                (FaaDistance::PerStage, Some(deck)) => {
+                    let p = Vector3::new(r[0], r[1], r[2]);
+                    clearance(&p, &deck.normal(), deck, feet)
+                }
+            };
+            *weight = self.config.faa.apply(weight, d);
+        }
+    }
+
+    /// Soft upper bound of z at a place: the minimum altitude over the water, nothing over the deck.
+    pub fn ceiling(&self, aim: &Aim, stage: usize, x: f64, y: f64) -> f64 {
+        if let Some(d) = aim.deck.get(stage + 1) {
+            let (s, c) = d.euler[2].sin_cos();
+            let (dx, dy) = (x - d.position[0], y - d.position[1]);
+            let (along, across) = (c * dx + s * dy, -s * dx + c * dy);
+            let m = self.config.outline_margin_m;
+            if along.abs() <= 0.5 * self.deck.length_m + m && across.abs() <= 0.5 * self.deck.width_m + m {
+                return NO_CEILING;
+            }
+        }
+        -aim.minimum_altitude_m
+    }
+}
+
+/// What a mission state asks of the trajectory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wish {
+    /// Stay at a place.
+    Hold,
+    /// Over the deck at a height above its mean.
+    Above,
+    /// Down towards the deck, level.
+    Sink,
+    /// Onto the deck, aligned with it.
+    Touch,
+}
+
+impl Wish {
+    fn follows_deck(self) -> bool {
+        match self {
+            Wish::Hold => false,
+            Wish::Above | Wish::Sink | Wish::Touch => true,
+        }
+    }
+}
+
+/// The deck now and at each stage. After the forecast's end it moves on at constant velocity with
+/// its last attitude; empty if the forecast does not cover `now`.
+fn sample_deck(
+    now: Time<DroneClock>,
+    forecast: &DeckForecast,
+    stages: usize,
+    step_s: f64,
+    out: &mut Vec<DeckStage>,
+) {
+    let Some(last) = forecast.stages.last() else {
+        return;
+    };
+    let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
+    for k in 0..=stages {
+        // A forecast stamped just ahead of now begins with its first stage.
+        let t = (now + Span::from_secs(step_s * k as f64)).max(forecast.header.at);
+        let beyond = (t - end).secs();
+        if beyond > 0.0 {
+            let mut d = *last;
+            for i in 0..3 {
+                d.position[i] += d.velocity[i] * beyond;
+                d.euler_rates[i] = 0.0;
+                d.acceleration[i] = 0.0;
+            }
+            out.push(d);
+        } else if let Some(d) = forecast.at(t) {
+            out.push(d);
+        } else {
+            out.clear();
+            return;
+        }
+    }
+}
+
+/// How fast a carrot closes in.
+#[derive(Clone, Copy, Debug)]
+struct Pace {
+    speed: f64,
+    acceleration: f64,
+    settle_s: f64,
+}
+
+/// Offset of the reference from its target, and its rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Gap<const D: usize> {
+    offset: SVector<f64, D>,
+    rate: SVector<f64, D>,
+}
+
+impl<const D: usize> Gap<D> {
+    /// Closes in: constant deceleration far away, exponentially near, speed and acceleration
+    /// bounded; continuous in velocity.
+    fn advance(&mut self, time_s: f64, pace: &Pace) {
+        const SUBSTEP_S: f64 = 0.025;
+        const BRAKING: f64 = 1.3;
+        let n = (time_s / SUBSTEP_S).ceil().clamp(1.0, 40.0);
+        let dt = time_s / n;
+        for _ in 0..n as usize {
+            let distance = self.offset.norm();
+            let near = pace.acceleration * pace.settle_s * pace.settle_s;
+            let speed = if distance <= near {
+                distance / pace.settle_s
+            } else {
+                (2.0 * pace.acceleration * (distance - 0.5 * near))
+                    .sqrt()
+                    .min(pace.speed)
+            };
+            let wanted = if distance > 1e-9 {
+                self.offset * (-speed / distance)
+            } else {
+                SVector::zeros()
+            };
+            let change = wanted - self.rate;
+            let (most, size) = (BRAKING * pace.acceleration * dt, change.norm());
+            self.rate += if size > most {
+                change * (most / size)
+            } else {
+                change
+            };
+            self.offset += self.rate * dt;
+        }
+    }
+}
+
+/// A reference point that moves towards a moving target and then stays on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Carrot<const D: usize> {
+    gap: Gap<D>,
+    /// Target that the gap was measured from: when, which kind, where, how fast.
+    from: Option<(Time<DroneClock>, bool, SVector<f64, D>, SVector<f64, D>)>,
+}
+
+impl<const D: usize> Default for Carrot<D> {
+    fn default() -> Self {
+        Carrot {
+            gap: Gap {
+                offset: SVector::zeros(),
+                rate: SVector::zeros(),
+            },
+            from: None,
+        }
+    }
+}
+
+impl<const D: usize> Carrot<D> {
+    /// Brings the gap to `now` against this target. A target of another kind, or one that jumped by
+    /// more than `limits[0]`, leaves the carrot where it was; a carrot further than `limits[1]`
+    /// from the plan's own start is brought back to it.
+    fn meet(
+        &mut self,
+        now: Time<DroneClock>,
+        kind: bool,
+        target: &SVector<f64, D>,
+        velocity: &SVector<f64, D>,
+        start: &SVector<f64, D>,
+        start_velocity: &SVector<f64, D>,
+        pace: &Pace,
+        limits: [f64; 2],
+    ) {
+        let fresh = Gap {
+            offset: start - target,
+            rate: start_velocity - velocity,
+        };
+        self.gap = match self.from {
+            None => fresh,
+            Some((at, before, old, old_velocity)) => {
+                let dt = (now - at).secs().clamp(0.0, 1.0);
+                let expected = old + old_velocity * dt;
+                let mut gap = self.gap;
+                if dt > 0.0 {
+                    gap.advance(dt, pace);
+                }
+                if before != kind || (target - expected).norm() > limits[0] {
+                    gap.offset += expected - target;
+                    gap.rate += old_velocity - velocity;
+                }
+                if (target + gap.offset - start).norm() > limits[1] {
+                    gap = fresh;
+                }
+                gap
+            }
+        };
+        self.from = Some((now, kind, *target, *velocity));
+    }
+}

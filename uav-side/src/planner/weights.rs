@@ -1,0 +1,199 @@
+//! State weights, and how they grow as the deck comes near: the flight-attitude alignment (FAA) of
+//! Procházka et al. 2024, section III and Table 4.
+
+use serde::{Deserialize, Serialize};
+
+use alight_shared::config::{Check, ConfigError, Keys};
+
+use super::model::{STATES, State};
+
+/// Diagonal of Q far from the deck, by the paper's groups of states.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Weights {
+    /// Position x, y, 1/m².
+    pub horizontal: f64,
+    /// Position z, 1/m².
+    pub vertical: f64,
+    /// Roll and pitch, 1/rad².
+    pub tilt: f64,
+    /// Heading, 1/rad².
+    pub yaw: f64,
+    /// Velocity x, y, s²/m².
+    pub horizontal_velocity: f64,
+    /// Velocity z, s²/m².
+    pub vertical_velocity: f64,
+    /// Euler rates, s²/rad².
+    pub rates: f64,
+}
+
+impl Default for Weights {
+    /// Landing: Procházka 2024, Table 4, with the exponentials gone.
+    fn default() -> Self {
+        Weights {
+            horizontal: 30.0,
+            vertical: 40.0,
+            tilt: 1.0,
+            yaw: 50.0,
+            horizontal_velocity: 1.0,
+            vertical_velocity: 3000.0,
+            rates: 1.0,
+        }
+    }
+}
+
+impl Weights {
+    /// Q's diagonal in the paper's order of states.
+    pub const fn diagonal(&self) -> State {
+        let (p, v, w) = (self.horizontal, self.horizontal_velocity, self.rates);
+        [
+            p,
+            p,
+            self.vertical,
+            self.tilt,
+            self.tilt,
+            self.yaw,
+            v,
+            v,
+            self.vertical_velocity,
+            w,
+            w,
+            w,
+        ]
+    }
+}
+
+impl Check for Weights {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("horizontal", self.horizontal, 0.0, 1e6)?;
+        at.range("vertical", self.vertical, 0.0, 1e6)?;
+        at.range("tilt", self.tilt, 0.0, 1e6)?;
+        at.range("yaw", self.yaw, 0.0, 1e6)?;
+        at.range("horizontal_velocity", self.horizontal_velocity, 0.0, 1e6)?;
+        at.range("vertical_velocity", self.vertical_velocity, 0.0, 1e6)?;
+        at.range("rates", self.rates, 0.0, 1e6)
+    }
+}
+
+/// One exponential: `gain e^(-decay d)`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Growth {
+    /// Added at contact, in the weight's own unit.
+    pub gain: f64,
+    /// Decay with clearance, 1/m.
+    pub decay_per_m: f64,
+}
+
+impl Growth {
+    fn at(&self, clearance_m: f64) -> f64 {
+        self.gain * (-self.decay_per_m * clearance_m).exp()
+    }
+}
+impl Check for Growth {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("gain", self.gain, 0.0, 1e7)?;
+        at.range("decay_per_m", self.decay_per_m, 0.1, 1000.0)
+    }
+}
+
+/// Which clearance `d` the weights of a stage see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FaaDistance {
+    /// The clearance now, for all stages (the paper).
+    #[default]
+    Current,
+    /// The clearance that the reference has at each stage.
+    PerStage,
+}
+
+/// What grows near the deck.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Faa {
+    /// Which clearance counts.
+    pub distance: FaaDistance,
+    /// Roll and pitch: the paper's `f(d) = 1 + alpha / e^(beta d)`.
+    pub tilt: Growth,
+    /// Position z.
+    pub vertical: Growth,
+    /// Velocity z.
+    pub vertical_velocity: Growth,
+}
+
+impl Default for Faa {
+    /// Procházka 2024, Table 4.
+    fn default() -> Self {
+        Faa {
+            distance: FaaDistance::Current,
+            tilt: Growth {
+                gain: 50_000.0,
+                decay_per_m: 10.0,
+            },
+            vertical: Growth {
+                gain: 10_000.0,
+                decay_per_m: 20.0,
+            },
+            vertical_velocity: Growth {
+                gain: 3000.0,
+                decay_per_m: 25.0,
+            },
+        }
+    }
+}
+
+impl Faa {
+    /// Q's diagonal at clearance `d` of the foot plane above the deck, m; below the deck counts
+    /// as contact.
+    pub fn apply(&self, far: &State, clearance_m: f64) -> State {
+        let d = clearance_m.max(0.0);
+        let mut q = *far;
+        q[2] += self.vertical.at(d);
+        q[3] += self.tilt.at(d);
+        q[4] += self.tilt.at(d);
+        q[8] += self.vertical_velocity.at(d);
+        q
+    }
+}
+impl Check for Faa {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.tilt.check(&at.table("tilt"))?;
+        self.vertical.check(&at.table("vertical"))?;
+        self.vertical_velocity.check(&at.table("vertical_velocity"))
+    }
+}
+
+const _: () = assert!(STATES == 12);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_follow_table_4() {
+        let (faa, far) = (Faa::default(), Weights::default().diagonal());
+        assert_eq!(
+            far,
+            [30.0, 30.0, 40.0, 1.0, 1.0, 50.0, 1.0, 1.0, 3000.0, 1.0, 1.0, 1.0]
+        );
+        // The attitude weight at the clearances listed in the reference: 3, 47, 339, 2490, 18395.
+        for (d, expected) in [
+            (1.0, 3.27),
+            (0.7, 46.6),
+            (0.5, 337.9),
+            (0.3, 2490.4),
+            (0.1, 18394.97),
+        ] {
+            let q = faa.apply(&far, d);
+            assert!(
+                (q[3] / expected - 1.0).abs() < 2e-3 && q[3] == q[4],
+                "d = {d}: {}",
+                q[3]
+            );
+        }
+        let q = faa.apply(&far, -0.2);
+        assert_eq!((q[2], q[3], q[8]), (10_040.0, 50_001.0, 6000.0));
+        assert_eq!((q[0], q[5], q[6], q[9]), (30.0, 50.0, 1.0, 1.0));
+    }
+}
