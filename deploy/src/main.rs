@@ -1,1 +1,62 @@
-fn main() {}
+//! `alight`: lands a multirotor on a moving, rocking deck.
+
+mod args;
+mod configs;
+mod plot;
+mod scene;
+mod studies;
+mod table;
+mod trial;
+mod trials;
+
+use std::fmt;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Verb};
+
+/// How a command ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Exit code 0.
+    Success,
+    /// Exit code 1: it ran, and the landing (or one of them) failed.
+    Failed,
+}
+
+/// Bad input or an output that cannot be written: exit code 2, the message says what to do.
+#[derive(Debug)]
+pub struct Refused(pub String);
+
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+impl Refused {
+    /// Wraps any error with what was being done.
+    pub fn because(doing: impl fmt::Display, error: impl fmt::Display) -> Self {
+        Refused(format!("{doing}: {error}"))
+    }
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let end = match &cli.command {
+        Verb::Trial(a) => trial::run(a),
+        Verb::Trials(a) => trials::run(a),
+        Verb::Study(a) => studies::run(a),
+        Verb::Response(a) => studies::response(a),
+        Verb::Config(a) => configs::print(a),
+    };
+    match end {
+        Ok(End::Success) => ExitCode::SUCCESS,
+        Ok(End::Failed) => ExitCode::from(1),
+        Err(refused) => {
+            eprintln!("alight: {refused}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -156,6 +156,8 @@ pub struct Outcome {
     pub sim_time_s: f64,
     /// Time it took to compute, s.
     pub wall_time_s: f64,
+    /// Hash of every true state and set-point of the trial: equal digests, equal bits.
+    pub digest: String,
 }
 
 struct FirstContact {
@@ -286,6 +288,11 @@ impl Judge {
         self.failure.get_or_insert((ending, reason));
     }
 
+    /// Time of first contact since the start, s.
+    pub fn first_contact_s(&self) -> Option<f64> {
+        self.first.as_ref().map(|f| f.t_s)
+    }
+
     /// The verdict.
     pub fn outcome(&self, seed: u64, sea: &str, planner: &str, sim_time_s: f64) -> Outcome {
         let (ending, reason) = match (&self.failure, self.ended, self.first.is_some()) {
@@ -317,6 +324,7 @@ impl Judge {
             stop_time_s: first.and_then(|c| self.stopped.map(|s| s - c.t_s)),
             sim_time_s,
             wall_time_s: 0.0,
+            digest: String::new(),
         }
     }
 }

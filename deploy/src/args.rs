@@ -1,0 +1,233 @@
+//! The command line.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use alight_sim::sea::SeaConfig;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
+#[derive(Parser, Debug)]
+#[command(version, about, arg_required_else_help = true, max_term_width = 100)]
+#[command(after_help = "Start with:\n  alight trial                     one landing in a simulated moderate sea\n  \
+alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n\n\
+Exit codes: 0 success, 1 failed landing, 2 bad input.")]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Verb,
+}
+
+/// What to do.
+#[derive(Subcommand, Debug)]
+pub enum Verb {
+    /// Fly one landing in the simulated world and say how it went.
+    Trial(TrialArgs),
+    /// Fly many landings and print the success rate with its interval.
+    Trials(TrialsArgs),
+    /// Measure one thing over many seeds.
+    Study(StudyArgs),
+    /// Print the simulated vessel's response in surge, heave and pitch against wave length.
+    Response(ResponseArgs),
+    /// Print a default configuration: vessel, drone or scenario.
+    Config(ConfigArgs),
+}
+
+/// Planners.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Planner {
+    /// The paper's: attitude weights that grow near the deck (FAA).
+    MpcFaa,
+    /// The same without FAA.
+    Mpc,
+}
+
+/// What the vessel does.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Course {
+    /// Engines off.
+    Drift,
+    /// A straight line at --speed.
+    Straight,
+    /// A square path at --speed.
+    Square,
+}
+
+/// When the radio falls silent for good.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum RadioLost {
+    /// It does not.
+    Never,
+    /// When the mission first enters Tracking.
+    Tracking,
+}
+
+/// A sea by name or by amplitude and period.
+#[derive(Clone, Debug)]
+pub struct SeaArg {
+    /// The text as given.
+    pub text: String,
+    /// What it means.
+    pub config: SeaConfig,
+}
+
+impl FromStr for SeaArg {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(SeaArg { text: text.into(), config: text.parse()? })
+    }
+}
+
+/// The scene of a trial.
+#[derive(Args, Debug, Clone)]
+pub struct SceneArgs {
+    /// calm, slight, moderate, rough, very-rough, or AMPLITUDE_M,PERIOD_S [default: moderate]
+    #[arg(long, value_name = "NAME|A,T")]
+    pub sea: Option<SeaArg>,
+    /// Planner that flies [default: what the configuration says, mpc-faa]
+    #[arg(long, value_enum)]
+    pub planner: Option<Planner>,
+    /// What the vessel does [default: drift]
+    #[arg(long, value_enum)]
+    pub vessel: Option<Course>,
+    /// Vessel's speed on a straight or square course, m/s [default: 2]
+    #[arg(long, value_name = "M/S")]
+    pub speed: Option<f64>,
+    /// Mean wind with gusts, m/s [default: 0]
+    #[arg(long, value_name = "M/S")]
+    pub wind: Option<f64>,
+    /// When the radio falls silent for good [default: never]
+    #[arg(long, value_enum)]
+    pub radio_lost: Option<RadioLost>,
+    /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Configuration of the vessel's side (TOML; `alight config vessel`)
+    #[arg(long, value_name = "FILE")]
+    pub vessel_config: Option<PathBuf>,
+    /// Configuration of the drone's side (TOML; `alight config drone`)
+    #[arg(long, value_name = "FILE")]
+    pub drone_config: Option<PathBuf>,
+    /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and
+    /// any of heave_m, heading_deg, surge_m, sway_m
+    #[arg(long, value_name = "FILE.csv")]
+    pub deck_motion: Option<PathBuf>,
+    /// Factor on the recorded deviations [default: 1]
+    #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
+    pub motion_scale: Option<f64>,
+    /// Factor on the recording's speed [default: 1]
+    #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
+    pub motion_speed: Option<f64>,
+    /// Where in the recording the trial begins, s [default: 0]
+    #[arg(long, value_name = "S", requires = "deck_motion")]
+    pub motion_start: Option<f64>,
+    /// Keep the recording's mean tilt instead of removing it
+    #[arg(long, requires = "deck_motion")]
+    pub keep_mean: bool,
+}
+
+/// One landing.
+#[derive(Args, Debug)]
+pub struct TrialArgs {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Seed of sea, noise and start: the same seed, the same bits
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Draw paths, speeds and attitudes to an SVG
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Print the outcome as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Many landings.
+#[derive(Args, Debug)]
+pub struct TrialsArgs {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// How many
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub trials: u32,
+    /// First seed; seeds SEED0 to SEED0+TRIALS-1 are flown
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Spread the start over the recording: trial i begins at motion-start + i * this, s
+    #[arg(long, value_name = "S", requires = "deck_motion")]
+    pub motion_stride: Option<f64>,
+    /// Append one line per trial (CSV) to this file
+    #[arg(long, value_name = "FILE.csv")]
+    pub rows: Option<PathBuf>,
+    /// Print the summary as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to measure.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Study {
+    /// The vessel's estimator against the truth: state errors, consistency, prediction.
+    Estimator,
+    /// Hover, tracking and aborted approaches in all seas: motor stops in the air.
+    Airborne,
+    /// The ten rows of the paper's Table II.
+    Table2,
+    /// FAA against no FAA on the same seeds.
+    Faa,
+}
+
+/// A study.
+#[derive(Args, Debug)]
+pub struct StudyArgs {
+    /// What to measure
+    #[arg(value_enum)]
+    pub name: Study,
+    /// The scene, where the study leaves it open.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Trials (per row)
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub trials: u32,
+    /// First seed
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Print the result as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The vessel's response.
+#[derive(Args, Debug)]
+pub struct ResponseArgs {
+    /// Print as one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Which configuration.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum ConfigKind {
+    /// The vessel's side.
+    Vessel,
+    /// The drone's side.
+    Drone,
+    /// The simulated world.
+    Scenario,
+}
+
+/// A configuration to print.
+#[derive(Args, Debug)]
+pub struct ConfigArgs {
+    /// Which
+    #[arg(value_enum)]
+    pub kind: ConfigKind,
+}

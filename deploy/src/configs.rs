@@ -1,0 +1,70 @@
+//! Configuration files of vessel and drone.
+
+use std::path::Path;
+
+use alight_bridge::BridgeConfig;
+use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_sim::scenario::{NodeConfigs, Scenario};
+use alight_uav::settings::DroneSettings;
+use alight_usv::VesselNodeConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::args::{ConfigArgs, ConfigKind};
+use crate::{End, Refused};
+
+/// The drone's file: `[bridge]` and `[drone.*]`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DroneFile {
+    /// The bridge.
+    pub bridge: BridgeConfig,
+    /// Predictor, mission, planner, pilot and what they know of drone and deck.
+    pub drone: DroneSettings,
+}
+
+impl Check for DroneFile {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.bridge.check(&at.table("bridge"))?;
+        self.drone.check(&at.table("drone"))
+    }
+}
+
+/// The configuration of all nodes: files where given, defaults elsewhere.
+pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs, Refused> {
+    let refused = |e: ConfigError| Refused(e.to_string());
+    let vessel = match vessel {
+        Some(path) => config::load(path).map_err(refused)?,
+        None => VesselNodeConfig::default(),
+    };
+    let file = match drone {
+        Some(path) => config::load(path).map_err(refused)?,
+        None => DroneFile::default(),
+    };
+    Ok(NodeConfigs { vessel, bridge: file.bridge, drone: file.drone })
+}
+
+/// Prints a default configuration.
+pub fn print(args: &ConfigArgs) -> Result<End, Refused> {
+    let text = match args.kind {
+        ConfigKind::Vessel => toml::to_string(&VesselNodeConfig::default()),
+        ConfigKind::Drone => toml::to_string(&DroneFile::default()),
+        ConfigKind::Scenario => toml::to_string(&Scenario::default()),
+    };
+    print!("{}", text.map_err(|e| Refused::because("writing the configuration as TOML", e))?);
+    Ok(End::Success)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn printed_defaults_read_back_as_the_defaults() {
+        let text = toml::to_string(&DroneFile::default()).unwrap();
+        assert_eq!(config::parse::<DroneFile>(&text, "drone").unwrap(), DroneFile::default());
+        let text = toml::to_string(&VesselNodeConfig::default()).unwrap();
+        assert_eq!(config::parse::<VesselNodeConfig>(&text, "vessel").unwrap(), VesselNodeConfig::default());
+        let text = toml::to_string(&Scenario::default()).unwrap();
+        assert_eq!(config::parse::<Scenario>(&text, "scenario").unwrap(), Scenario::default());
+    }
+}

@@ -1,0 +1,117 @@
+//! From flags and files to a scenario and the configuration of the nodes.
+
+use std::path::Path;
+
+use alight_shared::config::{self, Check, Keys};
+use alight_sim::deck_motion;
+use alight_sim::scenario::{NodeConfigs, RadioCut, Scenario};
+use alight_uav::planner::PlannerKind;
+
+use crate::Refused;
+use crate::args::{Course, Planner, RadioLost, SceneArgs};
+use crate::configs;
+
+/// What is flown.
+pub struct Scene {
+    /// The world.
+    pub scenario: Scenario,
+    /// The nodes.
+    pub nodes: NodeConfigs,
+    /// The sea as the person named it.
+    pub sea: String,
+    /// The flags that lead to this scene, for a replay command.
+    pub flags: String,
+}
+
+fn quoted(path: &Path) -> String {
+    format!("'{}'", path.display())
+}
+
+impl Scene {
+    /// Files first, then flags over them; everything checked.
+    pub fn of(args: &SceneArgs) -> Result<Scene, Refused> {
+        let mut flags = Vec::new();
+        let mut flag = |name: &str, value: String| flags.push(format!("--{name} {value}"));
+        let mut scenario = match &args.scenario {
+            Some(path) => {
+                flag("scenario", quoted(path));
+                config::load::<Scenario>(path).map_err(|e| Refused(e.to_string()))?
+            }
+            None => Scenario::default(),
+        };
+        let mut nodes = configs::nodes(args.vessel_config.as_deref(), args.drone_config.as_deref())?;
+        if let Some(path) = &args.vessel_config {
+            flag("vessel-config", quoted(path));
+        }
+        if let Some(path) = &args.drone_config {
+            flag("drone-config", quoted(path));
+        }
+        let mut sea = if args.scenario.is_some() { "scenario".to_string() } else { "moderate".into() };
+        if let Some(given) = &args.sea {
+            flag("sea", given.text.clone());
+            scenario.sea = given.config.clone();
+            sea.clone_from(&given.text);
+        }
+        if let Some(planner) = args.planner {
+            nodes.drone.planner.kind = match planner {
+                Planner::MpcFaa => PlannerKind::MpcFaa,
+                Planner::Mpc => PlannerKind::Mpc,
+            };
+        }
+        flag("planner", nodes.drone.planner.kind.name().into());
+        if let Some(course) = args.vessel {
+            use alight_sim::vessel::Course as Motion;
+            flag("vessel", format!("{course:?}").to_lowercase());
+            scenario.vessel.course = match course {
+                Course::Drift => Motion::Drift,
+                Course::Straight => Motion::Straight,
+                Course::Square => Motion::Square,
+            };
+        }
+        if let Some(speed) = args.speed {
+            flag("speed", speed.to_string());
+            scenario.vessel.speed_mps = speed;
+        }
+        if let Some(wind) = args.wind {
+            flag("wind", wind.to_string());
+            scenario.drone.wind.mean_mps = wind;
+        }
+        if let Some(lost) = args.radio_lost {
+            scenario.radio_cut = match lost {
+                RadioLost::Never => RadioCut::Never,
+                RadioLost::Tracking => RadioCut::AtFirstTracking,
+            };
+            flag("radio-lost", format!("{lost:?}").to_lowercase());
+        }
+        if let Some(path) = &args.deck_motion {
+            let mut motion = deck_motion::DeckMotionConfig { file: path.clone(), ..Default::default() };
+            flag("deck-motion", quoted(path));
+            if let Some(scale) = args.motion_scale {
+                flag("motion-scale", scale.to_string());
+                motion.scale = scale;
+            }
+            if let Some(speed) = args.motion_speed {
+                flag("motion-speed", speed.to_string());
+                motion.speed = speed;
+            }
+            if let Some(start) = args.motion_start {
+                flag("motion-start", start.to_string());
+                motion.start_s = start;
+            }
+            if args.keep_mean {
+                flags.push("--keep-mean".into());
+                motion.keep_mean = true;
+            }
+            scenario.deck_motion = Some(motion);
+        }
+        scenario.check(&Keys::ROOT).map_err(|e| Refused(e.to_string()))?;
+        Ok(Scene { scenario, nodes, sea, flags: flags.join(" ") })
+    }
+}
+
+/// Seconds since the call, by the computer's clock: only ever shown, never used.
+#[allow(clippy::disallowed_methods)]
+pub fn stopwatch() -> impl Fn() -> f64 {
+    let start = std::time::Instant::now();
+    move || start.elapsed().as_secs_f64()
+}

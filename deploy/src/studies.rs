@@ -1,0 +1,172 @@
+//! `alight study` and `alight response`: one thing measured over many seeds.
+
+use alight_sim::outcome::Outcome;
+use alight_sim::response;
+use alight_sim::statistics::{Summary, wilson};
+use alight_sim::studies::airborne::{self, Airborne};
+use alight_uav::planner::PlannerKind;
+use indicatif::ParallelProgressIterator;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use crate::args::{Planner, ResponseArgs, SceneArgs, SeaArg, Study, StudyArgs};
+use crate::scene::Scene;
+use crate::trials::{bar, fly_all, pool, seeds};
+use crate::{End, Refused, table};
+
+/// Table II of Procházka et al.: sea, then precision (m), duration (s) and touchdown speed (m/s) of
+/// their MPC-FAA.
+const TABLE2: [(&str, f64, f64, f64); 10] = [
+    ("0,0", 0.0, 11.8, 0.2),
+    ("0.2,5", 0.1, 25.3, 0.3),
+    ("0.3,5", 0.1, 18.7, 0.3),
+    ("0.4,5", 0.2, 18.3, 0.4),
+    ("0.4,4", 0.3, 24.6, 0.5),
+    ("0.5,5", 0.1, 17.7, 0.4),
+    ("0.6,6", 0.1, 15.4, 0.4),
+    ("0.7,7", 0.2, 15.4, 0.5),
+    ("0.8,5", 0.2, 45.1, 0.4),
+    ("0.8,8", 0.4, 18.2, 0.6),
+];
+
+/// Runs a study.
+pub fn run(args: &StudyArgs) -> Result<End, Refused> {
+    let value = match args.name {
+        Study::Table2 => table2(args)?,
+        Study::Faa => faa(args)?,
+        Study::Airborne => airborne_hours(args)?,
+        Study::Estimator => estimator(args)?,
+    };
+    if args.json {
+        println!("{value}");
+    }
+    Ok(End::Success)
+}
+
+fn sea(args: &SceneArgs, text: &str) -> Result<SceneArgs, Refused> {
+    let sea: SeaArg = text.parse().map_err(Refused)?;
+    Ok(SceneArgs { sea: Some(sea), ..args.clone() })
+}
+
+fn table2(args: &StudyArgs) -> Result<Value, Refused> {
+    let say = |line: String| if args.json { eprintln!("{line}") } else { println!("{line}") };
+    say(format!("{:<7}{:>9}{:>8} | {:^23} | {:^19} | {:^19}", "", "", "unsafe", "position m", "landing s", "speed m/s"));
+    say(format!(
+        "{:<7}{:>9}{:>8} | {:>7}{:>8}{:>8} | {:>9}{:>10} | {:>9}{:>10}",
+        "A, T", "landed", "cont.", "mean", "p95", "publ.", "mean", "publ.", "mean", "publ."
+    ));
+    let mut rows = Vec::new();
+    for (name, position, duration, speed) in TABLE2 {
+        let scene = Scene::of(&sea(&args.scene, name)?)?;
+        let outcomes = fly_all(&scene, &seeds(args.seed0, args.trials)?, None, args.jobs, name)?;
+        let s = Summary::of(&outcomes);
+        let f = |name: &str| s.figure(name).unwrap_or_default();
+        say(format!(
+            "{name:<7}{:>9}{:>8} | {:>7.3}{:>8.3}{position:>8.1} | {:>9.1}{duration:>10.1} | {:>9.2}{speed:>10.1}",
+            format!("{}/{}", s.successes, s.trials),
+            s.unsafe_contacts,
+            f("position_error_m").mean,
+            f("position_error_m").p95,
+            f("landing_time_s").mean,
+            f("touchdown_speed_mps").mean,
+        ));
+        for o in outcomes.iter().filter(|o| !o.success) {
+            say(format!("        seed {}: {} ({})", o.seed, o.outcome.name(), o.reason));
+        }
+        let mut row = table::summary_json(&s);
+        row.insert("scenario".into(), name.into());
+        row.insert("planner".into(), scene.nodes.drone.planner.kind.name().into());
+        rows.push(Value::Object(row));
+    }
+    Ok(Value::Array(rows))
+}
+
+/// Mean and 95 % interval of paired differences `b - a`.
+fn paired(a: &[Outcome], b: &[Outcome], f: fn(&Outcome) -> Option<f64>) -> (f64, f64, usize) {
+    let d: Vec<f64> = a.iter().zip(b).filter_map(|(x, y)| Some(f(y)? - f(x)?)).collect();
+    let n = d.len().max(1) as f64;
+    let mean = d.iter().sum::<f64>() / n;
+    let var = d.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    (mean, 1.96 * (var / n).sqrt(), d.len())
+}
+
+fn faa(args: &StudyArgs) -> Result<Value, Refused> {
+    let say = |line: String| if args.json { eprintln!("{line}") } else { println!("{line}") };
+    let seeds = seeds(args.seed0, args.trials)?;
+    let fly = |planner: Planner| {
+        let scene = Scene::of(&SceneArgs { planner: Some(planner), ..args.scene.clone() })?;
+        let name = scene.nodes.drone.planner.kind.name();
+        fly_all(&scene, &seeds, None, args.jobs, name)
+    };
+    let (with, without) = (fly(Planner::MpcFaa)?, fly(Planner::Mpc)?);
+    for (name, o) in [(PlannerKind::MpcFaa.name(), &with), (PlannerKind::Mpc.name(), &without)] {
+        say(format!("{name}\n{}", table::summary(&Summary::of(o))));
+    }
+    type Row = (&'static str, fn(&Outcome) -> Option<f64>);
+    let rows: [Row; 5] = [
+        ("tilt_error_deg", |o| o.tilt_error_deg),
+        ("position_error_m", |o| o.position_error_m),
+        ("tangential_speed_mps", |o| o.tangential_speed_mps),
+        ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
+        ("landing_time_s", |o| o.landing_time_s),
+    ];
+    say("without FAA minus with FAA, same seeds (mean, 95 % interval)".into());
+    let mut differences = serde_json::Map::new();
+    for (name, f) in rows {
+        let (mean, half, n) = paired(&with, &without, f);
+        say(format!("  {name:<24}{mean:>10.3} +- {half:.3}  ({n} pairs)"));
+        differences.insert(name.into(), json!({ "mean": mean, "half_width_95": half, "pairs": n }));
+    }
+    Ok(json!({
+        "mpc-faa": table::summary_json(&Summary::of(&with)),
+        "mpc": table::summary_json(&Summary::of(&without)),
+        "difference": differences,
+    }))
+}
+
+/// Seas of the airborne study.
+const AIRBORNE_SEAS: [&str; 5] = ["calm", "slight", "moderate", "rough", "very-rough"];
+/// One session of the airborne study, s.
+const SESSION_S: f64 = 600.0;
+
+fn airborne_hours(args: &StudyArgs) -> Result<Value, Refused> {
+    let say = |line: String| if args.json { eprintln!("{line}") } else { println!("{line}") };
+    let seeds = seeds(args.seed0, args.trials)?;
+    let mut rows = Vec::new();
+    let mut total = Airborne { lowest_m: f64::INFINITY, ..Airborne::default() };
+    for name in AIRBORNE_SEAS {
+        let scene = Scene::of(&sea(&args.scene, name)?)?;
+        let progress = bar(seeds.len() as u64, name);
+        let reports: Result<Vec<Airborne>, Refused> = pool(args.jobs)?.install(|| {
+            seeds
+                .par_iter()
+                .progress_with(progress.clone())
+                .map(|&seed| {
+                    airborne::session(&scene.scenario, &scene.nodes, seed, SESSION_S)
+                        .map_err(|e| Refused::because(format!("setting up the session of seed {seed}"), e))
+                })
+                .collect()
+        });
+        progress.finish_and_clear();
+        let sum = reports?.into_iter().reduce(Airborne::and).unwrap_or_default();
+        say(format!(
+            "{name:<12}{:>7.2} h in the air, {} false stops, {} aborts, {} contacts, {} in water, lowest {:.2} m",
+            sum.hours, sum.false_stops, sum.aborts, sum.contacts, sum.water, sum.lowest_m
+        ));
+        rows.push(json!({ "sea": name, "report": sum }));
+        total = total.and(sum);
+    }
+    say(format!("total       {:>7.2} h in the air, {} false stops", total.hours, total.false_stops));
+    Ok(json!({ "seas": rows, "total": total }))
+}
+
+fn estimator(args: &StudyArgs) -> Result<Value, Refused> {
+    let _ = (args, wilson(1, 1));
+    Err(Refused("the estimator study is not there yet".into()))
+}
+
+/// The response table.
+pub fn response(args: &ResponseArgs) -> Result<End, Refused> {
+    let _ = (args, response::TABLE_NOTE);
+    Ok(End::Success)
+}

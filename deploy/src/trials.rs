@@ -1,0 +1,113 @@
+//! `alight trials`: many landings, spread over the cores.
+
+use std::io::Write;
+
+use alight_sim::outcome::Outcome;
+use alight_sim::statistics::Summary;
+use alight_sim::trial::{Watch, fly};
+use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
+use rayon::prelude::*;
+
+use crate::args::TrialsArgs;
+use crate::scene::{Scene, stopwatch};
+use crate::{End, Refused, table};
+
+/// A thread pool of `jobs` threads (all cores when None).
+pub fn pool(jobs: Option<u16>) -> Result<rayon::ThreadPool, Refused> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs.map_or(0, usize::from))
+        .build()
+        .map_err(|e| Refused::because("starting the worker threads", e))
+}
+
+/// A progress bar with time left; hidden where standard error is no terminal.
+pub fn bar(length: u64, what: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len} {elapsed} elapsed, {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(length).with_style(style).with_message(what.to_string())
+}
+
+/// Flies seeds `seed0..seed0 + n`; outcomes in the order of the seeds whatever the threads.
+pub fn fly_all(
+    scene: &Scene,
+    seeds: &[u64],
+    stride_s: Option<f64>,
+    jobs: Option<u16>,
+    what: &str,
+) -> Result<Vec<Outcome>, Refused> {
+    let progress = bar(seeds.len() as u64, what);
+    let outcomes: Result<Vec<Outcome>, Refused> = pool(jobs)?.install(|| {
+        seeds
+            .par_iter()
+            .enumerate()
+            .progress_with(progress.clone())
+            .map(|(i, &seed)| {
+                let mut scenario = scene.scenario.clone();
+                if let (Some(stride), Some(motion)) = (stride_s, scenario.deck_motion.as_mut()) {
+                    motion.start_s += stride * i as f64;
+                }
+                let elapsed = stopwatch();
+                let mut quiet = |_: &_| {};
+                let watch = Watch { on_event: &mut quiet, trace_step_s: None };
+                let flight = fly(&scenario, &scene.nodes, seed, &scene.sea, watch)
+                    .map_err(|e| Refused::because(format!("setting up the trial of seed {seed}"), e))?;
+                Ok(Outcome { wall_time_s: elapsed(), ..flight.outcome })
+            })
+            .collect()
+    });
+    progress.finish_and_clear();
+    outcomes
+}
+
+/// The seeds from `seed0` on.
+pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, Refused> {
+    let end = seed0.checked_add(u64::from(n)).ok_or_else(|| {
+        Refused(format!("--seed0 {seed0} with {n} trials leaves the range of 64-bit seeds; choose a smaller one"))
+    })?;
+    Ok((seed0..end).collect())
+}
+
+/// Flies and sums up.
+pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
+    let scene = Scene::of(&args.scene)?;
+    let seeds = seeds(args.seed0, args.trials)?;
+    let mut rows = match &args.rows {
+        Some(path) => Some(std::fs::File::create(path).map_err(|e| {
+            Refused::because(format!("writing the rows {}", path.display()), format!("{e}; choose another path"))
+        })?),
+        None => None,
+    };
+    let outcomes = fly_all(&scene, &seeds, args.motion_stride, args.jobs, "landings")?;
+    if let Some(file) = rows.as_mut() {
+        write_rows(file, &outcomes).map_err(|e| Refused::because("writing the rows", e))?;
+    }
+    let summary = Summary::of(&outcomes);
+    let say = |line: String| if args.json { eprintln!("{line}") } else { println!("{line}") };
+    for o in outcomes.iter().filter(|o| !o.success) {
+        let mut flags = scene.flags.clone();
+        if let (Some(stride), Some(motion)) = (args.motion_stride, &scene.scenario.deck_motion) {
+            let start = motion.start_s + stride * (o.seed - args.seed0) as f64;
+            flags.push_str(&format!(" --motion-start {start}"));
+        }
+        say(format!("seed {}: {} ({})", o.seed, o.outcome.name(), o.reason));
+        say(format!("  replay: alight trial --seed {} {flags} --plot seed-{}.svg", o.seed, o.seed));
+    }
+    if args.json {
+        println!("{}", serde_json::Value::Object(table::summary_json(&summary)));
+    } else {
+        println!("{}", table::summary(&summary));
+    }
+    Ok(if summary.successes == summary.trials { End::Success } else { End::Failed })
+}
+
+fn write_rows(file: &mut std::fs::File, outcomes: &[Outcome]) -> std::io::Result<()> {
+    use alight_sim::statistics::FIGURES;
+    let names: Vec<&str> = FIGURES.iter().map(|(n, _)| *n).collect();
+    writeln!(file, "seed,outcome,unsafe_contacts,{},digest", names.join(","))?;
+    for o in outcomes {
+        let cells: Vec<String> =
+            FIGURES.iter().map(|(_, f)| f(o).map_or_else(String::new, |v| format!("{v:.6}"))).collect();
+        writeln!(file, "{},{},{},{},{}", o.seed, o.outcome.name(), o.unsafe_contacts, cells.join(","), o.digest)?;
+    }
+    Ok(())
+}

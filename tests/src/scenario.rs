@@ -1,0 +1,142 @@
+//! What is flown: the world's figures and the nodes' configurations.
+
+use alight_bridge::BridgeConfig;
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_uav::settings::DroneSettings;
+use alight_usv::VesselNodeConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::deck_motion::DeckMotionConfig;
+use crate::drone::DroneConfig;
+use crate::radio::RadioConfig;
+use crate::sea::SeaConfig;
+use crate::sensors::SensorConfig;
+use crate::vessel::VesselConfig;
+
+/// When the radio from the vessel falls silent for good.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RadioCut {
+    /// It does not.
+    #[default]
+    Never,
+    /// When the mission first enters Tracking.
+    AtFirstTracking,
+}
+
+/// Where the drone starts, relative to the vessel at the start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartConfig {
+    /// Horizontal distance, drawn uniformly between these, m.
+    pub distance_m: [f64; 2],
+    /// Height above the still water, drawn uniformly between these, m.
+    pub height_m: [f64; 2],
+    /// The vessel's estimator runs this long before the landing is commanded, s.
+    pub warm_up_s: f64,
+    /// The drone hovers this long before the landing is commanded, s.
+    pub hover_s: f64,
+}
+
+impl Default for StartConfig {
+    fn default() -> Self {
+        StartConfig {
+            // At least 40 m away at a random place and heading (Procházka 2024); upper bound ours.
+            distance_m: [40.0, 60.0],
+            // Ours: below and above the approach height of 15 m.
+            height_m: [8.0, 20.0],
+            // The estimator works from an unknown sea within 60 s.
+            warm_up_s: 60.0,
+            // Ours: the autopilot's own estimator has settled.
+            hover_s: 3.0,
+        }
+    }
+}
+
+/// A simulated scene. True figures; no node reads them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scenario {
+    /// The sea.
+    pub sea: SeaConfig,
+    /// The vessel.
+    pub vessel: VesselConfig,
+    /// Recorded motion in its place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deck_motion: Option<DeckMotionConfig>,
+    /// The landing deck as it is.
+    pub deck: DeckGeometry,
+    /// The drone's nominal geometry as it is; mass and thrust errors are in `drone.airframe`.
+    pub airframe: DroneGeometry,
+    /// The drone's physics and autopilot.
+    pub drone: DroneConfig,
+    /// Where the drone starts.
+    pub start: StartConfig,
+    /// Sensors and clocks.
+    pub sensors: SensorConfig,
+    /// The radio.
+    pub radio: RadioConfig,
+    /// When it falls silent for good.
+    pub radio_cut: RadioCut,
+    /// From the planner's step to the plan's arrival at the pilot, s.
+    pub solve_delay_s: f64,
+}
+
+impl Default for Scenario {
+    fn default() -> Self {
+        Scenario {
+            sea: SeaConfig::default(),
+            vessel: VesselConfig::default(),
+            deck_motion: None,
+            deck: DeckGeometry::default(),
+            airframe: DroneGeometry::default(),
+            drone: DroneConfig::default(),
+            start: StartConfig::default(),
+            sensors: SensorConfig::default(),
+            radio: RadioConfig::default(),
+            radio_cut: RadioCut::Never,
+            // One period of the planner at 50 Hz: the plan is used one period after its inputs.
+            solve_delay_s: 0.02,
+        }
+    }
+}
+
+impl Check for Scenario {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.sea.check(&at.table("sea"))?;
+        self.vessel.check(&at.table("vessel"))?;
+        if let Some(motion) = &self.deck_motion {
+            motion.check(&at.table("deck_motion"))?;
+        }
+        self.deck.check(&at.table("deck"))?;
+        self.airframe.check(&at.table("airframe"))?;
+        self.drone.check(&at.table("drone"))?;
+        self.sensors.check(&at.table("sensors"))?;
+        self.radio.check(&at.table("radio"))?;
+        let start = at.table("start");
+        start.ranges("distance_m", &self.start.distance_m, 0.0, 500.0)?;
+        start.ranges("height_m", &self.start.height_m, 2.0, 120.0)?;
+        start.require(
+            self.start.distance_m[0] <= self.start.distance_m[1]
+                && self.start.height_m[0] <= self.start.height_m[1],
+            "distance_m, height_m",
+            format!("{:?}, {:?}", self.start.distance_m, self.start.height_m),
+            "lower bound first",
+        )?;
+        start.range("warm_up_s", self.start.warm_up_s, 0.0, 600.0)?;
+        start.range("hover_s", self.start.hover_s, 1.0, 60.0)?;
+        at.range("solve_delay_s", self.solve_delay_s, 0.0, 1.0)
+    }
+}
+
+/// The configurations of all nodes, as a vessel and a drone install them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NodeConfigs {
+    /// The vessel's process.
+    pub vessel: VesselNodeConfig,
+    /// The drone's bridge.
+    pub bridge: BridgeConfig,
+    /// The drone's other processes.
+    pub drone: DroneSettings,
+}

@@ -1,0 +1,3 @@
+//! Measurements over many seeds that are not landings.
+
+pub mod airborne;

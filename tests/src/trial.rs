@@ -1,0 +1,105 @@
+//! One landing: `fly(&Scenario, &NodeConfigs, seed)` to an [`Outcome`].
+
+use alight_shared::config::ConfigError;
+use alight_shared::msg::{CommandKind, Reason, State};
+use alight_shared::time::Span;
+use thiserror::Error;
+
+use crate::outcome::{Judge, Outcome, TIME_LIMIT_S};
+use crate::scenario::{NodeConfigs, RadioCut, Scenario};
+use crate::trace::Trace;
+use crate::world::{TICK, World};
+
+/// Why a trial could not be set up.
+#[derive(Debug, Error)]
+pub enum SetupError {
+    /// A configuration is out of range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The recorded motion cannot be used.
+    #[error(transparent)]
+    DeckMotion(#[from] crate::deck_motion::DeckMotionError),
+}
+
+/// Something that a person wants to see as it happens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The mission entered a state.
+    Phase {
+        /// Time since the start, s.
+        t_s: f64,
+        /// The state.
+        name: &'static str,
+        /// Why.
+        reason: Reason,
+    },
+}
+
+/// What a caller wants to see.
+pub struct Watch<'a> {
+    /// Called for every event.
+    pub on_event: &'a mut dyn FnMut(&Event),
+    /// Keep a trace with this time between points, s.
+    pub trace_step_s: Option<f64>,
+}
+
+/// A flown trial.
+pub struct Flight {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Its history, when it was asked for.
+    pub trace: Option<Trace>,
+}
+
+/// Flies the trial of `seed`; `sea` names the sea in the outcome.
+pub fn fly(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    sea: &str,
+    watch: Watch<'_>,
+) -> Result<Flight, SetupError> {
+    let mut world = World::new(scenario, nodes, seed)?;
+    world.warm_up();
+    world.command(CommandKind::Land);
+
+    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+    let mut judge = Judge::default();
+    let mut trace = watch.trace_step_s.map(|step_s| Trace { step_s, ..Trace::default() });
+    let mut state = State::Idle;
+    let mut next_point = 0.0;
+    // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
+    for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
+        world.tick();
+        let t_s = world.time_since_start().secs();
+        let mission = world.mission_state();
+        if mission.state != state {
+            state = mission.state;
+            let (name, reason) = (state.name(), mission.entered);
+            (watch.on_event)(&Event::Phase { t_s, name, reason });
+            if let Some(trace) = trace.as_mut() {
+                trace.phases.push((t_s, name, reason.to_string()));
+            }
+            if state == State::Tracking && scenario.radio_cut == RadioCut::AtFirstTracking {
+                world.cut_radio();
+            }
+        }
+        if let Some(trace) = trace.as_mut()
+            && t_s + 1e-9 >= next_point
+        {
+            next_point += trace.step_s;
+            trace.points.push(world.trace_point());
+        }
+        let over = judge.observe(&world.observation(), half_deck);
+        if let (Some(trace), Some(t)) = (trace.as_mut(), judge.first_contact_s()) {
+            trace.touchdown_s = Some(t);
+        }
+        if over {
+            break;
+        }
+    }
+    let sim_time_s = world.time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
+    let mut outcome = judge.outcome(seed, sea, nodes.drone.planner.kind.name(), sim_time_s);
+    outcome.digest = format!("{:016x}", world.digest());
+    Ok(Flight { outcome, trace })
+}

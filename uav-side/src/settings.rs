@@ -1,0 +1,39 @@
+//! The configuration of the drone's nodes in one place.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use serde::{Deserialize, Serialize};
+
+use crate::mission::MissionConfig;
+use crate::pilot::PilotConfig;
+use crate::planner::PlannerConfig;
+use crate::predictor::PredictorConfig;
+
+/// Everything that the drone's predictor, mission, planner and pilot need to know.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DroneSettings {
+    /// The drone, as measured by its owner.
+    pub airframe: DroneGeometry,
+    /// The deck to land on.
+    pub deck: DeckGeometry,
+    /// Predictor.
+    pub predictor: PredictorConfig,
+    /// Mission.
+    pub mission: MissionConfig,
+    /// Planner.
+    pub planner: PlannerConfig,
+    /// Pilot.
+    pub pilot: PilotConfig,
+}
+
+impl Check for DroneSettings {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.airframe.check(&at.table("airframe"))?;
+        self.deck.check(&at.table("deck"))?;
+        self.predictor.check(&at.table("predictor"))?;
+        self.mission.check(&at.table("mission"))?;
+        self.planner.check(&at.table("planner"))?;
+        self.pilot.check(&at.table("pilot"))
+    }
+}
