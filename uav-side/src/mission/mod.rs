@@ -1,9 +1,10 @@
 //! The mission: permits what the planner may fly, and says why it does not permit more.
 //!
-//! Read [`transition`] (the state table as a pure function), then [`situation`] (every figure it
+//! Read [`transition`] (the state machine as a pure function), `rows` (its table), then [`situation`] (every figure it
 //! looks at). This file keeps the inputs and gives the output its shape.
 
 pub mod config;
+mod rows;
 pub mod situation;
 pub mod transition;
 
@@ -24,8 +25,9 @@ use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::{config::Check, topics};
 
 use crate::latest::Latest;
+use rows::blind_limit;
 use situation::{Deck, Flight, Own, Situation};
-use transition::{Decision, HoldCause, Progress, blind_limit, decide};
+use transition::{Decision, HoldCause, Progress, decide};
 
 /// What arrives.
 #[derive(Clone, Debug, Default)]

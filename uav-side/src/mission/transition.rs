@@ -2,16 +2,17 @@
 //! order and situation in, phase and reasons out.
 //!
 //! Interrupts first (touchdown, abort, loss of control, old data, hold, battery, patience), then
-//! the row of the state table. Each function below is one row.
+//! the row of the state table. The rows are in `rows`.
 
 use alight_shared::msg::{AutopilotMode, CommandKind, Reason, ReasonCode, State};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
-use super::situation::{Deck, Flight, Situation};
+use super::rows;
+use super::situation::{Flight, Situation};
 
-type Instant = Time<DroneClock>;
+pub(super) type Instant = Time<DroneClock>;
 
 /// Why a hold began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,7 +137,7 @@ pub struct Decision {
 }
 
 /// The outcome of one row of the table.
-enum Row {
+pub(super) enum Row {
     /// Stays, waiting for this.
     Stay(MissionPhase, Reason),
     /// Goes to that phase for this reason.
@@ -155,20 +156,20 @@ pub fn decide(
 ) -> Decision {
     let mut progress = progress;
     let row = interrupt(phase, &mut progress, order, s, c).unwrap_or_else(|| match phase {
-        MissionPhase::Idle => idle(&mut progress, s, c),
-        MissionPhase::GetAltitude { from } => get_altitude(from, s, c),
-        MissionPhase::Approach { seen } => approach(seen, s, c),
-        MissionPhase::Tracking { steady } => tracking(steady, s, c),
-        MissionPhase::TrackingStable => tracking_stable(&mut progress, s, c),
-        MissionPhase::Descent { violated, gated } => descent(violated, gated, s, c),
-        MissionPhase::Flare { committed, violated } => flare(committed, violated, s, c),
-        MissionPhase::Landed { disarmed } => landed(disarmed, &mut progress, s),
+        MissionPhase::Idle => rows::idle(&mut progress, s, c),
+        MissionPhase::GetAltitude { from } => rows::get_altitude(from, s, c),
+        MissionPhase::Approach { seen } => rows::approach(seen, s, c),
+        MissionPhase::Tracking { steady } => rows::tracking(steady, s, c),
+        MissionPhase::TrackingStable => rows::tracking_stable(&mut progress, s, c),
+        MissionPhase::Descent { violated, gated } => rows::descent(violated, gated, s, c),
+        MissionPhase::Flare { committed, violated } => rows::flare(committed, violated, s, c),
+        MissionPhase::Landed { disarmed } => rows::landed(disarmed, &mut progress, s),
         MissionPhase::Hold {
             cause,
             at,
             yaw,
             fresh,
-        } => hold(cause, at, yaw, fresh, &progress, s, c),
+        } => rows::hold(cause, at, yaw, fresh, &progress, s, c),
         MissionPhase::GaveUp { .. } => Row::Stay(phase, Reason::plain(ReasonCode::NotCommanded)),
     });
     let (phase, entered, waiting) = match row {
@@ -307,367 +308,20 @@ fn interrupt(
     None
 }
 
-/// Idle: waits for command, flight and the vessel's state by radio.
-fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Row {
-    let stay = |why| Row::Stay(MissionPhase::Idle, why);
-    if !progress.landing {
-        return stay(Reason::plain(ReasonCode::NotCommanded));
-    }
-    if s.flight != Flight::Ours {
-        return stay(Reason::plain(ReasonCode::NotFlying));
-    }
-    if let Some(why) = old_data(s) {
-        return stay(why);
-    }
-    match (s.fresh_deck(), s.own) {
-        (Some(deck), Some(own)) if deck.radio_age_s <= c.radio_fresh_s => {
-            progress.started = s.now;
-            Row::Go(
-                MissionPhase::GetAltitude {
-                    from: [own.position.x, own.position.y],
-                },
-                Reason::plain(ReasonCode::Commanded),
-            )
-        }
-        _ => stay(Reason::plain(ReasonCode::NoVessel)),
-    }
-}
-
-/// Get altitude: until the approach height is reached.
-fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Row {
-    let stay = |why| Row::Stay(MissionPhase::GetAltitude { from }, why);
-    let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
-        return stay(Reason::plain(ReasonCode::NoVessel));
-    };
-    let error = (own.position.z - (mean - c.approach_height_m)).abs();
-    if error > c.height_tolerance_m {
-        return stay(Reason::new(ReasonCode::TooFar, error, c.height_tolerance_m));
-    }
-    Row::Go(
-        MissionPhase::Approach { seen: None },
-        Reason::plain(ReasonCode::Reached),
-    )
-}
-
-/// Approach: until visual contact is confirmed.
-fn approach(seen: Option<Instant>, s: &Situation, c: &MissionConfig) -> Row {
-    let Some(deck) = s.fresh_deck() else {
-        return Row::Stay(
-            MissionPhase::Approach { seen: None },
-            Reason::plain(ReasonCode::NoVessel),
-        );
-    };
-    if deck.vision_age_s > c.sight_fresh_s {
-        if deck.radio_age_s > c.radio_lost_s {
-            return Row::Go(
-                holding(HoldCause::Data, s, c),
-                Reason::plain(ReasonCode::NoVessel),
-            );
-        }
-        return Row::Stay(
-            MissionPhase::Approach { seen: None },
-            Reason::plain(ReasonCode::NotSeen),
-        );
-    }
-    let since = seen.unwrap_or(s.now);
-    if (s.now - since).secs() < c.contact_confirm_s {
-        return Row::Stay(
-            MissionPhase::Approach { seen: Some(since) },
-            Reason::plain(ReasonCode::NotSeen),
-        );
-    }
-    Row::Go(
-        MissionPhase::Tracking { steady: None },
-        Reason::plain(ReasonCode::Reached),
-    )
-}
-
-/// What is unsteady above the deck; `slack` widens the limits.
-fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option<Reason> {
-    let height = match (s.own, s.mean_deck_z) {
-        (Some(own), Some(mean)) => (own.position.z - (mean - c.tracking_height_m)).abs(),
-        _ => f64::INFINITY,
-    };
-    exceeds(ReasonCode::TooFar, deck.distance_m, c.steady_distance_m * slack)
-        .or_else(|| {
-            exceeds(
-                ReasonCode::TooFast,
-                deck.relative_speed_mps,
-                c.steady_speed_mps * slack,
-            )
-        })
-        .or_else(|| exceeds(ReasonCode::TooFar, height, c.steady_height_m * slack))
-}
-
-/// Sight lost in a state that follows the vessel by sight: the radio leads back to it, or nothing.
-fn lost_sight(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Row> {
-    let why = exceeds(ReasonCode::SightLost, deck.vision_age_s, c.sight_lost_s)?;
-    Some(if deck.radio_age_s <= c.radio_fresh_s {
-        Row::Go(MissionPhase::Approach { seen: None }, why)
-    } else {
-        Row::Go(holding(HoldCause::Data, s, c), why)
-    })
-}
-
-/// Tracking: until stably above the deck.
-fn tracking(steady: Option<Instant>, s: &Situation, c: &MissionConfig) -> Row {
-    let Some(deck) = s.fresh_deck() else {
-        return Row::Stay(
-            MissionPhase::Tracking { steady: None },
-            Reason::plain(ReasonCode::NoVessel),
-        );
-    };
-    if let Some(row) = lost_sight(deck, s, c) {
-        return row;
-    }
-    if let Some(why) = unsteady(deck, s, c, 1.0) {
-        return Row::Stay(MissionPhase::Tracking { steady: None }, why);
-    }
-    let since = steady.unwrap_or(s.now);
-    let lasted = (s.now - since).secs();
-    if lasted < c.steady_s {
-        return Row::Stay(
-            MissionPhase::Tracking { steady: Some(since) },
-            Reason::new(ReasonCode::NotSteady, lasted, c.steady_s),
-        );
-    }
-    Row::Go(
-        MissionPhase::TrackingStable,
-        Reason::new(ReasonCode::Reached, lasted, c.steady_s),
-    )
-}
-
-/// Tracking stable: until the descent's conditions hold.
-fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Row {
-    let stay = |why| Row::Stay(MissionPhase::TrackingStable, why);
-    let Some(deck) = s.fresh_deck() else {
-        return stay(Reason::plain(ReasonCode::NoVessel));
-    };
-    if let Some(row) = lost_sight(deck, s, c) {
-        return row;
-    }
-    if let Some(why) = unsteady(deck, s, c, c.break_factor) {
-        return Row::Go(MissionPhase::Tracking { steady: None }, why);
-    }
-    if s.flight != Flight::Ours {
-        return stay(Reason::plain(ReasonCode::NotFlying));
-    }
-    let refusal = exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s)
-        .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.descent_distance_m))
-        .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.descent_speed_mps))
-        .or_else(|| unfit(deck, c, 1.0))
-        .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s));
-    if let Some(why) = refusal {
-        return stay(why);
-    }
-    if progress.attempts >= c.max_attempts {
-        return Row::BreakOff(Reason::default());
-    }
-    progress.attempts += 1;
-    Row::Go(
-        MissionPhase::Descent {
-            violated: None,
-            gated: None,
-        },
-        Reason::new(ReasonCode::Reached, deck.distance_m, c.descent_distance_m),
-    )
-}
-
-/// What makes the predicted deck unfit for a landing: uncertainty, motion or tilt.
-fn unfit(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
-    use ReasonCode::{Infeasible, TooSteep, Uncertain};
-    [
-        (Uncertain, deck.horizontal_sd_m, c.horizontal_sd_m),
-        (Uncertain, deck.vertical_sd_m, c.vertical_sd_m),
-        (Infeasible, deck.speed_mps, c.deck_speed_mps),
-        (Infeasible, deck.heave_mps, c.deck_heave_mps),
-        (Infeasible, deck.acceleration_mps2, c.deck_acceleration_mps2),
-        (TooSteep, deck.tilt_rad, c.deck_tilt_rad),
-    ]
-    .into_iter()
-    .find_map(|(code, value, limit)| exceeds(code, value, limit * slack))
-}
-
-/// What forbids the flare at the gate.
-fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
-    let newest = deck.vision_age_s.min(deck.radio_age_s);
-    exceeds(
-        ReasonCode::SightLost,
-        newest,
-        c.radio_fresh_s.max(c.sight_fresh_s),
-    )
-    .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
-    .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.flare_distance_m))
-    .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.descent_speed_mps))
-    .or_else(|| exceeds(ReasonCode::TooSteep, deck.tilt_rad, c.flare_tilt_rad))
-}
-
-/// What violates the conditions of a landing that has begun.
-fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind: f64) -> Option<Reason> {
-    let cone = c.break_distance_m + c.break_cone * deck.clearance_m.max(0.0);
-    exceeds(ReasonCode::SightLost, deck.vision_age_s, blind)
-        .or_else(|| exceeds(ReasonCode::Deviated, deck.distance_m, cone))
-        .or_else(|| unfit(deck, c, c.break_factor))
-        .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s))
-}
-
-/// Descent: until the flare; an unmet condition of the flare stops the descent at the gate.
-fn descent(violated: Option<Instant>, gated: Option<Instant>, s: &Situation, c: &MissionConfig) -> Row {
-    let Some(deck) = s.fresh_deck() else {
-        return Row::BreakOff(Reason::plain(ReasonCode::NoVessel));
-    };
-    let violation = violation(deck, s, c, c.descent_sight_s);
-    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
-    let close = deck.clearance_m < c.commit_clearance_m;
-    // Below the commit clearance going on is safer than breaking off, while the deck is below.
-    if let Some(why) = violation.filter(|_| lasted > c.violation_s && !close) {
-        return Row::BreakOff(why);
-    }
-    if close && let Some(why) = exceeds(ReasonCode::Deviated, s.outside_m, c.lost_outside_m) {
-        return Row::BreakOff(why);
-    }
-    let refusal = not_ready_to_flare(deck, c);
-    if deck.clearance_m < c.flare_clearance_m && (refusal.is_none() || close) {
-        return Row::Go(
-            MissionPhase::Flare {
-                committed: close,
-                violated: None,
-            },
-            Reason::new(ReasonCode::Reached, deck.clearance_m, c.flare_clearance_m),
-        );
-    }
-    let stopped = refusal.filter(|_| deck.clearance_m < c.gate_clearance_m);
-    let (gated, waited) = lasting(stopped.is_some(), gated, s.now);
-    if let Some(why) = stopped.filter(|_| waited > c.gate_timeout_s) {
-        return Row::BreakOff(why);
-    }
-    let waiting = stopped.or(violation).unwrap_or(Reason::new(
-        ReasonCode::TooFar,
-        deck.clearance_m,
-        c.flare_clearance_m,
-    ));
-    Row::Stay(MissionPhase::Descent { violated, gated }, waiting)
-}
-
-/// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
-/// committed.
-fn flare(committed: bool, violated: Option<Instant>, s: &Situation, c: &MissionConfig) -> Row {
-    let Some(deck) = s.fresh_deck() else {
-        return Row::BreakOff(Reason::plain(ReasonCode::NoVessel));
-    };
-    // The deck may fall away again: half a metre above the commit clearance there is time to judge.
-    let committed = if committed {
-        deck.clearance_m < c.commit_clearance_m + 0.5
-    } else {
-        deck.clearance_m < c.commit_clearance_m
-    };
-    let hard = exceeds(ReasonCode::Missed, -deck.clearance_m, c.missed_m).or_else(|| {
-        exceeds(ReasonCode::Deviated, s.outside_m, c.lost_outside_m)
-            .filter(|_| deck.clearance_m < c.commit_clearance_m)
-    });
-    if let Some(why) = hard {
-        return Row::BreakOff(why);
-    }
-    let violation = violation(deck, s, c, blind_limit(deck, c));
-    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
-    if let Some(why) = violation.filter(|_| lasted > c.violation_s && !committed) {
-        return Row::BreakOff(why);
-    }
-    let waiting = violation.unwrap_or(Reason::new(ReasonCode::TooFar, deck.clearance_m, 0.0));
-    Row::Stay(MissionPhase::Flare { committed, violated }, waiting)
-}
-
-/// How long a flare may last without sight: longer while the radio tells where the vessel is, s.
-pub(super) fn blind_limit(deck: &Deck, c: &MissionConfig) -> f64 {
-    if deck.radio_age_s <= c.radio_fresh_s {
-        c.flare_radio_blind_s
-    } else {
-        c.flare_blind_s
-    }
-}
-
-/// Landed: until the drone, disarmed in between, is armed again.
-fn landed(disarmed: bool, progress: &mut Progress, s: &Situation) -> Row {
-    progress.landing = false;
-    let armed = matches!(s.flight, Flight::OnGround | Flight::NotOurs(_) | Flight::Ours);
-    if disarmed && armed {
-        return Row::Go(MissionPhase::Idle, Reason::plain(ReasonCode::Reached));
-    }
-    Row::Stay(
-        MissionPhase::Landed {
-            disarmed: disarmed || s.flight == Flight::Disarmed,
-        },
-        Reason::default(),
-    )
-}
-
-/// Hold: until data are fresh again and a landing is wanted.
-fn hold(
-    cause: HoldCause,
-    at: Vector3<f64>,
-    yaw: f64,
-    fresh: Option<Instant>,
-    progress: &Progress,
-    s: &Situation,
-    c: &MissionConfig,
-) -> Row {
-    let stay = |fresh, why| {
-        Row::Stay(
-            MissionPhase::Hold {
-                cause,
-                at,
-                yaw,
-                fresh,
-            },
-            why,
-        )
-    };
-    if cause == HoldCause::Operator && !progress.landing {
-        return stay(None, Reason::plain(ReasonCode::Operator));
-    }
-    if s.flight == Flight::Unknown {
-        return stay(None, Reason::plain(ReasonCode::NotFlying));
-    }
-    if let Some(why) = old_data(s) {
-        return stay(None, why);
-    }
-    let (Some(deck), Some(own)) = (s.fresh_deck(), s.own) else {
-        return stay(None, Reason::plain(ReasonCode::NoVessel));
-    };
-    if deck.vision_age_s > c.sight_fresh_s && deck.radio_age_s > c.radio_fresh_s {
-        return stay(
-            None,
-            Reason::new(ReasonCode::SightLost, deck.vision_age_s, c.sight_fresh_s),
-        );
-    }
-    let (fresh, lasted) = lasting(true, fresh, s.now);
-    if lasted < c.recover_s {
-        return stay(fresh, Reason::new(ReasonCode::NotSteady, lasted, c.recover_s));
-    }
-    let next = if deck.vision_age_s <= c.sight_fresh_s && deck.distance_m <= c.resume_distance_m {
-        MissionPhase::Tracking { steady: None }
-    } else {
-        MissionPhase::GetAltitude {
-            from: [own.position.x, own.position.y],
-        }
-    };
-    Row::Go(next, Reason::new(ReasonCode::Reached, lasted, c.recover_s))
-}
-
 /// What is too old to go on.
-fn old_data(s: &Situation) -> Option<Reason> {
+pub(super) fn old_data(s: &Situation) -> Option<Reason> {
     exceeds(ReasonCode::OdometryOld, s.odometry_age_s, s.odometry_limit_s)
         .or_else(|| exceeds(ReasonCode::ForecastOld, s.forecast_age_s, s.forecast_limit_s))
         .or_else(|| s.deck.is_none().then_some(Reason::plain(ReasonCode::NoVessel)))
 }
 
 /// The reason when `value` is beyond `limit`; a NaN is beyond.
-fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason> {
-    (!(value <= limit)).then_some(Reason::new(code, value, limit))
+pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason> {
+    (value > limit || value.is_nan()).then_some(Reason::new(code, value, limit))
 }
 
 /// Since when `holds` has been true, and for how long, s.
-fn lasting(holds: bool, since: Option<Instant>, now: Instant) -> (Option<Instant>, f64) {
+pub(super) fn lasting(holds: bool, since: Option<Instant>, now: Instant) -> (Option<Instant>, f64) {
     if !holds {
         return (None, 0.0);
     }
@@ -676,7 +330,7 @@ fn lasting(holds: bool, since: Option<Instant>, now: Instant) -> (Option<Instant
 }
 
 /// Hold where the drone is, not below the tracking height over the deck nor the minimum altitude.
-fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
+pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = refuge(s, c, c.tracking_height_m);
     MissionPhase::Hold {
         cause,

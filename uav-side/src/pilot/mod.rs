@@ -1,1 +1,537 @@
-//! (to be written)
+//! The pilot: samples the plan at 100 Hz, tracks it into the set-point, and ends the flight when
+//! the feet are on the deck.
+//!
+//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`] what it learns in
+//! flight, [`touchdown`] the evidence of contact. This file decides which of them speaks.
+
+pub mod attitude;
+pub mod config;
+mod estimate;
+pub mod touchdown;
+mod tracking;
+
+#[cfg(test)]
+mod tests;
+
+pub use config::{Output, PilotConfig};
+pub use touchdown::{Contact, Touchdown};
+
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::msg::{
+    AutopilotMode, AutopilotState, DeckForecast, DeckStage, DroneState, Header, Message, MissionState,
+    Motors, Phase, Plan, PlanStage, RangeSample, SetPoint, SetPointKind, State,
+};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::topics;
+use nalgebra::Vector3;
+
+use crate::latest::Latest;
+use attitude::rates_of;
+use estimate::FlightEstimate;
+use touchdown::{Detector, Evidence, press_share};
+use tracking::{AttitudeCommand, Authority, Body, Tracker};
+
+/// What arrives.
+#[derive(Clone, Debug, Default)]
+pub struct PilotIn {
+    /// The planner's trajectory.
+    pub plan: Option<Plan>,
+    /// The mission's state.
+    pub mission: Option<MissionState>,
+    /// The deck's forecast.
+    pub forecast: Option<DeckForecast>,
+    /// The drone's odometry.
+    pub drone: Option<DroneState>,
+    /// The autopilot's state.
+    pub autopilot: Option<AutopilotState>,
+    /// Readings of the rangefinder.
+    pub ranges: Vec<RangeSample>,
+}
+
+/// What the pilot says.
+#[derive(Clone, Debug, Default)]
+pub struct PilotOut {
+    /// The set-point, every step.
+    pub set_point: Option<SetPoint>,
+    /// Once, when touchdown is confirmed.
+    pub touchdown: Option<Touchdown>,
+}
+
+/// Messages refused since start, by kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PilotRejected {
+    /// Plans.
+    pub plan: u32,
+    /// Mission states.
+    pub mission: u32,
+    /// Forecasts.
+    pub forecast: u32,
+    /// Odometry.
+    pub drone: u32,
+    /// Autopilot states.
+    pub autopilot: u32,
+    /// Rangefinder readings.
+    pub range: u32,
+}
+
+/// Where the pilot holds on its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct HoldPlace {
+    position: Vector3<f64>,
+    yaw: f64,
+}
+
+/// The drone and the deck below it, now.
+#[derive(Clone, Copy, Debug)]
+struct Below {
+    stage: DeckStage,
+    clearance: f64,
+    normal_speed: f64,
+}
+
+/// The pilot node.
+#[derive(Clone, Debug)]
+pub struct Pilot {
+    config: PilotConfig,
+    geometry: DroneGeometry,
+    drone_id: u32,
+    boot: u32,
+    sequence: u32,
+
+    plan: Latest<Plan>,
+    mission: Latest<MissionState>,
+    forecast: Latest<DeckForecast>,
+    drone: Latest<DroneState>,
+    autopilot: Latest<AutopilotState>,
+    range: Latest<RangeSample>,
+    origin_resets: Option<u8>,
+
+    estimate: FlightEstimate,
+    tracker: Tracker,
+    detector: Detector,
+    hold: Option<HoldPlace>,
+    stopped_at: Option<Time<DroneClock>>,
+    disarmed_since_stop: bool,
+    last_step: Option<Time<DroneClock>>,
+}
+
+/// Steps further apart than this count as this long: a pilot that was away must not jump, s.
+const LONGEST_STEP_S: f64 = 0.05;
+
+impl Pilot {
+    /// A pilot of the drone described by `geometry`.
+    pub fn new(config: &PilotConfig, geometry: &DroneGeometry, drone_id: u32, boot: u32) -> Self {
+        let hover = (geometry.mass_kg * GRAVITY / geometry.max_thrust_n).clamp(0.05, 0.9);
+        Pilot {
+            config: config.clone(),
+            geometry: *geometry,
+            drone_id,
+            boot,
+            sequence: 0,
+            plan: Latest::default(),
+            mission: Latest::default(),
+            forecast: Latest::default(),
+            drone: Latest::default(),
+            autopilot: Latest::default(),
+            range: Latest::default(),
+            origin_resets: None,
+            estimate: FlightEstimate::new(hover),
+            tracker: Tracker::default(),
+            detector: Detector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
+            hold: None,
+            stopped_at: None,
+            disarmed_since_stop: false,
+            last_step: None,
+        }
+    }
+    /// How far the touchdown detector has come.
+    pub fn contact(&self) -> Contact {
+        self.detector.contact()
+    }
+    /// The collective thrust that the pilot believes hovers, 0 to 1.
+    pub fn hover_thrust(&self) -> f64 {
+        self.estimate.hover()
+    }
+    /// Messages refused since start.
+    pub fn rejected(&self) -> PilotRejected {
+        PilotRejected {
+            plan: self.plan.rejected(),
+            mission: self.mission.rejected(),
+            forecast: self.forecast.rejected(),
+            drone: self.drone.rejected(),
+            autopilot: self.autopilot.rejected(),
+            range: self.range.rejected(),
+        }
+    }
+
+    /// Takes what arrived; gives the odometry when it is new.
+    fn take(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
+        if let Some(m) = &input.autopilot
+            && self.autopilot.offer(now, m)
+        {
+            // The origin jumped: plan, forecast, hold and integral are of another frame.
+            if self.origin_resets.is_some_and(|n| n != m.origin_resets) {
+                self.plan.forget();
+                self.forecast.forget();
+                self.hold = None;
+                self.tracker.reset();
+            }
+            self.origin_resets = Some(m.origin_resets);
+            self.estimate.told_hover(m.hover_thrust);
+            self.disarmed_since_stop |= self.stopped_at.is_some() && !m.armed;
+        }
+        if let Some(m) = &input.mission {
+            self.mission.offer(now, m);
+        }
+        if let Some(m) = &input.forecast {
+            self.forecast.offer(now, m);
+        }
+        if let Some(m) = &input.plan {
+            self.plan.offer(now, m);
+        }
+        for m in &input.ranges {
+            if self.range.offer(now, m) {
+                self.detector.range(m.header.at, m.range_m);
+            }
+        }
+        input.drone.filter(|m| self.drone.offer(now, m))
+    }
+
+    /// The deck under the drone, when forecast and odometry reach `now`.
+    fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<Below> {
+        let f = self.forecast.get()?;
+        let stage = f.at(now.max(f.header.at))?;
+        let up = stage.normal();
+        let r = body.position - Vector3::from(stage.position);
+        Some(Below {
+            stage,
+            clearance: up.dot(&r) - self.geometry.feet_below_m,
+            normal_speed: up.dot(&(body.velocity - Vector3::from(stage.velocity))),
+        })
+    }
+
+    fn set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
+        self.sequence = self.sequence.wrapping_add(1);
+        let vessel = self.mission.get().map_or(0, |m| m.header.vessel);
+        SetPoint {
+            header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
+            ..SetPoint::default()
+        }
+    }
+
+    /// Nothing: the autopilot's own failsafe acts.
+    fn nothing(&mut self, now: Time<DroneClock>) -> SetPoint {
+        self.hold = None;
+        self.tracker.reset();
+        self.set_point(now)
+    }
+
+    /// Motors off, for as long as the mission says so.
+    fn stop(&mut self, now: Time<DroneClock>) -> SetPoint {
+        let attitude = self.drone.get().map_or([1.0, 0.0, 0.0, 0.0], |d| d.attitude);
+        SetPoint {
+            kind: SetPointKind::Attitude,
+            motors: Motors::Stop,
+            attitude,
+            thrust: 0.0,
+            ..self.set_point(now)
+        }
+    }
+
+    /// Position, velocity and acceleration for the autopilot's own loop. The acceleration leads by
+    /// the attitude's lag: it is what the attitude has to be by then.
+    fn trajectory(&mut self, now: Time<DroneClock>, plan: &Plan, stage: &PlanStage) -> SetPoint {
+        self.hold = None;
+        self.tracker.reset();
+        let ahead = plan
+            .sample(now + Span::from_secs(self.geometry.attitude_lag_s))
+            .map_or(stage.acceleration, |s| s.acceleration);
+        let q = nalgebra::UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
+        SetPoint {
+            kind: SetPointKind::Trajectory,
+            position: stage.position,
+            velocity: stage.velocity,
+            acceleration: ahead,
+            yaw: stage.euler[2],
+            yaw_rate: stage.euler_rates[2],
+            attitude: [q.w, q.i, q.j, q.k],
+            rates: rates_of(&stage.euler, &stage.euler_rates).into(),
+            thrust: self.estimate.hover().clamp(0.0, 1.0),
+            ..self.set_point(now)
+        }
+    }
+
+    /// Attitude and thrust of the pilot's own loop.
+    fn attitude(&mut self, now: Time<DroneClock>, stage: Option<&PlanStage>, a: AttitudeCommand) -> SetPoint {
+        self.hold = None;
+        let (_, _, yaw) = a.attitude.euler_angles();
+        SetPoint {
+            kind: SetPointKind::Attitude,
+            position: stage.map_or([0.0; 3], |s| s.position),
+            velocity: stage.map_or([0.0; 3], |s| s.velocity),
+            acceleration: stage.map_or([0.0; 3], |s| s.acceleration),
+            yaw,
+            attitude: [a.attitude.w, a.attitude.i, a.attitude.j, a.attitude.k],
+            rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
+            thrust: a.thrust,
+            ..self.set_point(now)
+        }
+    }
+
+    /// Stands where the drone is, climbing gently while `climb`.
+    fn hold(&mut self, now: Time<DroneClock>, body: &Body, dt: f64, climb: bool) -> SetPoint {
+        self.tracker.reset();
+        let (_, _, yaw) = body.attitude.euler_angles();
+        let mut place = self.hold.unwrap_or(HoldPlace {
+            position: body.position,
+            yaw,
+        });
+        let speed = if climb { self.config.safety.climb_mps } else { 0.0 };
+        place.position.z -= speed * dt;
+        self.hold = Some(place);
+        SetPoint {
+            kind: SetPointKind::Trajectory,
+            position: place.position.into(),
+            velocity: [0.0, 0.0, -speed],
+            yaw: place.yaw,
+            ..self.set_point(now)
+        }
+    }
+
+    /// Without a plan, committed to the deck: level with it, sinking onto it.
+    fn sinking(&self, body: &Body, below: &Below) -> PlanStage {
+        let up = below.stage.normal();
+        let velocity = Vector3::from(below.stage.velocity) - up * self.config.safety.sink_mps;
+        let (_, _, yaw) = body.attitude.euler_angles();
+        PlanStage {
+            position: body.position.into(),
+            velocity: velocity.into(),
+            acceleration: below.stage.acceleration,
+            euler: [0.0, 0.0, yaw],
+            euler_rates: [0.0; 3],
+        }
+    }
+
+    /// Learns hover thrust and disturbance from new odometry in free flight.
+    fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&Below>) {
+        let Some(d) = new else { return };
+        let force = Vector3::from(d.specific_force);
+        let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
+        if !free {
+            return;
+        }
+        let c = &self.config.tracking;
+        let told = self
+            .autopilot
+            .fresh(now, topics::AUTOPILOT.stale_after)
+            .filter(|a| a.armed && a.thrust > 0.0)
+            .map(|a| a.thrust);
+        if let Some(u) = self.estimate.acting().or(told) {
+            self.estimate.learn_hover(&force, u, dt, c);
+        }
+        self.estimate.learn_disturbance(&force, &d.attitude(), dt, c);
+    }
+
+    fn evidence(
+        &self,
+        now: Time<DroneClock>,
+        mission: Option<&MissionState>,
+        new: Option<&DroneState>,
+        below: Option<&Below>,
+    ) -> Evidence {
+        let limit = Span::from_secs(self.config.touchdown.autopilot_age_s);
+        let commands = self
+            .autopilot
+            .fresh(now, topics::AUTOPILOT.stale_after)
+            .is_some_and(|a| a.armed && a.mode == AutopilotMode::Offboard);
+        let committed = below.is_some_and(|b| b.clearance <= self.config.safety.commit_clearance_m);
+        let permitted = commands
+            && mission.is_some_and(|m| match m.state {
+                State::Flare => true,
+                State::Descent => committed,
+                State::Idle
+                | State::GetAltitude
+                | State::Approach
+                | State::Tracking
+                | State::TrackingStable
+                | State::Landed
+                | State::Hold
+                | State::GaveUp => false,
+            });
+        Evidence {
+            permitted,
+            descending: mission.is_some_and(|m| m.descent_mps > 0.0),
+            force: new.map(|d| -d.specific_force[2]),
+            own_thrust: self.estimate.acting().map(|u| self.estimate.specific(u)),
+            told_thrust: self
+                .autopilot
+                .fresh(now, limit)
+                .map(|a| self.estimate.specific(a.thrust)),
+            hover_thrust: GRAVITY,
+            clearance: below.map(|b| b.clearance),
+            normal_speed: below.map(|b| b.normal_speed),
+        }
+    }
+
+    /// The set-point of a step in which the motors run.
+    fn fly(
+        &mut self,
+        now: Time<DroneClock>,
+        dt: f64,
+        mission: Option<MissionState>,
+        body: &Body,
+        below: Option<&Below>,
+    ) -> SetPoint {
+        let armed = self
+            .autopilot
+            .fresh(now, topics::AUTOPILOT.stale_after)
+            .filter(|a| a.armed)
+            .copied();
+        let Some(autopilot) = armed else {
+            return self.nothing(now);
+        };
+        let near = below.is_some_and(|b| b.clearance < self.config.safety.near_deck_m);
+        let Some(mission) = mission else {
+            // Hold for a moment after the mission's last word, then let the failsafe act.
+            let silence = self.mission.age_s(now);
+            let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
+            let flew = self.mission.get().is_some_and(|m| m.state.phase() != Phase::None);
+            return if flew && silence <= limit {
+                self.hold(now, body, dt, near)
+            } else {
+                self.nothing(now)
+            };
+        };
+        let output = match mission.state.phase() {
+            Phase::None => {
+                if mission.state == State::Landed {
+                    return self.nothing(now);
+                }
+                // Offboard modes want a stream of set-points before they can be entered; until
+                // then the place to hold moves with whoever flies.
+                if autopilot.mode != AutopilotMode::Offboard {
+                    self.hold = None;
+                }
+                return self.hold(now, body, dt, false);
+            }
+            Phase::Navigation => self.config.navigation_output,
+            Phase::Follow => self.config.follow_output,
+            Phase::Landing => self.config.landing_output,
+        };
+        let plan = self
+            .plan
+            .fresh(now, topics::PLAN.stale_after)
+            .and_then(|p| p.sample(now).map(|stage| (*p, stage)));
+        let flare = mission.state == State::Flare;
+        let committed = flare && below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
+
+        if let (Contact::Suspected { since, .. }, Output::Attitude) = (self.detector.contact(), output) {
+            let share = press_share(since, now, &self.config.touchdown);
+            let up = below.map(|b| b.stage.normal());
+            let yaw = plan.map_or(body.attitude.euler_angles().2, |(_, s)| s.euler[2]);
+            let thrust = share * self.estimate.hover();
+            let a = self
+                .tracker
+                .press(up, yaw, thrust, body, dt, &self.config.tracking);
+            return self.attitude(now, None, a);
+        }
+        match (plan, output, below) {
+            (Some((plan, stage)), Output::Trajectory, _) => self.trajectory(now, &plan, &stage),
+            (Some((_, stage)), Output::Attitude, _) => {
+                let c = &self.config.tracking;
+                let authority = match below {
+                    Some(b) if flare => Authority::flare(b.clearance, c),
+                    Some(_) | None => Authority::descent(c),
+                };
+                let lag = self.geometry.attitude_lag_s;
+                let a = self
+                    .tracker
+                    .track(&stage, body, &self.estimate, authority, lag, dt, c);
+                self.attitude(now, Some(&stage), a)
+            }
+            (None, _, Some(b)) if committed => {
+                let stage = self.sinking(body, b);
+                let c = &self.config.tracking;
+                let lag = self.geometry.attitude_lag_s;
+                let authority = Authority::descent(c);
+                let a = self
+                    .tracker
+                    .track(&stage, body, &self.estimate, authority, lag, dt, c);
+                self.attitude(now, Some(&stage), a)
+            }
+            (None, _, _) => self.hold(now, body, dt, near),
+        }
+    }
+}
+
+impl Node for Pilot {
+    type Clock = DroneClock;
+    type In = PilotIn;
+    type Out = PilotOut;
+
+    fn step(&mut self, now: Time<DroneClock>, input: &PilotIn) -> PilotOut {
+        let dt = self
+            .last_step
+            .map_or(0.01, |t| (now - t).secs())
+            .clamp(0.0, LONGEST_STEP_S);
+        self.last_step = Some(now);
+        let new = self.take(now, input);
+        let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
+
+        if let Some(at) = self.stopped_at {
+            // Released only after the autopilot was seen disarmed and the mission waits anew.
+            let anew = mission.is_some_and(|m| m.state == State::Idle && m.header.at > at);
+            if !(anew && self.disarmed_since_stop) {
+                return PilotOut {
+                    set_point: Some(self.stop(now)),
+                    touchdown: None,
+                };
+            }
+            self.stopped_at = None;
+            self.disarmed_since_stop = false;
+            self.detector.clear();
+        }
+        let Some(drone) = self.drone.fresh(now, topics::DRONE_STATE.stale_after).copied() else {
+            self.detector.clear();
+            self.estimate.commanded(None, dt, 0.0);
+            return PilotOut {
+                set_point: Some(self.nothing(now)),
+                touchdown: None,
+            };
+        };
+        let age = (now - drone.header.at).secs().max(0.0);
+        let body = Body {
+            position: drone.position() + drone.velocity() * age,
+            velocity: drone.velocity(),
+            attitude: drone.attitude(),
+        };
+        let below = self.below(now, &body);
+        let evidence = self.evidence(now, mission.as_ref(), new.as_ref(), below.as_ref());
+        if let Some(mut touchdown) = self.detector.step(now, dt, &evidence, &self.config.touchdown) {
+            self.stopped_at = Some(now);
+            self.disarmed_since_stop = false;
+            let set_point = self.stop(now);
+            touchdown.header = set_point.header;
+            return PilotOut {
+                set_point: Some(set_point),
+                touchdown: Some(touchdown),
+            };
+        }
+        self.learn(now, new.as_ref(), dt, below.as_ref());
+        let set_point = self.fly(now, dt, mission, &body, below.as_ref());
+        let own = (set_point.kind == SetPointKind::Attitude).then_some(set_point.thrust);
+        self.estimate
+            .commanded(own, dt, self.config.tracking.thrust_lag_s);
+        // Nothing that the message itself would refuse may leave the pilot.
+        let set_point = if set_point.check().is_ok() {
+            set_point
+        } else {
+            self.nothing(now)
+        };
+        PilotOut {
+            set_point: Some(set_point),
+            touchdown: None,
+        }
+    }
+}

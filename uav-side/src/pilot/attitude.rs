@@ -1,0 +1,65 @@
+//! Differential flatness of a multirotor: thrust vector and heading give attitude and thrust
+//! (Mellinger and Kumar 2011, section III), and the lead that an attitude loop's lag needs.
+
+use alight_shared::frames::body_rates;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// The attitude whose up axis lies along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).
+///
+/// With `R = Rz(yaw) Ry(pitch) Rx(roll)` the down axis seen in the heading frame is
+/// `[sin pitch cos roll, -sin roll, cos pitch cos roll]`, which is inverted here. Level for a
+/// thrust too short to have a direction.
+pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
+    let norm = thrust.norm();
+    if norm.is_nan() || norm < 1e-6 {
+        return UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+    }
+    let down = UnitQuaternion::from_euler_angles(0.0, 0.0, -yaw) * (-thrust / norm);
+    let roll = (-down.y).clamp(-1.0, 1.0).asin();
+    let pitch = down.x.atan2(down.z);
+    UnitQuaternion::from_euler_angles(roll, pitch, yaw)
+}
+
+/// The specific thrust (NED, m/s²) along the up axis of `attitude` whose vertical part holds
+/// against gravity and gives the vertical acceleration `vertical` (NED z, m/s²).
+pub fn thrust_of_attitude(attitude: &UnitQuaternion<f64>, vertical: f64, gravity: f64) -> Vector3<f64> {
+    let up = attitude * -Vector3::z();
+    // Beyond 75 deg the vertical part is given up rather than the thrust unbounded.
+    let lift = (-up.z).max(0.26);
+    up * ((gravity - vertical).max(0.0) / lift)
+}
+
+/// `thrust` with its horizontal part cut so that it leans at most `tilt` (rad) from the vertical
+/// and always points up.
+pub fn lean_limited(thrust: &Vector3<f64>, tilt: f64, least_up: f64) -> Vector3<f64> {
+    let up = (-thrust.z).max(least_up);
+    let horizontal = thrust.x.hypot(thrust.y);
+    let most = up * tilt.tan();
+    let share = if horizontal > most { most / horizontal } else { 1.0 };
+    Vector3::new(thrust.x * share, thrust.y * share, -up)
+}
+
+/// The Euler angles to command now so that a loop of first-order lag `lag` (s) has `euler` now:
+/// the inverse of `lag x' = c - x`, i.e. `c = x + lag x'` (rad). For a second-order loop of the
+/// same total lag it is exact to first order in frequency.
+pub fn lead(euler: &[f64; 3], rates: &[f64; 3], lag: f64) -> [f64; 3] {
+    core::array::from_fn(|i| euler[i] + lag * rates[i])
+}
+
+/// Body rates of Euler angles and their rates, rad/s.
+pub fn rates_of(euler: &[f64; 3], rates: &[f64; 3]) -> Vector3<f64> {
+    body_rates(euler[0], euler[1], Vector3::from(*rates))
+}
+
+/// `wanted`, or the point on the way there from `last` that a turn of `most` (rad) reaches.
+pub fn slewed(last: &UnitQuaternion<f64>, wanted: &UnitQuaternion<f64>, most: f64) -> UnitQuaternion<f64> {
+    let turn = last.rotation_to(wanted);
+    let angle = turn.angle();
+    if angle <= most || angle < 1e-9 {
+        return *wanted;
+    }
+    match turn.axis() {
+        Some(axis) => UnitQuaternion::from_axis_angle(&axis, most) * last,
+        None => *wanted,
+    }
+}

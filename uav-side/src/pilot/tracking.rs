@@ -1,0 +1,179 @@
+//! The tracking loop: plan and odometry in, attitude and thrust out.
+//!
+//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - d`, turned into a thrust vector and by flatness into an
+//! attitude. The plan's own attitude enters with the autopilot's lag compensated, the feedback as
+//! it is, and its authority over the tilt shrinks towards the deck: the drone has to have the
+//! plan's attitude at the contact, a few centimetres beside the plan's place.
+
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::PlanStage;
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+
+use super::attitude::{attitude_of_thrust, lead, lean_limited, rates_of, slewed, thrust_of_attitude};
+use super::config::TrackingConfig;
+use super::estimate::FlightEstimate;
+
+/// Attitude and thrust to command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct AttitudeCommand {
+    /// Rotation NED from body.
+    pub(crate) attitude: UnitQuaternion<f64>,
+    /// Body rates as feed-forward, rad/s.
+    pub(crate) rates: Vector3<f64>,
+    /// Collective thrust, 0 to 1.
+    pub(crate) thrust: f64,
+}
+
+/// The drone at `now`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Body {
+    /// Drone's NED, m.
+    pub(crate) position: Vector3<f64>,
+    /// m/s.
+    pub(crate) velocity: Vector3<f64>,
+    /// Rotation NED from body.
+    pub(crate) attitude: UnitQuaternion<f64>,
+}
+
+/// How much the feedback may do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Authority {
+    /// Tilt that the feedback may add, rad.
+    pub(crate) tilt: f64,
+    /// Share of the disturbance's compensation, 0 to 1.
+    pub(crate) disturbance: f64,
+    /// Whether the integral may move.
+    pub(crate) integrate: bool,
+}
+
+impl Authority {
+    /// In the descent.
+    pub(crate) fn descent(c: &TrackingConfig) -> Self {
+        Authority {
+            tilt: c.descent_feedback_tilt_rad,
+            disturbance: 1.0,
+            integrate: true,
+        }
+    }
+    /// In the flare, fading linearly below `fade_clearance_m`.
+    pub(crate) fn flare(clearance: f64, c: &TrackingConfig) -> Self {
+        let s = (clearance / c.fade_clearance_m).clamp(0.0, 1.0);
+        let mix = |low: f64, high: f64| low + s * (high - low);
+        Authority {
+            tilt: mix(c.contact_feedback_tilt_rad, c.flare_feedback_tilt_rad),
+            disturbance: mix(c.contact_disturbance_share, 1.0),
+            integrate: clearance > c.fade_clearance_m,
+        }
+    }
+}
+
+/// The loop's memory.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Tracker {
+    integral: Vector3<f64>,
+    last: Option<UnitQuaternion<f64>>,
+}
+
+impl Tracker {
+    /// Forgets everything, e.g. when the autopilot has closed the loop in between.
+    pub(crate) fn reset(&mut self) {
+        *self = Tracker::default();
+    }
+
+    /// The command that follows `stage` over the next `dt` (s), for an attitude loop of lag `lag`
+    /// (s).
+    pub(crate) fn track(
+        &mut self,
+        stage: &PlanStage,
+        body: &Body,
+        estimate: &FlightEstimate,
+        authority: Authority,
+        lag: f64,
+        dt: f64,
+        c: &TrackingConfig,
+    ) -> AttitudeCommand {
+        let e_p = cut(
+            Vector3::from(stage.position) - body.position,
+            c.position_error_limit_m,
+        );
+        let e_v = Vector3::from(stage.velocity) - body.velocity;
+        if authority.integrate {
+            let most = c.integral_limit_mps2;
+            self.integral = (self.integral + e_p * (c.ki * dt)).map(|v| v.clamp(-most, most));
+        }
+        let vertical = (c.vertical_kp * e_p.z + c.vertical_kv * e_v.z + self.integral.z)
+            .clamp(-c.vertical_limit_mps2, c.vertical_limit_mps2);
+        let horizontal = cut2(
+            e_p.xy() * c.horizontal_kp + e_v.xy() * c.horizontal_kv + self.integral.xy(),
+            GRAVITY * authority.tilt.tan(),
+        );
+
+        let euler = lead(&stage.euler, &stage.euler_rates, lag);
+        let planned = UnitQuaternion::from_euler_angles(euler[0], euler[1], euler[2]);
+        let down = stage.acceleration[2] + vertical;
+        let mut thrust = thrust_of_attitude(&planned, down, GRAVITY);
+        let push = horizontal - estimate.disturbance() * authority.disturbance;
+        thrust.x += push.x;
+        thrust.y += push.y;
+        let thrust = lean_limited(&thrust, c.tilt_limit_rad, c.least_thrust_of_hover * GRAVITY);
+        let attitude = self.turn(attitude_of_thrust(&thrust, euler[2]), &body.attitude, dt, c);
+        // Only the part along the drone's present up axis acts (Lee et al. 2010).
+        let along = thrust.dot(&(body.attitude * -Vector3::z()));
+        AttitudeCommand {
+            attitude,
+            rates: rates_of(&stage.euler, &stage.euler_rates),
+            thrust: share(along, estimate, c),
+        }
+    }
+
+    /// The command that lies on a deck: its attitude, and a set specific thrust (m/s²).
+    pub(crate) fn press(
+        &mut self,
+        up: Option<Vector3<f64>>,
+        yaw: f64,
+        thrust: f64,
+        body: &Body,
+        dt: f64,
+        c: &TrackingConfig,
+    ) -> AttitudeCommand {
+        let wanted = match up {
+            Some(up) => attitude_of_thrust(&lean_limited(&up, c.tilt_limit_rad, 0.1), yaw),
+            None => self.last.unwrap_or(body.attitude),
+        };
+        AttitudeCommand {
+            attitude: self.turn(wanted, &body.attitude, dt, c),
+            rates: Vector3::zeros(),
+            thrust: thrust.clamp(0.0, 1.0),
+        }
+    }
+
+    fn turn(
+        &mut self,
+        wanted: UnitQuaternion<f64>,
+        now: &UnitQuaternion<f64>,
+        dt: f64,
+        c: &TrackingConfig,
+    ) -> UnitQuaternion<f64> {
+        let q = slewed(
+            &self.last.unwrap_or(*now),
+            &wanted,
+            c.attitude_rate_limit_rps * dt,
+        );
+        self.last = Some(q);
+        q
+    }
+}
+
+fn share(specific: f64, estimate: &FlightEstimate, c: &TrackingConfig) -> f64 {
+    let u = specific * estimate.hover() / GRAVITY;
+    u.clamp(c.least_thrust_of_hover * estimate.hover(), 1.0)
+}
+
+fn cut(v: Vector3<f64>, most: f64) -> Vector3<f64> {
+    let n = v.norm();
+    if n > most { v * (most / n) } else { v }
+}
+fn cut2(v: Vector2<f64>, most: f64) -> Vector2<f64> {
+    let n = v.norm();
+    if n > most { v * (most / n) } else { v }
+}
