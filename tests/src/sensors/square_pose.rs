@@ -5,6 +5,11 @@
 //! minimum, tilted the other way about the line of sight (Collins and Bartoli 2014, "Infinitesimal
 //! plane-based pose estimation", section 3); both are refined and the better one is reported, so
 //! that noise makes the solver take the wrong one as often as it would in reality.
+//!
+//! What that means for a tag of 1 m, 320 px focal length and corner noise of 1 px: tilt is known to
+//! 0.8 deg at 1.5 m, 3 deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is nearly
+//! always more tilted than the truth, and therefore nearer: by 4 cm at 5 m, 11 cm at 7 m and 25 cm
+//! at 10 m, which averaging does not remove. The variance covers both.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
 
@@ -296,5 +301,25 @@ mod tests {
         assert_eq!(flips(1.5), 0);
         let far = flips(12.0);
         assert!((50..300).contains(&far), "{far}");
+    }
+
+    #[test]
+    fn distance_is_unbiased_near_and_short_far_away() {
+        let mean_error = |z: f64| {
+            let t = Vector3::new(0.1 * z, -0.05 * z, z);
+            let exact = image(1.0, t, UnitQuaternion::from_euler_angles(0.1, 0.0, 0.4));
+            let mut noise = Noise::new(&Streams::new(8), "test");
+            let n = 2000;
+            let sum: f64 = (0..n)
+                .map(|_| exact.map(|p| p + Vector2::new(noise.normal(), noise.normal()) / 320.0))
+                .filter_map(|seen| solve(1.0, &seen, 1.0 / 320.0))
+                .map(|s| s.position.z - z)
+                .sum();
+            sum / f64::from(n)
+        };
+        assert!(mean_error(1.5).abs() < 0.001);
+        assert!(mean_error(3.0).abs() < 0.01);
+        let far = mean_error(7.0);
+        assert!((-0.15..-0.08).contains(&far), "{far}");
     }
 }
