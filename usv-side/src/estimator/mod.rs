@@ -1,0 +1,371 @@
+//! The vessel's state estimator: a Kalman filter on the wave-augmented model of
+//! [`alight_shared::vessel_model`], linear in the vessel-parallel frame at a reference heading that
+//! follows the mean heading.
+//!
+//! The filter runs at 50 Hz on pairs of inertial samples. Surge rides with pitch and sway with roll,
+//! because an accelerometer cannot tell a horizontal acceleration from a tilt: on a hull that follows
+//! the water it feels almost nothing, and what keeps the tilt is the gyroscope. Late measurements
+//! (GNSS, heading) are compared with the state rolled back to their time.
+
+mod inertial;
+mod output;
+mod satellite;
+mod sea;
+mod tilt;
+
+use alight_shared::frames::{Datum, wrap_angle};
+use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::{
+    Belief, BeliefSpec, DISTURBANCE, ETA, Extra, HEAVE, Horizon, NU, PITCH, ROLL, SLOW, SURGE, SWAY, Step,
+    Term, VesselModel, YAW,
+};
+use nalgebra::{Rotation2, Vector2, Vector3};
+
+use crate::VesselNodeConfig;
+use crate::sea_state::Identifier;
+pub use tilt::Tilt;
+
+/// Length of a filter step, s.
+pub(crate) const STEP_S: f64 = 0.02;
+/// Longest gap that is bridged by prediction, s.
+const LONGEST_GAP_S: f64 = 2.0;
+/// The reference heading follows when the mean heading is this far off, rad (2 deg).
+const TURN_RAD: f64 = 0.035;
+
+/// What the estimator refused, since start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Gated {
+    /// Inertial channels whose innovation was absurd.
+    pub imu: u64,
+    /// Components of GNSS fixes.
+    pub gnss: u64,
+    /// Headings.
+    pub heading: u64,
+    /// Restarts from scratch after a state that was not finite or a long silence.
+    pub restarts: u64,
+}
+
+/// The estimator.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    config: VesselNodeConfig,
+    gated: Gated,
+    /// What start-up has heard so far.
+    start: Start,
+    filter: Option<Filter>,
+    identifier: Identifier,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Start {
+    fix: Option<GnssFix>,
+    heading: Option<HeadingFix>,
+}
+
+/// The running filter.
+#[derive(Clone, Debug)]
+pub(crate) struct Filter {
+    pub(crate) at: Time<VesselClock>,
+    pub(crate) belief: Belief,
+    pub(crate) model: VesselModel,
+    pub(crate) reference: f64,
+    pub(crate) horizon: Horizon,
+    pub(crate) datum: Datum,
+    pub(crate) sea: sea::SeaView,
+    /// Mean velocity north, east (m/s), mean heading (rad) and its rate (rad/s).
+    pub(crate) mean_velocity: Vector2<f64>,
+    pub(crate) mean_heading: f64,
+    pub(crate) mean_heading_rate: f64,
+    step: Step,
+    /// Sum of the samples since the last step, and how many.
+    pending: (Vector3<f64>, Vector3<f64>, f64, u32),
+    last_imu: Time<VesselClock>,
+    decimate: u32,
+    refused_imu: u32,
+    refused_fixes: u32,
+    row: Vec<Term>,
+}
+
+impl Estimator {
+    /// An estimator that has heard nothing.
+    pub fn new(config: &VesselNodeConfig) -> Self {
+        Estimator {
+            config: config.clone(),
+            gated: Gated::default(),
+            start: Start::default(),
+            filter: None,
+            identifier: Identifier::new(&config.sea_state),
+        }
+    }
+    /// What it refused.
+    pub fn gated(&self) -> Gated {
+        self.gated
+    }
+    /// The running filter's belief, once it runs.
+    pub fn belief(&self) -> Option<&Belief> {
+        self.filter.as_ref().map(|f| &f.belief)
+    }
+    pub(crate) fn filter(&self) -> Option<&Filter> {
+        self.filter.as_ref()
+    }
+
+    /// An inertial sample that has passed admission.
+    pub fn imu(&mut self, sample: &ImuSample) {
+        let Some(f) = self.filter.as_mut() else {
+            self.try_start(sample.header.at);
+            return;
+        };
+        f.last_imu = sample.header.at;
+        let p = &mut f.pending;
+        p.0 += Vector3::from(sample.gyro);
+        p.1 += Vector3::from(sample.accelerometer);
+        p.2 += (sample.header.at - f.at).secs();
+        p.3 += 1;
+        if p.3 >= 2 {
+            let n = f64::from(p.3);
+            let (gyro, force, ahead) = (p.0 / n, p.1 / n, p.2 / n);
+            f.pending = Default::default();
+            if ahead > LONGEST_GAP_S {
+                self.restart();
+                return;
+            }
+            let from = f.at;
+            f.advance(ahead);
+            let offset = ahead - (f.at - from).secs();
+            self.gated.imu += f.fuse_inertial(&self.config, gyro, force, n, offset);
+            f.follow_heading();
+            f.decimate += 1;
+            if f.decimate >= 2 {
+                f.decimate = 0;
+                self.identifier.push(&f.motion_sample(&self.config, gyro, force));
+            }
+        }
+        self.guard();
+    }
+
+    /// A GNSS fix that has passed admission.
+    pub fn gnss(&mut self, fix: &GnssFix) {
+        match self.filter.as_mut() {
+            None => self.start.fix = Some(*fix),
+            Some(f) => self.gated.gnss += f.fuse_gnss(&self.config, fix),
+        }
+        self.guard();
+    }
+
+    /// A heading that has passed admission.
+    pub fn heading(&mut self, heading: &HeadingFix) {
+        match self.filter.as_mut() {
+            None => self.start.heading = Some(*heading),
+            Some(f) => {
+                if !f.fuse_heading(heading) {
+                    self.gated.heading += 1;
+                }
+            }
+        }
+        self.guard();
+    }
+
+    /// Once per tick, after the measurements: bridges a silence of the inertial sensor and lets the
+    /// identified sea into the model.
+    pub fn tick(&mut self, now: Time<VesselClock>) {
+        let state = self.identifier.update(now);
+        let Some(f) = self.filter.as_mut() else { return };
+        f.take_sea(&self.config, state);
+        let behind = (now - f.at).secs();
+        if behind > LONGEST_GAP_S {
+            self.restart();
+        } else if behind > 0.1 {
+            f.pending = Default::default();
+            f.advance(behind);
+            f.follow_heading();
+        }
+        self.guard();
+    }
+
+    fn restart(&mut self) {
+        self.gated.restarts += 1;
+        self.filter = None;
+        self.start = Start::default();
+    }
+    fn guard(&mut self) {
+        // Heave's block tells for all: a NaN anywhere in a block spreads within a step.
+        let broken = self.filter.as_ref().is_some_and(|f| {
+            (0..6).any(|d| !(f.belief.get(d, ETA).is_finite() && f.belief.variance(d, ETA).is_finite()))
+        });
+        if broken {
+            self.restart();
+        }
+    }
+
+    fn try_start(&mut self, at: Time<VesselClock>) {
+        let (Some(fix), Some(heading)) = (self.start.fix, self.start.heading) else {
+            return;
+        };
+        let fresh = |t: Time<VesselClock>| (at - t).abs() < Span::from_secs(1.0);
+        if !fresh(fix.header.at) || !fresh(heading.header.at) {
+            return;
+        }
+        self.filter = Some(Filter::new(&self.config, at, &fix, &heading));
+    }
+}
+
+impl Filter {
+    fn new(config: &VesselNodeConfig, at: Time<VesselClock>, fix: &GnssFix, heading: &HeadingFix) -> Self {
+        let model = VesselModel::with_bank(&config.model);
+        let bias = |sd: f64, time_s: f64| Extra {
+            sd,
+            walk: sd * (2.0 / time_s).sqrt(),
+            time_s,
+        };
+        let imu = &config.imu;
+        let force = bias(imu.accelerometer_bias_sd_mps2, imu.bias_time_s);
+        let gyro = bias(imu.gyro_bias_sd_radps, imu.bias_time_s);
+        let compass = bias(
+            config.heading.bias_sd_deg.to_radians(),
+            config.heading.bias_time_s,
+        );
+        let spec = BeliefSpec {
+            couplings: vec![(SURGE, PITCH), (SWAY, ROLL)],
+            extras: [
+                vec![force],
+                vec![force],
+                vec![force],
+                vec![gyro],
+                vec![gyro],
+                vec![gyro, compass],
+            ],
+            // The first fix, the waves' orbital speed, a vessel that rocks.
+            initial_sd: [
+                [1.0, 1.0],
+                [1.0, 1.0],
+                [1.0, 1.0],
+                [0.1, 0.2],
+                [0.1, 0.2],
+                [0.05, 0.1],
+            ],
+        };
+        let reference = heading.heading;
+        let mut belief = Belief::new(&model, &spec);
+        let level = Tilt::default().rotation() * Vector3::from(config.gnss.antenna_m);
+        let p = Rotation2::new(-reference) * Vector2::new(fix.position[0], fix.position[1]);
+        let v = Rotation2::new(-reference) * Vector2::new(fix.velocity[0], fix.velocity[1]);
+        belief.set(SURGE, ETA, p.x - level.x);
+        belief.set(SWAY, ETA, p.y - level.y);
+        belief.set(HEAVE, ETA, fix.position[2] - level.z);
+        belief.set(HEAVE, SLOW, fix.position[2] - level.z);
+        belief.set_variance(HEAVE, SLOW, 1.0);
+        belief.set(SURGE, NU, v.x);
+        belief.set(SWAY, NU, v.y);
+        belief.set(SURGE, SLOW, v.x);
+        belief.set(SWAY, SLOW, v.y);
+        belief.set(YAW, ETA, heading.heading);
+        let step = belief.step(&model, STEP_S);
+        let horizon = Horizon::new(
+            &model,
+            config.broadcast.prediction_step_s,
+            alight_shared::msg::PREDICTION_STAGES - 1,
+        );
+        Filter {
+            at,
+            belief,
+            model,
+            reference,
+            horizon,
+            datum: fix.datum,
+            sea: sea::SeaView::default(),
+            mean_velocity: Vector2::new(fix.velocity[0], fix.velocity[1]),
+            mean_heading: reference,
+            mean_heading_rate: 0.0,
+            step,
+            pending: Default::default(),
+            last_imu: at,
+            decimate: 0,
+            refused_imu: 0,
+            refused_fixes: 0,
+            row: Vec::with_capacity(64),
+        }
+    }
+
+    /// Propagates by whole steps so that the state is within half a step of `ahead` seconds on.
+    fn advance(&mut self, ahead: f64) {
+        let steps = (ahead / STEP_S).round().clamp(0.0, LONGEST_GAP_S / STEP_S) as u32;
+        for _ in 0..steps {
+            self.belief.propagate(&self.step);
+            self.at += Span::from_secs(STEP_S);
+        }
+    }
+
+    /// Time since the last inertial sample at `now`.
+    pub(crate) fn inertial_age(&self, now: Time<VesselClock>) -> f64 {
+        (now - self.last_imu).secs()
+    }
+
+    pub(crate) fn tilt(&self) -> Tilt {
+        let b = &self.belief;
+        Tilt {
+            angles: [b.get(ROLL, ETA), b.get(PITCH, ETA)],
+            rates: [b.get(ROLL, NU), b.get(PITCH, NU)],
+            heading: wrap_angle(b.get(YAW, ETA) - self.reference),
+            heading_rate: b.get(YAW, NU),
+        }
+    }
+    /// Model acceleration of every degree of freedom.
+    pub(crate) fn accelerations(&self) -> [f64; 6] {
+        core::array::from_fn(|d| self.belief.acceleration(&self.model, d))
+    }
+
+    /// Velocity without the waves: the oscillators of the free degrees of freedom are
+    /// accelerations, whose integral is `-w' / omega²`.
+    fn without_waves(&self, dof: usize) -> (f64, f64) {
+        let l = self.belief.layout();
+        let (mut eta, mut nu) = (self.belief.get(dof, ETA), self.belief.get(dof, NU));
+        for (j, c) in self.belief.components().iter().enumerate() {
+            let o2 = c.omega_encounter * c.omega_encounter;
+            eta += self.belief.get(dof, l.value(dof, j)) / o2;
+            nu += self.belief.get(dof, l.rate(dof, j)) / o2;
+        }
+        (eta, nu)
+    }
+
+    /// Updates the mean motion and, when the mean heading has gone far enough, the reference.
+    fn follow_heading(&mut self) {
+        // First-order low-pass, 2 s for the velocity, 1 s for the heading's rate.
+        let (_, u) = self.without_waves(SURGE);
+        let (_, v) = self.without_waves(SWAY);
+        let velocity = Rotation2::new(self.reference) * Vector2::new(u, v);
+        self.mean_velocity += (velocity - self.mean_velocity) * (STEP_S / 2.0);
+        let (heading, rate) = self.without_waves(YAW);
+        self.mean_heading_rate += (rate - self.mean_heading_rate) * STEP_S;
+        self.mean_heading += self.mean_heading_rate * STEP_S;
+        self.mean_heading += wrap_angle(heading - self.mean_heading) * STEP_S;
+        self.mean_heading = wrap_angle(self.mean_heading);
+        let off = wrap_angle(self.mean_heading - self.reference);
+        if off.abs() > TURN_RAD {
+            self.belief.turn(off);
+            self.reference = self.mean_heading;
+        }
+    }
+
+    fn set_model(&mut self, config: &VesselNodeConfig, model: VesselModel) {
+        // A phase that the identification doubts is half forgotten (ours).
+        self.belief.remodel(&model, 0.1);
+        self.step = self.belief.step(&model, STEP_S);
+        self.horizon = Horizon::new(
+            &model,
+            config.broadcast.prediction_step_s,
+            alight_shared::msg::PREDICTION_STAGES - 1,
+        );
+        self.model = model;
+    }
+
+    /// Opens the covariance of what moves fast, after too many refusals.
+    fn open(&mut self) {
+        for d in 0..6 {
+            let sd = self.model.config().disturbance_sd_mps2_m_rad_radps2[d];
+            self.belief.inflate(d, DISTURBANCE, 25.0 * sd * sd);
+            self.belief.inflate(d, ETA, if d < 3 { 0.25 } else { 0.01 });
+            self.belief.inflate(d, NU, if d < 3 { 0.25 } else { 0.04 });
+        }
+    }
+}

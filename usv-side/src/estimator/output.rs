@@ -1,0 +1,152 @@
+//! What the filter knows, as messages.
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{
+    Header, PREDICTION_STAGES, PredictedStage, VesselEstimate, VesselPrediction, WaveModel,
+};
+use alight_shared::seq::Seq;
+use alight_shared::time::{Time, VesselClock};
+use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW};
+use nalgebra::{Rotation2, Vector2};
+
+use super::{Filter, Tilt};
+use crate::VesselNodeConfig;
+
+impl Filter {
+    /// NED from the reference-parallel frame.
+    fn ned(&self, x: f64, y: f64) -> Vector2<f64> {
+        Rotation2::new(self.reference) * Vector2::new(x, y)
+    }
+
+    /// The estimate at `now`, at most a few steps after the state's time: rolled on by a
+    /// second-order series.
+    pub(crate) fn estimate(
+        &self,
+        config: &VesselNodeConfig,
+        header: Header<VesselClock>,
+    ) -> VesselEstimate<VesselClock> {
+        let h = (header.at - self.at).secs().clamp(-0.05, 0.2);
+        let a = self.accelerations();
+        let b = &self.belief;
+        let eta: [f64; 6] = core::array::from_fn(|d| b.get(d, ETA) + h * b.get(d, NU) + 0.5 * h * h * a[d]);
+        let nu: [f64; 6] = core::array::from_fn(|d| b.get(d, NU) + h * a[d]);
+        let tilt = Tilt {
+            angles: [eta[ROLL], eta[PITCH]],
+            rates: [nu[ROLL], nu[PITCH]],
+            heading: wrap_angle(eta[YAW] - self.reference),
+            heading_rate: nu[YAW],
+        };
+        let [roll, pitch, _] = tilt.euler();
+        let rates = tilt.euler_rates();
+        let (p, v, w) = (
+            self.ned(eta[SURGE], eta[SWAY]),
+            self.ned(nu[SURGE], nu[SWAY]),
+            self.ned(a[SURGE], a[SWAY]),
+        );
+        // Rolling back by h: var(eta) grows by 2 h cov + h² var(nu).
+        let cov = |d: usize| {
+            let [e, c, n] = b.motion_covariance(d);
+            [e + 2.0 * h * c + h * h * n, c + h * n, n]
+        };
+        let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
+        let (cs, cw) = (cov(SURGE), cov(SWAY));
+        let mix = |p: f64, q: f64| core::array::from_fn(|i| p * cs[i] + q * cw[i]);
+        let blocks: [[f64; 3]; 6] = [
+            mix(c2, s2),
+            mix(s2, c2),
+            cov(HEAVE),
+            cov(ROLL),
+            cov(PITCH),
+            cov(YAW),
+        ];
+        VesselEstimate {
+            header,
+            datum: self.datum,
+            eta: [p.x, p.y, eta[HEAVE], roll, pitch, wrap_angle(eta[YAW])],
+            eta_dot: [v.x, v.y, nu[HEAVE], rates[0], rates[1], rates[2]].map(|x| x as f32),
+            eta_ddot: [w.x, w.y, a[HEAVE], a[ROLL], a[PITCH], a[YAW]].map(|x| x as f32),
+            covariance: blocks.map(|b| b.map(|x| x as f32)),
+            deck_centre: config.deck.centre_m.map(|x| x as f32),
+            mean_velocity: [self.mean_velocity.x as f32, self.mean_velocity.y as f32],
+            mean_heading: [self.mean_heading as f32, self.mean_heading_rate as f32],
+        }
+    }
+
+    /// The wave model, valid at the state's own time.
+    pub(crate) fn wave_model(&self, header: Header<VesselClock>) -> WaveModel<VesselClock> {
+        WaveModel {
+            header: Header {
+                at: self.at,
+                ..header
+            },
+            significant_height_m: self.sea.significant_height_m.clamp(0.0, 50.0) as f32,
+            confidence: self.sea.confidence.clamp(0.0, 1.0) as f32,
+            components: self.belief.wave_message(self.reference),
+        }
+    }
+
+    /// The prediction from the state's own time on.
+    pub(crate) fn prediction(
+        &self,
+        config: &VesselNodeConfig,
+        header: Header<VesselClock>,
+    ) -> VesselPrediction<VesselClock> {
+        let b = &self.belief;
+        let start = self.ned(b.get(SURGE, ETA), b.get(SWAY, ETA));
+        let origin = [start.x, start.y, b.get(HEAVE, ETA)];
+        let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
+        let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
+            let m: [[f64; 3]; 6] = core::array::from_fn(|d| self.horizon.mean(b, d, k));
+            let var: [f64; 6] = core::array::from_fn(|d| self.horizon.covariance(b, d, k)[0]);
+            let tilt = Tilt {
+                angles: [m[ROLL][0], m[PITCH][0]],
+                rates: [m[ROLL][1], m[PITCH][1]],
+                heading: wrap_angle(m[YAW][0] - self.reference),
+                heading_rate: m[YAW][1],
+            };
+            let [roll, pitch, _] = tilt.euler();
+            let rates = tilt.euler_rates();
+            let (p, v) = (
+                self.ned(m[SURGE][0], m[SWAY][0]),
+                self.ned(m[SURGE][1], m[SWAY][1]),
+            );
+            let sd = [
+                c2 * var[SURGE] + s2 * var[SWAY],
+                s2 * var[SURGE] + c2 * var[SWAY],
+                var[HEAVE],
+                var[ROLL],
+                var[PITCH],
+                var[YAW],
+            ];
+            PredictedStage {
+                eta: [
+                    p.x - origin[0],
+                    p.y - origin[1],
+                    m[HEAVE][0] - origin[2],
+                    roll,
+                    pitch,
+                    wrap_angle(m[YAW][0]),
+                ]
+                .map(|x| x as f32),
+                eta_dot: [v.x, v.y, m[HEAVE][1], rates[0], rates[1], rates[2]].map(|x| x as f32),
+                sd: sd.map(|x| x.max(0.0).sqrt() as f32),
+            }
+        }));
+        VesselPrediction {
+            header: Header {
+                at: self.at,
+                ..header
+            },
+            step_s: config.broadcast.prediction_step_s as f32,
+            origin,
+            stages,
+        }
+    }
+
+    /// Standard deviations of eta and nu are finite: it may speak.
+    pub(crate) fn may_speak(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
+        self.inertial_age(now) <= config.imu.silence_s
+            && self.belief.variance(YAW, NU).is_finite()
+            && self.belief.is_finite()
+    }
+}

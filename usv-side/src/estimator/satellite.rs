@@ -1,0 +1,102 @@
+//! GNSS and heading: late, compared with the state rolled back to their time of validity.
+
+use alight_shared::frames::{VesselNed, wrap_angle};
+use alight_shared::msg::{GnssFix, HeadingFix};
+use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY, Term, YAW};
+use nalgebra::{Rotation2, Vector2, Vector3};
+
+use super::Filter;
+use crate::VesselNodeConfig;
+
+/// Gate on the normalised innovation squared (5 standard deviations).
+const GATE: f64 = 25.0;
+/// After this many refused fixes in a row the position starts anew (2 s at 10 Hz).
+const PATIENCE: u32 = 20;
+
+impl Filter {
+    /// Fuses a fix; returns the number of its components that were refused.
+    pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
+        let late = (self.at - fix.header.at).secs();
+        let shift = self.datum.offset_to::<VesselNed>(&fix.datum).0;
+        let turn = Rotation2::new(-self.reference);
+        let flat = |v: Vector3<f64>| {
+            let h = turn * Vector2::new(v.x, v.y);
+            Vector3::new(h.x, h.y, v.z)
+        };
+        let position = flat(Vector3::from(fix.position) + shift);
+        let velocity = flat(Vector3::from(fix.velocity));
+        let arm_body = Vector3::from(config.gnss.antenna_m);
+        let mut refused = 0;
+        for axis in [SURGE, SWAY, HEAVE] {
+            let tilt = self.tilt();
+            let rotation = tilt.rotation();
+            let arm = rotation * arm_body;
+            let spin = rotation * tilt.body_rates();
+            let acceleration = self.accelerations();
+            let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
+            let arm_rate = spin.cross(&arm);
+            let arm_second = turning.cross(&arm) + spin.cross(&arm_rate);
+            let v = self.belief.get(axis, NU) + arm_rate[axis];
+            let a = acceleration[axis] + arm_second[axis];
+            let p = self.belief.get(axis, ETA) + arm[axis];
+            // (tilt that moves the antenna along this axis, metres per radian)
+            let lever = match axis {
+                SURGE => Some((PITCH, arm.z)),
+                SWAY => Some((ROLL, -arm.z)),
+                _ => None,
+            };
+            let mut row = core::mem::take(&mut self.row);
+            row.clear();
+            row.extend([Term::new(axis, ETA, 1.0), Term::new(axis, NU, -late)]);
+            if let Some((tilt, arm)) = lever {
+                row.extend([Term::new(tilt, ETA, arm), Term::new(tilt, NU, -late * arm)]);
+            }
+            let innovation = position[axis] - (p - late * v + 0.5 * late * late * a);
+            let r = fix.position_sd[axis].powi(2);
+            refused += u64::from(!self.belief.update(&row, innovation, r, GATE).fused());
+
+            row.clear();
+            row.push(Term::new(axis, NU, 1.0));
+            self.belief.acceleration_terms(&self.model, axis, -late, &mut row);
+            if let Some((tilt, arm)) = lever {
+                row.push(Term::new(tilt, NU, arm));
+            }
+            let innovation = velocity[axis] - (v - late * a);
+            let r = fix.velocity_sd[axis].powi(2);
+            refused += u64::from(!self.belief.update(&row, innovation, r, GATE).fused());
+            self.row = row;
+        }
+        self.refused_fixes = if refused > 2 { self.refused_fixes + 1 } else { 0 };
+        if self.refused_fixes > PATIENCE {
+            // The receiver insists: its frame has jumped, or we have gone astray.
+            self.refused_fixes = 0;
+            let arm = self.tilt().rotation() * arm_body;
+            for axis in [SURGE, SWAY, HEAVE] {
+                self.belief.set(axis, ETA, position[axis] - arm[axis]);
+                self.belief.set_variance(axis, ETA, 1.0);
+                self.belief.set(axis, NU, velocity[axis]);
+                self.belief.set_variance(axis, NU, 0.25);
+            }
+            self.belief.set(HEAVE, SLOW, position[2] - arm.z);
+            self.belief.set_variance(HEAVE, SLOW, 1.0);
+        }
+        refused
+    }
+
+    /// Fuses a heading; false when it was refused.
+    pub(super) fn fuse_heading(&mut self, fix: &HeadingFix) -> bool {
+        let late = (self.at - fix.header.at).secs();
+        let compass = HEAD + 1;
+        let predicted =
+            self.belief.get(YAW, ETA) - late * self.belief.get(YAW, NU) + self.belief.get(YAW, compass);
+        let row = [
+            Term::new(YAW, ETA, 1.0),
+            Term::new(YAW, NU, -late),
+            Term::new(YAW, compass, 1.0),
+        ];
+        let innovation = wrap_angle(fix.heading - predicted);
+        self.belief
+            .update(&row, innovation, fix.heading_sd.powi(2), GATE)
+            .fused()
+    }
+}

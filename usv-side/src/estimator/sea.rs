@@ -1,0 +1,170 @@
+//! The identified sea in the model.
+
+use alight_shared::time::{Time, VesselClock};
+use alight_shared::vessel_model::{Component, HEAVE, PITCH, ROLL, SURGE, SWAY, VesselModel};
+
+use super::Filter;
+use crate::VesselNodeConfig;
+use crate::sea_state::{SeaComponent, SeaState, Verdict};
+
+/// Least time between two rebuilds of the model, s.
+const REST_S: f64 = 0.5;
+/// Shift of a frequency of encounter that calls for a rebuild, relative.
+const SHIFT: f64 = 0.002;
+/// Change of an amplitude that calls for a rebuild, relative.
+const GROWTH: f64 = 0.25;
+
+/// What the estimator knows of the sea.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SeaView {
+    /// Significant wave height, m.
+    pub(crate) significant_height_m: f64,
+    /// 0 with the broad default, up to 1.
+    pub(crate) confidence: f64,
+    identified: bool,
+    built: Option<Time<VesselClock>>,
+    taken: Option<Time<VesselClock>>,
+    components: Vec<Component>,
+}
+
+/// Component of the model from an identified one, in the frame at the `reference` heading.
+fn component(sea: &SeaComponent, damping: f64, reference: f64, mean_velocity: [f64; 2]) -> Component {
+    let mut c = Component {
+        omega: sea.omega,
+        direction: sea.direction,
+        direction_sd: sea.direction_sd,
+        omega_encounter: sea.omega,
+        damping,
+        drive: [0.0; 6],
+    };
+    c.meet(mean_velocity);
+    // Standard deviations of the oscillators; a tenth goes across the direction of travel, for the
+    // direction is not exact and the hull is not round.
+    let half = core::f64::consts::FRAC_1_SQRT_2;
+    let (s, k) = (sea.direction - reference).sin_cos();
+    let (along, across) = ((0.1 + 0.9 * k * k).sqrt(), (0.1 + 0.9 * s * s).sqrt());
+    let heave = half * sea.amplitude_heave_m.max(0.01);
+    let tilt = half * sea.amplitude_tilt_rad.max(2e-3);
+    // Deep water: the orbital acceleration is omega² times the amplitude.
+    let orbital = heave * sea.omega * sea.omega;
+    let o2 = c.omega_encounter * c.omega_encounter;
+    let sd = [
+        along * orbital,
+        across * orbital,
+        heave,
+        across * tilt,
+        along * tilt,
+        0.1 * tilt * o2,
+    ];
+    c.drive = sd.map(|v| Component::drive_for(c.omega_encounter, damping, v));
+    c
+}
+
+impl Filter {
+    /// Takes what is new about the sea, and what the vessel's own velocity has changed.
+    pub(super) fn take_sea(&mut self, config: &VesselNodeConfig, state: Option<&SeaState>) {
+        let rested = self.sea.built.is_none_or(|t| (self.at - t).secs() >= REST_S);
+        if !rested {
+            return;
+        }
+        let velocity = [self.mean_velocity.x, self.mean_velocity.y];
+        let Some(state) = state else { return };
+        let news = self.sea.taken != Some(state.at);
+        if news {
+            self.sea.taken = Some(state.at);
+            self.sea.significant_height_m = state.significant_height_m;
+        }
+        match state.verdict {
+            Verdict::Broad => {
+                if news {
+                    self.sea.confidence = 0.0;
+                    if self.sea.identified {
+                        self.sea.identified = false;
+                        self.sea.components.clear();
+                        self.sea.built = Some(self.at);
+                        self.set_model(config, VesselModel::with_bank(&config.model));
+                    }
+                }
+            }
+            Verdict::Calm | Verdict::Identified => {
+                self.sea.confidence = state.confidence;
+                let wanted: Vec<Component> = state
+                    .components
+                    .iter()
+                    .map(|c| component(c, config.model.wave_damping, self.reference, velocity))
+                    .collect();
+                if self.sea.identified && !differs(&wanted, &self.sea.components) {
+                    return;
+                }
+                let first = !self.sea.identified;
+                let old = core::mem::take(&mut self.sea.components);
+                self.sea.identified = true;
+                self.sea.built = Some(self.at);
+                self.set_model(config, VesselModel::new(&config.model, &wanted));
+                for (j, c) in wanted.iter().enumerate() {
+                    let known = old
+                        .iter()
+                        .any(|o| (o.omega_encounter / c.omega_encounter).ln().abs() < 0.05);
+                    if let Some(s) = state.components.get(j)
+                        && (first || !known)
+                    {
+                        self.seed(j, s, c, state.at);
+                    }
+                }
+                self.sea.components = wanted;
+            }
+        }
+    }
+
+    /// Starts the heave, roll and pitch oscillators of component `j` from the identified phasors.
+    fn seed(&mut self, j: usize, sea: &SeaComponent, c: &Component, at: Time<VesselClock>) {
+        let later = (self.at - at).secs();
+        let o = c.omega_encounter;
+        let (s, k) = (o * later).sin_cos();
+        let now = |p: nalgebra::Complex<f64>| {
+            let q = p * nalgebra::Complex::new(k, s);
+            // Re(q) and its derivative Re(i omega q).
+            [q.re, -o * q.im]
+        };
+        let (heave, north, east) = (now(sea.heave), now(sea.normal[0]), now(sea.normal[1]));
+        // Upward normal at small tilt: north = -pitch, east = roll of a vessel that heads north.
+        let (sin, cos) = self.reference.sin_cos();
+        let tilt = sea.amplitude_tilt_rad.max(2e-3);
+        let layout = self.belief.layout().clone();
+        for (i, part) in [0usize, 1].into_iter().enumerate() {
+            let (roll, pitch) = (east[i], -north[i]);
+            let value = [
+                (HEAVE, -heave[i], sea.amplitude_heave_m.max(0.01)),
+                (ROLL, cos * roll + sin * pitch, tilt),
+                (PITCH, -sin * roll + cos * pitch, tilt),
+            ];
+            for (dof, v, amplitude) in value {
+                let slot = layout.value(dof, j) + part;
+                // Ours: a fifth of the amplitude for what the identification may be wrong by.
+                let sd = 0.2 * amplitude * if part == 1 { o } else { 1.0 };
+                self.belief.set(dof, slot, v);
+                self.belief.set_variance(dof, slot, sd * sd);
+            }
+        }
+        for dof in [SURGE, SWAY] {
+            let sd = c.stationary_sd(dof);
+            for (part, scale) in [(0, 1.0), (1, o)] {
+                let slot = layout.value(dof, j) + part;
+                self.belief.set(dof, slot, 0.0);
+                self.belief.set_variance(dof, slot, (sd * scale).powi(2));
+            }
+        }
+    }
+}
+
+/// The model is no longer the one wanted.
+fn differs(wanted: &[Component], have: &[Component]) -> bool {
+    wanted.len() != have.len()
+        || wanted.iter().zip(have).any(|(w, h)| {
+            let shift = (w.omega_encounter / h.omega_encounter - 1.0).abs();
+            let heave = w.stationary_sd(HEAVE) / h.stationary_sd(HEAVE).max(1e-9);
+            let tilt = w.stationary_sd(PITCH).hypot(w.stationary_sd(ROLL))
+                / h.stationary_sd(PITCH).hypot(h.stationary_sd(ROLL)).max(1e-9);
+            shift > SHIFT || (heave.ln().abs() > GROWTH) || (tilt.ln().abs() > GROWTH)
+        })
+}

@@ -1,0 +1,254 @@
+//! The vessel's process: admission of its sensors, the estimator, broadcast, time replies.
+
+use alight_shared::msg::{
+    GnssFix, Header, HeadingFix, ImuSample, MESSAGE_VERSION, Message, TimeReply, TimeRequest, VesselEstimate,
+    VesselPrediction, WaveModel,
+};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
+
+use crate::VesselNodeConfig;
+use crate::estimator::{Estimator, Gated};
+
+/// Most measurements of one sensor that one step takes; the rest is counted as refused.
+const MOST_PER_STEP: usize = 100;
+/// A measurement may lie this far in the future of `now` (rounding of stamps), s.
+const FUTURE_S: f64 = 0.02;
+
+/// What arrived since the last step.
+#[derive(Clone, Debug, Default)]
+pub struct VesselIn {
+    /// Inertial samples.
+    pub imu: Vec<ImuSample>,
+    /// GNSS fixes.
+    pub gnss: Vec<GnssFix>,
+    /// Headings.
+    pub heading: Vec<HeadingFix>,
+    /// Drones' questions for the time, stamped with their arrival.
+    pub time_requests: Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
+}
+
+/// What the vessel says.
+#[derive(Clone, Debug, Default)]
+pub struct VesselOut {
+    /// State estimate, when due.
+    pub estimate: Option<VesselEstimate<VesselClock>>,
+    /// Wave model, when due.
+    pub wave: Option<WaveModel<VesselClock>>,
+    /// Prediction, when due.
+    pub prediction: Option<VesselPrediction<VesselClock>>,
+    /// Answers to the time requests of this step.
+    pub time_replies: Vec<TimeReply<VesselClock, DroneClock>>,
+}
+
+/// Inputs refused since start, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Refused {
+    /// Not finite or beyond what physics allows, or of another version.
+    pub absurd: u64,
+    /// Stamped in the future.
+    pub future: u64,
+    /// Too old.
+    pub stale: u64,
+    /// Not newer than the last one of its kind: reordered or repeated.
+    pub order: u64,
+    /// More than a step takes.
+    pub flood: u64,
+    /// Time requests for another vessel.
+    pub other_vessel: u64,
+    /// Outputs that failed their own check and were withheld.
+    pub withheld: u64,
+}
+
+/// When something periodic is due, without drift.
+#[derive(Clone, Debug)]
+struct Pace {
+    period: Span,
+    next: Option<Time<VesselClock>>,
+}
+impl Pace {
+    fn new(hz: f64) -> Self {
+        Pace {
+            period: Span::from_secs(1.0 / hz),
+            next: None,
+        }
+    }
+    fn due(&mut self, now: Time<VesselClock>) -> bool {
+        match self.next {
+            Some(t) if now < t => false,
+            Some(t) if now - t < self.period => {
+                self.next = Some(t + self.period);
+                true
+            }
+            // The first time, or long overdue.
+            Some(_) | None => {
+                self.next = Some(now + self.period);
+                true
+            }
+        }
+    }
+}
+
+/// The vessel's node.
+#[derive(Clone, Debug)]
+pub struct VesselNode {
+    config: VesselNodeConfig,
+    vessel: u32,
+    boot: u32,
+    estimator: Estimator,
+    refused: Refused,
+    newest: [Option<Time<VesselClock>>; 3],
+    estimate: (Pace, u32),
+    wave: (Pace, u32),
+    prediction: (Pace, u32),
+    replies: u32,
+}
+
+impl VesselNode {
+    /// A node that has heard nothing. `boot` is drawn anew at each start.
+    pub fn new(config: &VesselNodeConfig, vessel_id: u32, boot: u32) -> Self {
+        let b = &config.broadcast;
+        VesselNode {
+            config: config.clone(),
+            vessel: vessel_id,
+            boot,
+            estimator: Estimator::new(config),
+            refused: Refused::default(),
+            newest: [None; 3],
+            estimate: (Pace::new(b.estimate_hz), 0),
+            wave: (Pace::new(b.wave_hz), 0),
+            prediction: (Pace::new(b.prediction_hz), 0),
+            replies: 0,
+        }
+    }
+    /// Inputs refused at the door.
+    pub fn refused(&self) -> Refused {
+        self.refused
+    }
+    /// Measurements refused by the filter's gates.
+    pub fn gated(&self) -> Gated {
+        self.estimator.gated()
+    }
+    /// The estimator, for display and tests.
+    pub fn estimator(&self) -> &Estimator {
+        &self.estimator
+    }
+
+    fn admit<M: Message<Clock = VesselClock>>(
+        refused: &mut Refused,
+        newest: &mut Option<Time<VesselClock>>,
+        now: Time<VesselClock>,
+        oldest_s: f64,
+        m: &M,
+    ) -> bool {
+        let at = m.header().at;
+        if m.header().version != MESSAGE_VERSION || m.check().is_err() {
+            refused.absurd += 1;
+        } else if at > now + Span::from_secs(FUTURE_S) {
+            refused.future += 1;
+        } else if now - at > Span::from_secs(oldest_s) {
+            refused.stale += 1;
+        } else if newest.is_some_and(|n| at <= n) {
+            refused.order += 1;
+        } else {
+            *newest = Some(at);
+            return true;
+        }
+        false
+    }
+
+    fn listen(&mut self, now: Time<VesselClock>, input: &VesselIn) {
+        let (refused, config) = (&mut self.refused, &self.config);
+        let [imu, gnss, heading] = &mut self.newest;
+        // Oldest first within a step: inertial samples bring the state to the others' time.
+        for m in input.imu.iter().take(MOST_PER_STEP) {
+            if Self::admit(refused, imu, now, 0.5, m) {
+                self.estimator.imu(m);
+            }
+        }
+        for m in input.gnss.iter().take(MOST_PER_STEP) {
+            if Self::admit(refused, gnss, now, config.gnss.oldest_s, m) {
+                self.estimator.gnss(m);
+            }
+        }
+        for m in input.heading.iter().take(MOST_PER_STEP) {
+            if Self::admit(refused, heading, now, config.heading.oldest_s, m) {
+                self.estimator.heading(m);
+            }
+        }
+        for n in [
+            input.imu.len(),
+            input.gnss.len(),
+            input.heading.len(),
+            input.time_requests.len(),
+        ] {
+            refused.flood += n.saturating_sub(MOST_PER_STEP) as u64;
+        }
+    }
+
+    fn reply(&mut self, now: Time<VesselClock>, input: &VesselIn) -> Vec<TimeReply<VesselClock, DroneClock>> {
+        let mut replies = Vec::new();
+        for request in input.time_requests.iter().take(MOST_PER_STEP) {
+            let asked = &request.value.header;
+            if asked.version != MESSAGE_VERSION || request.at > now {
+                self.refused.absurd += 1;
+            } else if asked.vessel != self.vessel {
+                self.refused.other_vessel += 1;
+            } else {
+                replies.push(TimeReply {
+                    header: Header::new(self.vessel, asked.drone, self.boot, self.replies, now),
+                    asked_at: asked.at,
+                    received_at: request.at,
+                });
+                self.replies = self.replies.wrapping_add(1);
+            }
+        }
+        replies
+    }
+}
+
+/// Gives a message its sequence number and lets it out only when it passes its own check.
+fn checked<M: Message<Clock = VesselClock>>(
+    message: M,
+    sequence: &mut u32,
+    refused: &mut Refused,
+) -> Option<M> {
+    if message.check().is_err() {
+        refused.withheld += 1;
+        return None;
+    }
+    *sequence = sequence.wrapping_add(1);
+    Some(message)
+}
+
+impl Node for VesselNode {
+    type Clock = VesselClock;
+    type In = VesselIn;
+    type Out = VesselOut;
+
+    fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) -> VesselOut {
+        self.listen(now, input);
+        self.estimator.tick(now);
+        let mut out = VesselOut {
+            time_replies: self.reply(now, input),
+            ..VesselOut::default()
+        };
+        let Some(filter) = self.estimator.filter().filter(|f| f.may_speak(&self.config, now)) else {
+            return out;
+        };
+        let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
+        if self.estimate.0.due(now) {
+            let m = filter.estimate(&self.config, header(self.estimate.1));
+            out.estimate = checked(m, &mut self.estimate.1, &mut self.refused);
+        }
+        if self.wave.0.due(now) {
+            let m = filter.wave_model(header(self.wave.1));
+            out.wave = checked(m, &mut self.wave.1, &mut self.refused);
+        }
+        if self.prediction.0.due(now) {
+            let m = filter.prediction(&self.config, header(self.prediction.1));
+            out.prediction = checked(m, &mut self.prediction.1, &mut self.refused);
+        }
+        out
+    }
+}
