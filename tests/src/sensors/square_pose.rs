@@ -263,6 +263,11 @@ mod tests {
                 Vector3::new(0.0, 0.5, 7.0),
                 UnitQuaternion::from_euler_angles(0.05, 0.1, 0.0),
             ),
+            // Where the wrong tilt is taken often.
+            (
+                Vector3::new(0.0, 0.0, 10.0),
+                UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0),
+            ),
         ] {
             let exact = image(1.0, t, q);
             let mut noise = Noise::new(&Streams::new(3), "test");
