@@ -1,1 +1,25 @@
-//! (to be written)
+//! The predictor: what the vessel says and what the drone sees, in one wave model, rolled on to
+//! the deck's motion over the next seconds, in the drone's own frame, with covariance.
+//!
+//! - [`waves`]: the wave components, matched from message to message.
+//! - [`axis`]: the Kalman filter of one degree of freedom.
+//! - [`filter`]: the six of them, and how late observations are fused at their own time.
+//! - [`observation`]: what each message says about the six degrees of freedom.
+//! - [`track`]: where the drone was at the time of exposure.
+//! - [`forecast`]: the horizon.
+//!
+//! The vessel and the drone each have a GNSS error of a metre or more, so the vessel's position is
+//! known to the drone only up to a slow offset; it is what the sight measures. With the radio
+//! silent the same filters run on, on sight alone.
+
+pub mod axis;
+mod config;
+pub mod filter;
+pub mod forecast;
+mod node;
+pub mod observation;
+pub mod track;
+pub mod waves;
+
+pub use config::PredictorConfig;
+pub use node::{Predictor, PredictorIn, PredictorOut, Rejection, Rejections};

@@ -1,0 +1,386 @@
+//! The Kalman filter of one degree of freedom of the deck.
+//!
+//! State: `[mean, mean rate, slow error of the radio, slow error of the sight, (value, rate) per
+//! oscillator]`. The deck is `mean + sum of values`; the radio measures that plus its slow error
+//! (the vessel's GNSS error, compass error), the sight that plus its own (the drone's GNSS error,
+//! camera mount). Both errors are first-order Gauss-Markov processes; the oscillators are Fossen's
+//! wave filter (2011, section 8.2.6), discretised exactly.
+//!
+//! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
+//! (not of the vessel's reference point) in NED, and the tilt as that of a vessel heading north,
+//! so that a turn leaves the waves alone. Six filters of at most 18 states cost a tenth of a
+//! joint one.
+
+use super::config::PredictorConfig;
+use super::waves::{AXES, MAX_OSCILLATORS, Oscillator};
+
+/// Slots before the oscillators.
+pub const HEAD: usize = 4;
+/// Mean level, m, rad.
+pub const MEAN: usize = 0;
+/// Mean rate, m/s, rad/s.
+pub const RATE: usize = 1;
+/// Slow error of the radio.
+pub const RADIO: usize = 2;
+/// Slow error of the sight.
+pub const VISION: usize = 3;
+/// Largest state.
+pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
+
+/// What a measurement sees of the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Row {
+    /// Mean and waves, without any slow error.
+    Level,
+    /// As the radio sees it.
+    Radio,
+    /// As the drone sees it.
+    Vision,
+    /// The rate of mean and waves.
+    Rate,
+}
+
+/// The figures of one degree of freedom that do not depend on the waves.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisNoise {
+    /// Spread and correlation time of the radio's slow error.
+    pub radio: (f64, f64),
+    /// Spread and correlation time of the sight's slow error.
+    pub vision: (f64, f64),
+    /// Variance per second of the mean's random walk.
+    pub mean_walk: f64,
+    /// Variance per second of the mean rate's random walk.
+    pub rate_walk: f64,
+    /// Time after which the mean rate dies out, s.
+    pub rate_time: f64,
+}
+
+impl AxisNoise {
+    /// Of each degree of freedom.
+    pub fn all(c: &PredictorConfig) -> [AxisNoise; AXES] {
+        core::array::from_fn(|i| AxisNoise {
+            radio: (c.radio_bias_sd_m_rad[i], c.radio_bias_time_s[i]),
+            vision: (c.vision_bias_sd_m_rad[i], c.vision_bias_time_s[i]),
+            mean_walk: c.mean_walk_m_rad[i].powi(2),
+            rate_walk: c.rate_walk_mps_radps[i].powi(2),
+            rate_time: c.rate_time_s[i],
+        })
+    }
+}
+
+/// Transition of all oscillators over one time, shared by the six filters.
+#[derive(Clone, Debug)]
+pub struct Step {
+    /// s.
+    pub dt: f64,
+    /// Number of oscillators.
+    pub count: usize,
+    /// Row-major 2 x 2 blocks.
+    pub a: [[f64; 4]; MAX_OSCILLATORS],
+    /// `I - A diag(1, omega²) A'` in units of the stationary variance: q11, q12, q22.
+    pub q: [[f64; 3]; MAX_OSCILLATORS],
+}
+
+impl Step {
+    /// `exp(F dt)` of each damped oscillator in closed form, and the noise that keeps its
+    /// stationary covariance `diag(1, omega²) sd²`.
+    pub fn new(oscillators: &[Oscillator], dt: f64) -> Self {
+        let mut s = Step {
+            dt,
+            count: oscillators.len().min(MAX_OSCILLATORS),
+            a: [[0.0; 4]; MAX_OSCILLATORS],
+            q: [[0.0; 3]; MAX_OSCILLATORS],
+        };
+        for (i, o) in oscillators.iter().take(MAX_OSCILLATORS).enumerate() {
+            let (w, l) = (o.omega, o.damping);
+            let wd = w * (1.0 - l * l).max(1e-6).sqrt();
+            let e = (-l * w * dt).exp();
+            let (sin, cos) = (wd * dt).sin_cos();
+            let (c, n) = (e * cos, e * sin / wd);
+            let a = [c + l * w * n, n, -w * w * n, c - l * w * n];
+            let w2 = w * w;
+            s.q[i] = [
+                (1.0 - a[0] * a[0] - w2 * a[1] * a[1]).max(0.0),
+                -(a[0] * a[2] + w2 * a[1] * a[3]),
+                (w2 - a[2] * a[2] - w2 * a[3] * a[3]).max(0.0),
+            ];
+            s.a[i] = a;
+        }
+        s
+    }
+}
+
+/// Mean and covariance of one degree of freedom.
+#[derive(Clone, Copy, Debug)]
+pub struct Axis {
+    /// States in use.
+    pub n: usize,
+    /// Mean.
+    pub x: [f64; MAX_STATES],
+    /// Covariance.
+    pub p: [[f64; MAX_STATES]; MAX_STATES],
+}
+
+impl Axis {
+    /// A level known to `sd`, a rate known to `rate_sd`, waves and errors at their spread.
+    pub fn new(
+        noise: &AxisNoise,
+        oscillators: &[Oscillator],
+        axis: usize,
+        level: f64,
+        sd: f64,
+        rate_sd: f64,
+    ) -> Self {
+        let mut a = Axis {
+            n: HEAD,
+            x: [0.0; MAX_STATES],
+            p: [[0.0; MAX_STATES]; MAX_STATES],
+        };
+        a.x[MEAN] = level;
+        a.p[MEAN][MEAN] = sd * sd;
+        a.p[RATE][RATE] = rate_sd * rate_sd;
+        a.p[RADIO][RADIO] = noise.radio.0.powi(2);
+        a.p[VISION][VISION] = noise.vision.0.powi(2);
+        for o in oscillators {
+            a.append(o, axis);
+        }
+        a
+    }
+
+    /// A further oscillator at rest with its stationary spread.
+    pub fn append(&mut self, o: &Oscillator, axis: usize) {
+        if self.n + 2 > MAX_STATES {
+            return;
+        }
+        let i = self.n;
+        self.n += 2;
+        for k in 0..self.n {
+            for j in [i, i + 1] {
+                self.p[k][j] = 0.0;
+                self.p[j][k] = 0.0;
+            }
+        }
+        let var = o.sd[axis].powi(2);
+        self.x[i] = 0.0;
+        self.x[i + 1] = 0.0;
+        self.p[i][i] = var;
+        self.p[i + 1][i + 1] = var * o.omega * o.omega;
+    }
+    /// Takes oscillator `k` out.
+    pub fn remove(&mut self, k: usize) {
+        let i = HEAD + 2 * k;
+        if i + 2 > self.n {
+            return;
+        }
+        self.x.copy_within(i + 2..self.n, i);
+        for row in &mut self.p {
+            row.copy_within(i + 2..self.n, i);
+        }
+        self.p.copy_within(i + 2..self.n, i);
+        self.n -= 2;
+    }
+    /// Multiplies the rate of oscillator `k` by `ratio`: the same motion at another frequency.
+    pub fn rescale(&mut self, k: usize, ratio: f64) {
+        let i = HEAD + 2 * k + 1;
+        if i >= self.n || !ratio.is_finite() {
+            return;
+        }
+        self.x[i] *= ratio;
+        for j in 0..self.n {
+            self.p[i][j] *= ratio;
+            self.p[j][i] *= ratio;
+        }
+    }
+    /// Oscillator `k` is another component now: keeps its motion, adds its spread.
+    pub fn renew(&mut self, k: usize, o: &Oscillator, axis: usize) {
+        let i = HEAD + 2 * k;
+        if i + 1 < self.n {
+            let var = o.sd[axis].powi(2);
+            self.p[i][i] += var;
+            self.p[i + 1][i + 1] += var * o.omega * o.omega;
+        }
+    }
+
+    /// `x <- A x`, `P <- A P A' + Q` over `step`.
+    pub fn propagate(&mut self, noise: &AxisNoise, oscillators: &[Oscillator], axis: usize, step: &Step) {
+        let dt = step.dt;
+        let n = self.n.min(HEAD + 2 * step.count);
+        let h = Head::new(noise, dt);
+        // A P, row block by row block.
+        self.x[MEAN] += h.reach * self.x[RATE];
+        self.x[RATE] *= h.rate;
+        self.x[RADIO] *= h.radio;
+        self.x[VISION] *= h.vision;
+        for j in 0..n {
+            self.p[MEAN][j] += h.reach * self.p[RATE][j];
+            self.p[RATE][j] *= h.rate;
+            self.p[RADIO][j] *= h.radio;
+            self.p[VISION][j] *= h.vision;
+        }
+        for (k, a) in step.a.iter().take(step.count).enumerate() {
+            let i = HEAD + 2 * k;
+            let (v, r) = (self.x[i], self.x[i + 1]);
+            self.x[i] = a[0] * v + a[1] * r;
+            self.x[i + 1] = a[2] * v + a[3] * r;
+            for j in 0..n {
+                let (v, r) = (self.p[i][j], self.p[i + 1][j]);
+                self.p[i][j] = a[0] * v + a[1] * r;
+                self.p[i + 1][j] = a[2] * v + a[3] * r;
+            }
+        }
+        // (A P) A'.
+        for row in self.p.iter_mut().take(n) {
+            row[MEAN] += h.reach * row[RATE];
+            row[RATE] *= h.rate;
+            row[RADIO] *= h.radio;
+            row[VISION] *= h.vision;
+            for (k, a) in step.a.iter().take(step.count).enumerate() {
+                let i = HEAD + 2 * k;
+                let (v, r) = (row[i], row[i + 1]);
+                row[i] = a[0] * v + a[1] * r;
+                row[i + 1] = a[2] * v + a[3] * r;
+            }
+        }
+        let q = h.noise(noise, dt);
+        self.p[MEAN][MEAN] += q.mean;
+        self.p[MEAN][RATE] += q.cross;
+        self.p[RATE][MEAN] += q.cross;
+        self.p[RATE][RATE] += q.rate;
+        self.p[RADIO][RADIO] += q.radio;
+        self.p[VISION][VISION] += q.vision;
+        for (k, (q, o)) in step.q.iter().zip(oscillators).take(step.count).enumerate() {
+            let (i, var) = (HEAD + 2 * k, o.sd[axis].powi(2));
+            self.p[i][i] += var * q[0];
+            self.p[i][i + 1] += var * q[1];
+            self.p[i + 1][i] += var * q[1];
+            self.p[i + 1][i + 1] += var * q[2];
+        }
+    }
+
+    /// What `row` sees, and its variance.
+    pub fn project(&self, row: Row) -> (f64, f64) {
+        let mut ph = [0.0; MAX_STATES];
+        self.see(row, &mut ph)
+    }
+
+    /// Value and variance of `row`; `ph` becomes `P h'`.
+    fn see(&self, row: Row, ph: &mut [f64; MAX_STATES]) -> (f64, f64) {
+        let n = self.n;
+        let (head, extra, first) = match row {
+            Row::Level => (MEAN, None, HEAD),
+            Row::Radio => (MEAN, Some(RADIO), HEAD),
+            Row::Vision => (MEAN, Some(VISION), HEAD),
+            Row::Rate => (RATE, None, HEAD + 1),
+        };
+        // Symmetric: rows of P are read as columns.
+        let mut add = |i: usize, value: &mut f64| {
+            *value += self.x[i];
+            for (a, b) in ph.iter_mut().zip(&self.p[i]).take(n) {
+                *a += b;
+            }
+        };
+        let mut value = 0.0;
+        add(head, &mut value);
+        if let Some(e) = extra {
+            add(e, &mut value);
+        }
+        for i in (first..n).step_by(2) {
+            add(i, &mut value);
+        }
+        let mut var = ph[head] + extra.map_or(0.0, |e| ph[e]);
+        for i in (first..n).step_by(2) {
+            var += ph[i];
+        }
+        (value, var.max(0.0))
+    }
+
+    /// Innovation of `value` seen by `row`, in standard deviations.
+    pub fn surprise(&self, row: Row, value: f64, r: f64) -> f64 {
+        let (predicted, var) = self.project(row);
+        (value - predicted).abs() / (var + r).max(1e-300).sqrt()
+    }
+
+    /// Fuses one scalar with variance `r`: `x += P h' nu / S`, `P -= P h' h P / S` (equal to the
+    /// Joseph form at the optimal gain, symmetric by construction).
+    pub fn update(&mut self, row: Row, value: f64, r: f64) {
+        let mut ph = [0.0; MAX_STATES];
+        let (predicted, var) = self.see(row, &mut ph);
+        let s = var + r;
+        if !(s > 0.0) || !s.is_finite() {
+            return;
+        }
+        let gain = 1.0 / s;
+        let nu = value - predicted;
+        let n = self.n;
+        for i in 0..n {
+            let k = ph[i] * gain;
+            self.x[i] += k * nu;
+            for (p, b) in self.p[i].iter_mut().zip(&ph).take(n) {
+                *p -= k * b;
+            }
+            self.p[i][i] = self.p[i][i].max(0.0);
+        }
+    }
+
+    /// All numbers in use are finite.
+    pub fn is_finite(&self) -> bool {
+        self.x.iter().take(self.n).all(|v| v.is_finite())
+            && self
+                .p
+                .iter()
+                .take(self.n)
+                .all(|r| r.iter().take(self.n).all(|v| v.is_finite()))
+    }
+}
+
+/// Transition of the head over one time.
+#[derive(Clone, Copy, Debug)]
+pub struct Head {
+    /// Gain of the mean rate on the mean, s.
+    pub reach: f64,
+    /// Decay of the mean rate.
+    pub rate: f64,
+    /// Decay of the radio's slow error.
+    pub radio: f64,
+    /// Decay of the sight's slow error.
+    pub vision: f64,
+}
+
+/// Noise of the head over one time.
+#[derive(Clone, Copy, Debug)]
+pub struct HeadNoise {
+    /// Variance of the mean.
+    pub mean: f64,
+    /// Covariance of mean and rate.
+    pub cross: f64,
+    /// Variance of the rate.
+    pub rate: f64,
+    /// Variance of the radio's slow error.
+    pub radio: f64,
+    /// Variance of the sight's slow error.
+    pub vision: f64,
+}
+
+impl Head {
+    /// Over `dt`.
+    pub fn new(n: &AxisNoise, dt: f64) -> Self {
+        let rate = (-dt / n.rate_time).exp();
+        Head {
+            reach: n.rate_time * (1.0 - rate),
+            rate,
+            radio: (-dt / n.radio.1).exp(),
+            vision: (-dt / n.vision.1).exp(),
+        }
+    }
+    /// Noise that enters over `dt`; the rate's walk as if it did not die out meanwhile, which
+    /// errs on the side of more.
+    pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
+        HeadNoise {
+            mean: n.mean_walk * dt + n.rate_walk * dt.powi(3) / 3.0,
+            cross: n.rate_walk * dt * dt / 2.0,
+            rate: n.rate_walk * dt,
+            radio: n.radio.0.powi(2) * (1.0 - self.radio * self.radio),
+            vision: n.vision.0.powi(2) * (1.0 - self.vision * self.vision),
+        }
+    }
+}

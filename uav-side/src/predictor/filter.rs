@@ -1,0 +1,306 @@
+//! The six filters over time: observations are fused at their own time of validity, however late
+//! and in whatever order they come.
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::time::{DroneClock, Span, Time};
+
+use super::axis::{Axis, AxisNoise, Row, Step, VISION};
+use super::observation::{Kind, Observation};
+use super::waves::{AXES, Change, Oscillator, Waves};
+
+/// Observations that can be put in order.
+const MAX_ENTRIES: usize = 96;
+/// Observations further back than this are refused, s.
+const MAX_LATE_S: f64 = 1.0;
+/// Refusals in a row after which the sights or the radio are believed again.
+const STUBBORN: u32 = 12;
+
+/// Degrees of freedom that are refused together.
+const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
+
+/// How an observation fared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fused {
+    /// All of it was used.
+    All,
+    /// This many groups of degrees of freedom were refused as outliers.
+    Gated(u32),
+    /// Older than anything kept.
+    Late,
+    /// The same source has spoken for the same instant already.
+    Duplicate,
+}
+
+/// The six degrees of freedom.
+pub type State = [Axis; AXES];
+
+#[derive(Clone, Debug)]
+struct Entry {
+    at: Time<DroneClock>,
+    observation: Option<Observation>,
+    /// State after it.
+    after: Box<State>,
+}
+
+/// The filters and their recent past.
+#[derive(Clone, Debug)]
+pub struct Filter {
+    noise: [AxisNoise; AXES],
+    gate: f64,
+    entries: VecDeque<Entry>,
+    spare: Vec<Box<State>>,
+    /// Refusals in a row: radio, sight.
+    refused: [u32; 2],
+}
+
+impl Filter {
+    /// Filters that begin with `first`, whose missing degrees of freedom are level.
+    pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &Observation) -> Self {
+        let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
+        let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
+        let axes: State = core::array::from_fn(|i| {
+            let (level, var) = first.value[i].unwrap_or((0.0, f64::powi(unknown[i], 2)));
+            // The waves' share of the first value is not known.
+            let sea: f64 = waves.oscillators().iter().map(|o| o.sd[i].powi(2)).sum();
+            let slow = noise[i].radio.0.powi(2).max(noise[i].vision.0.powi(2));
+            let sd = (var + sea + slow).sqrt();
+            Axis::new(&noise[i], waves.oscillators(), i, level, sd, rate_sd[i])
+        });
+        let mut f = Filter {
+            noise,
+            gate,
+            entries: VecDeque::with_capacity(MAX_ENTRIES + 1),
+            spare: Vec::new(),
+            refused: [0; 2],
+        };
+        f.entries.push_back(Entry {
+            at: first.at,
+            observation: None,
+            after: Box::new(axes),
+        });
+        f
+    }
+
+    /// The state at `t`: predicted from what was known then.
+    pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> State {
+        let i = self.entries.partition_point(|e| e.at <= t).max(1);
+        let mut s = match self.entries.get(i - 1) {
+            Some(e) => (*e.after, e.at),
+            // Never empty; a level deck stands in.
+            None => return core::array::from_fn(|i| Axis::new(&self.noise[i], &[], i, 0.0, 1e3, 1.0)),
+        };
+        self.advance(&mut s.0, waves.oscillators(), t - s.1);
+        s.0
+    }
+    /// The state after the newest observation.
+    pub fn last(&self) -> Option<&State> {
+        self.entries.back().map(|e| &*e.after)
+    }
+    /// Time of the newest observation.
+    pub fn newest(&self) -> Option<Time<DroneClock>> {
+        self.entries.back().map(|e| e.at)
+    }
+    /// Noise figures.
+    pub fn noise(&self) -> &[AxisNoise; AXES] {
+        &self.noise
+    }
+    /// Every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.entries
+            .back()
+            .is_some_and(|e| e.after.iter().all(Axis::is_finite))
+    }
+
+    fn advance(&self, s: &mut State, oscillators: &[Oscillator], dt: Span) {
+        if dt <= Span::ZERO {
+            return;
+        }
+        let step = Step::new(oscillators, dt.secs());
+        for (i, a) in s.iter_mut().enumerate() {
+            a.propagate(&self.noise[i], oscillators, i, &step);
+        }
+    }
+
+    /// Fuses `o` where it belongs in time and everything later again after it.
+    pub fn fuse(&mut self, waves: &Waves, o: &Observation) -> Fused {
+        let i = self.entries.partition_point(|e| e.at <= o.at);
+        let late = self
+            .newest()
+            .is_some_and(|n| n - o.at > Span::from_secs(MAX_LATE_S));
+        let (Some(before), false) = (i.checked_sub(1).and_then(|k| self.entries.get(k)), late) else {
+            return Fused::Late;
+        };
+        let same = |e: &Entry| e.at == o.at && e.observation.is_some_and(|x| x.kind == o.kind);
+        if self
+            .entries
+            .iter()
+            .take(i)
+            .rev()
+            .take_while(|e| e.at == o.at)
+            .any(same)
+        {
+            return Fused::Duplicate;
+        }
+        let since = o.at - before.at;
+        let mut state = match self.spare.pop() {
+            Some(mut s) => {
+                *s = *before.after;
+                s
+            }
+            None => before.after.clone(),
+        };
+        self.advance(&mut state, waves.oscillators(), since);
+        let gated = apply(&mut state, o, self.gate);
+        self.entries.insert(
+            i,
+            Entry {
+                at: o.at,
+                observation: Some(*o),
+                after: state,
+            },
+        );
+        self.replay(waves, i + 1);
+        while self.entries.len() > MAX_ENTRIES {
+            if let Some(e) = self.entries.pop_front() {
+                self.spare.push(e.after);
+            }
+        }
+        self.stubborn(o.kind, gated);
+        if gated == 0 {
+            Fused::All
+        } else {
+            Fused::Gated(gated)
+        }
+    }
+
+    /// Fuses the observations from entry `from` on again.
+    fn replay(&mut self, waves: &Waves, from: usize) {
+        for k in from..self.entries.len() {
+            let Some((state, at)) = k
+                .checked_sub(1)
+                .and_then(|j| self.entries.get(j))
+                .map(|e| (*e.after, e.at))
+            else {
+                return;
+            };
+            let mut state = state;
+            let Some((next, observation)) = self.entries.get(k).map(|e| (e.at, e.observation)) else {
+                return;
+            };
+            self.advance(&mut state, waves.oscillators(), next - at);
+            if let Some(o) = observation {
+                apply(&mut state, &o, self.gate);
+            }
+            if let Some(e) = self.entries.get_mut(k) {
+                *e.after = state;
+            }
+        }
+    }
+
+    /// A source that is refused again and again is right and the filter wrong: what it may be
+    /// wrong about becomes uncertain.
+    fn stubborn(&mut self, kind: Kind, gated: u32) {
+        let (channel, slow) = match kind {
+            Kind::Estimate => (0, super::axis::RADIO),
+            Kind::Tag | Kind::Uvdar => (1, VISION),
+            Kind::Range => return,
+        };
+        let Some(count) = self.refused.get_mut(channel) else {
+            return;
+        };
+        *count = if gated > 0 { *count + 1 } else { 0 };
+        if *count < STUBBORN {
+            return;
+        }
+        *count = 0;
+        let doubt = [2.0, 2.0, 2.0, 0.1, 0.1, 0.5];
+        if let Some(e) = self.entries.back_mut() {
+            for (i, a) in e.after.iter_mut().enumerate() {
+                a.p[slow][slow] += f64::powi(doubt[i], 2);
+                for k in super::axis::HEAD..a.n {
+                    a.p[k][k] *= 4.0;
+                }
+            }
+        }
+    }
+
+    /// Follows a change of the wave components.
+    pub fn follow(&mut self, change: Change, oscillators: &[Oscillator]) {
+        for e in &mut self.entries {
+            for (i, a) in e.after.iter_mut().enumerate() {
+                match change {
+                    Change::Rescale(k, ratio) => a.rescale(k, ratio),
+                    Change::Renew(k) => {
+                        if let Some(o) = oscillators.get(k) {
+                            a.renew(k, o, i);
+                        }
+                    }
+                    Change::Append => {
+                        if let Some(o) = oscillators.last() {
+                            a.append(o, i);
+                        }
+                    }
+                    Change::Remove(k) => a.remove(k),
+                }
+            }
+        }
+    }
+
+    /// The drone's origin has moved by `jump` (m): what it has seen has moved along.
+    pub fn shift(&mut self, jump: &nalgebra::Vector3<f64>) {
+        for e in &mut self.entries {
+            for i in 0..3 {
+                e.after[i].x[VISION] += jump[i];
+            }
+            if let Some(o) = &mut e.observation
+                && o.kind != Kind::Estimate
+            {
+                for i in 0..3 {
+                    if let Some(v) = &mut o.value[i] {
+                        v.0 += jump[i];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Fuses an observation into a state of the same time; the number of groups refused.
+fn apply(s: &mut State, o: &Observation, gate: f64) -> u32 {
+    let row = match o.kind {
+        Kind::Estimate => Row::Radio,
+        Kind::Tag | Kind::Uvdar | Kind::Range => Row::Vision,
+    };
+    let mut gated = 0;
+    for group in GROUPS {
+        // Angles are compared along the shorter way.
+        let near = |a: &Axis, i: usize, v: f64| {
+            if i == 5 {
+                let predicted = a.project(row).0;
+                predicted + wrap_angle(v - predicted)
+            } else {
+                v
+            }
+        };
+        let outlier = group.iter().any(|&i| {
+            o.value[i].is_some_and(|(v, r)| s[i].surprise(row, near(&s[i], i, v), r) > gate)
+                || o.rate[i].is_some_and(|(v, r)| s[i].surprise(Row::Rate, v, r) > gate)
+        });
+        if outlier {
+            gated += 1;
+            continue;
+        }
+        for &i in group {
+            if let Some((v, r)) = o.value[i] {
+                let v = near(&s[i], i, v);
+                s[i].update(row, v, r);
+            }
+            if let Some((v, r)) = o.rate[i] {
+                s[i].update(Row::Rate, v, r);
+            }
+        }
+    }
+    gated
+}

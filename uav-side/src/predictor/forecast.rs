@@ -1,0 +1,196 @@
+//! From the filters' state now to the deck's motion over the horizon.
+
+use alight_shared::msg::{DeckStage, FORECAST_STAGES};
+use alight_shared::seq::Seq;
+use alight_shared::vessel_model::turn_tilt;
+
+use super::axis::{Axis, AxisNoise, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
+use super::waves::{AXES, Oscillator};
+
+/// Stages at which the variance is computed; between them it is interpolated.
+const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
+/// Below this speed a turn does not bend the path, m/s.
+const STEERAGE_MPS: f64 = 0.3;
+
+/// Transitions over the horizon, kept while the wave components stay the same.
+#[derive(Clone, Debug)]
+pub struct Horizon {
+    oscillators: Vec<Oscillator>,
+    stage_s: f64,
+    stage: Step,
+    knots: Vec<Step>,
+}
+
+impl Horizon {
+    /// Transitions for these oscillators.
+    pub fn new(oscillators: &[Oscillator], stage_s: f64) -> Self {
+        Horizon {
+            oscillators: oscillators.to_vec(),
+            stage_s,
+            stage: Step::new(oscillators, stage_s),
+            knots: KNOTS
+                .iter()
+                .map(|&k| Step::new(oscillators, k as f64 * stage_s))
+                .collect(),
+        }
+    }
+    /// Recomputes the transitions if the oscillators have changed.
+    pub fn refresh(&mut self, oscillators: &[Oscillator]) {
+        if self.oscillators != oscillators {
+            *self = Horizon::new(oscillators, self.stage_s);
+        }
+    }
+
+    /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
+    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion.
+    pub fn stages(
+        &self,
+        axes: &[Axis; AXES],
+        noise: &[AxisNoise; AXES],
+        common: &[(f64, f64); AXES],
+        clock_var: f64,
+    ) -> Seq<DeckStage, FORECAST_STAGES> {
+        let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
+        let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
+        let knots: [[(f64, f64); KNOTS.len()]; AXES] =
+            core::array::from_fn(|i| core::array::from_fn(|k| self.variance(&axes[i], &noise[i], i, k)));
+        let mut out = Seq::new();
+        let mut knot = 0;
+        for k in 0..FORECAST_STAGES {
+            if k > 0 {
+                self.advance(&mut mean, &heads);
+            }
+            while knot + 2 < KNOTS.len() && KNOTS[knot + 1] < k {
+                knot += 1;
+            }
+            let (a, b) = (KNOTS[knot] as f64, KNOTS[knot + 1] as f64);
+            let f = ((k as f64 - a) / (b - a)).clamp(0.0, 1.0);
+            let stage = self.stage(
+                &mean,
+                |i| {
+                    let (p, q) = (knots[i][knot], knots[i][knot + 1]);
+                    (
+                        p.0 + f * (q.0 - p.0) + common[i].0,
+                        p.1 + f * (q.1 - p.1) + common[i].1,
+                    )
+                },
+                clock_var,
+            );
+            if out.push(stage).is_err() {
+                break;
+            }
+        }
+        out
+    }
+
+    /// The means one stage on. A turning vessel's mean velocity turns with it.
+    fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
+        for (x, h) in mean.iter_mut().zip(heads) {
+            x[MEAN] += h.reach * x[RATE];
+            x[RATE] *= h.rate;
+            x[VISION] *= h.vision;
+            for (k, a) in self.stage.a.iter().take(self.stage.count).enumerate() {
+                let i = HEAD + 2 * k;
+                let (v, r) = (x[i], x[i + 1]);
+                x[i] = a[0] * v + a[1] * r;
+                x[i + 1] = a[2] * v + a[3] * r;
+            }
+        }
+        let (vn, ve) = (mean[0][RATE], mean[1][RATE]);
+        if vn.hypot(ve) > STEERAGE_MPS {
+            let (s, c) = (mean[5][RATE] * self.stage_s).sin_cos();
+            mean[0][RATE] = c * vn - s * ve;
+            mean[1][RATE] = s * vn + c * ve;
+        }
+    }
+
+    /// Variance of value and rate at knot `k`, from the covariance now and the noise until then.
+    fn variance(&self, a: &Axis, noise: &AxisNoise, axis: usize, k: usize) -> (f64, f64) {
+        let Some(step) = self.knots.get(k) else {
+            return (0.0, 0.0);
+        };
+        let n = a.n.min(HEAD + 2 * step.count);
+        let head = Head::new(noise, step.dt);
+        let (mut h, mut g) = ([0.0; MAX_STATES], [0.0; MAX_STATES]);
+        h[MEAN] = 1.0;
+        h[RATE] = head.reach;
+        g[RATE] = head.rate;
+        // Where the drone is concerned, position and heading are as it sees them.
+        h[VISION] = if sees_as_vision(axis) { head.vision } else { 0.0 };
+        let q = head.noise(noise, step.dt);
+        let (mut value, mut rate) = (q.mean + h[VISION].min(1.0).ceil() * q.vision, q.rate);
+        for (j, ((t, n), o)) in step
+            .a
+            .iter()
+            .zip(&step.q)
+            .zip(&self.oscillators)
+            .take(step.count)
+            .enumerate()
+        {
+            let i = HEAD + 2 * j;
+            (h[i], h[i + 1], g[i], g[i + 1]) = (t[0], t[1], t[2], t[3]);
+            let var = o.sd[axis].powi(2);
+            value += var * n[0];
+            rate += var * n[2];
+        }
+        for i in 0..n {
+            let (mut ph, mut pg) = (0.0, 0.0);
+            for ((p, h), g) in a.p[i].iter().zip(&h).zip(&g).take(n) {
+                ph += p * h;
+                pg += p * g;
+            }
+            value += h[i] * ph;
+            rate += g[i] * pg;
+        }
+        (value.max(0.0), rate.max(0.0))
+    }
+
+    /// One stage from the means; `var` gives (value, rate) variances per degree of freedom.
+    fn stage(
+        &self,
+        mean: &[[f64; MAX_STATES]; AXES],
+        var: impl Fn(usize) -> (f64, f64),
+        clock_var: f64,
+    ) -> DeckStage {
+        let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
+        for i in 0..AXES {
+            let x = &mean[i];
+            v[i] = x[MEAN] + if sees_as_vision(i) { x[VISION] } else { 0.0 };
+            r[i] = x[RATE];
+            for (k, o) in self.oscillators.iter().enumerate() {
+                let j = HEAD + 2 * k;
+                v[i] += x[j];
+                r[i] += x[j + 1];
+                a[i] -= o.omega * o.omega * x[j] + 2.0 * o.damping * o.omega * x[j + 1];
+            }
+        }
+        let yaw = alight_shared::frames::wrap_angle(v[5]);
+        let (s, c) = yaw.sin_cos();
+        let (roll, pitch) = turn_tilt(v[3], v[4], yaw);
+        let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
+        let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
+        if bent {
+            a[0] -= mean[5][RATE] * mean[1][RATE];
+            a[1] += mean[5][RATE] * mean[0][RATE];
+        }
+        let all: [(f64, f64); AXES] = core::array::from_fn(var);
+        let sd = |i: usize| (all[i].0 + r[i] * r[i] * clock_var).sqrt();
+        let rate_sd = |i: usize| (all[i].1 + a[i] * a[i] * clock_var).sqrt();
+        let (tn, te) = (sd(3), sd(4));
+        DeckStage {
+            position: [v[0], v[1], v[2]],
+            velocity: [r[0], r[1], r[2]],
+            acceleration: [a[0], a[1], a[2]],
+            euler: [roll, pitch, yaw],
+            euler_rates: [dr + r[5] * pitch, dp - r[5] * roll, r[5]],
+            position_sd: [sd(0), sd(1), sd(2)],
+            velocity_sd: [rate_sd(0), rate_sd(1), rate_sd(2)],
+            euler_sd: [(c * tn).hypot(s * te), (s * tn).hypot(c * te), sd(5)],
+        }
+    }
+}
+
+/// Position and heading are forecast as the drone sees them; tilt as it is.
+fn sees_as_vision(axis: usize) -> bool {
+    !matches!(axis, 3 | 4)
+}

@@ -1,0 +1,462 @@
+//! The predictor as a node.
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{
+    DeckForecast, DroneState, Header, LinkState, Message, RangeSample, Source, TagPose, UvdarFix,
+    VesselEstimate, VesselPrediction, WaveModel,
+};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::vessel_model::turn_tilt;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::axis::{Axis, AxisNoise, MEAN, RATE, Row, VISION};
+use super::config::PredictorConfig;
+use super::filter::{Filter, Fused};
+use super::forecast::Horizon;
+use super::observation::{self, Mount, Observation, Plane};
+use super::track::Track;
+use super::waves::{AXES, Waves};
+
+/// What arrived since the last step.
+#[derive(Clone, Debug, Default)]
+pub struct PredictorIn {
+    /// The vessel's state.
+    pub estimate: Option<VesselEstimate<DroneClock>>,
+    /// The vessel's wave model.
+    pub wave: Option<WaveModel<DroneClock>>,
+    /// The vessel's own prediction: for display and comparison; the predictor makes its own.
+    pub prediction: Option<VesselPrediction<DroneClock>>,
+    /// Link and clocks.
+    pub link: Option<LinkState>,
+    /// The drone's state.
+    pub drone: Option<DroneState>,
+    /// Tag sightings.
+    pub tags: Vec<TagPose>,
+    /// Sightings of the UV markers.
+    pub uvdar: Vec<UvdarFix>,
+    /// Rangefinder.
+    pub ranges: Vec<RangeSample>,
+}
+
+/// What it says.
+#[derive(Clone, Debug, Default)]
+pub struct PredictorOut {
+    /// The deck's forecast, at the predictor's rate, while anything is known.
+    pub forecast: Option<DeckForecast>,
+}
+
+/// Why an input was not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Rejection {
+    /// A number is not finite or outside what physics allows.
+    Absurd,
+    /// Its time of validity is in the future.
+    Future,
+    /// Older than anything that can still be put in order.
+    Late,
+    /// Already had this one.
+    Duplicate,
+    /// Where the drone was at its time is not known.
+    NoDroneState,
+    /// Contradicts everything else.
+    Outlier,
+    /// The state had to be given up because it was no longer finite.
+    Diverged,
+}
+
+/// Inputs not used since the start, per reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rejections([u32; 7]);
+
+impl Rejections {
+    fn count(&mut self, r: Rejection) {
+        if let Some(n) = self.0.get_mut(r as usize) {
+            *n = n.saturating_add(1);
+        }
+    }
+    /// For this reason.
+    pub fn of(&self, r: Rejection) -> u32 {
+        self.0.get(r as usize).copied().unwrap_or(0)
+    }
+    /// For any reason.
+    pub fn total(&self) -> u32 {
+        self.0.iter().fold(0, |a, b| a.saturating_add(*b))
+    }
+}
+
+/// A message may be this much ahead of now: jitter between processes.
+const AHEAD: Span = Span::from_millis(20);
+/// Until the bridge has spoken, s.
+const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
+
+/// Fuses radio and sight and predicts the deck.
+#[derive(Clone, Debug)]
+pub struct Predictor {
+    config: PredictorConfig,
+    boot: u32,
+    sequence: u32,
+    waves: Waves,
+    filter: Option<Filter>,
+    horizon: Horizon,
+    track: Track,
+    clock_sd_s: f64,
+    /// Variances that the vessel states (value, rate), from its newest estimate.
+    stated: [(f64, f64); AXES],
+    deck_height: f64,
+    radio_at: Option<Time<DroneClock>>,
+    radio_sequence: Option<(u32, u32)>,
+    vision_at: Option<Time<DroneClock>>,
+    tag_at: Option<Time<DroneClock>>,
+    range_at: Option<Time<DroneClock>>,
+    next: Option<Time<DroneClock>>,
+    rejections: Rejections,
+}
+
+impl Predictor {
+    /// A predictor that knows nothing yet; `boot` is drawn anew at each start.
+    pub fn new(config: &PredictorConfig, boot: u32) -> Self {
+        let waves = Waves::new(config);
+        Predictor {
+            horizon: Horizon::new(waves.oscillators(), config.stage_s),
+            config: config.clone(),
+            boot,
+            sequence: 0,
+            waves,
+            filter: None,
+            track: Track::default(),
+            clock_sd_s: CLOCK_SD_UNKNOWN_S,
+            stated: [(0.0, 0.0); AXES],
+            deck_height: -config.deck.centre_m[2],
+            radio_at: None,
+            radio_sequence: None,
+            vision_at: None,
+            tag_at: None,
+            range_at: None,
+            next: None,
+            rejections: Rejections::default(),
+        }
+    }
+    /// Inputs not used since the start.
+    pub fn rejections(&self) -> &Rejections {
+        &self.rejections
+    }
+
+    /// Checks content and time of a message.
+    fn sane<M: Message<Clock = DroneClock>>(now: Time<DroneClock>, m: &M) -> Result<(), Rejection> {
+        m.check().map_err(|_| Rejection::Absurd)?;
+        if m.header().at > now + AHEAD {
+            return Err(Rejection::Future);
+        }
+        Ok(())
+    }
+
+    fn fuse(&mut self, o: &Observation) -> Result<(), Rejection> {
+        let waves = &self.waves;
+        let noise = AxisNoise::all(&self.config);
+        let filter = self
+            .filter
+            .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
+        match filter.fuse(waves, o) {
+            Fused::All => Ok(()),
+            // Part of it was good: it counts as used, and as an outlier.
+            Fused::Gated(n) if n < 3 && o.kind != observation::Kind::Range => {
+                self.rejections.count(Rejection::Outlier);
+                Ok(())
+            }
+            Fused::Gated(_) => Err(Rejection::Outlier),
+            Fused::Late => Err(Rejection::Late),
+            Fused::Duplicate => Err(Rejection::Duplicate),
+        }
+    }
+
+    fn drone(&mut self, now: Time<DroneClock>, s: &DroneState) -> Result<(), Rejection> {
+        Self::sane(now, s)?;
+        if let Some(last) = self.track.newest() {
+            if s.header.at == last.header.at {
+                return Err(Rejection::Duplicate);
+            }
+            if s.header.at < last.header.at {
+                return Err(Rejection::Late);
+            }
+        }
+        if let Some(jump) = self.track.push(s)
+            && let Some(f) = &mut self.filter
+        {
+            f.shift(&jump);
+        }
+        Ok(())
+    }
+
+    fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), Rejection> {
+        Self::sane(now, m)?;
+        let filter = &mut self.filter;
+        self.waves
+            .receive(now, m, self.deck_height, |change, oscillators| {
+                if let Some(f) = filter {
+                    f.follow(change, oscillators);
+                }
+            });
+        Ok(())
+    }
+
+    fn estimate(&mut self, now: Time<DroneClock>, e: &VesselEstimate<DroneClock>) -> Result<(), Rejection> {
+        Self::sane(now, e)?;
+        let origin = match &self.config.datum {
+            Some(d) => d.offset_to::<alight_shared::frames::DroneNed>(&e.datum).0,
+            None => Vector3::zeros(),
+        };
+        if !(origin.norm() < alight_shared::msg::MAX_POSITION_M) {
+            return Err(Rejection::Absurd);
+        }
+        let known = (e.header.boot, e.header.sequence);
+        if self.radio_sequence == Some(known) {
+            return Err(Rejection::Duplicate);
+        }
+        let o = observation::estimate(e, &origin, self.clock_sd_s, &self.config);
+        self.fuse(&o)?;
+        if self.radio_at.is_none_or(|t| e.header.at > t) {
+            self.radio_at = Some(e.header.at);
+            self.radio_sequence = Some(known);
+            self.deck_height = -e.deck_centre().z;
+            let tilt = |k: usize| 0.5 * f64::from(e.covariance[3][k] + e.covariance[4][k]);
+            let own = |i: usize, k: usize| f64::from(e.covariance[i][k]);
+            self.stated = core::array::from_fn(|i| match i {
+                3 | 4 => (tilt(0), tilt(2)),
+                _ => (own(i, 0), own(i, 2)),
+            });
+        }
+        Ok(())
+    }
+
+    /// What is known of the rotation of the sight against the truth.
+    fn mount(&self) -> Mount {
+        let last = self.filter.as_ref().and_then(Filter::last);
+        let slow = |i: usize| match last {
+            Some(s) => (s[i].x[VISION], s[i].p[VISION][VISION].max(0.0).sqrt()),
+            None => (0.0, self.config.vision_bias_sd_m_rad[i]),
+        };
+        let (n, e) = (slow(3), slow(4));
+        Mount {
+            // Heading: as the drone sees it, so it is not turned back.
+            turn: Vector3::new(n.0, e.0, 0.0),
+            sd: Vector3::new(n.1, e.1, 0.0),
+        }
+    }
+
+    fn sight(
+        &mut self,
+        now: Time<DroneClock>,
+        m: &impl Message<Clock = DroneClock>,
+        is_tag: bool,
+        observe: impl FnOnce(&super::track::Pose, &Mount, &PredictorConfig) -> Observation,
+    ) -> Result<(), Rejection> {
+        Self::sane(now, m)?;
+        let at = m.header().at;
+        let pose = self.track.at(at).ok_or(Rejection::NoDroneState)?;
+        let o = observe(&pose, &self.mount(), &self.config);
+        self.fuse(&o)?;
+        let newer = |t: &mut Option<Time<DroneClock>>| {
+            *t = Some(t.map_or(at, |old| old.max(at)));
+        };
+        newer(&mut self.vision_at);
+        if is_tag {
+            newer(&mut self.tag_at);
+        }
+        Ok(())
+    }
+
+    fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), Rejection> {
+        Self::sane(now, m)?;
+        let at = m.header.at;
+        let period = Span::from_secs(self.config.range_period_s);
+        if self.range_at.is_some_and(|t| at - t < period) {
+            return Ok(());
+        }
+        let pose = self.track.at(at).ok_or(Rejection::NoDroneState)?;
+        let Some(f) = &self.filter else {
+            return Ok(());
+        };
+        let axes = f.at(&self.waves, at);
+        let deck = plane(&axes);
+        let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
+            return Ok(());
+        };
+        self.range_at = Some(at);
+        self.fuse(&o)
+    }
+
+    fn meet(&mut self) {
+        let Some(f) = &mut self.filter else {
+            return;
+        };
+        let Some(velocity) = f.last().map(|s| [s[0].x[RATE], s[1].x[RATE]]) else {
+            return;
+        };
+        let mut changes: [Option<super::waves::Change>; super::waves::MAX_OSCILLATORS] =
+            [None; super::waves::MAX_OSCILLATORS];
+        let mut n = 0;
+        self.waves.meet(velocity, |c| {
+            if let Some(slot) = changes.get_mut(n) {
+                *slot = Some(c);
+                n += 1;
+            }
+        });
+        for c in changes.into_iter().flatten() {
+            f.follow(c, self.waves.oscillators());
+        }
+    }
+
+    fn forecast(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
+        let age = |t: Option<Time<DroneClock>>| t.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0));
+        let (radio_age_s, vision_age_s) = (age(self.radio_at), age(self.vision_at));
+        if !(radio_age_s.min(vision_age_s) < self.config.silence_s) {
+            return None;
+        }
+        self.meet();
+        if !self.filter.as_ref()?.is_finite() {
+            self.rejections.count(Rejection::Diverged);
+            self.filter = None;
+            return None;
+        }
+        let filter = self.filter.as_ref()?;
+        self.horizon.refresh(self.waves.oscillators());
+        let axes = filter.at(&self.waves, now);
+        let fresh = |a: f64| a < self.config.fresh_s;
+        let source = match (fresh(radio_age_s), fresh(vision_age_s)) {
+            (true, true) => Source::Both,
+            (true, false) => Source::Radio,
+            (false, true) => Source::Vision,
+            (false, false) => Source::None,
+        };
+        let common = self.common(&axes, source);
+        let clock_var = match source {
+            Source::Radio | Source::Both => self.clock_sd_s.powi(2),
+            // Sight has no part in the clocks' offset.
+            Source::Vision | Source::None => 0.0,
+        };
+        let stages = self.horizon.stages(&axes, filter.noise(), &common, clock_var);
+        let header = Header::new(0, 0, self.boot, self.sequence, now);
+        self.sequence = self.sequence.wrapping_add(1);
+        let f = DeckForecast {
+            header,
+            step: Span::from_secs(self.config.stage_s),
+            source,
+            radio_age_s,
+            vision_age_s,
+            tag_age_s: age(self.tag_at),
+            wave_confidence: self.waves.confidence,
+            mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
+            stages,
+        };
+        if f.check().is_err() {
+            self.rejections.count(Rejection::Diverged);
+            self.filter = None;
+            return None;
+        }
+        Some(f)
+    }
+
+    /// Variances of errors that are the same from one measurement to the next, which the filter
+    /// takes for independent: the vessel's own filtered errors, and the camera's mount times the
+    /// distance.
+    fn common(&self, axes: &[Axis; AXES], source: Source) -> [(f64, f64); AXES] {
+        let seen = match source {
+            Source::Both | Source::Vision => true,
+            Source::Radio | Source::None => false,
+        };
+        let k = self.config.radio_floor;
+        let arm = self.track.newest().map_or(Vector3::zeros(), |d| {
+            Vector3::from_fn(|i, _| axes[i].project(Row::Vision).0) - d.position()
+        });
+        let mount = self.config.camera_mount_sd_m.powi(2);
+        let turn = |i: usize| axes[i].p[VISION][VISION].max(0.0);
+        core::array::from_fn(|i| {
+            let (v, r) = self.stated[i];
+            match i {
+                0 if seen => (turn(4) * arm.z * arm.z + mount, k * r),
+                1 if seen => (turn(3) * arm.z * arm.z + mount, k * r),
+                2 if seen => (turn(3) * arm.y * arm.y + turn(4) * arm.x * arm.x + mount, k * r),
+                5 if seen => (0.0, k * r),
+                _ => (k * v, k * r),
+            }
+        })
+    }
+}
+
+/// The deck as a state of the filters says it.
+fn plane(axes: &[Axis; AXES]) -> Plane {
+    let at = |i: usize, row: Row| axes[i].project(row);
+    let (n, e, d) = (at(0, Row::Vision), at(1, Row::Vision), at(2, Row::Vision));
+    let (tn, te, yaw) = (at(3, Row::Level), at(4, Row::Level), at(5, Row::Vision));
+    let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
+    Plane {
+        centre: Vector3::new(n.0, e.0, d.0),
+        rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
+        position_sd: n.1.max(e.1).sqrt(),
+        tilt_sd: tn.1.max(te.1).sqrt(),
+    }
+}
+
+impl Node for Predictor {
+    type Clock = DroneClock;
+    type In = PredictorIn;
+    type Out = PredictorOut;
+
+    fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
+        let mut done = [Ok(()); 4];
+        if let Some(l) = &input.link {
+            match Self::sane(now, l) {
+                Ok(()) if l.clock_offset_sd_s.is_finite() => self.clock_sd_s = l.clock_offset_sd_s.min(1.0),
+                r => done[0] = r,
+            }
+        }
+        if let Some(d) = &input.drone {
+            done[1] = self.drone(now, d);
+        }
+        if let Some(w) = &input.wave {
+            done[2] = self.wave(now, w);
+        }
+        if let Some(e) = &input.estimate {
+            done[3] = self.estimate(now, e);
+        }
+        for r in done.into_iter().filter_map(Result::err) {
+            self.rejections.count(r);
+        }
+        for m in &input.uvdar {
+            if let Err(r) = self.sight(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c)) {
+                self.rejections.count(r);
+            }
+        }
+        for m in &input.tags {
+            if let Err(r) = self.sight(now, m, true, |p, mount, c| observation::tag(m, p, mount, c)) {
+                self.rejections.count(r);
+            }
+        }
+        for m in &input.ranges {
+            if let Err(r) = self.range(now, m) {
+                self.rejections.count(r);
+            }
+        }
+        let period = Span::from_secs(1.0 / self.config.rate_hz);
+        let due = match self.next {
+            Some(t) if now < t => false,
+            Some(t) => {
+                self.next = Some(if t + period > now {
+                    t + period
+                } else {
+                    now + period
+                });
+                true
+            }
+            None => {
+                self.next = Some(now + period);
+                true
+            }
+        };
+        PredictorOut {
+            forecast: if due { self.forecast(now) } else { None },
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! What messages say about the six degrees of freedom of the deck.
+
+use alight_shared::frames::body_rates;
+use alight_shared::msg::{RangeSample, TagPose, UvdarFix, VesselEstimate};
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::vessel_model::turn_tilt;
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+
+use super::config::PredictorConfig;
+use super::track::Pose;
+use super::waves::AXES;
+
+/// Where an observation comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The vessel's estimate.
+    Estimate,
+    /// The tag.
+    Tag,
+    /// The UV markers.
+    Uvdar,
+    /// The rangefinder.
+    Range,
+}
+
+/// A value and its variance.
+pub type Measured = Option<(f64, f64)>;
+
+/// Values and rates of the deck at one instant, in the filter's degrees of freedom.
+#[derive(Clone, Copy, Debug)]
+pub struct Observation {
+    /// Time of validity.
+    pub at: Time<DroneClock>,
+    /// Its source.
+    pub kind: Kind,
+    /// Position of the deck's centre, tilt as heading north, heading.
+    pub value: [Measured; AXES],
+    /// Their rates.
+    pub rate: [Measured; AXES],
+}
+
+/// Slow errors of the sight that are known to some degree: rotation (NED, rad) of what is seen
+/// against what is, and standard deviations.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mount {
+    /// Rotation vector.
+    pub turn: Vector3<f64>,
+    /// Its standard deviations.
+    pub sd: Vector3<f64>,
+}
+
+/// Rotation body from camera: camera x is body y, camera y is body -x, camera z is body z.
+pub fn body_from_camera() -> Matrix3<f64> {
+    Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+}
+
+/// The vessel's estimate. `origin` is the vessel's NED origin in the drone's (m), `clock_sd` the
+/// clock offset's standard deviation (s): a value that changes at a rate is that much less certain.
+pub fn estimate(
+    e: &VesselEstimate<DroneClock>,
+    origin: &Vector3<f64>,
+    clock_sd: f64,
+    c: &PredictorConfig,
+) -> Observation {
+    let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
+    let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+    let dot = e.eta_dot.map(f64::from);
+    let ddot = e.eta_ddot.map(f64::from);
+    let spin = rotation * body_rates(roll, pitch, Vector3::new(dot[3], dot[4], dot[5]));
+    let arm = rotation * e.deck_centre();
+    let position = e.position() + origin + arm;
+    let velocity = Vector3::new(dot[0], dot[1], dot[2]) + spin.cross(&arm);
+    let tilt = turn_tilt(roll, pitch, -yaw);
+    let (s, cos) = yaw.sin_cos();
+    // d/dt of the turned tilt (small-angle form of turn_tilt).
+    let (dr, dp) = (dot[3] - dot[5] * pitch, dot[4] + dot[5] * roll);
+    let tilt_rate = (cos * dr - s * dp, s * dr + cos * dp);
+    let lean = 0.5 * f64::from(e.covariance[3][0] + e.covariance[4][0]);
+    let sway = 0.5 * f64::from(e.covariance[3][2] + e.covariance[4][2]);
+    let across = |i: usize| {
+        let height = arm.z * arm.z;
+        let [v, _, r] = e.covariance[i].map(f64::from);
+        if i < 2 {
+            (v + height * lean, r + height * sway)
+        } else {
+            (v, r)
+        }
+    };
+    let stated = [
+        across(0),
+        across(1),
+        across(2),
+        (lean, sway),
+        (lean, sway),
+        across(5),
+    ];
+    let values = [position.x, position.y, position.z, tilt.0, tilt.1, yaw];
+    let rates = [
+        velocity.x,
+        velocity.y,
+        velocity.z,
+        tilt_rate.0,
+        tilt_rate.1,
+        dot[5],
+    ];
+    let tilt_acc = ddot[3].hypot(ddot[4]);
+    let acc = [ddot[0], ddot[1], ddot[2], tilt_acc, tilt_acc, ddot[5]];
+    let k = c.radio_inflation;
+    Observation {
+        at: e.header.at,
+        kind: Kind::Estimate,
+        value: core::array::from_fn(|i| {
+            let r = (k * stated[i].0).max(c.radio_min_sd_m_rad[i].powi(2)) + (rates[i] * clock_sd).powi(2);
+            Some((values[i], r))
+        }),
+        rate: core::array::from_fn(|i| {
+            let r =
+                (k * stated[i].1).max(c.radio_min_rate_sd_mps_radps[i].powi(2)) + (acc[i] * clock_sd).powi(2);
+            Some((rates[i], r))
+        }),
+    }
+}
+
+/// Variance of `m x e` for independent components of the rotation error `e`.
+fn lever(arm: &Vector3<f64>, sd: &Vector3<f64>) -> Vector3<f64> {
+    let (a, s) = (arm.component_mul(arm), sd.component_mul(sd));
+    Vector3::new(
+        s.y * a.z + s.z * a.y,
+        s.z * a.x + s.x * a.z,
+        s.x * a.y + s.y * a.x,
+    )
+}
+
+/// Diagonal of `R diag(v) R'`.
+fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+    r.component_mul(r) * v
+}
+
+/// A tag sighting: position of the deck's centre, tilt and heading.
+pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Observation {
+    let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
+    let [w, x, y, z] = m.attitude;
+    let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+    let seen = nalgebra::Rotation3::from_matrix_unchecked(camera * seen.to_rotation_matrix().into_inner());
+    let (roll, pitch, yaw) = seen.euler_angles();
+    let tilt = turn_tilt(roll, pitch, -yaw);
+
+    let arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
+    let true_arm = arm - mount.turn.cross(&arm);
+    let centre = drone.position + true_arm - seen * Vector3::from(c.deck.tag_centre_m);
+
+    let [px, py, pz, rx, ry, rz] = m.variance;
+    let floor = c.tag_min_sd_m.powi(2) + c.camera_mount_sd_m.powi(2);
+    let noise = turned(&camera, &Vector3::new(px, py, pz)) + drone.variance + lever(&arm, &mount.sd);
+    let angle = turned(&camera, &Vector3::new(rx, ry, rz)).add_scalar(c.tag_min_sd_rad.powi(2));
+    let var: [f64; AXES] = [
+        noise.x + floor,
+        noise.y + floor,
+        noise.z + floor,
+        angle.x,
+        angle.y,
+        angle.z,
+    ];
+    let value = [centre.x, centre.y, centre.z, tilt.0, tilt.1, yaw];
+    Observation {
+        at: m.header.at,
+        kind: Kind::Tag,
+        value: core::array::from_fn(|i| Some((value[i], var[i]))),
+        rate: [None; AXES],
+    }
+}
+
+/// A sighting of the UV markers: position of the deck's centre.
+pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Observation {
+    let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
+    let arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
+    let centre = drone.position + arm - mount.turn.cross(&arm);
+    let var = turned(&camera, &Vector3::from(m.variance)) + drone.variance + lever(&arm, &mount.sd);
+    let mut value = [None; AXES];
+    for i in 0..3 {
+        value[i] = Some((centre[i], var[i] + c.camera_mount_sd_m.powi(2)));
+    }
+    Observation {
+        at: m.header.at,
+        kind: Kind::Uvdar,
+        value,
+        rate: [None; AXES],
+    }
+}
+
+/// Deck as predicted at the time of a rangefinder's reading.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane {
+    /// Deck's centre, m.
+    pub centre: Vector3<f64>,
+    /// NED from deck.
+    pub rotation: UnitQuaternion<f64>,
+    /// Standard deviation of the horizontal position, m.
+    pub position_sd: f64,
+    /// Standard deviation of the tilt, rad.
+    pub tilt_sd: f64,
+}
+
+/// A rangefinder's reading of the deck: height of its centre. None when the spot is not safely
+/// inside the deck's edges.
+pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -> Option<Observation> {
+    let beam = drone.attitude * Vector3::new(0.0, 0.0, 1.0);
+    let spot = drone.position + drone.attitude * Vector3::from(c.drone.rangefinder_m) + beam * m.range_m;
+    let local = deck.rotation.inverse_transform_vector(&(spot - deck.centre));
+    let margin = c.range_margin_m + 2.0 * deck.position_sd;
+    if local.x.abs() > 0.5 * c.deck.length_m - margin || local.y.abs() > 0.5 * c.deck.width_m - margin {
+        return None;
+    }
+    let normal = deck.rotation * Vector3::z();
+    if normal.z < 0.5 || beam.z < 0.5 {
+        return None;
+    }
+    let lateral = spot - deck.centre;
+    let slope = (normal.x * lateral.x + normal.y * lateral.y) / normal.z;
+    let reach = (lateral.x * lateral.x + lateral.y * lateral.y) * deck.tilt_sd.powi(2)
+        + deck.position_sd.powi(2) * (1.0 - normal.z * normal.z);
+    let r = m.variance.max(c.range_min_sd_m.powi(2)) + reach + drone.variance.z;
+    let mut value = [None; AXES];
+    value[2] = Some((spot.z + slope, r));
+    Some(Observation {
+        at: m.header.at,
+        kind: Kind::Range,
+        value,
+        rate: [None; AXES],
+    })
+}

@@ -1,0 +1,288 @@
+//! The wave components that the predictor rolls on: the vessel's, matched from message to message,
+//! or the broad default, and always one short broad component for what they leave unexplained.
+
+use alight_shared::msg::{MAX_COMPONENTS, WaveModel};
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::vessel_model::encounter_frequency;
+
+use super::config::PredictorConfig;
+
+/// Degrees of freedom: north, east, down, tilt about north, about east, heading.
+pub const AXES: usize = 6;
+/// Most oscillators: the vessel's components and the residual one.
+pub const MAX_OSCILLATORS: usize = MAX_COMPONENTS + 1;
+/// An oscillator that no message has named for this long is taken out, s.
+const FORGET_S: f64 = 20.0;
+/// Frequencies this near (logarithm) belong to the same component.
+const SAME: f64 = 0.12;
+
+/// One oscillator `x'' + 2 lambda omega x' + omega² x = w`, the same frequency on every axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Oscillator {
+    /// Earth-frame angular frequency, rad/s.
+    pub earth_omega: f64,
+    /// Direction of travel from north towards east, rad.
+    pub direction: f64,
+    /// Its standard deviation, rad.
+    pub direction_sd: f64,
+    /// Angular frequency of encounter, rad/s.
+    pub omega: f64,
+    /// Damping ratio.
+    pub damping: f64,
+    /// Stationary standard deviation per axis, m, rad.
+    pub sd: [f64; AXES],
+    /// When a message last named it; None for those of the configuration.
+    named: Option<Time<DroneClock>>,
+}
+
+/// What a change of the components asks of the filter's states.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Change {
+    /// Oscillator `.0` has a new frequency: its rate is multiplied by `.1`.
+    Rescale(usize, f64),
+    /// Oscillator `.0` has become another component: its motion is kept, but uncertain.
+    Renew(usize),
+    /// An oscillator is new at the end.
+    Append,
+    /// Oscillator `.0` is taken out.
+    Remove(usize),
+}
+
+/// The oscillators; the residual one is always the first.
+#[derive(Clone, Debug)]
+pub struct Waves {
+    oscillators: Vec<Oscillator>,
+    min_damping: f64,
+    scale: f64,
+    min_sd: [f64; AXES],
+    /// Trust in the vessel's identification, 0 to 1.
+    pub confidence: f64,
+}
+
+impl Waves {
+    /// The broad default of the configuration.
+    pub fn new(c: &PredictorConfig) -> Self {
+        let own = |omega: f64, damping: f64, sd: [f64; AXES]| Oscillator {
+            earth_omega: omega,
+            direction: 0.0,
+            direction_sd: core::f64::consts::PI,
+            omega,
+            damping,
+            sd,
+            named: None,
+        };
+        let mut oscillators = vec![own(
+            c.residual_omega_radps,
+            c.residual_damping,
+            c.residual_sd_m_rad,
+        )];
+        oscillators.extend(
+            c.bank_omega_radps
+                .iter()
+                .take(MAX_COMPONENTS)
+                .map(|&w| own(w, c.bank_damping, c.bank_sd_m_rad)),
+        );
+        Waves {
+            oscillators,
+            min_damping: c.min_damping,
+            scale: c.wave_scale,
+            min_sd: c.min_wave_sd_m_rad,
+            confidence: 0.0,
+        }
+    }
+
+    /// The oscillators now.
+    pub fn oscillators(&self) -> &[Oscillator] {
+        &self.oscillators
+    }
+
+    /// Takes the vessel's wave model; `height` is the deck centre's above the vessel's reference
+    /// point, m. What the states must follow goes to `apply`, in order.
+    pub fn receive(
+        &mut self,
+        now: Time<DroneClock>,
+        m: &WaveModel<DroneClock>,
+        height: f64,
+        mut apply: impl FnMut(Change, &[Oscillator]),
+    ) {
+        self.confidence = f64::from(m.confidence);
+        let mut taken = [false; MAX_OSCILLATORS];
+        if let Some(t) = taken.first_mut() {
+            *t = true; // The residual oscillator belongs to nobody.
+        }
+        let mut homeless = Vec::with_capacity(MAX_COMPONENTS);
+        for c in m.components.iter() {
+            let new = self.from_message(now, c, height);
+            let nearest = self
+                .oscillators
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| !taken.get(*i).copied().unwrap_or(true))
+                .map(|(i, o)| (i, (o.earth_omega / new.earth_omega).ln().abs()))
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            match nearest {
+                Some((i, distance)) if distance < SAME => {
+                    if let (Some(t), Some(o)) = (taken.get_mut(i), self.oscillators.get_mut(i)) {
+                        *t = true;
+                        let ratio = new.omega / o.omega;
+                        *o = new;
+                        apply(Change::Rescale(i, ratio), &self.oscillators);
+                    }
+                }
+                _ => homeless.push(new),
+            }
+        }
+        for new in homeless {
+            let free = (0..self.oscillators.len()).find(|i| !taken.get(*i).copied().unwrap_or(true));
+            // An own oscillator is replaced at once; one of an earlier message lives on beside.
+            let room = self.oscillators.len() < MAX_OSCILLATORS;
+            match free {
+                Some(i) if !room || self.oscillators.get(i).is_some_and(|o| o.named.is_none()) => {
+                    if let (Some(t), Some(o)) = (taken.get_mut(i), self.oscillators.get_mut(i)) {
+                        *t = true;
+                        let ratio = new.omega / o.omega;
+                        *o = new;
+                        apply(Change::Rescale(i, ratio), &self.oscillators);
+                        apply(Change::Renew(i), &self.oscillators);
+                    }
+                }
+                _ if room => {
+                    if let Some(t) = taken.get_mut(self.oscillators.len()) {
+                        *t = true;
+                    }
+                    self.oscillators.push(new);
+                    apply(Change::Append, &self.oscillators);
+                }
+                _ => {}
+            }
+        }
+        // Those that nobody names any more are taken out, the default's at the first message.
+        for i in (1..self.oscillators.len()).rev() {
+            let gone = self.oscillators.get(i).is_some_and(|o| match o.named {
+                Some(t) => (now - t).secs() > FORGET_S,
+                None => !m.components.is_empty(),
+            });
+            if gone {
+                self.oscillators.remove(i);
+                apply(Change::Remove(i), &self.oscillators);
+            }
+        }
+    }
+
+    /// Frequencies of encounter at the mean velocity (north, east, m/s).
+    pub fn meet(&mut self, mean_velocity: [f64; 2], mut apply: impl FnMut(Change)) {
+        for (i, o) in self.oscillators.iter_mut().enumerate().skip(1) {
+            if o.direction_sd < 1.0 {
+                let omega = encounter_frequency(o.earth_omega, o.direction, mean_velocity);
+                let ratio = omega / o.omega;
+                if (ratio - 1.0).abs() > 0.005 {
+                    o.omega = omega;
+                    apply(Change::Rescale(i, ratio));
+                }
+            }
+        }
+    }
+
+    fn from_message(
+        &self,
+        now: Time<DroneClock>,
+        c: &alight_shared::msg::WaveComponent,
+        height: f64,
+    ) -> Oscillator {
+        let omega = f64::from(c.omega_encounter);
+        let stated = f64::from(c.damping).max(1e-4);
+        // Stationary spread of the vessel's oscillator, and no less than its present amplitude.
+        let spread = |dof: usize| {
+            let q = c.drive.get(dof).copied().map_or(0.0, f64::from);
+            let stationary = q / (4.0 * stated * omega.powi(3));
+            let [v, r] = c.state.get(dof).copied().unwrap_or_default().map(f64::from);
+            let present = 0.5 * (v * v + (r / omega).powi(2));
+            stationary.max(present).sqrt()
+        };
+        let tilt = spread(3).hypot(spread(4)) / 2f64.sqrt();
+        // Surge, sway and yaw are accelerations: a / omega² is their displacement. The deck is
+        // above the reference point and so moves with the tilt.
+        let orbital = spread(0).hypot(spread(1)) / 2f64.sqrt() / (omega * omega);
+        let across = orbital.hypot(height * tilt);
+        let raw = [across, across, spread(2), tilt, tilt, spread(5) / (omega * omega)];
+        Oscillator {
+            earth_omega: f64::from(c.omega),
+            direction: f64::from(c.direction),
+            direction_sd: f64::from(c.direction_sd),
+            omega,
+            damping: stated.max(self.min_damping).min(0.9),
+            sd: core::array::from_fn(|i| {
+                let limit = [5.0, 5.0, 5.0, 0.5, 0.5, 0.5];
+                (self.scale * raw[i]).clamp(self.min_sd[i], limit[i])
+            }),
+            named: Some(now),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Header, WaveComponent};
+    use alight_shared::seq::Seq;
+
+    fn model(omegas: &[f32]) -> WaveModel<DroneClock> {
+        WaveModel {
+            header: Header::default(),
+            significant_height_m: 1.0,
+            confidence: 1.0,
+            components: Seq::filled(omegas.iter().map(|&w| WaveComponent {
+                omega: w,
+                omega_encounter: w,
+                direction_sd: 0.1,
+                damping: 0.01,
+                ..Default::default()
+            })),
+        }
+    }
+
+    #[test]
+    fn components_keep_their_place_from_message_to_message() {
+        let mut w = Waves::new(&PredictorConfig::default());
+        let mut size = w.oscillators().len();
+        let mut follow = |c: Change, all: &[Oscillator]| {
+            match c {
+                Change::Append => size += 1,
+                Change::Remove(_) => size -= 1,
+                Change::Rescale(..) | Change::Renew(_) => {}
+            }
+            assert_eq!(size, all.len());
+        };
+        let at = |s: f64| Time::from_secs(s);
+        w.receive(at(0.0), &model(&[1.2, 1.05, 1.4]), 1.3, &mut follow);
+        assert_eq!(w.oscillators().len(), 4, "residual and three");
+        let before: Vec<f64> = w.oscillators().iter().map(|o| o.omega).collect();
+        // Another order, slightly other frequencies.
+        w.receive(at(0.2), &model(&[1.41, 1.19, 1.06]), 1.3, &mut follow);
+        for (a, b) in before.iter().zip(w.oscillators()) {
+            assert!((a / b.omega - 1.0).abs() < 0.02);
+        }
+        // One vanishes for good.
+        w.receive(at(30.0), &model(&[1.4, 1.2]), 1.3, &mut follow);
+        assert_eq!(w.oscillators().len(), 3);
+    }
+
+    #[test]
+    fn a_full_set_of_new_components_replaces_the_old() {
+        let mut w = Waves::new(&PredictorConfig::default());
+        w.receive(
+            Time::from_secs(0.0),
+            &model(&[0.5, 0.6, 0.75, 0.9, 1.1, 1.4]),
+            1.3,
+            |_, _| {},
+        );
+        w.receive(
+            Time::from_secs(1.0),
+            &model(&[2.0, 2.4, 3.0, 3.6, 4.5, 5.5]),
+            1.3,
+            |_, _| {},
+        );
+        assert_eq!(w.oscillators().len(), MAX_OSCILLATORS);
+        assert!(w.oscillators().iter().all(|o| o.omega >= 2.0));
+    }
+}
