@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 pub struct SeaStateConfig {
     /// Length of the record, s.
     pub window_s: f64,
+    /// Length that the record is cut to while the sea proves hard to foretell, s.
+    pub short_window_s: f64,
     /// Shortest record that is tried, s.
     pub min_window_s: f64,
     /// Time between two refinements, s.
@@ -39,12 +41,14 @@ impl Default for SeaStateConfig {
         SeaStateConfig {
             // Issue 2: "spectrum of the last minute".
             window_s: 60.0,
+            // Ours: five periods of a 5 s sea.
+            short_window_s: 25.0,
             // Ours: four periods of a 5 s sea.
             min_window_s: 20.0,
             // Ours: a fifth of a wave period, within the CPU share.
             update_period_s: 1.0,
-            // Ours: 8 Hz, four times the fastest deck (0.95 Hz) and a margin.
-            bin_s: 0.125,
+            // Ours: 5 Hz, five times the fastest deck (0.95 Hz).
+            bin_s: 0.2,
             // Ours: waves of 20 s, longer than any sea that rocks a small boat.
             omega_min_radps: 0.3,
             // Ours: small decks in a harbour rock at up to 0.95 Hz (6 rad/s).
@@ -68,6 +72,12 @@ impl Check for SeaStateConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.range("window_s", self.window_s, 20.0, 120.0)?;
         at.range("min_window_s", self.min_window_s, 10.0, self.window_s)?;
+        at.range(
+            "short_window_s",
+            self.short_window_s,
+            self.min_window_s,
+            self.window_s,
+        )?;
         at.range("update_period_s", self.update_period_s, 0.2, 10.0)?;
         at.range("bin_s", self.bin_s, 0.1, 0.5)?;
         at.range("omega_min_radps", self.omega_min_radps, 0.1, 2.0)?;

@@ -44,6 +44,8 @@ pub(super) struct Rows {
     pub t: Vec<f64>,
     /// Path since its middle: north, east, m.
     pub path: [Vec<f64>; 2],
+    /// Mean velocity: north, east, m/s.
+    velocity: [Vec<f64>; 2],
     /// Channels.
     pub y: [Vec<f64>; CHANNELS],
     /// Bin numbers since the first.
@@ -63,6 +65,7 @@ impl Rows {
         self.t.clear();
         self.slot.clear();
         self.path.iter_mut().for_each(Vec::clear);
+        self.velocity.iter_mut().for_each(Vec::clear);
         self.y.iter_mut().for_each(Vec::clear);
         let end = bins.clone().last().map_or(0.0, |b| b.t);
         let bins = bins.filter(|b| b.t >= end - window_s);
@@ -87,6 +90,7 @@ impl Rows {
                 let x = b.path[i] - middle.1[i];
                 reach = reach.max(x.abs());
                 self.path[i].push(x);
+                self.velocity[i].push(b.velocity[i]);
             }
             for c in 0..CHANNELS {
                 self.y[c].push(b.y[c]);
@@ -133,9 +137,15 @@ pub(super) struct Solution {
     pub cost: f64,
     /// Inverse of the basis' Gram matrix: covariance of coefficients per unit of noise variance.
     pub inverse: DMatrix<f64>,
+    parts: Vec<Part>,
+    moments: [DVector<f64>; CHANNELS],
+}
+
+/// Gram matrix of a group of channels that share their columns, and its factor.
+#[derive(Clone, Debug)]
+struct Part {
     gram: DMatrix<f64>,
     factor: Cholesky<f64, Dyn>,
-    moments: [DVector<f64>; CHANNELS],
 }
 
 /// Buffers of the fit.
@@ -151,18 +161,34 @@ pub(super) struct Fitter {
 }
 
 impl Fitter {
-    fn direction_columns(&self) -> bool {
-        self.rows.moving
-    }
-
     /// Fills the columns of `Psi` and solves the linear part. `None` if the Gram matrix is not
     /// positive definite (components that coincide).
     pub fn solve(&mut self, waves: &[Wave], priors: &[DirectionPrior]) -> Option<Solution> {
-        let (k, n) = (waves.len().min(MAX_COMPONENTS + 1), self.rows.len());
-        let waves = &waves[..k];
+        let waves = &waves[..waves.len().min(MAX_COMPONENTS + 1)];
+        self.fill_columns(waves);
+        let total = self.width(waves.len());
+        let mut moments: [DVector<f64>; CHANNELS] = core::array::from_fn(|_| DVector::zeros(total));
+        for c in 1..CHANNELS {
+            self.moments(c, &mut moments[c]);
+        }
+        let mut grams = vec![self.gram(total)];
+        if self.rows.moving {
+            self.scale_to_acceleration(waves);
+            grams.push(self.gram(total));
+        }
+        self.moments(0, &mut moments[0]);
+        self.linear(waves, grams, moments, priors)
+    }
+
+    /// Columns of `Psi` for `k` components.
+    fn width(&self, k: usize) -> usize {
+        DRIFT + 2 * k * (2 + usize::from(self.rows.moving))
+    }
+
+    fn fill_columns(&mut self, waves: &[Wave]) {
+        let (k, n) = (waves.len(), self.rows.len());
         let base = DRIFT + 2 * k;
-        let with_direction = self.direction_columns();
-        let total = base + 2 * k * (1 + usize::from(with_direction));
+        let total = self.width(k);
         while self.columns.len() < total {
             self.columns.push(Vec::new());
         }
@@ -187,13 +213,41 @@ impl Fitter {
                 let by_omega = self.rows.t[i] - 2.0 * w.omega / GRAVITY * along;
                 self.columns[base + 2 * j][i] = by_omega * cos;
                 self.columns[base + 2 * j + 1][i] = by_omega * sin;
-                if with_direction {
+                if self.rows.moving {
                     let by_direction = -number * (cos_d * east - sin_d * north);
                     self.columns[base + 2 * k + 2 * j][i] = by_direction * cos;
                     self.columns[base + 2 * k + 2 * j + 1][i] = by_direction * sin;
                 }
             }
         }
+    }
+
+    /// Turns the columns into those of the vertical acceleration, which for one and the same wave
+    /// goes with the square of the frequency of encounter and so changes with the course. The
+    /// factor's own dependence on the parameters is left out of the Jacobian.
+    fn scale_to_acceleration(&mut self, waves: &[Wave]) {
+        let k = waves.len();
+        for (j, w) in waves.iter().enumerate() {
+            let (sin_d, cos_d) = w.direction.sin_cos();
+            for i in 0..self.rows.len() {
+                let along = cos_d * self.rows.velocity[0][i] + sin_d * self.rows.velocity[1][i];
+                let factor = (1.0 - w.omega / GRAVITY * along).powi(2);
+                for group in 0..3 {
+                    let at = DRIFT + 2 * (group * k + j);
+                    self.columns[at][i] *= factor;
+                    self.columns[at + 1][i] *= factor;
+                }
+            }
+        }
+    }
+
+    fn moments(&self, c: usize, out: &mut DVector<f64>) {
+        for (o, column) in out.iter_mut().zip(&self.columns) {
+            *o = dot(column, &self.rows.y[c]);
+        }
+    }
+
+    fn gram(&self, total: usize) -> DMatrix<f64> {
         let mut gram = DMatrix::zeros(total, total);
         for a in 0..total {
             for b in a..total {
@@ -202,46 +256,52 @@ impl Fitter {
                 gram[(b, a)] = v;
             }
         }
-        let moments: [DVector<f64>; CHANNELS] =
-            core::array::from_fn(|c| DVector::from_fn(total, |a, _| dot(&self.columns[a], &self.rows.y[c])));
-        self.linear(waves, gram, moments, priors)
+        gram
     }
 
     fn linear(
         &self,
         waves: &[Wave],
-        gram: DMatrix<f64>,
+        grams: Vec<DMatrix<f64>>,
         moments: [DVector<f64>; CHANNELS],
         priors: &[DirectionPrior],
     ) -> Option<Solution> {
         let base = DRIFT + 2 * waves.len();
-        let mut head = gram.view((0, 0), (base, base)).clone_owned();
-        for i in DRIFT..base {
-            head[(i, i)] += self.ridge;
+        let mut parts = Vec::with_capacity(grams.len());
+        for gram in grams {
+            let mut head = gram.view((0, 0), (base, base)).clone_owned();
+            for i in DRIFT..base {
+                head[(i, i)] += self.ridge;
+            }
+            parts.push(Part {
+                gram,
+                factor: head.cholesky()?,
+            });
         }
-        let factor = head.cholesky()?;
-        let inverse = factor.inverse();
-        let coefficients: [DVector<f64>; CHANNELS] =
-            core::array::from_fn(|c| factor.solve(&moments[c].rows(0, base).clone_owned()));
-        // With the ridge: y'y - a'b is the residual plus the ridge's own share, which is the
-        // penalised cost that variable projection minimises.
+        let coefficients: [DVector<f64>; CHANNELS] = core::array::from_fn(|c| {
+            parts[part_of(c, parts.len())]
+                .factor
+                .solve(&moments[c].rows(0, base).clone_owned())
+        });
+        // y'y - a'b is the residual plus the ridge's own share: the penalised cost that variable
+        // projection minimises.
         let residual: [f64; CHANNELS] = core::array::from_fn(|c| {
             (self.rows.square[c] - coefficients[c].dot(&moments[c].rows(0, base))).max(0.0)
         });
         let mut cost: f64 = (0..CHANNELS).map(|c| self.weights[c] * residual[c]).sum();
-        if self.direction_columns() {
+        if self.rows.moving {
             for (w, p) in waves.iter().zip(priors) {
                 cost += (w.direction - p.mean).powi(2) / (p.sd * p.sd);
             }
         }
+        let inverse = parts[0].factor.inverse();
         cost.is_finite().then(|| Solution {
             waves: waves.to_vec(),
             coefficients,
             residual,
             cost,
             inverse,
-            gram,
-            factor,
+            parts,
             moments,
         })
     }
@@ -249,27 +309,31 @@ impl Fitter {
     /// The same record and components without component `drop`: no new pass over the record.
     pub fn without(&self, s: &Solution, drop: usize, priors: &[DirectionPrior]) -> Option<Solution> {
         let k = s.waves.len();
-        let keep: Vec<usize> = (0..s.gram.nrows())
+        let keep: Vec<usize> = (0..self.width(k))
             .filter(|i| *i < DRIFT || ((i - DRIFT) / 2) % k != drop)
             .collect();
-        let gram = DMatrix::from_fn(keep.len(), keep.len(), |a, b| s.gram[(keep[a], keep[b])]);
+        let grams = s
+            .parts
+            .iter()
+            .map(|p| DMatrix::from_fn(keep.len(), keep.len(), |a, b| p.gram[(keep[a], keep[b])]))
+            .collect();
         let moments = core::array::from_fn(|c| DVector::from_fn(keep.len(), |a, _| s.moments[c][keep[a]]));
         let rest = |j: &usize| *j != drop;
         let waves: Vec<Wave> = (0..k).filter(rest).map(|j| s.waves[j]).collect();
         let priors: Vec<DirectionPrior> = (0..priors.len()).filter(rest).map(|j| priors[j]).collect();
-        self.linear(&waves, gram, moments, &priors)
+        self.linear(&waves, grams, moments, &priors)
     }
 
     /// Gauss-Newton matrix and gradient of half the cost in `(omega_j .., theta_j ..)`.
     fn normal_equations(&self, s: &Solution, priors: &[DirectionPrior]) -> (DMatrix<f64>, DVector<f64>) {
         let k = s.waves.len();
         let base = DRIFT + 2 * k;
-        let groups = 1 + usize::from(self.direction_columns());
-        let p = k * groups;
+        let p = k * (1 + usize::from(self.rows.moving));
         let mut h = DMatrix::zeros(p, p);
         let mut g = DVector::zeros(p);
         for c in 0..CHANNELS {
             let a = &s.coefficients[c];
+            let Part { gram, factor } = &s.parts[part_of(c, s.parts.len())];
             // Column m of D is  b_j (w cos) - a_j (w sin)  of group m / k, component j = m % k.
             let term = |m: usize| {
                 let (group, j) = (m / k, m % k);
@@ -278,10 +342,9 @@ impl Fitter {
             };
             // Phi' D and its whitened form L^-1 Phi' D.
             let phi_d = DMatrix::from_fn(base, p, |i, m| {
-                term(m).iter().map(|(col, f)| f * s.gram[(i, *col)]).sum()
+                term(m).iter().map(|(col, f)| f * gram[(i, *col)]).sum()
             });
-            let white = s
-                .factor
+            let white = factor
                 .l_dirty()
                 .solve_lower_triangular(&phi_d)
                 .unwrap_or_else(|| DMatrix::zeros(base, p));
@@ -293,7 +356,7 @@ impl Fitter {
                     let mut d_d = 0.0;
                     for (x, fx) in term(m) {
                         for (y, fy) in term(q) {
-                            d_d += fx * fy * s.gram[(x, y)];
+                            d_d += fx * fy * gram[(x, y)];
                         }
                     }
                     let v = self.weights[c] * (d_d - white.column(m).dot(&white.column(q)));
@@ -304,7 +367,7 @@ impl Fitter {
                 }
             }
         }
-        if groups == 2 {
+        if self.rows.moving {
             for j in 0..k.min(priors.len()) {
                 let w = 1.0 / (priors[j].sd * priors[j].sd);
                 h[(k + j, k + j)] += w;
@@ -373,13 +436,13 @@ impl Fitter {
         Some(inverse.diagonal().map(|v| v.max(0.0).sqrt()))
     }
 
-    /// Residual of channel `c` at every row of the record, appended to `out`. The columns must be
-    /// those of `s`.
+    /// Residuals of `s` at every row of the record.
     pub fn residuals(&mut self, s: &Solution, out: &mut [Vec<f64>; CHANNELS]) {
-        if self.solve(&s.waves, &[]).is_none() {
-            return;
-        }
-        for c in 0..CHANNELS {
+        self.fill_columns(&s.waves);
+        for c in [1, 2, 0] {
+            if c == 0 && self.rows.moving {
+                self.scale_to_acceleration(&s.waves);
+            }
             out[c].clear();
             out[c].extend_from_slice(&self.rows.y[c]);
             for (a, column) in s.coefficients[c].iter().zip(&self.columns) {
@@ -391,7 +454,16 @@ impl Fitter {
     }
 }
 
+/// Which of `parts` channel `c` belongs to: the acceleration has its own on a moving vessel.
+fn part_of(c: usize, parts: usize) -> usize {
+    usize::from(c == 0 && parts == 2)
+}
+
 impl Solution {
+    /// Offset and trend of channel `c` at the end of the record.
+    pub fn level_at_end(&self, c: usize) -> f64 {
+        self.coefficients[c][0] + self.coefficients[c][1]
+    }
     /// Phasor of channel `c` of component `j` at the middle of the record: `Re(p e^{i phi})`.
     pub fn phasor(&self, c: usize, j: usize) -> Complex<f64> {
         Complex::new(

@@ -18,7 +18,9 @@ use super::{MotionSample, SeaComponent, SeaState, SeaStateConfig, Verdict};
 /// Passes over the record to follow known components.
 const TRACK_PASSES: usize = 2;
 /// Passes over the record to settle a new hypothesis.
-const TRIAL_PASSES: usize = 4;
+const TRIAL_PASSES: usize = 6;
+/// New hypotheses per update: one at the residual's peak, one split.
+const TRIALS: u64 = 2;
 /// A state older than this is not given out any more, s.
 const STALE_S: f64 = 5.0;
 
@@ -34,6 +36,9 @@ pub struct Identifier {
     rounds: u64,
     worked_at: Option<Time<VesselClock>>,
     state: Option<SeaState>,
+    window_s: f64,
+    surprise: f64,
+    drift: [f64; 2],
 }
 
 impl fmt::Debug for Identifier {
@@ -60,6 +65,9 @@ impl Identifier {
             rounds: 0,
             worked_at: None,
             state: None,
+            window_s: config.window_s,
+            surprise: 0.0,
+            drift: [0.0; 2],
         }
     }
 
@@ -98,9 +106,53 @@ impl Identifier {
             self.state = None;
             return;
         }
-        self.fitter.rows.load(self.record.bins(), self.config.window_s);
+        self.adapt_window();
+        self.fitter.rows.load(self.record.bins(), self.window_s);
         self.state = self.identify();
         self.rounds += 1;
+    }
+
+    /// The record that is used grows while the last state has foretold what came since, and shrinks
+    /// when it has not: a changed or a broad sea is described by its newest part only.
+    fn adapt_window(&mut self) {
+        let Some(state) = &self.state else {
+            self.window_s = self.config.window_s;
+            self.surprise = 0.0;
+            return;
+        };
+        let from = self.record.elapsed(state.at);
+        let velocity = self.mean_velocity();
+        let (mut error, mut signal, mut n) = (0.0, 0.0, 0);
+        for bin in self.record.bins().filter(|b| b.t > from) {
+            let mut tilt = self.drift;
+            for c in state.components.iter() {
+                let turn = Complex::from_polar(1.0, c.encounter(velocity) * (bin.t - from));
+                tilt[0] += (c.normal[0] * turn).re;
+                tilt[1] += (c.normal[1] * turn).re;
+            }
+            for i in 0..2 {
+                error += (bin.y[1 + i] - tilt[i]).powi(2);
+            }
+            n += 1;
+        }
+        for c in state.components.iter() {
+            signal += 0.5 * c.amplitude_tilt_rad.powi(2);
+        }
+        let floor = self.config.tilt_noise_rad.powi(2);
+        if n > 0 {
+            let ratio = error / f64::from(n) / (signal + 10.0 * floor);
+            let share = (self.config.update_period_s / 4.0).min(1.0);
+            self.surprise += share * (ratio.min(2.0) - self.surprise);
+        }
+        let period = self.config.update_period_s;
+        let span = self.record.span_s();
+        self.window_s = if self.surprise > 0.15 {
+            (self.window_s.min(span) - 4.0 * period).max(self.config.short_window_s)
+        } else if self.surprise < 0.05 {
+            (self.window_s + period).min(self.config.window_s)
+        } else {
+            self.window_s
+        };
     }
 
     /// Noise variances that are believed possible, per channel.
@@ -123,6 +175,7 @@ impl Identifier {
         ];
         if (0..CHANNELS).all(|c| variance[c] < gate[c]) {
             self.waves.clear();
+            self.drift = [still.level_at_end(1), still.level_at_end(2)];
             return Some(self.report(&still, &[], variance, Verdict::Calm));
         }
 
@@ -137,14 +190,11 @@ impl Identifier {
         best = self.fitter.solve(&waves, &priors)?;
         best = self.fitter.refine(best, &priors, self.limits(), TRACK_PASSES);
         self.prune(&mut best, &mut priors);
-        // A cold start may take several at once; otherwise one hypothesis a round.
-        let tries = if best.waves.len() < 2 { 3 } else { 1 };
-        for attempt in 0..tries {
-            if !self.explore(&mut best, &mut priors, self.rounds + attempt) {
-                break;
-            }
+        for attempt in 0..TRIALS {
+            self.explore(&mut best, &mut priors, self.rounds * TRIALS + attempt);
         }
         self.settle_directions(&mut best);
+        self.drift = [best.level_at_end(1), best.level_at_end(2)];
         self.waves.clone_from(&best.waves);
         Some(self.report(&best, &priors, variance, Verdict::Identified))
     }
@@ -234,13 +284,16 @@ impl Identifier {
         let mut waves = best.waves.clone();
         let mut trial_priors = priors.clone();
         if split {
+            // Each in turn, and on a course each with both, then neither, order of directions.
             let j = (round / 2) as usize % k;
+            let fan = [0.2, -0.2][(round / 2) as usize / k % 2];
             let apart = TAU * 0.3 / self.fitter.rows.span_s;
             let twin = Wave {
                 omega: waves[j].omega + apart,
-                ..waves[j]
+                direction: waves[j].direction - fan,
             };
             waves[j].omega -= apart;
+            waves[j].direction += fan;
             waves.push(twin);
             trial_priors.push(DirectionPrior { sd: 1.0, ..priors[j] });
             trial_priors[j].sd = 1.0;
@@ -350,7 +403,14 @@ impl Identifier {
                 ..SeaComponent::default()
             };
             let encounter = component.encounter(u);
-            component.heave = -s.phasor(0, j) * turn / (encounter * encounter).max(0.01);
+            // On a moving vessel the column holds the change from omega to the encounter.
+            let square = if self.fitter.rows.moving {
+                w.omega
+            } else {
+                encounter
+            }
+            .powi(2);
+            component.heave = -s.phasor(0, j) * turn / square.max(0.01);
             component.normal = [s.phasor(1, j) * turn, s.phasor(2, j) * turn];
             component.amplitude_heave_m = component.heave.norm();
             component.amplitude_tilt_rad = component.normal[0].norm().hypot(component.normal[1].norm());

@@ -25,6 +25,8 @@ pub(super) struct Bin {
     pub t: f64,
     /// Mean path: north, east, m since the record's start.
     pub path: [f64; 2],
+    /// Mean of the mean velocity: north, east, m/s.
+    pub velocity: [f64; 2],
     /// Mean of the channels.
     pub y: [f64; CHANNELS],
     /// Samples in it.
@@ -120,6 +122,7 @@ impl Record {
         open.t += (t - open.t) * share;
         for i in 0..2 {
             open.path[i] += (self.path[i] - open.path[i]) * share;
+            open.velocity[i] += (sample.mean_velocity[i] - open.velocity[i]) * share;
         }
         for c in 0..CHANNELS {
             open.y[c] += (y[c] - open.y[c]) * share;
