@@ -19,6 +19,16 @@ pub enum PlannerKind {
     Mpc,
 }
 
+impl PlannerKind {
+    /// The name on the command line and in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            PlannerKind::MpcFaa => "mpc-faa",
+            PlannerKind::Mpc => "mpc",
+        }
+    }
+}
+
 /// Rotor limits and how the four virtual inputs share them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -172,7 +182,7 @@ impl Default for Shaping {
     fn default() -> Self {
         Shaping {
             horizontal_mps: 7.0,
-            horizontal_mps2: 3.0,
+            horizontal_mps2: 2.5,
             vertical_mps: 3.0,
             vertical_mps2: 1.5,
             yaw_rps: 0.8,
@@ -296,6 +306,8 @@ impl Default for PlannerConfig {
             increment_weight: 0.1,
             navigation: Weights {
                 vertical: 40.0,
+                tilt: 20.0,
+                rates: 10.0,
                 horizontal_velocity: 5.0,
                 vertical_velocity: 40.0,
                 ..Weights::default()

@@ -41,6 +41,8 @@ pub struct SlackCost {
 
 /// Stands in for a ceiling that is not there, m: far beyond what a horizon can reach.
 pub const NO_CEILING: f64 = 1.0e3;
+/// What one unit of slack buys at the ceiling, m: going below the minimum altitude is dear.
+pub const CEILING_SLACK_M: f64 = 0.1;
 /// How far a limit may be passed before the unconstrained optimum counts as violating it, in the
 /// limit's own unit: the solver's feasibility tolerance.
 const TOLERANCE: f64 = 1e-9;
@@ -197,7 +199,7 @@ impl<const N: usize> SparseForm<N> {
             b.push(0.0);
             if limits.ceiling {
                 set(b.len(), x(k), 1.0);
-                set(b.len(), s(k), -1.0);
+                set(b.len(), s(k), -CEILING_SLACK_M);
                 b.push(NO_CEILING);
             }
             for (i, limit) in limits.state.iter().enumerate() {
@@ -326,6 +328,11 @@ fn take<const N: usize>(form: &SparseForm<N>, x: &[f64], previous_input: f64, in
     let mut before = previous_input;
     for (k, slot) in inputs.iter_mut().enumerate() {
         let u = x.get(k * (N + 2)).copied().unwrap_or(f64::NAN);
+        if !u.is_finite() {
+            // The caller sees it and calls the problem infeasible.
+            *slot = f64::NAN;
+            continue;
+        }
         let slew = form.limits.slew;
         let u = u
             .clamp(before - slew, before + slew)

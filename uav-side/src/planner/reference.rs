@@ -194,6 +194,7 @@ impl Guide {
         self.heading(
             now, wish, &hold, mission, forecast, stages, step_s, &start, aim, problem,
         );
+        self.keep_dry(aim, problem);
         self.align(aim, problem);
         aim.alignment = problem.weight.first().map_or(0.0, |w| w[3]);
     }
@@ -423,6 +424,17 @@ impl Guide {
         }
     }
 
+    /// No reference below the minimum altitude where it is not over the deck.
+    fn keep_dry(&self, aim: &Aim, problem: &mut Problem) {
+        for (k, r) in problem.reference.iter_mut().enumerate() {
+            let ceiling = self.ceiling(aim, k, r[0], r[1]);
+            if r[2] > ceiling {
+                r[2] = ceiling;
+                r[8] = r[8].min(0.0);
+            }
+        }
+    }
+
     /// Soft upper bound of z at a place: the minimum altitude over the water, nothing over the deck.
     pub fn ceiling(&self, aim: &Aim, stage: usize, x: f64, y: f64) -> f64 {
         if let Some(d) = aim.deck.get(stage + 1) {
@@ -514,7 +526,7 @@ impl<const D: usize> Gap<D> {
     /// bounded; continuous in velocity.
     fn advance(&mut self, time_s: f64, pace: &Pace) {
         const SUBSTEP_S: f64 = 0.025;
-        const BRAKING: f64 = 1.3;
+        const BRAKING: f64 = 1.15;
         let n = (time_s / SUBSTEP_S).ceil().clamp(1.0, 40.0);
         let dt = time_s / n;
         for _ in 0..n as usize {

@@ -1,1 +1,584 @@
+//! The planner in a closed loop, its solver against the naive dense one, and bad input.
 
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::{AutopilotState, Header, State as Mode};
+use nalgebra::{DMatrix, DVector, SVector};
+use proptest::prelude::*;
+
+use super::condensed::{Condensed, StageCost};
+use super::mpc_faa::heading_free;
+use super::qp::{ChainLimits, Instance, NO_CEILING, SlackCost, SparseForm};
+use super::*;
+use crate::planner;
+
+#[path = "../../benches/approach/mod.rs"]
+mod approach;
+#[path = "../../benches/naive/mod.rs"]
+mod naive;
+
+use approach::{ABOVE, Approach, MODERATE, Sea, naive_data};
+
+fn config(kind: PlannerKind) -> PlannerConfig {
+    PlannerConfig {
+        kind,
+        ..PlannerConfig::default()
+    }
+}
+
+/// Every tenth problem of a landing that begins 5 m aside, and whether the solver was needed.
+fn recorded() -> Vec<(Problem, bool)> {
+    let (mut all, mut count) = (Vec::new(), 0);
+    let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
+    Approach::new(MODERATE, from, 2.0).land(&PlannerConfig::default(), |p, plan| {
+        if count % 10 == 0 {
+            all.push((p.problem().clone(), plan.iterations > 0));
+        }
+        count += 1;
+    });
+    all
+}
+
+#[test]
+fn an_ideal_follower_touches_aligned_with_faa_and_tilted_without() {
+    for phase in [0.0, 2.0, 4.0] {
+        let sea = Sea { phase, ..MODERATE };
+        let mut worst = Solve::Optimal;
+        let mut least = f64::MAX;
+        let with = Approach::new(sea, ABOVE, 4.0)
+            .land(&config(PlannerKind::MpcFaa), |_, p| {
+                least = least.min(-p.stages[0].position[2]);
+                if p.solve != Solve::Optimal {
+                    worst = p.solve;
+                }
+            })
+            .expect("touches");
+        let without = Approach::new(sea, ABOVE, 4.0)
+            .land(&config(PlannerKind::Mpc), |_, _| {})
+            .expect("touches");
+        assert!(
+            with.time_s < 15.0 && without.time_s < 15.0,
+            "{with:?} {without:?}"
+        );
+        assert!(with.tilt.to_degrees() < 2.0, "{with:?}");
+        assert!(
+            without.tilt > 2.0 * with.tilt && without.tilt.to_degrees() > 2.0,
+            "{without:?}"
+        );
+        assert!((0.3..0.7).contains(&with.speed_mps), "{with:?}");
+        assert!(with.off_m < 0.4, "{with:?}");
+        assert!(with.announced_s.is_some_and(|t| t.abs() < 0.03), "{with:?}");
+        assert_eq!(worst, Solve::Optimal);
+    }
+}
+
+#[test]
+fn the_horizons_of_paper_and_print_both_land() {
+    for (stages, step_s) in [(20, 0.05), (40, 0.05)] {
+        let c = PlannerConfig {
+            stages,
+            step_s,
+            ..PlannerConfig::default()
+        };
+        let contact = Approach::new(MODERATE, ABOVE, 4.0)
+            .land(&c, |_, p| {
+                assert!(p.stages.len() == 41 && p.stages.len() > stages)
+            })
+            .expect("touches");
+        assert!(
+            contact.tilt.to_degrees() < 2.0 && contact.off_m < 0.8,
+            "{contact:?}"
+        );
+    }
+    let per_stage = PlannerConfig {
+        faa: weights::Faa {
+            distance: weights::FaaDistance::PerStage,
+            ..weights::Faa::default()
+        },
+        ..PlannerConfig::default()
+    };
+    let contact = Approach::new(MODERATE, ABOVE, 4.0)
+        .land(&per_stage, |_, _| {})
+        .expect("touches");
+    assert!(contact.tilt.to_degrees() < 2.0, "{contact:?}");
+}
+
+#[test]
+fn free_optimum_equals_the_condensed_problem_of_the_paper() {
+    let c = PlannerConfig::default();
+    let mut mpc = Mpc::new(&c, &DroneGeometry::default());
+    let (mut compared, mut solution) = (0, Solution::default());
+    for (mut problem, limited) in recorded() {
+        if limited {
+            continue;
+        }
+        let ceiling = problem.ceiling.clone();
+        mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
+        let dense = naive::unconstrained(&naive_data(&c, &mpc, &problem)).expect("positive definite");
+        for (a, b) in solution.inputs.iter().zip(&dense) {
+            for i in 0..4 {
+                assert!((a[i] - b[i]).abs() < 1e-8, "{a:?} {b:?}");
+            }
+        }
+        compared += 1;
+    }
+    assert!(compared > 10, "{compared}");
+}
+
+#[test]
+fn limited_optimum_equals_the_condensed_problem_of_the_paper() {
+    let c = PlannerConfig::default();
+    let mut mpc = Mpc::new(&c, &DroneGeometry::default());
+    let (mut compared, mut solution, mut worst) = (0, Solution::default(), 0.0_f64);
+    for (mut problem, limited) in recorded() {
+        if !limited {
+            continue;
+        }
+        let ceiling = problem.ceiling.clone();
+        mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
+        assert_eq!(solution.solve, Solve::Optimal);
+        let mut data = naive_data(&c, &mpc, &problem);
+        // Inputs late in the horizon hardly matter to the cost: only a tight gap pins them down.
+        data.tolerance = 1e-12;
+        let dense = naive::constrained(&data).expect("solved");
+        for (a, b) in solution.inputs.iter().zip(&dense) {
+            for i in 0..4 {
+                worst = worst.max((a[i] - b[i]).abs());
+            }
+        }
+        let (ours, theirs) = (naive::cost(&data, &solution.inputs), naive::cost(&data, &dense));
+        assert!(ours <= theirs + 1e-5 * (1.0 + theirs), "{ours} {theirs}");
+        compared += 1;
+    }
+    assert!(compared > 5, "{compared}");
+    // Of a range of 0.6 in tilt; our gap is Clarabel's default of 1e-8.
+    assert!(worst < 2e-3, "{worst}");
+}
+
+#[test]
+fn sparse_form_equals_the_condensed_one() {
+    // The sparse form's optimality conditions without inequalities, by a dense LU.
+    let model = heading_free(&DroneGeometry::default()).x_chain().discrete(0.1);
+    let limits = ChainLimits {
+        input: [-0.3, 0.3],
+        slew: 0.3,
+        state: [None, Some(8.0), Some(0.8), Some(2.0)],
+        ceiling: false,
+    };
+    let slack = SlackCost {
+        linear: 1.0,
+        quadratic: 1.0,
+    };
+    let mut form = SparseForm::new(model, 20, 0.1, limits, slack);
+    let cost: Vec<_> = (0..20)
+        .map(|k| StageCost {
+            reference: SVector::from([0.1 * f64::from(k), 0.5, 0.05, 0.0]),
+            weight: SVector::from([30.0, 1.0, 1.0 + 100.0 * f64::from(k), 1.0]),
+        })
+        .collect();
+    let state = SVector::from([0.4, -0.3, 0.1, 0.05]);
+    form.fill(&Instance {
+        state,
+        previous_input: 0.02,
+        cost: &cost,
+        ceiling: &[NO_CEILING; 20],
+    });
+    let (n, m) = (form.q.len(), form.equalities);
+    let mut kkt = DMatrix::zeros(n + m, n + m);
+    let mut rhs = DVector::zeros(n + m);
+    for j in 0..n {
+        rhs[j] = -form.q[j];
+        for i in form.p.colptr[j]..form.p.colptr[j + 1] {
+            kkt[(form.p.rowval[i], j)] = form.p.nzval[i];
+            kkt[(j, form.p.rowval[i])] = form.p.nzval[i];
+        }
+        for i in form.a.colptr[j]..form.a.colptr[j + 1] {
+            let row = form.a.rowval[i];
+            if row < m {
+                kkt[(n + row, j)] = form.a.nzval[i];
+                kkt[(j, n + row)] = form.a.nzval[i];
+            }
+        }
+    }
+    rhs.rows_mut(n, m).copy_from_slice(&form.b[..m]);
+    let sparse = kkt.lu().solve(&rhs).expect("regular");
+    let mut inputs = [0.0; 20];
+    assert!(Condensed::new(model, 20, 0.1).solve(&state, 0.02, &cost, &mut inputs));
+    for (k, u) in inputs.iter().enumerate() {
+        assert!((u - sparse[k * 6]).abs() < 1e-8, "{k}: {u} {}", sparse[k * 6]);
+    }
+}
+
+/// One planner, its clock and its sequence, for tests that talk to it directly.
+struct Bench {
+    planner: Planner,
+    tick: i64,
+    drone: DroneState,
+    plan: Option<Plan>,
+}
+
+impl Bench {
+    fn new(position: [f64; 3]) -> Self {
+        Bench {
+            planner: Planner::new(
+                &PlannerConfig::default(),
+                &DroneGeometry::default(),
+                &DeckGeometry::default(),
+                7,
+            ),
+            tick: 0,
+            drone: DroneState {
+                position,
+                ..DroneState::default()
+            },
+            plan: None,
+        }
+    }
+    fn now(&self) -> Time<DroneClock> {
+        Time::from_nanos(self.tick * 10_000_000)
+    }
+    fn header(&self) -> Header<DroneClock> {
+        Header::new(1, 1, 1, self.tick as u32 + 1, self.now())
+    }
+    /// One tick of an ideal follower.
+    fn tick(&mut self, mission: MissionState, sea: Option<&Sea>) -> Option<Plan> {
+        let now = self.now();
+        if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(now)) {
+            self.drone.position = s.position;
+            self.drone.velocity = s.velocity;
+            let q = nalgebra::UnitQuaternion::from_euler_angles(s.euler[0], s.euler[1], s.euler[2]);
+            self.drone.attitude = [q.w, q.i, q.j, q.k];
+        }
+        self.drone.header = self.header();
+        let input = PlannerIn {
+            forecast: sea.map(|s| s.forecast(now, self.tick as u32 + 1)),
+            mission: Some(MissionState {
+                header: self.header(),
+                ..mission
+            }),
+            drone: Some(self.drone),
+            autopilot: None,
+        };
+        let out = self.planner.step(now, &input).plan;
+        self.tick += 1;
+        if out.is_some() {
+            self.plan = out;
+        }
+        out
+    }
+}
+
+fn hold(position: [f64; 3]) -> MissionState {
+    MissionState {
+        state: Mode::Hold,
+        hold_position: position,
+        hold_yaw: 3.0,
+        minimum_altitude_m: 2.0,
+        ..MissionState::default()
+    }
+}
+
+#[test]
+fn a_far_target_is_reached_fast_and_smoothly_within_limits() {
+    let mut b = Bench::new([0.0, 0.0, -5.0]);
+    let (mut speed, mut tilt, mut rate) = (0.0_f64, 0.0_f64, 0.0_f64);
+    let mut arrived = None;
+    for _ in 0..2000 {
+        if let Some(plan) = b.tick(hold([40.0, -20.0, -15.0]), None) {
+            assert_eq!(plan.solve, Solve::Optimal);
+            for s in plan.stages.iter() {
+                speed = speed.max(s.velocity[0].hypot(s.velocity[1]));
+                tilt = tilt.max(s.euler[0].hypot(s.euler[1]));
+                rate = rate.max(s.euler_rates[2].abs());
+            }
+        }
+        let p = b.drone.position();
+        if arrived.is_none() && (p - Vector3::new(40.0, -20.0, -15.0)).norm() < 0.5 {
+            arrived = Some(b.now().secs());
+        }
+    }
+    let overshoot = b.drone.position[0] - 40.0;
+    assert!(arrived.is_some_and(|t| t < 13.0), "{arrived:?}");
+    assert!((5.0..8.3).contains(&speed), "{speed}");
+    assert!(tilt.to_degrees() < 30.0 && rate < 1.0, "{tilt} {rate}");
+    assert!(overshoot.abs() < 0.05 && b.drone.velocity().norm() < 0.05);
+    // The short way round from 0 to 3 rad is through 1.5, and it gets there.
+    assert!((wrap_angle(b.drone.euler().z - 3.0)).abs() < 0.02);
+    assert_eq!(b.planner.counters().resets, 1);
+}
+
+#[test]
+fn navigation_runs_at_10_hz_and_landing_at_50() {
+    let mut b = Bench::new(ABOVE);
+    let count = |b: &mut Bench, state, n| {
+        (0..n)
+            .filter(|_| {
+                let mission = MissionState {
+                    state,
+                    height_m: 7.0,
+                    ..hold(ABOVE)
+                };
+                b.tick(mission, Some(&MODERATE)).is_some()
+            })
+            .count()
+    };
+    assert_eq!(count(&mut b, Mode::Hold, 100), 10);
+    assert_eq!(count(&mut b, Mode::Tracking, 100), 50);
+    assert_eq!(count(&mut b, Mode::Landed, 100), 0);
+    assert_eq!(count(&mut b, Mode::Idle, 100), 0);
+}
+
+#[test]
+fn tracking_does_not_chase_heave() {
+    let mut b = Bench::new(ABOVE);
+    let (mut low, mut high, mut off) = (f64::MAX, f64::MIN, 0.0_f64);
+    for tick in 0..3000 {
+        let mission = MissionState {
+            state: Mode::Tracking,
+            height_m: 7.0,
+            minimum_altitude_m: 2.0,
+            ..MissionState::default()
+        };
+        b.tick(mission, Some(&MODERATE));
+        if tick > 2000 {
+            low = low.min(b.drone.position[2]);
+            high = high.max(b.drone.position[2]);
+            let deck = MODERATE.deck(b.now().secs());
+            off = off
+                .max((b.drone.position[0] - deck.position[0]).hypot(b.drone.position[1] - deck.position[1]));
+        }
+    }
+    assert!(
+        high - low < 0.2 && (0.5 * (high + low) + 8.3).abs() < 0.1,
+        "{low} {high}"
+    );
+    assert!(off < 0.05, "{off}");
+}
+
+#[test]
+fn no_plan_goes_below_the_minimum_altitude_beside_the_deck() {
+    // Told to land while 6 m beside the deck: it may come down only as far as the water allows.
+    let mut b = Bench::new([14.0, -8.0, -4.0]);
+    let mut lowest = f64::MAX;
+    for _ in 0..100 {
+        let mission = MissionState {
+            state: Mode::Flare,
+            descent_mps: 2.0,
+            minimum_altitude_m: 2.5,
+            ..MissionState::default()
+        };
+        if let Some(plan) = b.tick(
+            mission,
+            Some(&Sea {
+                heave: 0.0,
+                ..MODERATE
+            }),
+        ) {
+            for (i, s) in plan.stages.iter().enumerate() {
+                let t = plan.header.at + plan.step * i as i64;
+                let d = MODERATE.deck(t.secs()).position;
+                // Outside the outline widened by half a metre.
+                if (s.position[0] - d[0]).hypot(s.position[1] - d[1]) > 2.3 {
+                    lowest = lowest.min(-s.position[2]);
+                }
+            }
+        }
+    }
+    assert!(lowest > 2.45 && lowest < 3.0, "{lowest}");
+}
+
+#[test]
+fn a_drone_far_from_its_plan_or_a_jump_of_origin_starts_anew() {
+    let mut b = Bench::new([0.0, 0.0, -10.0]);
+    for _ in 0..50 {
+        b.tick(hold([0.0, 0.0, -10.0]), None);
+    }
+    assert_eq!(b.planner.counters().resets, 1);
+    // Pushed aside by 2 m.
+    b.plan = None;
+    b.drone.position = [2.0, 0.0, -10.0];
+    let plan = (0..10)
+        .find_map(|_| b.tick(hold([0.0, 0.0, -10.0]), None))
+        .expect("plans");
+    assert!((plan.stages[0].position[0] - 2.0).abs() < 1e-9);
+    assert_eq!(b.planner.counters().resets, 2);
+    // Half a metre is the tracker's business.
+    b.plan = None;
+    b.drone.position[0] = plan.stages[1].position[0] + 0.5;
+    b.tick(hold([0.0, 0.0, -10.0]), None);
+    for origin_resets in [0, 1] {
+        let input = PlannerIn {
+            autopilot: Some(AutopilotState {
+                header: b.header(),
+                origin_resets,
+                ..AutopilotState::default()
+            }),
+            ..PlannerIn::default()
+        };
+        b.planner.step(b.now(), &input);
+        b.tick += 1;
+    }
+    let before = b.planner.counters().resets;
+    for _ in 0..10 {
+        b.tick(hold([0.0, 0.0, -10.0]), None);
+    }
+    assert_eq!(b.planner.counters().resets, before + 1);
+}
+
+#[test]
+fn without_a_forecast_it_stays_where_it_is() {
+    let mut b = Bench::new(ABOVE);
+    let mission = |state| MissionState {
+        state,
+        height_m: 7.0,
+        descent_mps: 1.0,
+        minimum_altitude_m: 2.0,
+        ..MissionState::default()
+    };
+    for _ in 0..300 {
+        b.tick(mission(Mode::Tracking), Some(&MODERATE));
+    }
+    for _ in 0..100 {
+        b.tick(mission(Mode::Descent), Some(&MODERATE));
+    }
+    let mut stopped = None;
+    for tick in 0..800 {
+        let plan = b.tick(mission(Mode::Descent), None);
+        if tick == 400 {
+            stopped = Some(b.drone.position());
+        }
+        if tick > 60
+            && let Some(plan) = plan
+        {
+            assert_eq!(plan.touchdown_at, None);
+        }
+    }
+    let moved = (b.drone.position() - stopped.expect("ticked")).norm();
+    assert!(moved < 0.1 && b.drone.velocity().norm() < 0.02, "{moved}");
+}
+
+#[test]
+fn messages_out_of_order_are_counted_and_ignored() {
+    let mut b = Bench::new([0.0, 0.0, -10.0]);
+    for _ in 0..20 {
+        b.tick(hold([0.0, 0.0, -10.0]), None);
+    }
+    let (now, mut old) = (b.now(), hold([500.0, 0.0, -10.0]));
+    old.header = Header::new(1, 1, 1, 3, now);
+    let mut early = hold([500.0, 0.0, -10.0]);
+    early.header = Header::new(1, 1, 1, 900, now + Span::from_secs(1.0));
+    let mut foreign = hold([500.0, 0.0, -10.0]);
+    foreign.header = Header::new(1, 1, 1, 901, now);
+    foreign.header.version += 1;
+    let mut absurd = hold([f64::NAN, 0.0, -10.0]);
+    absurd.header = Header::new(1, 1, 1, 902, now);
+    for (k, m) in [old, early, foreign, absurd].into_iter().enumerate() {
+        let input = PlannerIn {
+            mission: Some(m),
+            ..PlannerIn::default()
+        };
+        b.planner.step(now, &input);
+        assert_eq!(b.planner.counters().rejected, k as u32 + 1);
+    }
+    for _ in 0..100 {
+        b.tick(hold([0.0, 0.0, -10.0]), None);
+    }
+    assert!(b.drone.position().xy().norm() < 0.01);
+}
+
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => -30.0..30.0_f64,
+        1 => prop::sample::select(vec![0.0, f64::NAN, f64::INFINITY, -1e12, 1e-300, 9e4, -90.0]),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+
+    #[test]
+    fn every_rotor_keeps_its_limits_whatever_the_problem(
+        state in prop::array::uniform12(-3.0..3.0_f64),
+        target in prop::array::uniform12(-20.0..20.0_f64),
+        growth in 0.0..1.0_f64,
+        previous in prop::array::uniform4(-0.2..0.2_f64),
+    ) {
+        let c = PlannerConfig::default();
+        let drone = DroneGeometry::default();
+        let mut mpc = Mpc::new(&c, &drone);
+        let weight = c.faa.apply(&c.landing.diagonal(), growth);
+        let mut problem = Problem {
+            state,
+            input: previous,
+            reference: vec![target; 20],
+            weight: vec![weight; 20],
+            ceiling: Vec::new(),
+        };
+        let mut solution = Solution::default();
+        mpc.solve(&mut problem, |_, x, _| if x > 0.0 { -1.0 } else { NO_CEILING }, &mut solution);
+        prop_assert!(solution.solve != Solve::Infeasible);
+        let highest = drone.max_thrust_n / (drone.mass_kg * GRAVITY);
+        let rotor = |nu: &[f64; 4], r: usize| 1.0 + (0..4).map(|i| model::MIXER[i][r] * nu[i]).sum::<f64>();
+        let mut before = previous;
+        for nu in &solution.inputs {
+            for r in 0..4 {
+                let u = rotor(nu, r);
+                prop_assert!(u >= c.rotors.lowest - 1e-9 && u <= highest + 1e-9, "{u}");
+                let change = (u - rotor(&before, r)).abs();
+                prop_assert!(change <= c.rotors.slew_per_s * c.step_s + 1e-9, "{change}");
+            }
+            before = *nu;
+        }
+    }
+
+    #[test]
+    fn whatever_it_hears_its_plans_are_sane(
+        steps in prop::collection::vec(
+            (prop::array::uniform12(number()), 0..10_usize, 0..8_u32, -3..3_i64, prop::bool::weighted(0.7)), 1..40
+        ),
+    ) {
+        let config = PlannerConfig::default();
+        let (drone_geometry, deck_geometry) = (DroneGeometry::default(), DeckGeometry::default());
+        let mut planner = Planner::new(&config, &drone_geometry, &deck_geometry, 1);
+        const MODES: [Mode; 10] = [
+            Mode::Idle, Mode::GetAltitude, Mode::Approach, Mode::Tracking, Mode::TrackingStable,
+            Mode::Descent, Mode::Flare, Mode::Landed, Mode::Hold, Mode::GaveUp,
+        ];
+        for (i, (v, mode, jitter, shift, calm)) in steps.iter().enumerate() {
+            let now = Time::<DroneClock>::from_nanos(20_000_000 * (i as i64 + 1));
+            let header = Header::new(1, 1, 1, (i as u32 * 4).wrapping_add(*jitter), now + Span::from_millis(20 * shift));
+            let scale = if *calm { 0.05 } else { 1.0 };
+            let mut forecast = MODERATE.forecast(now, 0);
+            forecast.header = header;
+            if !calm {
+                for s in forecast.stages.iter_mut() {
+                    s.position[2] = v[0];
+                    s.euler = [v[1] * 0.1, v[2] * 0.1, v[3]];
+                    s.velocity = [v[4], v[5], v[6]];
+                }
+            }
+            let input = PlannerIn {
+                forecast: Some(forecast),
+                mission: Some(MissionState {
+                    header, state: MODES[*mode], height_m: v[7].abs(), descent_mps: v[8].abs() * scale,
+                    minimum_altitude_m: v[9], hold_position: [v[0], v[1], v[2]], hold_yaw: v[3],
+                    ..MissionState::default()
+                }),
+                drone: Some(DroneState {
+                    header, position: [v[3], v[4], v[5] - 20.0], velocity: [v[6] * scale, v[7] * scale, v[8] * scale],
+                    rates: [v[9] * scale, v[10] * scale, v[11] * scale], ..DroneState::default()
+                }),
+                autopilot: Some(AutopilotState { header, origin_resets: (*jitter % 2) as u8, ..AutopilotState::default() }),
+            };
+            if let Some(plan) = planner.step(now, &input).plan {
+                prop_assert!(plan.check().is_ok());
+                prop_assert_eq!(plan.header.at, now);
+                prop_assert!(plan.stages.len() >= 20);
+                // Thrust stays inside what the rotors give, whatever was asked.
+                let up = GRAVITY * (drone_geometry.max_thrust_n / (drone_geometry.mass_kg * GRAVITY) - 1.0);
+                for s in plan.stages.iter() {
+                    prop_assert!(s.acceleration[2] <= GRAVITY + 1e-6 && s.acceleration[2] >= -up - 1e-6);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,236 @@
+//! A landing in a closed loop for tests and benchmark: an ideal follower (the drone is exactly
+//! where its plan says) over a deck that heaves, rolls and pitches as sines, forecast without error.
+//!
+//! The parent module brings `planner` into scope.
+
+use alight_shared::frames::body_rates;
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::{
+    DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Header, MissionState, Plan, State as Mode,
+};
+use alight_shared::node::Node;
+use alight_shared::seq::Seq;
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::naive;
+use super::planner::model::{MIXER, discretise};
+use super::planner::mpc_faa::{Mpc, Problem, heading_free};
+use super::planner::qp::CEILING_SLACK_M;
+use super::planner::reference::clearance;
+use super::planner::{Planner, PlannerConfig, PlannerIn};
+
+/// Amplitudes of the deck's motion: heave m, roll and pitch rad.
+#[derive(Clone, Copy, Debug)]
+pub struct Sea {
+    /// Heave, m.
+    pub heave: f64,
+    /// Roll, rad.
+    pub roll: f64,
+    /// Pitch, rad.
+    pub pitch: f64,
+    /// Angular frequency, rad/s.
+    pub omega: f64,
+    /// Phase, rad.
+    pub phase: f64,
+}
+
+/// Heave of 0.5 m in 5 s with 6 and 8 deg of roll and pitch.
+pub const MODERATE: Sea = Sea {
+    heave: 0.5,
+    roll: 0.10,
+    pitch: 0.14,
+    omega: 1.2566,
+    phase: 0.0,
+};
+/// Drift of the vessel, m/s, and its heading, rad.
+const DRIFT: [f64; 2] = [0.3, -0.2];
+const HEADING: f64 = 0.7;
+/// Seven metres over the deck's mean.
+pub const ABOVE: [f64; 3] = [20.0, -8.0, -8.3];
+
+impl Sea {
+    /// The deck at time `t`, s.
+    pub fn deck(&self, t: f64) -> DeckStage {
+        let wave = |amplitude: f64, phase: f64| {
+            let (s, c) = (self.omega * t + self.phase + phase).sin_cos();
+            [
+                amplitude * s,
+                amplitude * self.omega * c,
+                -amplitude * self.omega * self.omega * s,
+            ]
+        };
+        let (h, r, p) = (wave(self.heave, 0.0), wave(self.roll, 1.0), wave(self.pitch, 2.2));
+        DeckStage {
+            position: [20.0 + DRIFT[0] * t, -8.0 + DRIFT[1] * t, -1.3 + h[0]],
+            velocity: [DRIFT[0], DRIFT[1], h[1]],
+            acceleration: [0.0, 0.0, h[2]],
+            euler: [r[0], p[0], HEADING],
+            euler_rates: [r[1], p[1], 0.0],
+            ..DeckStage::default()
+        }
+    }
+    /// A perfect forecast of 2 s.
+    pub fn forecast(&self, now: Time<DroneClock>, sequence: u32) -> DeckForecast {
+        let step = Span::from_millis(50);
+        DeckForecast {
+            header: Header::new(1, 1, 1, sequence, now),
+            step,
+            mean_heading: HEADING,
+            stages: Seq::filled((0..FORECAST_STAGES).map(|k| self.deck((now + step * k as i64).secs()))),
+            ..DeckForecast::default()
+        }
+    }
+}
+
+/// How a touch looked.
+#[derive(Clone, Copy, Debug)]
+#[allow(dead_code)]
+pub struct Contact {
+    /// Since the descent began, s.
+    pub time_s: f64,
+    /// Foot plane's centre to deck's centre, m.
+    pub off_m: f64,
+    /// Between the normals, rad.
+    pub tilt: f64,
+    /// Towards the deck along its normal, m/s.
+    pub speed_mps: f64,
+    /// Contact as the last plan announced it, from now, s.
+    pub announced_s: Option<f64>,
+}
+
+/// A closed loop.
+pub struct Approach {
+    sea: Sea,
+    drone: DroneState,
+    plan: Option<Plan>,
+    tracking_s: f64,
+    tick: i64,
+    /// The touch, once there was one.
+    pub contact: Option<Contact>,
+}
+
+impl Approach {
+    /// From rest at `from`; the descent begins after `tracking_s`.
+    pub fn new(sea: Sea, from: [f64; 3], tracking_s: f64) -> Self {
+        Approach {
+            sea,
+            drone: DroneState {
+                position: from,
+                ..DroneState::default()
+            },
+            plan: None,
+            tracking_s,
+            tick: 0,
+            contact: None,
+        }
+    }
+
+    /// One tick of 10 ms. `step` runs the planner and gives what it said. None after contact or 45 s.
+    pub fn tick(&mut self, step: impl FnOnce(Time<DroneClock>, &PlannerIn) -> Option<Plan>) -> Option<()> {
+        if self.contact.is_some() || self.tick > 4500 {
+            return None;
+        }
+        let feet_below = DroneGeometry::default().feet_below_m;
+        let now = Time::from_nanos(self.tick * 10_000_000);
+        let (t, sequence) = (now.secs(), self.tick as u32 + 1);
+        let drone = &mut self.drone;
+        if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(now)) {
+            drone.position = s.position;
+            drone.velocity = s.velocity;
+            let q = UnitQuaternion::from_euler_angles(s.euler[0], s.euler[1], s.euler[2]);
+            drone.attitude = [q.w, q.i, q.j, q.k];
+            drone.rates = body_rates(s.euler[0], s.euler[1], Vector3::from(s.euler_rates)).into();
+        }
+        drone.header = Header::new(1, 1, 1, sequence, now);
+        let deck = self.sea.deck(t);
+        let (p, up) = (drone.position(), drone.attitude() * -Vector3::z());
+        let gap = clearance(&p, &up, &deck, feet_below);
+        if gap <= 0.0 {
+            let normal = deck.normal();
+            let feet = p - up * feet_below;
+            self.contact = Some(Contact {
+                time_s: t - self.tracking_s,
+                off_m: (feet - Vector3::from(deck.position)).norm(),
+                tilt: up.dot(&normal).clamp(-1.0, 1.0).acos(),
+                speed_mps: -(drone.velocity() - Vector3::from(deck.velocity)).dot(&normal),
+                announced_s: self.plan.and_then(|p| p.touchdown_at).map(|at| (at - now).secs()),
+            });
+            return None;
+        }
+        let (state, descent_mps) = if t < self.tracking_s {
+            (Mode::Tracking, 0.0)
+        } else if gap > 0.8 {
+            (Mode::Descent, 1.0)
+        } else {
+            (Mode::Flare, 0.5)
+        };
+        let input = PlannerIn {
+            forecast: (self.tick % 2 == 0).then(|| self.sea.forecast(now, sequence)),
+            mission: Some(MissionState {
+                header: Header::new(1, 1, 1, sequence, now),
+                state,
+                height_m: 7.0,
+                descent_mps,
+                minimum_altitude_m: 1.5,
+                ..MissionState::default()
+            }),
+            drone: Some(*drone),
+            autopilot: None,
+        };
+        if let Some(plan) = step(now, &input) {
+            self.plan = Some(plan);
+        }
+        self.tick += 1;
+        Some(())
+    }
+
+    /// To contact; `see` looks at the planner after each plan.
+    #[allow(dead_code)]
+    pub fn land(mut self, config: &PlannerConfig, mut see: impl FnMut(&Planner, &Plan)) -> Option<Contact> {
+        let mut planner = Planner::new(config, &DroneGeometry::default(), &DeckGeometry::default(), 1);
+        while self
+            .tick(|now, input| {
+                let plan = planner.step(now, input).plan;
+                if let Some(plan) = &plan {
+                    see(&planner, plan);
+                }
+                plan
+            })
+            .is_some()
+        {}
+        self.contact
+    }
+}
+
+/// A planner's problem for the naive solver: virtual inputs, the same limits.
+pub fn naive_data<'a>(config: &PlannerConfig, mpc: &Mpc, problem: &'a Problem) -> naive::Data<'a> {
+    let (a, b) = heading_free(&DroneGeometry::default()).continuous();
+    let mixer = nalgebra::SMatrix::<f64, 4, 4>::from_fn(|i, j| MIXER[i][j]);
+    let full = discretise(&a, &(b * mixer.transpose()), config.step_s);
+    let (x, y, z, yaw) = mpc.limits();
+    let l = &config.limits;
+    let (inf, v, w, t) = (
+        f64::INFINITY,
+        l.horizontal_mps,
+        l.rates_rps,
+        l.tilt_deg.to_radians(),
+    );
+    naive::Data {
+        a: full.a,
+        b: full.b,
+        state: problem.state,
+        input: problem.input,
+        reference: &problem.reference,
+        weight: &problem.weight,
+        ceiling: &problem.ceiling,
+        increment_weight: config.increment_weight,
+        lowest: [z.input[0], y.input[0], x.input[0], yaw.input[0]],
+        highest: [z.input[1], y.input[1], x.input[1], yaw.input[1]],
+        slew: [z.slew, y.slew, x.slew, yaw.slew],
+        limit: [inf, inf, inf, t, t, inf, v, v, l.vertical_mps, w, w, w],
+        slack: [l.slack_linear, l.slack_quadratic],
+        ceiling_slack: CEILING_SLACK_M,
+        tolerance: 1e-8,
+    }
+}
