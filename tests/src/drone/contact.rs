@@ -94,6 +94,8 @@ pub(crate) struct Contact {
     touches: Vec<Touch>,
     half: Vector3<f64>,
     reach: f64,
+    mass: f64,
+    inertia: Vector3<f64>,
 }
 
 /// A part counts as touching for this many sub-steps after its last impulse (10 ms): a resting
@@ -178,8 +180,7 @@ impl Contact {
                 half.x as f32,
                 half.y as f32,
                 half.z as f32,
-            ))
-            .translation(V::new(0.0, 0.0, half.z as f32)),
+            )),
         );
         let reach = touches
             .iter()
@@ -193,6 +194,8 @@ impl Contact {
             touches,
             half,
             reach,
+            mass: airframe.mass,
+            inertia: airframe.inertia,
         }
     }
 
@@ -228,16 +231,25 @@ impl Contact {
         dt: f64,
         impacts: &mut Vec<Impact>,
     ) -> Option<Motion> {
-        let spin = before.attitude * (before.rates + dw);
+        // As a force, so that rapier spreads it over its own sub-steps and the friction that it
+        // remembers balances it.
+        let force = dv * (self.mass / dt);
+        let moment = before.attitude * dw.component_mul(&self.inertia) / dt;
         if let Some(b) = self.world.bodies.get_mut(self.deck) {
-            b.set_position(pose(&Vector3::zeros(), &deck.turn), true);
-            b.set_linvel(V::new(0.0, 0.0, 0.0), true);
+            // Rapier's velocity is that of the middle of the box.
+            let middle = deck.turn * Vector3::new(0.0, 0.0, self.half.z);
+            b.set_position(pose(&middle, &deck.turn), true);
+            b.set_linvel(to_rapier(&deck.spin.cross(&middle)), true);
             b.set_angvel(to_rapier(&deck.spin), true);
         }
         if let Some(b) = self.world.bodies.get_mut(self.drone) {
             b.set_position(pose(&(before.position - deck.centre), &before.attitude), true);
-            b.set_linvel(to_rapier(&(before.velocity + dv - deck.velocity)), true);
-            b.set_angvel(to_rapier(&spin), true);
+            b.set_linvel(to_rapier(&(before.velocity - deck.velocity)), true);
+            b.set_angvel(to_rapier(&(before.attitude * before.rates)), true);
+            b.reset_forces(true);
+            b.reset_torques(true);
+            b.add_force(to_rapier(&force), true);
+            b.add_torque(to_rapier(&moment), true);
         }
         self.world.integration_parameters.dt = dt as f32;
         self.world.step();
@@ -255,10 +267,11 @@ impl Contact {
                 continue;
             };
             touched = true;
-            // The point of the part that is furthest into the deck.
+            // The point of the part that is furthest into the deck, and its velocity before the
+            // contact: somewhere within the sub-step.
             let arm = t.arm - before.attitude.inverse_transform_vector(&normal) * t.radius;
             let at = before.point(&arm);
-            let relative = before.point_velocity(&arm) - deck.point_velocity(&at);
+            let relative = before.point_velocity(&arm) + dv * 0.5 - deck.point_velocity(&at);
             let approach = -relative.dot(&normal);
             if t.idle > HOLD_STEPS || (t.idle > 0 && approach > RENEWED_MPS) {
                 impacts.push(Impact {
@@ -273,7 +286,18 @@ impl Contact {
         if !touched {
             return None;
         }
-        let b = self.world.bodies.get(self.drone)?;
+        let after = self.raw(deck, dt);
+        let finite = after
+            .position
+            .iter()
+            .chain(after.velocity.iter())
+            .chain(after.rates.iter());
+        finite.copied().all(f64::is_finite).then_some(after)
+    }
+
+    /// The drone's motion as rapier has it after a sub-step.
+    pub(crate) fn raw(&self, deck: &DeckSpan, dt: f64) -> Motion {
+        let b = &self.world.bodies[self.drone];
         let q = b.rotation();
         let attitude = UnitQuaternion::from_quaternion(Quaternion::new(
             f64::from(q.w),
@@ -281,18 +305,12 @@ impl Contact {
             f64::from(q.y),
             f64::from(q.z),
         ));
-        let after = Motion {
+        Motion {
             position: deck.centre + deck.velocity * dt + from_rapier(b.translation()),
             velocity: deck.velocity + from_rapier(b.linvel()),
             attitude,
             rates: attitude.inverse_transform_vector(&from_rapier(b.angvel())),
-        };
-        let finite = after
-            .position
-            .iter()
-            .chain(after.velocity.iter())
-            .chain(after.rates.iter());
-        finite.copied().all(f64::is_finite).then_some(after)
+        }
     }
 
     /// Which feet touch the deck now.

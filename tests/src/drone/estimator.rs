@@ -102,8 +102,8 @@ impl Estimator {
     pub(crate) fn now(&self) -> &Estimate {
         &self.estimate
     }
-    /// Standard deviations of position (relative to the GNSS error of the moment, m) and
-    /// velocity (m/s).
+    /// Standard deviations of position (relative to the slow GNSS error that all fixes of the last
+    /// seconds share, m) and velocity (m/s).
     pub(crate) fn sd(&self) -> (f64, f64) {
         let p = &self.covariance;
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
@@ -156,18 +156,14 @@ impl Estimator {
     }
 
     /// `P = F P F' + Q` for x = [p, v, b], dv/dt = a - b. Q: white accelerometer noise and quick
-    /// attitude noise, the drift of the GNSS error (2 sd²/T per second) and of the bias (tilt
-    /// error times gravity).
+    /// attitude noise, and the drift of the bias (tilt error times gravity). As in PX4's EKF2 the
+    /// drift of the GNSS error is no process noise: the estimate follows it slowly and smoothly.
     fn predict(&mut self, accelerometer_sd: f64, dt: f64) {
         let c = &self.config;
         let f = Matrix3::new(1.0, dt, -0.5 * dt * dt, 0.0, 1.0, -dt, 0.0, 0.0, 1.0);
         let white = accelerometer_sd.hypot(c.attitude_noise_deg.to_radians() * GRAVITY) * dt;
         let tilt = c.tilt_error_deg.to_radians() * GRAVITY;
-        let q = Vector3::new(
-            2.0 * c.gnss_bias_m.powi(2) / c.gnss_bias_s * dt,
-            white * white,
-            2.0 * tilt * tilt / c.tilt_error_s * dt,
-        );
+        let q = Vector3::new(0.0, white * white, 2.0 * tilt * tilt / c.tilt_error_s * dt);
         self.covariance = f * self.covariance * f.transpose() + Matrix3::from_diagonal(&q);
     }
 
@@ -203,6 +199,11 @@ mod tests {
     #[test]
     fn stated_deviations_match_the_errors() {
         let dt = 0.01;
+        // A GNSS error that stays the same: what the stated deviation of position leaves out.
+        let config = NavigationConfig {
+            gnss_bias_s: 1e5,
+            ..NavigationConfig::default()
+        };
         let (mut p2, mut v2, mut n) = (0.0, 0.0, 0.0);
         let (mut sp, mut sv) = (0.0, 0.0);
         for seed in 0..20 {
@@ -212,7 +213,7 @@ mod tests {
                 attitude: UnitQuaternion::identity(),
                 rates: Vector3::zeros(),
             };
-            let mut e = Estimator::new(&NavigationConfig::default(), &Streams::new(seed), &m, dt);
+            let mut e = Estimator::new(&config, &Streams::new(seed), &m, dt);
             for k in 0..3000 {
                 // Sway of 1 m at 1 rad/s.
                 let t = f64::from(k) * dt;
