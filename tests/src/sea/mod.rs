@@ -13,6 +13,7 @@
 
 pub mod config;
 pub mod spectrum;
+mod trig;
 
 use core::f64::consts::TAU;
 
@@ -170,12 +171,8 @@ impl Sea {
     }
     /// Sum of q k A, below 1: the sea does not fold.
     pub fn steepness(&self) -> f64 {
-        self.sharpness
-            * self
-                .components
-                .iter()
-                .map(|c| c.wave_number * c.amplitude_m)
-                .sum::<f64>()
+        let sum = |s, c: &Component| s + c.wave_number * c.amplitude_m;
+        self.sharpness * self.components.iter().fold(0.0, sum)
     }
     /// Variance of the elevation, m².
     pub fn variance(&self) -> f64 {
@@ -224,47 +221,57 @@ impl Sea {
         let t = t.secs();
         let mut kernel = [Precomputed::default(); MAX_COMPONENTS];
         for (k, c) in kernel.iter_mut().zip(&self.components) {
+            let wave = c.direction * c.wave_number;
+            let reach = c.direction * (self.sharpness * c.amplitude_m);
             *k = Precomputed {
-                k: c.direction * c.wave_number,
+                k: wave,
                 base: (c.phase - c.frequency * t) % TAU,
-                reach: c.direction * (self.sharpness * c.amplitude_m),
-                decay: (-c.wave_number * depth_m.max(0.0)).exp(),
+                reach,
+                bend: [reach.x * wave.x, reach.x * wave.y, reach.y * wave.y],
+                // At the surface, the usual question, without the exponential.
+                decay: if depth_m > 0.0 {
+                    (-c.wave_number * depth_m).exp()
+                } else {
+                    1.0
+                },
             };
         }
+        let mut trig = [(0.0, 1.0); MAX_COMPONENTS];
         for (p, o) in points.iter().zip(out) {
-            *o = self.sample_one(&kernel[..n], *p);
+            *o = self.sample_one(&kernel[..n], &mut trig[..n], *p);
         }
     }
 
-    /// One place; `kernel` holds what does not depend on the place.
-    fn sample_one(&self, kernel: &[Precomputed], x: Vector2<f64>) -> WaterSample {
-        let mut trig = [(0.0, 0.0); MAX_COMPONENTS];
-        let mut label = x;
+    /// One place; `kernel` holds what does not depend on the place, `trig` is scratch for the sine and
+    /// cosine of each phase.
+    fn sample_one(&self, kernel: &[Precomputed], trig: &mut [(f64, f64)], x: Vector2<f64>) -> WaterSample {
+        // Solve x0 - D(x0) = x by Newton's method; D(x0) = sum q A d sin is the displacement.
+        let mut displacement = Vector2::zeros();
         let mut fold = Fold::default();
-        for last in [false, true] {
-            // Displacement D(x0) = sum q A d sin and its gradient; solve x0 - D(x0) = x.
-            let mut displacement = Vector2::zeros();
-            fold = Fold::default();
-            for (sc, k) in trig.iter_mut().zip(kernel) {
-                let (s, c) = (k.k.dot(&label) + k.base).sin_cos();
-                displacement += k.reach * s;
-                fold.add(&k.reach, &k.k, c);
-                *sc = (s, c);
-            }
-            let step = fold.solve(x + displacement - label);
-            if last {
-                // The remaining step is small: turn the phases by it instead of a third evaluation.
-                for (sc, k) in trig.iter_mut().zip(kernel) {
-                    let e = k.k.dot(&step);
-                    let turn = 1.0 - 0.5 * e * e;
-                    *sc = (sc.0 * turn + sc.1 * e, sc.1 * turn - sc.0 * e);
-                }
-            }
-            label += step;
+        for (sc, k) in trig.iter_mut().zip(kernel) {
+            *sc = trig::sin_cos(k.k.dot(&x) + k.base);
+            displacement += k.reach * sc.0;
+            fold.add(k, sc.1);
+        }
+        // First step from x0 = x: the phases turn by k.step, less than the steepness allows (1.6 rad).
+        let step = fold.solve(displacement);
+        displacement = Vector2::zeros();
+        fold = Fold::default();
+        for (sc, k) in trig.iter_mut().zip(kernel) {
+            let turn = k.k.dot(&step).clamp(-1.6, 1.6);
+            *sc = turned(*sc, trig::near_zero(turn));
+            displacement += k.reach * sc.0;
+            fold.add(k, sc.1);
+        }
+        // The second step is small: second order in it is enough.
+        let step = fold.solve(displacement - step);
+        for (sc, k) in trig.iter_mut().zip(kernel) {
+            let e = k.k.dot(&step);
+            *sc = turned(*sc, (e, 1.0 - 0.5 * e * e));
         }
         let mut w = WaterSample::default();
         let mut gradient = Vector2::zeros();
-        for ((k, c), &(sin, cos)) in kernel.iter().zip(&self.components).zip(&trig) {
+        for ((k, c), &(sin, cos)) in kernel.iter().zip(&self.components).zip(trig.iter()) {
             let up = c.amplitude_m * cos;
             w.elevation_m += up;
             w.felt_m += up * k.decay;
@@ -297,8 +304,16 @@ struct Precomputed {
     base: f64,
     /// q A d, m.
     reach: Vector2<f64>,
+    /// q A k d d': north-north, north-east, east-east.
+    bend: [f64; 3],
     /// exp(-k h).
     decay: f64,
+}
+
+/// Sine and cosine of the sum of two angles.
+#[inline(always)]
+fn turned(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0 * b.1 + a.1 * b.0, a.1 * b.1 - a.0 * b.0)
 }
 
 /// The symmetric 2x2 matrix `dx/dx0 = I - sum q A k d d' cos(theta)`.
@@ -318,10 +333,11 @@ impl Default for Fold {
     }
 }
 impl Fold {
-    fn add(&mut self, reach: &Vector2<f64>, k: &Vector2<f64>, cos: f64) {
-        self.nn -= reach.x * k.x * cos;
-        self.ne -= reach.x * k.y * cos;
-        self.ee -= reach.y * k.y * cos;
+    #[inline(always)]
+    fn add(&mut self, c: &Precomputed, cos: f64) {
+        self.nn -= c.bend[0] * cos;
+        self.ne -= c.bend[1] * cos;
+        self.ee -= c.bend[2] * cos;
     }
     /// Solves `fold y = v`; positive definite while the sea does not fold.
     fn solve(&self, v: Vector2<f64>) -> Vector2<f64> {

@@ -260,7 +260,7 @@ impl Vessel {
     fn acceleration(&self, m: &Motion, f: f64) -> Vector6<f64> {
         let r = m.attitude.to_rotation_matrix();
         let down = r.inverse() * Vector3::z();
-        let (v, w) = (head(&m.nu), tail(&m.nu));
+        let w = tail(&m.nu);
         let n = self.hull.centres.len() as f64;
 
         let mut pressure = Vector6::zeros();
@@ -307,19 +307,22 @@ impl Vessel {
         let [port, starboard] = self.thrust;
         let arm = self.hull.centres.last().map_or(0.0, |c| c.y);
         let engines = Vector6::new(port + starboard, 0.0, 0.0, 0.0, 0.0, arm * (port - starboard));
-        // A hull out of the water meets no drag.
-        let wet = (volume_sum / self.hull.rest_volume).min(1.0);
-        let drag = (nu_r.component_mul(&self.linear_drag)
-            + nu_r
-                .component_mul(&nu_r.abs())
-                .component_mul(&self.quadratic_drag))
-            * wet;
-        let total = pressure + gravity + engines
-            - drag
-            - coriolis(&self.rigid_mass, &m.nu)
+        // Hulls that leave the water lose added mass and drag: in full above half of the rest volume, in
+        // proportion below. (Held by its whole added mass the boat could not fall off a steep crest.)
+        let wet = (2.0 * volume_sum / self.hull.rest_volume).min(1.0);
+        let from_water = self.added_mass * nu_w_dot
             - coriolis(&self.added_mass, &nu_r)
-            + self.added_mass * nu_w_dot;
-        debug_assert!(v.iter().all(|x| x.is_finite()));
+            - nu_r.component_mul(&self.linear_drag)
+            - nu_r
+                .component_mul(&nu_r.abs())
+                .component_mul(&self.quadratic_drag);
+        let total = pressure + gravity + engines - coriolis(&self.rigid_mass, &m.nu) + from_water * wet;
+        if wet < 1.0 {
+            let mass = self.rigid_mass + self.added_mass * wet;
+            if let Some(l) = mass.cholesky() {
+                return l.solve(&total);
+            }
+        }
         self.inverse_mass * total
     }
 }
