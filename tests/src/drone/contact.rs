@@ -199,17 +199,16 @@ impl Contact {
         }
     }
 
-    /// Whether any part may meet the deck within the next sub-steps.
-    pub(crate) fn near(&self, position: &Vector3<f64>, deck: &DeckSpan) -> bool {
+    /// Distance from the deck's box to the sphere about `position` that holds every part, m;
+    /// negative when they overlap.
+    pub(crate) fn distance(&self, position: &Vector3<f64>, deck: &DeckSpan) -> f64 {
         let p = deck.turn.inverse_transform_vector(&(position - deck.centre));
         let outside = Vector3::new(
             p.x.abs() - self.half.x,
             p.y.abs() - self.half.y,
             (p.z - self.half.z).abs() - self.half.z,
-        )
-        .map(|d| d.max(0.0));
-        // 10 m/s for one sub-step of 2 ms, and rapier's own margin.
-        outside.norm() < self.reach + 0.05
+        );
+        outside.map(|d| d.max(0.0)).norm() - self.reach
     }
 
     /// Lets contact history fade while the drone is away from the deck.

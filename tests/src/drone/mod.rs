@@ -37,6 +37,11 @@ pub use contact::{Impact, Part};
 
 /// Longest sub-step, s.
 const SUB_STEP_S: f64 = 0.002;
+/// Further than this from the deck (m) the ground effect is below 0.1 % and is not computed.
+const GROUND_EFFECT_M: f64 = 3.0;
+/// Rapier is asked from this clearance on, m: more than a sub-step at 10 m/s and rapier's own
+/// margin.
+const CONTACT_MARGIN_M: f64 = 0.05;
 
 /// Where the drone starts, hovering.
 #[derive(Clone, Copy, Debug)]
@@ -183,30 +188,18 @@ impl DroneWorld {
         self.airframe.spin(command, dt);
         let m = self.motion;
         let wind = self.wind.velocity();
-        let near_deck = (m.position - deck.centre).norm() < 6.0;
-        let surface = near_deck.then_some((&deck.centre, &deck.turn));
+        let distance = self.contact.distance(&m.position, deck);
+        let surface = (distance < GROUND_EFFECT_M).then_some((&deck.centre, &deck.turn));
         let (force, moment) = self.airframe.loads(&m, &wind, surface);
-        let (dv, _) = self.airframe.accelerations(&m, &force, &moment);
-        // Euler's equation by the midpoint rule.
-        let (_, dw) = self.airframe.accelerations(&m, &force, &moment);
-        let half = Motion {
-            rates: m.rates + dw * (0.5 * dt),
-            ..m
-        };
-        let (_, dw) = self.airframe.accelerations(&half, &force, &moment);
+        let (dv, dw) = self.airframe.accelerations(&m, &force, &moment, dt);
 
-        let solved = if near_deck && self.contact.near(&m.position, deck) {
+        let solved = if distance < CONTACT_MARGIN_M {
             self.contact.step(&m, &(dv * dt), &(dw * dt), deck, dt, impacts)
         } else {
             self.contact.away();
             None
         };
-        self.motion = solved.unwrap_or_else(|| Motion {
-            position: m.position + m.velocity * dt + dv * (0.5 * dt * dt),
-            velocity: m.velocity + dv * dt,
-            attitude: m.attitude * UnitQuaternion::from_scaled_axis((m.rates + dw * (0.5 * dt)) * dt),
-            rates: m.rates + dw * dt,
-        });
+        self.motion = solved.unwrap_or_else(|| m.advanced(&dv, &dw, dt));
         self.angular_acceleration = (self.motion.rates - m.rates) / dt;
     }
 
