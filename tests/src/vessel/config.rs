@@ -42,8 +42,10 @@ pub struct VesselConfig {
     pub linear_drag_nspm: [f64; 2],
     /// Quadratic drag, surge and sway, N/(m/s)².
     pub quadratic_drag_ns2pm2: [f64; 2],
-    /// Linear and quadratic yaw drag, Nm/(rad/s) and Nm/(rad/s)².
-    pub yaw_drag: [f64; 2],
+    /// Linear yaw drag, Nm/(rad/s).
+    pub linear_yaw_drag_nms: f64,
+    /// Quadratic yaw drag, Nm/(rad/s)².
+    pub quadratic_yaw_drag_nms2: f64,
     /// How much of the water's horizontal motion reaches surge, sway and yaw: 1 is physics, 0 the stock
     /// simulator whose buoyancy is purely vertical.
     pub sideways_coupling: f64,
@@ -79,7 +81,8 @@ impl Default for VesselConfig {
             damping_ratio: [0.3, 0.2, 0.4],
             linear_drag_nspm: [51.3, 100.0],
             quadratic_drag_ns2pm2: [72.4, 100.0],
-            yaw_drag: [400.0, 800.0],
+            linear_yaw_drag_nms: 400.0,
+            quadratic_yaw_drag_nms2: 800.0,
             sideways_coupling: 1.0,
             thrust_forward_n: 250.0,
             thrust_reverse_n: 100.0,
@@ -116,7 +119,8 @@ impl Check for VesselConfig {
         at.ranges("damping_ratio", &self.damping_ratio, 0.0, 2.0)?;
         at.ranges("linear_drag_nspm", &self.linear_drag_nspm, 0.0, 5e3)?;
         at.ranges("quadratic_drag_ns2pm2", &self.quadratic_drag_ns2pm2, 0.0, 5e3)?;
-        at.ranges("yaw_drag", &self.yaw_drag, 0.0, 2e4)?;
+        at.range("linear_yaw_drag_nms", self.linear_yaw_drag_nms, 0.0, 2e4)?;
+        at.range("quadratic_yaw_drag_nms2", self.quadratic_yaw_drag_nms2, 0.0, 2e4)?;
         at.range("sideways_coupling", self.sideways_coupling, 0.0, 1.0)?;
         at.range("thrust_forward_n", self.thrust_forward_n, 0.0, 1e5)?;
         at.range("thrust_reverse_n", self.thrust_reverse_n, 0.0, 1e5)?;

@@ -100,8 +100,8 @@ impl Vessel {
             linear_drag[i] = config.linear_drag_nspm[i];
             quadratic_drag[i] = config.quadratic_drag_ns2pm2[i];
         }
-        linear_drag[5] = config.yaw_drag[0];
-        quadratic_drag[5] = config.yaw_drag[1];
+        linear_drag[5] = config.linear_yaw_drag_nms;
+        quadratic_drag[5] = config.quadratic_yaw_drag_nms2;
         let mut fastest = 1.0_f64;
         for i in 0..3 {
             // d = 2 zeta sqrt(k m).

@@ -228,3 +228,51 @@ fn the_same_seed_gives_the_same_bits() {
     assert_eq!(go(4), go(4));
     assert_ne!(go(4), go(5));
 }
+
+#[test]
+fn the_shipped_default_survives_toml_and_bad_values_are_named() {
+    use alight_shared::config::parse;
+    let text = toml::to_string(&VesselConfig::default()).unwrap();
+    assert_eq!(
+        parse::<VesselConfig>(&text, "test").unwrap(),
+        VesselConfig::default()
+    );
+    for (bad, key) in [
+        ("mass_kg = 5000.0", "mass_kg"),
+        ("sideways_coupling = 1.5", "sideways_coupling"),
+        ("speed_mps = nan", "speed_mps"),
+        ("inertia_kgm2 = [0.0, 1.0, 1.0]", "inertia_kgm2"),
+        ("speed = 1.0", "unknown field"),
+    ] {
+        let e = parse::<VesselConfig>(bad, "test").unwrap_err().to_string();
+        assert!(e.contains(key), "{bad}: {e}");
+    }
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(24))]
+    #[test]
+    fn any_allowed_vessel_in_any_allowed_sea_stays_finite(
+        mass in 60.0..450.0_f64, damping in 0.0..2.0_f64, radius in 0.0..1.0_f64,
+        amplitude in 0.0..1.2_f64, period in 5.0..12.0_f64, coupling in 0.0..1.0_f64, seed in 0_u64..1000,
+    ) {
+        use alight_shared::config::{Check, Keys};
+        let l2 = mass * 4.9 * 4.9;
+        let config = VesselConfig {
+            mass_kg: mass,
+            // From the least allowed inertia to one a quarter of the greatest.
+            inertia_kgm2: [l2 * (1.0 / 400.0 + radius); 3],
+            damping_ratio: [damping; 3],
+            sideways_coupling: coupling,
+            course: Course::Square,
+            ..VesselConfig::default()
+        };
+        proptest::prop_assert!(config.check(&Keys::ROOT).is_ok());
+        let sea = Sea::new(&SeaConfig::paper(amplitude, period), &Streams::new(seed));
+        let mut vessel = Vessel::new(&config, &sea, &Streams::new(seed));
+        run(&mut vessel, &sea, 30.0, |_, _| {});
+        let s = vessel.state();
+        proptest::prop_assert!(s.position.0.norm() < 300.0 && s.velocity.norm() < 15.0, "{:?}", s.position);
+        proptest::prop_assert!(s.acceleration.norm() < 100.0 && s.rates.norm() < 10.0);
+    }
+}
