@@ -4,6 +4,8 @@
 //! positive), heading, surge and sway at any rate, with jitter, repeated stamps and gaps. Natural cubic
 //! splines make it twice differentiable, so that velocity, acceleration and rates are those of the motion.
 //!
+//! - What was recorded is the deck: the angles turn it about its centre, surge, sway and heave move that
+//!   centre from its height at rest. The vessel's reference point follows rigidly.
 //! - Surge and sway are displacements along and to starboard of the mean heading, about their mean; heave
 //!   is about its mean. The mean roll and pitch (a mounting error, usually) are removed unless they are
 //!   to be kept. `scale` acts on what deviates from the means.
@@ -20,7 +22,7 @@ use core::f64::consts::TAU;
 use std::path::PathBuf;
 
 use alight_shared::config::{Check, ConfigError, Keys};
-use alight_shared::frames::{Point, Rotation, Vector, VesselBody};
+use alight_shared::frames::{Deck, Point, Rotation, Vector, VesselBody};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{Vector2, Vector3};
@@ -142,8 +144,8 @@ pub struct RecordedMotion {
     start: f64,
     mean_heading: f64,
     heave_recorded: bool,
-    /// Deck centre, horizontal part, body axes, m.
-    deck: Vector2<f64>,
+    /// Deck centre in the body frame, m.
+    deck: Vector3<f64>,
     state: RigidState<VesselBody>,
 }
 
@@ -203,7 +205,7 @@ impl RecordedMotion {
             start: config.start_s,
             mean_heading,
             heave_recorded: has[HEAVE],
-            deck: deck.centre().xy(),
+            deck: deck.centre(),
             state: RigidState::default(),
         };
         motion.state = motion.state_at(Time::EPOCH, sea);
@@ -242,14 +244,11 @@ impl RecordedMotion {
         })
     }
 
-    /// North and east of the reference point (m) and of the deck centre.
-    fn places(&self, j: &[Jet; CHANNELS]) -> (Vector2<f64>, Vector2<f64>) {
-        let turn = |v: Vector2<f64>, heading: f64| {
-            let (s, c) = heading.sin_cos();
-            Vector2::new(c * v.x - s * v.y, s * v.x + c * v.y)
-        };
-        let at = turn(Vector2::new(j[SURGE].y, j[SWAY].y), self.mean_heading);
-        (at, at + turn(self.deck, j[HEADING].y))
+    /// North and east of the deck centre, m.
+    fn place(&self, j: &[Jet; CHANNELS]) -> Vector2<f64> {
+        let (s, c) = self.mean_heading.sin_cos();
+        let (surge, sway) = (j[SURGE].y, j[SWAY].y);
+        Vector2::new(c * surge - s * sway, s * surge + c * sway)
     }
 
     /// The state at world time `t`.
@@ -260,7 +259,7 @@ impl RecordedMotion {
             j[HEAVE]
         } else {
             let up = |j: &[Jet; CHANNELS], dt: f64| {
-                let (_, deck) = self.places(j);
+                let deck = self.place(j);
                 sea.elevation(t + Span::from_secs(dt), deck.x, deck.y)
             };
             let h = SEA_STEP_S;
@@ -275,20 +274,21 @@ impl RecordedMotion {
                 dd: (a - 2.0 * b + c) / (h * h),
             }
         };
-        let (place, _) = self.places(&j);
+        let place = self.place(&j);
         let (sin, cos) = self.mean_heading.sin_cos();
         let level = |surge: f64, sway: f64, up: f64| {
             Vector3::new(cos * surge - sin * sway, sin * surge + cos * sway, -up)
         };
         let (rates, angular_acceleration) = body_motion(&j[ROLL], &j[PITCH], &j[HEADING]);
-        RigidState {
-            position: Point::new(place.x, place.y, -heave.y),
+        let deck = RigidState::<Deck> {
+            position: Point::new(place.x, place.y, self.deck.z - heave.y),
             velocity: Vector::from(level(j[SURGE].d, j[SWAY].d, heave.d)),
             acceleration: Vector::from(level(j[SURGE].dd, j[SWAY].dd, heave.dd)),
             attitude: Rotation::from_euler(j[ROLL].y, j[PITCH].y, j[HEADING].y),
             rates: Vector::from(rates),
             angular_acceleration: Vector::from(angular_acceleration),
-        }
+        };
+        deck.at(-self.deck)
     }
 }
 
