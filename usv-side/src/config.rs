@@ -67,6 +67,10 @@ impl Check for ImuConfig {
 pub struct GnssConfig {
     /// Antenna in the vessel's body frame, m.
     pub antenna_m: [f64; 3],
+    /// Spread of the slow bias of the height, m.
+    pub height_bias_sd_m: f64,
+    /// Its correlation time, s.
+    pub height_bias_time_s: f64,
     /// A fix that is older is refused, s.
     pub oldest_s: f64,
 }
@@ -75,6 +79,9 @@ impl Default for GnssConfig {
         GnssConfig {
             // Ours: on a mast behind and above the deck.
             antenna_m: [-0.8, 0.2, -2.0],
+            // Issue 2: 1 m with 300 s.
+            height_bias_sd_m: 1.0,
+            height_bias_time_s: 300.0,
             // Ours: a late fix is compared with the state rolled back by a second-order series.
             oldest_s: 0.3,
         }
@@ -83,6 +90,8 @@ impl Default for GnssConfig {
 impl Check for GnssConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.ranges("antenna_m", &self.antenna_m, -50.0, 50.0)?;
+        at.range("height_bias_sd_m", self.height_bias_sd_m, 0.0, 100.0)?;
+        at.range("height_bias_time_s", self.height_bias_time_s, 1.0, 1e6)?;
         at.range("oldest_s", self.oldest_s, 0.01, 1.0)
     }
 }

@@ -80,10 +80,11 @@ impl Default for VesselModelConfig {
             // Ours, tuned on the simulated vessel.
             disturbance_sd_mps2_m_rad_radps2: [0.1, 0.1, 0.03, 0.02, 0.02, 0.02],
             disturbance_time_s: [2.0, 2.0, 0.5, 0.5, 0.5, 1.0],
-            // Heave: wander of a GNSS with 1 m bias and 300 s correlation, sqrt(2/300) m.
-            slow_walk_mps_m_rad_radps: [0.05, 0.05, 0.08, 5e-4, 5e-4, 0.01],
+            // Ours. Small for the stiff ones: the hull follows at once, and accelerometers would
+            // have felt it. The wander of a GNSS height is no motion and no business of this model.
+            slow_walk_mps_m_rad_radps: [0.05, 0.05, 0.005, 5e-4, 5e-4, 0.01],
             slow_sd_mps_m_rad_radps: [2.0, 2.0, 3.0, 0.03, 0.03, 0.1],
-            // The same wander of the horizontal position.
+            // Wander of a GNSS with 1 m bias and 300 s correlation: sqrt(2/300) m.
             eta_walk_m_rad: [0.08, 0.08, 0.0, 0.0, 0.0, 0.0],
         }
     }

@@ -17,8 +17,8 @@ use alight_shared::frames::{Datum, wrap_angle};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
-    Belief, BeliefSpec, DISTURBANCE, ETA, Extra, HEAVE, Horizon, NU, PITCH, ROLL, SLOW, SURGE, SWAY, Step,
-    Term, VesselModel, YAW,
+    Belief, BeliefSpec, DISTURBANCE, ETA, Extra, HEAD, HEAVE, Horizon, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
+    Step, Term, VesselModel, YAW,
 };
 use nalgebra::{Rotation2, Vector2, Vector3};
 
@@ -30,8 +30,12 @@ pub use tilt::Tilt;
 pub(crate) const STEP_S: f64 = 0.02;
 /// Longest gap that is bridged by prediction, s.
 const LONGEST_GAP_S: f64 = 2.0;
-/// The reference heading follows when the mean heading is this far off, rad (2 deg).
-const TURN_RAD: f64 = 0.035;
+/// The reference heading follows when the mean heading is this far off, rad (6 deg).
+const TURN_RAD: f64 = 0.1;
+
+/// Slot, in heave, of what GNSS heights differ by from heave: mean water level and the receiver's
+/// slow bias in one. The vessel's NED plane moves with it.
+pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
 /// What the estimator refused, since start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -230,7 +234,10 @@ impl Filter {
             extras: [
                 vec![force],
                 vec![force],
-                vec![force],
+                vec![
+                    force,
+                    bias(config.gnss.height_bias_sd_m, config.gnss.height_bias_time_s),
+                ],
                 vec![gyro],
                 vec![gyro],
                 vec![gyro, compass],
@@ -252,9 +259,10 @@ impl Filter {
         let v = Rotation2::new(-reference) * Vector2::new(fix.velocity[0], fix.velocity[1]);
         belief.set(SURGE, ETA, p.x - level.x);
         belief.set(SWAY, ETA, p.y - level.y);
-        belief.set(HEAVE, ETA, fix.position[2] - level.z);
-        belief.set(HEAVE, SLOW, fix.position[2] - level.z);
-        belief.set_variance(HEAVE, SLOW, 1.0);
+        // Heave is reckoned from the mean water level; where the receiver sees that level is its bias.
+        belief.set(HEAVE, GNSS_BIAS, fix.position[2] - level.z);
+        belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
+        belief.set_variance(HEAVE, SLOW, 1e-4);
         belief.set(SURGE, NU, v.x);
         belief.set(SWAY, NU, v.y);
         belief.set(SURGE, SLOW, v.x);

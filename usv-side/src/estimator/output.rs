@@ -9,7 +9,7 @@ use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{Rotation2, Vector2};
 
-use super::{Filter, Tilt};
+use super::{Filter, GNSS_BIAS, Tilt};
 use crate::VesselNodeConfig;
 
 impl Filter {
@@ -30,6 +30,7 @@ impl Filter {
         let b = &self.belief;
         let eta: [f64; 6] = core::array::from_fn(|d| b.get(d, ETA) + h * b.get(d, NU) + 0.5 * h * h * a[d]);
         let nu: [f64; 6] = core::array::from_fn(|d| b.get(d, NU) + h * a[d]);
+        let level = b.get(HEAVE, GNSS_BIAS);
         let tilt = Tilt {
             angles: [eta[ROLL], eta[PITCH]],
             rates: [nu[ROLL], nu[PITCH]],
@@ -54,7 +55,11 @@ impl Filter {
         let blocks: [[f64; 3]; 6] = [
             mix(c2, s2),
             mix(s2, c2),
-            cov(HEAVE),
+            {
+                let [e, c, n] = cov(HEAVE);
+                let (with_eta, with_nu, own) = self.level_covariance();
+                [e + 2.0 * with_eta + own, c + with_nu, n]
+            },
             cov(ROLL),
             cov(PITCH),
             cov(YAW),
@@ -62,7 +67,7 @@ impl Filter {
         VesselEstimate {
             header,
             datum: self.datum,
-            eta: [p.x, p.y, eta[HEAVE], roll, pitch, wrap_angle(eta[YAW])],
+            eta: [p.x, p.y, eta[HEAVE] + level, roll, pitch, wrap_angle(eta[YAW])],
             eta_dot: [v.x, v.y, nu[HEAVE], rates[0], rates[1], rates[2]].map(|x| x as f32),
             eta_ddot: [w.x, w.y, a[HEAVE], a[ROLL], a[PITCH], a[YAW]].map(|x| x as f32),
             covariance: blocks.map(|b| b.map(|x| x as f32)),
@@ -70,6 +75,16 @@ impl Filter {
             mean_velocity: [self.mean_velocity.x as f32, self.mean_velocity.y as f32],
             mean_heading: [self.mean_heading as f32, self.mean_heading_rate as f32],
         }
+    }
+
+    /// Covariance of the height's reference with heave and its rate, and its variance.
+    fn level_covariance(&self) -> (f64, f64, f64) {
+        let b = &self.belief;
+        (
+            b.covariance((HEAVE, ETA), (HEAVE, GNSS_BIAS)),
+            b.covariance((HEAVE, NU), (HEAVE, GNSS_BIAS)),
+            b.variance(HEAVE, GNSS_BIAS),
+        )
     }
 
     /// The wave model, valid at the state's own time.
@@ -93,7 +108,9 @@ impl Filter {
     ) -> VesselPrediction<VesselClock> {
         let b = &self.belief;
         let start = self.ned(b.get(SURGE, ETA), b.get(SWAY, ETA));
-        let origin = [start.x, start.y, b.get(HEAVE, ETA)];
+        let heave = b.get(HEAVE, ETA);
+        let origin = [start.x, start.y, heave + b.get(HEAVE, GNSS_BIAS)];
+        let (with_eta, _, own) = self.level_covariance();
         let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
             let m: [[f64; 3]; 6] = core::array::from_fn(|d| self.horizon.mean(b, d, k));
@@ -113,7 +130,8 @@ impl Filter {
             let sd = [
                 c2 * var[SURGE] + s2 * var[SWAY],
                 s2 * var[SURGE] + c2 * var[SWAY],
-                var[HEAVE],
+                // The correlation of today's level with heave fades with the hull's own motion.
+                var[HEAVE] + own + if k == 0 { 2.0 * with_eta } else { 0.0 },
                 var[ROLL],
                 var[PITCH],
                 var[YAW],
@@ -122,7 +140,7 @@ impl Filter {
                 eta: [
                     p.x - origin[0],
                     p.y - origin[1],
-                    m[HEAVE][0] - origin[2],
+                    m[HEAVE][0] - heave,
                     roll,
                     pitch,
                     wrap_angle(m[YAW][0]),

@@ -2,10 +2,10 @@
 
 use alight_shared::frames::{VesselNed, wrap_angle};
 use alight_shared::msg::{GnssFix, HeadingFix};
-use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY, Term, YAW};
+use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-use super::Filter;
+use super::{Filter, GNSS_BIAS};
 use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
@@ -38,7 +38,12 @@ impl Filter {
             let arm_second = turning.cross(&arm) + spin.cross(&arm_rate);
             let v = self.belief.get(axis, NU) + arm_rate[axis];
             let a = acceleration[axis] + arm_second[axis];
-            let p = self.belief.get(axis, ETA) + arm[axis];
+            let level = if axis == HEAVE {
+                self.belief.get(HEAVE, GNSS_BIAS)
+            } else {
+                0.0
+            };
+            let p = self.belief.get(axis, ETA) + level + arm[axis];
             // (tilt that moves the antenna along this axis, metres per radian)
             let lever = match axis {
                 SURGE => Some((PITCH, arm.z)),
@@ -50,6 +55,9 @@ impl Filter {
             row.extend([Term::new(axis, ETA, 1.0), Term::new(axis, NU, -late)]);
             if let Some((tilt, arm)) = lever {
                 row.extend([Term::new(tilt, ETA, arm), Term::new(tilt, NU, -late * arm)]);
+            }
+            if axis == HEAVE {
+                row.push(Term::new(HEAVE, GNSS_BIAS, 1.0));
             }
             let innovation = position[axis] - (p - late * v + 0.5 * late * late * a);
             let r = fix.position_sd[axis].powi(2);
@@ -71,14 +79,15 @@ impl Filter {
             // The receiver insists: its frame has jumped, or we have gone astray.
             self.refused_fixes = 0;
             let arm = self.tilt().rotation() * arm_body;
-            for axis in [SURGE, SWAY, HEAVE] {
+            for axis in [SURGE, SWAY] {
                 self.belief.set(axis, ETA, position[axis] - arm[axis]);
                 self.belief.set_variance(axis, ETA, 1.0);
                 self.belief.set(axis, NU, velocity[axis]);
                 self.belief.set_variance(axis, NU, 0.25);
             }
-            self.belief.set(HEAVE, SLOW, position[2] - arm.z);
-            self.belief.set_variance(HEAVE, SLOW, 1.0);
+            let heave = self.belief.get(HEAVE, ETA);
+            self.belief.set(HEAVE, GNSS_BIAS, position[2] - arm.z - heave);
+            self.belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
         }
         refused
     }
