@@ -1,9 +1,10 @@
 //! `alight study` and `alight response`: one thing measured over many seeds.
 
 use alight_sim::outcome::Outcome;
-use alight_sim::response;
+use alight_sim::response::{self, ResponseConfig};
 use alight_sim::statistics::{Summary, wilson};
 use alight_sim::studies::airborne::{self, Airborne};
+use alight_sim::vessel::VesselConfig;
 use alight_uav::planner::PlannerKind;
 use indicatif::ParallelProgressIterator;
 use rayon::prelude::*;
@@ -167,6 +168,11 @@ fn estimator(args: &StudyArgs) -> Result<Value, Refused> {
 
 /// The response table.
 pub fn response(args: &ResponseArgs) -> Result<End, Refused> {
-    let _ = (args, response::TABLE_NOTE);
+    let table = response::response(&VesselConfig::default(), &ResponseConfig::default());
+    if args.json {
+        println!("{}", serde_json::to_string(&table).map_err(|e| Refused::because("writing JSON", e))?);
+    } else {
+        println!("{table}");
+    }
     Ok(End::Success)
 }

@@ -5,9 +5,16 @@
 pub mod body;
 pub mod deck_motion;
 pub mod drone;
+pub mod outcome;
 pub mod radio;
 pub mod response;
+pub mod scenario;
 pub mod sea;
 pub mod sensors;
+pub mod statistics;
 pub mod streams;
+pub mod studies;
+pub mod trace;
+pub mod trial;
 pub mod vessel;
+pub mod world;

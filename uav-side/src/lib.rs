@@ -4,3 +4,4 @@ pub mod mission;
 pub mod pilot;
 pub mod planner;
 pub mod predictor;
+pub mod settings;

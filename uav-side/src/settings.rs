@@ -27,6 +27,13 @@ pub struct DroneSettings {
     pub pilot: PilotConfig,
 }
 
+impl DroneSettings {
+    /// The predictor's configuration, with this drone and this deck.
+    pub fn predictor(&self) -> PredictorConfig {
+        PredictorConfig { deck: self.deck, drone: self.airframe, ..self.predictor.clone() }
+    }
+}
+
 impl Check for DroneSettings {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.airframe.check(&at.table("airframe"))?;
