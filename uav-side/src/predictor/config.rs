@@ -14,9 +14,11 @@ pub struct PredictorConfig {
     pub rate_hz: f64,
     /// Time between the stages of a forecast, s.
     pub stage_s: f64,
-    /// The deck.
+    /// The deck; from the drone's common settings.
+    #[serde(skip)]
     pub deck: DeckGeometry,
-    /// The drone.
+    /// The drone; from the drone's common settings.
+    #[serde(skip)]
     pub drone: DroneGeometry,
     /// Origin of the drone's NED plane; without it the vessel's is meant.
     pub datum: Option<Datum>,

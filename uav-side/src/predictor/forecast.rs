@@ -88,7 +88,6 @@ impl Horizon {
         for (x, h) in mean.iter_mut().zip(heads) {
             x[MEAN] += h.reach * x[RATE];
             x[RATE] *= h.rate;
-            x[VISION] *= h.vision;
             for (k, a) in self.stage.a.iter().take(self.stage.count).enumerate() {
                 let i = HEAD + 2 * k;
                 let (v, r) = (x[i], x[i + 1]);
@@ -115,10 +114,11 @@ impl Horizon {
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
-        // Where the drone is concerned, position and heading are as it sees them.
-        h[VISION] = if sees_as_vision(axis) { head.vision } else { 0.0 };
+        // Position and heading are as the drone sees them now: its frame of this instant is what the
+        // forecast is expressed in, and does not wander.
+        h[VISION] = if sees_as_vision(axis) { 1.0 } else { 0.0 };
         let q = head.noise(noise, step.dt);
-        let (mut value, mut rate) = (q.mean + h[VISION].min(1.0).ceil() * q.vision, q.rate);
+        let (mut value, mut rate) = (q.mean, q.rate);
         for (j, ((t, n), o)) in step
             .a
             .iter()
