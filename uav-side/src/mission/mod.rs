@@ -9,6 +9,10 @@ pub mod situation;
 pub mod transition;
 
 #[cfg(test)]
+mod interrupt_tests;
+#[cfg(test)]
+mod node_tests;
+#[cfg(test)]
 mod tests;
 
 pub use config::MissionConfig;

@@ -70,6 +70,9 @@ pub struct TrackingConfig {
     pub ki: f64,
     /// Largest integral share, m/s².
     pub integral_limit_mps2: f64,
+    /// The integral moves only within this distance of the plan: a large error is on its way, not a
+    /// disturbance, m.
+    pub integral_within_m: f64,
     /// Position errors are cut at this length, m.
     pub position_error_limit_m: f64,
     /// Largest vertical feedback, m/s².
@@ -111,6 +114,7 @@ impl Default for TrackingConfig {
             vertical_kv: 3.5,
             ki: 0.4,
             integral_limit_mps2: 0.8,
+            integral_within_m: 0.5,
             position_error_limit_m: 1.5,
             // Heave reaches 3.8 m/s²; a limit of 2 led to impacts of 3.3 m/s in the prototype.
             vertical_limit_mps2: 5.0,
@@ -138,6 +142,7 @@ impl Check for TrackingConfig {
         at.range("vertical_kv", self.vertical_kv, 0.0, 20.0)?;
         at.range("ki", self.ki, 0.0, 10.0)?;
         at.range("integral_limit_mps2", self.integral_limit_mps2, 0.0, 5.0)?;
+        at.range("integral_within_m", self.integral_within_m, 0.0, 20.0)?;
         at.range("position_error_limit_m", self.position_error_limit_m, 0.05, 20.0)?;
         at.range("vertical_limit_mps2", self.vertical_limit_mps2, 0.5, 9.0)?;
         at.range("tilt_limit_rad", self.tilt_limit_rad, 0.05, 1.0)?;

@@ -11,6 +11,8 @@ pub mod touchdown;
 mod tracking;
 
 #[cfg(test)]
+mod sim_tests;
+#[cfg(test)]
 mod tests;
 
 pub use config::{Output, PilotConfig};

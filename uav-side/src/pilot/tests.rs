@@ -1,2 +1,286 @@
+//! The pieces against their equations, safe action, and random input.
+
+use alight_shared::config::parse;
+use alight_shared::msg::LandedState;
+use alight_shared::seq::Seq;
+use nalgebra::UnitQuaternion;
+use proptest::prelude::*;
+
+use super::attitude::{attitude_of_thrust, lead, lean_limited, slewed, thrust_of_attitude};
+use super::config::TrackingConfig;
+use super::*;
+
+proptest! {
+    #[test]
+    fn flatness_inverts(roll in -1.0..1.0_f64, pitch in -1.0..1.0_f64, yaw in -3.1..3.1_f64, down in -5.0..5.0_f64) {
+        let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let t = thrust_of_attitude(&q, down, GRAVITY);
+        // The vertical acceleration is the one asked for.
+        prop_assert!((t.z + GRAVITY - down).abs() < 1e-9 || t.norm() < 1e-9);
+        prop_assert!(attitude_of_thrust(&t, yaw).angle_to(&q) < 1e-6);
+        let lean = lean_limited(&t, 0.3, 1.0);
+        prop_assert!(lean.x.hypot(lean.y) <= -lean.z * 0.3_f64.tan() + 1e-9 && lean.z <= -1.0);
+    }
+
+    #[test]
+    fn a_slewed_attitude_turns_no_further_than_allowed(a in -1.0..1.0_f64, b in -1.0..1.0_f64, most in 0.0..0.5_f64) {
+        let (p, q) = (UnitQuaternion::from_euler_angles(a, b, 0.0), UnitQuaternion::from_euler_angles(b, 0.2, a));
+        let r = slewed(&p, &q, most);
+        prop_assert!(p.angle_to(&r) <= most + 1e-6);
+        prop_assert!(r.angle_to(&q) <= p.angle_to(&q) + 1e-6);
+    }
+}
+
+/// Root mean square of the tilt error of an attitude loop that follows a deck, with and without
+/// lead.
+fn follow(order: usize, lag: f64, compensated: bool) -> f64 {
+    let (w, dt) = (std::f64::consts::TAU / 5.0, 0.001);
+    let (mut x, mut square, mut n) = ([0.0; 2], 0.0, 0.0);
+    for k in 0..20_000_i32 {
+        let t = f64::from(k) * dt;
+        let (deck, rate) = (0.1 * (w * t).sin(), 0.1 * w * (w * t).cos());
+        let command = if compensated {
+            lead(&[deck, 0.0, 0.0], &[rate, 0.0, 0.0], lag)[0]
+        } else {
+            deck
+        };
+        let tau = lag / order as f64;
+        let mut from = command;
+        for s in x.iter_mut().take(order) {
+            *s += (from - *s) * dt / tau;
+            from = *s;
+        }
+        if t > 5.0 {
+            square += (from - deck).powi(2);
+            n += 1.0;
+        }
+    }
+    f64::sqrt(square / n).to_degrees()
+}
+
 #[test]
-fn x() {}
+fn lead_shrinks_the_attitude_error_of_a_lagging_loop() {
+    let bare = follow(1, 0.2, false);
+    assert!(bare > 0.8, "{bare}");
+    assert!(follow(1, 0.2, true) < 0.02 * bare);
+    assert!(follow(2, 0.3, true) < 0.15 * follow(2, 0.3, false));
+}
+
+#[test]
+fn feedback_over_the_deck_cannot_outvote_the_plans_attitude() {
+    let c = TrackingConfig::default();
+    let body = Body {
+        position: Vector3::new(1.0, -1.0, 0.0),
+        velocity: Vector3::zeros(),
+        attitude: UnitQuaternion::identity(),
+    };
+    let stage = PlanStage {
+        euler: [0.05, -0.1, 0.3],
+        ..PlanStage::default()
+    };
+    let planned = UnitQuaternion::from_euler_angles(0.05, -0.1, 0.3);
+    let estimate = FlightEstimate::new(0.34);
+    let off = |authority| {
+        let mut t = Tracker::default();
+        let mut a = None;
+        for _ in 0..200 {
+            a = Some(t.track(&stage, &body, &estimate, authority, 0.2, 0.01, &c));
+        }
+        a.unwrap().attitude.angle_to(&planned)
+    };
+    let touching = off(Authority::flare(0.0, &c));
+    assert!(touching < c.contact_feedback_tilt_rad * 1.1, "{touching}");
+    assert!(off(Authority::descent(&c)) > 3.0 * touching);
+}
+
+// Safe action.
+
+fn header(n: u32, now: Time<DroneClock>) -> Header<DroneClock> {
+    Header::new(1, 1, 1, n, now)
+}
+fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> PilotIn {
+    let header = header(n, now);
+    let deck = DeckStage {
+        position: [0.0, 0.0, -1.3],
+        ..DeckStage::default()
+    };
+    let stage = PlanStage {
+        position: [1.0, 2.0, -1.6 - height],
+        ..PlanStage::default()
+    };
+    PilotIn {
+        plan: Some(Plan {
+            header,
+            step: Span::from_millis(100),
+            stages: Seq::filled([stage; 21]),
+            ..Plan::default()
+        }),
+        mission: Some(MissionState {
+            header,
+            state,
+            descent_mps: 0.5,
+            ..MissionState::default()
+        }),
+        forecast: Some(DeckForecast {
+            header,
+            step: Span::from_millis(100),
+            stages: Seq::filled([deck; 41]),
+            ..DeckForecast::default()
+        }),
+        drone: Some(DroneState {
+            header,
+            position: [0.0, 0.0, -1.6 - height],
+            ..DroneState::default()
+        }),
+        autopilot: Some(AutopilotState {
+            header,
+            armed: true,
+            mode: AutopilotMode::Offboard,
+            landed: LandedState::InAir,
+            battery: 0.9,
+            thrust: 0.34,
+            hover_thrust: 0.34,
+            ..AutopilotState::default()
+        }),
+        ranges: vec![],
+    }
+}
+/// One second of everything, then one of what `change` leaves; the last set-point.
+fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) -> SetPoint {
+    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let mut last = SetPoint::default();
+    for k in 0..(100.0 * (1.0 + secs)) as u32 {
+        let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
+        let mut input = everything(k, now, state, height);
+        if k >= 100 {
+            change(&mut input);
+        }
+        last = pilot.step(now, &input).set_point.unwrap();
+        assert_eq!(last.motors, Motors::Run);
+    }
+    last
+}
+
+#[test]
+fn each_phase_has_its_kind_of_set_point() {
+    for (state, kind) in [
+        (State::GetAltitude, SetPointKind::Trajectory),
+        (State::Approach, SetPointKind::Trajectory),
+        (State::Tracking, SetPointKind::Trajectory),
+        (State::Descent, SetPointKind::Attitude),
+        (State::Flare, SetPointKind::Attitude),
+        (State::Idle, SetPointKind::Trajectory),
+    ] {
+        assert_eq!(after(state, 5.0, 0.0, |_| ()).kind, kind, "{state:?}");
+    }
+    let s = after(State::Tracking, 5.0, 0.0, |_| ());
+    assert_eq!(s.position, [1.0, 2.0, -6.6]);
+}
+
+#[test]
+fn an_old_plan_means_hold_and_near_the_deck_a_gentle_climb() {
+    let s = after(State::Tracking, 6.0, 1.0, |i| i.plan = None);
+    assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0; 3]));
+    assert_eq!(s.position, [0.0, 0.0, -7.6]);
+    let s = after(State::Descent, 2.0, 1.0, |i| i.plan = None);
+    assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0, 0.0, -0.5]));
+    assert!(s.position[2] < -3.7, "{s:?}");
+    // Committed: level, sinking onto the deck.
+    let s = after(State::Flare, 0.4, 1.0, |i| i.plan = None);
+    assert_eq!(s.kind, SetPointKind::Attitude);
+    assert!((s.velocity[2] - 0.5).abs() < 1e-9);
+    assert!(s.attitude().angle() < 0.01 && s.thrust < 0.34, "{s:?}");
+}
+
+#[test]
+fn without_knowledge_the_autopilot_is_left_alone() {
+    let none = |s: SetPoint| assert_eq!(s.kind, SetPointKind::None);
+    none(after(State::Tracking, 6.0, 1.0, |i| i.drone = None));
+    none(after(State::Tracking, 6.0, 2.0, |i| i.autopilot = None));
+    none(after(State::Tracking, 6.0, 1.0, |i| {
+        i.autopilot.as_mut().unwrap().armed = false;
+    }));
+    none(after(State::Tracking, 6.0, 5.0, |i| i.mission = None));
+    none(after(State::Landed, 6.0, 1.0, |_| ()));
+    let s = after(State::Tracking, 6.0, 2.0, |i| i.mission = None);
+    assert_eq!(s.kind, SetPointKind::Trajectory, "holds for a moment first");
+}
+
+#[test]
+fn an_origin_reset_makes_the_plan_useless() {
+    let s = after(State::Tracking, 6.0, 0.3, |i| {
+        i.autopilot.as_mut().unwrap().origin_resets = 1;
+        i.plan = None;
+        i.drone.as_mut().unwrap().position[0] = 3.0;
+    });
+    assert_eq!(s.position, [3.0, 0.0, -7.6]);
+}
+
+#[test]
+fn configuration_is_checked() {
+    assert!(parse::<PilotConfig>("", "test").is_ok());
+    let e = parse::<PilotConfig>("[touchdown]\npress_of_hover = 1.0", "test")
+        .unwrap_err()
+        .to_string();
+    assert!(e.contains("touchdown.press_of_hover"), "{e}");
+    let c = parse::<PilotConfig>("landing_output = \"trajectory\"", "test").unwrap();
+    assert_eq!(c.landing_output, Output::Trajectory);
+}
+
+fn wild() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        6 => -3.0..3.0_f64,
+        1 => Just(f64::NAN),
+        1 => Just(f64::INFINITY),
+        1 => Just(1e200),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #[test]
+    fn random_input_never_panics_nor_stops_the_motors_in_the_air(
+        blows in prop::collection::vec(
+            (any::<u8>(), 0..10_u8, prop::array::uniform6(wild()), -200..900_i64, 0.0..3.0_f64, 1..40_u32), 1..40),
+        landing in any::<bool>(),
+    ) {
+        let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+        let mut now = Time::from_secs(5.0);
+        let mut n = 0;
+        let states = [
+            State::Idle, State::GetAltitude, State::Approach, State::Tracking, State::TrackingStable,
+            State::Descent, State::Flare, State::Landed, State::Hold, State::GaveUp,
+        ];
+        for (mask, state, v, age, height, repeat) in blows {
+            let state = states[usize::from(state) % states.len()];
+            // Half the cases never permit a touch; the others have no force beyond the thrust.
+            let state = if !landing && state.phase() == Phase::Landing { State::Tracking } else { state };
+            for _ in 0..repeat {
+                n += 1;
+                now += Span::from_millis(10);
+                let then = if age > 500 { now - Span::from_millis(age - 500) } else { now };
+                let mut i = everything(n, then, state, height);
+                i.ranges = vec![RangeSample { header: header(n, then), range_m: v[0].abs(), variance: 1e-3 }];
+                let force = i.drone.as_mut().unwrap();
+                if landing {
+                    force.specific_force = [v[1], v[2], 0.0];
+                } else {
+                    force.specific_force = [v[1], v[2], v[3] * 30.0];
+                }
+                if mask & 1 != 0 { force.velocity = [v[1], v[2], v[3]] }
+                if mask & 2 != 0 { i.plan.as_mut().unwrap().stages[3].position = [v[3], v[4], v[5]] }
+                if mask & 4 != 0 { i.forecast.as_mut().unwrap().stages[0].position = [v[5], v[4], v[3]] }
+                if mask & 8 != 0 { i.autopilot.as_mut().unwrap().thrust = v[4] }
+                if mask & 16 != 0 { i.plan = None }
+                if mask & 32 != 0 { i.mission = None }
+                if mask & 64 != 0 { i.drone = None }
+                if mask & 128 != 0 { i.forecast = None }
+                let out = pilot.step(now, &i);
+                let s = out.set_point.unwrap();
+                prop_assert!(s.check().is_ok(), "{s:?}");
+                prop_assert_eq!(s.motors, Motors::Run);
+                prop_assert!(out.touchdown.is_none());
+            }
+        }
+    }
+}

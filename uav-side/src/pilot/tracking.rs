@@ -97,7 +97,7 @@ impl Tracker {
             c.position_error_limit_m,
         );
         let e_v = Vector3::from(stage.velocity) - body.velocity;
-        if authority.integrate {
+        if authority.integrate && e_p.norm() <= c.integral_within_m {
             let most = c.integral_limit_mps2;
             self.integral = (self.integral + e_p * (c.ki * dt)).map(|v| v.clamp(-most, most));
         }

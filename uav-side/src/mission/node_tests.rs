@@ -1,0 +1,336 @@
+//! The node: an obedient drone lands, commands and frames are handled, random input is harmless.
+
+use alight_shared::config::parse;
+use alight_shared::msg::{AutopilotMode, DeckStage, LandedState, Message, Phase, Source};
+use alight_shared::seq::Seq;
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+use super::*;
+
+type Instant = Time<DroneClock>;
+
+fn at(s: f64) -> Instant {
+    Time::from_secs(s)
+}
+fn config() -> MissionConfig {
+    MissionConfig::default()
+}
+fn node() -> Mission {
+    Mission::new(
+        &config(),
+        &DroneGeometry::default(),
+        &DeckGeometry::default(),
+        1,
+        1,
+    )
+}
+fn header(n: u32, t: Instant) -> Header<DroneClock> {
+    Header::new(1, 1, 1, n, t)
+}
+fn forecast(n: u32, t: Instant, position: [f64; 3]) -> DeckForecast {
+    DeckForecast {
+        header: header(n, t),
+        step: Span::from_millis(100),
+        source: Source::Both,
+        radio_age_s: 0.05,
+        vision_age_s: 0.05,
+        tag_age_s: 0.05,
+        wave_confidence: 1.0,
+        mean_heading: 0.0,
+        stages: Seq::filled((0..41).map(|_| DeckStage {
+            position,
+            ..DeckStage::default()
+        })),
+    }
+}
+fn fresh_input(n: u32, t: Instant, position: [f64; 3]) -> MissionIn {
+    MissionIn {
+        forecast: Some(forecast(n, t, [0.0, 0.0, -1.3])),
+        drone: Some(DroneState {
+            header: header(n, t),
+            position,
+            ..DroneState::default()
+        }),
+        autopilot: Some(AutopilotState {
+            header: header(n, t),
+            armed: true,
+            mode: AutopilotMode::Offboard,
+            landed: LandedState::InAir,
+            battery: 0.8,
+            thrust: 0.34,
+            hover_thrust: 0.34,
+            ..AutopilotState::default()
+        }),
+        plan: Some(Plan {
+            header: header(n, t),
+            step: Span::from_millis(100),
+            ..Plan::default()
+        }),
+        set_point: None,
+        command: None,
+    }
+}
+
+/// A drone that goes at once where the mission wants it, and a pilot that stops at the deck.
+#[test]
+fn an_obedient_drone_lands_and_descends_three_seconds_after_arriving() {
+    let mut m = node();
+    let mut p = Vector3::new(40.0, -10.0, -12.0);
+    let (mut seen, mut touched) = (vec![State::Idle], false);
+    let (mut arrived, mut begun) = (None, None);
+    for k in 0..6000_u32 {
+        let t = at(1.0 + f64::from(k) * 0.01);
+        let mut input = fresh_input(k, t, p.into());
+        if k == 5 {
+            input.command = Some(Command {
+                header: header(1, t),
+                kind: CommandKind::Land,
+            });
+        }
+        if touched {
+            input.set_point = Some(SetPoint {
+                header: header(k, t),
+                motors: Motors::Stop,
+                ..SetPoint::default()
+            });
+        }
+        let Some(state) = m.step(t, &input).state else {
+            continue;
+        };
+        assert!(state.check().is_ok());
+        if seen.last() != Some(&state.state) {
+            seen.push(state.state);
+        }
+        let target = match state.state.phase() {
+            Phase::Navigation if state.state != State::Approach => state.hold_position(),
+            Phase::Navigation | Phase::Follow => Vector3::new(0.0, 0.0, -1.3 - state.height_m),
+            Phase::Landing => Vector3::new(0.0, 0.0, p.z + state.descent_mps),
+            Phase::None => p,
+        };
+        let step = target - p;
+        let most = if state.state.phase() == Phase::Landing {
+            0.02 * state.descent_mps
+        } else {
+            0.08
+        };
+        p += step * (most / step.norm().max(most));
+        if p.xy().norm() < 2.0 {
+            arrived.get_or_insert(t);
+        }
+        if state.state == State::Descent {
+            begun.get_or_insert(t);
+        }
+        touched |= p.z > -1.3 - 0.3;
+    }
+    assert_eq!(
+        seen,
+        [
+            State::Idle,
+            State::GetAltitude,
+            State::Approach,
+            State::Tracking,
+            State::TrackingStable,
+            State::Descent,
+            State::Flare,
+            State::Landed
+        ]
+    );
+    let dawdled = (begun.unwrap() - arrived.unwrap()).secs();
+    assert!(dawdled < 4.0, "{dawdled}");
+    assert_eq!(m.rejected(), MissionRejected::default());
+}
+
+#[test]
+fn a_command_counts_once_and_while_it_is_young() {
+    let mut m = node();
+    let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
+        let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
+        input.command = Some(Command {
+            header: header(n, at(given)),
+            kind,
+        });
+        m.step(at(t), &input);
+        m.rejected().command
+    };
+    assert_eq!(give(&mut m, 20.0, 10.0, 1, CommandKind::Land), 1, "too old");
+    assert_eq!(m.phase().state(), State::Idle);
+    assert_eq!(give(&mut m, 20.1, 20.0, 2, CommandKind::Land), 1);
+    assert_eq!(m.phase().state(), State::GetAltitude);
+    assert_eq!(give(&mut m, 20.2, 20.15, 3, CommandKind::Abort), 1);
+    assert_eq!(give(&mut m, 20.3, 20.0, 2, CommandKind::Land), 2, "out of order");
+    assert_eq!(m.phase().state(), State::GaveUp);
+}
+
+#[test]
+fn an_origin_reset_makes_the_forecast_useless() {
+    let mut m = node();
+    for k in 0..300_u32 {
+        let t = at(1.0 + f64::from(k) * 0.01);
+        let mut input = fresh_input(k, t, [0.0, 0.0, -16.3]);
+        input.command = (k == 3).then_some(Command {
+            header: header(1, t),
+            kind: CommandKind::Land,
+        });
+        if k == 200 {
+            input.autopilot.as_mut().unwrap().origin_resets = 1;
+            input.forecast = None;
+        }
+        let before = m.phase().state();
+        m.step(t, &input);
+        if k == 200 {
+            assert_eq!(before.phase(), Phase::Follow);
+            assert_eq!(m.phase().state(), State::Hold);
+        }
+    }
+}
+
+#[test]
+fn configuration_is_checked_and_replaced_in_flight() {
+    assert!(parse::<MissionConfig>("", "test").is_ok());
+    let e = parse::<MissionConfig>("tracking_height_m = 40.0", "test")
+        .unwrap_err()
+        .to_string();
+    assert!(e.contains("tracking_height_m") && e.contains("40"), "{e}");
+    let mut m = node();
+    let bad = MissionConfig {
+        flare_mps: f64::NAN,
+        ..config()
+    };
+    assert!(m.set_config(&bad).is_err());
+    assert_eq!(m.config(), &config());
+    let slow = MissionConfig {
+        descent_mps: 0.7,
+        ..config()
+    };
+    assert!(m.set_config(&slow).is_ok());
+    assert!((m.config().descent_mps - 0.7).abs() < 1e-12);
+}
+
+fn wild() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => -20.0..20.0_f64,
+        2 => 0.0..1.0_f64,
+        1 => Just(f64::NAN),
+        1 => Just(f64::INFINITY),
+        1 => Just(-1e300),
+    ]
+}
+
+#[derive(Clone, Debug)]
+struct Blow {
+    mask: u8,
+    age_ms: i64,
+    position: [f64; 3],
+    drone: [f64; 3],
+    ages: [f64; 2],
+    sd: f64,
+    armed: bool,
+    mode: AutopilotMode,
+    stop: bool,
+    command: Option<CommandKind>,
+    battery: f64,
+    repeat: u8,
+}
+
+fn blow() -> impl Strategy<Value = Blow> {
+    let mode = prop_oneof![
+        6 => Just(AutopilotMode::Offboard),
+        1 => Just(AutopilotMode::Other),
+        1 => Just(AutopilotMode::Hold),
+    ];
+    let command = prop_oneof![
+        20 => Just(None),
+        4 => Just(Some(CommandKind::Land)),
+        1 => Just(Some(CommandKind::Abort)),
+        1 => Just(Some(CommandKind::Hold)),
+    ];
+    let deck = prop_oneof![4 => Just([0.0, 0.0, -1.3]), 1 => prop::array::uniform3(wild())];
+    let drone = prop_oneof![
+        2 => Just([0.0, 0.0, -16.3]),
+        3 => Just([0.1, 0.0, -8.3]),
+        3 => (0.0..3.0_f64).prop_map(|h| [0.1, 0.1, -1.6 - h]),
+        1 => prop::array::uniform3(wild()),
+    ];
+    let age = prop_oneof![3 => 0.0..0.4_f64, 1 => wild()];
+    (
+        (any::<u8>(), -200..800_i64, deck, drone),
+        (age.clone(), age, wild(), prop::bool::weighted(0.95), mode),
+        (prop::bool::weighted(0.02), command, wild(), 1..80_u8),
+    )
+        .prop_map(
+            |((mask, age_ms, position, drone), (a, b, sd, armed, mode), (stop, command, battery, repeat))| {
+                Blow {
+                    // Most inputs arrive most of the time.
+                    mask: mask | mask.rotate_left(3) | mask.rotate_left(5),
+                    age_ms: if age_ms < 600 { 0 } else { age_ms - 500 },
+                    position,
+                    drone,
+                    ages: [a, b],
+                    sd: if sd > 1.0 { 0.05 } else { sd },
+                    armed,
+                    mode,
+                    stop,
+                    command,
+                    battery,
+                    repeat,
+                }
+            },
+        )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #[test]
+    fn random_input_never_panics_nor_permits_an_unsafe_descent(blows in prop::collection::vec(blow(), 1..60)) {
+        let mut m = node();
+        let mut now = at(1.0);
+        let mut n = 0_u32;
+        let (mut followed, mut stop_at) = (false, None);
+        for b in &blows {
+            for r in 0..b.repeat {
+                n += 1;
+                now += Span::from_millis(10);
+                let then = now - Span::from_millis(b.age_ms);
+                let mut input = fresh_input(n, then, b.drone);
+                let f = input.forecast.as_mut().unwrap();
+                [f.radio_age_s, f.vision_age_s] = b.ages;
+                for s in f.stages.iter_mut() {
+                    s.position = b.position;
+                    s.position_sd = [b.sd.abs(); 3];
+                }
+                let a = input.autopilot.as_mut().unwrap();
+                (a.armed, a.mode, a.battery) = (b.armed, b.mode, b.battery.abs().min(1.0));
+                if b.mask & 1 == 0 { input.forecast = None }
+                if b.mask & 2 == 0 { input.drone = None }
+                if b.mask & 4 == 0 { input.autopilot = None }
+                if b.mask & 8 == 0 { input.plan = None }
+                if b.stop && b.mask & 16 != 0 {
+                    input.set_point = Some(SetPoint { header: header(n, then), motors: Motors::Stop, ..SetPoint::default() });
+                    if b.age_ms == 0 { stop_at = Some(now) }
+                }
+                if r == 0 {
+                    input.command = b.command.map(|kind| Command { header: header(n, then), kind });
+                }
+                let out = m.step(now, &input);
+                let state = m.phase().state();
+                followed |= state.phase() == Phase::Follow;
+                if state == State::Idle { followed = false }
+                prop_assert!(state.phase() != Phase::Landing || followed, "landing without following");
+                if let Some(s) = out.state {
+                    prop_assert!(s.check().is_ok(), "{s:?}");
+                    if s.descent_mps > 0.0 {
+                        prop_assert!(m.forecast.fresh(now, topics::FORECAST.stale_after).is_some());
+                        prop_assert!(m.drone.fresh(now, topics::DRONE_STATE.stale_after).is_some());
+                        prop_assert!(m.autopilot.get().is_some_and(|a| a.armed));
+                        let seen = m.forecast.get().map_or(f64::INFINITY, |f| f.vision_age_s);
+                        prop_assert!(seen <= 13.0, "deck unseen: {seen}");
+                    }
+                    if s.state == State::Landed && s.previous != State::Landed && s.since == now {
+                        prop_assert!(stop_at.is_some_and(|t| now - t <= Span::from_millis(110)));
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,447 @@
+//! The pilot in a small world of its own: a drone with lags over a heaving, tilting deck.
+
+use alight_shared::msg::{LandedState, Source};
+use alight_shared::seq::Seq;
+use nalgebra::UnitQuaternion;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, Normal};
+
+use super::*;
+
+/// Feet below the centre of mass and the rangefinder's reading on the deck, m.
+const FEET: f64 = 0.30;
+const STEP: f64 = 0.001;
+
+/// A deck that heaves and pitches on one period.
+#[derive(Clone, Copy)]
+struct Sea {
+    amplitude: f64,
+    pitch: f64,
+    period: f64,
+    phase: f64,
+}
+impl Sea {
+    fn deck(&self, t: f64) -> DeckStage {
+        let w = std::f64::consts::TAU / self.period;
+        let (s, c) = (w * t + self.phase).sin_cos();
+        DeckStage {
+            position: [0.0, 0.0, -1.3 - self.amplitude * s],
+            velocity: [0.0, 0.0, -self.amplitude * w * c],
+            acceleration: [0.0, 0.0, self.amplitude * w * w * s],
+            euler: [0.0, self.pitch * c, 0.0],
+            euler_rates: [0.0, -self.pitch * w * s, 0.0],
+            position_sd: [0.05; 3],
+            velocity_sd: [0.05; 3],
+            euler_sd: [0.01; 3],
+        }
+    }
+}
+
+/// What the drone is asked to do.
+#[derive(Clone, Copy)]
+enum Task {
+    /// Clearance of `from` at `begin` less 0.5 m/s, pressing 0.3 m into the deck.
+    Land { from: f64, begin: f64 },
+    /// Stay at this clearance over the moving deck.
+    Follow(f64),
+    /// Stay at this NED height of the feet.
+    Stand(f64),
+}
+
+struct World {
+    sea: Sea,
+    task: Task,
+    t: f64,
+    p: Vector3<f64>,
+    v: Vector3<f64>,
+    q: UnitQuaternion<f64>,
+    thrust: f64,
+    /// True hover thrust; the autopilot believes 2 % more, the geometry 7 % less.
+    hover: f64,
+    damping: f64,
+    ranges: bool,
+    state: State,
+    mode: AutopilotMode,
+    pilot: Pilot,
+    rng: ChaCha8Rng,
+    first_contact: Option<(f64, f64, f64)>,
+    hardest: f64,
+    stopped: Option<f64>,
+    touchdown: Option<Touchdown>,
+    last: SetPoint,
+    tick: u32,
+}
+
+impl World {
+    fn new(sea: Sea, task: Task, seed: u64) -> Self {
+        let geometry = DroneGeometry::default();
+        let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n * 1.07;
+        let mut w = World {
+            sea,
+            task,
+            t: 0.0,
+            p: Vector3::zeros(),
+            v: Vector3::zeros(),
+            q: UnitQuaternion::identity(),
+            thrust: hover,
+            hover,
+            damping: 120.0,
+            ranges: true,
+            state: State::Flare,
+            mode: AutopilotMode::Offboard,
+            pilot: Pilot::new(&PilotConfig::default(), &geometry, 1, 1),
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            first_contact: None,
+            hardest: 0.0,
+            stopped: None,
+            touchdown: None,
+            last: SetPoint::default(),
+            tick: 0,
+        };
+        let start = w.reference(0.0);
+        w.p = Vector3::from(start.position);
+        w.v = Vector3::from(start.velocity);
+        w
+    }
+    fn noise(&mut self, sd: f64) -> f64 {
+        Normal::new(0.0, sd).unwrap().sample(&mut self.rng)
+    }
+    fn vector(&mut self, sd: f64) -> Vector3<f64> {
+        Vector3::new(self.noise(sd), self.noise(sd), self.noise(sd))
+    }
+    fn reference(&self, t: f64) -> PlanStage {
+        let d = self.sea.deck(t);
+        let height = match self.task {
+            Task::Land { from, begin } => (from - 0.5 * (t - begin).max(0.0)).max(-0.3),
+            Task::Follow(h) => h,
+            Task::Stand(z) => {
+                return PlanStage {
+                    position: [0.0, 0.0, z - FEET],
+                    ..PlanStage::default()
+                };
+            }
+        };
+        let sink = match self.task {
+            Task::Land { from, begin } if t > begin && from - 0.5 * (t - begin) > -0.3 => 0.5,
+            _ => 0.0,
+        };
+        // Attitude and sideways acceleration follow the deck's tilt near the contact only.
+        let align = (-height.max(0.0) / 0.15).exp();
+        let at = Vector3::from(d.position) + d.normal() * (FEET + height);
+        PlanStage {
+            position: at.into(),
+            velocity: [0.0, 0.0, d.velocity[2] + sink],
+            acceleration: d.acceleration,
+            euler: d.euler.map(|e| e * align),
+            euler_rates: d.euler_rates.map(|e| e * align),
+        }
+    }
+    fn clearance(&self) -> (f64, Vector3<f64>, f64) {
+        let d = self.sea.deck(self.t);
+        let n = d.normal();
+        let c = (self.p - Vector3::from(d.position)).dot(&n) - FEET;
+        (c, n, (self.v - Vector3::from(d.velocity)).dot(&n))
+    }
+    /// 10 ms: the pilot once, the physics ten times.
+    fn step(&mut self) {
+        let mut force = Vector3::zeros();
+        for _ in 0..10 {
+            let running = self.stopped.is_none();
+            let asked = if running { self.last.thrust } else { 0.0 };
+            let target = self.last.attitude();
+            if self.last.kind == SetPointKind::Attitude {
+                self.q = self.q.slerp(&target, STEP / 0.2);
+                self.thrust += (asked - self.thrust) * STEP / 0.03;
+            } else if self.last.kind == SetPointKind::Trajectory {
+                // The autopilot's own loop, ideal: it goes where it is told.
+                let e = Vector3::from(self.last.position) - self.p;
+                let ev = Vector3::from(self.last.velocity) - self.v;
+                let a = Vector3::from(self.last.acceleration) + e * 4.0 + ev * 3.5;
+                self.thrust = (self.hover * (GRAVITY - a.z) / GRAVITY).clamp(0.02, 1.0);
+                self.v.x += a.x * STEP;
+                self.v.y += a.y * STEP;
+            }
+            let up = self.q * -Vector3::z();
+            let mut specific = up * (self.thrust * GRAVITY / self.hover);
+            let (c, n, speed) = self.clearance();
+            if c < 0.0 {
+                if self.first_contact.is_none() {
+                    let tilt = up.angle(&n);
+                    self.first_contact = Some((self.t, -speed, tilt));
+                }
+                self.hardest = self.hardest.max(-speed);
+                let push = (2.0e4 * -c - self.damping * speed).max(0.0) / 3.5;
+                let slide = self.v - Vector3::from(self.sea.deck(self.t).velocity) - n * speed;
+                specific += n * push - slide * (0.4 * push / slide.norm().max(0.05)).min(50.0);
+                let wanted = UnitQuaternion::rotation_between(&up, &n).unwrap_or_default() * self.q;
+                self.q = self.q.slerp(&wanted, STEP / 0.1);
+            }
+            force += specific * 0.1;
+            self.v += (specific + Vector3::z() * GRAVITY) * STEP;
+            self.p += self.v * STEP;
+            self.t += STEP;
+        }
+        self.tick += 1;
+        let now = Time::from_secs(self.t);
+        let n = self.tick;
+        let header = Header::new(1, 1, 1, n, now);
+        let mut input = PilotIn::default();
+        let drone = DroneState {
+            header,
+            position: (self.p + self.vector(0.01)).into(),
+            velocity: (self.v + self.vector(0.05)).into(),
+            attitude: [self.q.w, self.q.i, self.q.j, self.q.k],
+            specific_force: (self.q.inverse() * force + self.vector(0.3)).into(),
+            ..DroneState::default()
+        };
+        input.drone = Some(drone);
+        let (clearance, up, _) = self.clearance();
+        if n.is_multiple_of(2) {
+            let down = self.q * Vector3::z();
+            let range = (clearance + FEET) / -down.dot(&up) - 0.08 + self.noise(0.03);
+            if self.ranges {
+                input.ranges.push(RangeSample {
+                    header,
+                    range_m: range.max(0.05),
+                    variance: 9e-4,
+                });
+            }
+            input.mission = Some(MissionState {
+                header,
+                state: self.state,
+                descent_mps: if self.state.phase() == Phase::Landing {
+                    0.5
+                } else {
+                    0.0
+                },
+                ..MissionState::default()
+            });
+            let error = self.noise(0.03);
+            input.forecast = Some(DeckForecast {
+                header,
+                step: Span::from_millis(100),
+                source: Source::Both,
+                stages: Seq::filled((0..41).map(|k| {
+                    let mut d = self.sea.deck(self.t + 0.1 * f64::from(k));
+                    d.position[2] += error;
+                    d
+                })),
+                ..DeckForecast::default()
+            });
+            input.plan = Some(Plan {
+                header,
+                step: Span::from_millis(100),
+                stages: Seq::filled((0..21).map(|k| self.reference(self.t + 0.1 * f64::from(k)))),
+                ..Plan::default()
+            });
+        }
+        if n.is_multiple_of(10) {
+            input.autopilot = Some(AutopilotState {
+                header,
+                armed: self.stopped.is_none(),
+                mode: self.mode,
+                landed: LandedState::InAir,
+                thrust: self.thrust,
+                hover_thrust: self.hover * 1.02,
+                battery: 0.9,
+                ..AutopilotState::default()
+            });
+        }
+        let out = self.pilot.step(now, &input);
+        self.last = out.set_point.unwrap();
+        assert!(self.last.check().is_ok(), "{:?}", self.last);
+        if out.touchdown.is_some() {
+            self.touchdown = out.touchdown;
+        }
+        if self.last.motors == Motors::Stop && self.stopped.is_none() {
+            self.stopped = Some(self.t);
+        }
+    }
+    fn fly(&mut self, secs: f64) {
+        for _ in 0..(secs * 100.0) as usize {
+            self.step();
+        }
+    }
+}
+
+fn moderate(phase: f64) -> Sea {
+    Sea {
+        amplitude: 0.6,
+        pitch: 0.10,
+        period: 5.0,
+        phase,
+    }
+}
+
+#[test]
+fn lands_on_a_moving_deck_and_stops_at_once() {
+    let mut worst: (f64, f64, f64, f64) = (0.0, 0.0, 0.0, 0.0);
+    for k in 0..24 {
+        let task = Task::Land {
+            from: 0.9,
+            begin: 2.0,
+        };
+        let mut w = World::new(moderate(f64::from(k) * 0.26), task, k as u64);
+        w.fly(9.0);
+        let (at, speed, tilt) = w.first_contact.expect("no contact");
+        let stop = w.stopped.expect("not stopped") - at;
+        let t = w.touchdown.expect("no evidence");
+        assert!(t.excess_mps2 > 2.0 && t.thrust_of_hover < 0.8, "{t:?}");
+        worst = (
+            worst.0.max(stop),
+            worst.1.max(speed),
+            worst.2.max(tilt.to_degrees()),
+            worst.3.max(w.hardest),
+        );
+        assert!(stop > 0.0, "stopped {stop} s before the contact, phase {k}");
+    }
+    println!(
+        "stop after {:.3} s, contact at {:.2} m/s, {:.2} deg, hardest {:.2} m/s",
+        worst.0, worst.1, worst.2, worst.3
+    );
+    assert!(
+        worst.0 < 0.5 && worst.1 < 0.8 && worst.2 < 4.0 && worst.3 < 0.9,
+        "{worst:?}"
+    );
+}
+
+#[test]
+fn lands_without_a_rangefinder() {
+    for k in 0..6 {
+        let task = Task::Land {
+            from: 0.9,
+            begin: 2.0,
+        };
+        let mut w = World::new(moderate(f64::from(k)), task, 100 + k as u64);
+        w.ranges = false;
+        w.fly(9.0);
+        let stop = w.stopped.expect("not stopped") - w.first_contact.unwrap().0;
+        assert!((0.0..1.0).contains(&stop), "{stop}");
+    }
+}
+
+#[test]
+fn a_bounce_ends_on_the_deck() {
+    for k in 0..6 {
+        let task = Task::Land {
+            from: 0.9,
+            begin: 2.0,
+        };
+        let mut w = World::new(moderate(f64::from(k)), task, 200 + k as u64);
+        // Restitution of about 0.6.
+        w.damping = 80.0;
+        w.fly(9.0);
+        let stop = w.stopped.expect("not stopped") - w.first_contact.unwrap().0;
+        assert!((0.0..1.0).contains(&stop), "{stop}");
+        assert!(w.hardest < 1.0, "{}", w.hardest);
+    }
+}
+
+/// Hovering close to the deck in the flare, without ever touching: the motors go on, and a
+/// suspicion, if any, does not bring the drone down on the deck.
+#[test]
+fn no_stop_close_to_the_deck_without_contact() {
+    for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
+        for ranges in [true, false] {
+            let mut w = World::new(moderate(0.4), Task::Follow(clearance), 300 + k as u64);
+            w.ranges = ranges;
+            w.fly(60.0);
+            assert_eq!(w.first_contact, None, "touched at {clearance}");
+            assert_eq!(w.stopped, None, "stopped at {clearance}");
+        }
+    }
+}
+
+#[test]
+fn no_stop_when_the_deck_heaves_up_close_under_a_hovering_drone() {
+    let sea = Sea {
+        pitch: 0.0,
+        ..moderate(0.0)
+    };
+    // The crest of the deck comes within 12 cm of the feet.
+    let mut w = World::new(sea, Task::Stand(-1.3 - 0.6 - 0.12), 7);
+    w.fly(60.0);
+    assert_eq!((w.first_contact, w.stopped), (None, None));
+}
+
+#[test]
+fn no_stop_outside_the_landing_or_without_the_autopilot() {
+    for (state, mode) in [
+        (State::Tracking, AutopilotMode::Offboard),
+        (State::Approach, AutopilotMode::Offboard),
+        (State::Hold, AutopilotMode::Offboard),
+        (State::Flare, AutopilotMode::Hold),
+        (State::Flare, AutopilotMode::Other),
+    ] {
+        let task = Task::Land {
+            from: 0.5,
+            begin: 1.0,
+        };
+        let mut w = World::new(moderate(1.0), task, 9);
+        (w.state, w.mode) = (state, mode);
+        w.fly(8.0);
+        assert!(
+            w.first_contact.is_some(),
+            "{state:?}: pressed onto the deck all the same"
+        );
+        assert_eq!(w.stopped, None, "{state:?} {mode:?}");
+    }
+}
+
+/// Twenty minutes of hover, tracking and approach over a rough deck, with the mission permitting a
+/// touch all the time.
+#[test]
+fn no_stop_in_the_air() {
+    for (k, clearance) in [0.6, 1.5, 7.0, 15.0].into_iter().enumerate() {
+        let sea = Sea {
+            amplitude: 0.9,
+            pitch: 0.25,
+            period: 5.0,
+            phase: 0.0,
+        };
+        let mut w = World::new(sea, Task::Follow(clearance), 400 + k as u64);
+        w.fly(300.0);
+        assert_eq!((w.first_contact, w.stopped), (None, None), "{clearance}");
+        assert_eq!(w.pilot.contact(), Contact::Clear);
+    }
+}
+
+#[test]
+fn tracks_the_plan_within_centimetres() {
+    let sea = Sea {
+        pitch: 0.0,
+        ..moderate(0.0)
+    };
+    let mut w = World::new(sea, Task::Follow(2.0), 11);
+    w.fly(10.0);
+    let (mut square, mut n) = (0.0, 0.0);
+    for _ in 0..2000 {
+        w.step();
+        square += (w.p - Vector3::from(w.reference(w.t).position)).norm_squared();
+        n += 1.0;
+    }
+    let rms = f64::sqrt(square / n);
+    println!("rms {rms:.3} m");
+    assert!(rms < 0.12, "{rms}");
+    assert!((w.pilot.hover_thrust() / w.hover - 1.0).abs() < 0.02);
+}
+
+#[test]
+fn stays_stopped_until_the_mission_waits_anew() {
+    let task = Task::Land {
+        from: 0.5,
+        begin: 1.0,
+    };
+    let mut w = World::new(moderate(0.0), task, 13);
+    w.fly(6.0);
+    assert!(w.stopped.is_some());
+    for state in [State::Landed, State::Flare, State::Tracking] {
+        w.state = state;
+        w.fly(1.0);
+        assert_eq!(w.last.motors, Motors::Stop, "{state:?}");
+    }
+    w.state = State::Idle;
+    w.fly(0.1);
+    assert_eq!((w.last.motors, w.last.kind), (Motors::Run, SetPointKind::None));
+}
