@@ -9,6 +9,7 @@
 //! measured state when there is no plan, when the last is old, when the drone is further from it
 //! than [`config::Reset`] allows, and when the autopilot's position estimate jumped.
 
+mod carrot;
 pub mod condensed;
 pub mod config;
 pub mod model;

@@ -60,9 +60,9 @@ impl<const N: usize> ChainLimits<N> {
     ) -> bool {
         let mut before = previous_input;
         for (k, (u, x)) in inputs.iter().zip(states).enumerate() {
-            if !(*u >= self.input[0] - TOLERANCE && *u <= self.input[1] + TOLERANCE)
-                || !((u - before).abs() <= self.slew + TOLERANCE)
-            {
+            let in_range = *u >= self.input[0] - TOLERANCE && *u <= self.input[1] + TOLERANCE;
+            let slow = (u - before).abs() <= self.slew + TOLERANCE;
+            if !in_range || !slow {
                 return false;
             }
             before = *u;

@@ -8,6 +8,7 @@ use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{SVector, Vector2, Vector3};
 
+use super::carrot::{Carrot, Pace};
 use super::config::{PlannerConfig, PlannerKind, Shaping};
 use super::model::State;
 use super::mpc_faa::Problem;
@@ -503,117 +504,5 @@ fn sample_deck(
             out.clear();
             return;
         }
-    }
-}
-
-/// How fast a carrot closes in.
-#[derive(Clone, Copy, Debug)]
-struct Pace {
-    speed: f64,
-    acceleration: f64,
-    settle_s: f64,
-}
-
-/// Offset of the reference from its target, and its rate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Gap<const D: usize> {
-    offset: SVector<f64, D>,
-    rate: SVector<f64, D>,
-}
-
-impl<const D: usize> Gap<D> {
-    /// Closes in: constant deceleration far away, exponentially near, speed and acceleration
-    /// bounded; continuous in velocity.
-    fn advance(&mut self, time_s: f64, pace: &Pace) {
-        const SUBSTEP_S: f64 = 0.025;
-        const BRAKING: f64 = 1.15;
-        let n = (time_s / SUBSTEP_S).ceil().clamp(1.0, 40.0);
-        let dt = time_s / n;
-        for _ in 0..n as usize {
-            let distance = self.offset.norm();
-            let near = pace.acceleration * pace.settle_s * pace.settle_s;
-            let speed = if distance <= near {
-                distance / pace.settle_s
-            } else {
-                (2.0 * pace.acceleration * (distance - 0.5 * near))
-                    .sqrt()
-                    .min(pace.speed)
-            };
-            let wanted = if distance > 1e-9 {
-                self.offset * (-speed / distance)
-            } else {
-                SVector::zeros()
-            };
-            let change = wanted - self.rate;
-            let (most, size) = (BRAKING * pace.acceleration * dt, change.norm());
-            self.rate += if size > most {
-                change * (most / size)
-            } else {
-                change
-            };
-            self.offset += self.rate * dt;
-        }
-    }
-}
-
-/// A reference point that moves towards a moving target and then stays on it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Carrot<const D: usize> {
-    gap: Gap<D>,
-    /// Target that the gap was measured from: when, which kind, where, how fast.
-    from: Option<(Time<DroneClock>, bool, SVector<f64, D>, SVector<f64, D>)>,
-}
-
-impl<const D: usize> Default for Carrot<D> {
-    fn default() -> Self {
-        Carrot {
-            gap: Gap {
-                offset: SVector::zeros(),
-                rate: SVector::zeros(),
-            },
-            from: None,
-        }
-    }
-}
-
-impl<const D: usize> Carrot<D> {
-    /// Brings the gap to `now` against this target. A target of another kind, or one that jumped by
-    /// more than `limits[0]`, leaves the carrot where it was; a carrot further than `limits[1]`
-    /// from the plan's own start is brought back to it.
-    fn meet(
-        &mut self,
-        now: Time<DroneClock>,
-        kind: bool,
-        target: &SVector<f64, D>,
-        velocity: &SVector<f64, D>,
-        start: &SVector<f64, D>,
-        start_velocity: &SVector<f64, D>,
-        pace: &Pace,
-        limits: [f64; 2],
-    ) {
-        let fresh = Gap {
-            offset: start - target,
-            rate: start_velocity - velocity,
-        };
-        self.gap = match self.from {
-            None => fresh,
-            Some((at, before, old, old_velocity)) => {
-                let dt = (now - at).secs().clamp(0.0, 1.0);
-                let expected = old + old_velocity * dt;
-                let mut gap = self.gap;
-                if dt > 0.0 {
-                    gap.advance(dt, pace);
-                }
-                if before != kind || (target - expected).norm() > limits[0] {
-                    gap.offset += expected - target;
-                    gap.rate += old_velocity - velocity;
-                }
-                if (target + gap.offset - start).norm() > limits[1] {
-                    gap = fresh;
-                }
-                gap
-            }
-        };
-        self.from = Some((now, kind, *target, *velocity));
     }
 }
