@@ -35,10 +35,11 @@ impl Default for ImuConfig {
             gyro_sd_radps: 0.009,
             gyro_bias_sd_radps: 0.005,
             accelerometer_sd_mps2: 0.021,
-            // Virtual RobotX: 0.05; with 0.2 deg of misalignment in gravity 0.06.
-            accelerometer_bias_sd_mps2: 0.06,
-            // Ours: constant over a landing.
-            bias_time_s: 3600.0,
+            // Virtual RobotX: 0.05; ours for misalignment with the deck, half a degree in gravity.
+            accelerometer_bias_sd_mps2: 0.1,
+            // Ours, far shorter than real biases last: a heading that swings makes them seem
+            // observable, because the correlation of roll with pitch is not kept.
+            bias_time_s: 300.0,
             // Ours: a fifth of a wave period.
             silence_s: 1.0,
         }

@@ -70,7 +70,7 @@ impl Default for VesselModelConfig {
             stiffness_coupling: Vec::new(),
             // Ours, far below Fossen's 0.05 to 0.1, which are for a single component that stands
             // for a whole spectrum; identified components keep their phase for tens of periods.
-            wave_damping: 0.01,
+            wave_damping: 0.002,
             // Fossen 2011, section 8.2.6: 0.05 to 0.1.
             bank_damping: 0.1,
             // Ours: periods of 7.9 to 2.5 s, log-spaced.
@@ -78,7 +78,7 @@ impl Default for VesselModelConfig {
             // Ours: the five together make a sea of 1.3 m significant height.
             bank_heave_sd_m: 0.15,
             // Ours, tuned on the simulated vessel.
-            disturbance_sd_mps2_m_rad_radps2: [0.1, 0.1, 0.03, 0.02, 0.02, 0.02],
+            disturbance_sd_mps2_m_rad_radps2: [0.12, 0.12, 0.015, 0.005, 0.005, 0.05],
             disturbance_time_s: [2.0, 2.0, 0.5, 0.5, 0.5, 1.0],
             // Ours. Small for the stiff ones: the hull follows at once, and accelerometers would
             // have felt it. The wander of a GNSS height is no motion and no business of this model.

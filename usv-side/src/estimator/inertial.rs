@@ -13,7 +13,7 @@ const GATE: f64 = 49.0;
 /// After this many steps with a refusal in a row the covariance is opened (half a second).
 const PATIENCE: u32 = 25;
 /// What the model of specific force leaves out (lever-arm errors, second order in the tilt), m/s².
-const FORCE_MODEL_SD: f64 = 0.01;
+const FORCE_MODEL_SD: f64 = 0.03;
 
 impl Filter {
     fn gyro_bias(&self) -> Vector3<f64> {

@@ -338,11 +338,13 @@ impl Filter {
 
     /// Updates the mean motion and, when the mean heading has gone far enough, the reference.
     fn follow_heading(&mut self) {
-        // First-order low-pass, 2 s for the velocity, 1 s for the heading's rate.
+        // First-order low-pass against the rest of the waves: 0.3 s for the velocity (the
+        // identification integrates it to a path, where a lag in a turn is a displacement), 1 s for
+        // the heading's rate.
         let (_, u) = self.without_waves(SURGE);
         let (_, v) = self.without_waves(SWAY);
         let velocity = Rotation2::new(self.reference) * Vector2::new(u, v);
-        self.mean_velocity += (velocity - self.mean_velocity) * (STEP_S / 2.0);
+        self.mean_velocity += (velocity - self.mean_velocity) * (STEP_S / 0.3);
         let (heading, rate) = self.without_waves(YAW);
         self.mean_heading_rate += (rate - self.mean_heading_rate) * STEP_S;
         self.mean_heading += self.mean_heading_rate * STEP_S;

@@ -1,5 +1,7 @@
 //! The identified sea in the model.
 
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::MAX_COMPONENTS;
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{Component, HEAVE, PITCH, ROLL, SURGE, SWAY, VesselModel};
 
@@ -60,6 +62,43 @@ fn component(sea: &SeaComponent, damping: f64, reference: f64, mean_velocity: [f
     c
 }
 
+/// The second harmonic of a steep sea: crests are sharper than troughs, so the deck's tilt holds
+/// twice and summed frequencies of the components (Stokes 1847), bound to them. One broad oscillator
+/// at twice their mean frequency of encounter stands for all, where a place is free and the
+/// identification has not found any itself.
+fn harmonic(waves: &[Component], config: &VesselNodeConfig) -> Option<Component> {
+    let tilt = |c: &Component| c.stationary_sd(PITCH).hypot(c.stationary_sd(ROLL));
+    let power: f64 = waves.iter().map(|c| tilt(c).powi(2)).sum();
+    if waves.len() >= MAX_COMPONENTS || !(power > 0.0) {
+        return None;
+    }
+    let mean = waves
+        .iter()
+        .map(|c| tilt(c).powi(2) * c.omega_encounter)
+        .sum::<f64>()
+        / power;
+    let (omega, damping) = (2.0 * mean, config.model.bank_damping);
+    if waves
+        .iter()
+        .any(|c| (c.omega_encounter / omega).ln().abs() < 0.25)
+    {
+        return None;
+    }
+    // Second order in the slope.
+    let sd = power.sqrt() * power.sqrt();
+    let sd = sd.clamp(2e-4, 0.05);
+    let heave = 0.5 * sd * GRAVITY / (omega * omega);
+    Some(Component {
+        omega,
+        direction: 0.0,
+        // No free wave: it has no direction, its frequency follows the others'.
+        direction_sd: core::f64::consts::PI,
+        omega_encounter: omega,
+        damping,
+        drive: [sd * 2.0, sd * 2.0, heave, sd, sd, sd].map(|v| Component::drive_for(omega, damping, v)),
+    })
+}
+
 impl Filter {
     /// Takes what is new about the sea, and what the vessel's own velocity has changed.
     pub(super) fn take_sea(&mut self, config: &VesselNodeConfig, state: Option<&SeaState>) {
@@ -88,11 +127,12 @@ impl Filter {
             }
             Verdict::Calm | Verdict::Identified => {
                 self.sea.confidence = state.confidence;
-                let wanted: Vec<Component> = state
+                let mut wanted: Vec<Component> = state
                     .components
                     .iter()
                     .map(|c| component(c, config.model.wave_damping, self.reference, velocity))
                     .collect();
+                wanted.extend(harmonic(&wanted, config));
                 if self.sea.identified && !differs(&wanted, &self.sea.components) {
                     return;
                 }
