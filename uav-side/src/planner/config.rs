@@ -47,16 +47,16 @@ pub struct RotorLimits {
 
 impl Default for RotorLimits {
     /// The paper bounds inputs and slew but publishes no value: all ours. Lowest speed from
-    /// ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.2 s, a tenth of what
-    /// a motor of 0.03 s can do. Tilt input 0.3: 12 rad/s² with the default drone, more than an
+    /// ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time
+    /// constants of a motor; half of that made a third of a landing's problems limited. Tilt input 0.3: 12 rad/s² with the default drone, more than an
     /// autopilot's attitude loop follows.
     fn default() -> Self {
         RotorLimits {
             lowest: 0.065,
-            slew_per_s: 5.0,
+            slew_per_s: 10.0,
             tilt_input: 0.3,
             yaw_input: 0.25,
-            slew_shares: [0.3, 0.3, 0.1],
+            slew_shares: [0.4, 0.25, 0.1],
         }
     }
 }
