@@ -58,8 +58,10 @@ pub struct MissionConfig {
     /// A committed flare is broken off when the feet's centre is this far outside the part of the
     /// deck on which all feet stand, m.
     pub lost_outside_m: f64,
-    /// Descent or flare begins below this relative horizontal speed, m/s.
+    /// Descent begins below this relative horizontal speed, m/s.
     pub descent_speed_mps: f64,
+    /// The flare begins below this relative horizontal speed, m/s.
+    pub flare_speed_mps: f64,
 
     /// Largest horizontal standard deviation of the predicted deck for a descent, m.
     pub horizontal_sd_m: f64,
@@ -145,13 +147,15 @@ impl Default for MissionConfig {
             steady_height_m: 2.0,
             steady_s: 0.5,
             descent_distance_m: 1.0,
-            // Half the deck's width less half the feet's span is 0.65 m.
-            flare_distance_m: 0.6,
+            // Half the deck's width less half the feet's span is 0.65 m; the rest is for what the blind
+            // end adds.
+            flare_distance_m: 0.35,
             break_distance_m: 1.0,
             break_cone: 0.3,
             // Half of the feet's span: half of the feet are beside the deck.
             lost_outside_m: 0.2,
             descent_speed_mps: 1.0,
+            flare_speed_mps: 0.6,
             horizontal_sd_m: 0.6,
             vertical_sd_m: 0.4,
             sd_lead_s: 1.0,
@@ -172,7 +176,7 @@ impl Default for MissionConfig {
             flare_radio_blind_s: 5.0,
             radio_fresh_s: 0.5,
             violation_s: 0.3,
-            gate_timeout_s: 4.0,
+            gate_timeout_s: 8.0,
             descent_timeout_s: 30.0,
             flare_timeout_s: 8.0,
             missed_m: 0.4,
@@ -225,6 +229,7 @@ impl Check for MissionConfig {
             ("flare_distance_m", self.flare_distance_m, 20.0),
             ("break_distance_m", self.break_distance_m, 20.0),
             ("descent_speed_mps", self.descent_speed_mps, 10.0),
+            ("flare_speed_mps", self.flare_speed_mps, 10.0),
             ("horizontal_sd_m", self.horizontal_sd_m, 10.0),
             ("vertical_sd_m", self.vertical_sd_m, 10.0),
             ("deck_speed_mps", self.deck_speed_mps, 50.0),

@@ -200,7 +200,7 @@ pub(super) fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reaso
     )
     .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
     .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.flare_distance_m))
-    .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.descent_speed_mps))
+    .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.flare_speed_mps))
     .or_else(|| exceeds(ReasonCode::TooSteep, deck.tilt_rad, c.flare_tilt_rad))
 }
 

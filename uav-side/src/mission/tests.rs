@@ -343,7 +343,7 @@ fn the_gate_stops_the_descent_until_the_flare_is_possible() {
         let d = run(DESCENT, attempt(), &s, 2.0);
         waits(&d, State::Descent, why);
         assert!(matches!(d.phase, MissionPhase::Descent { gated: Some(_), .. }));
-        goes(&run(DESCENT, attempt(), &s, 5.0), State::Tracking, why);
+        goes(&run(DESCENT, attempt(), &s, 9.0), State::Tracking, why);
     }
 }
 
