@@ -322,17 +322,16 @@ impl Guide {
                         Wish::Sink | Wish::Hold | Wish::Above => (d.position[2] - feet, d.velocity[2]),
                     })
                 };
-                let c0 = contact_z(0).map_or(0.0, |(z, _)| z - start[2]);
+                let start_at = contact_z(0).map_or(0.0, |(z, _)| z - start[2]);
+                let profile = Profile::new(start_at, mission.descent_mps, self.config.press_m);
                 for k in 0..stages {
                     let Some((z, vz)) = contact_z(k + 1) else {
                         continue;
                     };
-                    let profile = c0 - mission.descent_mps * step_s * (k as f64 + 1.0);
-                    // On into the deck for a little, so that contact is pressed home.
-                    let pressed = profile <= -self.config.press_m;
+                    let (clearance, sinking) = profile.at(step_s * (k as f64 + 1.0));
                     let r = &mut problem.reference[k];
-                    r[2] = z - profile.max(-self.config.press_m);
-                    r[8] = vz + if pressed { 0.0 } else { mission.descent_mps };
+                    r[2] = z - clearance;
+                    r[8] = vz + sinking;
                 }
             }
         }
@@ -473,6 +472,41 @@ impl Wish {
     }
 }
 
+/// Height over the deck against time: constant speed down to contact, then on into the deck for a
+/// little and gently to rest, so that contact is pressed home.
+#[derive(Clone, Copy, Debug)]
+struct Profile {
+    /// Clearance now; below contact, what it would be had the sinking not slowed.
+    unslowed_m: f64,
+    speed_mps: f64,
+    press_m: f64,
+}
+
+impl Profile {
+    fn new(clearance_m: f64, speed_mps: f64, press_m: f64) -> Self {
+        let press_m = press_m.max(1e-3);
+        let unslowed_m = if clearance_m < 0.0 {
+            press_m * (1.0 + clearance_m / press_m).max(1e-3).ln()
+        } else {
+            clearance_m
+        };
+        Profile {
+            unslowed_m,
+            speed_mps,
+            press_m,
+        }
+    }
+    /// Clearance (m) and speed downwards relative to the deck (m/s) after `time_s`.
+    fn at(&self, time_s: f64) -> (f64, f64) {
+        let s = self.unslowed_m - self.speed_mps * time_s;
+        if s >= 0.0 {
+            return (s, self.speed_mps);
+        }
+        let left = (s / self.press_m).exp();
+        (-self.press_m * (1.0 - left), self.speed_mps * left)
+    }
+}
+
 /// The deck now and at each stage. After the forecast's end it moves on at constant velocity with
 /// its last attitude; empty if the forecast does not cover `now`.
 fn sample_deck(
@@ -504,5 +538,36 @@ fn sample_deck(
             out.clear();
             return;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_height_profile_is_smooth_through_contact_and_continues_itself() {
+        let p = Profile::new(1.0, 0.5, 0.3);
+        assert_eq!(p.at(1.0), (0.5, 0.5));
+        let (mut before, dt) = (p.at(0.0), 0.01);
+        for k in 1..800 {
+            let (c, v) = p.at(dt * f64::from(k));
+            assert!((before.0 - c - v * dt).abs() < 1e-4 && (before.1 - v).abs() < 0.0085);
+            before = (c, v);
+        }
+        assert!(before.0 > -0.3 && before.0 < -0.29 && before.1 < 0.01);
+        // Begun anew from where it is below contact, it is the same profile.
+        let later = Profile::new(p.at(2.4).0, 0.5, 0.3);
+        assert!((later.at(0.3).0 - p.at(2.7).0).abs() < 1e-9);
+        assert!(Profile::new(-5.0, 0.5, 0.0).at(1.0).0.is_finite());
+    }
+
+    #[test]
+    fn tilt_and_upward_axis_invert_each_other() {
+        let (phi, theta) = tilt_of(&up_of(0.2, -0.3), 0.0);
+        assert!((phi - 0.2).abs() < 1e-12 && (theta + 0.3).abs() < 1e-12);
+        // Heading east, a tilt to the north is a roll to port.
+        let (phi, theta) = tilt_of(&up_of(0.0, -0.1), core::f64::consts::FRAC_PI_2);
+        assert!((phi + 0.1).abs() < 1e-12 && theta.abs() < 1e-12);
     }
 }

@@ -26,10 +26,10 @@ fn config(kind: PlannerKind) -> PlannerConfig {
 }
 
 /// Every tenth problem of a landing that begins 5 m aside, and whether the solver was needed.
-fn recorded() -> Vec<(Problem, bool)> {
+fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
     let (mut all, mut count) = (Vec::new(), 0);
     let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
-    Approach::new(MODERATE, from, 2.0).land(&PlannerConfig::default(), |p, plan| {
+    Approach::new(MODERATE, from, 2.0).land(config, |p, plan| {
         if count % 10 == 0 {
             all.push((p.problem().clone(), plan.iterations > 0));
         }
@@ -107,7 +107,7 @@ fn free_optimum_equals_the_condensed_problem_of_the_paper() {
     let c = PlannerConfig::default();
     let mut mpc = Mpc::new(&c, &DroneGeometry::default());
     let (mut compared, mut solution) = (0, Solution::default());
-    for (mut problem, limited) in recorded() {
+    for (mut problem, limited) in recorded(&c) {
         if limited {
             continue;
         }
@@ -126,10 +126,14 @@ fn free_optimum_equals_the_condensed_problem_of_the_paper() {
 
 #[test]
 fn limited_optimum_equals_the_condensed_problem_of_the_paper() {
-    let c = PlannerConfig::default();
+    // Half the slew and less tilt than usual, so that limits are met often.
+    let mut c = PlannerConfig::default();
+    c.rotors.slew_per_s = 4.0;
+    c.limits.tilt_deg = 10.0;
+    c.limits.rates_rps = 0.5;
     let mut mpc = Mpc::new(&c, &DroneGeometry::default());
     let (mut compared, mut solution, mut worst) = (0, Solution::default(), 0.0_f64);
-    for (mut problem, limited) in recorded() {
+    for (mut problem, limited) in recorded(&c) {
         if !limited {
             continue;
         }
@@ -149,7 +153,7 @@ fn limited_optimum_equals_the_condensed_problem_of_the_paper() {
         assert!(ours <= theirs + 1e-5 * (1.0 + theirs), "{ours} {theirs}");
         compared += 1;
     }
-    assert!(compared > 5, "{compared}");
+    assert!(compared > 20, "{compared}");
     // Of a range of 0.6 in tilt; our gap is Clarabel's default of 1e-8.
     assert!(worst < 2e-3, "{worst}");
 }
