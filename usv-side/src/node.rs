@@ -252,3 +252,6 @@ impl Node for VesselNode {
         out
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -166,6 +166,21 @@ impl Axis {
         self.p[i][i] = var;
         self.p[i + 1][i + 1] = var * o.omega * o.omega;
     }
+    /// Oscillator `k` is known by itself: value and rate with variances.
+    pub fn set(&mut self, k: usize, x: [f64; 2], var: [f64; 2]) {
+        let i = HEAD + 2 * k;
+        if i + 2 > self.n {
+            return;
+        }
+        for j in 0..2 {
+            self.x[i + j] = x[j];
+            for m in 0..self.n {
+                self.p[i + j][m] = 0.0;
+                self.p[m][i + j] = 0.0;
+            }
+            self.p[i + j][i + j] = var[j];
+        }
+    }
     /// Takes oscillator `k` out.
     pub fn remove(&mut self, k: usize) {
         let i = HEAD + 2 * k;

@@ -3,6 +3,7 @@
 use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::frames::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::vessel_model::VesselModelConfig;
 use serde::{Deserialize, Serialize};
 
 /// What the predictor believes about deck, drone, sensors and sea. Lists of six are in the order
@@ -42,6 +43,10 @@ pub struct PredictorConfig {
     pub residual_omega_radps: f64,
     /// Damping ratio of that motion.
     pub residual_damping: f64,
+    /// The vessel's model, as on the vessel: tells its motion from its wave model.
+    pub vessel: VesselModelConfig,
+    /// Damping ratio of a wave component as a multiple of what the vessel says.
+    pub damping_scale: f64,
     /// Least damping ratio of a wave component.
     pub min_damping: f64,
     /// The spread that a wave component is given, as a multiple of what the vessel says.
@@ -67,6 +72,12 @@ pub struct PredictorConfig {
     pub tag_min_sd_m: f64,
     /// Least standard deviation of a tag's attitude, rad.
     pub tag_min_sd_rad: f64,
+    /// Share of the drone's stated position error that is fused as noise of a sight; the rest is
+    /// the same in the drone's position now and does not matter.
+    pub drone_share: f64,
+    /// Error of a sight in proportion to its distance, besides the mount's, that is the same from
+    /// one sight to the next.
+    pub sight_scale_sd: f64,
     /// Position error of the camera's mount, m.
     pub camera_mount_sd_m: f64,
     /// A reading of the rangefinder is used at most this often, s.
@@ -99,7 +110,7 @@ impl Default for PredictorConfig {
             radio_bias_time_s: [300.0, 300.0, 300.0, 60.0, 60.0, 100.0],
             // GNSS of the drone: 1 m; camera mount 1 deg with the drone's own attitude error.
             vision_bias_sd_m_rad: [1.0, 1.0, 1.0, deg(1.2), deg(1.2), deg(1.5)],
-            vision_bias_time_s: [300.0, 300.0, 300.0, 60.0, 60.0, 100.0],
+            vision_bias_time_s: [300.0, 300.0, 300.0, 200.0, 200.0, 100.0],
             // Ours.
             mean_walk_m_rad: [0.02, 0.02, 0.02, deg(0.1), deg(0.1), deg(0.1)],
             // Ours: a vessel that begins to turn at 2 m/s and 0.2 rad/s.
@@ -109,23 +120,31 @@ impl Default for PredictorConfig {
             residual_sd_m_rad: [0.03, 0.03, 0.02, deg(0.5), deg(0.5), deg(0.3)],
             residual_omega_radps: 3.0,
             residual_damping: 0.5,
-            // Ours: the vessel's own figure, unless it is overconfident.
-            min_damping: 0.005,
-            wave_scale: 1.2,
+            vessel: VesselModelConfig::default(),
+            // Ours: damping is also decay, and a free run of half a minute must not lose the waves.
+            damping_scale: 0.3,
+            min_damping: 0.003,
+            // Ours, tuned at Moderate.
+            wave_scale: 0.8,
             min_wave_sd_m_rad: [0.01, 0.01, 0.01, deg(0.1), deg(0.1), deg(0.1)],
             // As the vessel model's broad default.
             bank_omega_radps: vec![0.8, 1.06, 1.41, 1.88, 2.5],
             bank_damping: 0.1,
             bank_sd_m_rad: [0.15, 0.15, 0.15, deg(2.0), deg(2.0), deg(0.5)],
             // Ours: about half a second of correlation at 30 Hz.
-            radio_inflation: 10.0,
+            radio_inflation: 20.0,
             radio_floor: 0.5,
             // Ours.
             radio_min_sd_m_rad: [0.1, 0.1, 0.05, deg(0.3), deg(0.3), deg(0.5)],
             radio_min_rate_sd_mps_radps: [0.1, 0.1, 0.05, deg(0.5), deg(0.5), deg(1.0)],
-            // Ours: half a centimetre and half a degree remain however near the tag is.
+            // Ours: half a centimetre remains however near the tag is; the corners' errors turn the
+            // tag in the same way from frame to frame.
             tag_min_sd_m: 0.005,
-            tag_min_sd_rad: deg(0.5),
+            tag_min_sd_rad: deg(2.0),
+            // Ours, tuned at Moderate.
+            drone_share: 0.1,
+            // Ours: a tag of 71 px at 7 m appears 11 cm too near.
+            sight_scale_sd: 0.012,
             // Issue 2: camera mount 1 cm wrong.
             camera_mount_sd_m: 0.01,
             range_period_s: 0.04,
@@ -160,6 +179,8 @@ impl Check for PredictorConfig {
         at.ranges("residual_sd_m_rad", &self.residual_sd_m_rad, 0.0, 1.0)?;
         at.range("residual_omega_radps", self.residual_omega_radps, 0.5, 20.0)?;
         at.range("residual_damping", self.residual_damping, 0.05, 0.95)?;
+        self.vessel.check(&at.table("vessel"))?;
+        at.range("damping_scale", self.damping_scale, 0.01, 10.0)?;
         at.range("min_damping", self.min_damping, 1e-4, 0.5)?;
         at.range("wave_scale", self.wave_scale, 0.1, 10.0)?;
         at.ranges("min_wave_sd_m_rad", &self.min_wave_sd_m_rad, 1e-6, 1.0)?;
@@ -177,6 +198,8 @@ impl Check for PredictorConfig {
         )?;
         at.range("tag_min_sd_m", self.tag_min_sd_m, 1e-4, 1.0)?;
         at.range("tag_min_sd_rad", self.tag_min_sd_rad, 1e-4, 1.0)?;
+        at.range("drone_share", self.drone_share, 0.0, 1.0)?;
+        at.range("sight_scale_sd", self.sight_scale_sd, 0.0, 0.5)?;
         at.range("camera_mount_sd_m", self.camera_mount_sd_m, 0.0, 1.0)?;
         at.range("range_period_s", self.range_period_s, 0.0, 10.0)?;
         at.range("range_margin_m", self.range_margin_m, 0.0, 10.0)?;

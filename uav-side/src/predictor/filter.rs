@@ -6,14 +6,16 @@ use std::collections::VecDeque;
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
 
-use super::axis::{Axis, AxisNoise, Row, Step, VISION};
+use super::axis::{Axis, AxisNoise, MEAN, Row, Step, VISION};
 use super::observation::{Kind, Observation};
-use super::waves::{AXES, Change, Oscillator, Waves};
+use super::waves::{AXES, Change, Oscillator, Seed, Waves};
 
 /// Observations that can be put in order.
 const MAX_ENTRIES: usize = 96;
 /// Observations further back than this are refused, s.
 const MAX_LATE_S: f64 = 1.0;
+/// A wave model older than this says nothing about phases, s.
+const MAX_SEED_S: f64 = 5.0;
 /// Refusals in a row after which the sights or the radio are believed again.
 const STUBBORN: u32 = 12;
 
@@ -53,6 +55,7 @@ pub struct Filter {
     spare: Vec<Box<State>>,
     /// Refusals in a row: radio, sight.
     refused: [u32; 2],
+    started: Time<DroneClock>,
 }
 
 impl Filter {
@@ -60,13 +63,39 @@ impl Filter {
     pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &Observation) -> Self {
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
         let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
+        // The vessel's own phases, rolled on to the first observation.
+        let seeds: Vec<Option<(Seed, Step)>> = waves
+            .oscillators()
+            .iter()
+            .map(|o| {
+                let seed = o.seed?;
+                let since = (first.at - seed.at).secs();
+                (since.abs() < MAX_SEED_S).then(|| (seed, Step::new(&[*o], since)))
+            })
+            .collect();
         let axes: State = core::array::from_fn(|i| {
             let (level, var) = first.value[i].unwrap_or((0.0, f64::powi(unknown[i], 2)));
-            // The waves' share of the first value is not known.
-            let sea: f64 = waves.oscillators().iter().map(|o| o.sd[i].powi(2)).sum();
             let slow = noise[i].radio.0.powi(2).max(noise[i].vision.0.powi(2));
-            let sd = (var + sea + slow).sqrt();
-            Axis::new(&noise[i], waves.oscillators(), i, level, sd, rate_sd[i])
+            let mut axis = Axis::new(&noise[i], waves.oscillators(), i, level, 0.0, rate_sd[i]);
+            let mut sea = 0.0;
+            for (k, (o, seed)) in waves.oscillators().iter().zip(&seeds).enumerate() {
+                let Some((s, step)) = seed else {
+                    // This share of the first value is not known.
+                    sea += o.sd[i].powi(2);
+                    continue;
+                };
+                let [a, b, c, d] = step.a[0];
+                let (v, r) = (s.value[i], s.rate[i]);
+                axis.set(
+                    k,
+                    [a * v + b * r, c * v + d * r],
+                    [s.variance[i], s.variance[i] * o.omega * o.omega],
+                );
+                axis.x[MEAN] -= a * v + b * r;
+                sea += s.variance[i];
+            }
+            axis.p[MEAN][MEAN] = var + sea + slow;
+            axis
         });
         let mut f = Filter {
             noise,
@@ -74,6 +103,7 @@ impl Filter {
             entries: VecDeque::with_capacity(MAX_ENTRIES + 1),
             spare: Vec::new(),
             refused: [0; 2],
+            started: first.at,
         };
         f.entries.push_back(Entry {
             at: first.at,
@@ -93,6 +123,10 @@ impl Filter {
         };
         self.advance(&mut s.0, waves.oscillators(), t - s.1);
         s.0
+    }
+    /// Time of the first observation.
+    pub fn started(&self) -> Time<DroneClock> {
+        self.started
     }
     /// The state after the newest observation.
     pub fn last(&self) -> Option<&State> {

@@ -88,6 +88,8 @@ impl Rejections {
 
 /// A message may be this much ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
+/// A filter is young for this long, s.
+const YOUNG_S: f64 = 3.0;
 /// Until the bridge has spoken, s.
 const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 
@@ -372,6 +374,7 @@ impl Predictor {
         });
         let mount = self.config.camera_mount_sd_m.powi(2);
         let turn = |i: usize| axes[i].p[VISION][VISION].max(0.0);
+        let mount = mount + (self.config.sight_scale_sd * arm.norm()).powi(2);
         core::array::from_fn(|i| {
             let (v, r) = self.stated[i];
             match i {

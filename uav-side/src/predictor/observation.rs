@@ -151,7 +151,8 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
 
     let [px, py, pz, rx, ry, rz] = m.variance;
     let floor = c.tag_min_sd_m.powi(2) + c.camera_mount_sd_m.powi(2);
-    let noise = turned(&camera, &Vector3::new(px, py, pz)) + drone.variance + lever(&arm, &mount.sd);
+    let noise =
+        turned(&camera, &Vector3::new(px, py, pz)) + drone.variance * c.drone_share + lever(&arm, &mount.sd);
     let angle = turned(&camera, &Vector3::new(rx, ry, rz)).add_scalar(c.tag_min_sd_rad.powi(2));
     let var: [f64; AXES] = [
         noise.x + floor,
@@ -175,7 +176,8 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> 
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
     let centre = drone.position + arm - mount.turn.cross(&arm);
-    let var = turned(&camera, &Vector3::from(m.variance)) + drone.variance + lever(&arm, &mount.sd);
+    let var =
+        turned(&camera, &Vector3::from(m.variance)) + drone.variance * c.drone_share + lever(&arm, &mount.sd);
     let mut value = [None; AXES];
     for i in 0..3 {
         value[i] = Some((centre[i], var[i] + c.camera_mount_sd_m.powi(2)));
@@ -219,7 +221,7 @@ pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -
     let slope = (normal.x * lateral.x + normal.y * lateral.y) / normal.z;
     let reach = (lateral.x * lateral.x + lateral.y * lateral.y) * deck.tilt_sd.powi(2)
         + deck.position_sd.powi(2) * (1.0 - normal.z * normal.z);
-    let r = m.variance.max(c.range_min_sd_m.powi(2)) + reach + drone.variance.z;
+    let r = m.variance.max(c.range_min_sd_m.powi(2)) + reach + drone.variance.z * c.drone_share;
     let mut value = [None; AXES];
     value[2] = Some((spot.z + slope, r));
     Some(Observation {

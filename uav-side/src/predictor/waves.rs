@@ -1,9 +1,10 @@
 //! The wave components that the predictor rolls on: the vessel's, matched from message to message,
 //! or the broad default, and always one short broad component for what they leave unexplained.
 
-use alight_shared::msg::{MAX_COMPONENTS, WaveModel};
+use alight_shared::msg::{MAX_COMPONENTS, WaveComponent, WaveModel};
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::vessel_model::encounter_frequency;
+use alight_shared::vessel_model::{VesselModelConfig, encounter_frequency};
+use nalgebra::Complex;
 
 use super::config::PredictorConfig;
 
@@ -13,6 +14,8 @@ pub const AXES: usize = 6;
 pub const MAX_OSCILLATORS: usize = MAX_COMPONENTS + 1;
 /// An oscillator that no message has named for this long is taken out, s.
 const FORGET_S: f64 = 20.0;
+/// What the hull's response and the vessel's covariance leave out, as a share of the amplitude.
+const SEED_ERROR: f64 = 0.1;
 /// Frequencies this near (logarithm) belong to the same component.
 const SAME: f64 = 0.12;
 
@@ -31,8 +34,21 @@ pub struct Oscillator {
     pub damping: f64,
     /// Stationary standard deviation per axis, m, rad.
     pub sd: [f64; AXES],
-    /// When a message last named it; None for those of the configuration.
-    named: Option<Time<DroneClock>>,
+    /// The deck's motion by this component as the vessel knows it; None for the configuration's.
+    pub seed: Option<Seed>,
+}
+
+/// The deck's motion by one component at some instant, from the vessel's oscillator state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seed {
+    /// Time of validity.
+    pub at: Time<DroneClock>,
+    /// Value per axis, m, rad.
+    pub value: [f64; AXES],
+    /// Rate per axis, m/s, rad/s.
+    pub rate: [f64; AXES],
+    /// Variance of the value; that of the rate is `omega²` times it.
+    pub variance: [f64; AXES],
 }
 
 /// What a change of the components asks of the filter's states.
@@ -55,6 +71,8 @@ pub struct Waves {
     min_damping: f64,
     scale: f64,
     min_sd: [f64; AXES],
+    damping_scale: f64,
+    vessel: VesselModelConfig,
     /// Trust in the vessel's identification, 0 to 1.
     pub confidence: f64,
 }
@@ -69,7 +87,7 @@ impl Waves {
             omega,
             damping,
             sd,
-            named: None,
+            seed: None,
         };
         let mut oscillators = vec![own(
             c.residual_omega_radps,
@@ -87,10 +105,16 @@ impl Waves {
             min_damping: c.min_damping,
             scale: c.wave_scale,
             min_sd: c.min_wave_sd_m_rad,
+            damping_scale: c.damping_scale,
+            vessel: c.vessel.clone(),
             confidence: 0.0,
         }
     }
 
+    /// The components are the vessel's.
+    pub fn are_named(&self) -> bool {
+        self.oscillators.iter().any(|o| o.seed.is_some())
+    }
     /// The oscillators now.
     pub fn oscillators(&self) -> &[Oscillator] {
         &self.oscillators
@@ -112,7 +136,7 @@ impl Waves {
         }
         let mut homeless = Vec::with_capacity(MAX_COMPONENTS);
         for c in m.components.iter() {
-            let new = self.from_message(now, c, height);
+            let new = self.from_message(m.header.at, c, height);
             let nearest = self
                 .oscillators
                 .iter()
@@ -137,7 +161,7 @@ impl Waves {
             // An own oscillator is replaced at once; one of an earlier message lives on beside.
             let room = self.oscillators.len() < MAX_OSCILLATORS;
             match free {
-                Some(i) if !room || self.oscillators.get(i).is_some_and(|o| o.named.is_none()) => {
+                Some(i) if !room || self.oscillators.get(i).is_some_and(|o| o.seed.is_none()) => {
                     if let (Some(t), Some(o)) = (taken.get_mut(i), self.oscillators.get_mut(i)) {
                         *t = true;
                         let ratio = new.omega / o.omega;
@@ -158,8 +182,8 @@ impl Waves {
         }
         // Those that nobody names any more are taken out, the default's at the first message.
         for i in (1..self.oscillators.len()).rev() {
-            let gone = self.oscillators.get(i).is_some_and(|o| match o.named {
-                Some(t) => (now - t).secs() > FORGET_S,
+            let gone = self.oscillators.get(i).is_some_and(|o| match o.seed {
+                Some(seed) => (now - seed.at).secs() > FORGET_S,
                 None => !m.components.is_empty(),
             });
             if gone {
@@ -183,12 +207,7 @@ impl Waves {
         }
     }
 
-    fn from_message(
-        &self,
-        now: Time<DroneClock>,
-        c: &alight_shared::msg::WaveComponent,
-        height: f64,
-    ) -> Oscillator {
+    fn from_message(&self, at: Time<DroneClock>, c: &WaveComponent, height: f64) -> Oscillator {
         let omega = f64::from(c.omega_encounter);
         let stated = f64::from(c.damping).max(1e-4);
         // Stationary spread of the vessel's oscillator, and no less than its present amplitude.
@@ -210,12 +229,61 @@ impl Waves {
             direction: f64::from(c.direction),
             direction_sd: f64::from(c.direction_sd),
             omega,
-            damping: stated.max(self.min_damping).min(0.9),
+            damping: (self.damping_scale * stated).clamp(self.min_damping, 0.9),
             sd: core::array::from_fn(|i| {
                 let limit = [5.0, 5.0, 5.0, 0.5, 0.5, 0.5];
                 (self.scale * raw[i]).clamp(self.min_sd[i], limit[i])
             }),
-            named: Some(now),
+            seed: Some(self.seed(at, c, height)),
+        }
+    }
+
+    /// The deck's motion from the vessel's oscillators, which are what drives the hull (module
+    /// `vessel_model`): `eta = K / (K - omega² + i omega D) w` where there is stiffness, else
+    /// `eta = w / (-omega² + i omega D)`, with K and D per unit of inertia.
+    fn seed(&self, at: Time<DroneClock>, c: &WaveComponent, height: f64) -> Seed {
+        let omega = f64::from(c.omega_encounter);
+        let v = &self.vessel;
+        let response = |i: usize| {
+            let (m, d, g) = (
+                v.inertia_kg_kgm2[i],
+                v.damping_npmps_nmpradps[i],
+                v.stiffness_npm_nmprad[i],
+            );
+            let below = Complex::new(g / m - omega * omega, omega * d / m);
+            Complex::new(if g > 0.0 { g / m } else { 1.0 }, 0.0) / below
+        };
+        let eta: [Complex<f64>; AXES] = core::array::from_fn(|i| {
+            let [value, rate] = c.state[i].map(f64::from);
+            response(i) * Complex::new(value, -rate / omega)
+        });
+        // The deck is `height` above the reference point: bow up moves it aft, starboard down to
+        // starboard.
+        let deck = [
+            eta[0] - eta[4] * height,
+            eta[1] + eta[3] * height,
+            eta[2],
+            eta[3],
+            eta[4],
+            eta[5],
+        ];
+        let own = |i: usize| f64::from(c.covariance[i][0]) * response(i).norm_sqr();
+        let lever = height * height;
+        let stated = [
+            own(0) + lever * own(4),
+            own(1) + lever * own(3),
+            own(2),
+            own(3),
+            own(4),
+            own(5),
+        ];
+        Seed {
+            at,
+            value: deck.map(|d| d.re),
+            rate: deck.map(|d| -omega * d.im),
+            variance: core::array::from_fn(|i| {
+                stated[i] + deck[i].norm_sqr() * SEED_ERROR.powi(2) + self.min_sd[i].powi(2)
+            }),
         }
     }
 }
@@ -223,7 +291,7 @@ impl Waves {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::{Header, WaveComponent};
+    use alight_shared::msg::Header;
     use alight_shared::seq::Seq;
 
     fn model(omegas: &[f32]) -> WaveModel<DroneClock> {
