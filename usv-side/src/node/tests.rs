@@ -1,0 +1,220 @@
+//! The node against bad input: counted, no panic, nothing unsafe said.
+
+use alight_shared::msg::Message;
+use alight_shared::wire::{decode, encode};
+use proptest::prelude::*;
+
+use super::*;
+use crate::VesselNodeConfig;
+
+const TICK: i64 = 10_000_000;
+
+fn time(tick: i64) -> Time<VesselClock> {
+    Time::from_nanos(5_000_000_000 + tick * TICK)
+}
+fn imu(tick: i64) -> ImuSample {
+    ImuSample {
+        header: Header::new(1, 0, 1, tick as u32, time(tick)),
+        gyro: [0.0; 3],
+        accelerometer: [0.0, 0.0, -9.806_65],
+    }
+}
+fn fix(tick: i64) -> GnssFix {
+    GnssFix {
+        header: Header::new(1, 0, 1, tick as u32, time(tick)),
+        datum: Default::default(),
+        // The antenna of a level vessel at (10, 20), heading north.
+        position: [9.2, 20.2, -2.0],
+        velocity: [0.0; 3],
+        position_sd: [0.3; 3],
+        velocity_sd: [0.1; 3],
+    }
+}
+fn heading(tick: i64) -> HeadingFix {
+    HeadingFix {
+        header: Header::new(1, 0, 1, tick as u32, time(tick)),
+        heading: 0.0,
+        heading_sd: 0.02,
+    }
+}
+/// What the sensors of a vessel at rest say at a tick.
+fn rest(tick: i64) -> VesselIn {
+    let tenth = tick % 10 == 0;
+    VesselIn {
+        imu: vec![imu(tick)],
+        gnss: if tenth { vec![fix(tick)] } else { vec![] },
+        heading: if tenth { vec![heading(tick)] } else { vec![] },
+        time_requests: vec![],
+    }
+}
+fn node() -> VesselNode {
+    VesselNode::new(&VesselNodeConfig::default(), 1, 9)
+}
+
+#[test]
+fn a_vessel_at_rest_is_found_at_rest() {
+    let mut n = node();
+    let mut last = None;
+    let (mut estimates, mut waves, mut predictions) = (0, 0, 0);
+    for k in 0..2000 {
+        let out = n.step(time(k), &rest(k));
+        estimates += usize::from(out.estimate.is_some());
+        waves += usize::from(out.wave.is_some());
+        predictions += usize::from(out.prediction.is_some());
+        last = out.estimate.or(last);
+    }
+    let e = last.unwrap();
+    assert!(
+        (e.eta[0] - 10.0).abs() < 0.05 && (e.eta[1] - 20.0).abs() < 0.05,
+        "{e:?}"
+    );
+    assert!(e.eta[2].abs() < 0.05 && e.eta[3].abs() < 0.005 && e.eta[4].abs() < 0.005);
+    // 20 s at 30, 5 and 2 Hz.
+    assert!((580..=600).contains(&estimates), "{estimates}");
+    assert!((95..=100).contains(&waves) && (38..=40).contains(&predictions));
+    assert_eq!(n.refused(), Refused::default());
+}
+
+#[test]
+fn nothing_is_said_before_all_sensors_have_spoken_nor_after_the_imu_has_gone() {
+    let mut n = node();
+    for k in 0..100 {
+        let only = VesselIn {
+            imu: vec![imu(k)],
+            ..VesselIn::default()
+        };
+        assert!(n.step(time(k), &only).estimate.is_none());
+    }
+    for k in 100..400 {
+        n.step(time(k), &rest(k));
+    }
+    // Then silence: the estimate is withheld after a second.
+    for k in 400..700 {
+        let out = n.step(time(k), &VesselIn::default());
+        assert!(k < 505 || out.estimate.is_none(), "{k}");
+    }
+    // And comes back.
+    let mut back = false;
+    for k in 700..900 {
+        back |= n.step(time(k), &rest(k)).estimate.is_some();
+    }
+    assert!(back);
+}
+
+#[test]
+fn repeated_and_reordered_samples_are_counted_and_change_nothing() {
+    let (mut clean, mut dirty) = (node(), node());
+    for k in 0..500 {
+        let input = rest(k);
+        let mut twice = input.clone();
+        twice.imu.push(imu(k));
+        twice.imu.push(imu(k - 3));
+        let a = clean.step(time(k), &input);
+        let b = dirty.step(time(k), &twice);
+        assert_eq!(a.estimate, b.estimate);
+    }
+    assert_eq!(dirty.refused().order, 1000);
+}
+
+#[test]
+fn a_time_request_gets_the_four_stamps_and_another_vessels_does_not() {
+    let mut n = node();
+    let ask = |vessel| {
+        Stamped::new(
+            time(3),
+            TimeRequest {
+                header: Header::new(vessel, 7, 1, 0, Time::<DroneClock>::from_secs(77.0)),
+            },
+        )
+    };
+    let out = n.step(
+        time(4),
+        &VesselIn {
+            time_requests: vec![ask(1), ask(2)],
+            ..VesselIn::default()
+        },
+    );
+    assert_eq!(out.time_replies.len(), 1);
+    let r = out.time_replies[0];
+    assert_eq!(
+        (r.asked_at, r.received_at, r.header.at),
+        (Time::from_secs(77.0), time(3), time(4))
+    );
+    assert_eq!((r.header.drone, n.refused().other_vessel), (7, 1));
+}
+
+#[test]
+fn what_it_says_survives_the_wire() {
+    let mut n = node();
+    for k in 0..200 {
+        let out = n.step(time(k), &rest(k));
+        if let Some(w) = out.wave {
+            assert_eq!(decode::<WaveModel<VesselClock>>(&encode(&w).unwrap()).unwrap(), w);
+        }
+        if let Some(p) = out.prediction {
+            assert!(encode(&p).unwrap().len() <= 1200);
+        }
+    }
+}
+
+fn wild() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(f64::NEG_INFINITY),
+        Just(0.0),
+        -1.0..1.0,
+        -600.0..600.0,
+        -1e12..1e12,
+    ]
+}
+fn wild3() -> impl Strategy<Value = [f64; 3]> {
+    [wild(), wild(), wild()]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+    #[test]
+    fn garbage_among_good_input_is_harmless(
+        garbage in prop::collection::vec((20i64..600, 0u8..3, wild3(), wild3(), -2000i64..2000), 1..80)
+    ) {
+        let mut n = node();
+        for k in 0..700 {
+            let mut input = rest(k);
+            for (at, kind, a, b, shift) in &garbage {
+                if *at != k {
+                    continue;
+                }
+                let header = Header::new(1, 0, 1, 0, time(k + shift / 100));
+                match kind {
+                    0 => input.imu.insert(0, ImuSample { header, gyro: *a, accelerometer: *b }),
+                    1 => input.gnss.insert(0, GnssFix {
+                        header, position: *a, velocity: *b, position_sd: [0.3; 3],
+                        velocity_sd: *a, datum: Default::default(),
+                    }),
+                    _ => input.heading.insert(0, HeadingFix {
+                        header, heading: a[0], heading_sd: b[0],
+                    }),
+                }
+            }
+            let out = n.step(time(k), &input);
+            if let Some(e) = out.estimate {
+                prop_assert!(e.check().is_ok());
+            }
+            if let Some(w) = out.wave {
+                prop_assert!(w.check().is_ok());
+            }
+            if let Some(p) = out.prediction {
+                prop_assert!(p.check().is_ok());
+            }
+        }
+        // It has found back to the vessel at rest, or says nothing.
+        let mut last = None;
+        for k in 700..2200 {
+            last = n.step(time(k), &rest(k)).estimate.or(last);
+        }
+        let e = last.unwrap();
+        prop_assert!((e.eta[0] - 10.0).abs() < 1.0 && (e.eta[1] - 20.0).abs() < 1.0, "{:?}", e.eta);
+        prop_assert!(e.eta[3].abs() < 0.1 && e.eta[4].abs() < 0.1, "{:?}", e.eta);
+    }
+}
