@@ -3,7 +3,9 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::{Component, HEAVE, PITCH, ROLL, SURGE, SWAY, VesselModel};
+use alight_shared::vessel_model::{
+    Component, HEAVE, PITCH, ROLL, SURGE, SWAY, Term, VesselModel, encounter_frequency,
+};
 
 use super::Filter;
 use crate::VesselNodeConfig;
@@ -13,6 +15,10 @@ use crate::sea_state::{SeaComponent, SeaState, Verdict};
 const REST_S: f64 = 0.5;
 /// Shift of a frequency of encounter that calls for a rebuild, relative.
 const SHIFT: f64 = 0.002;
+/// Time in which a shift is forgotten, in updates of the identification (1 s each).
+const UNSETTLED_S: f64 = 10.0;
+/// Shift above which the identification's phases are called in.
+const UNSETTLED: f64 = 0.05;
 /// Change of an amplitude that calls for a rebuild, relative.
 const GROWTH: f64 = 0.25;
 
@@ -27,6 +33,8 @@ pub(crate) struct SeaView {
     built: Option<Time<VesselClock>>,
     taken: Option<Time<VesselClock>>,
     components: Vec<Component>,
+    /// Shift of the frequencies of encounter that is not digested yet, relative.
+    unsettled: f64,
 }
 
 /// Component of the model from an identified one, in the frame at the `reference` heading.
@@ -113,6 +121,12 @@ impl Filter {
             self.sea.taken = Some(state.at);
             self.sea.significant_height_m = state.significant_height_m;
         }
+        if news {
+            self.sea.unsettled *= (-1.0_f64 / UNSETTLED_S).exp();
+        }
+        if news && self.sea.identified && self.sea.unsettled > UNSETTLED {
+            self.settle(state);
+        }
         match state.verdict {
             Verdict::Broad => {
                 if news {
@@ -136,6 +150,18 @@ impl Filter {
                 if self.sea.identified && !differs(&wanted, &self.sea.components) {
                     return;
                 }
+                // A turn moves all frequencies of encounter; what has moved fades with 10 s.
+                let moved = wanted
+                    .iter()
+                    .filter_map(|w| {
+                        self.sea
+                            .components
+                            .iter()
+                            .map(|h| (w.omega_encounter / h.omega_encounter).ln().abs())
+                            .reduce(f64::min)
+                    })
+                    .fold(0.0, f64::max);
+                self.sea.unsettled += moved;
                 let first = !self.sea.identified;
                 let old = core::mem::take(&mut self.sea.components);
                 self.sea.identified = true;
@@ -156,35 +182,72 @@ impl Filter {
         }
     }
 
-    /// Starts the heave, roll and pitch oscillators of component `j` from the identified phasors.
-    fn seed(&mut self, j: usize, sea: &SeaComponent, c: &Component, at: Time<VesselClock>) {
+    /// After a turn the filter's phases are in doubt, but those of the identification are not: it
+    /// fits the last minute along the vessel's path in the earth frame. Its phasors are fused like
+    /// measurements, a fifth of the amplitude wrong (ours).
+    fn settle(&mut self, state: &SeaState) {
+        let layout = self.belief.layout().clone();
+        for c in state.components.iter() {
+            let o = encounter_frequency(c.omega, c.direction, [self.mean_velocity.x, self.mean_velocity.y]);
+            let Some(j) = self
+                .belief
+                .components()
+                .iter()
+                .position(|h| (h.omega / c.omega).ln().abs() < 0.01)
+            else {
+                continue;
+            };
+            for (dof, [value, rate], amplitude) in self.phasor_states(c, o, state.at) {
+                let slot = layout.value(dof, j);
+                for (slot, z, sd) in [
+                    (slot, value, 0.2 * amplitude),
+                    (slot + 1, rate, 0.2 * amplitude * o),
+                ] {
+                    let innovation = z - self.belief.get(dof, slot);
+                    self.belief
+                        .update(&[Term::new(dof, slot, 1.0)], innovation, sd * sd, f64::INFINITY);
+                }
+            }
+        }
+    }
+
+    /// (degree of freedom, [value, rate], amplitude) of a component's oscillators from its phasors.
+    fn phasor_states(
+        &self,
+        sea: &SeaComponent,
+        omega: f64,
+        at: Time<VesselClock>,
+    ) -> [(usize, [f64; 2], f64); 3] {
         let later = (self.at - at).secs();
-        let o = c.omega_encounter;
-        let (s, k) = (o * later).sin_cos();
+        let (s, k) = (omega * later).sin_cos();
+        // Re(q) and its derivative Re(i omega q).
         let now = |p: nalgebra::Complex<f64>| {
             let q = p * nalgebra::Complex::new(k, s);
-            // Re(q) and its derivative Re(i omega q).
-            [q.re, -o * q.im]
+            [q.re, -omega * q.im]
         };
         let (heave, north, east) = (now(sea.heave), now(sea.normal[0]), now(sea.normal[1]));
         // Upward normal at small tilt: north = -pitch, east = roll of a vessel that heads north.
         let (sin, cos) = self.reference.sin_cos();
         let tilt = sea.amplitude_tilt_rad.max(2e-3);
+        let part = |f: &dyn Fn(usize) -> f64| [f(0), f(1)];
+        [
+            (HEAVE, part(&|i| -heave[i]), sea.amplitude_heave_m.max(0.01)),
+            (ROLL, part(&|i| cos * east[i] - sin * north[i]), tilt),
+            (PITCH, part(&|i| -sin * east[i] - cos * north[i]), tilt),
+        ]
+    }
+
+    /// Starts the heave, roll and pitch oscillators of component `j` from the identified phasors.
+    fn seed(&mut self, j: usize, sea: &SeaComponent, c: &Component, at: Time<VesselClock>) {
+        let o = c.omega_encounter;
         let layout = self.belief.layout().clone();
-        for (i, part) in [0usize, 1].into_iter().enumerate() {
-            let (roll, pitch) = (east[i], -north[i]);
-            let value = [
-                (HEAVE, -heave[i], sea.amplitude_heave_m.max(0.01)),
-                (ROLL, cos * roll + sin * pitch, tilt),
-                (PITCH, -sin * roll + cos * pitch, tilt),
-            ];
-            for (dof, v, amplitude) in value {
-                let slot = layout.value(dof, j) + part;
-                // Ours: a fifth of the amplitude for what the identification may be wrong by.
-                let sd = 0.2 * amplitude * if part == 1 { o } else { 1.0 };
-                self.belief.set(dof, slot, v);
-                self.belief.set_variance(dof, slot, sd * sd);
-            }
+        for (dof, [value, rate], amplitude) in self.phasor_states(sea, o, at) {
+            let slot = layout.value(dof, j);
+            // Ours: a fifth of the amplitude for what the identification may be wrong by.
+            let sd = 0.2 * amplitude;
+            self.belief.set(dof, slot, value);
+            self.belief.set(dof, slot + 1, rate);
+            self.belief.set_pair(dof, slot, [sd * sd, 0.0, (sd * o).powi(2)]);
         }
         for dof in [SURGE, SWAY] {
             let sd = c.stationary_sd(dof);
