@@ -112,12 +112,12 @@ impl Default for PredictorConfig {
             vision_bias_sd_m_rad: [1.0, 1.0, 1.0, deg(1.2), deg(1.2), deg(1.5)],
             vision_bias_time_s: [300.0, 300.0, 300.0, 200.0, 200.0, 100.0],
             // Ours.
-            mean_walk_m_rad: [0.02, 0.02, 0.02, deg(0.1), deg(0.1), deg(0.1)],
-            // Ours: a vessel that begins to turn at 2 m/s and 0.2 rad/s.
-            rate_walk_mps_radps: [0.1, 0.1, 0.0, 0.0, 0.0, 0.05],
+            mean_walk_m_rad: [0.01, 0.01, 0.01, deg(0.05), deg(0.05), deg(0.05)],
+            // Ours, between a drifting vessel (0.03 is best) and one that turns at 2 m/s.
+            rate_walk_mps_radps: [0.05, 0.05, 0.0, 0.0, 0.0, 0.05],
             rate_time_s: [100.0, 100.0, 1.0, 1.0, 1.0, 5.0],
             // Ours.
-            residual_sd_m_rad: [0.03, 0.03, 0.02, deg(0.5), deg(0.5), deg(0.3)],
+            residual_sd_m_rad: [0.02, 0.02, 0.012, deg(0.35), deg(0.35), deg(0.2)],
             residual_omega_radps: 3.0,
             residual_damping: 0.5,
             vessel: VesselModelConfig::default(),
@@ -140,7 +140,7 @@ impl Default for PredictorConfig {
             // Ours: half a centimetre remains however near the tag is; the corners' errors turn the
             // tag in the same way from frame to frame.
             tag_min_sd_m: 0.005,
-            tag_min_sd_rad: deg(2.0),
+            tag_min_sd_rad: deg(3.0),
             // Ours, tuned at Moderate.
             drone_share: 0.1,
             // Ours: a tag of 71 px at 7 m appears 11 cm too near.

@@ -88,6 +88,8 @@ impl Rejections {
 
 /// A message may be this much ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
+/// A change of the vessel's mean velocity that its waves are met at another frequency for, m/s.
+const CHANGED_MPS: f64 = 0.6;
 /// A filter is young for this long, s.
 const YOUNG_S: f64 = 3.0;
 /// Until the bridge has spoken, s.
@@ -107,6 +109,8 @@ pub struct Predictor {
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
     deck_height: f64,
+    /// Mean velocity that the frequencies of encounter belong to: north, east, m/s.
+    met: [f64; 2],
     radio_at: Option<Time<DroneClock>>,
     radio_sequence: Option<(u32, u32)>,
     vision_at: Option<Time<DroneClock>>,
@@ -131,6 +135,7 @@ impl Predictor {
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
             deck_height: -config.deck.centre_m[2],
+            met: [0.0; 2],
             radio_at: None,
             radio_sequence: None,
             vision_at: None,
@@ -222,6 +227,7 @@ impl Predictor {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
             self.deck_height = -e.deck_centre().z;
+            self.met = e.mean_velocity.map(f64::from);
             let tilt = |k: usize| 0.5 * f64::from(e.covariance[3][k] + e.covariance[4][k]);
             let own = |i: usize, k: usize| f64::from(e.covariance[i][k]);
             self.stated = core::array::from_fn(|i| match i {
@@ -289,13 +295,20 @@ impl Predictor {
         self.fuse(&o)
     }
 
-    fn meet(&mut self) {
+    /// Frequencies of encounter in silence: the vessel's own stay until its mean velocity has
+    /// clearly changed. (A velocity 0.2 m/s wrong costs 0.03 rad/s, a third of a radian in 10 s.)
+    fn meet(&mut self, radio_age_s: f64) {
         let Some(f) = &mut self.filter else {
             return;
         };
         let Some(velocity) = f.last().map(|s| [s[0].x[RATE], s[1].x[RATE]]) else {
             return;
         };
+        let changed = (velocity[0] - self.met[0]).hypot(velocity[1] - self.met[1]);
+        if radio_age_s < self.config.fresh_s || changed < CHANGED_MPS {
+            return;
+        }
+        self.met = velocity;
         let mut changes: [Option<super::waves::Change>; super::waves::MAX_OSCILLATORS] =
             [None; super::waves::MAX_OSCILLATORS];
         let mut n = 0;
@@ -316,7 +329,7 @@ impl Predictor {
         if !(radio_age_s.min(vision_age_s) < self.config.silence_s) {
             return None;
         }
-        self.meet();
+        self.meet(radio_age_s);
         if !self.filter.as_ref()?.is_finite() {
             self.rejections.count(Rejection::Diverged);
             self.filter = None;
