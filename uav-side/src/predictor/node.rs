@@ -198,6 +198,7 @@ impl Predictor {
 
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), Rejection> {
         Self::sane(now, m)?;
+        let known = self.waves.are_named();
         let filter = &mut self.filter;
         self.waves
             .receive(now, m, self.deck_height, |change, oscillators| {
@@ -205,6 +206,14 @@ impl Predictor {
                     f.follow(change, oscillators);
                 }
             });
+        // A filter that has only just begun learns more from the vessel's phases than it knows.
+        let young = self
+            .filter
+            .as_ref()
+            .is_some_and(|f| (now - f.started()).secs() < YOUNG_S);
+        if !known && self.waves.are_named() && young {
+            self.filter = None;
+        }
         Ok(())
     }
 

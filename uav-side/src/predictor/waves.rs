@@ -136,7 +136,7 @@ impl Waves {
         }
         let mut homeless = Vec::with_capacity(MAX_COMPONENTS);
         for c in m.components.iter() {
-            let new = self.from_message(m.header.at, c, height);
+            let new = self.oscillator_of(m.header.at, c, height);
             let nearest = self
                 .oscillators
                 .iter()
@@ -207,7 +207,7 @@ impl Waves {
         }
     }
 
-    fn from_message(&self, at: Time<DroneClock>, c: &WaveComponent, height: f64) -> Oscillator {
+    fn oscillator_of(&self, at: Time<DroneClock>, c: &WaveComponent, height: f64) -> Oscillator {
         let omega = f64::from(c.omega_encounter);
         let stated = f64::from(c.damping).max(1e-4);
         // Stationary spread of the vessel's oscillator, and no less than its present amplitude.
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn components_keep_their_place_from_message_to_message() {
+    fn components_keep_their_place_oscillator_of_to_message() {
         let mut w = Waves::new(&PredictorConfig::default());
         let mut size = w.oscillators().len();
         let mut follow = |c: Change, all: &[Oscillator]| {

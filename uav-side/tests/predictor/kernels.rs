@@ -1,0 +1,127 @@
+//! The filter of one axis and the geometry of sights, against closed forms.
+
+use alight_shared::msg::{RangeSample, TagPose};
+use alight_uav::predictor::PredictorConfig;
+use alight_uav::predictor::axis::{Axis, AxisNoise, Row, Step};
+use alight_uav::predictor::observation::{self, Mount, Plane, body_from_camera};
+use alight_uav::predictor::track::Pose;
+use alight_uav::predictor::waves::Waves;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::world::header;
+
+#[test]
+fn one_long_step_equals_many_short_ones() {
+    let config = PredictorConfig::default();
+    let waves = Waves::new(&config);
+    let noise = AxisNoise::all(&config)[2];
+    let mut a = Axis::new(&noise, waves.oscillators(), 2, 1.0, 0.3, 0.0);
+    a.update(Row::Radio, 1.4, 0.01);
+    a.update(Row::Rate, -0.2, 0.04);
+    let mut b = a;
+    a.propagate(
+        &noise,
+        waves.oscillators(),
+        2,
+        &Step::new(waves.oscillators(), 2.0),
+    );
+    for _ in 0..200 {
+        b.propagate(
+            &noise,
+            waves.oscillators(),
+            2,
+            &Step::new(waves.oscillators(), 0.01),
+        );
+    }
+    for i in 0..a.n {
+        assert!((a.x[i] - b.x[i]).abs() < 1e-9);
+        for j in 0..a.n {
+            assert!(
+                (a.p[i][j] - b.p[i][j]).abs() < 1e-9,
+                "{i} {j}: {} {}",
+                a.p[i][j],
+                b.p[i][j]
+            );
+        }
+    }
+}
+
+#[test]
+fn an_undisturbed_axis_keeps_its_stationary_spread_and_an_update_only_shrinks_it() {
+    let config = PredictorConfig::default();
+    let waves = Waves::new(&config);
+    let noise = AxisNoise::all(&config)[3];
+    let mut a = Axis::new(&noise, waves.oscillators(), 3, 0.0, 0.01, 0.0);
+    let before = a;
+    a.propagate(
+        &noise,
+        waves.oscillators(),
+        3,
+        &Step::new(waves.oscillators(), 7.0),
+    );
+    for i in 4..a.n {
+        assert!((a.p[i][i] / before.p[i][i] - 1.0).abs() < 1e-9, "state {i}");
+    }
+    let (_, spread) = a.project(Row::Vision);
+    a.update(Row::Vision, 0.05, 1e-4);
+    let (value, left) = a.project(Row::Vision);
+    // Of a scalar: (1/P + 1/R)^-1, and the weighted mean.
+    let expected = 1.0 / (1.0 / spread + 1.0 / 1e-4);
+    assert!((left / expected - 1.0).abs() < 1e-9);
+    assert!((value - 0.05 * expected / 1e-4).abs() < 1e-9);
+}
+
+#[test]
+fn tag_and_rangefinder_find_the_deck_they_look_at() {
+    let c = PredictorConfig::default();
+    let deck = UnitQuaternion::from_euler_angles(0.1, -0.15, 0.6);
+    let centre = Vector3::new(3.0, -2.0, -1.4);
+    let drone = Pose {
+        position: Vector3::new(3.2, -2.1, -4.0),
+        attitude: UnitQuaternion::from_euler_angles(-0.05, 0.08, 0.9),
+        variance: Vector3::zeros(),
+    };
+    let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
+    let lens = drone.position + drone.attitude * Vector3::from(c.drone.camera_m);
+    let seen = camera.transpose() * (centre + deck * Vector3::from(c.deck.tag_centre_m) - lens);
+    let q = UnitQuaternion::from_matrix(&(camera.transpose() * deck.to_rotation_matrix().into_inner()));
+    let tag = TagPose {
+        header: header(1, 1.0),
+        position: seen.into(),
+        attitude: [q.w, q.i, q.j, q.k],
+        variance: [1e-4; 6],
+    };
+    let o = observation::tag(&tag, &drone, &Mount::default(), &c);
+    for i in 0..3 {
+        assert!((o.value[i].unwrap().0 - centre[i]).abs() < 1e-6);
+    }
+    let (roll, pitch) =
+        alight_shared::vessel_model::turn_tilt(o.value[3].unwrap().0, o.value[4].unwrap().0, 0.6);
+    assert!((roll - 0.1).abs() < 1e-6 && (pitch + 0.15).abs() < 1e-6);
+    assert!((o.value[5].unwrap().0 - 0.6).abs() < 1e-6);
+
+    // The beam from the rangefinder meets the deck's plane.
+    let beam = drone.attitude * Vector3::z();
+    let start = drone.position + drone.attitude * Vector3::from(c.drone.rangefinder_m);
+    let normal = deck * Vector3::z();
+    let range_m = normal.dot(&(centre - start)) / normal.dot(&beam);
+    let sample = RangeSample {
+        header: header(1, 1.0),
+        range_m,
+        variance: 9e-4,
+    };
+    let plane = Plane {
+        centre,
+        rotation: deck,
+        position_sd: 0.05,
+        tilt_sd: 0.01,
+    };
+    let o = observation::range(&sample, &drone, &plane, &c).unwrap();
+    assert!((o.value[2].unwrap().0 - centre.z).abs() < 1e-6);
+    // Beside the deck it says nothing.
+    let away = Plane {
+        centre: centre + Vector3::new(0.0, 1.5, 0.0),
+        ..plane
+    };
+    assert!(observation::range(&sample, &drone, &away, &c).is_none());
+}

@@ -1,0 +1,416 @@
+//! A deck made of sinusoids, and the messages that a vessel and a camera would send of it.
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::{
+    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, TagPose, VesselEstimate, WaveComponent,
+    WaveModel,
+};
+use alight_shared::node::Node;
+use alight_shared::seq::Seq;
+use alight_shared::time::{DroneClock, Time};
+use alight_uav::predictor::observation::body_from_camera;
+use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+pub fn time(s: f64) -> Time<DroneClock> {
+    Time::from_secs(s)
+}
+
+/// One sinusoid: amplitude of the surface (m), frequency (rad/s), direction (rad), phase (rad).
+#[derive(Clone, Copy)]
+pub struct Wave {
+    pub amplitude: f64,
+    pub omega: f64,
+    pub direction: f64,
+    pub phase: f64,
+}
+
+/// A vessel that follows the surface: heave, orbital motion, slope. With a mean velocity north.
+#[derive(Clone)]
+pub struct Vessel {
+    pub waves: Vec<Wave>,
+    pub speed: f64,
+    pub heading: f64,
+}
+
+impl Vessel {
+    pub fn moderate() -> Self {
+        let wave = |amplitude, omega, direction, phase| Wave {
+            amplitude,
+            omega,
+            direction,
+            phase,
+        };
+        Vessel {
+            waves: vec![
+                wave(0.5, 1.26, 0.4, 0.3),
+                wave(0.42, 1.38, 0.8, 1.9),
+                wave(0.6, 1.15, 0.0, 4.0),
+            ],
+            speed: 0.2,
+            heading: 0.7,
+        }
+    }
+    /// Reference point (NED) and Euler angles.
+    pub fn eta(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let mut p = Vector3::new(self.speed * t, 0.0, 0.0);
+        let (mut n, mut e) = (0.0, 0.0);
+        for w in &self.waves {
+            let (s, c) = (w.omega * t + w.phase).sin_cos();
+            let (ds, dc) = w.direction.sin_cos();
+            p += Vector3::new(
+                0.8 * w.amplitude * s * dc,
+                0.8 * w.amplitude * s * ds,
+                w.amplitude * c,
+            );
+            let slope = w.omega * w.omega / 9.81 * w.amplitude * s;
+            n += slope * dc;
+            e += slope * ds;
+        }
+        let (s, c) = self.heading.sin_cos();
+        let (along, across) = (c * n + s * e, -s * n + c * e);
+        (p, Vector3::new(-across, along, self.heading + 0.1 * across))
+    }
+    pub fn rates(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let h = 1e-4;
+        let (a, b) = (self.eta(t - h), self.eta(t + h));
+        ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
+    }
+    pub fn accelerations(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let h = 1e-3;
+        let (a, b) = (self.rates(t - h), self.rates(t + h));
+        ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
+    }
+    /// Deck centre and its attitude.
+    pub fn deck(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let (p, e) = self.eta(t);
+        (
+            p + Rotation3::from_euler_angles(e.x, e.y, e.z) * Vector3::new(0.0, 0.0, -1.3),
+            e,
+        )
+    }
+}
+
+/// A slow error.
+pub struct Markov {
+    pub value: Vector3<f64>,
+    pub sd: f64,
+    pub time: f64,
+}
+impl Markov {
+    pub fn new(rng: &mut ChaCha8Rng, sd: f64, time: f64) -> Self {
+        Markov {
+            value: normal3(rng) * sd,
+            sd,
+            time,
+        }
+    }
+    pub fn step(&mut self, rng: &mut ChaCha8Rng, dt: f64) -> Vector3<f64> {
+        let a = (-dt / self.time).exp();
+        self.value = self.value * a + normal3(rng) * (self.sd * (1.0 - a * a).sqrt());
+        self.value
+    }
+}
+pub fn normal3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| StandardNormal.sample(rng))
+}
+
+/// What is switched on.
+#[derive(Clone, Copy)]
+pub struct Setup {
+    pub seed: u64,
+    /// Radio is there before this time, s.
+    pub radio_until: f64,
+    /// Sight is there from this time to that, s.
+    pub sight: (f64, f64),
+    /// Extra age of what the radio claims, s.
+    pub clock_error: f64,
+    pub clock_sd: f64,
+    /// Radio latency: least and spread, s.
+    pub latency: (f64, f64),
+    pub height: f64,
+}
+impl Default for Setup {
+    fn default() -> Self {
+        Setup {
+            seed: 1,
+            radio_until: 1e9,
+            sight: (10.0, 1e9),
+            clock_error: 0.0,
+            clock_sd: 0.01,
+            latency: (0.03, 0.04),
+            height: 7.0,
+        }
+    }
+}
+
+/// One forecast with the truth, as the drone's frame sees it at `now`.
+pub struct Sample {
+    pub now: f64,
+    pub forecast: DeckForecast,
+    /// Drone's GNSS error at `now`.
+    pub frame: Vector3<f64>,
+}
+impl Sample {
+    /// Errors of position and of Euler angles `ahead` seconds from now, with the stage.
+    pub fn error(&self, v: &Vessel, ahead: f64) -> (Vector3<f64>, Vector3<f64>, DeckStage) {
+        let s = self.forecast.at(time(self.now + ahead)).unwrap();
+        let (p, e) = v.deck(self.now + ahead);
+        let mut turn = Vector3::from(s.euler) - e;
+        turn.z = wrap_angle(turn.z);
+        (Vector3::from(s.position) - self.frame - p, turn, s)
+    }
+}
+
+pub struct Run {
+    pub samples: Vec<Sample>,
+    pub predictor: Predictor,
+}
+
+pub fn header(k: u32, at: f64) -> Header<DroneClock> {
+    Header::new(1, 0, 1, k, time(at))
+}
+
+pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> Run {
+    let mut rng = ChaCha8Rng::seed_from_u64(set.seed);
+    let mut predictor = Predictor::new(config, 1);
+    let geometry = DroneGeometry::default();
+    let mut vessel_frame = Markov::new(&mut rng, 1.0, 300.0);
+    let mut drone_frame = Markov::new(&mut rng, 1.0, 300.0);
+    // The vessel's filtered errors.
+    let mut position_error = Markov::new(&mut rng, 0.08, 1.0);
+    let mut velocity_error = Markov::new(&mut rng, 0.08, 0.5);
+    let mut angle_error = Markov::new(&mut rng, 0.006, 1.0);
+    let mut rate_error = Markov::new(&mut rng, 0.004, 0.3);
+    let mount = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * 0.6_f64.to_radians());
+    let mut in_flight: VecDeque<(f64, PredictorIn)> = VecDeque::new();
+    let mut samples = Vec::new();
+    for k in 0..(seconds * 100.0) as u32 {
+        let now = f64::from(k) * 0.01;
+        let dt = 0.01;
+        let vf = vessel_frame.step(&mut rng, dt);
+        let df = drone_frame.step(&mut rng, dt);
+        let pe = position_error.step(&mut rng, dt);
+        let ve = velocity_error.step(&mut rng, dt);
+        let ae = angle_error.step(&mut rng, dt);
+        let re = rate_error.step(&mut rng, dt);
+        let (p, e) = v.eta(now);
+        let (vel, rates) = v.rates(now);
+        if k % 3 == 0 && now < set.radio_until {
+            let (acc, angular) = v.accelerations(now);
+            let six = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
+            let block = |a: f64, b: f64| [(a * a) as f32, 0.0, (b * b) as f32];
+            let m = VesselEstimate {
+                header: header(k, now + set.clock_error),
+                datum: Default::default(),
+                eta: six(p + vf + pe, e + ae),
+                eta_dot: six(vel + ve, rates + re).map(|x| x as f32),
+                eta_ddot: six(acc, angular).map(|x| x as f32),
+                covariance: [
+                    block(0.08, 0.08),
+                    block(0.08, 0.08),
+                    block(0.08, 0.08),
+                    block(0.006, 0.004),
+                    block(0.006, 0.004),
+                    block(0.006, 0.004),
+                ],
+                deck_centre: [0.0, 0.0, -1.3],
+                mean_velocity: [v.speed as f32, 0.0],
+                mean_heading: [v.heading as f32, 0.0],
+            };
+            let late: f64 = StandardNormal.sample(&mut rng);
+            let due = now + set.latency.0 + set.latency.1 * late.abs();
+            in_flight.push_back((
+                due,
+                PredictorIn {
+                    estimate: Some(m),
+                    ..Default::default()
+                },
+            ));
+        }
+        if k % 20 == 0 && now < set.radio_until {
+            let due = now + set.latency.0 + set.latency.1;
+            let wave = Some(waves(v, k, now));
+            in_flight.push_back((
+                due,
+                PredictorIn {
+                    wave,
+                    ..Default::default()
+                },
+            ));
+        }
+        let above = v.deck(now).0;
+        let drone = Vector3::new(above.x, above.y, -1.3 - set.height) + Vector3::new(0.3, -0.2, 0.0);
+        let attitude = UnitQuaternion::from_euler_angles(0.02, -0.03, v.heading);
+        let state = DroneState {
+            header: header(k, now),
+            position: (drone + df).into(),
+            velocity: [0.0; 3],
+            attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
+            position_sd: [0.02; 3],
+            ..Default::default()
+        };
+        if k % 3 == 1 && (set.sight.0..set.sight.1).contains(&now) {
+            let camera = attitude.to_rotation_matrix().into_inner()
+                * mount.to_rotation_matrix().into_inner()
+                * body_from_camera();
+            let (centre, angles) = v.deck(now);
+            let lens = drone + attitude * Vector3::from(geometry.camera_m);
+            let seen = camera.transpose() * (centre - lens);
+            let turned =
+                camera.transpose() * Rotation3::from_euler_angles(angles.x, angles.y, angles.z).into_inner();
+            let z = seen.z;
+            let sd = Vector3::new(0.002 * z, 0.002 * z, 0.002 * z * z);
+            let asd = 0.01 * z;
+            let noise = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * asd);
+            let q = noise * UnitQuaternion::from_matrix(&turned);
+            let tag = TagPose {
+                header: header(k, now),
+                position: (seen + sd.component_mul(&normal3(&mut rng))).into(),
+                attitude: [q.w, q.i, q.j, q.k],
+                variance: [
+                    sd.x * sd.x,
+                    sd.y * sd.y,
+                    sd.z * sd.z,
+                    asd * asd,
+                    asd * asd,
+                    asd * asd,
+                ],
+            };
+            in_flight.push_back((
+                now + 0.05,
+                PredictorIn {
+                    tags: vec![tag],
+                    ..Default::default()
+                },
+            ));
+        }
+        let link = (k % 10 == 0).then(|| LinkState {
+            header: header(k, now),
+            clock_offset_sd_s: set.clock_sd,
+            ..Default::default()
+        });
+        let (arrived, rest): (VecDeque<_>, VecDeque<_>) = in_flight.into_iter().partition(|(t, _)| *t <= now);
+        in_flight = rest;
+        let mut input = PredictorIn {
+            drone: Some(state),
+            link,
+            ..Default::default()
+        };
+        for (_, m) in arrived {
+            // State streams keep the newest.
+            if let Some(e) = m.estimate
+                && input
+                    .estimate
+                    .is_none_or(|o: VesselEstimate<DroneClock>| o.header.at < e.header.at)
+            {
+                input.estimate = Some(e);
+            }
+            input.wave = m.wave.or(input.wave);
+            input.tags.extend(m.tags);
+        }
+        if let Some(forecast) = predictor.step(time(now), &input).forecast {
+            forecast.check().unwrap();
+            samples.push(Sample {
+                now,
+                forecast,
+                frame: df,
+            });
+        }
+    }
+    Run { samples, predictor }
+}
+
+pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
+    WaveModel {
+        header: header(k, now),
+        significant_height_m: 2.0,
+        confidence: 0.9,
+        components: Seq::filled(v.waves.iter().map(|w| {
+            let slope = w.omega * w.omega / 9.81 * w.amplitude;
+            let sd = [
+                w.omega * w.omega * w.amplitude * 0.5,
+                w.omega * w.omega * w.amplitude * 0.5,
+                w.amplitude * 0.7,
+                slope * 0.5,
+                slope * 0.5,
+                0.01,
+            ];
+            WaveComponent {
+                // Identified to a tenth of a per cent.
+                omega: (w.omega * 1.001) as f32,
+                omega_encounter: (w.omega * 1.001) as f32,
+                direction: w.direction as f32,
+                direction_sd: 1.5,
+                damping: 0.01,
+                // The phases are not known.
+                covariance: sd.map(|s| [(s * s) as f32, 0.0, (s * s * w.omega * w.omega) as f32]),
+                drive: sd.map(|s| (4.0 * 0.01 * w.omega.powi(3) * s * s) as f32),
+                ..Default::default()
+            }
+        })),
+    }
+}
+
+/// Root mean square over samples: horizontal, vertical (m), tilt (rad); and the mean normalised
+/// squared error per degree of freedom of position and of roll and pitch.
+pub struct Figures {
+    pub horizontal: f64,
+    pub vertical: f64,
+    pub tilt: f64,
+    pub nees_position: f64,
+    pub nees_tilt: f64,
+}
+pub fn figures<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Figures {
+    let mut f = Figures {
+        horizontal: 0.0,
+        vertical: 0.0,
+        tilt: 0.0,
+        nees_position: 0.0,
+        nees_tilt: 0.0,
+    };
+    let mut n = 0.0;
+    for s in samples {
+        let (p, e, stage) = s.error(v, ahead);
+        n += 1.0;
+        f.horizontal += p.x * p.x + p.y * p.y;
+        f.vertical += p.z * p.z;
+        f.tilt += e.x * e.x + e.y * e.y;
+        f.nees_position += (0..3).map(|i| (p[i] / stage.position_sd[i]).powi(2)).sum::<f64>() / 3.0;
+        f.nees_tilt += (0..2).map(|i| (e[i] / stage.euler_sd[i]).powi(2)).sum::<f64>() / 2.0;
+    }
+    assert!(n > 10.0, "{n} samples");
+    Figures {
+        horizontal: (f.horizontal / n).sqrt(),
+        vertical: (f.vertical / n).sqrt(),
+        tilt: (f.tilt / n).sqrt(),
+        nees_position: f.nees_position / n,
+        nees_tilt: f.nees_tilt / n,
+    }
+}
+/// The figures over several seeds from `from` s on.
+pub fn over_seeds(v: &Vessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Figures {
+    let runs: Vec<Run> = (0..5)
+        .map(|seed| run(v, &Setup { seed, ..*set }, seconds, &PredictorConfig::default()))
+        .collect();
+    let f = figures(
+        v,
+        runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from),
+        ahead,
+    );
+    println!(
+        "{ahead} s ahead: horizontal {:.3} m, vertical {:.3} m, tilt {:.2} deg, NEES {:.2} {:.2}",
+        f.horizontal,
+        f.vertical,
+        f.tilt.to_degrees(),
+        f.nees_position,
+        f.nees_tilt
+    );
+    f
+}
