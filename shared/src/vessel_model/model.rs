@@ -64,6 +64,10 @@ pub fn turn_tilt(roll: f64, pitch: f64, delta: f64) -> (f64, f64) {
     ((-h.y).clamp(-1.0, 1.0).asin(), h.x.atan2(n.z))
 }
 
+/// Completes a small problem: drift matrix, noise density, place of the degree of freedom in the
+/// group, degree of freedom.
+type Completion<'a> = dyn Fn(&mut DMatrix<f64>, &mut DMatrix<f64>, usize, usize) + 'a;
+
 /// The continuous model: figures and components.
 #[derive(Clone, Debug)]
 pub struct VesselModel {
@@ -201,7 +205,7 @@ impl VesselModel {
         let (mut a, mut q) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         let c = &self.config;
         // The small problems: four states per degree of freedom.
-        let core = |second: &dyn Fn(&mut DMatrix<f64>, &mut DMatrix<f64>, usize, usize)| {
+        let core = |second: &Completion<'_>| {
             let mut f = DMatrix::zeros(HEAD * d, HEAD * d);
             let mut w = DMatrix::zeros(HEAD * d, HEAD * d);
             for (li, &i) in dofs.iter().enumerate() {
