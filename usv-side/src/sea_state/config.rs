@@ -32,6 +32,8 @@ pub struct SeaStateConfig {
     /// Bandwidth of what the components leave unexplained, Hz: sets how many independent samples
     /// the information criterion counts.
     pub residual_band_hz: f64,
+    /// Share of a channel's variance that is not worth a component, 0 to 1.
+    pub negligible: f64,
     /// Two components closer than this many cycles over the record are taken for one.
     pub min_separation: f64,
 }
@@ -45,8 +47,8 @@ impl Default for SeaStateConfig {
             short_window_s: 25.0,
             // Ours: four periods of a 5 s sea.
             min_window_s: 20.0,
-            // Ours: a fifth of a wave period, within the CPU share.
-            update_period_s: 1.0,
+            // Ours: a third of a wave period, within the CPU share.
+            update_period_s: 1.5,
             // Ours: 5 Hz, five times the fastest deck (0.95 Hz).
             bin_s: 0.2,
             // Ours: waves of 20 s, longer than any sea that rocks a small boat.
@@ -62,6 +64,9 @@ impl Default for SeaStateConfig {
             calm_tilt_rad: 0.006,
             // Ours: the waves' own band, in which residuals are left.
             residual_band_hz: 0.5,
+            // Ours: half of what second-order waves leave in a 14 deg sea; four times as much and two
+            // waves 5 % apart are taken for one.
+            negligible: 0.0015,
             // Ours: closer, and their amplitudes grow without bound.
             min_separation: 0.2,
         }

@@ -50,8 +50,8 @@ pub(super) struct Rows {
     pub y: [Vec<f64>; CHANNELS],
     /// Bin numbers since the first.
     pub slot: Vec<usize>,
-    /// Middle of the record: time, path.
-    pub middle: (f64, [f64; 2]),
+    /// Middle of the record: its time, s.
+    pub middle: f64,
     /// Length, s.
     pub span_s: f64,
     /// Whether the vessel moved enough for the directions to show in the phases.
@@ -61,44 +61,84 @@ pub(super) struct Rows {
 
 impl Rows {
     /// Takes over the bins that are not older than `window_s`.
-    pub fn load<'a>(&mut self, bins: impl Iterator<Item = &'a Bin> + Clone, window_s: f64) {
+    pub fn load<'a>(&mut self, bins: impl Iterator<Item = &'a Bin> + Clone, window_s: f64, waves: &[Wave]) {
         self.t.clear();
         self.slot.clear();
         self.path.iter_mut().for_each(Vec::clear);
         self.velocity.iter_mut().for_each(Vec::clear);
         self.y.iter_mut().for_each(Vec::clear);
+        self.moving = false;
+        self.span_s = 0.0;
         let end = bins.clone().last().map_or(0.0, |b| b.t);
         let bins = bins.filter(|b| b.t >= end - window_s);
         let Some(first) = bins.clone().next() else {
-            self.span_s = 0.0;
             return;
         };
         self.span_s = end - first.t;
         let n = bins.clone().count() as f64;
-        let mut middle = (0.0, [0.0; 2]);
-        for b in bins.clone() {
-            middle.0 += b.t / n;
-            middle.1[0] += b.path[0] / n;
-            middle.1[1] += b.path[1] / n;
-        }
-        self.middle = middle;
-        let mut reach: f64 = 0.0;
+        self.middle = bins.clone().map(|b| b.t / n).sum();
         for b in bins {
-            self.t.push(b.t - middle.0);
+            self.t.push(b.t - self.middle);
             self.slot.push((b.index - first.index).max(0) as usize);
             for i in 0..2 {
-                let x = b.path[i] - middle.1[i];
-                reach = reach.max(x.abs());
-                self.path[i].push(x);
                 self.velocity[i].push(b.velocity[i]);
             }
             for c in 0..CHANNELS {
                 self.y[c].push(b.y[c]);
             }
         }
+        let raw = self.velocity.clone();
+        self.smooth_course(&[]);
+        if !waves.is_empty() {
+            // Once more, with the phases along the first path: what then is in step with a known
+            // wave is its orbital motion, also at the end of the record, where it matters most.
+            let phases: Vec<Vec<f64>> = waves
+                .iter()
+                .map(|w| {
+                    let (sin, cos) = w.direction.sin_cos();
+                    let number = w.omega * w.omega / GRAVITY;
+                    (0..self.t.len())
+                        .map(|i| {
+                            w.omega * self.t[i] - number * (cos * self.path[0][i] + sin * self.path[1][i])
+                        })
+                        .collect()
+                })
+                .collect();
+            self.velocity = raw;
+            self.smooth_course(&phases);
+        }
+        let reach = self
+            .path
+            .iter()
+            .flatten()
+            .fold(0.0_f64, |reach, x| reach.max(x.abs()));
         // A wave of 40 m turns its phase by 0.5 rad in 3 m.
         self.moving = reach > 3.0;
         self.square = core::array::from_fn(|c| dot(&self.y[c], &self.y[c]));
+    }
+    /// Smooths the velocity and integrates the path from it.
+    fn smooth_course(&mut self, phases: &[Vec<f64>]) {
+        let [north, east] = &mut self.velocity;
+        super::course::smooth(&self.t, [north, east], phases);
+        for (path, velocity) in self.path.iter_mut().zip(&self.velocity) {
+            path.clear();
+            let mut x = 0.0;
+            path.push(0.0);
+            for (t, v) in self.t.windows(2).zip(velocity.windows(2)) {
+                x += 0.5 * (t[1] - t[0]) * (v[0] + v[1]);
+                path.push(x);
+            }
+            let mean = path.iter().sum::<f64>() / path.len() as f64;
+            path.iter_mut().for_each(|x| *x -= mean);
+        }
+    }
+    /// Place on the path at the end of the record, m from its middle.
+    pub fn end(&self) -> [f64; 2] {
+        core::array::from_fn(|i| self.path[i].last().copied().unwrap_or(0.0))
+    }
+    /// Mean velocity at the end of the record: north, east, m/s.
+    pub fn velocity_at_end(&self) -> [f64; 2] {
+        core::array::from_fn(|i| self.velocity[i].last().copied().unwrap_or(0.0))
     }
     /// Bins in use.
     pub fn len(&self) -> usize {
@@ -288,12 +328,7 @@ impl Fitter {
         let residual: [f64; CHANNELS] = core::array::from_fn(|c| {
             (self.rows.square[c] - coefficients[c].dot(&moments[c].rows(0, base))).max(0.0)
         });
-        let mut cost: f64 = (0..CHANNELS).map(|c| self.weights[c] * residual[c]).sum();
-        if self.rows.moving {
-            for (w, p) in waves.iter().zip(priors) {
-                cost += (w.direction - p.mean).powi(2) / (p.sd * p.sd);
-            }
-        }
+        let cost = self.cost(waves, &residual, priors);
         let inverse = parts[0].factor.inverse();
         cost.is_finite().then(|| Solution {
             waves: waves.to_vec(),
@@ -304,6 +339,21 @@ impl Fitter {
             parts,
             moments,
         })
+    }
+
+    /// The same fit under weights or priors that have changed since.
+    pub fn rescore(&self, s: &mut Solution, priors: &[DirectionPrior]) {
+        s.cost = self.cost(&s.waves, &s.residual, priors);
+    }
+
+    fn cost(&self, waves: &[Wave], residual: &[f64; CHANNELS], priors: &[DirectionPrior]) -> f64 {
+        let mut cost: f64 = (0..CHANNELS).map(|c| self.weights[c] * residual[c]).sum();
+        if self.rows.moving {
+            for (w, p) in waves.iter().zip(priors) {
+                cost += (w.direction - p.mean).powi(2) / (p.sd * p.sd);
+            }
+        }
+        cost
     }
 
     /// The same record and components without component `drop`: no new pass over the record.

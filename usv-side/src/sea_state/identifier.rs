@@ -38,6 +38,8 @@ pub struct Identifier {
     state: Option<SeaState>,
     window_s: f64,
     surprise: f64,
+    /// Residual variances not worth a component, per channel.
+    negligible: [f64; CHANNELS],
     drift: [f64; 2],
 }
 
@@ -67,6 +69,7 @@ impl Identifier {
             state: None,
             window_s: config.window_s,
             surprise: 0.0,
+            negligible: [0.0; CHANNELS],
             drift: [0.0; 2],
         }
     }
@@ -96,7 +99,7 @@ impl Identifier {
     }
 
     fn work(&mut self, now: Time<VesselClock>) {
-        let Some((newest, _)) = self.record.newest() else {
+        let Some(newest) = self.record.newest() else {
             self.state = None;
             return;
         };
@@ -107,7 +110,9 @@ impl Identifier {
             return;
         }
         self.adapt_window();
-        self.fitter.rows.load(self.record.bins(), self.window_s);
+        self.fitter
+            .rows
+            .load(self.record.bins(), self.window_s, &self.waves);
         self.state = self.identify();
         self.rounds += 1;
     }
@@ -121,7 +126,7 @@ impl Identifier {
             return;
         };
         let from = self.record.elapsed(state.at);
-        let velocity = self.mean_velocity();
+        let velocity = self.fitter.rows.velocity_at_end();
         let (mut error, mut signal, mut n) = (0.0, 0.0, 0);
         for bin in self.record.bins().filter(|b| b.t > from) {
             let mut tilt = self.drift;
@@ -168,6 +173,7 @@ impl Identifier {
         self.fitter.ridge = 0.0;
         let still = self.fitter.solve(&[], &[])?;
         let variance = still.residual.map(|r| r / n);
+        self.negligible = core::array::from_fn(|c| floors[c] + self.config.negligible * variance[c]);
         let gate = [
             self.config.calm_acceleration_mps2.powi(2),
             self.config.calm_tilt_rad.powi(2),
@@ -186,8 +192,7 @@ impl Identifier {
         };
         self.reweigh(&best, variance);
         let mut priors = self.priors(&best);
-        let waves = best.waves.clone();
-        best = self.fitter.solve(&waves, &priors)?;
+        self.fitter.rescore(&mut best, &priors);
         best = self.fitter.refine(best, &priors, self.limits(), TRACK_PASSES);
         self.prune(&mut best, &mut priors);
         for attempt in 0..TRIALS {
@@ -239,7 +244,7 @@ impl Identifier {
     /// `extra` more components than `before`, is the better one.
     fn better(&self, before: &Solution, after: &Solution, extra: f64) -> bool {
         let n = self.fitter.rows.len() as f64;
-        let floors = self.floors();
+        let floors = self.negligible;
         let independent = n / self.colour();
         let log_ratio: f64 = (0..CHANNELS)
             .map(|c| ((before.residual[c] / n + floors[c]) / (after.residual[c] / n + floors[c])).ln())
@@ -275,8 +280,7 @@ impl Identifier {
     /// model changed.
     fn explore(&mut self, best: &mut Solution, priors: &mut Vec<DirectionPrior>, round: u64) -> bool {
         let n = self.fitter.rows.len() as f64;
-        let floors = self.floors();
-        if (0..CHANNELS).all(|c| best.residual[c] / n < 1.2 * floors[c]) {
+        if (0..CHANNELS).all(|c| best.residual[c] / n < 1.2 * self.negligible[c]) {
             return false;
         }
         let k = best.waves.len();
@@ -379,8 +383,10 @@ impl Identifier {
     ) -> SeaState {
         let n = self.fitter.rows.len() as f64;
         let floors = self.floors();
-        let newest = self.record.newest().unwrap_or((0.0, [0.0; 2]));
-        let at = self.record.instant(newest.0);
+        let newest = self.record.newest().unwrap_or(0.0);
+        let at = self.record.instant(newest);
+        let [north, east] = self.fitter.rows.end();
+        let u = self.fitter.rows.velocity_at_end();
         let deviations = self.fitter.deviations(s, priors);
         let colour = self.colour().sqrt();
         let fresh = self.priors(s);
@@ -389,14 +395,8 @@ impl Identifier {
         for (j, w) in s.waves.iter().enumerate() {
             let number = w.omega * w.omega / GRAVITY;
             let (sin, cos) = w.direction.sin_cos();
-            let (north, east) = (
-                newest.1[0] - self.fitter.rows.middle.1[0],
-                newest.1[1] - self.fitter.rows.middle.1[1],
-            );
-            let phase =
-                w.omega * (newest.0 - self.fitter.rows.middle.0) - number * (cos * north + sin * east);
+            let phase = w.omega * (newest - self.fitter.rows.middle) - number * (cos * north + sin * east);
             let turn = Complex::from_polar(1.0, phase);
-            let u = self.mean_velocity();
             let mut component = SeaComponent {
                 omega: w.omega,
                 direction: w.direction,
@@ -447,6 +447,7 @@ impl Identifier {
         let heave_variance: f64 = components.iter().map(|c| 0.5 * c.amplitude_heave_m.powi(2)).sum();
         SeaState {
             at,
+            mean_velocity: u,
             verdict: match verdict {
                 Verdict::Identified if confidence < 0.15 => Verdict::Broad,
                 v @ (Verdict::Calm | Verdict::Broad | Verdict::Identified) => v,
@@ -461,19 +462,6 @@ impl Identifier {
                 Verdict::Calm => 0.0,
                 Verdict::Broad | Verdict::Identified => residual_fraction,
             },
-        }
-    }
-
-    /// Mean velocity at the end of the record, from its path: north, east, m/s.
-    fn mean_velocity(&self) -> [f64; 2] {
-        let rows = &self.fitter.rows;
-        let n = rows.len();
-        let back = n.saturating_sub(1 + (3.0 / self.config.bin_s) as usize);
-        match (rows.t.get(back), rows.t.last()) {
-            (Some(a), Some(b)) if b - a > 0.5 => core::array::from_fn(|i| {
-                (rows.path[i].last().copied().unwrap_or(0.0) - rows.path[i][back]) / (b - a)
-            }),
-            (Some(_) | None, Some(_) | None) => [0.0; 2],
         }
     }
 }

@@ -16,6 +16,7 @@
 //! when it is due (once in `update_period_s`) and within a fixed number of iterations.
 
 mod config;
+mod course;
 mod fit;
 mod identifier;
 mod record;
@@ -36,7 +37,9 @@ pub use identifier::Identifier;
 pub struct MotionSample {
     /// Time of validity.
     pub at: Time<VesselClock>,
-    /// Velocity over ground without the waves' orbital motion: north, east, m/s.
+    /// Velocity over ground of the reference point without the waves' orbital motion: north, east,
+    /// m/s. Better with some of it left than late: what is in step with a known wave is taken out
+    /// here without lag.
     pub mean_velocity: [f64; 2],
     /// North and east component of the deck's upward unit normal `n = -R_nb [0 0 1]'`, the waves'
     /// share and any trim included; `-r_nb.down()` of `alight_shared::frames`. Best from an
@@ -85,6 +88,9 @@ pub enum Verdict {
 pub struct SeaState {
     /// Time of validity of the phasors: the newest sample of the record.
     pub at: Time<VesselClock>,
+    /// The vessel's mean velocity then, smoothed without lag: north, east, m/s. For
+    /// [`SeaComponent::encounter`].
+    pub mean_velocity: [f64; 2],
     /// What to make of it.
     pub verdict: Verdict,
     /// Components, strongest first.
@@ -105,3 +111,8 @@ impl SeaComponent {
         self.omega - self.omega * self.omega / GRAVITY * (mean_velocity[0] * cos + mean_velocity[1] * sin)
     }
 }
+
+#[cfg(test)]
+mod synthetic;
+#[cfg(test)]
+mod tests;

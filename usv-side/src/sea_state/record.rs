@@ -1,4 +1,4 @@
-//! The record: the last minute of motion in bins, and the mean path it was taken along.
+//! The record: the last minute of motion in bins.
 
 use std::collections::VecDeque;
 
@@ -23,9 +23,7 @@ pub(super) struct Bin {
     pub index: i64,
     /// Mean time, s since the record's start.
     pub t: f64,
-    /// Mean path: north, east, m since the record's start.
-    pub path: [f64; 2],
-    /// Mean of the mean velocity: north, east, m/s.
+    /// Mean of the velocity: north, east, m/s.
     pub velocity: [f64; 2],
     /// Mean of the channels.
     pub y: [f64; CHANNELS],
@@ -42,7 +40,6 @@ pub(super) struct Record {
     open: Bin,
     start: Time<VesselClock>,
     newest: Option<MotionSample>,
-    path: [f64; 2],
     late_in_a_row: u32,
     rejected: u64,
 }
@@ -58,7 +55,6 @@ impl Record {
             open: Bin::default(),
             start: Time::EPOCH,
             newest: None,
-            path: [0.0; 2],
             late_in_a_row: 0,
             rejected: 0,
         }
@@ -88,9 +84,6 @@ impl Record {
             self.restart(sample);
             return;
         }
-        for i in 0..2 {
-            self.path[i] += 0.5 * dt * (last.mean_velocity[i] + sample.mean_velocity[i]);
-        }
         self.newest = Some(*sample);
         self.add(sample);
     }
@@ -99,7 +92,6 @@ impl Record {
         self.bins.clear();
         self.open = Bin::default();
         self.start = sample.at;
-        self.path = [0.0; 2];
         self.late_in_a_row = 0;
         self.newest = Some(*sample);
         self.add(sample);
@@ -121,7 +113,6 @@ impl Record {
         let share = 1.0 / open.count;
         open.t += (t - open.t) * share;
         for i in 0..2 {
-            open.path[i] += (self.path[i] - open.path[i]) * share;
             open.velocity[i] += (sample.mean_velocity[i] - open.velocity[i]) * share;
         }
         for c in 0..CHANNELS {
@@ -151,9 +142,9 @@ impl Record {
             (Some(_), None) | (None, Some(_)) | (None, None) => 0.0,
         }
     }
-    /// Time of validity of the newest closed bin and its mean path.
-    pub fn newest(&self) -> Option<(f64, [f64; 2])> {
-        self.bins.back().map(|b| (b.t, b.path))
+    /// Time of the newest closed bin.
+    pub fn newest(&self) -> Option<f64> {
+        self.bins.back().map(|b| b.t)
     }
     /// Instant of the record's time `t`.
     pub fn instant(&self, t: f64) -> Time<VesselClock> {
