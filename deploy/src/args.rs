@@ -9,9 +9,11 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
 #[derive(Parser, Debug)]
 #[command(version, about, arg_required_else_help = true, max_term_width = 100)]
-#[command(after_help = "Start with:\n  alight trial                     one landing in a simulated moderate sea\n  \
+#[command(
+    after_help = "Start with:\n  alight trial                     one landing in a simulated moderate sea\n  \
 alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n\n\
-Exit codes: 0 success, 1 failed landing, 2 bad input.")]
+Exit codes: 0 success, 1 failed landing, 2 bad input."
+)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -74,7 +76,10 @@ pub struct SeaArg {
 impl FromStr for SeaArg {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        Ok(SeaArg { text: text.into(), config: text.parse()? })
+        Ok(SeaArg {
+            text: text.into(),
+            config: text.parse()?,
+        })
     }
 }
 

@@ -40,7 +40,11 @@ pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs,
         Some(path) => config::load(path).map_err(refused)?,
         None => DroneFile::default(),
     };
-    Ok(NodeConfigs { vessel, bridge: file.bridge, drone: file.drone })
+    Ok(NodeConfigs {
+        vessel,
+        bridge: file.bridge,
+        drone: file.drone,
+    })
 }
 
 /// Prints a default configuration.
@@ -50,7 +54,10 @@ pub fn print(args: &ConfigArgs) -> Result<End, Refused> {
         ConfigKind::Drone => toml::to_string(&DroneFile::default()),
         ConfigKind::Scenario => toml::to_string(&Scenario::default()),
     };
-    print!("{}", text.map_err(|e| Refused::because("writing the configuration as TOML", e))?);
+    print!(
+        "{}",
+        text.map_err(|e| Refused::because("writing the configuration as TOML", e))?
+    );
     Ok(End::Success)
 }
 
@@ -61,10 +68,19 @@ mod tests {
     #[test]
     fn printed_defaults_read_back_as_the_defaults() {
         let text = toml::to_string(&DroneFile::default()).unwrap();
-        assert_eq!(config::parse::<DroneFile>(&text, "drone").unwrap(), DroneFile::default());
+        assert_eq!(
+            config::parse::<DroneFile>(&text, "drone").unwrap(),
+            DroneFile::default()
+        );
         let text = toml::to_string(&VesselNodeConfig::default()).unwrap();
-        assert_eq!(config::parse::<VesselNodeConfig>(&text, "vessel").unwrap(), VesselNodeConfig::default());
+        assert_eq!(
+            config::parse::<VesselNodeConfig>(&text, "vessel").unwrap(),
+            VesselNodeConfig::default()
+        );
         let text = toml::to_string(&Scenario::default()).unwrap();
-        assert_eq!(config::parse::<Scenario>(&text, "scenario").unwrap(), Scenario::default());
+        assert_eq!(
+            config::parse::<Scenario>(&text, "scenario").unwrap(),
+            Scenario::default()
+        );
     }
 }

@@ -40,7 +40,10 @@ pub fn draw(trace: &Trace, title: &str, path: &Path) -> Result<(), Box<dyn Error
         "Height",
         "m",
         (from, until),
-        &[height("drone", DRONE, |p| -p.drone[2]), height("deck", DECK, |p| -p.deck[2])],
+        &[
+            height("drone", DRONE, |p| -p.drone[2]),
+            height("deck", DECK, |p| -p.deck[2]),
+        ],
     )?;
     chart(
         &rows[2],
@@ -68,10 +71,14 @@ pub fn draw(trace: &Trace, title: &str, path: &Path) -> Result<(), Box<dyn Error
         "Vertical speed (up)",
         "m/s",
         (late, end),
-        &[height("drone", DRONE, |p| -p.drone_velocity[2]), height("deck", DECK, |p| -p.deck_velocity[2])],
+        &[
+            height("drone", DRONE, |p| -p.drone_velocity[2]),
+            height("deck", DECK, |p| -p.deck_velocity[2]),
+        ],
     )?;
     for (i, name) in ["Roll", "Pitch", "Yaw"].into_iter().enumerate() {
-        let unwrap = |reference: f64, angle: f64| reference + alight_shared::frames::wrap_angle(angle - reference);
+        let unwrap =
+            |reference: f64, angle: f64| reference + alight_shared::frames::wrap_angle(angle - reference);
         let middle = trace.points.last().map_or(0.0, |p| p.deck_euler[i]);
         chart(
             &rows[5 + i],
@@ -79,8 +86,16 @@ pub fn draw(trace: &Trace, title: &str, path: &Path) -> Result<(), Box<dyn Error
             "deg",
             (late, end),
             &[
-                ("drone", DRONE, Box::new(move |p| unwrap(middle, p.drone_euler[i]).to_degrees())),
-                ("deck", DECK, Box::new(move |p| unwrap(middle, p.deck_euler[i]).to_degrees())),
+                (
+                    "drone",
+                    DRONE,
+                    Box::new(move |p| unwrap(middle, p.drone_euler[i]).to_degrees()),
+                ),
+                (
+                    "deck",
+                    DECK,
+                    Box::new(move |p| unwrap(middle, p.deck_euler[i]).to_degrees()),
+                ),
             ],
         )?;
     }
@@ -109,19 +124,35 @@ fn over_time(
     (from, until): (f64, f64),
     series: &[Series<'_>],
 ) -> Result<(), Box<dyn Error>> {
-    let inside: Vec<&TracePoint> = trace.points.iter().filter(|p| (from..=until).contains(&p.t_s)).collect();
-    let range = range_of(series.iter().flat_map(|(_, _, f)| inside.iter().map(move |p| f(p))));
+    let inside: Vec<&TracePoint> = trace
+        .points
+        .iter()
+        .filter(|p| (from..=until).contains(&p.t_s))
+        .collect();
+    let range = range_of(
+        series
+            .iter()
+            .flat_map(|(_, _, f)| inside.iter().map(move |p| f(p))),
+    );
     let mut chart = ChartBuilder::on(area)
         .caption(caption, ("sans-serif", 18))
         .margin(8)
         .x_label_area_size(32)
         .y_label_area_size(52)
         .build_cartesian_2d(from..until, range.clone())?;
-    chart.configure_mesh().x_desc("time since start, s").y_desc(unit).light_line_style(WHITE).draw()?;
+    chart
+        .configure_mesh()
+        .x_desc("time since start, s")
+        .y_desc(unit)
+        .light_line_style(WHITE)
+        .draw()?;
     for (name, colour, f) in series {
         let colour = *colour;
         chart
-            .draw_series(LineSeries::new(inside.iter().map(|p| (p.t_s, f(p))), colour.stroke_width(2)))?
+            .draw_series(LineSeries::new(
+                inside.iter().map(|p| (p.t_s, f(p))),
+                colour.stroke_width(2),
+            ))?
             .label(*name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
     }
@@ -153,7 +184,12 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Result<(), Box<dyn Error>> {
         .x_label_area_size(32)
         .y_label_area_size(52)
         .build_cartesian_2d(ce - half * stretch..ce + half * stretch, cn - half..cn + half)?;
-    chart.configure_mesh().x_desc("east, m").y_desc("north, m").light_line_style(WHITE).draw()?;
+    chart
+        .configure_mesh()
+        .x_desc("east, m")
+        .y_desc("north, m")
+        .light_line_style(WHITE)
+        .draw()?;
     let lines: [(&str, RGBColor, fn(&TracePoint) -> [f64; 3]); 2] =
         [("drone", DRONE, |p| p.drone), ("deck", DECK, |p| p.deck)];
     for (name, colour, f) in lines {

@@ -46,7 +46,11 @@ impl Scene {
         if let Some(path) = &args.drone_config {
             flag("drone-config", quoted(path));
         }
-        let mut sea = if args.scenario.is_some() { "scenario".to_string() } else { "moderate".into() };
+        let mut sea = if args.scenario.is_some() {
+            "scenario".to_string()
+        } else {
+            "moderate".into()
+        };
         if let Some(given) = &args.sea {
             flag("sea", given.text.clone());
             scenario.sea = given.config.clone();
@@ -84,7 +88,10 @@ impl Scene {
             flag("radio-lost", format!("{lost:?}").to_lowercase());
         }
         if let Some(path) = &args.deck_motion {
-            let mut motion = deck_motion::DeckMotionConfig { file: path.clone(), ..Default::default() };
+            let mut motion = deck_motion::DeckMotionConfig {
+                file: path.clone(),
+                ..Default::default()
+            };
             flag("deck-motion", quoted(path));
             if let Some(scale) = args.motion_scale {
                 flag("motion-scale", scale.to_string());
@@ -105,7 +112,12 @@ impl Scene {
             scenario.deck_motion = Some(motion);
         }
         scenario.check(&Keys::ROOT).map_err(|e| Refused(e.to_string()))?;
-        Ok(Scene { scenario, nodes, sea, flags: flags.join(" ") })
+        Ok(Scene {
+            scenario,
+            nodes,
+            sea,
+            flags: flags.join(" "),
+        })
     }
 }
 

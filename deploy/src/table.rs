@@ -22,18 +22,72 @@ fn cell(value: Option<f64>, digits: usize) -> String {
 /// The outcome of one trial.
 pub fn outcome(o: &Outcome) -> String {
     let rows: [(&str, Option<f64>, usize, &str, &str); 13] = [
-        ("position error", o.position_error_m, 3, "m", "deck centre to the feet's centroid at first contact"),
-        ("position at rest", o.rest_position_error_m, 3, "m", "the same when all is still"),
-        ("touchdown speed", o.touchdown_speed_mps, 2, "m/s", "along the deck's normal, limit 1.0"),
-        ("tangential speed", o.tangential_speed_mps, 2, "m/s", "along the deck, limit 1.0"),
-        ("tilt error", o.tilt_error_deg, 2, "deg", "between the normals, limit 10"),
+        (
+            "position error",
+            o.position_error_m,
+            3,
+            "m",
+            "deck centre to the feet's centroid at first contact",
+        ),
+        (
+            "position at rest",
+            o.rest_position_error_m,
+            3,
+            "m",
+            "the same when all is still",
+        ),
+        (
+            "touchdown speed",
+            o.touchdown_speed_mps,
+            2,
+            "m/s",
+            "along the deck's normal, limit 1.0",
+        ),
+        (
+            "tangential speed",
+            o.tangential_speed_mps,
+            2,
+            "m/s",
+            "along the deck, limit 1.0",
+        ),
+        (
+            "tilt error",
+            o.tilt_error_deg,
+            2,
+            "deg",
+            "between the normals, limit 10",
+        ),
         ("roll error", o.roll_error_deg, 2, "deg", "drone minus deck"),
         ("pitch error", o.pitch_error_deg, 2, "deg", "drone minus deck"),
         ("yaw error", o.yaw_error_deg, 2, "deg", "drone minus deck"),
-        ("landing time", o.landing_time_s, 1, "s", "first descent to first contact"),
-        ("over deck", o.over_deck_time_s, 1, "s", "first within 2 m to first contact"),
-        ("motors stopped", o.stop_time_s, 2, "s", "after first contact, limit 2"),
-        ("simulated", Some(o.sim_time_s), 1, "s", "warm-up of the vessel's estimator included"),
+        (
+            "landing time",
+            o.landing_time_s,
+            1,
+            "s",
+            "first descent to first contact",
+        ),
+        (
+            "over deck",
+            o.over_deck_time_s,
+            1,
+            "s",
+            "first within 2 m to first contact",
+        ),
+        (
+            "motors stopped",
+            o.stop_time_s,
+            2,
+            "s",
+            "after first contact, limit 2",
+        ),
+        (
+            "simulated",
+            Some(o.sim_time_s),
+            1,
+            "s",
+            "warm-up of the vessel's estimator included",
+        ),
         ("computed in", Some(o.wall_time_s), 2, "s", ""),
     ];
     let mut out = format!(
@@ -68,7 +122,10 @@ pub fn summary(s: &Summary) -> String {
         100.0 * hi,
         s.unsafe_contacts
     );
-    out.push_str(&format!("  {:<24}{:>10}{:>10}{:>10}{:>10}\n", "", "mean", "sd", "p95", "max"));
+    out.push_str(&format!(
+        "  {:<24}{:>10}{:>10}{:>10}{:>10}\n",
+        "", "mean", "sd", "p95", "max"
+    ));
     for (name, figure) in &s.figures {
         let cells = match figure {
             Some(f) => format!("{:>10.3}{:>10.3}{:>10.3}{:>10.3}", f.mean, f.sd, f.p95, f.max),
@@ -88,7 +145,10 @@ pub fn summary_json(s: &Summary) -> serde_json::Map<String, serde_json::Value> {
     map.insert("success_rate_95".into(), serde_json::json!([lo, hi]));
     map.insert("unsafe_contacts".into(), s.unsafe_contacts.into());
     for (name, figure) in &s.figures {
-        map.insert((*name).into(), serde_json::to_value(figure).unwrap_or(serde_json::Value::Null));
+        map.insert(
+            (*name).into(),
+            serde_json::to_value(figure).unwrap_or(serde_json::Value::Null),
+        );
     }
     map
 }

@@ -11,21 +11,32 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
     let scene = Scene::of(&args.scene)?;
     if let Some(path) = &args.plot {
         // Found out before the flight, not after it.
-        std::fs::OpenOptions::new().create(true).append(true).open(path).map_err(|e| {
-            Refused::because(
-                format!("writing the plot {}", path.display()),
-                format!("{e}; choose a path that can be written"),
-            )
-        })?;
+        std::fs::OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(path)
+            .map_err(|e| {
+                Refused::because(
+                    format!("writing the plot {}", path.display()),
+                    format!("{e}; choose a path that can be written"),
+                )
+            })?;
     }
     let elapsed = stopwatch();
     let mut show = |event: &Event| {
         let Event::Phase { t_s, name, reason } = event;
         let line = format!("{t_s:>7.2} s  {name:<16} {reason}");
         // With --json the object is the only thing on standard output.
-        if args.json { eprintln!("{line}") } else { println!("{line}") }
+        if args.json {
+            eprintln!("{line}")
+        } else {
+            println!("{line}")
+        }
     };
-    let watch = Watch { on_event: &mut show, trace_step_s: args.plot.as_ref().map(|_| 0.05) };
+    let watch = Watch {
+        on_event: &mut show,
+        trace_step_s: args.plot.as_ref().map(|_| 0.05),
+    };
     let flight = fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
         .map_err(|e| Refused::because("setting up the trial", e))?;
     let mut outcome = flight.outcome;
@@ -43,12 +54,19 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
             .map_err(|e| Refused::because(format!("writing the plot {}", path.display()), e))?;
     }
     if args.json {
-        println!("{}", serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?);
+        println!(
+            "{}",
+            serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?
+        );
     } else {
         println!("\n{}", table::outcome(&outcome));
         if let Some(path) = &args.plot {
             println!("plot: {}", path.display());
         }
     }
-    Ok(if outcome.success { End::Success } else { End::Failed })
+    Ok(if outcome.success {
+        End::Success
+    } else {
+        End::Failed
+    })
 }

@@ -24,7 +24,9 @@ pub fn pool(jobs: Option<u16>) -> Result<rayon::ThreadPool, Refused> {
 pub fn bar(length: u64, what: &str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len} {elapsed} elapsed, {eta} left")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(length).with_style(style).with_message(what.to_string())
+    ProgressBar::new(length)
+        .with_style(style)
+        .with_message(what.to_string())
 }
 
 /// Flies seeds `seed0..seed0 + n`; outcomes in the order of the seeds whatever the threads.
@@ -48,10 +50,16 @@ pub fn fly_all(
                 }
                 let elapsed = stopwatch();
                 let mut quiet = |_: &_| {};
-                let watch = Watch { on_event: &mut quiet, trace_step_s: None };
+                let watch = Watch {
+                    on_event: &mut quiet,
+                    trace_step_s: None,
+                };
                 let flight = fly(&scenario, &scene.nodes, seed, &scene.sea, watch)
                     .map_err(|e| Refused::because(format!("setting up the trial of seed {seed}"), e))?;
-                Ok(Outcome { wall_time_s: elapsed(), ..flight.outcome })
+                Ok(Outcome {
+                    wall_time_s: elapsed(),
+                    ..flight.outcome
+                })
             })
             .collect()
     });
@@ -62,7 +70,9 @@ pub fn fly_all(
 /// The seeds from `seed0` on.
 pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, Refused> {
     let end = seed0.checked_add(u64::from(n)).ok_or_else(|| {
-        Refused(format!("--seed0 {seed0} with {n} trials leaves the range of 64-bit seeds; choose a smaller one"))
+        Refused(format!(
+            "--seed0 {seed0} with {n} trials leaves the range of 64-bit seeds; choose a smaller one"
+        ))
     })?;
     Ok((seed0..end).collect())
 }
@@ -73,7 +83,10 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
     let seeds = seeds(args.seed0, args.trials)?;
     let mut rows = match &args.rows {
         Some(path) => Some(std::fs::File::create(path).map_err(|e| {
-            Refused::because(format!("writing the rows {}", path.display()), format!("{e}; choose another path"))
+            Refused::because(
+                format!("writing the rows {}", path.display()),
+                format!("{e}; choose another path"),
+            )
         })?),
         None => None,
     };
@@ -82,7 +95,13 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
         write_rows(file, &outcomes).map_err(|e| Refused::because("writing the rows", e))?;
     }
     let summary = Summary::of(&outcomes);
-    let say = |line: String| if args.json { eprintln!("{line}") } else { println!("{line}") };
+    let say = |line: String| {
+        if args.json {
+            eprintln!("{line}")
+        } else {
+            println!("{line}")
+        }
+    };
     for o in outcomes.iter().filter(|o| !o.success) {
         let mut flags = scene.flags.clone();
         if let (Some(stride), Some(motion)) = (args.motion_stride, &scene.scenario.deck_motion) {
@@ -90,14 +109,21 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
             flags.push_str(&format!(" --motion-start {start}"));
         }
         say(format!("seed {}: {} ({})", o.seed, o.outcome.name(), o.reason));
-        say(format!("  replay: alight trial --seed {} {flags} --plot seed-{}.svg", o.seed, o.seed));
+        say(format!(
+            "  replay: alight trial --seed {} {flags} --plot seed-{}.svg",
+            o.seed, o.seed
+        ));
     }
     if args.json {
         println!("{}", serde_json::Value::Object(table::summary_json(&summary)));
     } else {
         println!("{}", table::summary(&summary));
     }
-    Ok(if summary.successes == summary.trials { End::Success } else { End::Failed })
+    Ok(if summary.successes == summary.trials {
+        End::Success
+    } else {
+        End::Failed
+    })
 }
 
 fn write_rows(file: &mut std::fs::File, outcomes: &[Outcome]) -> std::io::Result<()> {
@@ -105,9 +131,19 @@ fn write_rows(file: &mut std::fs::File, outcomes: &[Outcome]) -> std::io::Result
     let names: Vec<&str> = FIGURES.iter().map(|(n, _)| *n).collect();
     writeln!(file, "seed,outcome,unsafe_contacts,{},digest", names.join(","))?;
     for o in outcomes {
-        let cells: Vec<String> =
-            FIGURES.iter().map(|(_, f)| f(o).map_or_else(String::new, |v| format!("{v:.6}"))).collect();
-        writeln!(file, "{},{},{},{},{}", o.seed, o.outcome.name(), o.unsafe_contacts, cells.join(","), o.digest)?;
+        let cells: Vec<String> = FIGURES
+            .iter()
+            .map(|(_, f)| f(o).map_or_else(String::new, |v| format!("{v:.6}")))
+            .collect();
+        writeln!(
+            file,
+            "{},{},{},{},{}",
+            o.seed,
+            o.outcome.name(),
+            o.unsafe_contacts,
+            cells.join(","),
+            o.digest
+        )?;
     }
     Ok(())
 }

@@ -107,7 +107,11 @@ mod tests {
     #[test]
     fn the_estimate_fits_in_300_bytes_and_comes_back() {
         let bytes = encode(&estimate()).unwrap();
-        assert!(bytes.len() <= 300, "{}", bytes.len());
+        // The layout table of `alight_shared::msg`.
+        assert_eq!(bytes.len(), 246);
+        assert_eq!(bytes[12..16], 3u32.to_le_bytes(), "sequence");
+        assert_eq!(bytes[50..58], 1.0f64.to_le_bytes(), "eta north");
+        assert_eq!(bytes[98..102], 0.5f32.to_le_bytes(), "eta_dot north");
         assert_eq!(decode::<VesselEstimate<VesselClock>>(&bytes).unwrap(), estimate());
     }
 
@@ -119,14 +123,14 @@ mod tests {
             confidence: 1.0,
             components: Seq::filled([WaveComponent::default(); 6]),
         };
-        assert!(encode(&waves).unwrap().len() <= 1200);
+        assert_eq!(encode(&waves).unwrap().len(), 42 + 6 * 164);
         let prediction = VesselPrediction::<VesselClock> {
             header: Default::default(),
             step_s: 0.2,
             origin: [0.0; 3],
             stages: Seq::filled([PredictedStage::default(); 15]),
         };
-        assert!(encode(&prediction).unwrap().len() <= 1200);
+        assert_eq!(encode(&prediction).unwrap().len(), 62 + 15 * 72);
     }
 
     #[test]

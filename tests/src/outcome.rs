@@ -210,22 +210,34 @@ impl Judge {
             self.stopped = Some(o.t_s);
             let lowest = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
             if self.first.is_none() || lowest > FALSE_STOP_M {
-                self.fail(Ending::FalseStop, format!("motors stopped {lowest:.2} m above the deck"));
+                self.fail(
+                    Ending::FalseStop,
+                    format!("motors stopped {lowest:.2} m above the deck"),
+                );
             }
         }
         match (self.first.as_ref().map(|f| f.t_s), self.stopped) {
             (Some(first), None) if o.t_s > first + MAX_STOP_S => {
-                self.fail(Ending::Timeout, format!("motors still on {MAX_STOP_S} s after first contact"));
+                self.fail(
+                    Ending::Timeout,
+                    format!("motors still on {MAX_STOP_S} s after first contact"),
+                );
             }
             (_, Some(stopped)) => self.rest(o, stopped, half_deck),
             (Some(_) | None, None) => {}
         }
         if o.gave_up && self.first.is_none() {
-            self.fail(Ending::GaveUp, format!("the mission gave up after {} attempts", o.attempts));
+            self.fail(
+                Ending::GaveUp,
+                format!("the mission gave up after {} attempts", o.attempts),
+            );
             self.ended = true;
         }
         if o.t_s >= TIME_LIMIT_S {
-            self.fail(Ending::Timeout, format!("not at rest on the deck after {TIME_LIMIT_S} s"));
+            self.fail(
+                Ending::Timeout,
+                format!("not at rest on the deck after {TIME_LIMIT_S} s"),
+            );
             self.ended = true;
         }
         self.ended
@@ -235,18 +247,33 @@ impl Judge {
         let (normal, tangential) = (touch.normal_mps, touch.tangential_mps);
         let mut unsafe_contact = true;
         if !touch.foot {
-            self.fail(Ending::Tipped, format!("something else than a foot touched at {normal:.2} m/s"));
+            self.fail(
+                Ending::Tipped,
+                format!("something else than a foot touched at {normal:.2} m/s"),
+            );
         } else if !touch.on_deck {
-            self.fail(Ending::Missed, "a foot touched something else than the deck".into());
+            self.fail(
+                Ending::Missed,
+                "a foot touched something else than the deck".into(),
+            );
         } else if normal > MAX_CONTACT_MPS {
-            self.fail(Ending::Hard, format!("contact at {normal:.2} m/s (limit {MAX_CONTACT_MPS})"));
+            self.fail(
+                Ending::Hard,
+                format!("contact at {normal:.2} m/s (limit {MAX_CONTACT_MPS})"),
+            );
         } else if self.first.is_some() {
             unsafe_contact = false;
         } else if tangential > MAX_CONTACT_MPS {
-            self.fail(Ending::Fast, format!("first contact at {tangential:.2} m/s along the deck"));
+            self.fail(
+                Ending::Fast,
+                format!("first contact at {tangential:.2} m/s along the deck"),
+            );
         } else if o.tilt_error > MAX_TILT_ERROR_RAD {
             let deg = o.tilt_error.to_degrees();
-            self.fail(Ending::Tilted, format!("first contact {deg:.1} deg off the deck's tilt"));
+            self.fail(
+                Ending::Tilted,
+                format!("first contact {deg:.1} deg off the deck's tilt"),
+            );
         } else {
             unsafe_contact = false;
         }
@@ -255,8 +282,14 @@ impl Judge {
         }
         if self.first.is_none() {
             let position_error = centroid_error(&o.feet);
-            if o.feet.iter().all(|f| f[0].abs() > half_deck[0] || f[1].abs() > half_deck[1]) {
-                self.fail(Ending::Missed, format!("first contact {position_error:.2} m off the centre"));
+            if o.feet
+                .iter()
+                .all(|f| f[0].abs() > half_deck[0] || f[1].abs() > half_deck[1])
+            {
+                self.fail(
+                    Ending::Missed,
+                    format!("first contact {position_error:.2} m off the centre"),
+                );
             }
             self.first = Some(FirstContact {
                 t_s: o.t_s,
@@ -271,7 +304,10 @@ impl Judge {
 
     fn rest(&mut self, o: &Observation<'_>, stopped: f64, half_deck: [f64; 2]) {
         if o.t_s > stopped + SETTLE_S && self.failure.is_none() {
-            if o.feet.iter().any(|f| f[0].abs() > half_deck[0] || f[1].abs() > half_deck[1]) {
+            if o.feet
+                .iter()
+                .any(|f| f[0].abs() > half_deck[0] || f[1].abs() > half_deck[1])
+            {
                 self.fail(Ending::Slid, "a foot left the deck's edges".into());
             } else if let Some(f) = o.feet.iter().find(|f| f[2] > ON_DECK_M) {
                 self.fail(Ending::Tipped, format!("a foot is {:.2} m above the deck", f[2]));
@@ -334,8 +370,12 @@ mod tests {
     use super::*;
 
     const HALF: [f64; 2] = [1.25, 0.85];
-    const DOWN: [[f64; 3]; 4] =
-        [[0.2, 0.2, 0.0], [0.2, -0.2, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0]];
+    const DOWN: [[f64; 3]; 4] = [
+        [0.2, 0.2, 0.0],
+        [0.2, -0.2, 0.0],
+        [-0.2, 0.2, 0.0],
+        [-0.2, -0.2, 0.0],
+    ];
 
     fn at(t_s: f64) -> Observation<'static> {
         Observation {
@@ -353,15 +393,31 @@ mod tests {
         }
     }
     fn touch(normal_mps: f64, tangential_mps: f64) -> Touch {
-        Touch { foot: true, on_deck: true, normal_mps, tangential_mps }
+        Touch {
+            foot: true,
+            on_deck: true,
+            normal_mps,
+            tangential_mps,
+        }
     }
     fn run(first: Touch, tilt: f64, stop_s: f64, feet_after: [[f64; 3]; 4]) -> Outcome {
         let mut judge = Judge::default();
         let touches = [first];
-        judge.observe(&Observation { touches: &touches, tilt_error: tilt, ..at(10.0) }, HALF);
+        judge.observe(
+            &Observation {
+                touches: &touches,
+                tilt_error: tilt,
+                ..at(10.0)
+            },
+            HALF,
+        );
         for k in 1..1000 {
             let t = 10.0 + 0.01 * f64::from(k);
-            let o = Observation { motors_on: t < 10.0 + stop_s, feet: feet_after, ..at(t) };
+            let o = Observation {
+                motors_on: t < 10.0 + stop_s,
+                feet: feet_after,
+                ..at(t)
+            };
             if judge.observe(&o, HALF) {
                 break;
             }
@@ -388,14 +444,23 @@ mod tests {
         let mut up = DOWN;
         up[0][2] = 0.1;
         assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, up).outcome, Ending::Tipped);
-        let other = Touch { foot: false, ..touch(0.1, 0.0) };
+        let other = Touch {
+            foot: false,
+            ..touch(0.1, 0.0)
+        };
         assert_eq!(run(other, 0.0, 0.5, DOWN).outcome, Ending::Tipped);
     }
 
     #[test]
     fn stopping_before_any_contact_is_a_false_stop() {
         let mut judge = Judge::default();
-        judge.observe(&Observation { motors_on: false, ..at(5.0) }, HALF);
+        judge.observe(
+            &Observation {
+                motors_on: false,
+                ..at(5.0)
+            },
+            HALF,
+        );
         assert_eq!(judge.outcome(1, "", "", 0.0).outcome, Ending::FalseStop);
     }
 }

@@ -27,7 +27,12 @@ impl Figure {
         let (last, mean) = (*v.last()?, v.iter().sum::<f64>() / n);
         let var = v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
         let rank = ((0.95 * n).ceil() as usize).clamp(1, v.len()) - 1;
-        Some(Figure { mean, sd: var.sqrt(), p95: v.get(rank).copied().unwrap_or(last), max: last })
+        Some(Figure {
+            mean,
+            sd: var.sqrt(),
+            p95: v.get(rank).copied().unwrap_or(last),
+            max: last,
+        })
     }
 }
 
@@ -85,12 +90,18 @@ impl Summary {
             trials: outcomes.len(),
             successes: outcomes.iter().filter(|o| o.success).count(),
             unsafe_contacts: outcomes.iter().map(|o| o.unsafe_contacts).sum(),
-            figures: FIGURES.iter().map(|(name, f)| (*name, Figure::of(touched().filter_map(f)))).collect(),
+            figures: FIGURES
+                .iter()
+                .map(|(name, f)| (*name, Figure::of(touched().filter_map(f))))
+                .collect(),
         }
     }
     /// A figure by name.
     pub fn figure(&self, name: &str) -> Option<Figure> {
-        self.figures.iter().find(|(n, _)| *n == name).and_then(|(_, f)| *f)
+        self.figures
+            .iter()
+            .find(|(n, _)| *n == name)
+            .and_then(|(_, f)| *f)
     }
 }
 
@@ -102,7 +113,10 @@ mod tests {
     fn wilson_matches_published_values() {
         // 95 of 100: 0.8883 to 0.9785 (Newcombe 1998, table I method 3 style check).
         let (lo, hi) = wilson(95, 100);
-        assert!((lo - 0.8882).abs() < 5e-4 && (hi - 0.9785).abs() < 5e-4, "{lo} {hi}");
+        assert!(
+            (lo - 0.8882).abs() < 5e-4 && (hi - 0.9785).abs() < 5e-4,
+            "{lo} {hi}"
+        );
         assert!(wilson(100, 100).0 > 0.96);
     }
 

@@ -65,7 +65,10 @@ pub fn fly(
 
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
     let mut judge = Judge::default();
-    let mut trace = watch.trace_step_s.map(|step_s| Trace { step_s, ..Trace::default() });
+    let mut trace = watch.trace_step_s.map(|step_s| Trace {
+        step_s,
+        ..Trace::default()
+    });
     let mut state = State::Idle;
     let mut next_point = 0.0;
     // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.

@@ -6,7 +6,8 @@
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, Header, MissionState, Plan, SetPoint, State, TimeRequest,
+    AutopilotState, Command, CommandKind, DeckForecast, Header, MissionState, Plan, SetPoint, State,
+    TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
@@ -89,7 +90,13 @@ impl World {
         scenario.check(&Keys::ROOT)?;
         let streams = Streams::new(seed);
         let sea = Sea::new(&scenario.sea, &streams);
-        let carrier = DeckCarrier::new(&scenario.vessel, scenario.deck_motion.as_ref(), &scenario.deck, &sea, &streams)?;
+        let carrier = DeckCarrier::new(
+            &scenario.vessel,
+            scenario.deck_motion.as_ref(),
+            &scenario.deck,
+            &sea,
+            &streams,
+        )?;
         let drone = &nodes.drone;
         Ok(World {
             t: Time::EPOCH,
@@ -156,14 +163,20 @@ impl World {
         let bearing = between([0.0, core::f64::consts::TAU]);
         let yaw = between([0.0, core::f64::consts::TAU]);
         let vessel = self.carrier.state().position.0;
-        let position =
-            Vector3::new(vessel.x + distance * bearing.cos(), vessel.y + distance * bearing.sin(), -height);
+        let position = Vector3::new(
+            vessel.x + distance * bearing.cos(),
+            vessel.y + distance * bearing.sin(),
+            -height,
+        );
         self.drone = Some(DroneWorld::new(
             &self.scenario.drone,
             &self.scenario.airframe,
             &self.scenario.deck,
             &self.streams,
-            DroneStart { position, yaw: wrap_angle(yaw) },
+            DroneStart {
+                position,
+                yaw: wrap_angle(yaw),
+            },
         ));
     }
 
@@ -184,7 +197,12 @@ impl World {
             .collect();
         let said = self.vessel_node.step(
             vessel_now,
-            &VesselIn { imu: readings.imu, gnss: readings.gnss, heading: readings.heading, time_requests },
+            &VesselIn {
+                imu: readings.imu,
+                gnss: readings.gnss,
+                heading: readings.heading,
+                time_requests,
+            },
         );
         self.broadcast(t, PacketKind::Estimate, said.estimate.as_ref());
         self.broadcast(t, PacketKind::Wave, said.wave.as_ref());
@@ -217,8 +235,9 @@ impl World {
             (self.ticks.is_multiple_of(AUTOPILOT_TICKS)).then(|| drone.autopilot_state(header));
         let deck = self.deck();
         let sea = &self.sea;
-        let seen: DroneReadings =
-            self.sensors.drone(t, &drone.truth(), &deck, |north, east| sea.surface(t, north, east).surface_z());
+        let seen: DroneReadings = self.sensors.drone(t, &drone.truth(), &deck, |north, east| {
+            sea.surface(t, north, east).surface_z()
+        });
 
         let forecast = self
             .predictor
@@ -255,18 +274,37 @@ impl World {
             .state;
         self.mission_state = mission.unwrap_or(self.mission_state);
 
-        let solved =
-            self.planner.step(drone_now, &PlannerIn { forecast, mission, drone: odometry, autopilot }).plan;
+        let solved = self
+            .planner
+            .step(
+                drone_now,
+                &PlannerIn {
+                    forecast,
+                    mission,
+                    drone: odometry,
+                    autopilot,
+                },
+            )
+            .plan;
         if let Some(plan) = solved {
             // A full line means plans that nobody fetches: the oldest state is lost, no more.
-            let _full = self.plans.push(t + Span::from_secs(self.scenario.solve_delay_s), plan);
+            let _full = self
+                .plans
+                .push(t + Span::from_secs(self.scenario.solve_delay_s), plan);
         }
 
         let set_point = self
             .pilot
             .step(
                 drone_now,
-                &PilotIn { plan, mission, forecast, drone: odometry, autopilot, ranges: seen.ranges },
+                &PilotIn {
+                    plan,
+                    mission,
+                    forecast,
+                    drone: odometry,
+                    autopilot,
+                    ranges: seen.ranges,
+                },
             )
             .set_point;
         self.last_set_point = set_point.or(self.last_set_point);
@@ -318,7 +356,9 @@ impl World {
 
     fn hash(&mut self, values: &[f64]) {
         for v in values {
-            self.digest = (self.digest ^ v.to_bits()).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(17);
+            self.digest = (self.digest ^ v.to_bits())
+                .wrapping_mul(0x0000_0100_0000_01b3)
+                .rotate_left(17);
         }
     }
 
@@ -382,7 +422,12 @@ impl World {
             touches: &self.touches,
             feet: self.feet(&drone, &deck),
             relative_euler: [roll, pitch, yaw],
-            tilt_error: deck.attitude.down().dot(&drone.attitude.down()).clamp(-1.0, 1.0).acos(),
+            tilt_error: deck
+                .attitude
+                .down()
+                .dot(&drone.attitude.down())
+                .clamp(-1.0, 1.0)
+                .acos(),
             horizontal_m: offset.xy().norm(),
             motors_on: self.motors_on,
             descending: matches!(mission.state, State::Descent | State::Flare),

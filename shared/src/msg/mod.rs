@@ -8,7 +8,7 @@ mod deck;
 mod drone;
 mod mission;
 mod sensors;
-mod vessel;
+pub mod vessel;
 
 pub use deck::{DeckForecast, DeckStage, FORECAST_STAGES, LinkState, RangeSample, Source, TagPose, UvdarFix};
 pub use drone::{

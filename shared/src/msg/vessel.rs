@@ -1,4 +1,48 @@
 //! What the vessel says over the radio.
+//!
+//! # Byte layout on the wire
+//!
+//! bincode 2, little endian, fixed-width integers, no padding (`alight_shared::wire`). Floats are
+//! IEEE 754. Each message is self-contained.
+//!
+//! | bytes | header (26 B, first in every message) |
+//! |---|---|
+//! | 0..8 | `at`: time of validity, i64 nanoseconds of the sender's clock |
+//! | 8..12 | `boot` u32 |
+//! | 12..16 | `sequence` u32 |
+//! | 16..20 | `vessel` u32 |
+//! | 20..24 | `drone` u32, 0 for any |
+//! | 24..26 | `version` u16 |
+//!
+//! | bytes | vessel estimate (246 B, 30 Hz, bound 300 B) |
+//! |---|---|
+//! | 26..50 | datum: latitude deg, longitude deg, height m (3 x f64) |
+//! | 50..98 | `eta`: north, east, down m, roll, pitch, yaw rad (6 x f64) |
+//! | 98..122 | `eta_dot` m/s, rad/s (6 x f32) |
+//! | 122..146 | `eta_ddot` m/s², rad/s² (6 x f32) |
+//! | 146..218 | covariance per degree of freedom: var eta, cov, var eta_dot (6 x 3 x f32) |
+//! | 218..230 | deck centre in the body frame, m (3 x f32) |
+//! | 230..238 | mean velocity north, east, m/s (2 x f32) |
+//! | 238..246 | mean heading rad, its rate rad/s (2 x f32) |
+//!
+//! | bytes | wave model (42 + 164 n B, n <= 6 components, 5 Hz, bound 1200 B) |
+//! |---|---|
+//! | 26..30 | significant height, m (f32) |
+//! | 30..34 | confidence (f32) |
+//! | 34..42 | n (u64) |
+//! | + 0..20 | omega, direction, its sd, omega of encounter, damping (5 x f32) |
+//! | + 20..68 | oscillator state per degree of freedom: value, rate (6 x 2 x f32) |
+//! | + 68..140 | its covariance block (6 x 3 x f32) |
+//! | + 140..164 | spectral density of its drive (6 x f32) |
+//!
+//! | bytes | prediction (62 + 72 n B, n <= 15 stages, 2 Hz, bound 1200 B) |
+//! |---|---|
+//! | 26..30 | time between stages, s (f32) |
+//! | 30..54 | origin in the vessel's NED, m (3 x f64) |
+//! | 54..62 | n (u64) |
+//! | + 0..24 | `eta`, position relative to the origin (6 x f32) |
+//! | + 24..48 | `eta_dot` (6 x f32) |
+//! | + 48..72 | standard deviation of `eta` (6 x f32) |
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};

@@ -51,7 +51,10 @@ pub fn session(
     let mut world = World::new(scenario, nodes, seed)?;
     world.warm_up();
     let mut draw = Noise::new(&Streams::new(seed), "airborne.commands");
-    let mut report = Airborne { lowest_m: f64::INFINITY, ..Airborne::default() };
+    let mut report = Airborne {
+        lowest_m: f64::INFINITY,
+        ..Airborne::default()
+    };
     let mut command_at = 5.0 + 25.0 * draw.uniform();
     let mut call_off_below = 0.3 + 5.0 * draw.uniform();
     let mut last_contact = f64::NEG_INFINITY;
@@ -83,7 +86,11 @@ pub fn session(
             landing = false;
             report.aborts += 1;
             report.lowest_m = report.lowest_m.min(clearance);
-            world.command(if draw.chance(0.5) { CommandKind::Hold } else { CommandKind::Abort });
+            world.command(if draw.chance(0.5) {
+                CommandKind::Hold
+            } else {
+                CommandKind::Abort
+            });
             command_at = t + 2.0 + 20.0 * draw.uniform();
             call_off_below = 0.3 + 5.0 * draw.uniform();
         }

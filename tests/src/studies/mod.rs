@@ -1,3 +1,4 @@
 //! Measurements over many seeds that are not landings.
 
 pub mod airborne;
+pub mod estimator;

@@ -1,0 +1,186 @@
+//! The program as a person meets it: exit codes, errors that help, JSON, determinism.
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+fn alight(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args(args)
+        .output()
+        .unwrap()
+}
+fn scratch(name: &str) -> PathBuf {
+    let dir = std::env::temp_dir().join(format!("alight-cli-{}", std::process::id()));
+    std::fs::create_dir_all(&dir).unwrap();
+    dir.join(name)
+}
+fn stderr(o: &Output) -> String {
+    String::from_utf8_lossy(&o.stderr).into_owned()
+}
+fn json(o: &Output) -> serde_json::Value {
+    let text = String::from_utf8_lossy(&o.stdout);
+    serde_json::from_str(text.lines().last().unwrap()).unwrap()
+}
+
+#[test]
+fn bad_input_is_refused_with_code_2_and_a_message_that_names_it() {
+    let bad_key = scratch("bad-key.toml");
+    std::fs::write(&bad_key, "[sea]\nheight = 3\n").unwrap();
+    let bad_range = scratch("bad-range.toml");
+    std::fs::write(&bad_range, "solve_delay_s = 7.5\n").unwrap();
+    let not_finite = scratch("not-finite.toml");
+    std::fs::write(&not_finite, "solve_delay_s = nan\n").unwrap();
+    let bad_row = scratch("bad-row.csv");
+    std::fs::write(&bad_row, "t_s,roll_deg,pitch_deg\n0.0,1,1\n0.1,x,1\n").unwrap();
+    let path = |p: &PathBuf| p.to_string_lossy().into_owned();
+    let cases: &[(&[&str], &str)] = &[
+        (&["trial", "--no-such-flag"], "--no-such-flag"),
+        (&["trial", "--sea", "stormy"], "stormy"),
+        (&["trial", "--sea", "-1,5"], "amplitude_m"),
+        (&["trial", "--sea", "nan,5"], "nan"),
+        (&["trial", "--seed", "-3"], "-3"),
+        (&["trial", "--wind", "nan"], "NaN"),
+        (&["trial", "--wind", "300"], "300"),
+        (&["trial", "--speed", "-2", "--vessel", "straight"], "-2"),
+        (&["trial", "--planner", "magic"], "magic"),
+        (
+            &["trial", "--scenario", "/nonexistent/scene.toml"],
+            "/nonexistent/scene.toml",
+        ),
+        (&["trial", "--scenario", &path(&bad_key)], "height"),
+        (&["trial", "--scenario", &path(&bad_range)], "solve_delay_s"),
+        (&["trial", "--scenario", &path(&not_finite)], "solve_delay_s"),
+        (&["trial", "--drone-config", &path(&bad_key)], "sea"),
+        (
+            &["trial", "--deck-motion", "/nonexistent/motion.csv"],
+            "/nonexistent/motion.csv",
+        ),
+        (&["trial", "--deck-motion", &path(&bad_row)], "line 3"),
+        (&["trial", "--motion-scale", "2"], "--deck-motion"),
+        (
+            &["trial", "--plot", "/nonexistent/landing.svg"],
+            "/nonexistent/landing.svg",
+        ),
+        (&["trials", "--trials", "0"], "0"),
+        (&["trials", "--jobs", "0"], "0"),
+        (
+            &["trials", "--seed0", "18446744073709551615", "--trials", "2"],
+            "18446744073709551615",
+        ),
+        (
+            &["trials", "--rows", "/nonexistent/rows.csv"],
+            "/nonexistent/rows.csv",
+        ),
+    ];
+    for (args, names) in cases {
+        let o = alight(args);
+        assert_eq!(o.status.code(), Some(2), "{args:?}: {}", stderr(&o));
+        assert!(
+            stderr(&o).contains(names),
+            "{args:?} does not name {names}: {}",
+            stderr(&o)
+        );
+        assert!(!stderr(&o).contains("panicked"), "{args:?}");
+    }
+}
+
+#[test]
+fn a_trial_prints_one_json_object_and_writes_a_plot() {
+    let plot = scratch("landing.svg");
+    let o = alight(&[
+        "trial",
+        "--seed",
+        "3",
+        "--json",
+        "--plot",
+        &plot.to_string_lossy(),
+    ]);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    assert_eq!(String::from_utf8_lossy(&o.stdout).lines().count(), 1);
+    let v = json(&o);
+    for key in [
+        "outcome",
+        "success",
+        "reason",
+        "seed",
+        "sea",
+        "planner",
+        "attempts",
+        "unsafe_contacts",
+        "position_error_m",
+        "rest_position_error_m",
+        "touchdown_speed_mps",
+        "tangential_speed_mps",
+        "tilt_error_deg",
+        "roll_error_deg",
+        "pitch_error_deg",
+        "yaw_error_deg",
+        "landing_time_s",
+        "over_deck_time_s",
+        "sim_time_s",
+        "wall_time_s",
+    ] {
+        assert!(v.get(key).is_some(), "{key} is missing in {v}");
+    }
+    assert_eq!(v["sea"], "moderate");
+    let svg = std::fs::read_to_string(&plot).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("touchdown") && svg.contains("Roll"));
+}
+
+#[test]
+fn the_same_seeds_give_the_same_bits_with_one_and_two_jobs_and_in_two_processes() {
+    let digests = |jobs: &str, name: &str| {
+        let rows = scratch(name);
+        let o = alight(&[
+            "trials",
+            "--trials",
+            "3",
+            "--seed0",
+            "40",
+            "--jobs",
+            jobs,
+            "--json",
+            "--rows",
+            &rows.to_string_lossy(),
+        ]);
+        assert!(o.status.code() != Some(2), "{}", stderr(&o));
+        assert_eq!(json(&o)["trials"], 3);
+        let text = std::fs::read_to_string(rows).unwrap();
+        text.lines()
+            .map(|l| l.rsplit(',').next().unwrap().to_string())
+            .collect::<Vec<_>>()
+    };
+    let (one, two) = (digests("1", "one.csv"), digests("2", "two.csv"));
+    assert_eq!(one.len(), 4);
+    assert_eq!(one, two);
+}
+
+#[test]
+fn printed_configurations_are_accepted() {
+    let drone = scratch("drone.toml");
+    std::fs::write(&drone, alight(&["config", "drone"]).stdout).unwrap();
+    let scenario = scratch("scenario.toml");
+    std::fs::write(&scenario, alight(&["config", "scenario"]).stdout).unwrap();
+    let o = alight(&[
+        "trial",
+        "--drone-config",
+        &drone.to_string_lossy(),
+        "--scenario",
+        &scenario.to_string_lossy(),
+        "--json",
+        "--seed",
+        "5",
+    ]);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+}
+
+#[test]
+fn help_says_how_to_start() {
+    let o = alight(&["--help"]);
+    let text = String::from_utf8_lossy(&o.stdout).into_owned();
+    assert!(text.contains("alight trial") && text.contains("Exit codes"));
+    assert!(
+        text.lines().all(|l| l.chars().count() <= 100),
+        "wider than 100 columns"
+    );
+}

@@ -1,0 +1,240 @@
+//! The vessel's estimator and its prediction against the truth, in the vessel's own GNSS frame:
+//! truth plus the receiver's bias at that instant.
+
+use alight_shared::frames::{euler_rates, wrap_angle};
+use alight_shared::msg::{VesselEstimate, VesselPrediction};
+use alight_shared::node::Node;
+use alight_shared::time::{Span, Time, TrueTime, VesselClock};
+use alight_usv::{VesselIn, VesselNode, VesselNodeConfig};
+use serde::Serialize;
+
+use crate::deck_motion::{DeckCarrier, DeckMotionError};
+use crate::scenario::Scenario;
+use crate::sea::Sea;
+use crate::sensors::Sensors;
+use crate::streams::Streams;
+use crate::world::TICK;
+
+/// `eta` and its derivative in the order of [`VesselEstimate`].
+#[derive(Clone, Copy, Debug)]
+pub struct Truth {
+    /// Position in the vessel's NED (m), roll, pitch, yaw (rad).
+    pub eta: [f64; 6],
+    /// Their derivatives.
+    pub eta_dot: [f64; 6],
+}
+
+/// What vessel and truth did in one run, from the end of the warm-up on.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Truth at every tick since the world began.
+    pub truth: Vec<Truth>,
+    /// Tick and estimate.
+    pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
+    /// Tick (fractional) of the first stage, and prediction.
+    pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
+    /// The last confidence in the wave model.
+    pub confidence: f32,
+    /// Ticks at which a turn by 90 deg passed its middle.
+    pub turns: Vec<usize>,
+}
+
+/// Runs vessel, sensors and node of `scenario` for its warm-up and `span_s` more seconds.
+pub fn run(
+    scenario: &Scenario,
+    node: &VesselNodeConfig,
+    seed: u64,
+    span_s: f64,
+) -> Result<Run, DeckMotionError> {
+    let streams = Streams::new(seed);
+    let sea = Sea::new(&scenario.sea, &streams);
+    let mut carrier = DeckCarrier::new(
+        &scenario.vessel,
+        scenario.deck_motion.as_ref(),
+        &scenario.deck,
+        &sea,
+        &streams,
+    )?;
+    let mut sensors = Sensors::new(&scenario.sensors, &scenario.airframe, &scenario.deck, &streams);
+    let mut node = VesselNode::new(node, 1, 1);
+    let mut out = Run {
+        truth: Vec::new(),
+        estimates: Vec::new(),
+        predictions: Vec::new(),
+        confidence: 0.0,
+        turns: Vec::new(),
+    };
+    let ticks = |s: f64| (s / TICK.secs()).round() as usize;
+    let (first, last) = (
+        ticks(scenario.start.warm_up_s),
+        ticks(scenario.start.warm_up_s + span_s),
+    );
+    let (mut heading, mut leg, mut start) = (None::<f64>, 0, 0.0);
+    // Three seconds more, so that the last predictions have a truth.
+    for k in 0..last + 300 {
+        let t = Time::<TrueTime>::EPOCH + TICK * k as i64;
+        let state = carrier.state();
+        let readings = sensors.vessel(t, &state);
+        let now = sensors.clocks.vessel_time(t);
+        let p = state.position.0 + sensors.vessel_gnss_bias();
+        let (roll, pitch, yaw) = state.attitude.euler();
+        let rates = euler_rates(roll, pitch, state.rates.0);
+        let v = state.velocity.0;
+        out.truth.push(Truth {
+            eta: [p.x, p.y, p.z, roll, pitch, yaw],
+            eta_dot: [v.x, v.y, v.z, rates.x, rates.y, rates.z],
+        });
+        // Unwrapped heading, smoothed over 2 s so that the waves' yaw does not count as a turn.
+        let smooth = heading.map_or(yaw, |h| h + wrap_angle(yaw - h) * TICK.secs() / 2.0);
+        if heading.is_none() {
+            start = yaw;
+        }
+        heading = Some(smooth);
+        let now_leg = ((smooth - start) / core::f64::consts::FRAC_PI_2).round() as i64;
+        if now_leg != leg {
+            leg = now_leg;
+            out.turns.push(k);
+        }
+        let input = VesselIn {
+            imu: readings.imu,
+            gnss: readings.gnss,
+            heading: readings.heading,
+            time_requests: Vec::new(),
+        };
+        let said = node.step(now, &input);
+        if (first..last).contains(&k) {
+            out.estimates.extend(said.estimate.map(|e| (k, e)));
+            if let Some(p) = said.prediction {
+                let age: Span = now - p.header.at;
+                out.predictions.push((k as f64 - age.secs() / TICK.secs(), p));
+            }
+            out.confidence = said.wave.map_or(out.confidence, |w| w.confidence);
+        }
+        carrier.step(t, TICK.secs(), &sea);
+    }
+    Ok(out)
+}
+
+/// `a - b` in degree of freedom `dof`, angles along the shorter way.
+pub fn difference(dof: usize, a: f64, b: f64) -> f64 {
+    if dof < 3 { a - b } else { wrap_angle(a - b) }
+}
+
+fn rms(squares: &[f64]) -> f64 {
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+}
+
+/// Errors of the state, over all runs.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct StateErrors {
+    /// RMSE per axis of position (m), attitude (rad), velocity (m/s), rates (rad/s).
+    pub per_axis: [f64; 4],
+    /// RMSE of the three-dimensional error, same order.
+    pub norm: [f64; 4],
+    /// Mean NEES of each degree of freedom's (eta, eta_dot); 2 when the covariance is right.
+    pub nees: [f64; 6],
+}
+
+/// Errors of the state.
+pub fn state_errors(runs: &[Run]) -> StateErrors {
+    let (mut squares, mut nees) = ([const { Vec::new() }; 4], [const { Vec::new() }; 6]);
+    for r in runs {
+        for (k, e) in &r.estimates {
+            let truth = r.truth[*k];
+            for d in 0..6 {
+                let a = difference(d, e.eta[d], truth.eta[d]);
+                let b = f64::from(e.eta_dot[d]) - truth.eta_dot[d];
+                squares[d / 3].push(a * a);
+                squares[2 + d / 3].push(b * b);
+                let [p, c, q] = e.covariance[d].map(f64::from);
+                nees[d].push((q * a * a - 2.0 * c * a * b + p * b * b) / (p * q - c * c));
+            }
+        }
+    }
+    let per_axis = squares.each_ref().map(|s| rms(s));
+    StateErrors {
+        per_axis,
+        norm: per_axis.map(|v| v * 3.0_f64.sqrt()),
+        nees: nees.map(|n| n.iter().sum::<f64>() / n.len().max(1) as f64),
+    }
+}
+
+/// RMSE of one degree of freedom at one horizon.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct PredictionError {
+    /// Of the broadcast prediction.
+    pub model: f64,
+    /// Of holding the last state.
+    pub hold: f64,
+    /// Of rolling the last velocity on.
+    pub velocity: f64,
+    /// Of the broadcast prediction after removing the error it starts with.
+    pub growth: f64,
+}
+
+/// RMSE of the prediction in `dof`, `horizon_s` ahead, over the predictions that `keep` keeps (by
+/// run and tick of their first stage).
+pub fn prediction_error(
+    runs: &[Run],
+    dof: usize,
+    horizon_s: f64,
+    keep: impl Fn(&Run, f64) -> bool,
+) -> PredictionError {
+    let mut squares = [const { Vec::new() }; 4];
+    for r in runs {
+        let truth = |tick: f64| {
+            let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
+            let (a, b) = (r.truth.get(i)?.eta[dof], r.truth.get(i + 1)?.eta[dof]);
+            Some(a + f * difference(dof, b, a))
+        };
+        for (start, p) in r.predictions.iter().filter(|(s, _)| keep(r, *s)) {
+            let x = horizon_s / f64::from(p.step_s);
+            let (i, f) = (x.floor() as usize, x.fract());
+            let (Some(first), Some(a)) = (p.stages.first(), p.stages.get(i)) else {
+                continue;
+            };
+            let b = p.stages.get(i + 1).unwrap_or(a);
+            let (Some(then), Some(at_start)) = (truth(start + horizon_s / TICK.secs()), truth(*start)) else {
+                continue;
+            };
+            // Cubic between stages, by value and rate, as a receiver would.
+            let h = f64::from(p.step_s);
+            let (pa, va, vb) = (
+                f64::from(a.eta[dof]),
+                f64::from(a.eta_dot[dof]),
+                f64::from(b.eta_dot[dof]),
+            );
+            let step = difference(dof, f64::from(b.eta[dof]), pa);
+            let (f2, f3) = (f * f, f * f * f);
+            let said = pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h;
+            let origin = if dof < 3 { p.origin[dof] } else { 0.0 };
+            let now = origin + f64::from(first.eta[dof]);
+            let rolled = now + horizon_s * f64::from(first.eta_dot[dof]);
+            let model = difference(dof, origin + said, then);
+            let begins = difference(dof, now, at_start);
+            let errors = [
+                model,
+                difference(dof, now, then),
+                difference(dof, rolled, then),
+                model - begins,
+            ];
+            for (s, e) in squares.iter_mut().zip(errors) {
+                s.push(e * e);
+            }
+        }
+    }
+    let [model, hold, velocity, growth] = squares.map(|s| rms(&s));
+    PredictionError {
+        model,
+        hold,
+        velocity,
+        growth,
+    }
+}
+
+/// Whether the prediction that starts at `tick` comes `from_s` to `to_s` after a turn.
+pub fn after_turn(run: &Run, tick: f64, from_s: f64, to_s: f64) -> bool {
+    let since = |turn: usize| (tick - turn as f64) * TICK.secs();
+    let last = run.turns.iter().rev().find(|t| (**t as f64) <= tick);
+    last.is_some_and(|t| (from_s..to_s).contains(&since(*t)))
+}

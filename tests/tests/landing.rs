@@ -1,0 +1,135 @@
+//! Stories in the simulated world, from the start to rest on the deck.
+
+use alight_shared::msg::{Reason, State};
+use alight_sim::outcome::{Ending, Outcome};
+use alight_sim::scenario::{NodeConfigs, RadioCut, Scenario};
+use alight_sim::sea::SeaConfig;
+use alight_sim::trial::{Event, Flight, Watch, fly};
+use alight_sim::vessel::Course;
+
+fn flown(scenario: &Scenario, seed: u64, events: &mut Vec<(&'static str, Reason)>) -> Flight {
+    let mut keep = |e: &Event| {
+        let Event::Phase { name, reason, .. } = e;
+        events.push((*name, *reason));
+    };
+    let watch = Watch {
+        on_event: &mut keep,
+        trace_step_s: Some(0.5),
+    };
+    fly(scenario, &NodeConfigs::default(), seed, "story", watch).unwrap()
+}
+fn outcome(scenario: &Scenario, seed: u64) -> Outcome {
+    flown(scenario, seed, &mut Vec::new()).outcome
+}
+fn at_sea(amplitude_m: f64, period_s: f64) -> Scenario {
+    Scenario {
+        sea: SeaConfig::paper(amplitude_m, period_s),
+        ..Scenario::default()
+    }
+}
+
+#[test]
+fn given_a_moderate_sea_when_commanded_then_every_phase_happens_in_order_and_the_drone_lands() {
+    let mut events = Vec::new();
+    let flight = flown(&at_sea(0.5, 5.0), 11, &mut events);
+    let o = &flight.outcome;
+    assert_eq!(o.outcome, Ending::Success, "{}", o.reason);
+    assert_eq!(o.unsafe_contacts, 0);
+    let names: Vec<&str> = events.iter().map(|(n, _)| *n).collect();
+    let order = [
+        State::GetAltitude,
+        State::Approach,
+        State::Tracking,
+        State::TrackingStable,
+        State::Descent,
+    ];
+    let mut at = 0;
+    for state in order.iter().chain(&[State::Flare, State::Landed]) {
+        let found = names[at..].iter().position(|n| *n == state.name());
+        at += found.unwrap_or_else(|| panic!("{} does not follow in {names:?}", state.name()));
+    }
+    let trace = flight.trace.unwrap();
+    let first = trace.points.first().unwrap();
+    let away = (first.drone[0] - first.deck[0]).hypot(first.drone[1] - first.deck[1]);
+    assert!(away >= 39.0, "started {away} m away");
+    assert!(o.landing_time_s.unwrap() < 20.0 && o.position_error_m.unwrap() < 0.5);
+}
+
+#[test]
+fn given_calm_water_then_the_drone_lands_softly_and_level() {
+    let o = outcome(&at_sea(0.0, 5.0), 12);
+    assert!(o.success, "{}", o.reason);
+    assert!(o.touchdown_speed_mps.unwrap() < 0.8 && o.tilt_error_deg.unwrap() < 3.0);
+}
+
+#[test]
+fn given_the_roughest_row_of_table_2_then_it_still_lands() {
+    let o = outcome(&at_sea(0.8, 5.0), 13);
+    assert!(o.success, "{}", o.reason);
+}
+
+#[test]
+fn given_no_radio_from_tracking_on_then_it_lands_from_vision() {
+    let scenario = Scenario {
+        radio_cut: RadioCut::AtFirstTracking,
+        ..at_sea(0.5, 5.0)
+    };
+    let landed = (20..24).filter(|s| outcome(&scenario, *s).success).count();
+    assert!(landed >= 3, "{landed} of 4");
+}
+
+#[test]
+fn given_a_vessel_under_way_then_it_lands() {
+    let mut scenario = at_sea(0.3, 5.0);
+    scenario.vessel.course = Course::Straight;
+    scenario.vessel.speed_mps = 1.5;
+    let o = outcome(&scenario, 15);
+    assert!(o.success, "{}", o.reason);
+}
+
+#[test]
+fn given_the_same_seed_then_the_same_bits_and_another_seed_differs() {
+    let scenario = at_sea(0.5, 5.0);
+    let (a, b, c) = (
+        outcome(&scenario, 16),
+        outcome(&scenario, 16),
+        outcome(&scenario, 17),
+    );
+    assert_eq!(a, b);
+    assert_ne!(a.digest, c.digest);
+}
+
+#[test]
+fn given_two_planners_then_they_meet_the_same_sea() {
+    // The vessel is not touched before contact: its true path must not depend on the planner.
+    let scenario = at_sea(0.5, 5.0);
+    let mut nodes = NodeConfigs::default();
+    let mut quiet = |_: &Event| {};
+    let with = fly(
+        &scenario,
+        &nodes,
+        18,
+        "",
+        Watch {
+            on_event: &mut quiet,
+            trace_step_s: Some(1.0),
+        },
+    )
+    .unwrap();
+    nodes.drone.planner.kind = alight_uav::planner::PlannerKind::Mpc;
+    let without = fly(
+        &scenario,
+        &nodes,
+        18,
+        "",
+        Watch {
+            on_event: &mut quiet,
+            trace_step_s: Some(1.0),
+        },
+    )
+    .unwrap();
+    let (a, b) = (with.trace.unwrap(), without.trace.unwrap());
+    for (p, q) in a.points.iter().zip(&b.points).take(15) {
+        assert_eq!(p.deck, q.deck);
+    }
+}
