@@ -36,6 +36,9 @@ pub struct SeaStateConfig {
     pub negligible: f64,
     /// Two components closer than this many cycles over the record are taken for one.
     pub min_separation: f64,
+    /// The same on a vessel that covers more than 30 m in the record: there a pair can trade
+    /// frequency against direction.
+    pub min_separation_under_way: f64,
 }
 
 impl Default for SeaStateConfig {
@@ -69,6 +72,8 @@ impl Default for SeaStateConfig {
             negligible: 0.0015,
             // Ours: closer, and their amplitudes grow without bound.
             min_separation: 0.2,
+            // Ours: on a square at 2 m/s closer pairs made the estimator's surge diverge in rough seas.
+            min_separation_under_way: 0.4,
         }
     }
 }

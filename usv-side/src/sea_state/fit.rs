@@ -56,6 +56,8 @@ pub(super) struct Rows {
     pub span_s: f64,
     /// Whether the vessel moved enough for the directions to show in the phases.
     pub moving: bool,
+    /// Farthest from the path's middle along north or east, m.
+    pub reach_m: f64,
     square: [f64; CHANNELS],
 }
 
@@ -107,13 +109,13 @@ impl Rows {
             self.velocity = raw;
             self.smooth_course(&phases);
         }
-        let reach = self
+        self.reach_m = self
             .path
             .iter()
             .flatten()
             .fold(0.0_f64, |reach, x| reach.max(x.abs()));
         // A wave of 40 m turns its phase by 0.5 rad in 3 m.
-        self.moving = reach > 3.0;
+        self.moving = self.reach_m > 3.0;
         self.square = core::array::from_fn(|c| dot(&self.y[c], &self.y[c]));
     }
     /// Smooths the velocity and integrates the path from it.

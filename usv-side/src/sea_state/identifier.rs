@@ -21,6 +21,8 @@ const TRACK_PASSES: usize = 2;
 const TRIAL_PASSES: usize = 6;
 /// New hypotheses per update: one at the residual's peak, one split.
 const TRIALS: u64 = 2;
+/// Half the way in the record from which a vessel is under way, m.
+const UNDER_WAY_M: f64 = 15.0;
 /// A state older than this is not given out any more, s.
 const STALE_S: f64 = 5.0;
 
@@ -257,7 +259,12 @@ impl Identifier {
     /// Drops components that explain too little or that have run into each other.
     fn prune(&mut self, best: &mut Solution, priors: &mut Vec<DirectionPrior>) {
         for _ in 0..MAX_COMPONENTS {
-            let closest = TAU * self.config.min_separation / self.fitter.rows.span_s.max(1.0);
+            let cycles = if self.fitter.rows.reach_m > UNDER_WAY_M {
+                self.config.min_separation_under_way
+            } else {
+                self.config.min_separation
+            };
+            let closest = TAU * cycles / self.fitter.rows.span_s.max(1.0);
             let mut worst: Option<(usize, Solution)> = None;
             for j in 0..best.waves.len() {
                 let Some(s) = self.fitter.without(best, j, priors) else {
