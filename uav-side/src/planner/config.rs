@@ -6,6 +6,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::PLAN_STAGES;
 
+use super::rendezvous::config::RendezvousConfig;
 use super::weights::{Faa, Weights};
 
 /// Which planner flies.
@@ -17,6 +18,8 @@ pub enum PlannerKind {
     MpcFaa,
     /// The same without: weights do not change with clearance.
     Mpc,
+    /// Ours: place, velocity and attitude meet the deck at a chosen instant.
+    Alight,
 }
 
 impl PlannerKind {
@@ -25,6 +28,7 @@ impl PlannerKind {
         match self {
             PlannerKind::MpcFaa => "mpc-faa",
             PlannerKind::Mpc => "mpc",
+            PlannerKind::Alight => "alight",
         }
     }
 }
@@ -268,6 +272,8 @@ pub struct PlannerConfig {
     pub landing: Weights,
     /// How they grow near the deck (`mpc-faa` only).
     pub faa: Faa,
+    /// Instant, way down and weights of the rendezvous (`alight` only).
+    pub rendezvous: RendezvousConfig,
     /// Rotor limits, hard.
     pub rotors: RotorLimits,
     /// State limits, soft.
@@ -320,6 +326,7 @@ impl Default for PlannerConfig {
             },
             landing: Weights::default(),
             faa: Faa::default(),
+            rendezvous: RendezvousConfig::default(),
             rotors: RotorLimits::default(),
             limits: StateLimits::default(),
             shaping: Shaping::default(),
@@ -351,6 +358,7 @@ impl Check for PlannerConfig {
         self.follow.check(&at.table("follow"))?;
         self.landing.check(&at.table("landing"))?;
         self.faa.check(&at.table("faa"))?;
+        self.rendezvous.check(&at.table("rendezvous"))?;
         self.rotors.check(&at.table("rotors"))?;
         self.limits.check(&at.table("limits"))?;
         self.shaping.check(&at.table("shaping"))?;
@@ -408,6 +416,7 @@ mod tests {
     fn kinds_have_the_names_of_the_command_line() {
         let parse = |s: &str| alight_shared::config::parse::<PlannerConfig>(s, "test").map(|c| c.kind);
         assert_eq!(parse("kind = \"mpc\"").unwrap(), PlannerKind::Mpc);
+        assert_eq!(parse("kind = \"alight\"").unwrap(), PlannerKind::Alight);
         assert_eq!(parse("").unwrap(), PlannerKind::MpcFaa);
         assert!(parse("stages = 41").is_err());
         assert!(parse("[faa]\ndistance = \"per-stage\"").is_ok());

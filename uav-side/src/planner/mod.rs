@@ -1,7 +1,7 @@
 //! The planner: a trajectory for the next seconds, again and again.
 //!
 //! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`]
-//! (what it follows in each mission state), [`condensed`] and [`qp`] (how it is solved), this file
+//! (what it follows in each mission state), [`rendezvous`] (what `alight` follows in a landing), [`condensed`] and [`qp`] (how it is solved), this file
 //! (when, from where, and what becomes of it).
 //!
 //! A plan starts from the previous plan sampled at now, not from the measured state: the pilot's
@@ -16,6 +16,7 @@ pub mod model;
 pub mod mpc_faa;
 pub mod qp;
 pub mod reference;
+pub mod rendezvous;
 pub mod weights;
 
 #[cfg(test)]
@@ -36,6 +37,7 @@ pub use config::{PlannerConfig, PlannerKind};
 use model::{INPUTS, State};
 use mpc_faa::{Mpc, Problem, Solution};
 use reference::{Aim, Guide, clearance, tilt_of, up_of};
+use rendezvous::{Rendezvous, true_tilt};
 
 /// What the planner hears.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,6 +91,9 @@ pub struct Planner {
     sequence: u32,
     mpc: Mpc,
     guide: Guide,
+    rendezvous: Rendezvous,
+    /// Time to the chosen instant of contact in the last plan, s.
+    contact_in: Option<f64>,
     problem: Problem,
     aim: Aim,
     spare: Solution,
@@ -111,6 +116,8 @@ impl Planner {
             sequence: 0,
             mpc: Mpc::new(config, drone),
             guide: Guide::new(config, drone, deck),
+            rendezvous: Rendezvous::new(&config.rendezvous, drone),
+            contact_in: None,
             problem: Problem::default(),
             aim: Aim::default(),
             spare: Solution::default(),
@@ -250,6 +257,7 @@ impl Planner {
             &mut self.problem,
             &mut self.aim,
         );
+        self.meet(now, mission, forecast.as_ref(), step);
         let (guide, aim) = (&self.guide, &self.aim);
         self.mpc.solve(
             &mut self.problem,
@@ -282,6 +290,31 @@ impl Planner {
         plan.alignment = self.aim.alignment;
         plan.touchdown_at = self.touchdown(now, flight);
         plan.check().is_ok().then_some(plan)
+    }
+
+    /// The rendezvous' references in place of the guide's.
+    fn meet(
+        &mut self,
+        now: Time<DroneClock>,
+        mission: &MissionState,
+        forecast: Option<&DeckForecast>,
+        step: f64,
+    ) {
+        self.contact_in = None;
+        let ours = match self.config.kind {
+            PlannerKind::Alight => Rendezvous::lands(mission.state),
+            PlannerKind::MpcFaa | PlannerKind::Mpc => false,
+        };
+        let Some(forecast) = forecast.filter(|_| ours) else {
+            self.rendezvous.forget();
+            return;
+        };
+        self.contact_in = self
+            .rendezvous
+            .meet(now, mission, forecast, step, &mut self.problem, &self.aim);
+        self.aim.touch = self.contact_in.is_some();
+        self.aim.alignment = self.problem.weight.first().map_or(0.0, |w| w[3]);
+        self.guide.keep_dry(&self.aim, &mut self.problem);
     }
 
     /// The flight as a message from `now` on: at half steps where they fit, so that the pilot's
@@ -321,20 +354,21 @@ impl Planner {
 
     /// A state as a stage of the message: tilt turned into the body's heading.
     fn stage(&self, s: &State, input: &[f64; INPUTS]) -> PlanStage {
-        let (phi, theta) = tilt_of(&up_of(s[3], s[4]), s[5]);
+        let down = self.mpc.model().vertical * input[0];
+        let (north, east, growth) = match self.config.kind {
+            PlannerKind::MpcFaa | PlannerKind::Mpc => (s[3], s[4], 1.0),
+            PlannerKind::Alight => true_tilt(s, down),
+        };
+        let (phi, theta) = tilt_of(&up_of(north, east), s[5]);
         let (sin, cos) = s[5].sin_cos();
         PlanStage {
             position: [s[0], s[1], s[2]],
             velocity: [s[6], s[7], s[8]],
-            acceleration: [
-                -GRAVITY * s[4],
-                GRAVITY * s[3],
-                self.mpc.model().vertical * input[0],
-            ],
+            acceleration: [-GRAVITY * s[4], GRAVITY * s[3], down],
             euler: [phi, theta, wrap_angle(s[5])],
             euler_rates: [
-                cos * s[9] + sin * s[10] + s[11] * theta,
-                -sin * s[9] + cos * s[10] - s[11] * phi,
+                growth * (cos * s[9] + sin * s[10]) + s[11] * theta,
+                growth * (-sin * s[9] + cos * s[10]) - s[11] * phi,
                 s[11],
             ],
         }
@@ -344,6 +378,9 @@ impl Planner {
     fn touchdown(&self, now: Time<DroneClock>, flight: &Flight) -> Option<Time<DroneClock>> {
         if !self.aim.touch {
             return None;
+        }
+        if let Some(left) = self.contact_in.filter(|left| left.is_finite()) {
+            return Some(now + Span::from_secs(left.max(0.0)));
         }
         if self.aim.clearance_m <= 0.0 {
             return Some(now);

@@ -28,6 +28,8 @@ pub struct Aim {
     pub deck: Vec<DeckStage>,
     /// Lowest height over the water outside the deck's outline, m.
     pub minimum_altitude_m: f64,
+    /// Mean height of the deck, NED z, m; 0 while no deck is known.
+    pub mean_z: f64,
 }
 
 /// Builds references; remembers its carrots and the deck's mean height.
@@ -139,6 +141,7 @@ impl Guide {
             (Some(f), Some(here)) => Some(self.mean_height(now, f, here)),
             _ => None,
         };
+        aim.mean_z = mean_z.unwrap_or(0.0);
         let (p, up) = (
             Vector3::new(start[0], start[1], start[2]),
             up_of(start[3], start[4]),
@@ -406,7 +409,8 @@ impl Guide {
     fn align(&self, aim: &Aim, problem: &mut Problem) {
         let wanted = match self.config.kind {
             PlannerKind::MpcFaa => aim.touch,
-            PlannerKind::Mpc => false,
+            // The rendezvous has weights of its own.
+            PlannerKind::Mpc | PlannerKind::Alight => false,
         };
         if !wanted {
             return;
@@ -425,7 +429,7 @@ impl Guide {
     }
 
     /// No reference below the minimum altitude where it is not over the deck.
-    fn keep_dry(&self, aim: &Aim, problem: &mut Problem) {
+    pub(super) fn keep_dry(&self, aim: &Aim, problem: &mut Problem) {
         for (k, r) in problem.reference.iter_mut().enumerate() {
             let ceiling = self.ceiling(aim, k, r[0], r[1]);
             if r[2] > ceiling {

@@ -1,0 +1,183 @@
+//! Figures of the rendezvous planner.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use serde::{Deserialize, Serialize};
+
+/// A stage's weight: far from the contact, and what is added at it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Meeting {
+    /// Far from the contact.
+    pub far: f64,
+    /// Added at the contact.
+    pub contact: f64,
+}
+
+impl Meeting {
+    /// The weight at the share `g` of contact, 0 to 1.
+    pub fn at(&self, g: f64) -> f64 {
+        self.far + self.contact * g
+    }
+}
+impl Check for Meeting {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("far", self.far, 0.0, 1e6)?;
+        at.range("contact", self.contact, 0.0, 1e7)
+    }
+}
+
+/// The way down: fast, braked, soft.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProfileConfig {
+    /// Greatest speed of sinking, m/s.
+    pub sink_mps: f64,
+    /// Deceleration before the soft part, m/s².
+    pub braking_mps2: f64,
+    /// Speed of the soft part relative to the deck, m/s.
+    pub touch_mps: f64,
+    /// Duration of the soft part, s.
+    pub soft_s: f64,
+    /// After the contact the reference goes on into the deck down to here, m.
+    pub press_m: f64,
+    /// Higher than this above the deck its heave is not followed, m ...
+    pub mean_above_m: f64,
+    /// ... lower than this it is followed wholly, m.
+    pub heave_below_m: f64,
+}
+
+impl Default for ProfileConfig {
+    /// Ours, after a prototype: 2.5 m/s, then 0.25 m/s for the last 0.4 s.
+    fn default() -> Self {
+        ProfileConfig {
+            sink_mps: 2.5,
+            braking_mps2: 2.0,
+            touch_mps: 0.28,
+            soft_s: 0.35,
+            press_m: 0.5,
+            mean_above_m: 4.5,
+            heave_below_m: 1.5,
+        }
+    }
+}
+impl Check for ProfileConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("touch_mps", self.touch_mps, 0.05, 1.0)?;
+        at.range("sink_mps", self.sink_mps, self.touch_mps, 4.0)?;
+        at.range("braking_mps2", self.braking_mps2, 0.2, 6.0)?;
+        at.range("soft_s", self.soft_s, 0.0, 5.0)?;
+        at.range("press_m", self.press_m, 0.01, 1.0)?;
+        at.range("heave_below_m", self.heave_below_m, 0.3, 50.0)?;
+        at.range("mean_above_m", self.mean_above_m, self.heave_below_m + 0.1, 100.0)
+    }
+}
+
+/// Which instant is a good one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct InstantConfig {
+    /// The instant is chosen within this time after the earliest, s; 0 takes the earliest.
+    pub window_s: f64,
+    /// Chosen no more when the contact is nearer than this, s.
+    pub freeze_s: f64,
+    /// Acceleration of the deck that an aligned drone does not share and that counts as 1, m/s².
+    pub mismatch_mps2: f64,
+    /// Tilt that counts as 1/2, deg.
+    pub tilt_deg: f64,
+    /// Rate of tilt that counts as 1/2, deg/s.
+    pub tilt_rate_dps: f64,
+    /// Cost of waiting, 1/s.
+    pub waiting_per_s: f64,
+    /// Another instant is taken when it costs less by this much.
+    pub hysteresis: f64,
+    /// When late, the contact may be meant to come this much sooner than the profile has it, s.
+    pub hurry_s: f64,
+}
+
+impl Default for InstantConfig {
+    /// Ours, after a prototype.
+    fn default() -> Self {
+        InstantConfig {
+            window_s: 2.5,
+            freeze_s: 1.3,
+            mismatch_mps2: 0.5,
+            tilt_deg: 5.0,
+            tilt_rate_dps: 5.0,
+            waiting_per_s: 0.3,
+            hysteresis: 0.2,
+            hurry_s: 0.15,
+        }
+    }
+}
+impl Check for InstantConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("window_s", self.window_s, 0.0, 4.0)?;
+        at.range("freeze_s", self.freeze_s, 0.1, 4.0)?;
+        at.range("mismatch_mps2", self.mismatch_mps2, 0.01, 100.0)?;
+        at.range("tilt_deg", self.tilt_deg, 0.1, 90.0)?;
+        at.range("tilt_rate_dps", self.tilt_rate_dps, 0.1, 1e3)?;
+        at.range("waiting_per_s", self.waiting_per_s, 0.0, 100.0)?;
+        at.range("hysteresis", self.hysteresis, 0.0, 100.0)?;
+        at.range("hurry_s", self.hurry_s, 0.0, 1.0)
+    }
+}
+
+/// The rendezvous planner (`alight`).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RendezvousConfig {
+    /// The way down.
+    pub profile: ProfileConfig,
+    /// The instant of contact.
+    pub instant: InstantConfig,
+    /// Height over the deck at which a stage counts as contact by exp(-1), m.
+    pub near_m: f64,
+    /// Stages this long after the contact count by exp(-1), s.
+    pub after_s: f64,
+    /// Position x, y, 1/m².
+    pub horizontal: Meeting,
+    /// Velocity x, y, s²/m².
+    pub horizontal_velocity: Meeting,
+    /// Tilt, as horizontal acceleration per g, 1/rad².
+    pub tilt: Meeting,
+    /// Its rate, s²/rad².
+    pub rates: Meeting,
+    /// Position z, 1/m².
+    pub vertical: Meeting,
+    /// Velocity z, s²/m².
+    pub vertical_velocity: Meeting,
+}
+
+impl Default for RendezvousConfig {
+    /// Ours, after a prototype: position 20 + 300 g, velocity 4 + 60 g, tilt 0.02 + 100 g in
+    /// (m/s²)⁻² (times g² here), `g = exp(-(h / 0.1 m)²)`.
+    fn default() -> Self {
+        let meeting = |far, contact| Meeting { far, contact };
+        RendezvousConfig {
+            profile: ProfileConfig::default(),
+            instant: InstantConfig::default(),
+            near_m: 0.1,
+            after_s: 0.3,
+            horizontal: meeting(20.0, 300.0),
+            horizontal_velocity: meeting(4.0, 60.0),
+            tilt: meeting(2.0, 9600.0),
+            rates: meeting(1.0, 30.0),
+            vertical: meeting(40.0, 1000.0),
+            vertical_velocity: meeting(40.0, 300.0),
+        }
+    }
+}
+impl Check for RendezvousConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.profile.check(&at.table("profile"))?;
+        self.instant.check(&at.table("instant"))?;
+        at.range("near_m", self.near_m, 0.01, 5.0)?;
+        at.range("after_s", self.after_s, 0.01, 10.0)?;
+        self.horizontal.check(&at.table("horizontal"))?;
+        self.horizontal_velocity.check(&at.table("horizontal_velocity"))?;
+        self.tilt.check(&at.table("tilt"))?;
+        self.rates.check(&at.table("rates"))?;
+        self.vertical.check(&at.table("vertical"))?;
+        self.vertical_velocity.check(&at.table("vertical_velocity"))
+    }
+}

@@ -1,0 +1,215 @@
+//! The rendezvous planner, `alight`: position, velocity and attitude meet the deck at an instant
+//! of its choice.
+//!
+//! What differs from the paper's planner ([`super::mpc_faa`], whose model and solver it shares):
+//! - the instant of contact is chosen within the forecast ([`instant`]);
+//! - the height is flown against time left, fast down to just above the deck and softly onto it
+//!   ([`profile`]);
+//! - a stage's weights depend on the height that the drone will have *there*, `g = exp(-(h/h0)²)`:
+//!   attitude, velocity and place matter where the contact is, for as short as possible, because a
+//!   matched tilt accelerates sideways;
+//! - tilt is planned as the horizontal acceleration that it causes at the planned vertical one,
+//!   `a = (g - a_z) tan(tilt)`, not `g tilt`.
+
+pub mod config;
+pub mod instant;
+pub mod profile;
+
+use alight_shared::frames::body_rates;
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector3;
+
+use super::model::State;
+use super::mpc_faa::Problem;
+use super::reference::Aim;
+use config::RendezvousConfig;
+use instant::{Instant, aligned_acceleration};
+use profile::{Height, Profile};
+
+/// Writes the references and weights of a landing.
+#[derive(Clone, Debug)]
+pub struct Rendezvous {
+    config: RendezvousConfig,
+    profile: Profile,
+    instant: Instant,
+    feet: f64,
+}
+
+/// Height of the whole way, and where it is.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    /// Time to contact now, s; infinite when no contact is permitted.
+    left: f64,
+    /// Not higher than this: where the drone is, m.
+    ceiling: f64,
+    /// Not lower than this while no contact is permitted, m.
+    floor: f64,
+}
+
+impl Rendezvous {
+    /// A planner without a choice yet.
+    pub fn new(config: &RendezvousConfig, drone: &DroneGeometry) -> Self {
+        Rendezvous {
+            config: *config,
+            profile: Profile::new(&config.profile),
+            instant: Instant::default(),
+            feet: drone.feet_below_m,
+        }
+    }
+    /// Forgets the chosen instant.
+    pub fn forget(&mut self) {
+        self.instant.forget();
+    }
+    /// Whether it writes the references of this mission state.
+    pub fn lands(mode: Mode) -> bool {
+        match mode {
+            Mode::Descent | Mode::Flare => true,
+            Mode::Idle
+            | Mode::GetAltitude
+            | Mode::Approach
+            | Mode::Tracking
+            | Mode::TrackingStable
+            | Mode::Landed
+            | Mode::Hold
+            | Mode::GaveUp => false,
+        }
+    }
+
+    /// Replaces the guide's references and weights of place, tilt and height. `aim.deck` must hold
+    /// the deck now and at each stage; gives the time to contact (s), if one is meant.
+    pub fn meet(
+        &mut self,
+        now: Time<DroneClock>,
+        mission: &MissionState,
+        forecast: &DeckForecast,
+        step_s: f64,
+        problem: &mut Problem,
+        aim: &Aim,
+    ) -> Option<f64> {
+        let here = aim.deck.first()?;
+        let start = problem.state;
+        let contact = self.contact_z(here);
+        // Height over the surface that the profile follows at this height.
+        let over =
+            |share: f64| aim.mean_z + share * (here.position[2] - aim.mean_z) + (contact - here.position[2]);
+        let clearance = {
+            let first = contact - start[2];
+            let share = self.share(first);
+            over(share) - start[2]
+        };
+        let permitted = mission.descent_mps > 0.0;
+        let way = if permitted {
+            let least = self
+                .profile
+                .least(clearance, start[8] - here.velocity[2] * self.share(clearance));
+            let left = self.profile.left(clearance);
+            let left = self
+                .instant
+                .choose(now, forecast, least, left, &self.config.instant);
+            Way {
+                left,
+                ceiling: clearance,
+                floor: f64::NEG_INFINITY,
+            }
+        } else {
+            self.instant.forget();
+            Way {
+                left: f64::INFINITY,
+                ceiling: clearance,
+                floor: clearance,
+            }
+        };
+        for k in 0..problem.reference.len() {
+            let Some(deck) = aim.deck.get(k + 1) else {
+                break;
+            };
+            self.stage(k, step_s * (k as f64 + 1.0), deck, &way, aim.mean_z, problem);
+        }
+        permitted.then_some(way.left)
+    }
+
+    /// Share of the deck's heave that the reference follows at a height over it: smooth between two
+    /// heights.
+    fn share(&self, clearance: f64) -> f64 {
+        let c = &self.config.profile;
+        let s = ((c.mean_above_m - clearance) / (c.mean_above_m - c.heave_below_m)).clamp(0.0, 1.0);
+        s * s * (3.0 - 2.0 * s)
+    }
+
+    /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck, m.
+    fn contact_z(&self, deck: &DeckStage) -> f64 {
+        deck.position[2] + self.feet * deck.normal().z
+    }
+
+    fn height(&self, time: f64, way: &Way) -> Height {
+        let wanted = if way.left.is_finite() {
+            self.profile.at(way.left - time)
+        } else {
+            Height {
+                clearance: way.floor,
+                sinking: 0.0,
+            }
+        };
+        if wanted.clearance > way.ceiling {
+            return Height {
+                clearance: way.ceiling,
+                sinking: 0.0,
+            };
+        }
+        wanted
+    }
+
+    fn stage(&self, k: usize, time: f64, deck: &DeckStage, way: &Way, mean_z: f64, problem: &mut Problem) {
+        let (Some(r), Some(q)) = (problem.reference.get_mut(k), problem.weight.get_mut(k)) else {
+            return;
+        };
+        let c = &self.config;
+        let h = self.height(time, way);
+        let share = self.share(h.clearance);
+        let n = deck.normal();
+        let spin =
+            deck.rotation() * body_rates(deck.euler[0], deck.euler[1], Vector3::from(deck.euler_rates));
+        let turn = spin.cross(&n) * self.feet;
+        let contact = self.contact_z(deck);
+        let tilt = aligned_acceleration(deck) / GRAVITY;
+        let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
+        for i in 0..2 {
+            r[i] = deck.position[i] + self.feet * n[i];
+            r[6 + i] = deck.velocity[i] + turn[i];
+        }
+        // a = (-g theta, g phi).
+        r[3] = tilt.y;
+        r[4] = -tilt.x;
+        r[9] = gain * spin.x;
+        r[10] = gain * spin.y;
+        r[2] = mean_z + share * (deck.position[2] - mean_z) + (contact - deck.position[2]) - h.clearance;
+        r[8] = share * deck.velocity[2] + h.sinking;
+
+        // After the contact nothing has to be met any more.
+        let after = (time - way.left.max(0.0)).max(0.0) / c.after_s;
+        let near = h.clearance.max(0.0) / c.near_m;
+        let g = (-near * near - after * after).exp();
+        for i in 0..2 {
+            q[i] = c.horizontal.at(g);
+            q[6 + i] = c.horizontal_velocity.at(g);
+            q[3 + i] = c.tilt.at(g);
+            q[9 + i] = c.rates.at(g);
+        }
+        q[2] = c.vertical.at(g);
+        q[8] = c.vertical_velocity.at(g);
+    }
+}
+
+/// The attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal
+/// acceleration per g, `down` the vertical acceleration (NED, m/s²). Gives (phi, theta) about north
+/// and east and the factor by which rates of tilt grow.
+pub fn true_tilt(state: &State, down: f64) -> (f64, f64, f64) {
+    let lift = (GRAVITY - down).max(0.2 * GRAVITY);
+    let (x, y) = (-GRAVITY * state[4] / lift, GRAVITY * state[3] / lift);
+    // Up axis (x, y, -1) normalised; theta first about east, then phi about the turned north axis.
+    let up = Vector3::new(x, y, -1.0).normalize();
+    let (phi, theta) = (up.y.asin(), (-up.x).atan2(-up.z));
+    (phi, theta, GRAVITY / lift * up.z * up.z)
+}

@@ -1,0 +1,110 @@
+//! The way down, told backwards from the contact: soft at the end, braked before, fast above.
+
+use super::config::ProfileConfig;
+
+/// Height over the deck and speed of sinking against the time that is left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Profile {
+    config: ProfileConfig,
+    /// Time to go at which braking begins, s.
+    braking_from: f64,
+}
+
+/// A point of the way down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Height {
+    /// Foot plane above the deck, m.
+    pub clearance: f64,
+    /// Speed downwards relative to the deck, m/s.
+    pub sinking: f64,
+}
+
+impl Profile {
+    /// The profile of a configuration.
+    pub fn new(config: &ProfileConfig) -> Self {
+        let braking = (config.sink_mps - config.touch_mps).max(0.0) / config.braking_mps2;
+        Profile {
+            config: *config,
+            braking_from: config.soft_s + braking,
+        }
+    }
+
+    /// `left` seconds before the contact: `v_t s`, then `v_t s + a (s - s_soft)² / 2`, then at full
+    /// speed. After it on into the deck and gently to rest, so that the contact is pressed home.
+    pub fn at(&self, left: f64) -> Height {
+        let c = &self.config;
+        if left < 0.0 {
+            let rest = (left * c.touch_mps / c.press_m).exp();
+            return Height {
+                clearance: -c.press_m * (1.0 - rest),
+                sinking: c.touch_mps * rest,
+            };
+        }
+        let braked = (left.min(self.braking_from) - c.soft_s).max(0.0);
+        let fast = (left - self.braking_from).max(0.0);
+        Height {
+            clearance: c.touch_mps * left.min(self.braking_from)
+                + 0.5 * c.braking_mps2 * braked * braked
+                + c.sink_mps * fast,
+            sinking: c.touch_mps + c.braking_mps2 * braked,
+        }
+    }
+
+    /// The time that is left at `clearance`, s; the inverse of [`Profile::at`].
+    pub fn left(&self, clearance: f64) -> f64 {
+        let c = &self.config;
+        if clearance < 0.0 {
+            let rest = (1.0 + clearance / c.press_m).max(1e-3);
+            return c.press_m / c.touch_mps * rest.ln();
+        }
+        let soft = c.touch_mps * c.soft_s;
+        if clearance <= soft {
+            return clearance / c.touch_mps;
+        }
+        let fast = self.at(self.braking_from).clearance;
+        if clearance >= fast {
+            return self.braking_from + (clearance - fast) / c.sink_mps;
+        }
+        // v_t s + a s² / 2 = clearance - soft, s from the end of the soft part.
+        let (v, a, d) = (c.touch_mps, c.braking_mps2, clearance - soft);
+        c.soft_s + (-v + (v * v + 2.0 * a * d).sqrt()) / a
+    }
+
+    /// The least time from `clearance`, sinking at `speed` now, s: the profile's, and what getting
+    /// up to its speed costs at its own deceleration.
+    pub fn least(&self, clearance: f64, speed: f64) -> f64 {
+        let left = self.left(clearance);
+        let wanted = self.at(left).sinking;
+        let missing = (wanted - speed).max(0.0);
+        left + missing * missing / (2.0 * self.config.braking_mps2 * wanted.max(0.1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn height_and_time_left_invert_each_other_and_speed_is_the_slope() {
+        let p = Profile::new(&ProfileConfig::default());
+        for k in -100..500 {
+            let s = 0.01 * f64::from(k);
+            let here = p.at(s);
+            assert!((p.left(here.clearance) - s).abs() < 1e-6, "{s}");
+            let h = 1e-6;
+            let slope = (p.at(s + h).clearance - p.at(s - h).clearance) / (2.0 * h);
+            assert!((slope - here.sinking).abs() < 1e-4, "{s}");
+        }
+        assert_eq!(p.at(0.0).clearance, 0.0);
+        assert!((p.at(4.0).sinking - 2.5).abs() < 1e-12);
+        assert!((p.at(0.1).sinking - 0.28).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_standing_start_costs_time() {
+        let p = Profile::new(&ProfileConfig::default());
+        assert!(p.least(6.0, 0.0) > p.least(6.0, 2.5) + 0.5);
+        assert_eq!(p.least(6.0, 2.5), p.left(6.0));
+        assert!(p.left(-10.0).is_finite() && p.least(-10.0, 0.0).is_finite());
+    }
+}
