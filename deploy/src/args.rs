@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use alight_sim::sea::SeaConfig;
+use alight_uav::planner::PlannerKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
@@ -42,6 +43,19 @@ pub enum Planner {
     MpcFaa,
     /// The same without FAA.
     Mpc,
+    /// Ours: place, velocity and attitude meet the deck at a chosen instant.
+    Alight,
+}
+
+impl Planner {
+    /// The planner as the configuration names it.
+    pub const fn kind(self) -> PlannerKind {
+        match self {
+            Planner::MpcFaa => PlannerKind::MpcFaa,
+            Planner::Mpc => PlannerKind::Mpc,
+            Planner::Alight => PlannerKind::Alight,
+        }
+    }
 }
 
 /// What the vessel does.
@@ -177,14 +191,32 @@ pub struct TrialsArgs {
 /// What to measure.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Study {
+    /// The paper's Table I: Moderate.
+    Table1,
+    /// The ten rows of the paper's Table II.
+    Table2,
+    /// Two rows of Table II with the waves' sideways coupling at 0 and at full.
+    Coupling,
+    /// FAA against no FAA on the same seeds.
+    Faa,
+    /// From 90 m away onto a turning vessel in gusts.
+    Approach,
+    /// A vessel under way: square path at 2 m/s, straight lines up to 8 m/s.
+    Moving,
+    /// Irregular, crossing and very rough seas.
+    Seas,
+    /// Mean wind of 0 to 15 m/s with gusts.
+    Wind,
+    /// Better, worse and missing sensors, mass, thrust and attitude lag.
+    Sensors,
+    /// Loss, delay and outages of the radio.
+    Link,
     /// The vessel's estimator against the truth: state errors, consistency, prediction.
     Estimator,
     /// Hover, tracking and aborted approaches in all seas: motor stops in the air.
     Airborne,
-    /// The ten rows of the paper's Table II.
-    Table2,
-    /// FAA against no FAA on the same seeds.
-    Faa,
+    /// Join the rows of shards: `study merge --out ALL shard-1 shard-2`.
+    Merge,
 }
 
 /// A study.
@@ -193,10 +225,15 @@ pub struct StudyArgs {
     /// What to measure
     #[arg(value_enum)]
     pub name: Study,
+    /// Directories of shards, for merge
+    pub dirs: Vec<PathBuf>,
     /// The scene, where the study leaves it open.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Trials (per row)
+    /// Planners to compare, separated by commas [default: the configured one]
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub planners: Vec<Planner>,
+    /// Trials per row
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub trials: u32,
     /// First seed
@@ -205,6 +242,13 @@ pub struct StudyArgs {
     /// Threads [default: all cores]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
+    /// Write rows.csv, summary.md, summary.json and report.html there; a study that was cut off goes
+    /// on where it stopped
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Fly only part I of N of the trials, for several machines
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<crate::study::run::Shard>,
     /// Print the result as one JSON object, the last line
     #[arg(long)]
     pub json: bool,

@@ -10,7 +10,7 @@ use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::args::{ConfigArgs, ConfigKind};
-use crate::{End, Refused};
+use crate::{End, Refused, say};
 
 /// The drone's file: `[bridge]` and `[drone.*]`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -54,9 +54,9 @@ pub fn print(args: &ConfigArgs) -> Result<End, Refused> {
         ConfigKind::Drone => toml::to_string(&DroneFile::default()),
         ConfigKind::Scenario => toml::to_string(&Scenario::default()),
     };
-    print!(
-        "{}",
+    say::line(
         text.map_err(|e| Refused::because("writing the configuration as TOML", e))?
+            .trim_end(),
     );
     Ok(End::Success)
 }

@@ -3,8 +3,9 @@
 mod args;
 mod configs;
 mod plot;
+mod say;
 mod scene;
-mod studies;
+mod study;
 mod table;
 mod trial;
 mod trials;
@@ -47,8 +48,8 @@ fn main() -> ExitCode {
     let end = match &cli.command {
         Verb::Trial(a) => trial::run(a),
         Verb::Trials(a) => trials::run(a),
-        Verb::Study(a) => studies::run(a),
-        Verb::Response(a) => studies::response(a),
+        Verb::Study(a) => study::run(a),
+        Verb::Response(a) => study::response(a),
         Verb::Config(a) => configs::print(a),
     };
     match end {

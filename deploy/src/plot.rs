@@ -139,7 +139,7 @@ fn over_time(
         .margin(8)
         .x_label_area_size(32)
         .y_label_area_size(52)
-        .build_cartesian_2d(from..until, range.clone())?;
+        .build_cartesian_2d(from..until + 0.2 * (until - from), range.clone())?;
     chart
         .configure_mesh()
         .x_desc("time since start, s")

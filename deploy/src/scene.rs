@@ -5,10 +5,9 @@ use std::path::Path;
 use alight_shared::config::{self, Check, Keys};
 use alight_sim::deck_motion;
 use alight_sim::scenario::{NodeConfigs, RadioCut, Scenario};
-use alight_uav::planner::PlannerKind;
 
 use crate::Refused;
-use crate::args::{Course, Planner, RadioLost, SceneArgs};
+use crate::args::{Course, RadioLost, SceneArgs};
 use crate::configs;
 
 /// What is flown.
@@ -57,10 +56,7 @@ impl Scene {
             sea.clone_from(&given.text);
         }
         if let Some(planner) = args.planner {
-            nodes.drone.planner.kind = match planner {
-                Planner::MpcFaa => PlannerKind::MpcFaa,
-                Planner::Mpc => PlannerKind::Mpc,
-            };
+            nodes.drone.planner.kind = planner.kind();
         }
         flag("planner", nodes.drone.planner.kind.name().into());
         if let Some(course) = args.vessel {

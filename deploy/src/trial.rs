@@ -3,6 +3,7 @@
 use alight_sim::trial::{Event, Watch, fly};
 
 use crate::args::TrialArgs;
+use crate::say::{self, note};
 use crate::scene::{Scene, stopwatch};
 use crate::{End, Refused, plot, table};
 
@@ -27,11 +28,7 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
         let Event::Phase { t_s, name, reason } = event;
         let line = format!("{t_s:>7.2} s  {name:<16} {reason}");
         // With --json the object is the only thing on standard output.
-        if args.json {
-            eprintln!("{line}")
-        } else {
-            println!("{line}")
-        }
+        note(args.json, line);
     };
     let watch = Watch {
         on_event: &mut show,
@@ -54,14 +51,11 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
             .map_err(|e| Refused::because(format!("writing the plot {}", path.display()), e))?;
     }
     if args.json {
-        println!(
-            "{}",
-            serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?
-        );
+        say::line(serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?);
     } else {
-        println!("\n{}", table::outcome(&outcome));
+        say::line(format_args!("\n{}", table::outcome(&outcome)));
         if let Some(path) = &args.plot {
-            println!("plot: {}", path.display());
+            say::line(format_args!("plot: {}", path.display()));
         }
     }
     Ok(if outcome.success {

@@ -9,6 +9,7 @@ use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
 use crate::args::TrialsArgs;
+use crate::say::{self, note};
 use crate::scene::{Scene, stopwatch};
 use crate::{End, Refused, table};
 
@@ -95,13 +96,7 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
         write_rows(file, &outcomes).map_err(|e| Refused::because("writing the rows", e))?;
     }
     let summary = Summary::of(&outcomes);
-    let say = |line: String| {
-        if args.json {
-            eprintln!("{line}")
-        } else {
-            println!("{line}")
-        }
-    };
+    let say = |line: String| note(args.json, line);
     for o in outcomes.iter().filter(|o| !o.success) {
         let mut flags = scene.flags.clone();
         if let (Some(stride), Some(motion)) = (args.motion_stride, &scene.scenario.deck_motion) {
@@ -115,9 +110,9 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
         ));
     }
     if args.json {
-        println!("{}", serde_json::Value::Object(table::summary_json(&summary)));
+        say::line(serde_json::Value::Object(table::summary_json(&summary)));
     } else {
-        println!("{}", table::summary(&summary));
+        say::line(table::summary(&summary));
     }
     Ok(if summary.successes == summary.trials {
         End::Success

@@ -5,7 +5,7 @@
 //! only the deck; motors stopped within 2 s of first contact; then, after 1 s to settle, 3 s with
 //! all four feet on the deck and inside its edges; all within 180 s of the start.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Greatest normal or tangential speed at any contact, m/s.
 pub const MAX_CONTACT_MPS: f64 = 1.0;
@@ -25,7 +25,7 @@ pub const ON_DECK_M: f64 = 0.02;
 pub const FALSE_STOP_M: f64 = 0.10;
 
 /// How a trial ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
     /// At rest on the deck.
@@ -112,7 +112,7 @@ pub struct Observation<'a> {
 }
 
 /// The outcome of a trial; null where there was no contact.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     /// How it ended.
     pub outcome: Ending,

@@ -1,9 +1,12 @@
 //! `alight study` and `alight response`: one thing measured over many seeds.
 
+mod grid;
+mod report;
+pub mod run;
+
 use alight_sim::outcome::Outcome;
 use alight_sim::response::{self, ResponseConfig};
 use alight_sim::scenario::Scenario;
-use alight_sim::statistics::Summary;
 use alight_sim::studies::airborne::{self, Airborne};
 use alight_sim::studies::estimator as est;
 use alight_sim::vessel::{Course, VesselConfig};
@@ -12,93 +15,135 @@ use indicatif::ParallelProgressIterator;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::args::{Planner, ResponseArgs, SceneArgs, SeaArg, Study, StudyArgs};
+use crate::args::{ResponseArgs, SceneArgs, SeaArg, Study, StudyArgs};
+use crate::say::{self, note};
 use crate::scene::Scene;
-use crate::trials::{bar, fly_all, pool, seeds};
-use crate::{End, Refused, table};
-
-/// Table II of Procházka et al.: sea, then precision (m), duration (s) and touchdown speed (m/s) of
-/// their MPC-FAA.
-const TABLE2: [(&str, f64, f64, f64); 10] = [
-    ("0,0", 0.0, 11.8, 0.2),
-    ("0.2,5", 0.1, 25.3, 0.3),
-    ("0.3,5", 0.1, 18.7, 0.3),
-    ("0.4,5", 0.2, 18.3, 0.4),
-    ("0.4,4", 0.3, 24.6, 0.5),
-    ("0.5,5", 0.1, 17.7, 0.4),
-    ("0.6,6", 0.1, 15.4, 0.4),
-    ("0.7,7", 0.2, 15.4, 0.5),
-    ("0.8,5", 0.2, 45.1, 0.4),
-    ("0.8,8", 0.4, 18.2, 0.6),
-];
+use crate::trials::{bar, pool, seeds};
+use crate::{End, Refused};
 
 /// Runs a study.
 pub fn run(args: &StudyArgs) -> Result<End, Refused> {
+    if !args.dirs.is_empty() && args.name != Study::Merge {
+        return Err(Refused("directories are given to `study merge` only".into()));
+    }
     let value = match args.name {
-        Study::Table2 => table2(args)?,
-        Study::Faa => faa(args)?,
         Study::Airborne => airborne_hours(args)?,
         Study::Estimator => estimator(args)?,
+        Study::Merge => merge(args)?,
+        Study::Table1
+        | Study::Table2
+        | Study::Coupling
+        | Study::Faa
+        | Study::Approach
+        | Study::Moving
+        | Study::Seas
+        | Study::Wind
+        | Study::Sensors
+        | Study::Link => grid_study(args)?,
     };
     if args.json {
-        println!("{value}");
+        say::line(value);
     }
     Ok(End::Success)
 }
 
-fn sea(args: &SceneArgs, text: &str) -> Result<SceneArgs, Refused> {
-    let sea: SeaArg = text.parse().map_err(Refused)?;
-    Ok(SceneArgs {
-        sea: Some(sea),
-        ..args.clone()
-    })
+fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerKind> {
+    let mut kinds: Vec<PlannerKind> = match (&args.planners[..], args.name) {
+        ([], Study::Faa) => vec![PlannerKind::MpcFaa, PlannerKind::Mpc],
+        ([], _) => vec![base.nodes.drone.planner.kind],
+        (given, _) => given.iter().map(|p| p.kind()).collect(),
+    };
+    let mut seen = Vec::new();
+    kinds.retain(|k| {
+        !seen.contains(k) && {
+            seen.push(*k);
+            true
+        }
+    });
+    kinds
 }
 
-fn table2(args: &StudyArgs) -> Result<Value, Refused> {
-    let say = |line: String| {
-        if args.json {
-            eprintln!("{line}")
-        } else {
-            println!("{line}")
-        }
-    };
-    say(format!(
-        "{:<7}{:>9}{:>8} | {:^23} | {:^19} | {:^19}",
-        "", "", "unsafe", "position m", "landing s", "speed m/s"
-    ));
-    say(format!(
-        "{:<7}{:>9}{:>8} | {:>7}{:>8}{:>8} | {:>9}{:>10} | {:>9}{:>10}",
-        "A, T", "landed", "cont.", "mean", "p95", "publ.", "mean", "publ.", "mean", "publ."
-    ));
-    let mut rows = Vec::new();
-    for (name, position, duration, speed) in TABLE2 {
-        let scene = Scene::of(&sea(&args.scene, name)?)?;
-        let outcomes = fly_all(&scene, &seeds(args.seed0, args.trials)?, None, args.jobs, name)?;
-        let s = Summary::of(&outcomes);
-        let f = |name: &str| s.figure(name).unwrap_or_default();
-        say(format!(
-            "{name:<7}{:>9}{:>8} | {:>7.3}{:>8.3}{position:>8.1} | {:>9.1}{duration:>10.1} | {:>9.2}{speed:>10.1}",
-            format!("{}/{}", s.successes, s.trials),
-            s.unsafe_contacts,
-            f("position_error_m").mean,
-            f("position_error_m").p95,
-            f("landing_time_s").mean,
-            f("touchdown_speed_mps").mean,
-        ));
-        for o in outcomes.iter().filter(|o| !o.success) {
-            say(format!(
-                "        seed {}: {} ({})",
-                o.seed,
-                o.outcome.name(),
-                o.reason
-            ));
-        }
-        let mut row = table::summary_json(&s);
-        row.insert("scenario".into(), name.into());
-        row.insert("planner".into(), scene.nodes.drone.planner.kind.name().into());
-        rows.push(Value::Object(row));
+fn title(study: Study) -> String {
+    use clap::ValueEnum;
+    format!(
+        "Study {}",
+        study
+            .to_possible_value()
+            .map_or_else(String::new, |v| v.get_name().to_string())
+    )
+}
+
+fn grid_study(args: &StudyArgs) -> Result<Value, Refused> {
+    let base = Scene::of(&args.scene)?;
+    let rows = grid::rows(args.name, &base)?;
+    let planners = planners(args, &base);
+    let outcomes = run::fly_grid(args, &rows, &planners)?;
+    let hash = run::configuration_hash(&base.nodes);
+    let value = run::publish(args, &title(args.name), &hash, &rows, &outcomes)?;
+    for pair in planners.windows(2) {
+        compare(args, &outcomes, pair[0].name(), pair[1].name());
     }
-    Ok(Value::Array(rows))
+    Ok(value)
+}
+
+/// Joins the rows of shards into `--out`.
+fn merge(args: &StudyArgs) -> Result<Value, Refused> {
+    let Some(out) = &args.out else {
+        return Err(Refused(
+            "study merge: give the directory for the joined rows with --out".into(),
+        ));
+    };
+    if args.dirs.is_empty() {
+        return Err(Refused("study merge: name the directories of the shards".into()));
+    }
+    let mut outcomes = Vec::new();
+    for dir in &args.dirs {
+        outcomes.extend(run::read_rows(dir)?);
+    }
+    outcomes.sort_by(|a, b| (&a.sea, &a.planner, a.seed).cmp(&(&b.sea, &b.planner, b.seed)));
+    outcomes.dedup_by(|a, b| (&a.sea, &a.planner, a.seed) == (&b.sea, &b.planner, b.seed));
+    let writing = |e: &dyn std::fmt::Display| Refused::because(format!("writing into {}", out.display()), e);
+    std::fs::create_dir_all(out).map_err(|e| writing(&e))?;
+    let mut writer = csv::Writer::from_path(out.join("rows.csv")).map_err(|e| writing(&e))?;
+    for o in &outcomes {
+        writer.serialize(o).map_err(|e| writing(&e))?;
+    }
+    writer.flush().map_err(|e| writing(&e))?;
+    let hash = run::configuration_hash(&Scene::of(&args.scene)?.nodes);
+    run::publish(args, "Merged study", &hash, &[], &outcomes)
+}
+
+/// Paired differences of two planners, scenario by scenario.
+fn compare(args: &StudyArgs, outcomes: &[Outcome], a: &str, b: &str) {
+    let say = |line: String| note(args.json, line);
+    let of = |planner: &str| -> Vec<Outcome> {
+        let mut v: Vec<Outcome> = outcomes
+            .iter()
+            .filter(|o| o.planner == planner)
+            .cloned()
+            .collect();
+        v.sort_by(|x, y| (&x.sea, x.seed).cmp(&(&y.sea, y.seed)));
+        v
+    };
+    let (x, y) = (of(a), of(b));
+    if x.len() != y.len() || x.is_empty() {
+        return;
+    }
+    say(format!(
+        "{b} minus {a}, same seeds, all scenarios (mean, 95 % interval)"
+    ));
+    type Row = (&'static str, fn(&Outcome) -> Option<f64>);
+    let rows: [Row; 5] = [
+        ("tilt_error_deg", |o| o.tilt_error_deg),
+        ("position_error_m", |o| o.position_error_m),
+        ("tangential_speed_mps", |o| o.tangential_speed_mps),
+        ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
+        ("landing_time_s", |o| o.landing_time_s),
+    ];
+    for (name, f) in rows {
+        let (mean, half, n) = paired(&x, &y, f);
+        say(format!("  {name:<24}{mean:>10.3} +- {half:.3}  ({n} pairs)"));
+    }
 }
 
 /// Mean and 95 % interval of paired differences `b - a`.
@@ -110,53 +155,12 @@ fn paired(a: &[Outcome], b: &[Outcome], f: fn(&Outcome) -> Option<f64>) -> (f64,
     (mean, 1.96 * (var / n).sqrt(), d.len())
 }
 
-fn faa(args: &StudyArgs) -> Result<Value, Refused> {
-    let say = |line: String| {
-        if args.json {
-            eprintln!("{line}")
-        } else {
-            println!("{line}")
-        }
-    };
-    let seeds = seeds(args.seed0, args.trials)?;
-    let fly = |planner: Planner| {
-        let scene = Scene::of(&SceneArgs {
-            planner: Some(planner),
-            ..args.scene.clone()
-        })?;
-        let name = scene.nodes.drone.planner.kind.name();
-        fly_all(&scene, &seeds, None, args.jobs, name)
-    };
-    let (with, without) = (fly(Planner::MpcFaa)?, fly(Planner::Mpc)?);
-    for (name, o) in [
-        (PlannerKind::MpcFaa.name(), &with),
-        (PlannerKind::Mpc.name(), &without),
-    ] {
-        say(format!("{name}\n{}", table::summary(&Summary::of(o))));
-    }
-    type Row = (&'static str, fn(&Outcome) -> Option<f64>);
-    let rows: [Row; 5] = [
-        ("tilt_error_deg", |o| o.tilt_error_deg),
-        ("position_error_m", |o| o.position_error_m),
-        ("tangential_speed_mps", |o| o.tangential_speed_mps),
-        ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
-        ("landing_time_s", |o| o.landing_time_s),
-    ];
-    say("without FAA minus with FAA, same seeds (mean, 95 % interval)".into());
-    let mut differences = serde_json::Map::new();
-    for (name, f) in rows {
-        let (mean, half, n) = paired(&with, &without, f);
-        say(format!("  {name:<24}{mean:>10.3} +- {half:.3}  ({n} pairs)"));
-        differences.insert(
-            name.into(),
-            json!({ "mean": mean, "half_width_95": half, "pairs": n }),
-        );
-    }
-    Ok(json!({
-        "mpc-faa": table::summary_json(&Summary::of(&with)),
-        "mpc": table::summary_json(&Summary::of(&without)),
-        "difference": differences,
-    }))
+fn sea(args: &SceneArgs, text: &str) -> Result<SceneArgs, Refused> {
+    let sea: SeaArg = text.parse().map_err(Refused)?;
+    Ok(SceneArgs {
+        sea: Some(sea),
+        ..args.clone()
+    })
 }
 
 /// Seas of the airborne study.
@@ -165,13 +169,7 @@ const AIRBORNE_SEAS: [&str; 5] = ["calm", "slight", "moderate", "rough", "very-r
 const SESSION_S: f64 = 600.0;
 
 fn airborne_hours(args: &StudyArgs) -> Result<Value, Refused> {
-    let say = |line: String| {
-        if args.json {
-            eprintln!("{line}")
-        } else {
-            println!("{line}")
-        }
-    };
+    let say = |line: String| note(args.json, line);
     let seeds = seeds(args.seed0, args.trials)?;
     let mut rows = Vec::new();
     let mut total = Airborne {
@@ -216,13 +214,7 @@ const ESTIMATOR_S: f64 = 60.0;
 const TURNS_S: f64 = 180.0;
 
 fn estimator(args: &StudyArgs) -> Result<Value, Refused> {
-    let say = |line: String| {
-        if args.json {
-            eprintln!("{line}")
-        } else {
-            println!("{line}")
-        }
-    };
+    let say = |line: String| note(args.json, line);
     let scene = Scene::of(&args.scene)?;
     let seeds = seeds(args.seed0, args.trials)?;
     let fly = |scenario: &Scenario, span_s: f64, what: &str| -> Result<Vec<est::Run>, Refused> {
@@ -314,12 +306,9 @@ fn estimator(args: &StudyArgs) -> Result<Value, Refused> {
 pub fn response(args: &ResponseArgs) -> Result<End, Refused> {
     let table = response::response(&VesselConfig::default(), &ResponseConfig::default());
     if args.json {
-        println!(
-            "{}",
-            serde_json::to_string(&table).map_err(|e| Refused::because("writing JSON", e))?
-        );
+        say::line(serde_json::to_string(&table).map_err(|e| Refused::because("writing JSON", e))?);
     } else {
-        println!("{table}");
+        say::line(table);
     }
     Ok(End::Success)
 }

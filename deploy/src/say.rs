@@ -1,0 +1,23 @@
+//! Lines for a person and for machines. A reader that went away (`| head`) ends the program
+//! quietly instead of with a panic.
+
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
+
+/// A line on standard output.
+pub fn line(text: impl Display) {
+    if let Err(e) = writeln!(std::io::stdout().lock(), "{text}")
+        && e.kind() == ErrorKind::BrokenPipe
+    {
+        std::process::exit(0);
+    }
+}
+
+/// A line for a person: on standard error when standard output carries the JSON object.
+pub fn note(json: bool, text: impl Display) {
+    if !json {
+        return line(text);
+    }
+    // Nobody reads standard error: nothing is lost that the object does not hold.
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}

@@ -1,0 +1,223 @@
+//! The rows of each study: which scenes are flown.
+
+use alight_sim::scenario::{NodeConfigs, Scenario};
+use alight_sim::sea::{SeaConfig, SeaKind};
+use alight_sim::vessel::Course;
+
+use crate::Refused;
+use crate::args::Study;
+use crate::scene::Scene;
+
+/// One scene of a study.
+#[derive(Clone)]
+pub struct Row {
+    /// Its name in tables.
+    pub name: String,
+    /// The world.
+    pub world: Scenario,
+    /// The nodes.
+    pub nodes: NodeConfigs,
+    /// Published precision (m), duration (s) and touchdown speed (m/s) of the paper's planner.
+    pub published: Option<[f64; 3]>,
+}
+
+/// Table II of Procházka et al.: sea, then precision (m), duration (s) and touchdown speed (m/s) of
+/// their MPC-FAA.
+pub const TABLE2: [(&str, [f64; 3]); 10] = [
+    ("0,0", [0.0, 11.8, 0.2]),
+    ("0.2,5", [0.1, 25.3, 0.3]),
+    ("0.3,5", [0.1, 18.7, 0.3]),
+    ("0.4,5", [0.2, 18.3, 0.4]),
+    ("0.4,4", [0.3, 24.6, 0.5]),
+    ("0.5,5", [0.1, 17.7, 0.4]),
+    ("0.6,6", [0.1, 15.4, 0.4]),
+    ("0.7,7", [0.2, 15.4, 0.5]),
+    ("0.8,5", [0.2, 45.1, 0.4]),
+    ("0.8,8", [0.4, 18.2, 0.6]),
+];
+
+/// The rows of `study` with the scene's settings as the base.
+pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
+    let row = |name: &str, change: &dyn Fn(&mut Scenario)| {
+        let mut world = base.scenario.clone();
+        change(&mut world);
+        Row {
+            name: name.into(),
+            world,
+            nodes: base.nodes.clone(),
+            published: None,
+        }
+    };
+    let paper = |text: &str| text.parse::<SeaConfig>().map_err(Refused);
+    let rows = match study {
+        Study::Table1 => {
+            let sea = paper("moderate")?;
+            let published = Some([0.10, 17.0, 1.0]);
+            vec![Row {
+                published,
+                ..row("moderate", &|w| w.sea = sea.clone())
+            }]
+        }
+        Study::Table2 => TABLE2
+            .iter()
+            .map(|(name, published)| {
+                let sea = paper(name)?;
+                Ok(Row {
+                    published: Some(*published),
+                    ..row(name, &|w| w.sea = sea.clone())
+                })
+            })
+            .collect::<Result<Vec<_>, Refused>>()?,
+        Study::Coupling => {
+            let mut rows = Vec::new();
+            for name in ["0.5,5", "0.8,5"] {
+                let sea = paper(name)?;
+                for coupling in [0.0, 1.0] {
+                    rows.push(row(&format!("{name} coupling {coupling}"), &|w| {
+                        w.sea = sea.clone();
+                        w.vessel.sideways_coupling = coupling;
+                    }));
+                }
+            }
+            rows
+        }
+        Study::Faa => vec![row("base", &|_| {})],
+        Study::Approach => vec![row("90 m, turning, gusts", &|w| {
+            w.start.distance_m = [90.0, 90.0];
+            w.vessel.course = Course::Square;
+            w.vessel.speed_mps = 1.0;
+            // Gusts to 17 km/h = 4.7 m/s over a mean of 2.5 m/s.
+            w.drone.wind.mean_mps = 2.5;
+        })],
+        Study::Moving => moving(&row, &paper)?,
+        Study::Seas => seas(&row)?,
+        Study::Wind => [0.0, 2.0, 5.0, 8.0, 10.0, 12.0, 15.0]
+            .iter()
+            .map(|v| row(&format!("{v} m/s"), &|w| w.drone.wind.mean_mps = *v))
+            .collect(),
+        Study::Sensors => sensors(&row),
+        Study::Link => link(&row),
+        Study::Estimator | Study::Airborne | Study::Merge => Vec::new(),
+    };
+    Ok(rows)
+}
+
+type RowOf<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> Row;
+
+fn moving(row: RowOf<'_>, paper: &dyn Fn(&str) -> Result<SeaConfig, Refused>) -> Result<Vec<Row>, Refused> {
+    let mut rows = Vec::new();
+    for name in ["slight", "moderate"] {
+        let sea = paper(name)?;
+        rows.push(row(&format!("square 2 m/s, {name}"), &|w| {
+            w.sea = sea.clone();
+            w.vessel.course = Course::Square;
+            w.vessel.speed_mps = 2.0;
+        }));
+    }
+    let calm = paper("calm")?;
+    for speed in [3.0, 4.0, 5.0, 6.0, 7.0, 8.0] {
+        rows.push(row(&format!("straight {speed} m/s, calm"), &|w| {
+            w.sea = calm.clone();
+            w.vessel.course = Course::Straight;
+            w.vessel.speed_mps = speed;
+            // The thrust that this speed needs: quadratic drag, with a reserve.
+            w.vessel.thrust_forward_n = 250.0 * (speed / 1.5_f64).powi(2);
+            w.vessel.thrust_reverse_n = 100.0 * (speed / 1.5_f64).powi(2);
+        }));
+    }
+    Ok(rows)
+}
+
+fn seas(row: RowOf<'_>) -> Result<Vec<Row>, Refused> {
+    let mut rows = Vec::new();
+    for (height, peak) in [(0.5, 4.0), (1.0, 5.0), (1.5, 5.5), (2.0, 6.5), (3.0, 8.0)] {
+        rows.push(row(&format!("JONSWAP Hs {height} m, Tp {peak} s"), &|w| {
+            w.sea = SeaConfig {
+                kind: SeaKind::Jonswap,
+                significant_height_m: height,
+                peak_period_s: peak,
+                ..SeaConfig::default()
+            };
+        }));
+    }
+    rows.push(row("Pierson-Moskowitz Hs 1 m, Tp 5 s", &|w| {
+        w.sea = SeaConfig {
+            kind: SeaKind::PiersonMoskowitz,
+            significant_height_m: 1.0,
+            peak_period_s: 5.0,
+            ..SeaConfig::default()
+        };
+    }));
+    rows.push(row("cross sea 0.5,5 (1.5 rad apart)", &|w| {
+        w.sea = SeaConfig {
+            direction_step_rad: 1.5,
+            ..SeaConfig::paper(0.5, 5.0)
+        };
+    }));
+    rows.push(row("very rough 1.0,6", &|w| w.sea = SeaConfig::paper(1.0, 6.0)));
+    Ok(rows)
+}
+
+fn sensors(row: RowOf<'_>) -> Vec<Row> {
+    let always = || vec![[0.0, 1.0e6]];
+    let mut rows = vec![
+        row("default", &|_| {}),
+        row("RTK on both", &|w| {
+            w.sensors.vessel_gnss.error.bias_sd_m = 0.02;
+            w.sensors.vessel_gnss.error.white_sd_m = 0.02;
+            w.drone.navigation.gnss_bias_m = 0.02;
+            w.drone.navigation.gnss_noise_m = 0.02;
+        }),
+        row("GNSS bias 3 m", &|w| {
+            w.sensors.vessel_gnss.error.bias_sd_m = 3.0;
+            w.drone.navigation.gnss_bias_m = 3.0;
+        }),
+        row("no UVDAR", &|w| w.sensors.uvdar.outages_s = always()),
+        row("no camera at all", &|w| {
+            w.sensors.uvdar.outages_s = always();
+            w.sensors.tag.outages_s = always();
+        }),
+        row("tag lost nearer than 3 m", &|w| {
+            w.sensors.tag.min_distance_m = 3.0
+        }),
+        row("IMU bias x 3", &|w| {
+            w.sensors.vessel_imu.gyro_bias_sd_radps *= 3.0;
+            w.sensors.vessel_imu.accelerometer_bias_sd_mps2 *= 3.0;
+        }),
+        row("mass and thrust errors to 20 %", &|w| {
+            w.drone.airframe.mass_error = 0.2;
+            w.drone.airframe.thrust_error = 0.15;
+        }),
+    ];
+    for lag in [0.1, 0.2, 0.3, 0.4] {
+        rows.push(row(&format!("attitude lag {lag} s"), &|w| {
+            w.drone.autopilot.attitude_lag_s = lag
+        }));
+    }
+    rows
+}
+
+fn link(row: RowOf<'_>) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for loss in [0.02, 0.3, 0.5, 0.8] {
+        for delay in [0.05, 0.1, 0.3, 1.0] {
+            rows.push(row(&format!("loss {loss}, delay {delay} s"), &|w| {
+                w.radio.loss = loss;
+                w.radio.delay_s = delay;
+                w.radio.delay_sd_s = if delay < 0.1 { 0.02 } else { 0.03 };
+            }));
+        }
+    }
+    for length in [2.0, 5.0, 10.0] {
+        for after in [0.0, 10.0, 14.0, 18.0] {
+            rows.push(row(
+                &format!("outage {length} s, {after} s after the start"),
+                &|w| {
+                    let begin = w.start.warm_up_s + after;
+                    w.radio.outages_s = vec![[begin, begin + length]];
+                },
+            ));
+        }
+    }
+    rows
+}
