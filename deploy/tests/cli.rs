@@ -1,4 +1,6 @@
 //! The program as a person meets it: exit codes, errors that help, JSON, determinism.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::path::PathBuf;
 use std::process::{Command, Output};

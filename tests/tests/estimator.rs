@@ -1,5 +1,7 @@
 //! The vessel's estimator against the truth of the simulated sea, vessel and sensors (which share no
 //! model with it), in the vessel's own GNSS frame: truth plus the receiver's bias at that instant.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_sim::scenario::Scenario;
 use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};

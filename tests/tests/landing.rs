@@ -1,4 +1,6 @@
 //! Stories in the simulated world, from the start to rest on the deck.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{Reason, State};
 use alight_sim::outcome::{Ending, Outcome};

@@ -50,11 +50,11 @@ pub fn html(title: &str, hash: &str, seeds: &str, lines: &[Line], worst: &[Strin
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
          <title>{0}</title><style>\
-         body{{font:15px/1.45 system-ui,sans-serif;margin:1.2rem auto;max-width:72rem;padding:0 .8rem;color:#222}}\
+         body{{font:15px/1.45 system-ui,sans-serif;margin:1.2rem auto;max-width:88rem;padding:0 .8rem;color:#222}}\
          .wide{{overflow-x:auto}} table{{border-collapse:collapse;font-variant-numeric:tabular-nums}}\
          th,td{{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}}\
          th:first-child,td:first-child,th:nth-child(2),td:nth-child(2){{text-align:left}}\
-         small{{color:#666}} svg{{width:100%;height:auto;max-width:60rem}} pre{{overflow-x:auto;background:#f6f6f6;padding:.6rem}}\
+         small{{color:#666}} svg{{width:100%;height:auto;max-width:60rem;min-width:42rem}} pre{{overflow-x:auto;background:#f6f6f6;padding:.6rem}}\
          </style><h1>{0}</h1><p>Configuration <code>{hash}</code>, {seeds}. Rates with Wilson's 95 % interval, \
          means with 95 % bootstrap intervals in the plots. Grey ticks: published by Procházka et al.</p>",
         escape(title)
@@ -86,7 +86,7 @@ pub fn html(title: &str, hash: &str, seeds: &str, lines: &[Line], worst: &[Strin
     }
     out.push_str("</table></div>");
     for (k, (name, caption, _)) in SHOWN.iter().enumerate() {
-        let _ = write!(out, "<h2>{}</h2>{}", escape(caption), dots(lines, name, k));
+        let _ = write!(out, "<h2>{}</h2><div class=\"wide\">{}</div>", escape(caption), dots(lines, name, k));
     }
     if !worst.is_empty() {
         out.push_str("<h2>Worst trials and failures</h2><pre>");
