@@ -13,6 +13,7 @@ const DECK: RGBColor = RGBColor(214, 96, 32);
 const THIRD: RGBColor = RGBColor(70, 150, 80);
 const MARK: RGBColor = RGBColor(120, 120, 120);
 
+type Path3 = (&'static str, RGBColor, fn(&TracePoint) -> [f64; 3]);
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Series<'s> = (&'s str, RGBColor, Box<dyn Fn(&TracePoint) -> f64 + 's>);
 
@@ -190,8 +191,7 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Result<(), Box<dyn Error>> {
         .y_desc("north, m")
         .light_line_style(WHITE)
         .draw()?;
-    let lines: [(&str, RGBColor, fn(&TracePoint) -> [f64; 3]); 2] =
-        [("drone", DRONE, |p| p.drone), ("deck", DECK, |p| p.deck)];
+    let lines: [Path3; 2] = [("drone", DRONE, |p| p.drone), ("deck", DECK, |p| p.deck)];
     for (name, colour, f) in lines {
         chart
             .draw_series(LineSeries::new(

@@ -30,7 +30,11 @@ pub struct DroneSettings {
 impl DroneSettings {
     /// The predictor's configuration, with this drone and this deck.
     pub fn predictor(&self) -> PredictorConfig {
-        PredictorConfig { deck: self.deck, drone: self.airframe, ..self.predictor.clone() }
+        PredictorConfig {
+            deck: self.deck,
+            drone: self.airframe,
+            ..self.predictor.clone()
+        }
     }
 }
 

@@ -86,7 +86,12 @@ pub fn html(title: &str, hash: &str, seeds: &str, lines: &[Line], worst: &[Strin
     }
     out.push_str("</table></div>");
     for (k, (name, caption, _)) in SHOWN.iter().enumerate() {
-        let _ = write!(out, "<h2>{}</h2><div class=\"wide\">{}</div>", escape(caption), dots(lines, name, k));
+        let _ = write!(
+            out,
+            "<h2>{}</h2><div class=\"wide\">{}</div>",
+            escape(caption),
+            dots(lines, name, k)
+        );
     }
     if !worst.is_empty() {
         out.push_str("<h2>Worst trials and failures</h2><pre>");
