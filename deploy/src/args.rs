@@ -101,7 +101,7 @@ impl FromStr for SeaArg {
 #[derive(Args, Debug, Clone)]
 pub struct SceneArgs {
     /// calm, slight, moderate, rough, very-rough, or AMPLITUDE_M,PERIOD_S [default: moderate]
-    #[arg(long, value_name = "NAME|A,T")]
+    #[arg(long, value_name = "NAME|A,T", allow_hyphen_values = true)]
     pub sea: Option<SeaArg>,
     /// Planner that flies [default: what the configuration says, mpc-faa]
     #[arg(long, value_enum)]
@@ -110,10 +110,10 @@ pub struct SceneArgs {
     #[arg(long, value_enum)]
     pub vessel: Option<Course>,
     /// Vessel's speed on a straight or square course, m/s [default: 2]
-    #[arg(long, value_name = "M/S")]
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
     pub speed: Option<f64>,
     /// Mean wind with gusts, m/s [default: 0]
-    #[arg(long, value_name = "M/S")]
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
     pub wind: Option<f64>,
     /// When the radio falls silent for good [default: never]
     #[arg(long, value_enum)]
@@ -152,7 +152,7 @@ pub struct TrialArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
     /// Seed of sea, noise and start: the same seed, the same bits
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
     /// Draw paths, speeds and attitudes to an SVG
     #[arg(long, value_name = "FILE.svg")]

@@ -186,3 +186,40 @@ fn help_says_how_to_start() {
         "wider than 100 columns"
     );
 }
+
+#[test]
+fn shards_join_to_the_same_rows_and_a_cut_off_study_goes_on() {
+    let dir = |name: &str| scratch(name).to_string_lossy().into_owned();
+    let (whole, one, two, all) = (dir("whole"), dir("shard-1"), dir("shard-2"), dir("all"));
+    let study = |out: &str, more: &[&str]| {
+        let mut args = vec![
+            "study", "table1", "--trials", "3", "--seed0", "60", "--json", "--out", out,
+        ];
+        args.extend(more);
+        let o = alight(&args);
+        assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+        json(&o)
+    };
+    let at_once = study(&whole, &[]);
+    study(&one, &["--shard", "1/2"]);
+    study(&two, &["--shard", "2/2"]);
+    let o = alight(&["study", "merge", "--json", "--out", &all, &one, &two]);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    assert_eq!(json(&o)[0]["position_error_m"], at_once[0]["position_error_m"]);
+    // A shard's directory holds a part; without --shard the rest is flown and nothing twice.
+    assert_eq!(
+        study(&one, &[])[0]["tilt_error_deg"],
+        at_once[0]["tilt_error_deg"]
+    );
+    let rows = std::fs::read_to_string(scratch("shard-1").join("rows.csv")).unwrap();
+    assert_eq!(rows.lines().count(), 1 + 3);
+    assert!(
+        std::fs::read_to_string(scratch("whole").join("report.html"))
+            .unwrap()
+            .contains("<svg")
+    );
+    assert_eq!(
+        alight(&["study", "table1", "--shard", "3/2"]).status.code(),
+        Some(2)
+    );
+}
