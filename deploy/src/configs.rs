@@ -66,6 +66,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn shipped_scenarios_are_accepted_and_change_something() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+        let mut count = 0;
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let scenario: Scenario = config::load(&entry.unwrap().path()).unwrap();
+            assert_ne!(scenario, Scenario::default());
+            count += 1;
+        }
+        assert!(count >= 5);
+    }
+
+    #[test]
     fn printed_defaults_read_back_as_the_defaults() {
         let text = toml::to_string(&DroneFile::default()).unwrap();
         assert_eq!(
