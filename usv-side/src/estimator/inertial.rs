@@ -1,10 +1,11 @@
 //! Gyroscope and accelerometer.
 
 use alight_shared::geometry::GRAVITY;
+use alight_shared::kalman::Update;
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::Vector3;
 
-use super::Filter;
+use super::{Filter, STEP_S};
 use crate::VesselNodeConfig;
 use crate::sea_state::MotionSample;
 
@@ -14,6 +15,9 @@ const GATE: f64 = 49.0;
 const PATIENCE: u32 = 25;
 /// What the model of specific force leaves out (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
+
+/// Share of the unexplained acceleration that is taken for noise of the measurement.
+const FAST_SHARE: f64 = 0.1;
 
 impl Filter {
     fn gyro_bias(&self) -> Vector3<f64> {
@@ -29,6 +33,17 @@ impl Filter {
             self.belief.get(SWAY, HEAD),
             self.belief.get(HEAVE, HEAD),
         )
+    }
+
+    /// Tells the account of unexplained motion; 1 when the channel was refused.
+    fn account(&mut self, dof: usize, update: Update) -> u64 {
+        let (nis, refused) = match update {
+            Update::Fused { nis } => (nis, 0),
+            Update::Gated { nis } => (nis, 1),
+            Update::Invalid => return 1,
+        };
+        self.unexplained.observe(dof, nis.min(GATE), STEP_S);
+        refused
     }
 
     /// Fuses the mean of `n` samples, taken `offset` seconds after the state's time. Returns the
@@ -56,10 +71,11 @@ impl Filter {
         for (dof, z) in [(ROLL, measured[0]), (PITCH, measured[1]), (YAW, measured[2])] {
             let predicted = self.belief.get(dof, NU) + offset * self.belief.acceleration(&self.model, dof);
             let row = [Term::new(dof, NU, 1.0), Term::new(dof, HEAD, 1.0)];
-            refused += u64::from(!self.belief.update(&row, z - predicted, r, gate).fused());
+            let update = self.belief.update(&row, z - predicted, r, gate);
+            refused += self.account(dof, update);
         }
         // Accelerometer: f = R' (a + lever arm - g), all in the reference-parallel frame.
-        let r = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
+        let white = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
         let arm = Vector3::from(config.imu.lever_arm_m);
         for axis in 0..3 {
             let tilt = self.tilt();
@@ -70,9 +86,16 @@ impl Filter {
             let spin = rotation * tilt.body_rates();
             let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
             let lever = turning.cross(&arm) + spin.cross(&spin.cross(&arm));
-            // Specific force along the vertical, which a tilt error leaks into the horizontal.
-            let lift = -f.z;
+            // Specific force along the vertical, which a tilt error leaks into the horizontal. Its
+            // fluctuation tells tilt from bias, as long as the horizontal force has no fluctuation
+            // of its own that goes with it: on a platform that turns about a point away from the
+            // sensor it has, and led the tilt 0.1 rad astray.
+            let known = self.unexplained.factor(SURGE).max(self.unexplained.factor(SWAY));
+            let lift = GRAVITY - (f.z + GRAVITY) / (known * known);
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
+            // What changes fast is also sampled at the wrong instant.
+            let fast = self.unexplained.spread(&config.model, axis);
+            let r = white + (FAST_SHARE * fast).powi(2);
             let mut row = core::mem::take(&mut self.row);
             row.clear();
             self.belief.acceleration_terms(&self.model, axis, 1.0, &mut row);
@@ -90,7 +113,8 @@ impl Filter {
                 }
                 _ => {}
             }
-            refused += u64::from(!self.belief.update(&row, z, r, gate).fused());
+            let update = self.belief.update(&row, z, r, gate);
+            refused += self.account(axis, update);
             self.row = row;
         }
         self.refused_imu = if refused > 0 { self.refused_imu + 1 } else { 0 };

@@ -12,6 +12,7 @@ mod output;
 mod satellite;
 mod sea;
 mod tilt;
+mod unexplained;
 
 use alight_shared::frames::{Datum, wrap_angle};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
@@ -81,6 +82,7 @@ pub(crate) struct Filter {
     pub(crate) mean_velocity: Vector2<f64>,
     pub(crate) mean_heading: f64,
     pub(crate) mean_heading_rate: f64,
+    pub(crate) unexplained: unexplained::Unexplained,
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
@@ -176,6 +178,7 @@ impl Estimator {
         let state = self.identifier.update(now);
         let Some(f) = self.filter.as_mut() else { return };
         f.take_sea(&self.config, state);
+        f.adapt(&self.config);
         let behind = (now - f.at).secs();
         if behind > LONGEST_GAP_S {
             self.restart();
@@ -285,6 +288,7 @@ impl Filter {
             mean_velocity: Vector2::new(fix.velocity[0], fix.velocity[1]),
             mean_heading: reference,
             mean_heading_rate: 0.0,
+            unexplained: unexplained::Unexplained::new(at),
             step,
             pending: Default::default(),
             last_imu: at,
@@ -354,6 +358,15 @@ impl Filter {
         if off.abs() > TURN_RAD {
             self.belief.turn(off);
             self.reference = self.mean_heading;
+        }
+    }
+
+    /// Gives the model the disturbances that the innovations call for.
+    fn adapt(&mut self, config: &VesselNodeConfig) {
+        if self.unexplained.judge(self.at) {
+            let figures = self.unexplained.figures(&config.model);
+            let components = self.model.components().to_vec();
+            self.set_model(config, VesselModel::new(&figures, &components));
         }
     }
 

@@ -135,7 +135,8 @@ impl Filter {
                         self.sea.identified = false;
                         self.sea.components.clear();
                         self.sea.built = Some(self.at);
-                        self.set_model(config, VesselModel::with_bank(&config.model));
+                        let figures = self.unexplained.figures(&config.model);
+                        self.set_model(config, VesselModel::with_bank(&figures));
                     }
                 }
             }
@@ -166,7 +167,8 @@ impl Filter {
                 let old = core::mem::take(&mut self.sea.components);
                 self.sea.identified = true;
                 self.sea.built = Some(self.at);
-                self.set_model(config, VesselModel::new(&config.model, &wanted));
+                let figures = self.unexplained.figures(&config.model);
+                self.set_model(config, VesselModel::new(&figures, &wanted));
                 for (j, c) in wanted.iter().enumerate() {
                     let known = old
                         .iter()
