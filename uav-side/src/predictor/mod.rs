@@ -18,7 +18,8 @@ pub mod filter;
 pub mod forecast;
 mod node;
 pub mod observation;
-pub mod track;
+pub mod rocking;
+mod track;
 pub mod waves;
 
 pub use config::PredictorConfig;

@@ -15,6 +15,7 @@ use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::observation::{self, Mount, Observation, Plane};
+use super::rocking::Rocking;
 use super::track::Track;
 use super::waves::{AXES, Waves};
 
@@ -109,6 +110,7 @@ pub struct Predictor {
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
     deck_height: f64,
+    rocking: Rocking,
     /// Mean velocity that the frequencies of encounter belong to: north, east, m/s.
     met: [f64; 2],
     radio_at: Option<Time<DroneClock>>,
@@ -132,6 +134,7 @@ impl Predictor {
             waves,
             filter: None,
             track: Track::default(),
+            rocking: Rocking::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
             deck_height: -config.deck.centre_m[2],
@@ -235,6 +238,9 @@ impl Predictor {
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
+            let two = |m: &[observation::Measured]| [3, 4].map(|i: usize| m[i].map_or(0.0, |v| v.0));
+            self.rocking.hear(e.header.at.secs(), two(&o.value), two(&o.rate));
+            self.waves.observe(self.rocking.known());
             self.deck_height = -e.deck_centre().z;
             self.met = e.mean_velocity.map(f64::from);
             let tilt = |k: usize| 0.5 * f64::from(e.covariance[3][k] + e.covariance[4][k]);
@@ -339,9 +345,6 @@ impl Predictor {
             return None;
         }
         self.meet(radio_age_s);
-        if let Some(f) = &mut self.filter {
-            f.hear(radio_age_s < self.config.fresh_s);
-        }
         if !self.filter.as_ref()?.is_finite() {
             self.rejections.count(Rejection::Diverged);
             self.filter = None;
@@ -363,9 +366,7 @@ impl Predictor {
             // Sight has no part in the clocks' offset.
             Source::Vision | Source::None => 0.0,
         };
-        let stages = self
-            .horizon
-            .stages(&axes, &filter.noise(&axes), &common, clock_var);
+        let stages = self.horizon.stages(&axes, filter.noise(), &common, clock_var);
         let header = Header::new(0, 0, self.boot, self.sequence, now);
         self.sequence = self.sequence.wrapping_add(1);
         let f = DeckForecast {

@@ -75,6 +75,10 @@ pub struct Waves {
     vessel: VesselModelConfig,
     /// Trust in the vessel's identification, 0 to 1.
     pub confidence: f64,
+    /// The residual oscillator as configured.
+    residual: Oscillator,
+    /// Spread (rad) and frequency (rad/s) of the tilt as observed.
+    rocking: Option<(f64, f64)>,
 }
 
 impl Waves {
@@ -89,11 +93,8 @@ impl Waves {
             sd,
             seed: None,
         };
-        let mut oscillators = vec![own(
-            c.residual_omega_radps,
-            c.residual_damping,
-            c.residual_sd_m_rad,
-        )];
+        let residual = own(c.residual_omega_radps, c.residual_damping, c.residual_sd_m_rad);
+        let mut oscillators = vec![residual];
         oscillators.extend(
             c.bank_omega_radps
                 .iter()
@@ -108,6 +109,8 @@ impl Waves {
             damping_scale: c.damping_scale,
             vessel: c.vessel.clone(),
             confidence: 0.0,
+            residual,
+            rocking: None,
         }
     }
 
@@ -129,7 +132,8 @@ impl Waves {
         height: f64,
         mut apply: impl FnMut(Change, &[Oscillator]),
     ) {
-        self.confidence = f64::from(m.confidence);
+        self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
+        self.follow_rocking(&mut apply);
         let mut taken = [false; MAX_OSCILLATORS];
         if let Some(t) = taken.first_mut() {
             *t = true; // The residual oscillator belongs to nobody.
@@ -193,6 +197,36 @@ impl Waves {
         }
     }
 
+    /// How the deck rocks, from the vessel's estimates.
+    pub fn observe(&mut self, rocking: Option<(f64, f64)>) {
+        self.rocking = rocking.or(self.rocking);
+    }
+
+    /// The share of the tilt that the identification does not claim to explain goes to the residual
+    /// oscillator, at the frequency with which the deck rocks.
+    fn follow_rocking(&mut self, apply: &mut impl FnMut(Change, &[Oscillator])) {
+        let Some((sd, omega)) = self.rocking else {
+            return;
+        };
+        let share = 1.0 - self.confidence;
+        let mut wanted = self.residual;
+        wanted.omega += share * (omega - wanted.omega);
+        wanted.earth_omega = wanted.omega;
+        for axis in [3, 4] {
+            wanted.sd[axis] = wanted.sd[axis].max(share * sd);
+        }
+        let Some(o) = self.oscillators.first_mut() else {
+            return;
+        };
+        let ratio = wanted.omega / o.omega;
+        let grown = (wanted.sd[3] / o.sd[3]).ln().abs();
+        // Every change costs new transitions; a few per cent are not worth them.
+        if (ratio - 1.0).abs() > 0.05 || grown > 0.1 {
+            *o = wanted;
+            apply(Change::Rescale(0, ratio), &self.oscillators);
+        }
+    }
+
     /// Frequencies of encounter at the mean velocity (north, east, m/s).
     pub fn meet(&mut self, mean_velocity: [f64; 2], mut apply: impl FnMut(Change)) {
         for (i, o) in self.oscillators.iter_mut().enumerate().skip(1) {
@@ -218,7 +252,18 @@ impl Waves {
             let present = 0.5 * (v * v + (r / omega).powi(2));
             stationary.max(present).sqrt()
         };
-        let tilt = spread(3).hypot(spread(4)) / 2f64.sqrt();
+        let mut tilt = spread(3).hypot(spread(4)) / 2f64.sqrt();
+        // A broad default says nothing of this deck; its tilt is no more than has been seen, and its
+        // phase lasts no longer than the vessel says.
+        let broad = self.confidence < 0.5;
+        if let Some((sd, _)) = self.rocking.filter(|_| broad) {
+            tilt = tilt.min(sd / self.scale);
+        }
+        let damping_scale = if broad {
+            self.damping_scale.max(1.0)
+        } else {
+            self.damping_scale
+        };
         // Surge, sway and yaw are accelerations: a / omega² is their displacement. The deck is
         // above the reference point and so moves with the tilt.
         let orbital = spread(0).hypot(spread(1)) / 2f64.sqrt() / (omega * omega);
@@ -229,7 +274,7 @@ impl Waves {
             direction: f64::from(c.direction),
             direction_sd: f64::from(c.direction_sd),
             omega,
-            damping: (self.damping_scale * stated).clamp(self.min_damping, 0.9),
+            damping: (damping_scale * stated).clamp(self.min_damping, 0.9),
             sd: core::array::from_fn(|i| {
                 let limit = [5.0, 5.0, 5.0, 0.5, 0.5, 0.5];
                 (self.scale * raw[i]).clamp(self.min_sd[i], limit[i])
@@ -331,8 +376,38 @@ mod tests {
             assert!((a / b.omega - 1.0).abs() < 0.02);
         }
         // One vanishes for good.
-        w.receive(at(30.0), &model(&[1.4, 1.2]), 1.3, &mut follow);
+        let mut later = model(&[1.4, 1.2]);
+        later.header.at = at(30.0);
+        w.receive(at(30.0), &later, 1.3, &mut follow);
         assert_eq!(w.oscillators().len(), 3);
+    }
+
+    #[test]
+    fn what_nobody_explains_rocks_as_observed() {
+        let mut w = Waves::new(&PredictorConfig::default());
+        let configured = w.oscillators()[0];
+        w.observe(Some((0.06, 7.0)));
+        let mut m = model(&[1.0]);
+        w.receive(Time::from_secs(0.0), &m, 1.3, |_, _| {});
+        assert_eq!(w.oscillators()[0], configured, "all is explained");
+        m.confidence = 0.0;
+        m.components = Seq::filled([WaveComponent {
+            omega: 2.5,
+            omega_encounter: 2.5,
+            direction_sd: 3.14,
+            damping: 0.1,
+            drive: [1.0; 6],
+            ..Default::default()
+        }]);
+        let mut rescaled = 0;
+        w.receive(Time::from_secs(0.2), &m, 1.3, |c, _| {
+            rescaled += u32::from(matches!(c, Change::Rescale(0, r) if r > 1.5));
+        });
+        assert_eq!(rescaled, 1);
+        let residual = w.oscillators()[0];
+        assert!((residual.omega - 7.0).abs() < 1e-9 && (residual.sd[3] - 0.06).abs() < 1e-9);
+        let broad = w.oscillators().last().unwrap();
+        assert!(broad.sd[3] <= 0.06 + 1e-9 && broad.damping >= 0.1);
     }
 
     #[test]
