@@ -10,6 +10,7 @@ use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
 use alight_shared::topics::{self, Topic};
 use alight_shared::wire::{self, WireError};
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::admission::{Boot, Boots, Order, Reason, Rejections, identity};
 use crate::clock::{ClockOffset, Offset};
@@ -17,7 +18,7 @@ use crate::config::BridgeConfig;
 use crate::link::LinkStatistics;
 
 /// Which topic a packet came on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum PacketKind {
     /// [`topics::ESTIMATE`].
     Estimate,
@@ -30,7 +31,7 @@ pub enum PacketKind {
 }
 
 /// What came over the radio.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {
     /// Its topic.
     pub kind: PacketKind,
@@ -39,14 +40,14 @@ pub struct Packet {
 }
 
 /// Packets since the last step, each with its time of arrival.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeIn {
     /// In order of arrival.
     pub packets: Vec<Stamped<DroneClock, Packet>>,
 }
 
 /// What was admitted, on the drone's clock: the newest of each kind.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct BridgeOut {
     /// The vessel's state.
     pub estimate: Option<VesselEstimate<DroneClock>>,

@@ -30,6 +30,9 @@ pub enum Verb {
     Trials(TrialsArgs),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
+    /// Compute a recording again and say whether every output is bit-identical.
+    #[cfg(feature = "record")]
+    Replay(crate::record::args::ReplayArgs),
     /// Print the simulated vessel's response in surge, heave and pitch against wave length.
     Response(ResponseArgs),
     /// Print a default configuration: vessel, drone or scenario.
@@ -157,6 +160,10 @@ pub struct TrialArgs {
     /// Draw paths, speeds and attitudes to an SVG
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
+    /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
+    #[cfg(feature = "record")]
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
     /// Print the outcome as one JSON object, the last line
     #[arg(long)]
     pub json: bool,

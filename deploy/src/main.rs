@@ -3,6 +3,8 @@
 mod args;
 mod configs;
 mod plot;
+#[cfg(feature = "record")]
+mod record;
 mod say;
 mod scene;
 mod study;
@@ -49,6 +51,8 @@ fn main() -> ExitCode {
         Verb::Trial(a) => trial::run(a),
         Verb::Trials(a) => trials::run(a),
         Verb::Study(a) => study::run(a),
+        #[cfg(feature = "record")]
+        Verb::Replay(a) => record::replay::run(a),
         Verb::Response(a) => study::response(a),
         Verb::Config(a) => configs::print(a),
     };

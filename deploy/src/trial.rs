@@ -1,6 +1,6 @@
 //! `alight trial`: one landing.
 
-use alight_sim::trial::{Event, Watch, fly};
+use alight_sim::trial::{Event, Flight, Watch, fly};
 
 use crate::args::TrialArgs;
 use crate::say::{self, note};
@@ -34,8 +34,7 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
         on_event: &mut show,
         trace_step_s: args.plot.as_ref().map(|_| 0.05),
     };
-    let flight = fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
-        .map_err(|e| Refused::because("setting up the trial", e))?;
+    let flight = flown(args, &scene, watch)?;
     let mut outcome = flight.outcome;
     outcome.wall_time_s = elapsed();
     if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
@@ -57,10 +56,29 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
         if let Some(path) = &args.plot {
             say::line(format_args!("plot: {}", path.display()));
         }
+        #[cfg(feature = "record")]
+        if let Some(path) = &args.record {
+            say::line(format_args!("recording: {}", path.display()));
+        }
     }
     Ok(if outcome.success {
         End::Success
     } else {
         End::Failed
     })
+}
+
+fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<Flight, Refused> {
+    #[cfg(feature = "record")]
+    if let Some(path) = &args.record {
+        let subject = crate::record::Subject {
+            scenario: &scene.scenario,
+            nodes: &scene.nodes,
+            seed: args.seed,
+            sea: &scene.sea,
+        };
+        return crate::record::fly(path, &subject, watch);
+    }
+    fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
+        .map_err(|e| Refused::because("setting up the trial", e))
 }

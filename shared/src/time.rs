@@ -219,7 +219,8 @@ impl<'de, C> Deserialize<'de> for Time<C> {
 }
 
 /// A value and its time of validity.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(bound(serialize = "T: Serialize", deserialize = "T: Deserialize<'de>"))]
 pub struct Stamped<C: Clock, T> {
     /// When the value was valid (measured, or computed for), not when it arrived.
     pub at: Time<C>,

@@ -55,6 +55,77 @@ fn config() -> impl bincode::config::Config {
         .with_limit::<MAX_WIRE_BYTES>()
 }
 
+/// No record of a process's inputs or outputs is longer.
+pub const MAX_RECORD_BYTES: usize = 1 << 20;
+
+fn record_config() -> impl bincode::config::Config {
+    bincode::config::standard()
+        .with_little_endian()
+        .with_fixed_int_encoding()
+        .with_limit::<MAX_RECORD_BYTES>()
+}
+
+/// Encodes a record for a log on this computer: like [`encode`], but up to [`MAX_RECORD_BYTES`].
+pub fn encode_record<T: Serialize>(record: &T) -> Result<Vec<u8>, WireError> {
+    bincode::serde::encode_to_vec(record, record_config()).map_err(|source| WireError::Encode {
+        name: short_name::<T>(),
+        source,
+    })
+}
+
+/// Decodes a record of a log; all bytes must be consumed.
+pub fn decode_record<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
+    let (name, got) = (short_name::<T>(), bytes.len());
+    if got > MAX_RECORD_BYTES {
+        return Err(WireError::Oversized { name, got });
+    }
+    let (record, used) = bincode::serde::decode_from_slice(bytes, record_config())
+        .map_err(|source| WireError::Malformed { name, got, source })?;
+    match got - used {
+        0 => Ok(record),
+        left => Err(WireError::Trailing { name, got, left }),
+    }
+}
+
+/// Hash of a value's record: the same bits give the same hash, another bit another one but for one
+/// chance in 2^64. FNV-1a over the written words with a final mix (MurmurHash3's).
+pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
+    struct Hash(u64);
+    impl bincode::enc::write::Writer for Hash {
+        #[inline]
+        fn write(&mut self, bytes: &[u8]) -> Result<(), bincode::error::EncodeError> {
+            for part in bytes.chunks(8) {
+                let mut word = [0; 8];
+                word[..part.len()].copy_from_slice(part);
+                self.0 = (self.0 ^ u64::from_le_bytes(word))
+                    .wrapping_mul(0x0000_0100_0000_01b3)
+                    .rotate_left(23);
+            }
+            Ok(())
+        }
+    }
+    let mut hash = Hash(0xcbf2_9ce4_8422_2325);
+    bincode::serde::encode_into_writer(record, &mut hash, record_config()).map_err(|source| {
+        WireError::Encode {
+            name: short_name::<T>(),
+            source,
+        }
+    })?;
+    let mut h = hash.0;
+    h = (h ^ (h >> 33)).wrapping_mul(0xff51_afd7_ed55_8ccd);
+    Ok(h ^ (h >> 33))
+}
+
+/// Appends a record to `to`; like [`encode_record`] without an allocation.
+pub fn append_record<T: Serialize>(to: &mut Vec<u8>, record: &T) -> Result<(), WireError> {
+    bincode::serde::encode_into_std_write(record, to, record_config())
+        .map(|_| ())
+        .map_err(|source| WireError::Encode {
+            name: short_name::<T>(),
+            source,
+        })
+}
+
 /// Encodes a message.
 pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, WireError> {
     bincode::serde::encode_to_vec(message, config()).map_err(|source| WireError::Encode {
@@ -142,5 +213,30 @@ mod tests {
             decode::<VesselEstimate<VesselClock>>(&bytes),
             Err(WireError::Trailing { left: 1, .. })
         ));
+    }
+
+    #[test]
+    fn a_record_comes_back_and_any_flipped_bit_changes_its_hash() {
+        let bytes = encode_record(&estimate()).unwrap();
+        assert_eq!(
+            decode_record::<VesselEstimate<VesselClock>>(&bytes).unwrap(),
+            estimate()
+        );
+        let mut appended = vec![9];
+        append_record(&mut appended, &estimate()).unwrap();
+        assert_eq!((appended[0], &appended[1..]), (9, &bytes[..]));
+        let hash = hash_record(&estimate()).unwrap();
+        assert_eq!(hash, hash_record(&estimate()).unwrap());
+        for dof in 0..6 {
+            for bit in 0..64 {
+                let mut other = estimate();
+                other.eta[dof] = f64::from_bits(other.eta[dof].to_bits() ^ (1 << bit));
+                assert_ne!(
+                    hash_record(&other).unwrap(),
+                    hash,
+                    "degree of freedom {dof}, bit {bit}"
+                );
+            }
+        }
     }
 }

@@ -14,6 +14,7 @@ pub mod sensors;
 pub mod statistics;
 pub mod streams;
 pub mod studies;
+pub mod tap;
 pub mod trace;
 pub mod trial;
 pub mod vessel;

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use crate::outcome::{Judge, Outcome, TIME_LIMIT_S};
 use crate::scenario::{NodeConfigs, RadioCut, Scenario};
+use crate::tap::{NoTap, Tap};
 use crate::trace::Trace;
 use crate::world::{TICK, World};
 
@@ -59,8 +60,20 @@ pub fn fly(
     sea: &str,
     watch: Watch<'_>,
 ) -> Result<Flight, SetupError> {
+    fly_with(scenario, nodes, seed, sea, watch, &mut NoTap)
+}
+
+/// The same, shown to a tap.
+pub fn fly_with(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    sea: &str,
+    watch: Watch<'_>,
+    tap: &mut impl Tap,
+) -> Result<Flight, SetupError> {
     let mut world = World::new(scenario, nodes, seed)?;
-    world.warm_up();
+    world.warm_up_with(tap);
     world.command(CommandKind::Land);
 
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
@@ -73,7 +86,7 @@ pub fn fly(
     let mut next_point = 0.0;
     // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
-        world.tick();
+        world.tick_with(tap);
         let t_s = world.time_since_start().secs();
         let mission = world.mission_state();
         if mission.state != state {

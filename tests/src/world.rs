@@ -31,6 +31,7 @@ use crate::sensors::delay::DelayLine;
 use crate::sensors::noise::Noise;
 use crate::sensors::{DroneReadings, Sensors};
 use crate::streams::Streams;
+use crate::tap::{NoTap, Tap};
 use crate::trace::TracePoint;
 use crate::trial::SetupError;
 
@@ -38,10 +39,12 @@ use crate::trial::SetupError;
 pub const TICK: Span = Span::from_millis(10);
 /// The autopilot tells its state every so many ticks.
 const AUTOPILOT_TICKS: u64 = 10;
-/// Identity of the simulated vessel and drone, and boot ids of their processes.
-const VESSEL_ID: u32 = 1;
-const DRONE_ID: u32 = 1;
-const BOOT: u32 = 1;
+/// Identity of the simulated vessel.
+pub const VESSEL_ID: u32 = 1;
+/// Identity of the drone.
+pub const DRONE_ID: u32 = 1;
+/// Boot id of all processes.
+pub const BOOT: u32 = 1;
 /// A contact further below the deck's surface than this is with its side, m.
 const BELOW_SURFACE_M: f64 = 0.05;
 /// Plans under way at a time.
@@ -131,13 +134,18 @@ impl World {
 
     /// Runs the vessel's side until the start; the drone appears in the air a little before.
     pub fn warm_up(&mut self) {
+        self.warm_up_with(&mut NoTap);
+    }
+
+    /// The same, shown to a tap.
+    pub fn warm_up_with(&mut self, tap: &mut impl Tap) {
         let hover = self.started - Span::from_secs(self.scenario.start.hover_s);
         while self.t < hover {
-            self.tick();
+            self.tick_with(tap);
         }
         self.place_drone();
         while self.t < self.started {
-            self.tick();
+            self.tick_with(tap);
         }
     }
 
@@ -182,7 +190,13 @@ impl World {
 
     /// Ten milliseconds of everything.
     pub fn tick(&mut self) {
+        self.tick_with(&mut NoTap);
+    }
+
+    /// Ten milliseconds of everything, shown to a tap.
+    pub fn tick_with(&mut self, tap: &mut impl Tap) {
         let t = self.t;
+        tap.truth(t, &self.carrier.state(), self.drone().as_ref());
         let (vessel_now, drone_now) = (self.sensors.clocks.vessel_time(t), self.drone_now());
 
         // The vessel: sensors -> estimator -> broadcast.
@@ -195,15 +209,14 @@ impl World {
                 Stamped::<VesselClock, _>::new(self.sensors.clocks.vessel_time(arrival), request)
             })
             .collect();
-        let said = self.vessel_node.step(
-            vessel_now,
-            &VesselIn {
-                imu: readings.imu,
-                gnss: readings.gnss,
-                heading: readings.heading,
-                time_requests,
-            },
-        );
+        let input = VesselIn {
+            imu: readings.imu,
+            gnss: readings.gnss,
+            heading: readings.heading,
+            time_requests,
+        };
+        let said = self.vessel_node.step(vessel_now, &input);
+        tap.vessel(t, vessel_now, &input, &said);
         self.broadcast(t, PacketKind::Estimate, said.estimate.as_ref());
         self.broadcast(t, PacketKind::Wave, said.wave.as_ref());
         self.broadcast(t, PacketKind::Prediction, said.prediction.as_ref());
@@ -218,7 +231,9 @@ impl World {
             .into_iter()
             .map(|(arrival, packet)| Stamped::new(self.sensors.clocks.drone_time(arrival), packet))
             .collect();
-        let heard = self.bridge.step(drone_now, &BridgeIn { packets });
+        let input = BridgeIn { packets };
+        let heard = self.bridge.step(drone_now, &input);
+        tap.bridge(t, drone_now, &input, &heard);
         if let Some(request) = heard.time_request {
             self.to_vessel.send(t, request);
         }
@@ -239,74 +254,61 @@ impl World {
             sea.surface(t, north, east).surface_z()
         });
 
-        let forecast = self
-            .predictor
-            .step(
-                drone_now,
-                &PredictorIn {
-                    estimate: heard.estimate,
-                    wave: heard.wave,
-                    prediction: heard.prediction,
-                    link: heard.link,
-                    drone: odometry,
-                    tags: seen.tags,
-                    uvdar: seen.uvdar,
-                    ranges: seen.ranges.clone(),
-                },
-            )
-            .forecast;
+        let input = PredictorIn {
+            estimate: heard.estimate,
+            wave: heard.wave,
+            prediction: heard.prediction,
+            link: heard.link,
+            drone: odometry,
+            tags: seen.tags,
+            uvdar: seen.uvdar,
+            ranges: seen.ranges.clone(),
+        };
+        let predicted = self.predictor.step(drone_now, &input);
+        tap.predictor(t, drone_now, &input, &predicted);
+        let forecast = predicted.forecast;
         self.forecast = forecast.or(self.forecast);
 
         let plan = self.plans.arrived(t).pop();
-        let mission = self
-            .mission
-            .step(
-                drone_now,
-                &MissionIn {
-                    forecast,
-                    drone: odometry,
-                    autopilot,
-                    plan,
-                    set_point: self.last_set_point,
-                    command: self.command.take(),
-                },
-            )
-            .state;
+        let input = MissionIn {
+            forecast,
+            drone: odometry,
+            autopilot,
+            plan,
+            set_point: self.last_set_point,
+            command: self.command.take(),
+        };
+        let decided = self.mission.step(drone_now, &input);
+        tap.mission(t, drone_now, &input, &decided);
+        let mission = decided.state;
         self.mission_state = mission.unwrap_or(self.mission_state);
 
-        let solved = self
-            .planner
-            .step(
-                drone_now,
-                &PlannerIn {
-                    forecast,
-                    mission,
-                    drone: odometry,
-                    autopilot,
-                },
-            )
-            .plan;
-        if let Some(plan) = solved {
+        let input = PlannerIn {
+            forecast,
+            mission,
+            drone: odometry,
+            autopilot,
+        };
+        let solved = self.planner.step(drone_now, &input);
+        tap.planner(t, drone_now, &input, &solved);
+        if let Some(plan) = solved.plan {
             // A full line means plans that nobody fetches: the oldest state is lost, no more.
             let _full = self
                 .plans
                 .push(t + Span::from_secs(self.scenario.solve_delay_s), plan);
         }
 
-        let set_point = self
-            .pilot
-            .step(
-                drone_now,
-                &PilotIn {
-                    plan,
-                    mission,
-                    forecast,
-                    drone: odometry,
-                    autopilot,
-                    ranges: seen.ranges,
-                },
-            )
-            .set_point;
+        let input = PilotIn {
+            plan,
+            mission,
+            forecast,
+            drone: odometry,
+            autopilot,
+            ranges: seen.ranges,
+        };
+        let flown = self.pilot.step(drone_now, &input);
+        tap.pilot(t, drone_now, &input, &flown);
+        let set_point = flown.set_point;
         self.last_set_point = set_point.or(self.last_set_point);
         if let Some(set_point) = &set_point {
             drone.apply(set_point);

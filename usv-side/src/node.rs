@@ -6,6 +6,7 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
+use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
 use crate::estimator::{Estimator, Gated};
@@ -16,7 +17,7 @@ const MOST_PER_STEP: usize = 100;
 const FUTURE_S: f64 = 0.02;
 
 /// What arrived since the last step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselIn {
     /// Inertial samples.
     pub imu: Vec<ImuSample>,
@@ -29,7 +30,7 @@ pub struct VesselIn {
 }
 
 /// What the vessel says.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselOut {
     /// State estimate, when due.
     pub estimate: Option<VesselEstimate<VesselClock>>,

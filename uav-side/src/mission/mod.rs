@@ -27,6 +27,7 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::{config::Check, topics};
+use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
 use rows::blind_limit;
@@ -34,7 +35,7 @@ use situation::{Deck, Flight, Own, Situation};
 use transition::{Decision, HoldCause, Progress, decide};
 
 /// What arrives.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionIn {
     /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
@@ -51,7 +52,7 @@ pub struct MissionIn {
 }
 
 /// What the mission says.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionOut {
     /// The state: 50 Hz, and at once when it changes.
     pub state: Option<MissionState>,

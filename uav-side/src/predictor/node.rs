@@ -9,6 +9,7 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::axis::{Axis, AxisNoise, MEAN, RATE, Row, VISION};
 use super::config::PredictorConfig;
@@ -20,7 +21,7 @@ use super::track::Track;
 use super::waves::{AXES, Waves};
 
 /// What arrived since the last step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorIn {
     /// The vessel's state.
     pub estimate: Option<VesselEstimate<DroneClock>>,
@@ -41,7 +42,7 @@ pub struct PredictorIn {
 }
 
 /// What it says.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorOut {
     /// The deck's forecast, at the predictor's rate, while anything is known.
     pub forecast: Option<DeckForecast>,

@@ -1,0 +1,61 @@
+//! Recordings: a flight in one MCAP file, to look at and to compute again.
+//!
+//! A recording holds, with the world's time as log time,
+//! - `/node/*`: each step of each node, bit for bit ([`entry`]); the configurations are
+//!   attachments. [`replay`] feeds them to new nodes and compares every output.
+//! - everything else: Foxglove's well-known schemas where there is one and flat protobuf messages
+//!   of figures where there is none ([`show`]), at display rates.
+
+pub mod args;
+mod entry;
+mod figures;
+mod flat;
+mod recorder;
+pub mod replay;
+mod scene;
+mod show;
+mod sink;
+
+use std::path::Path;
+
+use alight_sim::trial::{Flight, Watch};
+use recorder::Recorder;
+
+use crate::Refused;
+
+pub use recorder::Subject;
+
+/// The nodes in data-flow order.
+pub const NODES: [&str; 6] = ["vessel", "bridge", "predictor", "mission", "planner", "pilot"];
+/// Name of the metadata that says what was recorded.
+const RECORDING: &str = "recording";
+/// Name of the attached configuration of the vessel's side.
+const VESSEL_FILE: &str = "vessel.toml";
+/// Name of the attached configuration of the drone's side.
+const DRONE_FILE: &str = "drone.toml";
+
+/// Flies the subject's trial and records it to `path`.
+pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Flight, Refused> {
+    let mut recorder = Recorder::create(path, subject)?;
+    let Subject {
+        scenario,
+        nodes,
+        seed,
+        sea,
+    } = *subject;
+    let flight = alight_sim::trial::fly_with(scenario, nodes, seed, sea, watch, &mut recorder)
+        .map_err(|e| Refused::because("setting up the trial", e))?;
+    let outcome = &flight.outcome;
+    let values = [
+        ("outcome", outcome.outcome.name().to_string()),
+        ("reason", outcome.reason.clone()),
+        ("digest", outcome.digest.clone()),
+    ];
+    recorder.finish(path, &values)?;
+    Ok(flight)
+}
+
+/// Where a node's steps are.
+fn topic(node: &str) -> String {
+    format!("/node/{node}")
+}

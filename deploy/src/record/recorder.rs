@@ -1,0 +1,170 @@
+//! The tap: every node's step to its own channel, and what a person looks at besides.
+
+use std::path::Path;
+
+use alight_bridge::{BridgeIn, BridgeOut};
+use alight_shared::frames::{DroneBody, VesselBody};
+use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_shared::wire::{self, WireError};
+use alight_sim::body::RigidState;
+use alight_sim::scenario::{NodeConfigs, Scenario};
+use alight_sim::tap::Tap;
+use alight_sim::world::{BOOT, DRONE_ID, VESSEL_ID};
+use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::{PlannerIn, PlannerOut};
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_usv::{VesselIn, VesselOut};
+use mcap::McapError;
+use serde::Serialize;
+
+use super::entry::{ENCODING, Entry, FORMAT, MissionEntry, PilotEntry, PlannerEntry};
+use super::show::Show;
+use super::sink::{Channel, Opening, Sink};
+use super::{NODES, topic};
+use crate::Refused;
+use crate::configs::DroneFile;
+
+/// What is recorded.
+pub struct Subject<'a> {
+    /// The world.
+    pub scenario: &'a Scenario,
+    /// The nodes.
+    pub nodes: &'a NodeConfigs,
+    /// The seed.
+    pub seed: u64,
+    /// The sea as the person named it.
+    pub sea: &'a str,
+}
+
+/// Records a flight.
+pub struct Recorder {
+    sink: Sink,
+    /// In the order of [`NODES`].
+    inputs: [Channel; NODES.len()],
+    show: Show,
+    failed: Option<WireError>,
+}
+
+impl Recorder {
+    /// Creates the file and writes what does not change: configurations and initial state (a node
+    /// begins as its configuration makes it).
+    pub fn create(path: &Path, subject: &Subject<'_>) -> Result<Recorder, Refused> {
+        let doing = || format!("recording to {}", path.display());
+        let vessel = toml::to_string(&subject.nodes.vessel).map_err(|e| Refused::because(doing(), e))?;
+        let drone = toml::to_string(&DroneFile {
+            bridge: subject.nodes.bridge.clone(),
+            drone: subject.nodes.drone.clone(),
+        })
+        .map_err(|e| Refused::because(doing(), e))?;
+        let scenario = toml::to_string(subject.scenario).map_err(|e| Refused::because(doing(), e))?;
+        let texts = [
+            (super::VESSEL_FILE, vessel),
+            (super::DRONE_FILE, drone),
+            ("scenario.toml", scenario),
+        ];
+        Self::open(path, subject, &texts)
+            .map_err(|e| Refused::because(doing(), format!("{e}; choose a path that can be written")))
+    }
+    fn open(path: &Path, subject: &Subject<'_>, texts: &[(&str, String)]) -> Result<Recorder, McapError> {
+        let mut opening = Opening::create(path)?;
+        let values = [
+            ("format", FORMAT.to_string()),
+            ("program", env!("CARGO_PKG_VERSION").to_string()),
+            ("seed", subject.seed.to_string()),
+            ("sea", subject.sea.to_string()),
+            ("vessel_id", VESSEL_ID.to_string()),
+            ("drone_id", DRONE_ID.to_string()),
+            ("boot", BOOT.to_string()),
+        ];
+        opening.metadata(super::RECORDING, &values)?;
+        for (name, text) in texts {
+            opening.attach(name, text)?;
+        }
+        let mut inputs = [Channel::default(); NODES.len()];
+        for (channel, node) in inputs.iter_mut().zip(NODES) {
+            *channel = opening.raw(&topic(node), ENCODING)?;
+        }
+        let show = Show::new(&mut opening, subject.scenario)?;
+        Ok(Recorder {
+            sink: opening.start(),
+            inputs,
+            show,
+            failed: None,
+        })
+    }
+
+    fn entry<I: Serialize, O: Serialize>(
+        &mut self,
+        node: usize,
+        t: Time<TrueTime>,
+        now_ns: i64,
+        input: I,
+        output: &O,
+    ) {
+        let wrote = wire::hash_record(output).and_then(|output| {
+            let entry = Entry {
+                now_ns,
+                input,
+                output,
+            };
+            self.sink
+                .message(self.inputs[node], stamp(t), |to| wire::append_record(to, &entry))
+        });
+        if let Err(e) = wrote {
+            self.failed.get_or_insert(e);
+        }
+    }
+
+    /// Ends the recording with what came out of the flight.
+    pub fn finish(self, path: &Path, outcome: &[(&str, String)]) -> Result<(), Refused> {
+        let doing = || format!("recording to {}", path.display());
+        self.sink
+            .finish("outcome", outcome)
+            .map_err(|e| Refused::because(doing(), e))?;
+        match self.failed {
+            Some(e) => Err(Refused::because(doing(), e)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Time of a message in the file: the world's time.
+pub fn stamp(t: Time<TrueTime>) -> u64 {
+    u64::try_from(t.nanos()).unwrap_or_default()
+}
+
+impl Tap for Recorder {
+    fn truth(
+        &mut self,
+        t: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        drone: Option<&RigidState<DroneBody>>,
+    ) {
+        self.show.truth(&mut self.sink, t, vessel, drone);
+    }
+    fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &VesselIn, o: &VesselOut) {
+        self.entry(0, t, now.nanos(), i, o);
+        self.show.vessel(&mut self.sink, t, i, o);
+    }
+    fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {
+        self.entry(1, t, now.nanos(), i, o);
+        self.show.bridge(&mut self.sink, t, o);
+    }
+    fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
+        self.entry(2, t, now.nanos(), i, o);
+        self.show.predictor(&mut self.sink, t, i, o);
+    }
+    fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
+        self.entry(3, t, now.nanos(), MissionEntry::from(i), o);
+        self.show.mission(&mut self.sink, t, i, o);
+    }
+    fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
+        self.entry(4, t, now.nanos(), PlannerEntry::from(i), o);
+        self.show.planner(&mut self.sink, t, now, o);
+    }
+    fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
+        self.entry(5, t, now.nanos(), PilotEntry::from(i), o);
+        self.show.pilot(&mut self.sink, t, now, i, o);
+    }
+}

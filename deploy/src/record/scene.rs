@@ -1,0 +1,161 @@
+//! Shapes of vessel, deck, drone and water as a `foxglove.SceneUpdate`.
+
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_sim::scenario::Scenario;
+use foxglove::messages::{
+    Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive,
+    Timestamp, Vector3,
+};
+use nalgebra::UnitQuaternion;
+
+/// Frames of the scene.
+pub mod frame {
+    /// Foxglove's fixed frame: east, north, up.
+    pub const WORLD: &str = "world";
+    /// The true NED.
+    pub const NED: &str = "ned";
+    /// The vessel's body.
+    pub const VESSEL: &str = "vessel";
+    /// The deck.
+    pub const DECK: &str = "deck";
+    /// The drone's body.
+    pub const DRONE: &str = "drone";
+    /// The camera.
+    pub const CAMERA: &str = "camera";
+    /// The NED of the drone's odometry, laid so that the odometry meets the true drone.
+    pub const DRONE_NED: &str = "drone_ned";
+}
+
+/// A vector.
+pub fn vector(v: [f64; 3]) -> Vector3 {
+    Vector3 {
+        x: v[0],
+        y: v[1],
+        z: v[2],
+    }
+}
+/// A rotation.
+pub fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
+    Quaternion {
+        x: q.i,
+        y: q.j,
+        z: q.k,
+        w: q.w,
+    }
+}
+/// A pose.
+pub fn pose(position: [f64; 3], attitude: &UnitQuaternion<f64>) -> Pose {
+    Pose {
+        position: Some(vector(position)),
+        orientation: Some(quaternion(attitude)),
+    }
+}
+
+fn color(r: f64, g: f64, b: f64, a: f64) -> Option<Color> {
+    Some(Color { r, g, b, a })
+}
+fn cube(centre: [f64; 3], size: [f64; 3], color: Option<Color>) -> CubePrimitive {
+    CubePrimitive {
+        pose: Some(pose(centre, &UnitQuaternion::identity())),
+        size: Some(vector(size)),
+        color,
+    }
+}
+
+/// The scene at `timestamp`; shapes move with their frames.
+pub fn scene(timestamp: Timestamp, scenario: &Scenario) -> SceneUpdate {
+    let entity = |frame: &str, id: &str| SceneEntity {
+        timestamp: Some(timestamp),
+        frame_id: frame.into(),
+        id: id.into(),
+        frame_locked: true,
+        ..SceneEntity::default()
+    };
+    let vessel = SceneEntity {
+        cubes: hulls(&scenario.deck),
+        ..entity(frame::VESSEL, "vessel")
+    };
+    let deck = SceneEntity {
+        cubes: deck(&scenario.deck),
+        ..entity(frame::DECK, "deck")
+    };
+    let drone = SceneEntity {
+        cubes: vec![cube([0.0; 3], [0.3, 0.2, 0.1], color(0.2, 0.2, 0.2, 1.0))],
+        cylinders: rotors(&scenario.airframe),
+        spheres: feet(&scenario.airframe),
+        ..entity(frame::DRONE, "drone")
+    };
+    let water = SceneEntity {
+        cubes: vec![cube([0.0; 3], [200.0, 200.0, 0.02], color(0.1, 0.35, 0.6, 0.35))],
+        ..entity(frame::NED, "water")
+    };
+    SceneUpdate {
+        deletions: Vec::new(),
+        entities: vec![vessel, deck, drone, water],
+    }
+}
+
+/// Two hulls under the deck: for the eye only.
+fn hulls(deck: &DeckGeometry) -> Vec<CubePrimitive> {
+    let (length, side) = (1.9 * deck.length_m, 0.7 * deck.width_m);
+    let grey = color(0.75, 0.77, 0.8, 1.0);
+    vec![
+        cube([0.0, -side, 0.0], [length, 0.4, 0.5], grey),
+        cube([0.0, side, 0.0], [length, 0.4, 0.5], grey),
+        cube(
+            [deck.centre_m[0], 0.0, 0.5 * deck.centre_m[2]],
+            [0.1, 2.0 * side, -deck.centre_m[2]],
+            grey,
+        ),
+    ]
+}
+fn deck(deck: &DeckGeometry) -> Vec<CubePrimitive> {
+    let thickness = 0.06;
+    let tag = deck.tag_side_m;
+    let mut centre = deck.tag_centre_m;
+    centre[2] -= 0.005;
+    vec![
+        cube(
+            [0.0, 0.0, 0.5 * thickness],
+            [deck.length_m, deck.width_m, thickness],
+            color(0.85, 0.55, 0.2, 1.0),
+        ),
+        cube(centre, [tag, tag, 0.01], color(0.05, 0.05, 0.05, 1.0)),
+        // Forward on the tag.
+        cube(
+            [centre[0] + 0.25 * tag, centre[1], centre[2] - 0.005],
+            [0.3 * tag, 0.1 * tag, 0.01],
+            color(1.0, 1.0, 1.0, 1.0),
+        ),
+    ]
+}
+fn rotors(drone: &DroneGeometry) -> Vec<CylinderPrimitive> {
+    let at = drone.arm_m / core::f64::consts::SQRT_2;
+    [[at, at], [at, -at], [-at, at], [-at, -at]]
+        .map(|[x, y]| CylinderPrimitive {
+            pose: Some(pose([x, y, -0.06], &UnitQuaternion::identity())),
+            size: Some(vector([0.36, 0.36, 0.02])),
+            bottom_scale: 1.0,
+            top_scale: 1.0,
+            // Front rotors red.
+            color: if x > 0.0 {
+                color(0.85, 0.15, 0.1, 0.8)
+            } else {
+                color(0.2, 0.2, 0.25, 0.8)
+            },
+        })
+        .into()
+}
+fn feet(drone: &DroneGeometry) -> Vec<SpherePrimitive> {
+    let [x, y] = drone.feet_span_m.map(|s| 0.5 * s);
+    [[x, y], [x, -y], [-x, y], [-x, -y]]
+        .map(|[x, y]| SpherePrimitive {
+            pose: Some(pose(
+                [x, y, drone.feet_below_m - 0.02],
+                &UnitQuaternion::identity(),
+            )),
+            size: Some(vector([0.04; 3])),
+            color: color(0.9, 0.8, 0.1, 1.0),
+        })
+        .into()
+}

@@ -1,0 +1,173 @@
+//! The file: an MCAP that a thread of its own compresses and writes, so that the flight does not
+//! wait for it.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
+
+/// A batch goes to the thread when it holds this many bytes.
+const BATCH_BYTES: usize = 256 << 10;
+/// Batches under way at most; then the flight waits for the disk.
+const BATCHES: usize = 8;
+/// A chunk of the file, before compression.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// A channel of the file.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Channel(u16);
+
+/// Messages on their way to the file.
+#[derive(Default)]
+struct Batch {
+    bytes: Vec<u8>,
+    /// Channel, time (ns) and end in `bytes` of each message.
+    marks: Vec<(u16, u64, usize)>,
+}
+
+/// A file that is being written, before its first message.
+pub struct Opening(Writer<BufWriter<File>>);
+
+impl Opening {
+    /// Creates the file.
+    pub fn create(path: &Path) -> Result<Opening, McapError> {
+        let options = WriteOptions::new()
+            .profile("")
+            .library(concat!("alight ", env!("CARGO_PKG_VERSION")))
+            .chunk_size(Some(CHUNK_BYTES))
+            .compression(Some(Compression::Lz4));
+        Ok(Opening(options.create(BufWriter::new(File::create(path)?))?))
+    }
+    /// A channel of bytes that only Alight reads.
+    pub fn raw(&mut self, topic: &str, encoding: &str) -> Result<Channel, McapError> {
+        Ok(Channel(self.0.add_channel(
+            0,
+            topic,
+            encoding,
+            &BTreeMap::new(),
+        )?))
+    }
+    /// A channel of protobuf messages; `schema` is its name and its file descriptor set.
+    pub fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<Channel, McapError> {
+        let id = self.0.add_schema(schema.0, "protobuf", schema.1)?;
+        Ok(Channel(self.0.add_channel(
+            id,
+            topic,
+            "protobuf",
+            &BTreeMap::new(),
+        )?))
+    }
+    /// A text that belongs to the recording.
+    pub fn attach(&mut self, name: &str, text: &str) -> Result<(), McapError> {
+        self.0.attach(&Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.into(),
+            media_type: "application/toml".into(),
+            data: text.as_bytes().into(),
+        })
+    }
+    /// Names and values that belong to the recording.
+    pub fn metadata(&mut self, name: &str, values: &[(&str, String)]) -> Result<(), McapError> {
+        self.0.write_metadata(&metadata(name, values))
+    }
+    /// From now on messages.
+    pub fn start(self) -> Sink {
+        let (to, batches) = sync_channel(BATCHES);
+        let (give_back, free) = sync_channel(BATCHES);
+        let writer = self.0;
+        Sink {
+            batch: Batch::default(),
+            to,
+            free,
+            thread: std::thread::spawn(move || write(writer, &batches, &give_back)),
+        }
+    }
+}
+
+fn metadata(name: &str, values: &[(&str, String)]) -> Metadata {
+    Metadata {
+        name: name.into(),
+        metadata: values.iter().map(|(k, v)| (k.to_string(), v.clone())).collect(),
+    }
+}
+
+fn write(
+    mut writer: Writer<BufWriter<File>>,
+    batches: &Receiver<Batch>,
+    give_back: &SyncSender<Batch>,
+) -> Result<Writer<BufWriter<File>>, McapError> {
+    let mut sequences = BTreeMap::<u16, u32>::new();
+    while let Ok(mut batch) = batches.recv() {
+        let mut begin = 0;
+        for (channel_id, t, end) in batch.marks.drain(..) {
+            let sequence = sequences.entry(channel_id).or_default();
+            let header = MessageHeader {
+                channel_id,
+                sequence: *sequence,
+                log_time: t,
+                publish_time: t,
+            };
+            *sequence = sequence.wrapping_add(1);
+            writer.write_to_known_channel(&header, batch.bytes.get(begin..end).unwrap_or_default())?;
+            begin = end;
+        }
+        batch.bytes.clear();
+        // A full line back only means that this buffer is not used again.
+        let _unused = give_back.try_send(batch);
+    }
+    Ok(writer)
+}
+
+/// A file that takes messages.
+pub struct Sink {
+    batch: Batch,
+    to: SyncSender<Batch>,
+    free: Receiver<Batch>,
+    thread: JoinHandle<Result<Writer<BufWriter<File>>, McapError>>,
+}
+
+impl Sink {
+    /// A message of time `t_ns`, encoded by `encode` to the end of what it is given.
+    pub fn message<E>(
+        &mut self,
+        channel: Channel,
+        t_ns: u64,
+        encode: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let begin = self.batch.bytes.len();
+        if let Err(e) = encode(&mut self.batch.bytes) {
+            self.batch.bytes.truncate(begin);
+            return Err(e);
+        }
+        self.batch.marks.push((channel.0, t_ns, self.batch.bytes.len()));
+        if self.batch.bytes.len() >= BATCH_BYTES {
+            self.send();
+        }
+        Ok(())
+    }
+    fn send(&mut self) {
+        let empty = self.free.try_recv().unwrap_or_default();
+        // A thread that ended has its error ready for `finish`.
+        let _ended = self.to.send(core::mem::replace(&mut self.batch, empty));
+    }
+    /// Writes what is left, and how it ended.
+    pub fn finish(mut self, name: &str, values: &[(&str, String)]) -> Result<(), McapError> {
+        self.send();
+        drop(self.to);
+        let Ok(written) = self.thread.join() else {
+            return Err(McapError::Io(std::io::Error::other(
+                "the writing thread panicked",
+            )));
+        };
+        let mut writer = written?;
+        writer.write_metadata(&metadata(name, values))?;
+        writer.finish()?;
+        Ok(())
+    }
+}
