@@ -125,3 +125,67 @@ fn tag_and_rangefinder_find_the_deck_they_look_at() {
     };
     assert!(observation::range(&sample, &drone, &away, &c).is_none());
 }
+
+#[test]
+fn a_turning_vessel_keeps_its_speed_and_its_velocity_turns_with_it() {
+    use alight_shared::time::{DroneClock, Time};
+    use alight_uav::predictor::axis::RATE;
+    use alight_uav::predictor::filter::Filter;
+    use alight_uav::predictor::observation::{Kind, Observation};
+
+    // Given a vessel at 2 m/s to the north that turns at 0.3 rad/s,
+    let config = PredictorConfig::default();
+    let waves = Waves::new(&config);
+    let told = |at: f64, north: f64, east: f64, yaw: f64, rate: [f64; 3]| Observation {
+        at: Time::<DroneClock>::from_secs(at),
+        kind: Kind::Estimate,
+        value: [
+            Some((north, 1e-4)),
+            Some((east, 1e-4)),
+            Some((0.0, 1e-4)),
+            Some((0.0, 1e-4)),
+            Some((0.0, 1e-4)),
+            Some((yaw, 1e-6)),
+        ],
+        rate: [
+            Some((rate[0], 1e-4)),
+            Some((rate[1], 1e-4)),
+            Some((0.0, 1e-4)),
+            None,
+            None,
+            Some((rate[2], 1e-6)),
+        ],
+    };
+    let turn = 0.3;
+    let at = |t: f64| {
+        let (s, c) = f64::sin_cos(turn * t);
+        let radius = 2.0 / turn;
+        told(
+            t,
+            radius * s,
+            radius * (1.0 - c),
+            turn * t,
+            [2.0 * c, 2.0 * s, turn],
+        )
+    };
+    let mut filter = Filter::new(AxisNoise::all(&config), config.gate_sd, &waves, &at(0.0));
+    for k in 1..300 {
+        filter.fuse(&waves, &at(f64::from(k) * 0.033));
+    }
+    // when nothing more is told for half a second,
+    let now = 299.0 * 0.033;
+    let before = filter.at(&waves, Time::from_secs(now));
+    let after = filter.at(&waves, Time::from_secs(now + 0.5));
+    // then the mean velocity has turned and kept its size,
+    let heading = |s: &alight_uav::predictor::filter::State| s[1].x[RATE].atan2(s[0].x[RATE]);
+    let speed = |s: &alight_uav::predictor::filter::State| s[1].x[RATE].hypot(s[0].x[RATE]);
+    let turned = alight_shared::frames::wrap_angle(heading(&after) - heading(&before));
+    assert!((0.08..0.17).contains(&turned), "{turned}");
+    assert!((speed(&after) / speed(&before) - 1.0).abs() < 0.02);
+    // it is less certain than on a vessel at rest, but only while the radio speaks.
+    let walk = |f: &Filter, s| f.noise(s)[0].rate_walk;
+    let still = AxisNoise::all(&config)[0].rate_walk;
+    assert!(walk(&filter, &after) > 4.0 * still);
+    filter.hear(false);
+    assert_eq!(walk(&filter, &after), still);
+}
