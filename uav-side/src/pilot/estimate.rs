@@ -13,6 +13,8 @@ pub(crate) struct FlightEstimate {
     nominal: f64,
     told: bool,
     disturbance: Vector2<f64>,
+    /// Horizontal velocity that attitude, thrust and disturbance explain, m/s; None at rest.
+    velocity: Option<Vector2<f64>>,
     /// Thrust that acts after the lag, 0 to 1.
     acting: Option<f64>,
 }
@@ -25,6 +27,7 @@ impl FlightEstimate {
             nominal,
             told: false,
             disturbance: Vector2::zeros(),
+            velocity: None,
             acting: None,
         }
     }
@@ -70,19 +73,36 @@ impl FlightEstimate {
             self.hover += (1.0 - (-dt / c.hover_time_s).exp()) * (sample - self.hover);
         }
     }
-    /// Rotors push along the body's z axis only, so what the accelerometers feel across it is
-    /// drag: `d = R [f_x, f_y, 0]`, slowly averaged.
+    /// What attitude and thrust do not explain of the horizontal velocity: wind, and the errors of
+    /// attitude and accelerometers, all as the odometry sees them. A Luenberger observer,
+    /// `v' = (R [0, 0, f_z])_xy + d + 2 w (v_m - v)`, `d' = w² (v_m - v)`, with both poles at
+    /// `w = 1 / disturbance_time_s`. Drag felt by the accelerometers would be quicker, but their bias
+    /// of 0.05 m/s² and the tilt's of 0.3 deg would each cost 3 cm.
     pub(crate) fn learn_disturbance(
         &mut self,
         force: &Vector3<f64>,
         attitude: &UnitQuaternion<f64>,
+        velocity: &Vector3<f64>,
         dt: f64,
         c: &TrackingConfig,
     ) {
-        let across = attitude * Vector3::new(force.x, force.y, 0.0);
+        let measured = velocity.xy();
+        let thrust = attitude * Vector3::new(0.0, 0.0, force.z);
+        let w = 1.0 / c.disturbance_time_s;
+        let v = self.velocity.unwrap_or(measured);
+        let wrong = measured - v;
+        // A jump of the odometry is not a force.
+        if !(wrong.norm() < 2.0) || !thrust.norm().is_finite() {
+            self.velocity = None;
+            return;
+        }
+        self.velocity = Some(v + (thrust.xy() + self.disturbance + wrong * (2.0 * w)) * dt);
         let most = c.disturbance_limit_mps2;
-        let sample = across.xy().map(|v| v.clamp(-most, most));
-        self.disturbance += (sample - self.disturbance) * (1.0 - (-dt / c.disturbance_time_s).exp());
+        self.disturbance = (self.disturbance + wrong * (w * w * dt)).map(|d| d.clamp(-most, most));
+    }
+    /// In contact or without odometry the observer starts anew; what it found stays.
+    pub(crate) fn pause_disturbance(&mut self) {
+        self.velocity = None;
     }
     fn plausible(&self, hover: f64) -> bool {
         (0.5 * self.nominal..=2.0 * self.nominal).contains(&hover) && hover < 0.95

@@ -27,7 +27,6 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
 use attitude::rates_of;
@@ -36,7 +35,7 @@ use touchdown::{Detector, Evidence, press_share};
 use tracking::{AttitudeCommand, Authority, Body, Tracker};
 
 /// What arrives.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct PilotIn {
     /// The planner's trajectory.
     pub plan: Option<Plan>,
@@ -53,7 +52,7 @@ pub struct PilotIn {
 }
 
 /// What the pilot says.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct PilotOut {
     /// The set-point, every step.
     pub set_point: Option<SetPoint>,
@@ -322,6 +321,7 @@ impl Pilot {
         let force = Vector3::from(d.specific_force);
         let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
         if !free {
+            self.estimate.pause_disturbance();
             return;
         }
         let c = &self.config.tracking;
@@ -333,7 +333,8 @@ impl Pilot {
         if let Some(u) = self.estimate.acting().or(told) {
             self.estimate.learn_hover(&force, u, dt, c);
         }
-        self.estimate.learn_disturbance(&force, &d.attitude(), dt, c);
+        self.estimate
+            .learn_disturbance(&force, &d.attitude(), &d.velocity(), dt, c);
     }
 
     fn evidence(

@@ -1,6 +1,6 @@
 //! The tracking loop: plan and odometry in, attitude and thrust out.
 //!
-//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - d`, turned into a thrust vector and by flatness into an
+//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - d + Ka e_a`, turned into a thrust vector and by flatness into an
 //! attitude. The plan's own attitude enters with the autopilot's lag compensated, the feedback as
 //! it is, and its authority over the tilt shrinks towards the deck: the drone has to have the
 //! plan's attitude at the contact, a few centimetres beside the plan's place.
@@ -108,11 +108,26 @@ impl Tracker {
             GRAVITY * authority.tilt.tan(),
         );
 
-        let euler = lead(&stage.euler, &stage.euler_rates, lag);
+        let euler = lead(&stage.euler, &stage.euler_rates, lag + c.rate_lag_s);
         let planned = UnitQuaternion::from_euler_angles(euler[0], euler[1], euler[2]);
         let down = stage.acceleration[2] + vertical;
         let mut thrust = thrust_of_attitude(&planned, down, GRAVITY);
         let push = horizontal - estimate.disturbance() * authority.disturbance;
+        // The attitude is a state of the loop like place and velocity: feeding it back pays for
+        // their higher gains.
+        let [roll, pitch, yaw] = stage.euler;
+        let meant = thrust_of_attitude(
+            &UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+            down,
+            GRAVITY,
+        );
+        let is = thrust_of_attitude(&body.attitude, down, GRAVITY);
+        let lean = meant.xy() - is.xy() - estimate.disturbance() * authority.disturbance + self.integral.xy();
+        let push = push
+            + cut2(
+                lean * c.attitude_gain,
+                GRAVITY * c.descent_feedback_tilt_rad.tan(),
+            );
         thrust.x += push.x;
         thrust.y += push.y;
         let thrust = lean_limited(&thrust, c.tilt_limit_rad, c.least_thrust_of_hover * GRAVITY);

@@ -31,7 +31,6 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
 
@@ -41,7 +40,7 @@ use reference::{Aim, Guide, clearance, tilt_of, up_of};
 use rendezvous::{Rendezvous, true_tilt};
 
 /// What the planner hears.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlannerIn {
     /// The predicted deck.
     pub forecast: Option<DeckForecast>,
@@ -54,7 +53,7 @@ pub struct PlannerIn {
 }
 
 /// What it says.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlannerOut {
     /// A new plan, starting now.
     pub plan: Option<Plan>,
@@ -238,6 +237,15 @@ impl Planner {
         match self.last_solve {
             Some((at, before)) => before != phase || (now - at).secs() >= 1.0 / rate - EARLY_S,
             None => true,
+        }
+    }
+
+    /// The rendezvous begins where the drone is: what the autopilot's own position loop has left
+    /// open, 0.5 m or more, would take the pilot longer to close than the landing lasts.
+    fn begin_landing(&mut self, phase: Phase) {
+        let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
+        if begins && self.config.kind == PlannerKind::Alight {
+            self.flight = None;
         }
     }
 
@@ -426,6 +434,7 @@ impl Node for Planner {
                 if !self.due(now, phase) {
                     return PlannerOut::default();
                 }
+                self.begin_landing(phase);
                 self.last_solve = Some((now, phase));
                 let mut plan = self.plan(now, &mission);
                 if let Some(plan) = &mut plan {

@@ -34,6 +34,10 @@ pub struct ProfileConfig {
     pub sink_mps: f64,
     /// Deceleration before the soft part, m/s².
     pub braking_mps2: f64,
+    /// Greatest acceleration downwards, m/s².
+    pub acceleration_mps2: f64,
+    /// When late, sinking at most this much faster than `sink_mps`, m/s.
+    pub hurry_mps: f64,
     /// Speed of the soft part relative to the deck, m/s.
     pub touch_mps: f64,
     /// Duration of the soft part, s.
@@ -52,6 +56,8 @@ impl Default for ProfileConfig {
         ProfileConfig {
             sink_mps: 2.5,
             braking_mps2: 2.0,
+            acceleration_mps2: 3.0,
+            hurry_mps: 0.5,
             touch_mps: 0.28,
             soft_s: 0.35,
             press_m: 0.5,
@@ -65,6 +71,8 @@ impl Check for ProfileConfig {
         at.range("touch_mps", self.touch_mps, 0.05, 1.0)?;
         at.range("sink_mps", self.sink_mps, self.touch_mps, 4.0)?;
         at.range("braking_mps2", self.braking_mps2, 0.2, 6.0)?;
+        at.range("acceleration_mps2", self.acceleration_mps2, 0.2, 8.0)?;
+        at.range("hurry_mps", self.hurry_mps, 0.0, 4.0)?;
         at.range("soft_s", self.soft_s, 0.0, 5.0)?;
         at.range("press_m", self.press_m, 0.01, 1.0)?;
         at.range("heave_below_m", self.heave_below_m, 0.3, 50.0)?;
@@ -160,8 +168,8 @@ impl Default for RendezvousConfig {
             after_s: 0.3,
             horizontal: meeting(20.0, 300.0),
             horizontal_velocity: meeting(4.0, 60.0),
-            tilt: meeting(2.0, 9600.0),
-            rates: meeting(1.0, 30.0),
+            tilt: meeting(50.0, 9600.0),
+            rates: meeting(5.0, 30.0),
             vertical: meeting(40.0, 1000.0),
             vertical_velocity: meeting(40.0, 300.0),
         }

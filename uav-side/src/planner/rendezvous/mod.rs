@@ -121,11 +121,22 @@ impl Rendezvous {
                 floor: clearance,
             }
         };
+        let begin = Height {
+            clearance,
+            sinking: start[8] - here.velocity[2] * self.share(clearance),
+        };
         for k in 0..problem.reference.len() {
             let Some(deck) = aim.deck.get(k + 1) else {
                 break;
             };
-            self.stage(k, step_s * (k as f64 + 1.0), deck, &way, aim.mean_z, problem);
+            let time = step_s * (k as f64 + 1.0);
+            let (wanted, lowest) = (self.wanted(time, &way), self.lowest(&begin, time));
+            let height = if lowest.clearance > wanted.clearance {
+                lowest
+            } else {
+                wanted
+            };
+            self.stage(k, time, &height, deck, &way, aim.mean_z, problem);
         }
         permitted.then_some(way.left)
     }
@@ -143,7 +154,8 @@ impl Rendezvous {
         deck.position[2] + self.feet * deck.normal().z
     }
 
-    fn height(&self, time: f64, way: &Way) -> Height {
+    /// The height that the profile has `time` from now, where it can be followed.
+    fn wanted(&self, time: f64, way: &Way) -> Height {
         let wanted = if way.left.is_finite() {
             self.profile.at(way.left - time)
         } else {
@@ -161,12 +173,33 @@ impl Rendezvous {
         wanted
     }
 
-    fn stage(&self, k: usize, time: f64, deck: &DeckStage, way: &Way, mean_z: f64, problem: &mut Problem) {
+    /// How low the drone can be `time` after `h` at bounded acceleration: a reference that falls
+    /// faster leaves the rotors too little thrust to hold the place.
+    fn lowest(&self, h: &Height, time: f64) -> Height {
+        let c = &self.config.profile;
+        let most = (c.sink_mps + c.hurry_mps).max(h.sinking);
+        let until = ((most - h.sinking) / c.acceleration_mps2).min(time);
+        let fallen = h.sinking * until + 0.5 * c.acceleration_mps2 * until * until;
+        Height {
+            clearance: h.clearance - fallen - most * (time - until),
+            sinking: h.sinking + c.acceleration_mps2 * until,
+        }
+    }
+
+    fn stage(
+        &self,
+        k: usize,
+        time: f64,
+        h: &Height,
+        deck: &DeckStage,
+        way: &Way,
+        mean_z: f64,
+        problem: &mut Problem,
+    ) {
         let (Some(r), Some(q)) = (problem.reference.get_mut(k), problem.weight.get_mut(k)) else {
             return;
         };
         let c = &self.config;
-        let h = self.height(time, way);
         let share = self.share(h.clearance);
         let n = deck.normal();
         let spin =
