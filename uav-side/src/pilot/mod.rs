@@ -27,6 +27,7 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
 use attitude::rates_of;
@@ -35,7 +36,7 @@ use touchdown::{Detector, Evidence, press_share};
 use tracking::{AttitudeCommand, Authority, Body, Tracker};
 
 /// What arrives.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotIn {
     /// The planner's trajectory.
     pub plan: Option<Plan>,
@@ -52,7 +53,7 @@ pub struct PilotIn {
 }
 
 /// What the pilot says.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotOut {
     /// The set-point, every step.
     pub set_point: Option<SetPoint>,

@@ -11,11 +11,12 @@ use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
 
 use super::config::TouchdownConfig;
+use serde::{Deserialize, Serialize};
 
 type Instant = Time<DroneClock>;
 
 /// The figures on which a touchdown was confirmed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Touchdown {
     /// Identity; `at` is the time of confirmation.
     pub header: Header<DroneClock>,

@@ -31,6 +31,7 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
 
@@ -40,7 +41,7 @@ use reference::{Aim, Guide, clearance, tilt_of, up_of};
 use rendezvous::{Rendezvous, true_tilt};
 
 /// What the planner hears.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerIn {
     /// The predicted deck.
     pub forecast: Option<DeckForecast>,
@@ -53,7 +54,7 @@ pub struct PlannerIn {
 }
 
 /// What it says.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerOut {
     /// A new plan, starting now.
     pub plan: Option<Plan>,
