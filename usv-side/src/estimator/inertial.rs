@@ -16,6 +16,8 @@ const PATIENCE: u32 = 25;
 /// What the model of specific force leaves out (lever-arm errors, second order in the tilt), m/s².
 const FORCE_MODEL_SD: f64 = 0.03;
 
+/// Largest innovation that counts as possibly true, rad/s, m/s².
+const MOST_MISSED: f64 = 50.0;
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
 
@@ -35,13 +37,19 @@ impl Filter {
         )
     }
 
-    /// Tells the account of unexplained motion; 1 when the channel was refused.
-    fn account(&mut self, dof: usize, update: Update) -> u64 {
+    /// Tells the account of unexplained motion; 1 when the channel was refused. What was refused may
+    /// have been true: the rate (by `doubt` per unit of innovation) is that much less certain, or a
+    /// real jolt that is refused by halves leaves a velocity that GNSS is not believed about.
+    fn account(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
         let (nis, refused) = match update {
             Update::Fused { nis } => (nis, 0),
             Update::Gated { nis } => (nis, 1),
             Update::Invalid => return 1,
         };
+        if refused > 0 {
+            let missed = doubt * innovation.abs().min(MOST_MISSED);
+            self.belief.inflate(dof, NU, missed * missed);
+        }
         self.unexplained.observe(dof, nis.min(GATE), STEP_S);
         refused
     }
@@ -71,8 +79,9 @@ impl Filter {
         for (dof, z) in [(ROLL, measured[0]), (PITCH, measured[1]), (YAW, measured[2])] {
             let predicted = self.belief.get(dof, NU) + offset * self.belief.acceleration(&self.model, dof);
             let row = [Term::new(dof, NU, 1.0), Term::new(dof, HEAD, 1.0)];
-            let update = self.belief.update(&row, z - predicted, r, gate);
-            refused += self.account(dof, update);
+            let innovation = z - predicted;
+            let update = self.belief.update(&row, innovation, r, gate);
+            refused += self.account(dof, update, innovation, 1.0);
         }
         // Accelerometer: f = R' (a + lever arm - g), all in the reference-parallel frame.
         let white = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
@@ -114,7 +123,7 @@ impl Filter {
                 _ => {}
             }
             let update = self.belief.update(&row, z, r, gate);
-            refused += self.account(axis, update);
+            refused += self.account(axis, update, z, STEP_S);
             self.row = row;
         }
         self.refused_imu = if refused > 0 { self.refused_imu + 1 } else { 0 };
