@@ -51,6 +51,10 @@ pub struct AxisNoise {
     pub mean_walk: f64,
     /// Variance per second of the mean rate's random walk.
     pub rate_walk: f64,
+    /// Random walk of the mean rate (1 s) per mean speed.
+    pub way_walk: f64,
+    /// Random walk of the mean rate (1 s) per acceleration across in a turn, s.
+    pub turn_walk: f64,
     /// Time after which the mean rate dies out, s.
     pub rate_time: f64,
 }
@@ -63,6 +67,8 @@ impl AxisNoise {
             vision: (c.vision_bias_sd_m_rad[i], c.vision_bias_time_s[i]),
             mean_walk: c.mean_walk_m_rad[i].powi(2),
             rate_walk: c.rate_walk_mps_radps[i].powi(2),
+            way_walk: if i < 2 { c.way_walk } else { 0.0 },
+            turn_walk: if i < 2 { c.turn_walk_s } else { 0.0 },
             rate_time: c.rate_time_s[i],
         })
     }

@@ -35,6 +35,11 @@ pub struct PredictorConfig {
     pub mean_walk_m_rad: [f64; 6],
     /// Random walk of the mean rate after 1 s, m/s, rad/s.
     pub rate_walk_mps_radps: [f64; 6],
+    /// Random walk of the mean velocity after 1 s as a share of the mean speed, in addition.
+    pub way_walk: f64,
+    /// Random walk of the mean velocity after 1 s as a multiple of the acceleration across in a
+    /// turn, in addition.
+    pub turn_walk_s: f64,
     /// Time after which a mean rate dies out, s.
     pub rate_time_s: [f64; 6],
     /// Spread of the motion that no wave component explains.
@@ -115,6 +120,9 @@ impl Default for PredictorConfig {
             mean_walk_m_rad: [0.01, 0.01, 0.01, deg(0.05), deg(0.05), deg(0.05)],
             // Ours, between a drifting vessel (0.03 is best) and one that turns at 2 m/s.
             rate_walk_mps_radps: [0.05, 0.05, 0.0, 0.0, 0.0, 0.05],
+            // Ours, tuned on a square at 2 m/s; nothing of it on a drifting vessel.
+            way_walk: 0.08,
+            turn_walk_s: 0.6,
             rate_time_s: [100.0, 100.0, 1.0, 1.0, 1.0, 5.0],
             // Ours.
             residual_sd_m_rad: [0.02, 0.02, 0.012, deg(0.35), deg(0.35), deg(0.2)],
@@ -175,6 +183,8 @@ impl Check for PredictorConfig {
         at.ranges("vision_bias_time_s", &self.vision_bias_time_s, 0.1, 1e6)?;
         at.ranges("mean_walk_m_rad", &self.mean_walk_m_rad, 0.0, 10.0)?;
         at.ranges("rate_walk_mps_radps", &self.rate_walk_mps_radps, 0.0, 10.0)?;
+        at.range("way_walk", self.way_walk, 0.0, 10.0)?;
+        at.range("turn_walk_s", self.turn_walk_s, 0.0, 10.0)?;
         at.ranges("rate_time_s", &self.rate_time_s, 0.1, 1e6)?;
         at.ranges("residual_sd_m_rad", &self.residual_sd_m_rad, 0.0, 1.0)?;
         at.range("residual_omega_radps", self.residual_omega_radps, 0.5, 20.0)?;

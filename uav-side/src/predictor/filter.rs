@@ -6,7 +6,8 @@ use std::collections::VecDeque;
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
 
-use super::axis::{Axis, AxisNoise, MEAN, Row, Step, VISION};
+use super::axis::{Axis, AxisNoise, MEAN, RATE, Row, Step, VISION};
+use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
 use super::waves::{AXES, Change, Oscillator, Seed, Waves};
 
@@ -18,6 +19,12 @@ const MAX_LATE_S: f64 = 1.0;
 const MAX_SEED_S: f64 = 5.0;
 /// Refusals in a row after which the sights or the radio are believed again.
 const STUBBORN: u32 = 12;
+/// More than any of our vessels accelerates across in a turn, m/s².
+const MAX_TURN_MPS2: f64 = 2.0;
+/// Faster than the vessels we land on, m/s.
+const MAX_SPEED_MPS: f64 = 10.0;
+/// A turn by more than this in one step is nonsense, rad.
+const MAX_BEND_RAD: f64 = 1.0;
 
 /// Degrees of freedom that are refused together.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
@@ -55,6 +62,8 @@ pub struct Filter {
     spare: Vec<Box<State>>,
     /// Refusals in a row: radio, sight.
     refused: [u32; 2],
+    /// The radio speaks.
+    heard: bool,
     started: Time<DroneClock>,
 }
 
@@ -103,6 +112,7 @@ impl Filter {
             entries: VecDeque::with_capacity(MAX_ENTRIES + 1),
             spare: Vec::new(),
             refused: [0; 2],
+            heard: true,
             started: first.at,
         };
         f.entries.push_back(Entry {
@@ -136,9 +146,23 @@ impl Filter {
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.entries.back().map(|e| e.at)
     }
-    /// Noise figures.
-    pub fn noise(&self) -> &[AxisNoise; AXES] {
-        &self.noise
+    /// Whether the radio speaks, from now on.
+    pub fn hear(&mut self, heard: bool) {
+        self.heard = heard;
+    }
+    /// Noise figures in state `s`: under way a helmsman and the waves change the mean velocity, in
+    /// a turn by more than it turns, because a hull slips sideways and slows down. In silence the
+    /// course is taken to go on: the sight cannot tell a new mean velocity from waves.
+    pub fn noise(&self, s: &State) -> [AxisNoise; AXES] {
+        let mut noise = self.noise;
+        if let Some(t) = turning(s).filter(|_| self.heard) {
+            let across = (t.rate * t.speed).abs().min(MAX_TURN_MPS2);
+            let speed = t.speed.min(MAX_SPEED_MPS);
+            for n in noise.iter_mut().take(2) {
+                n.rate_walk += (n.turn_walk * across).powi(2) + (n.way_walk * speed).powi(2);
+            }
+        }
+        noise
     }
     /// Every number is finite.
     pub fn is_finite(&self) -> bool {
@@ -152,9 +176,11 @@ impl Filter {
             return;
         }
         let step = Step::new(oscillators, dt.secs());
+        let noise = self.noise(s);
         for (i, a) in s.iter_mut().enumerate() {
-            a.propagate(&self.noise[i], oscillators, i, &step);
+            a.propagate(&noise[i], oscillators, i, &step);
         }
+        bend(s, dt.secs());
     }
 
     /// Fuses `o` where it belongs in time and everything later again after it.
@@ -298,6 +324,42 @@ impl Filter {
                 }
             }
         }
+    }
+}
+
+/// A turn under way.
+struct Turning {
+    /// Mean rate of the heading, rad/s.
+    rate: f64,
+    /// Mean speed, m/s.
+    speed: f64,
+}
+
+/// The turn, when there is enough speed for one.
+fn turning(s: &State) -> Option<Turning> {
+    let speed = s[0].x[RATE].hypot(s[1].x[RATE]);
+    (speed > STEERAGE_MPS).then_some(Turning {
+        rate: s[5].x[RATE],
+        speed,
+    })
+}
+
+/// A turning vessel's mean velocity has turned with it over the last `dt` (s): `v' = omega x v`,
+/// the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7), in the means only.
+fn bend(s: &mut State, dt: f64) {
+    let Some(turn) = turning(s) else {
+        return;
+    };
+    let (n, e) = (s[0].x[RATE], s[1].x[RATE]);
+    let angle = turn.rate * dt;
+    if !(angle.abs() < MAX_BEND_RAD) {
+        return;
+    }
+    let (sin, cos) = angle.sin_cos();
+    let turned = [cos * n - sin * e, sin * n + cos * e];
+    for (i, before) in [n, e].into_iter().enumerate() {
+        s[i].x[MEAN] += 0.5 * dt * (turned[i] - before);
+        s[i].x[RATE] = turned[i];
     }
 }
 

@@ -10,7 +10,7 @@ use super::waves::{AXES, Oscillator};
 /// Stages at which the variance is computed; between them it is interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
 /// Below this speed a turn does not bend the path, m/s.
-const STEERAGE_MPS: f64 = 0.3;
+pub(super) const STEERAGE_MPS: f64 = 0.3;
 
 /// Transitions over the horizon, kept while the wave components stay the same.
 #[derive(Clone, Debug)]

@@ -19,7 +19,7 @@ pub mod forecast;
 mod node;
 pub mod observation;
 pub mod rocking;
-mod track;
+pub mod track;
 pub mod waves;
 
 pub use config::PredictorConfig;

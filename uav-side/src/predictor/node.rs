@@ -346,6 +346,9 @@ impl Predictor {
             return None;
         }
         self.meet(radio_age_s);
+        if let Some(f) = &mut self.filter {
+            f.hear(radio_age_s < self.config.fresh_s);
+        }
         if !self.filter.as_ref()?.is_finite() {
             self.rejections.count(Rejection::Diverged);
             self.filter = None;
@@ -367,7 +370,9 @@ impl Predictor {
             // Sight has no part in the clocks' offset.
             Source::Vision | Source::None => 0.0,
         };
-        let stages = self.horizon.stages(&axes, filter.noise(), &common, clock_var);
+        let stages = self
+            .horizon
+            .stages(&axes, &filter.noise(&axes), &common, clock_var);
         let header = Header::new(0, 0, self.boot, self.sequence, now);
         self.sequence = self.sequence.wrapping_add(1);
         let f = DeckForecast {

@@ -394,7 +394,7 @@ mod tests {
         m.components = Seq::filled([WaveComponent {
             omega: 2.5,
             omega_encounter: 2.5,
-            direction_sd: 3.14,
+            direction_sd: core::f32::consts::PI,
             damping: 0.1,
             drive: [1.0; 6],
             ..Default::default()
