@@ -3,6 +3,7 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use alight_sim::deck_motion::DeckMotionConfig;
 use alight_sim::scenario::Scenario;
 use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};
 use alight_sim::vessel::{Course, VesselConfig};
@@ -90,4 +91,32 @@ fn the_same_seed_gives_the_same_bits() {
     );
     assert_eq!(a.estimates, b.estimates);
     assert_eq!(a.predictions, b.predictions);
+}
+
+#[test]
+fn a_start_in_violent_motion_that_goes_wrong_is_started_anew() {
+    // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run speaks in the end.
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
+    if !file.exists() {
+        println!("skipped: {} is not there", file.display());
+        return;
+    }
+    for seed in [404, 405, 406] {
+        let scenario = Scenario {
+            sea: "0.2,5".parse().unwrap(),
+            deck_motion: Some(DeckMotionConfig {
+                file: file.clone(),
+                scale: 2.0,
+                start_s: 145.0,
+                ..DeckMotionConfig::default()
+            }),
+            ..Scenario::default()
+        };
+        let run = fly(&scenario, &VesselNodeConfig::default(), seed, 10.0).unwrap();
+        assert!(
+            run.estimates.len() > 250,
+            "seed {seed}: {} estimates in 10 s",
+            run.estimates.len()
+        );
+    }
 }

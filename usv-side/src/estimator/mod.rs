@@ -58,6 +58,8 @@ pub struct Estimator {
     gated: Gated,
     /// What start-up has heard so far.
     start: Start,
+    /// Fixes in a row that the filter would not believe.
+    disbelief: u32,
     filter: Option<Filter>,
     identifier: Identifier,
 }
@@ -93,6 +95,11 @@ pub(crate) struct Filter {
     row: Vec<Term>,
 }
 
+/// A fix with this many of its six values gated is not believed.
+const LOST_ROWS: u64 = 4;
+/// After this many such fixes in a row (2 s) the filter is wrong, not the receiver: it starts anew.
+const LOST_FIXES: u32 = 20;
+
 impl Estimator {
     /// An estimator that has heard nothing.
     pub fn new(config: &VesselNodeConfig) -> Self {
@@ -100,6 +107,7 @@ impl Estimator {
             config: config.clone(),
             gated: Gated::default(),
             start: Start::default(),
+            disbelief: 0,
             filter: None,
             identifier: Identifier::new(&config.sea_state),
         }
@@ -154,7 +162,18 @@ impl Estimator {
     pub fn gnss(&mut self, fix: &GnssFix) {
         match self.filter.as_mut() {
             None => self.start.fix = Some(*fix),
-            Some(f) => self.gated.gnss += f.fuse_gnss(&self.config, fix),
+            Some(f) => {
+                let refused = f.fuse_gnss(&self.config, fix);
+                self.gated.gnss += refused;
+                self.disbelief = if refused >= LOST_ROWS {
+                    self.disbelief + 1
+                } else {
+                    0
+                };
+                if self.disbelief >= LOST_FIXES {
+                    self.restart();
+                }
+            }
         }
         self.guard();
     }
@@ -194,6 +213,7 @@ impl Estimator {
         self.gated.restarts += 1;
         self.filter = None;
         self.start = Start::default();
+        self.disbelief = 0;
     }
     fn guard(&mut self) {
         // Heave's block tells for all: a NaN anywhere in a block spreads within a step.
