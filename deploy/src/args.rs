@@ -37,6 +37,10 @@ pub enum Verb {
     Response(ResponseArgs),
     /// Print a default configuration: vessel, drone or scenario.
     Config(ConfigArgs),
+    /// The live system.
+    #[cfg(feature = "live")]
+    #[command(flatten)]
+    Live(crate::live::args::LiveVerb),
 }
 
 /// Planners.

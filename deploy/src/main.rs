@@ -2,6 +2,8 @@
 
 mod args;
 mod configs;
+#[cfg(feature = "live")]
+mod live;
 mod plot;
 #[cfg(feature = "record")]
 mod record;
@@ -51,10 +53,14 @@ fn main() -> ExitCode {
         Verb::Trial(a) => trial::run(a),
         Verb::Trials(a) => trials::run(a),
         Verb::Study(a) => study::run(a),
+        #[cfg(all(feature = "record", feature = "live"))]
+        Verb::Replay(a) if live::replay::takes(&a.path) => live::replay::run(&a.path),
         #[cfg(feature = "record")]
         Verb::Replay(a) => record::replay::run(a),
         Verb::Response(a) => study::response(a),
         Verb::Config(a) => configs::print(a),
+        #[cfg(feature = "live")]
+        Verb::Live(verb) => live::run(verb),
     };
     match end {
         Ok(End::Success) => ExitCode::SUCCESS,

@@ -12,5 +12,7 @@ pub mod node;
 pub mod seq;
 pub mod time;
 pub mod topics;
+#[cfg(feature = "transport")]
+pub mod transport;
 pub mod vessel_model;
 pub mod wire;

@@ -14,6 +14,19 @@ pub enum Medium {
     Memory,
 }
 
+/// What the processes say about themselves; declared beside the table because its type belongs to
+/// the transport.
+#[cfg(feature = "transport")]
+pub const PROCESS: Topic = Topic {
+    name: "process/state",
+    message: "ProcessState",
+    medium: Medium::Memory,
+    rate_hz: 2.0,
+    bytes: size_of::<crate::transport::process::ProcessState>(),
+    stale_after: Span::from_millis(2000),
+    buffer: 16,
+};
+
 /// A topic.
 #[derive(Clone, Copy, Debug)]
 pub struct Topic {
@@ -29,13 +42,23 @@ pub struct Topic {
     pub bytes: usize,
     /// Older than this, a consumer treats it as missing.
     pub stale_after: Span,
+    /// Shared memory: how many messages wait for a subscriber; the oldest gives way. State streams
+    /// need the newest only, event streams must not lose what came between two wake-ups.
+    pub buffer: usize,
+}
+
+impl Topic {
+    /// Whether it is a service of shared memory.
+    pub const fn is_memory(&self) -> bool {
+        matches!(self.medium, Medium::Memory)
+    }
 }
 
 macro_rules! topics {
-    ($($(#[$doc:meta])* $id:ident: $name:literal, $ty:ty, $medium:ident, $rate:literal Hz, $bytes:expr, $stale:literal ms;)*) => {
+    ($($(#[$doc:meta])* $id:ident: $name:literal, $ty:ty, $medium:ident, $rate:literal Hz, $bytes:expr, $stale:literal ms, $buffer:literal deep;)*) => {
         $($(#[$doc])* pub const $id: Topic = Topic {
             name: $name, message: stringify!($ty), medium: Medium::$medium, rate_hz: $rate,
-            bytes: $bytes, stale_after: Span::from_millis($stale),
+            bytes: $bytes, stale_after: Span::from_millis($stale), buffer: $buffer,
         };)*
         // Every topic's type exists and fits: a radio message is never larger in memory than 4 kB.
         $(const _: () = assert!(size_of::<$ty>() <= 64 * 1024);)*
@@ -45,37 +68,43 @@ macro_rules! topics {
 }
 topics! {
     /// The vessel's state.
-    ESTIMATE: "estimate", msg::VesselEstimate<VesselClock>, Radio, 30.0 Hz, 300, 1000 ms;
+    ESTIMATE: "estimate", msg::VesselEstimate<VesselClock>, Radio, 30.0 Hz, 300, 1000 ms, 2 deep;
     /// The vessel's wave model.
-    WAVE: "wave", msg::WaveModel<VesselClock>, Radio, 5.0 Hz, 1200, 5000 ms;
+    WAVE: "wave", msg::WaveModel<VesselClock>, Radio, 5.0 Hz, 1200, 5000 ms, 2 deep;
     /// The vessel's own prediction.
-    PREDICTION: "prediction", msg::VesselPrediction<VesselClock>, Radio, 2.0 Hz, 1200, 3000 ms;
+    PREDICTION: "prediction", msg::VesselPrediction<VesselClock>, Radio, 2.0 Hz, 1200, 3000 ms, 2 deep;
     /// The drone's question for the vessel's time.
-    TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, Radio, 2.0 Hz, 64, 2000 ms;
+    TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// The vessel's answer.
-    TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms;
+    TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// The autopilot's odometry.
-    DRONE_STATE: "drone/state", msg::DroneState, Memory, 100.0 Hz, size_of::<msg::DroneState>(), 200 ms;
+    DRONE_STATE: "drone/state", msg::DroneState, Memory, 100.0 Hz, size_of::<msg::DroneState>(), 200 ms, 2 deep;
     /// The autopilot's state.
-    AUTOPILOT: "drone/autopilot", msg::AutopilotState, Memory, 10.0 Hz, size_of::<msg::AutopilotState>(), 1000 ms;
+    AUTOPILOT: "drone/autopilot", msg::AutopilotState, Memory, 10.0 Hz, size_of::<msg::AutopilotState>(), 1000 ms, 2 deep;
     /// Tag sightings.
-    TAG: "camera/tag", msg::TagPose, Memory, 30.0 Hz, size_of::<msg::TagPose>(), 500 ms;
+    TAG: "camera/tag", msg::TagPose, Memory, 30.0 Hz, size_of::<msg::TagPose>(), 500 ms, 16 deep;
     /// UV marker sightings.
-    UVDAR: "camera/uvdar", msg::UvdarFix, Memory, 20.0 Hz, size_of::<msg::UvdarFix>(), 500 ms;
+    UVDAR: "camera/uvdar", msg::UvdarFix, Memory, 20.0 Hz, size_of::<msg::UvdarFix>(), 500 ms, 16 deep;
     /// Rangefinder.
-    RANGE: "drone/range", msg::RangeSample, Memory, 50.0 Hz, size_of::<msg::RangeSample>(), 200 ms;
+    RANGE: "drone/range", msg::RangeSample, Memory, 50.0 Hz, size_of::<msg::RangeSample>(), 200 ms, 16 deep;
+    /// The vessel's state on the drone's clock, as the bridge admitted it.
+    BRIDGE_ESTIMATE: "bridge/estimate", msg::VesselEstimate<DroneClock>, Memory, 30.0 Hz, size_of::<msg::VesselEstimate<DroneClock>>(), 1000 ms, 4 deep;
+    /// The vessel's wave model on the drone's clock.
+    BRIDGE_WAVE: "bridge/wave", msg::WaveModel<DroneClock>, Memory, 5.0 Hz, size_of::<msg::WaveModel<DroneClock>>(), 5000 ms, 2 deep;
+    /// The vessel's own prediction on the drone's clock.
+    BRIDGE_PREDICTION: "bridge/prediction", msg::VesselPrediction<DroneClock>, Memory, 2.0 Hz, size_of::<msg::VesselPrediction<DroneClock>>(), 3000 ms, 2 deep;
     /// The bridge's view of link and clocks.
-    LINK: "bridge/link", msg::LinkState, Memory, 10.0 Hz, size_of::<msg::LinkState>(), 1000 ms;
+    LINK: "bridge/link", msg::LinkState, Memory, 10.0 Hz, size_of::<msg::LinkState>(), 1000 ms, 2 deep;
     /// The deck's forecast.
-    FORECAST: "deck/forecast", msg::DeckForecast, Memory, 50.0 Hz, size_of::<msg::DeckForecast>(), 300 ms;
+    FORECAST: "deck/forecast", msg::DeckForecast, Memory, 50.0 Hz, size_of::<msg::DeckForecast>(), 300 ms, 2 deep;
     /// The mission's state.
-    MISSION: "mission/state", msg::MissionState, Memory, 50.0 Hz, size_of::<msg::MissionState>(), 500 ms;
+    MISSION: "mission/state", msg::MissionState, Memory, 50.0 Hz, size_of::<msg::MissionState>(), 500 ms, 2 deep;
     /// The planner's trajectory.
-    PLAN: "planner/plan", msg::Plan, Memory, 50.0 Hz, size_of::<msg::Plan>(), 500 ms;
+    PLAN: "planner/plan", msg::Plan, Memory, 50.0 Hz, size_of::<msg::Plan>(), 500 ms, 2 deep;
     /// The pilot's set-point.
-    SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms;
+    SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms, 2 deep;
     /// The operator's command.
-    COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms;
+    COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ pub mod body;
 pub mod deck_motion;
 pub mod drone;
 pub mod outcome;
+pub mod physics;
 pub mod radio;
 pub mod response;
 pub mod scenario;

@@ -7,8 +7,8 @@ use clap::Args;
 /// A recording to compute again.
 #[derive(Args, Debug)]
 pub struct ReplayArgs {
-    /// Recording (`alight trial --record FILE.mcap`)
-    #[arg(value_name = "FILE.mcap")]
+    /// Recording (`alight trial --record FILE.mcap`), or logs of live processes (`--log DIR`)
+    #[arg(value_name = "FILE.mcap|DIR")]
     pub path: PathBuf,
     /// Print the result as one JSON object, the last line
     #[arg(long)]

@@ -53,6 +53,14 @@ impl ClockModel {
             drift,
         }
     }
+    /// What it shows at the true time zero.
+    pub const fn offset(&self) -> Span {
+        self.offset
+    }
+    /// How much faster it runs, 1 = one second per second.
+    pub const fn drift(&self) -> f64 {
+        self.drift
+    }
     /// What the clock reads at `t`.
     pub fn read<C: Clock>(&self, t: Time<TrueTime>) -> Time<C> {
         let ahead = Span::from_nanos((t.nanos() as f64 * self.drift).round() as i64);

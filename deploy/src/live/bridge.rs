@@ -1,0 +1,134 @@
+//! The drone's bridge as a process: zenoh in, shared memory out.
+
+use std::time::Duration;
+
+use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
+use alight_shared::config;
+use alight_shared::msg::{MissionState, State};
+use alight_shared::time::Stamped;
+use alight_shared::topics;
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory, Publisher};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::transport::radio::{Outlet, Radio, Urgency};
+use alight_shared::wire;
+use alight_sim::radio::Direction;
+
+use super::args::ProcessArgs;
+use super::config::DroneComputer;
+use super::link::{Impaired, STATUS, drone_key, vessel_key};
+use super::process::Process;
+use crate::{End, Refused};
+
+/// Without packets the process wakes this often all the same.
+const LONGEST: Duration = Duration::from_millis(5);
+/// What comes on each subscription; the vessel's word about itself is the one after.
+const KINDS: [PacketKind; 4] = [
+    PacketKind::Estimate,
+    PacketKind::Wave,
+    PacketKind::Prediction,
+    PacketKind::TimeReply,
+];
+
+/// Runs until told to end. Its figures: bytes heard, packets dropped before the node, sessions
+/// opened anew.
+pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+    let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
+    let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
+        Bridge::new(&computer.bridge, boot)
+    })?;
+    let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
+    let mut estimate = memory.publisher()?;
+    let mut wave = memory.publisher()?;
+    let mut prediction = memory.publisher()?;
+    let mut link = memory.publisher()?;
+    let mut state: Publisher<ProcessState> = memory.publisher()?;
+    let mut mission = memory.subscriber::<MissionState>()?;
+
+    let outlets = vec![Outlet {
+        key: drone_key(&own, topics::TIME_REQUEST.name),
+        urgency: Urgency::State,
+    }];
+    let names = [
+        topics::ESTIMATE.name,
+        topics::WAVE.name,
+        topics::PREDICTION.name,
+        topics::TIME_REPLY.name,
+    ];
+    let keys = names
+        .iter()
+        .chain([&STATUS])
+        .map(|name| vessel_key(vessel, name))
+        .collect();
+    let mut radio = Radio::open(&computer.radio, outlets, keys)?;
+    let mut impaired = Impaired::new(
+        computer.impairment.as_ref(),
+        Direction::ToDrone,
+        computer.clock.epoch_ns,
+    );
+    let cut_at_tracking = computer.impairment.as_ref().is_some_and(|i| i.cut_at_tracking);
+
+    while !process.ended() {
+        let mut heard = radio.receive(LONGEST);
+        while let Some(packet) = heard {
+            process.life.figures[0] += packet.bytes.len() as f64;
+            match KINDS.get(packet.subscription) {
+                Some(kind) => impaired.take(
+                    packet.at_ns,
+                    Packet {
+                        kind: *kind,
+                        bytes: packet.bytes,
+                    },
+                ),
+                None => show_vessel(&mut state, &packet.bytes),
+            }
+            heard = radio.receive(Duration::ZERO);
+        }
+        let now = process.now();
+        let packets = impaired
+            .arrived(steady_ns())
+            .into_iter()
+            .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
+            .collect();
+        let out = process.step(now, &BridgeIn { packets }, |out| out.estimate.is_some());
+        estimate.send_any(out.estimate.as_ref());
+        wave.send_any(out.wave.as_ref());
+        prediction.send_any(out.prediction.as_ref());
+        link.send_any(out.link.as_ref());
+        if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
+            radio.send(0, bytes);
+        }
+        if cut_at_tracking
+            && mission
+                .newest(now.nanos())
+                .is_some_and(|m| m.state == State::Tracking)
+        {
+            impaired.cut(steady_ns());
+        }
+        let counts = radio.counts();
+        process.life.figures[1] = counts.dropped as f64;
+        process.life.figures[2] = counts.reopened as f64;
+        if let Some(said) = process.state([], counts.unsent) {
+            state.send(&said);
+            radio.watch();
+        }
+    }
+    Ok(End::Success)
+}
+
+/// Passes on what the vessel's process says about itself, for who looks on.
+fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) {
+    if let Ok(said) = wire::decode::<ProcessState>(bytes)
+        && said.kind == ProcessKind::Vessel
+    {
+        // Its times are the other computer's; what lies between them is the same here.
+        let (at_ns, up_ns) = (steady_ns(), said.at_ns.saturating_sub(said.began_ns));
+        let began_ns = at_ns.saturating_sub(up_ns);
+        state.send(&ProcessState {
+            at_ns,
+            began_ns,
+            ..said
+        });
+    }
+}

@@ -1,0 +1,180 @@
+//! One configuration file per computer: the vessel's, the drone's, and the simulated world's.
+
+use alight_bridge::BridgeConfig;
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::transport::clock::ProcessClock;
+use alight_shared::transport::radio::RadioConfig;
+use alight_sim::radio::RadioConfig as Impairment;
+use alight_sim::scenario::Scenario;
+use alight_uav::settings::DroneSettings;
+use alight_usv::VesselNodeConfig;
+use serde::{Deserialize, Serialize};
+
+/// An impairment of the radio, applied to what a process receives; for trials only.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkImpairment {
+    /// Seed of its losses and delays.
+    pub seed: u64,
+    /// Nothing arrives any more once the mission enters Tracking.
+    pub cut_at_tracking: bool,
+    /// Delay, loss, outages.
+    pub profile: Impairment,
+}
+
+/// The vessel's computer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VesselComputer {
+    /// Number of this vessel.
+    pub vessel_id: u32,
+    /// Where the sensors' datagrams come in.
+    pub sensors: String,
+    /// Its clock.
+    pub clock: ProcessClock,
+    /// Its radio.
+    pub radio: RadioConfig,
+    /// Impairment of what it receives.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub impairment: Option<LinkImpairment>,
+    /// Its node.
+    pub vessel: VesselNodeConfig,
+}
+
+impl Default for VesselComputer {
+    fn default() -> Self {
+        VesselComputer {
+            vessel_id: 1,
+            // Ours.
+            sensors: "127.0.0.1:7440".into(),
+            clock: ProcessClock::default(),
+            // Zenoh's usual port.
+            radio: RadioConfig {
+                listen: vec!["udp/0.0.0.0:7447".into()],
+                ..RadioConfig::default()
+            },
+            impairment: None,
+            vessel: VesselNodeConfig::default(),
+        }
+    }
+}
+
+impl Check for VesselComputer {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.clock.check(&at.table("clock"))?;
+        self.radio.check(&at.table("radio"))?;
+        if let Some(link) = &self.impairment {
+            link.profile.check(&at.table("impairment").table("profile"))?;
+        }
+        self.vessel.check(&at.table("vessel"))
+    }
+}
+
+/// The drone's computer. Its own number and its vessel's are the bridge's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DroneComputer {
+    /// Name of the set of processes that share memory.
+    pub instance: String,
+    /// Its clock.
+    pub clock: ProcessClock,
+    /// Its radio.
+    pub radio: RadioConfig,
+    /// Impairment of what it receives.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub impairment: Option<LinkImpairment>,
+    /// Its bridge.
+    pub bridge: BridgeConfig,
+    /// Its other nodes.
+    pub drone: DroneSettings,
+}
+
+impl Default for DroneComputer {
+    fn default() -> Self {
+        DroneComputer {
+            instance: "drone".into(),
+            clock: ProcessClock::default(),
+            // Ours: the vessel's address on its own network.
+            radio: RadioConfig {
+                connect: vec!["udp/192.168.7.1:7447".into()],
+                ..RadioConfig::default()
+            },
+            impairment: None,
+            bridge: BridgeConfig::default(),
+            drone: DroneSettings::default(),
+        }
+    }
+}
+
+impl Check for DroneComputer {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.clock.check(&at.table("clock"))?;
+        self.radio.check(&at.table("radio"))?;
+        if let Some(link) = &self.impairment {
+            link.profile.check(&at.table("impairment").table("profile"))?;
+        }
+        self.bridge.check(&at.table("bridge"))?;
+        self.drone.check(&at.table("drone"))
+    }
+}
+
+/// The simulated vehicles.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulatedWorld {
+    /// Name of the set of processes that share the drone's memory.
+    pub instance: String,
+    /// Where the vessel's process takes its sensors' datagrams.
+    pub sensors: String,
+    /// The steady clock's reading at the true time zero, ns.
+    pub epoch_ns: i64,
+    /// Seed of sea, noise and start.
+    pub seed: u64,
+    /// The sea as the person named it.
+    pub sea: String,
+    /// The planner, for the outcome.
+    pub planner: String,
+    /// What is simulated.
+    pub scenario: Scenario,
+}
+
+impl Check for SimulatedWorld {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.scenario.check(&at.table("scenario"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::config;
+
+    #[test]
+    fn written_defaults_read_back_as_the_defaults() {
+        let text = toml::to_string(&VesselComputer::default()).unwrap();
+        assert_eq!(
+            config::parse::<VesselComputer>(&text, "vessel").unwrap(),
+            VesselComputer::default()
+        );
+        let text = toml::to_string(&DroneComputer::default()).unwrap();
+        assert_eq!(
+            config::parse::<DroneComputer>(&text, "drone").unwrap(),
+            DroneComputer::default()
+        );
+        let text = toml::to_string(&SimulatedWorld::default()).unwrap();
+        assert_eq!(
+            config::parse::<SimulatedWorld>(&text, "world").unwrap(),
+            SimulatedWorld::default()
+        );
+    }
+
+    #[test]
+    fn a_radio_neither_listening_nor_dialling_is_refused() {
+        let config = DroneComputer {
+            radio: RadioConfig::default(),
+            ..DroneComputer::default()
+        };
+        let e = config.check(&Keys::ROOT).unwrap_err().to_string();
+        assert!(e.contains("radio.listen, connect"), "{e}");
+    }
+}

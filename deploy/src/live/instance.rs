@@ -1,0 +1,84 @@
+//! A set of processes on this computer: its files, and the lock that says it is running.
+
+use std::fs::{File, TryLockError};
+use std::path::PathBuf;
+
+use alight_shared::transport::memory::Instance;
+
+use crate::Refused;
+
+/// The lock file's name in the instance's directory.
+const LOCK: &str = "lock";
+
+/// An instance that is ours: nobody else runs under its name while this lives.
+pub struct Owned {
+    instance: Instance,
+    _lock: File,
+}
+
+impl Owned {
+    /// Takes the name and starts from a clean slate.
+    pub fn take(name: &str) -> Result<Owned, Refused> {
+        let instance = Instance::new(name)?;
+        let directory = instance.directory();
+        let doing = || format!("preparing {}", directory.display());
+        std::fs::create_dir_all(&directory).map_err(|e| Refused::because(doing(), e))?;
+        let lock = File::create(directory.join(LOCK)).map_err(|e| Refused::because(doing(), e))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(Refused(format!(
+                    "an instance named {name} runs already; stop it, or choose another --instance"
+                )));
+            }
+            Err(TryLockError::Error(e)) => return Err(Refused::because(doing(), e)),
+        }
+        instance.wipe().map_err(|e| Refused::because(doing(), e))?;
+        Ok(Owned {
+            instance,
+            _lock: lock,
+        })
+    }
+    /// Its name and place.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+    /// A file of the instance.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.instance.directory().join(name)
+    }
+}
+
+impl Drop for Owned {
+    fn drop(&mut self) {
+        // All processes have ended by now. What cannot be removed is removed at the next start.
+        let _left = self.instance.wipe();
+        let _left = std::fs::remove_dir_all(self.instance.directory());
+    }
+}
+
+/// Whether an instance of this name runs.
+pub fn runs(instance: &Instance) -> bool {
+    File::open(instance.directory().join(LOCK))
+        .is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_taken_once_and_leaves_nothing() {
+        let name = format!("test-{}", std::process::id());
+        let owned = Owned::take(&name).unwrap();
+        let instance = owned.instance().clone();
+        assert!(runs(&instance));
+        let Err(refused) = Owned::take(&name) else {
+            panic!("taken twice")
+        };
+        assert!(refused.0.contains("runs already"), "{refused}");
+        drop(owned);
+        assert!(!instance.directory().exists() && !runs(&instance));
+        assert!(Instance::new("No/such name").is_err());
+    }
+}

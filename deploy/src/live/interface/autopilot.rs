@@ -1,0 +1,57 @@
+//! The drone's autopilot, camera and rangefinder as the other processes see them: topics of shared
+//! memory. A link to a real autopilot (MAVLink, say) publishes and reads the same topics.
+
+use alight_shared::msg::{AutopilotState, DroneState, RangeSample, SetPoint, TagPose, UvdarFix};
+use alight_shared::transport::TransportError;
+use alight_shared::transport::memory::{Memory, Publisher, Subscriber};
+use alight_sim::physics::Flight;
+
+/// The simulated drone's end.
+pub struct SimulatedAutopilot {
+    odometry: Publisher<DroneState>,
+    autopilot: Publisher<AutopilotState>,
+    tags: Publisher<TagPose>,
+    uvdar: Publisher<UvdarFix>,
+    ranges: Publisher<RangeSample>,
+    /// Set-points as the autopilot receives them.
+    pub set_points: Subscriber<SetPoint>,
+    sequences: [u32; 2],
+}
+
+impl SimulatedAutopilot {
+    /// Joins the drone's memory.
+    pub fn join(memory: &Memory) -> Result<SimulatedAutopilot, TransportError> {
+        Ok(SimulatedAutopilot {
+            odometry: memory.publisher()?,
+            autopilot: memory.publisher()?,
+            tags: memory.publisher()?,
+            uvdar: memory.publisher()?,
+            ranges: memory.publisher()?,
+            set_points: memory.subscriber()?,
+            sequences: [0; 2],
+        })
+    }
+    /// Says what the drone's instruments say; odometry last, because it wakes the other processes.
+    pub fn say(&mut self, flight: &Flight) {
+        flight.seen.tags.iter().for_each(|m| self.tags.send(m));
+        flight.seen.uvdar.iter().for_each(|m| self.uvdar.send(m));
+        flight.seen.ranges.iter().for_each(|m| self.ranges.send(m));
+        if let Some(mut state) = flight.autopilot {
+            self.sequences[1] = self.sequences[1].wrapping_add(1);
+            state.header.sequence = self.sequences[1];
+            self.autopilot.send(&state);
+        }
+        let mut odometry = flight.odometry;
+        self.sequences[0] = self.sequences[0].wrapping_add(1);
+        odometry.header.sequence = self.sequences[0];
+        self.odometry.send(&odometry);
+    }
+    /// The newest set-point, if one came; `now_ns` is the drone's clock.
+    pub fn set_point(&mut self, now_ns: i64) -> Option<SetPoint> {
+        self.set_points.newest(now_ns)
+    }
+    /// Messages that could not be sent.
+    pub fn unsent(&self) -> u64 {
+        self.odometry.unsent() + self.autopilot.unsent() + self.tags.unsent() + self.ranges.unsent()
+    }
+}

@@ -1,0 +1,121 @@
+//! The vessel's sensors as its process reads them: datagrams on a socket of the vessel's computer.
+//! A driver of a real sensor (NMEA, say) sends the same datagrams, or stands in this one's place.
+
+use std::io;
+use std::net::UdpSocket;
+use std::time::Duration;
+
+use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
+use alight_shared::wire;
+use serde::{Deserialize, Serialize};
+
+/// Measurements that arrived together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Readings {
+    /// Inertial samples.
+    pub imu: Vec<ImuSample>,
+    /// GNSS fixes.
+    pub gnss: Vec<GnssFix>,
+    /// Headings.
+    pub heading: Vec<HeadingFix>,
+}
+
+/// Most datagrams that one read takes.
+const MOST_PER_READ: usize = 32;
+
+/// The receiving end.
+pub struct Sensors {
+    socket: UdpSocket,
+    refused: u64,
+}
+
+impl Sensors {
+    /// Listens on `address`.
+    pub fn listen(address: &str) -> io::Result<Sensors> {
+        Ok(Sensors {
+            socket: UdpSocket::bind(address)?,
+            refused: 0,
+        })
+    }
+    /// Everything that waits; waits at most `longest` for the first.
+    pub fn read(&mut self, longest: Duration) -> Readings {
+        let mut all = Readings::default();
+        let mut buffer = [0_u8; wire::MAX_WIRE_BYTES];
+        for k in 0..MOST_PER_READ {
+            let ready = if k == 0 {
+                self.socket
+                    .set_nonblocking(false)
+                    .and_then(|()| self.socket.set_read_timeout(Some(longest)))
+            } else {
+                self.socket.set_nonblocking(true)
+            };
+            let Ok(length) = ready.and_then(|()| self.socket.recv(&mut buffer)) else {
+                break;
+            };
+            match wire::decode::<Readings>(buffer.get(..length).unwrap_or_default()) {
+                Ok(readings) => {
+                    all.imu.extend(readings.imu);
+                    all.gnss.extend(readings.gnss);
+                    all.heading.extend(readings.heading);
+                }
+                Err(_) => self.refused += 1,
+            }
+        }
+        all
+    }
+    /// Datagrams that were not readings.
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+}
+
+/// The sending end of simulated sensors.
+pub struct SimulatedSensors {
+    socket: UdpSocket,
+}
+
+impl SimulatedSensors {
+    /// Sends to the vessel's process at `address`.
+    pub fn to(address: &str) -> io::Result<SimulatedSensors> {
+        let socket = UdpSocket::bind("127.0.0.1:0")?;
+        socket.connect(address)?;
+        Ok(SimulatedSensors { socket })
+    }
+    /// Sends what there is. A vessel's process that is not there misses it, as it would at sea.
+    pub fn send(&self, readings: &Readings) {
+        if *readings == Readings::default() {
+            return;
+        }
+        if let Ok(bytes) = wire::encode(readings) {
+            let _missed = self.socket.send(&bytes);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readings_arrive_and_noise_is_counted() {
+        let mut sensors = Sensors::listen("127.0.0.1:0").unwrap();
+        let address = sensors.socket.local_addr().unwrap().to_string();
+        let sender = SimulatedSensors::to(&address).unwrap();
+        let readings = Readings {
+            imu: vec![ImuSample::default(); 3],
+            ..Readings::default()
+        };
+        sender.send(&readings);
+        sender.socket.send(&[7; 33]).unwrap();
+        sender.send(&readings);
+        let mut got = Readings::default();
+        // Loopback delivers at once; the bound is against a test that never ends.
+        for _ in 0..100 {
+            got.imu.extend(sensors.read(Duration::from_millis(50)).imu);
+            if got.imu.len() == 6 && sensors.refused() == 1 {
+                break;
+            }
+        }
+        assert_eq!((got.imu.len(), sensors.refused()), (6, 1));
+    }
+}

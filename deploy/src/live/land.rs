@@ -1,0 +1,325 @@
+//! `alight land`: every process of vessel and drone on this machine, the simulated world as the
+//! vehicles, one landing in real time.
+
+use std::io::{IsTerminal, Write};
+use std::net::UdpSocket;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_shared::transport::memory::{Memory, Publisher, Services};
+use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::radio::RadioConfig;
+use alight_sim::outcome::Outcome;
+use alight_sim::scenario::RadioCut;
+use alight_sim::sensors::clocks::{ClockModel, Clocks};
+use alight_sim::streams::Streams;
+use serde::Serialize;
+
+use super::args::LandArgs;
+use super::config::{DroneComputer, LinkImpairment, SimulatedWorld, VesselComputer};
+use super::instance::Owned;
+use super::link;
+use super::process::draw_boot;
+use super::status::Onlooker;
+use super::supervisor::{Event, Supervisor, pause};
+use super::world::Word;
+use crate::scene::Scene;
+use crate::{End, Refused, say, table};
+
+/// The world's time zero lies this much in the future when the processes start, ns.
+const RUN_UP_NS: i64 = 1_500_000_000;
+/// The supervisor looks after things this often.
+const BEAT: Duration = Duration::from_millis(50);
+/// A command that shows no effect is repeated after this long, s.
+const COMMAND_AGAIN_S: f64 = 1.0;
+
+/// One landing.
+pub fn run(args: &LandArgs) -> Result<End, Refused> {
+    let mut scene = Scene::of(&args.scene)?;
+    if let Some(warm_up_s) = args.warm_up {
+        scene.scenario.start.warm_up_s = warm_up_s;
+        scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
+    }
+    if i64::try_from(args.seed).is_err() {
+        return Err(Refused(format!(
+            "--seed {}: at most {}; choose a smaller one",
+            args.seed,
+            i64::MAX
+        )));
+    }
+    let owned = Owned::take(&args.instance)?;
+    let memory = Memory::join(owned.instance(), "supervisor")?;
+    let services = Services::create(&memory)?;
+    let plan = Arrangement::of(&scene, args, &owned)?;
+    let landing = Landing::begin(args, &memory, &plan, &owned)?;
+    let ended = landing.go_on(&memory);
+    drop(services);
+    drop(memory);
+    drop(owned);
+    let Some((outcome, report)) = ended? else {
+        eprintln!("stopped");
+        return Ok(End::Failed);
+    };
+    if args.json {
+        eprint!("{report}");
+        say::line(serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?);
+    } else {
+        say::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
+    }
+    Ok(if outcome.success {
+        End::Success
+    } else {
+        End::Failed
+    })
+}
+
+/// The files of the three computers, and the drone's clock.
+struct Arrangement {
+    vessel: PathBuf,
+    drone: PathBuf,
+    world: PathBuf,
+    clock: ProcessClock,
+    warm_up_s: f64,
+    ids: (u32, u32),
+}
+
+impl Arrangement {
+    fn of(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<Arrangement, Refused> {
+        let epoch_ns = steady_ns() + RUN_UP_NS;
+        let streams = Streams::new(args.seed);
+        let clocks = Clocks::new(&scene.scenario.sensors.clocks, &streams);
+        let clock = |c: &ClockModel| ProcessClock {
+            epoch_ns,
+            offset_s: c.offset().secs(),
+            drift_ppm: c.drift() * 1e6,
+        };
+        let impairment = link::profile(&args.link, &scene.scenario.radio)?.map(|profile| LinkImpairment {
+            seed: args.seed,
+            cut_at_tracking: scene.scenario.radio_cut == RadioCut::AtFirstTracking,
+            profile,
+        });
+        let radio = format!("{}/127.0.0.1:{}", args.transport, free_port()?);
+        let sensors = format!("127.0.0.1:{}", free_port()?);
+        let vessel = VesselComputer {
+            vessel_id: scene.nodes.bridge.vessel_id,
+            sensors: sensors.clone(),
+            clock: clock(&clocks.vessel),
+            radio: RadioConfig {
+                listen: vec![radio.clone()],
+                ..RadioConfig::default()
+            },
+            impairment: impairment.clone(),
+            vessel: scene.nodes.vessel.clone(),
+        };
+        let drone = DroneComputer {
+            instance: args.instance.clone(),
+            clock: clock(&clocks.drone),
+            radio: RadioConfig {
+                connect: vec![radio],
+                ..RadioConfig::default()
+            },
+            impairment,
+            bridge: scene.nodes.bridge.clone(),
+            drone: scene.nodes.drone.clone(),
+        };
+        let world = SimulatedWorld {
+            instance: args.instance.clone(),
+            sensors,
+            epoch_ns,
+            seed: args.seed,
+            sea: scene.sea.clone(),
+            planner: scene.nodes.drone.planner.kind.name().into(),
+            scenario: scene.scenario.clone(),
+        };
+        Ok(Arrangement {
+            vessel: write(owned, "vessel.toml", &vessel)?,
+            drone: write(owned, "drone.toml", &drone)?,
+            world: write(owned, "world.toml", &world)?,
+            clock: drone.clock,
+            warm_up_s: scene.scenario.start.warm_up_s,
+            ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
+        })
+    }
+}
+
+fn write<C: Serialize>(owned: &Owned, name: &str, config: &C) -> Result<PathBuf, Refused> {
+    let path = owned.file(name);
+    let text = toml::to_string(config).map_err(|e| Refused::because(format!("writing {name}"), e))?;
+    std::fs::write(&path, text).map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
+    Ok(path)
+}
+
+/// A port of the loopback interface that is free now.
+fn free_port() -> Result<u16, Refused> {
+    let socket =
+        UdpSocket::bind("127.0.0.1:0").map_err(|e| Refused::because("looking for a free port", e))?;
+    Ok(socket
+        .local_addr()
+        .map_err(|e| Refused::because("looking for a free port", e))?
+        .port())
+}
+
+/// A landing under way.
+struct Landing<'a> {
+    args: &'a LandArgs,
+    plan: &'a Arrangement,
+    supervisor: Supervisor,
+    onlooker: Onlooker,
+    commands: Publisher<Command>,
+    boot: u32,
+    sequence: u32,
+    commanded_s: f64,
+    state: State,
+}
+
+impl<'a> Landing<'a> {
+    fn begin(
+        args: &'a LandArgs,
+        memory: &Memory,
+        plan: &'a Arrangement,
+        owned: &Owned,
+    ) -> Result<Landing<'a>, Refused> {
+        let onlooker = Onlooker::join(memory)?;
+        let commands = memory.publisher()?;
+        let mut supervisor = Supervisor::new(owned.instance().directory(), args.log.clone());
+        for kind in ProcessKind::ALL {
+            let config = match kind {
+                ProcessKind::Vessel => &plan.vessel,
+                ProcessKind::World => &plan.world,
+                ProcessKind::Bridge
+                | ProcessKind::Predictor
+                | ProcessKind::Mission
+                | ProcessKind::Planner
+                | ProcessKind::Pilot => &plan.drone,
+            };
+            supervisor.start(kind, config.clone())?;
+        }
+        Ok(Landing {
+            args,
+            plan,
+            supervisor,
+            onlooker,
+            commands,
+            boot: draw_boot(),
+            sequence: 0,
+            commanded_s: f64::NEG_INFINITY,
+            state: State::Idle,
+        })
+    }
+
+    /// To the end; None when it was stopped from outside.
+    fn go_on(mut self, memory: &Memory) -> Result<Option<(Outcome, String)>, Refused> {
+        let shown = std::io::stderr().is_terminal();
+        loop {
+            if !memory.wait(BEAT) {
+                self.supervisor.stop(pause);
+                return Ok(None);
+            }
+            let now: Time<DroneClock> = self.plan.clock.now();
+            self.onlooker.look(Some(now.nanos()));
+            let true_s = ProcessClock {
+                epoch_ns: self.plan.clock.epoch_ns,
+                ..ProcessClock::default()
+            }
+            .now::<TrueTime>()
+            .secs();
+            self.phase(true_s - self.plan.warm_up_s, shown);
+            self.command(now, true_s - self.plan.warm_up_s);
+            let mut words = self.supervisor.said();
+            for Event::Ended(kind, status) in self.supervisor.tend()? {
+                memory.bury_the_dead();
+                if kind == ProcessKind::World {
+                    words.extend(self.supervisor.last_words());
+                }
+                let over = words.iter().find_map(|w| serde_json::from_str::<Word>(w).ok());
+                match (kind, over) {
+                    (ProcessKind::World, Some(Word::Outcome(outcome))) => {
+                        return Ok(Some(self.over(*outcome)));
+                    }
+                    (_, _) => self.mourn(kind, &status)?,
+                }
+            }
+        }
+    }
+
+    /// A process ended that should not have.
+    fn mourn(&mut self, kind: ProcessKind, status: &str) -> Result<(), Refused> {
+        let why = self.supervisor.complaint(kind).unwrap_or_default();
+        if kind == ProcessKind::World {
+            return Err(Refused(format!("the simulated world ended ({status}): {why}")));
+        }
+        eprintln!("{} ended ({status}) and is started again; {why}", kind.name());
+        Ok(())
+    }
+
+    /// Shows the phase and the line below it.
+    fn phase(&mut self, t_s: f64, shown: bool) {
+        if shown {
+            eprint!("\r\x1b[K");
+        }
+        if let Some(m) = self.onlooker.picture.mission
+            && m.state != self.state
+        {
+            self.state = m.state;
+            let line = format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered);
+            // A reader that went away does not end a flight.
+            let _unseen = if self.args.json {
+                writeln!(std::io::stderr(), "{line}")
+            } else {
+                writeln!(std::io::stdout(), "{line}")
+            };
+        }
+        if shown {
+            eprint!("{t_s:>7.2} s  {}", self.onlooker.picture.line());
+            let _unseen = std::io::stderr().flush();
+        }
+    }
+
+    /// Commands the landing when it is time, and again while a mission that began anew waits for it.
+    fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
+        let waits =
+            self.onlooker.picture.mission.is_some_and(|m| {
+                m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotCommanded)
+            });
+        let first = self.sequence == 0;
+        if t_s < 0.0 || !(first || waits && t_s > self.commanded_s + COMMAND_AGAIN_S) {
+            return;
+        }
+        self.sequence += 1;
+        self.commanded_s = t_s;
+        let (vessel, drone) = self.plan.ids;
+        let header = Header::new(vessel, drone, self.boot, self.sequence, now);
+        self.commands.send(&Command {
+            header,
+            kind: CommandKind::Land,
+        });
+    }
+
+    /// The outcome, and what the processes used.
+    fn over(mut self, outcome: Outcome) -> (Outcome, String) {
+        let picture = &self.onlooker.picture;
+        let mut report = picture.usage(steady_ns());
+        if let Some(p) = picture.processes.get(&ProcessKind::Pilot) {
+            report.push_str(&format!(
+                "  measurement on the vessel to set-point: {} (p50), {} (p99); odometry to set-point: {}, {}\n",
+                super::display::time(p.figures[0]),
+                super::display::time(p.figures[1]),
+                super::display::time(p.figures[2]),
+                super::display::time(p.figures[3]),
+            ));
+        }
+        if let Some(w) = picture.processes.get(&ProcessKind::World) {
+            report.push_str(&format!(
+                "  the world's worst tick was {} late, {} ticks more than one period; {} restarts\n",
+                super::display::time(w.figures[0]),
+                w.figures[1],
+                self.supervisor.restarts()
+            ));
+        }
+        self.supervisor.stop(pause);
+        (outcome, report)
+    }
+}

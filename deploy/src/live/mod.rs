@@ -1,0 +1,54 @@
+//! The live system: the nodes as processes that talk over zenoh and iceoryx2, the simulated
+//! vehicles as a process in real time, and the supervisor of them all (`alight land`).
+//!
+//! Read in this order: [`config`] (one file per computer), [`process`] (what every process does
+//! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`],
+//! [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`].
+
+pub mod args;
+mod bridge;
+mod config;
+mod display;
+mod instance;
+mod interface;
+mod land;
+mod link;
+mod mission;
+mod pilot;
+mod planner;
+mod predictor;
+mod process;
+mod record;
+pub mod replay;
+mod status;
+mod supervisor;
+mod vessel;
+mod world;
+
+use alight_shared::transport::TransportError;
+
+use crate::{End, Refused};
+use args::LiveVerb;
+
+impl From<TransportError> for Refused {
+    fn from(e: TransportError) -> Self {
+        Refused(e.to_string())
+    }
+}
+
+/// Runs a command of the live system.
+pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
+    match verb {
+        LiveVerb::Land(a) => land::run(a),
+        LiveVerb::Status(a) => status::run(a),
+        #[cfg(not(feature = "record"))]
+        LiveVerb::Replay(a) => replay::run(&a.path),
+        LiveVerb::Vessel(a) => vessel::run(a),
+        LiveVerb::Bridge(a) => bridge::run(a),
+        LiveVerb::Predictor(a) => predictor::run(a),
+        LiveVerb::Mission(a) => mission::run(a),
+        LiveVerb::Planner(a) => planner::run(a),
+        LiveVerb::Pilot(a) => pilot::run(a),
+        LiveVerb::World(a) => world::run(a),
+    }
+}

@@ -1,0 +1,118 @@
+//! `alight replay`: a process's log through its pure node again, outputs compared bit for bit.
+
+use std::path::{Path, PathBuf};
+
+use alight_bridge::Bridge;
+use alight_shared::config;
+use alight_shared::node::Node;
+use alight_shared::time::Time;
+use alight_uav::mission::Mission;
+use alight_uav::pilot::Pilot;
+use alight_uav::planner::Planner;
+use alight_uav::predictor::Predictor;
+use alight_usv::VesselNode;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::config::{DroneComputer, VesselComputer};
+use super::record::{Head, Log};
+use crate::{End, Refused, say, table};
+
+/// Whether this is a log of a process, or a directory of them.
+#[cfg(feature = "record")]
+pub fn takes(path: &Path) -> bool {
+    path.is_dir() || path.extension().is_some_and(|e| e == "log")
+}
+
+/// Replays one log or all logs of a directory.
+pub fn run(path: &Path) -> Result<End, Refused> {
+    let mut same = true;
+    for path in logs(path)? {
+        let (steps, different) = replay(&path)?;
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        match different {
+            None => say::line(format_args!(
+                "{name:<28} {steps:>8} steps  {}",
+                table::verdict("identical", true)
+            )),
+            Some(step) => {
+                same = false;
+                let text = format!("differs from step {step} on");
+                say::line(format_args!(
+                    "{name:<28} {steps:>8} steps  {}",
+                    table::verdict(&text, false)
+                ));
+            }
+        }
+    }
+    Ok(if same { End::Success } else { End::Failed })
+}
+
+fn logs(path: &Path) -> Result<Vec<PathBuf>, Refused> {
+    if path.is_file() {
+        return Ok(vec![path.into()]);
+    }
+    let entries = std::fs::read_dir(path)
+        .map_err(|e| Refused::because(format!("reading the logs in {}", path.display()), e))?;
+    let mut logs: Vec<PathBuf> = entries
+        .flatten()
+        .map(|e| e.path())
+        .filter(|p| p.extension().is_some_and(|e| e == "log"))
+        .collect();
+    logs.sort();
+    if logs.is_empty() {
+        return Err(Refused(format!(
+            "{}: no log (*.log) there; `alight land --log DIR` writes some",
+            path.display()
+        )));
+    }
+    Ok(logs)
+}
+
+/// Steps of the log, and the first whose output differs.
+fn replay(path: &Path) -> Result<(u64, Option<u64>), Refused> {
+    let (log, head) =
+        Log::open(path).map_err(|e| Refused::because(format!("reading {}", path.display()), e))?;
+    let Head {
+        process,
+        boot,
+        config,
+    } = head;
+    let origin = path.display().to_string();
+    if process == "vessel" {
+        let c: VesselComputer = config::parse(&config, &origin).map_err(|e| Refused(e.to_string()))?;
+        return through(log, path, VesselNode::new(&c.vessel, c.vessel_id, boot));
+    }
+    let c: DroneComputer = config::parse(&config, &origin).map_err(|e| Refused(e.to_string()))?;
+    let (drone, id) = (&c.drone, c.bridge.drone_id);
+    match process.as_str() {
+        "bridge" => through(log, path, Bridge::new(&c.bridge, boot)),
+        "predictor" => through(log, path, Predictor::new(&drone.predictor(), boot)),
+        "mission" => through(
+            log,
+            path,
+            Mission::new(&drone.mission, &drone.airframe, &drone.deck, id, boot),
+        ),
+        "planner" => through(
+            log,
+            path,
+            Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot),
+        ),
+        "pilot" => through(log, path, Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
+        other => Err(Refused(format!(
+            "{origin}: the log of a process {other:?}, which this program does not have"
+        ))),
+    }
+}
+
+fn through<N>(log: Log, path: &Path, mut node: N) -> Result<(u64, Option<u64>), Refused>
+where
+    N: Node<In: DeserializeOwned, Out: Serialize>,
+{
+    log.replay(|now_ns, input| node.step(Time::from_nanos(now_ns), input))
+        .map_err(|e| Refused::because(format!("reading {}", path.display()), e))
+}

@@ -1,0 +1,146 @@
+//! `alight status`: what runs under an instance's name, from another terminal.
+
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use alight_shared::msg::{LinkState, MissionState, Plan};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory, Subscriber};
+use alight_shared::transport::process::ProcessState;
+use serde_json::json;
+
+use super::args::StatusArgs;
+use super::display::{Picture, time};
+use super::instance::runs;
+use crate::{End, Refused, say};
+
+/// Looks on for this long before it says something: twice the processes' own period.
+const LOOK: Duration = Duration::from_millis(1200);
+
+/// Reads what the processes say.
+pub struct Onlooker {
+    processes: Subscriber<ProcessState>,
+    mission: Subscriber<MissionState>,
+    link: Subscriber<LinkState>,
+    plan: Subscriber<Plan>,
+    /// What was seen.
+    pub picture: Picture,
+}
+
+impl Onlooker {
+    /// Looks on.
+    pub fn join(memory: &Memory) -> Result<Onlooker, Refused> {
+        Ok(Onlooker {
+            processes: memory.subscriber()?,
+            mission: memory.subscriber()?,
+            link: memory.subscriber()?,
+            plan: memory.subscriber()?,
+            picture: Picture::default(),
+        })
+    }
+    /// Takes in what is new; the drone's clock reads `drone_ns`, if it is known.
+    pub fn look(&mut self, drone_ns: Option<i64>) {
+        let now = steady_ns();
+        for state in self.processes.all(now) {
+            self.picture.processes.insert(state.kind, state);
+        }
+        let t = drone_ns.unwrap_or(now);
+        self.picture.mission = self.mission.newest(t).or(self.picture.mission);
+        self.picture.link = self.link.newest(t).or(self.picture.link);
+        // Without the drone's clock the mission's newest stamp stands for now.
+        let now_ns = drone_ns.or(self.picture.mission.map(|m| m.header.at.nanos()));
+        if let Some(plan) = self.plan.newest(t) {
+            self.picture.plan = Some((plan, f64::INFINITY));
+        }
+        if let (Some((plan, age_s)), Some(now_ns)) = (&mut self.picture.plan, now_ns) {
+            *age_s = (now_ns - plan.header.at.nanos()).max(0) as f64 * 1e-9;
+        }
+    }
+}
+
+/// Shows once, or until stopped.
+pub fn run(args: &StatusArgs) -> Result<End, Refused> {
+    let instance = Instance::new(&args.instance)?;
+    if !runs(&instance) {
+        if args.json {
+            say::line(format_args!(
+                "{}",
+                json!({ "instance": args.instance, "running": false })
+            ));
+        } else {
+            say::line(format_args!(
+                "nothing runs under the name {}; `alight land` starts something",
+                args.instance
+            ));
+        }
+        return Ok(End::Failed);
+    }
+    let memory = Memory::join(&instance, "status")?;
+    let mut onlooker = Onlooker::join(&memory)?;
+    loop {
+        if !memory.wait(LOOK) {
+            return Ok(End::Success);
+        }
+        onlooker.look(None);
+        show(args, &onlooker.picture)?;
+        if !args.watch || !runs(&instance) {
+            return Ok(End::Success);
+        }
+    }
+}
+
+fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
+    if args.json {
+        let object = json!({
+            "instance": args.instance,
+            "running": true,
+            "processes": picture.processes.values().collect::<Vec<_>>(),
+            "mission": picture.mission,
+            "link": picture.link,
+        });
+        say::line(object);
+        return Ok(());
+    }
+    if args.watch && std::io::stdout().is_terminal() {
+        print!("\x1b[H\x1b[J");
+    }
+    say::line(format_args!("instance {}\n", args.instance));
+    if let Some(m) = &picture.mission {
+        say::line(format_args!(
+            "  mission   {} since {:.1} s: {}",
+            m.state.name(),
+            (m.header.at - m.since).secs(),
+            m.entered
+        ));
+        say::line(format_args!("  waiting   {}", m.waiting));
+    }
+    if let Some(l) = &picture.link {
+        say::line(format_args!(
+            "  link      state {} old, {:.1} % lost, latency {} / {} (p50/p99), {} refused",
+            time(l.age_s),
+            100.0 * l.loss,
+            time(l.latency_p50_s),
+            time(l.latency_p99_s),
+            l.rejected
+        ));
+        say::line(format_args!(
+            "  clocks    drone minus vessel {:.4} s +- {}",
+            l.clock_offset_s,
+            time(l.clock_offset_sd_s)
+        ));
+    }
+    if let Some((plan, age_s)) = &picture.plan {
+        say::line(format_args!(
+            "  plan      {} old, {:?}, {} iterations",
+            time(*age_s),
+            plan.solve,
+            plan.iterations
+        ));
+    }
+    say::line(format_args!(
+        "\n{}\n{}",
+        picture.usage(steady_ns()),
+        picture.topics()
+    ));
+    Ok(())
+}

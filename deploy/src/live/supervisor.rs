@@ -1,0 +1,216 @@
+//! Starts the processes, starts again what died, ends them all.
+//!
+//! Every process holds the reading end of a pipe as its standard input and ends when that closes,
+//! so that none outlives a supervisor that was killed.
+
+use std::fs::OpenOptions;
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::CommandExt;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::process::ProcessKind;
+
+use crate::Refused;
+
+/// First pause before a process is started again; doubles with each failure.
+const FIRST_PAUSE_NS: i64 = 100_000_000;
+/// Longest pause.
+const LONGEST_PAUSE_NS: i64 = 2_000_000_000;
+/// A process that ran this long had a good start: the pause begins anew.
+const GOOD_RUN_NS: i64 = 5_000_000_000;
+/// Processes that were told to end have this long.
+const GRACE_NS: i64 = 800_000_000;
+
+/// One process under supervision.
+struct Ward {
+    kind: ProcessKind,
+    config: PathBuf,
+    child: Option<Child>,
+    began_ns: i64,
+    pause_ns: i64,
+    start_at_ns: i64,
+    starts: u32,
+}
+
+/// The supervisor.
+pub struct Supervisor {
+    wards: Vec<Ward>,
+    directory: PathBuf,
+    log: Option<PathBuf>,
+    lines: (Sender<String>, Receiver<String>),
+}
+
+/// What happened to a process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// It ended; it is started again unless it is the world.
+    Ended(ProcessKind, String),
+}
+
+impl Supervisor {
+    /// Nobody yet; `directory` takes what processes write to standard error.
+    pub fn new(directory: PathBuf, log: Option<PathBuf>) -> Supervisor {
+        Supervisor {
+            wards: Vec::new(),
+            directory,
+            log,
+            lines: channel(),
+        }
+    }
+    /// Starts a process.
+    pub fn start(&mut self, kind: ProcessKind, config: PathBuf) -> Result<(), Refused> {
+        let mut ward = Ward {
+            kind,
+            config,
+            child: None,
+            began_ns: 0,
+            pause_ns: FIRST_PAUSE_NS,
+            start_at_ns: 0,
+            starts: 0,
+        };
+        self.spawn(&mut ward)?;
+        self.wards.push(ward);
+        Ok(())
+    }
+
+    fn spawn(&self, ward: &mut Ward) -> Result<(), Refused> {
+        let name = ward.kind.name();
+        let doing = || format!("starting the process {name}");
+        let program = std::env::current_exe().map_err(|e| Refused::because(doing(), e))?;
+        let errors = OpenOptions::new()
+            .create(true)
+            .append(true)
+            .open(self.directory.join(format!("{name}.err")))
+            .map_err(|e| Refused::because(doing(), e))?;
+        let mut command = Command::new(program);
+        command
+            .arg(name)
+            .arg("--config")
+            .arg(&ward.config)
+            .arg("--supervised");
+        if let Some(log) = &self.log {
+            command.arg("--log").arg(log);
+        }
+        // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
+        command
+            .process_group(0)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(errors);
+        let mut child = command.spawn().map_err(|e| Refused::because(doing(), e))?;
+        if let Some(output) = child.stdout.take() {
+            let sender = self.lines.0.clone();
+            std::thread::spawn(move || {
+                for line in BufReader::new(output).lines().map_while(Result::ok) {
+                    if sender.send(line).is_err() {
+                        break;
+                    }
+                }
+            });
+        }
+        ward.child = Some(child);
+        ward.began_ns = steady_ns();
+        ward.starts += 1;
+        Ok(())
+    }
+
+    /// Looks after all: what ended is started again after a pause.
+    pub fn tend(&mut self) -> Result<Vec<Event>, Refused> {
+        let mut events = Vec::new();
+        let now = steady_ns();
+        let mut wards = std::mem::take(&mut self.wards);
+        for ward in &mut wards {
+            if let Some(child) = &mut ward.child
+                && let Ok(Some(status)) = child.try_wait()
+            {
+                ward.child = None;
+                if now - ward.began_ns > GOOD_RUN_NS {
+                    ward.pause_ns = FIRST_PAUSE_NS;
+                }
+                ward.start_at_ns = now + ward.pause_ns;
+                ward.pause_ns = (2 * ward.pause_ns).min(LONGEST_PAUSE_NS);
+                events.push(Event::Ended(ward.kind, format!("{status}")));
+            }
+            // A world that ended has lost the truth: nothing starts it again.
+            if ward.child.is_none() && ward.kind != ProcessKind::World && now >= ward.start_at_ns {
+                self.spawn(ward)?;
+            }
+        }
+        self.wards = wards;
+        Ok(events)
+    }
+    /// Lines that processes wrote to standard output since the last call.
+    pub fn said(&self) -> Vec<String> {
+        self.lines.1.try_iter().collect()
+    }
+    /// Waits for a line that is still under way from a process that ended.
+    pub fn last_words(&self) -> Vec<String> {
+        self.lines
+            .1
+            .recv_timeout(Duration::from_millis(500))
+            .into_iter()
+            .chain(self.lines.1.try_iter())
+            .collect()
+    }
+    /// Starts beyond the first, of all processes.
+    pub fn restarts(&self) -> u32 {
+        self.wards.iter().map(|w| w.starts.saturating_sub(1)).sum()
+    }
+    /// The last thing that a process wrote to standard error.
+    pub fn complaint(&self, kind: ProcessKind) -> Option<String> {
+        let text = std::fs::read_to_string(self.directory.join(format!("{}.err", kind.name()))).ok()?;
+        text.lines()
+            .rev()
+            .find(|l| !l.trim().is_empty())
+            .map(str::to_string)
+    }
+
+    /// Ends all: asks by closing their standard input, and after its grace does not ask any more.
+    pub fn stop(&mut self, pause: impl Fn(Duration)) {
+        for ward in &mut self.wards {
+            if let Some(child) = &mut ward.child {
+                drop(child.stdin.take());
+            }
+        }
+        let patience = steady_ns() + GRACE_NS;
+        loop {
+            for ward in &mut self.wards {
+                if let Some(child) = &mut ward.child
+                    && matches!(child.try_wait(), Ok(Some(_)) | Err(_))
+                {
+                    ward.child = None;
+                }
+            }
+            if self.wards.iter().all(|w| w.child.is_none()) {
+                return;
+            }
+            if steady_ns() > patience {
+                break;
+            }
+            pause(Duration::from_millis(10));
+        }
+        for ward in &mut self.wards {
+            if let Some(mut child) = ward.child.take() {
+                // A process that is gone meanwhile needs no killing.
+                let _gone = child.kill();
+                let _status = child.wait();
+            }
+        }
+    }
+}
+
+impl Drop for Supervisor {
+    fn drop(&mut self) {
+        self.stop(pause);
+    }
+}
+
+/// A moment's pause of the supervisor.
+#[allow(clippy::disallowed_methods)]
+pub fn pause(span: Duration) {
+    std::thread::sleep(span);
+}

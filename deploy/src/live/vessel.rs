@@ -1,0 +1,105 @@
+//! The vessel's node as a process: sensors in, zenoh out.
+
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::TimeRequest;
+use alight_shared::time::{DroneClock, Stamped};
+use alight_shared::topics;
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::radio::{Outlet, Radio, Urgency};
+use alight_shared::wire;
+use alight_sim::radio::Direction;
+use alight_usv::{VesselIn, VesselNode};
+use serde::Serialize;
+
+use super::args::ProcessArgs;
+use super::config::VesselComputer;
+use super::interface::sensors::Sensors;
+use super::link::{Impaired, STATUS, any_time_request, vessel_key};
+use super::process::Process;
+use crate::{End, Refused};
+
+/// Without sensors the process wakes this often all the same.
+const LONGEST: Duration = Duration::from_millis(10);
+/// The outlets, in their order.
+const ESTIMATE: usize = 0;
+const WAVE: usize = 1;
+const PREDICTION: usize = 2;
+const TIME_REPLY: usize = 3;
+const STATE: usize = 4;
+
+/// Runs until told to end. Its figures: datagrams of the sensors that were refused, bytes sent.
+pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
+    let computer: VesselComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+    let id = computer.vessel_id;
+    let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
+        VesselNode::new(&computer.vessel, id, boot)
+    })?;
+    let mut sensors = Sensors::listen(&computer.sensors)
+        .map_err(|e| Refused::because(format!("listening for sensors on {}", computer.sensors), e))?;
+    let outlet = |name: &str, urgency| Outlet {
+        key: vessel_key(id, name),
+        urgency,
+    };
+    let outlets = vec![
+        outlet(topics::ESTIMATE.name, Urgency::State),
+        outlet(topics::WAVE.name, Urgency::Model),
+        outlet(topics::PREDICTION.name, Urgency::Model),
+        outlet(topics::TIME_REPLY.name, Urgency::State),
+        outlet(STATUS, Urgency::Status),
+    ];
+    let mut radio = Radio::open(&computer.radio, outlets, vec![any_time_request()])?;
+    let mut impaired: Impaired<TimeRequest<DroneClock>> = Impaired::new(
+        computer.impairment.as_ref(),
+        Direction::ToVessel,
+        computer.clock.epoch_ns,
+    );
+
+    while !process.ended() {
+        let readings = sensors.read(LONGEST);
+        while let Some(heard) = radio.receive(Duration::ZERO) {
+            // What does not decode is nobody's request.
+            if let Ok(request) = wire::decode(&heard.bytes) {
+                impaired.take(heard.at_ns, request);
+            }
+        }
+        let now = process.now();
+        let time_requests = impaired
+            .arrived(steady_ns())
+            .into_iter()
+            .map(|(at_ns, request)| Stamped::new(process.at(at_ns).min(now), request))
+            .collect();
+        let input = VesselIn {
+            imu: readings.imu,
+            gnss: readings.gnss,
+            heading: readings.heading,
+            time_requests,
+        };
+        let out = process.step(now, &input, |_| true);
+        say(&mut radio, ESTIMATE, out.estimate.as_ref());
+        say(&mut radio, WAVE, out.wave.as_ref());
+        say(&mut radio, PREDICTION, out.prediction.as_ref());
+        for reply in &out.time_replies {
+            say(&mut radio, TIME_REPLY, Some(reply));
+        }
+        let counts = radio.counts();
+        process.life.figures = [
+            sensors.refused() as f64,
+            counts.sent_bytes as f64,
+            counts.dropped as f64,
+            0.0,
+        ];
+        let said = process.state([], counts.unsent);
+        say(&mut radio, STATE, said.as_ref());
+    }
+    Ok(End::Success)
+}
+
+fn say<M: Serialize>(radio: &mut Radio, outlet: usize, message: Option<&M>) {
+    // A message that does not encode is a message that is not sent: the receiver sees the gap.
+    if let Some(Ok(bytes)) = message.map(wire::encode) {
+        radio.send(outlet, bytes);
+    }
+}

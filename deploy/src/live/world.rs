@@ -1,0 +1,118 @@
+//! The simulated vehicles in real time: the vessel with its sensors, the drone with its autopilot,
+//! camera and rangefinder. Speaks to the other processes only as real ones would, and to its
+//! supervisor by lines on standard output.
+
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::MissionState;
+use alight_shared::time::TrueTime;
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_shared::transport::memory::{Instance, Memory};
+use alight_shared::transport::process::ProcessKind;
+use alight_sim::outcome::{Judge, Outcome};
+use alight_sim::physics::{Physics, TICK};
+use serde::{Deserialize, Serialize};
+
+use super::args::ProcessArgs;
+use super::config::SimulatedWorld;
+use super::interface::autopilot::SimulatedAutopilot;
+use super::interface::sensors::{Readings, SimulatedSensors};
+use super::process::{Life, draw_boot};
+use crate::{End, Refused, say};
+
+/// What the world tells its supervisor, one JSON object per line.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Word {
+    /// How it ended, judged from the truth.
+    Outcome(Box<Outcome>),
+}
+
+/// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
+/// (s), ticks later than one period, true time since the start (s).
+pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
+    let world: SimulatedWorld = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+    let mut physics = Physics::new(&world.scenario, world.seed)
+        .map_err(|e| Refused::because("setting up the simulated world", e))?;
+    let memory = Memory::join(&Instance::new(&world.instance)?, "world")?;
+    let mut autopilot = SimulatedAutopilot::join(&memory)?;
+    let sensors = SimulatedSensors::to(&world.sensors)
+        .map_err(|e| Refused::because(format!("sending sensors to {}", world.sensors), e))?;
+    let mut mission = memory.subscriber::<MissionState>()?;
+    let mut state = memory.publisher()?;
+    let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
+    let clock = ProcessClock {
+        epoch_ns: world.epoch_ns,
+        ..ProcessClock::default()
+    };
+    let deck = &world.scenario.deck;
+    let half_deck = [deck.length_m / 2.0, deck.width_m / 2.0];
+    let mut judge = Judge::default();
+    let mut phase = MissionState::default();
+
+    while !life.ended() {
+        // The truth at `t` is made and measured when the computer's clock reads `t`.
+        let early = physics.now() - clock.now::<TrueTime>();
+        if early.nanos() > 0 {
+            let wait = Duration::from_nanos(early.nanos().unsigned_abs());
+            if !memory.wait(wait.min(Duration::from_millis(100))) {
+                break;
+            }
+            continue;
+        }
+        let late_s = -early.secs();
+        life.figures[0] = life.figures[0].max(late_s);
+        life.figures[1] += f64::from(u8::from(late_s > TICK.secs()));
+        let before = steady_ns();
+
+        if physics.drone().is_none() && physics.now() >= physics.hover_from() {
+            physics.place_drone();
+        }
+        let readings = physics.vessel_readings();
+        sensors.send(&Readings {
+            imu: readings.imu,
+            gnss: readings.gnss,
+            heading: readings.heading,
+        });
+        if let Some(flight) = physics.flight() {
+            autopilot.say(&flight);
+        }
+        // Set-points have until the next tick to arrive: what the vehicle does in between follows
+        // from what it was told before.
+        let drone_ns = physics.drone_now().nanos();
+        life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
+        wait_until(&memory, &clock, physics.now() + TICK);
+        if let Some(set_point) = autopilot.set_point(drone_ns + TICK.nanos()) {
+            physics.apply(&set_point);
+        }
+        physics.advance();
+
+        phase = mission.newest(drone_ns).unwrap_or(phase);
+        life.figures[2] = physics.time_since_start().secs();
+        if physics.time_since_start().nanos() > 0 && judge.observe(&physics.observation(&phase), half_deck) {
+            break;
+        }
+        let inputs = [
+            autopilot.set_points.intake().state(drone_ns),
+            mission.intake().state(drone_ns),
+        ];
+        if let Some(said) = life.state(inputs, autopilot.unsent()) {
+            state.send(&said);
+        }
+    }
+    let sim_time_s = physics.now().secs();
+    let mut outcome = judge.outcome(world.seed, &world.sea, &world.planner, sim_time_s);
+    outcome.digest = format!("{:016x}", physics.digest());
+    outcome.wall_time_s = clock.now::<TrueTime>().secs();
+    let word = serde_json::to_string(&Word::Outcome(Box::new(outcome)))
+        .map_err(|e| Refused::because("writing the outcome", e))?;
+    say::line(word);
+    Ok(End::Success)
+}
+
+/// Waits until the clock reads `t`, but no longer than a tick.
+fn wait_until(memory: &Memory, clock: &ProcessClock, t: alight_shared::time::Time<TrueTime>) {
+    let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
+    let _told_to_end = memory.wait(Duration::from_nanos(left.unsigned_abs()));
+}

@@ -1,0 +1,220 @@
+//! The live processes, each test with an instance of its own on the loopback interface. Nothing
+//! here asserts a time: the bounds on waiting are only against tests that never end.
+
+// A test of live processes has to wait for them.
+#![allow(clippy::disallowed_methods)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+
+const PROCESSES: [&str; 7] = [
+    "world",
+    "vessel",
+    "bridge",
+    "predictor",
+    "mission",
+    "planner",
+    "pilot",
+];
+
+fn alight() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_alight"))
+}
+
+/// An instance that no other test uses.
+fn instance(test: &str) -> String {
+    format!("{test}-{}", std::process::id())
+}
+
+fn directory(instance: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("alight-{instance}"))
+}
+
+fn land(instance: &str, more: &[&str]) -> Child {
+    alight()
+        .args(["land", "--json", "--sea", "calm", "--instance", instance])
+        .args(more)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts")
+}
+
+fn status(instance: &str) -> Value {
+    let out = alight()
+        .args(["status", "--json", "--instance", instance])
+        .output()
+        .expect("runs");
+    serde_json::from_slice(&out.stdout).expect("an object")
+}
+
+/// What `status` says once it says what `wanted` waits for; at most about a minute.
+fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    for _ in 0..40 {
+        let now = status(instance);
+        if wanted(&now) {
+            return now;
+        }
+        std::thread::sleep(Duration::from_millis(300));
+    }
+    panic!("not within its time: {}", status(instance));
+}
+
+fn pid(status: &Value, process: &str) -> Option<u64> {
+    let kind = format!("{}{}", process[..1].to_uppercase(), &process[1..]);
+    status["processes"]
+        .as_array()?
+        .iter()
+        .find(|p| p["kind"] == kind)?["pid"]
+        .as_u64()
+}
+
+fn signal(pid: u64, signal: &str) {
+    let done = Command::new("kill")
+        .args([signal, &pid.to_string()])
+        .status()
+        .expect("kill runs");
+    assert!(done.success());
+}
+
+/// Nothing of the instance is left: no process, no file in shared memory, no directory.
+fn assert_gone(instance: &str, pids: &[u64]) {
+    for pid in pids {
+        let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        assert!(
+            state.is_empty() || state.contains(") Z"),
+            "process {pid} is left: {state}"
+        );
+    }
+    let prefix = format!("alight_{instance}_");
+    for place in ["/dev/shm", "/tmp"] {
+        let left: Vec<_> = std::fs::read_dir(place)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
+            .collect();
+        assert!(left.is_empty(), "{left:?}");
+    }
+    assert!(!directory(instance).exists());
+}
+
+fn outcome(out: &Output) -> Value {
+    let text = String::from_utf8_lossy(&out.stdout);
+    let last = text.lines().last().unwrap_or_default();
+    serde_json::from_str(last).unwrap_or_else(|e| {
+        panic!(
+            "no outcome ({e}): {text}\n{}",
+            String::from_utf8_lossy(&out.stderr)
+        )
+    })
+}
+
+fn logs(directory: &Path) -> usize {
+    std::fs::read_dir(directory)
+        .expect("a directory")
+        .flatten()
+        .count()
+}
+
+#[test]
+fn lands_and_every_log_replays_bit_for_bit() {
+    let name = instance("lands");
+    let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
+    let child = land(&name, &["--warm-up", "20", "--log", &log.display().to_string()]);
+    let seen = status_when(&name, |s| s["mission"]["state"] == "Approach");
+    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    assert_eq!(pids.len(), PROCESSES.len(), "{seen}");
+    assert!(seen["link"]["age_s"].as_f64().is_some(), "{seen}");
+
+    let out = child.wait_with_output().expect("ends");
+    let outcome = outcome(&out);
+    assert_eq!(
+        outcome["outcome"],
+        "success",
+        "{outcome}\n{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
+    assert_eq!(out.status.code(), Some(0));
+    assert_gone(&name, &pids);
+
+    assert_eq!(
+        logs(&log),
+        6,
+        "vessel, bridge, predictor, mission, planner, pilot"
+    );
+    let replay = alight().arg("replay").arg(&log).output().expect("runs");
+    let text = String::from_utf8_lossy(&replay.stdout).into_owned();
+    assert_eq!(
+        replay.status.code(),
+        Some(0),
+        "{text}{}",
+        String::from_utf8_lossy(&replay.stderr)
+    );
+    assert_eq!(text.matches("identical").count(), 6, "{text}");
+    std::fs::remove_dir_all(&log).expect("removed");
+}
+
+#[test]
+fn a_killed_process_comes_back_and_an_interrupt_leaves_nothing() {
+    let name = instance("killed");
+    let child = land(&name, &["--warm-up", "600", "--link", "clean"]);
+    let all = |s: &Value| PROCESSES.iter().all(|p| pid(s, p).is_some());
+    let mut seen = status_when(&name, all);
+    for process in ["vessel", "bridge", "predictor", "mission", "planner", "pilot"] {
+        let old = pid(&seen, process).expect("it runs");
+        signal(old, "-KILL");
+        seen = status_when(&name, |s| pid(s, process).is_some_and(|new| new != old));
+    }
+    // The estimate still arrives: the vessel and the bridge found each other again.
+    let fresh = |s: &Value| s["link"]["age_s"].as_f64().is_some_and(|age| age < 2.0);
+    let seen = status_when(&name, fresh);
+    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    assert_eq!(pids.len(), PROCESSES.len());
+
+    let twice = alight()
+        .args(["land", "--instance", &name])
+        .output()
+        .expect("runs");
+    assert_eq!(
+        twice.status.code(),
+        Some(2),
+        "a second one of the same name is refused"
+    );
+    signal(u64::from(child.id()), "-INT");
+    let out = child.wait_with_output().expect("ends");
+    assert_eq!(out.status.code(), Some(1));
+    assert_gone(&name, &pids);
+    assert_eq!(status(&name)["running"], false);
+}
+
+#[test]
+fn a_supervisor_that_is_killed_takes_its_processes_with_it() {
+    let name = instance("orphans");
+    let mut child = land(&name, &["--warm-up", "600"]);
+    let seen = status_when(&name, |s| PROCESSES.iter().all(|p| pid(s, p).is_some()));
+    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    child.kill().expect("killed");
+    child.wait().expect("waited for");
+    for _ in 0..100 {
+        if pids
+            .iter()
+            .all(|pid| !Path::new(&format!("/proc/{pid}")).exists())
+        {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    // What it could not clean up, the next start does.
+    let mut next = land(&name, &["--warm-up", "600"]);
+    status_when(&name, |s| {
+        s["running"] == true && PROCESSES.iter().all(|p| pid(s, p).is_some())
+    });
+    signal(u64::from(next.id()), "-TERM");
+    next.wait().expect("ends");
+    assert_gone(&name, &pids);
+}

@@ -1,0 +1,73 @@
+//! The clock of a process: the operating system's steady clock, plus what a configuration adds.
+
+use iceoryx2_bb_posix::clock::{ClockType, Time as OsTime};
+use serde::{Deserialize, Serialize};
+
+use crate::config::{Check, ConfigError, Keys};
+use crate::time::{Clock, Span, Time};
+
+/// The operating system's steady clock, ns: the same for all processes of a computer, never set
+/// back, slewed by the system's time service.
+pub fn steady_ns() -> i64 {
+    // The call cannot fail on a system that has the clock; a system without it shows time zero.
+    OsTime::now_with_clock(ClockType::Monotonic).map_or(0, |t| {
+        (t.seconds() as i64).saturating_mul(1_000_000_000) + i64::from(t.nanoseconds())
+    })
+}
+
+/// How a process reads its computer's clock: `C = s + offset + drift s`, where `s` is the steady
+/// clock since `epoch_ns`. On a vehicle all three are zero; a simulated vehicle's clock is made
+/// wrong with them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProcessClock {
+    /// The steady clock's reading that counts as zero, ns.
+    pub epoch_ns: i64,
+    /// Added, s.
+    pub offset_s: f64,
+    /// Runs faster by this, parts per million.
+    pub drift_ppm: f64,
+}
+
+impl ProcessClock {
+    /// What the clock reads now.
+    pub fn now<C: Clock>(&self) -> Time<C> {
+        self.read(steady_ns())
+    }
+    /// What the clock read when the steady clock read `steady_ns`.
+    pub fn read<C: Clock>(&self, steady_ns: i64) -> Time<C> {
+        let s = steady_ns.saturating_sub(self.epoch_ns);
+        let ahead = (s as f64 * self.drift_ppm * 1e-6).round() as i64;
+        Time::from_nanos(s) + Span::from_secs(self.offset_s) + Span::from_nanos(ahead)
+    }
+}
+
+impl Check for ProcessClock {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("offset_s", self.offset_s, -1e9, 1e9)?;
+        at.range("drift_ppm", self.drift_ppm, -500.0, 500.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::DroneClock;
+
+    #[test]
+    fn offset_and_drift_do_what_they_say() {
+        let clock = ProcessClock {
+            epoch_ns: 5_000_000_000,
+            offset_s: 100.25,
+            drift_ppm: 20.0,
+        };
+        let t: Time<DroneClock> = clock.read(5_000_000_000 + 1_000_000_000_000);
+        assert!((t.secs() - 1100.25 - 0.02).abs() < 1e-9, "{t:?}");
+    }
+
+    #[test]
+    fn the_steady_clock_does_not_go_back() {
+        let (a, b) = (steady_ns(), steady_ns());
+        assert!(0 < a && a <= b);
+    }
+}

@@ -1,0 +1,36 @@
+//! The two transports, behind the feature `transport`: [`memory`] between the processes of one
+//! computer (iceoryx2), [`radio`] between the computers (zenoh). Nothing outside this module knows
+//! either middleware, and nothing else of Alight holds `unsafe` code.
+//!
+//! Read in this order: [`clock`], [`plain`] (what may lie in shared memory, and on which topic),
+//! [`memory`], [`wake`], [`process`] (what a process says about itself), [`radio`].
+
+pub mod clock;
+pub mod intake;
+pub mod memory;
+pub mod plain;
+pub mod process;
+pub mod radio;
+pub mod wake;
+
+use thiserror::Error;
+
+/// What a transport could not do.
+#[derive(Debug, Error)]
+#[error("{doing}: {what}")]
+pub struct TransportError {
+    /// What was being done.
+    pub doing: String,
+    /// What the middleware says.
+    pub what: String,
+}
+
+impl TransportError {
+    /// Wraps a middleware's error with what was being done.
+    pub fn because(doing: impl Into<String>, error: impl core::fmt::Debug) -> Self {
+        TransportError {
+            doing: doing.into(),
+            what: format!("{error:?}"),
+        }
+    }
+}

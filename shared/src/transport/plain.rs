@@ -1,0 +1,88 @@
+//! What may lie in shared memory, and on which topic. The only `unsafe` of Alight is here.
+#![allow(unsafe_code)]
+
+use core::fmt::Debug;
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::msg;
+use crate::time::{Clock, DroneClock};
+use crate::topics::{self, Topic};
+use crate::transport::process::ProcessState;
+
+/// A message that lies in shared memory as it is, and the one topic it travels on.
+pub trait Plain: ZeroCopySend + Copy + Debug + 'static {
+    /// Its topic: name, buffer and staleness limit.
+    const TOPIC: &'static Topic;
+    /// Its sequence number and boot id, to count what was missed; None for messages without.
+    fn order(&self) -> Option<(u32, u32)>;
+    /// Its time of validity, ns on its own clock.
+    fn at_ns(&self) -> i64;
+}
+
+// SAFETY: every type below is plain data of fixed size without pointers, references or handles,
+// all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
+// compilation: enumerations (`repr(u8)`) with few valid values, and `Option<Time>` in a plan. Both
+// are sound here because a service's name carries `MESSAGE_VERSION` and the package's version, so
+// that only processes of one program ever share a service, and because no process writes a message
+// otherwise than by copying a whole valid value. Bounded lists check their length when they are read.
+macro_rules! plain {
+    ($($ty:ty => $topic:ident;)*) => {$(
+        unsafe impl ZeroCopySend for $ty {}
+        impl Plain for $ty {
+            const TOPIC: &'static Topic = &topics::$topic;
+            fn order(&self) -> Option<(u32, u32)> {
+                Some((self.header.boot, self.header.sequence))
+            }
+            fn at_ns(&self) -> i64 {
+                self.header.at.nanos()
+            }
+        }
+    )*};
+}
+plain! {
+    msg::DroneState => DRONE_STATE;
+    msg::AutopilotState => AUTOPILOT;
+    msg::TagPose => TAG;
+    msg::UvdarFix => UVDAR;
+    msg::RangeSample => RANGE;
+    msg::LinkState => LINK;
+    msg::DeckForecast => FORECAST;
+    msg::MissionState => MISSION;
+    msg::Plan => PLAN;
+    msg::SetPoint => SET_POINT;
+    msg::Command => COMMAND;
+}
+macro_rules! plain_of_vessel {
+    ($($ty:ident => $topic:ident;)*) => {$(
+        // SAFETY: as above.
+        unsafe impl<C: Clock> ZeroCopySend for msg::$ty<C> {}
+        impl Plain for msg::$ty<DroneClock> {
+            const TOPIC: &'static Topic = &topics::$topic;
+            fn order(&self) -> Option<(u32, u32)> {
+                Some((self.header.boot, self.header.sequence))
+            }
+            fn at_ns(&self) -> i64 {
+                self.header.at.nanos()
+            }
+        }
+    )*};
+}
+plain_of_vessel! {
+    VesselEstimate => BRIDGE_ESTIMATE;
+    WaveModel => BRIDGE_WAVE;
+    VesselPrediction => BRIDGE_PREDICTION;
+}
+
+// SAFETY: as above.
+unsafe impl ZeroCopySend for ProcessState {}
+impl Plain for ProcessState {
+    const TOPIC: &'static Topic = &topics::PROCESS;
+    fn order(&self) -> Option<(u32, u32)> {
+        // Many processes share the topic: a gap says nothing.
+        None
+    }
+    fn at_ns(&self) -> i64 {
+        self.at_ns
+    }
+}

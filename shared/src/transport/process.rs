@@ -1,0 +1,104 @@
+//! What a process says about itself, for a person who looks on.
+
+use serde::{Deserialize, Serialize};
+
+use crate::seq::Seq;
+
+/// Topics that one process reads, at most.
+pub const MOST_INPUTS: usize = 12;
+
+/// The processes of a vessel and its drone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum ProcessKind {
+    /// The simulated vehicles.
+    #[default]
+    World,
+    /// The vessel's estimator and broadcast.
+    Vessel,
+    /// The drone's end of the radio.
+    Bridge,
+    /// The deck's forecast.
+    Predictor,
+    /// The state machine.
+    Mission,
+    /// The trajectory.
+    Planner,
+    /// The set-points.
+    Pilot,
+}
+
+impl ProcessKind {
+    /// All, in the order of their start.
+    pub const ALL: [ProcessKind; 7] = [
+        ProcessKind::Vessel,
+        ProcessKind::Bridge,
+        ProcessKind::Predictor,
+        ProcessKind::Mission,
+        ProcessKind::Planner,
+        ProcessKind::Pilot,
+        ProcessKind::World,
+    ];
+    /// The name of the subcommand.
+    pub const fn name(self) -> &'static str {
+        match self {
+            ProcessKind::World => "world",
+            ProcessKind::Vessel => "vessel",
+            ProcessKind::Bridge => "bridge",
+            ProcessKind::Predictor => "predictor",
+            ProcessKind::Mission => "mission",
+            ProcessKind::Planner => "planner",
+            ProcessKind::Pilot => "pilot",
+        }
+    }
+}
+
+/// What a process read on one topic.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct InputState {
+    /// Index of the topic in [`crate::topics::ALL`].
+    pub topic: u32,
+    /// Messages received since the process began.
+    pub received: u64,
+    /// Messages missed by their sequence numbers.
+    pub missed: u64,
+    /// Age of the newest, s; infinite when there is none.
+    pub age_s: f64,
+    /// Median age when it was read, s.
+    pub read_age_p50_s: f64,
+    /// 99th percentile of the age when it was read, s.
+    pub read_age_p99_s: f64,
+}
+
+/// What a process says about itself, twice a second.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct ProcessState {
+    /// Which.
+    pub kind: ProcessKind,
+    /// Its process id.
+    pub pid: u32,
+    /// Drawn anew at each start.
+    pub boot: u32,
+    /// The steady clock when this was written, ns.
+    pub at_ns: i64,
+    /// The steady clock when the process began, ns.
+    pub began_ns: i64,
+    /// Steps of its node.
+    pub steps: u64,
+    /// Processor time since it began, s.
+    pub cpu_s: f64,
+    /// Resident memory, bytes.
+    pub resident_bytes: u64,
+    /// Median time of one step of the node, s.
+    pub step_p50_s: f64,
+    /// 99th percentile of the same, s.
+    pub step_p99_s: f64,
+    /// Messages that it could not send.
+    pub unsent: u64,
+    /// What a process measures beside; see the process for the meaning.
+    pub figures: [f64; 4],
+    /// What it reads.
+    pub inputs: Seq<InputState, MOST_INPUTS>,
+}

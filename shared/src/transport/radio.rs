@@ -1,0 +1,334 @@
+//! The radio between the computers: a zenoh session with explicit endpoints and no scouting.
+//!
+//! The vessel listens and only drones dial: two sides that dial can end up in a split session.
+//! zenoh repeats nothing by itself, so every message is small, complete and the newest wins; a
+//! message that does not fit into the local queue is dropped, never waited for. A session that went
+//! silent is closed (which may hang, so it is left to a thread of its own) and opened anew.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, atomic::AtomicU64, atomic::Ordering};
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use zenoh::Wait;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+
+use crate::config::{Check, ConfigError, Keys};
+use crate::transport::TransportError;
+use crate::transport::clock::steady_ns;
+use crate::wire::MAX_WIRE_BYTES;
+
+/// Messages that wait for the process; what comes on top is dropped.
+const INBOX: usize = 256;
+
+/// Who listens, who dials, over what.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RadioConfig {
+    /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; a vessel's.
+    pub listen: Vec<String>,
+    /// Endpoints to dial, such as `udp/192.168.7.1:7447`; a drone's.
+    pub connect: Vec<String>,
+    /// A link that carries nothing for this long is given up, s.
+    pub lease_s: f64,
+    /// A session without any message for this long, after it had some, is opened anew, s.
+    pub reopen_after_s: f64,
+    /// Certificates, for endpoints that begin with `tls/`.
+    pub tls: TlsConfig,
+}
+
+/// Certificate files (PEM); empty for endpoints without TLS.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TlsConfig {
+    /// The authority that signed both sides' certificates.
+    pub authority: String,
+    /// Our certificate.
+    pub certificate: String,
+    /// Its key.
+    pub key: String,
+}
+
+impl Default for RadioConfig {
+    fn default() -> Self {
+        RadioConfig {
+            listen: Vec::new(),
+            connect: Vec::new(),
+            // Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after
+            // an outage of 5 s, with 2 s what comes is fresh.
+            lease_s: 2.0,
+            // Ours: a lease, the slowest retry, and as much again.
+            reopen_after_s: 5.0,
+            tls: TlsConfig::default(),
+        }
+    }
+}
+
+impl Check for RadioConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("lease_s", self.lease_s, 0.5, 60.0)?;
+        at.range("reopen_after_s", self.reopen_after_s, 1.0, 600.0)?;
+        at.require(
+            self.listen.is_empty() != self.connect.is_empty(),
+            "listen, connect",
+            format!("{:?}, {:?}", self.listen, self.connect),
+            "either endpoints to listen on (vessel) or endpoints to dial (drone)",
+        )
+    }
+}
+
+impl RadioConfig {
+    fn session(&self) -> Result<zenoh::Config, TransportError> {
+        let ms = |s: f64| (s * 1e3).round().to_string();
+        let text = |v: &dyn core::fmt::Debug| format!("{v:?}");
+        let mut settings: Vec<(&str, String)> = vec![
+            ("mode", text(&"peer")),
+            ("listen/endpoints", text(&self.listen)),
+            ("connect/endpoints", text(&self.connect)),
+            // Retry for ever, in the background.
+            ("connect/timeout_ms", "-1".into()),
+            ("connect/exit_on_failure", "false".into()),
+            (
+                "connect/retry",
+                r#"{ "period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5 }"#.into(),
+            ),
+            ("scouting/multicast/enabled", "false".into()),
+            ("scouting/gossip/enabled", "false".into()),
+            ("transport/link/tx/lease", ms(self.lease_s)),
+            ("transport/unicast/open_timeout", "1000".into()),
+            ("transport/unicast/accept_timeout", "1000".into()),
+        ];
+        if !self.tls.authority.is_empty() {
+            settings.extend([
+                (
+                    "transport/link/tls/root_ca_certificate",
+                    text(&self.tls.authority),
+                ),
+                (
+                    "transport/link/tls/listen_certificate",
+                    text(&self.tls.certificate),
+                ),
+                ("transport/link/tls/listen_private_key", text(&self.tls.key)),
+                (
+                    "transport/link/tls/connect_certificate",
+                    text(&self.tls.certificate),
+                ),
+                ("transport/link/tls/connect_private_key", text(&self.tls.key)),
+                ("transport/link/tls/enable_mtls", "true".into()),
+                ("transport/link/protocols", r#"["tls"]"#.into()),
+            ]);
+        }
+        let mut config = zenoh::Config::default();
+        for (key, value) in settings {
+            config
+                .insert_json5(key, &value)
+                .map_err(|e| TransportError::because(format!("setting {key} of the radio to {value}"), e))?;
+        }
+        Ok(config)
+    }
+}
+
+/// How urgent a key's messages are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Urgency {
+    /// State and time: before everything else.
+    State,
+    /// Models and predictions.
+    Model,
+    /// For people.
+    Status,
+}
+
+/// A key to publish on.
+#[derive(Clone, Debug)]
+pub struct Outlet {
+    /// The key expression.
+    pub key: String,
+    /// How urgent.
+    pub urgency: Urgency,
+}
+
+/// A message that came.
+#[derive(Clone, Debug)]
+pub struct Heard {
+    /// Index of its subscription.
+    pub subscription: usize,
+    /// The steady clock at its arrival, ns.
+    pub at_ns: i64,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
+/// What the radio counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RadioCounts {
+    /// Messages handed to the middleware.
+    pub sent: u64,
+    /// Bytes of them.
+    pub sent_bytes: u64,
+    /// Messages it did not take.
+    pub unsent: u64,
+    /// Messages that came.
+    pub heard: u64,
+    /// Messages dropped because they were too long or the process did not read.
+    pub dropped: u64,
+    /// How often the watchdog opened the session anew.
+    pub reopened: u64,
+}
+
+/// One side of the radio.
+pub struct Radio {
+    config: RadioConfig,
+    outlets: Vec<Outlet>,
+    subscriptions: Vec<String>,
+    open: Option<Open>,
+    sender: SyncSender<Heard>,
+    inbox: Receiver<Heard>,
+    dropped: Arc<AtomicU64>,
+    counts: RadioCounts,
+    last_heard_ns: Option<i64>,
+}
+
+struct Open {
+    session: zenoh::Session,
+    publishers: Vec<Publisher<'static>>,
+}
+
+impl Radio {
+    /// Opens the session, publishes on `outlets` and reads `subscriptions`.
+    pub fn open(
+        config: &RadioConfig,
+        outlets: Vec<Outlet>,
+        subscriptions: Vec<String>,
+    ) -> Result<Radio, TransportError> {
+        let (sender, inbox) = sync_channel(INBOX);
+        let mut radio = Radio {
+            config: config.clone(),
+            outlets,
+            subscriptions,
+            open: None,
+            sender,
+            inbox,
+            dropped: Arc::new(AtomicU64::new(0)),
+            counts: RadioCounts::default(),
+            last_heard_ns: None,
+        };
+        radio.open = Some(radio.session()?);
+        Ok(radio)
+    }
+
+    fn session(&self) -> Result<Open, TransportError> {
+        let session = zenoh::open(self.config.session()?)
+            .wait()
+            .map_err(|e| TransportError::because("opening the radio's session", e))?;
+        let mut publishers = Vec::with_capacity(self.outlets.len());
+        for outlet in &self.outlets {
+            let priority = match outlet.urgency {
+                Urgency::State => Priority::RealTime,
+                Urgency::Model => Priority::InteractiveHigh,
+                Urgency::Status => Priority::Background,
+            };
+            let publisher = session
+                .declare_publisher(outlet.key.clone())
+                .congestion_control(CongestionControl::Drop)
+                .priority(priority)
+                .express(true)
+                .wait()
+                .map_err(|e| TransportError::because(format!("publishing {}", outlet.key), e))?;
+            publishers.push(publisher);
+        }
+        for (subscription, key) in self.subscriptions.iter().enumerate() {
+            let (sender, dropped) = (self.sender.clone(), Arc::clone(&self.dropped));
+            session
+                .declare_subscriber(key.clone())
+                .callback(move |sample| {
+                    let payload = sample.payload();
+                    if payload.len() > MAX_WIRE_BYTES {
+                        dropped.fetch_add(1, Ordering::Relaxed);
+                        return;
+                    }
+                    let bytes = payload.to_bytes().into_owned();
+                    let heard = Heard {
+                        subscription,
+                        at_ns: steady_ns(),
+                        bytes,
+                    };
+                    match sender.try_send(heard) {
+                        Ok(()) => {}
+                        Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
+                            dropped.fetch_add(1, Ordering::Relaxed);
+                        }
+                    }
+                })
+                .background()
+                .wait()
+                .map_err(|e| TransportError::because(format!("reading {key}"), e))?;
+        }
+        Ok(Open { session, publishers })
+    }
+
+    /// Publishes on outlet `outlet`.
+    pub fn send(&mut self, outlet: usize, bytes: Vec<u8>) {
+        let length = bytes.len() as u64;
+        let publisher = self.open.as_ref().and_then(|o| o.publishers.get(outlet));
+        if publisher.is_some_and(|p| p.put(bytes).wait().is_ok()) {
+            self.counts.sent += 1;
+            self.counts.sent_bytes += length;
+        } else {
+            self.counts.unsent += 1;
+        }
+    }
+
+    /// The next message; waits at most `longest` for it.
+    pub fn receive(&mut self, longest: Duration) -> Option<Heard> {
+        let heard = if longest.is_zero() {
+            self.inbox.try_recv().ok()
+        } else {
+            match self.inbox.recv_timeout(longest) {
+                Ok(heard) => Some(heard),
+                // We hold a sender ourselves: the channel is never disconnected.
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => None,
+            }
+        }?;
+        self.counts.heard += 1;
+        self.last_heard_ns = Some(heard.at_ns);
+        Some(heard)
+    }
+
+    /// The watchdog of the side that dials: opens the session anew when it went silent. To be called
+    /// now and then. The side that listens keeps its socket, and silence is no news to it.
+    pub fn watch(&mut self) {
+        if self.config.connect.is_empty() {
+            return;
+        }
+        let now = steady_ns();
+        let silent = self
+            .last_heard_ns
+            .is_some_and(|at| now.saturating_sub(at) as f64 * 1e-9 > self.config.reopen_after_s);
+        if !silent && self.open.is_some() {
+            return;
+        }
+        if let Some(old) = self.open.take() {
+            // Closing may hang for ten seconds under loss; nobody waits for it.
+            let _detached = std::thread::Builder::new().name("close".into()).spawn(move || {
+                drop(old.publishers);
+                let _closed = old.session.close().wait();
+            });
+        }
+        // A session that cannot be opened is tried again after the same silence.
+        self.last_heard_ns = Some(now);
+        if let Ok(open) = self.session() {
+            self.open = Some(open);
+            self.counts.reopened += 1;
+        }
+    }
+
+    /// What was counted.
+    pub fn counts(&self) -> RadioCounts {
+        RadioCounts {
+            dropped: self.dropped.load(Ordering::Relaxed),
+            ..self.counts
+        }
+    }
+}

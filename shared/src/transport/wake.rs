@@ -1,0 +1,47 @@
+//! Waiting for messages without burning a core: an iceoryx2 wait set over listeners.
+
+use core::ops::ControlFlow;
+use std::time::Duration;
+
+use iceoryx2::prelude::*;
+use iceoryx2::waitset::WaitSetRunResult;
+use iceoryx2_bb_posix::signal::SignalHandler;
+
+use crate::transport::TransportError;
+use crate::transport::memory::{Ipc, Listener};
+
+/// Whether the process was asked to end (SIGTERM or SIGINT).
+pub fn end_requested() -> bool {
+    SignalHandler::termination_requested()
+}
+
+/// Calls `step` whenever one of `listeners` was woken, and at the latest `longest` after the last
+/// time, until `step` breaks or the process is asked to end.
+pub fn run(
+    listeners: &[&Listener],
+    longest: Duration,
+    mut step: impl FnMut() -> ControlFlow<()>,
+) -> Result<(), TransportError> {
+    let fail = |e: &dyn core::fmt::Debug| TransportError::because("waiting for messages", e);
+    let waits = WaitSetBuilder::new().create::<Ipc>().map_err(|e| fail(&e))?;
+    let mut guards = Vec::with_capacity(listeners.len());
+    for listener in listeners {
+        guards.push(waits.attach_notification(&listener.port).map_err(|e| fail(&e))?);
+    }
+    loop {
+        match waits.wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, longest) {
+            Ok(WaitSetRunResult::TerminationRequest) => return Ok(()),
+            // Any signal ends the wait, not only one that means the end.
+            Ok(WaitSetRunResult::Interrupt) if end_requested() => return Ok(()),
+            Ok(_) => {}
+            Err(e) => return Err(fail(&e)),
+        }
+        // A listener that is not drained wakes at once again.
+        for listener in listeners {
+            let _drained = listener.port.try_wait(|_| {});
+        }
+        if step().is_break() {
+            return Ok(());
+        }
+    }
+}
