@@ -25,9 +25,11 @@ use super::recorder::stamp;
 use super::scene::{self, frame, pose, quaternion, vector};
 use super::sink::{Channel, Opening, Sink};
 
-/// Periods of what is shown, ms: paths and states, attitudes and positions, shapes.
+/// Periods of what is shown, ms: paths and states, attitudes and positions (before the drone
+/// appears there is little to see), shapes.
 const SLOW_MS: i64 = 100;
 const FAST_MS: i64 = 40;
+const ALONE_MS: i64 = 200;
 const SCENE_MS: i64 = 5_000;
 
 /// A channel of figures.
@@ -96,6 +98,7 @@ pub struct Show {
     said: Option<(State, ReasonCode)>,
     plan_at: Option<Time<DroneClock>>,
     plan_shown: Time<TrueTime>,
+    estimate_shown: Time<TrueTime>,
 }
 
 impl Show {
@@ -130,6 +133,7 @@ impl Show {
             said: None,
             plan_at: None,
             plan_shown: Time::EPOCH,
+            estimate_shown: Time::EPOCH,
         })
     }
 
@@ -146,7 +150,7 @@ impl Show {
         if due(t, SCENE_MS) || appeared {
             put(sink, self.scene, t, &scene::scene(timestamp(t), &self.scenario));
         }
-        if !due(t, FAST_MS) {
+        if !self.fast(t) {
             return;
         }
         let deck: RigidState<Deck> = vessel.at(self.scenario.deck.centre());
@@ -172,6 +176,11 @@ impl Show {
             self.relation(sink, t, &deck, d);
         }
         put(sink, self.transforms, t, &FrameTransforms { transforms });
+    }
+
+    /// Time for attitudes and positions?
+    fn fast(&self, t: Time<TrueTime>) -> bool {
+        due(t, if self.drone.is_some() { FAST_MS } else { ALONE_MS })
     }
 
     fn transform(
@@ -225,7 +234,7 @@ impl Show {
 
     /// The vessel's sensors and its broadcast.
     pub fn vessel(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &VesselIn, o: &VesselOut) {
-        if let (true, Some(imu)) = (due(t, FAST_MS), i.imu.last()) {
+        if let (true, Some(imu)) = (self.fast(t), i.imu.last()) {
             self.imu.put(sink, t, &[V(&imu.gyro), V(&imu.accelerometer)]);
         }
         for fix in &i.gnss {
@@ -236,7 +245,10 @@ impl Show {
             let values = [fix.heading, fix.heading_sd].map(|v| N(v.to_degrees()));
             self.heading.put(sink, t, &values);
         }
-        if let Some(e) = &o.estimate {
+        if let Some(e) = &o.estimate
+            && (t - self.estimate_shown).nanos() >= SLOW_MS * 1_000_000
+        {
+            self.estimate_shown = t;
             let (dot, ddot) = (e.eta_dot.map(f64::from), e.eta_ddot.map(f64::from));
             let variance = e.covariance.map(|b| f64::from(b[0]));
             let variance_dot = e.covariance.map(|b| f64::from(b[2]));
@@ -315,7 +327,7 @@ impl Show {
         if let Some(range) = i.ranges.last() {
             self.range.put(sink, t, &[N(range.range_m), N(range.variance)]);
         }
-        if let (true, Some(d)) = (due(t, FAST_MS), &i.drone) {
+        if let (true, Some(d)) = (self.fast(t), &i.drone) {
             self.odometry(sink, t, d);
         }
         if let (true, Some(f)) = (due(t, SLOW_MS), &o.forecast) {
@@ -489,7 +501,7 @@ impl Show {
             );
             self.line(sink, t, log::Level::Info, text);
         }
-        let (true, Some(s)) = (due(t, FAST_MS), &o.set_point) else {
+        let (true, Some(s)) = (self.fast(t), &o.set_point) else {
             return;
         };
         let kind = match s.kind {

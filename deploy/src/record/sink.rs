@@ -18,6 +18,9 @@ const BATCHES: usize = 8;
 /// A chunk of the file, before compression.
 const CHUNK_BYTES: u64 = 1 << 20;
 
+/// Bytes per write to the disk.
+const BUFFER_BYTES: usize = 1 << 20;
+
 /// A channel of the file.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Channel(u16);
@@ -41,7 +44,10 @@ impl Opening {
             .library(concat!("alight ", env!("CARGO_PKG_VERSION")))
             .chunk_size(Some(CHUNK_BYTES))
             .compression(Some(Compression::Lz4));
-        Ok(Opening(options.create(BufWriter::new(File::create(path)?))?))
+        Ok(Opening(options.create(BufWriter::with_capacity(
+            BUFFER_BYTES,
+            File::create(path)?,
+        ))?))
     }
     /// A channel of bytes that only Alight reads.
     pub fn raw(&mut self, topic: &str, encoding: &str) -> Result<Channel, McapError> {
