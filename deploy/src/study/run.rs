@@ -193,7 +193,56 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[PlannerKind]) -> Res
         (scenario, planner, o.seed)
     };
     done.sort_by_key(order);
+    #[cfg(feature = "record")]
+    if let Some(out) = &args.out {
+        record_failed(args, out, (rows, planners), &done)?;
+    }
     Ok(done)
+}
+
+/// Failed trials that are flown again and recorded.
+#[cfg(feature = "record")]
+const RECORDED: usize = 5;
+
+/// Flies the first failed trials again, with a recording of each.
+#[cfg(feature = "record")]
+fn record_failed(
+    args: &StudyArgs,
+    out: &Path,
+    (rows, planners): (&[Row], &[PlannerKind]),
+    done: &[Outcome],
+) -> Result<(), Refused> {
+    let dir = out.join("failed");
+    for o in done.iter().filter(|o| !o.success).take(RECORDED) {
+        let Some(row) = rows.iter().find(|r| r.name == o.sea) else {
+            continue;
+        };
+        let Some(&kind) = planners.iter().find(|k| k.name() == o.planner) else {
+            continue;
+        };
+        let name = file_name(&format!("{} {}", o.sea, o.planner)).replace(".toml", "");
+        let path = dir.join(format!("{name}-{}.mcap", o.seed));
+        if path.exists() {
+            continue;
+        }
+        std::fs::create_dir_all(&dir)
+            .map_err(|e| Refused::because(format!("making {}", dir.display()), e))?;
+        let mut nodes = row.nodes.clone();
+        nodes.drone.planner.kind = kind;
+        let subject = crate::record::Subject {
+            scenario: &row.world,
+            nodes: &nodes,
+            seed: o.seed,
+            sea: &row.name,
+        };
+        let watch = Watch {
+            on_event: &mut |_| {},
+            trace_step_s: None,
+        };
+        crate::record::fly(&path, &subject, watch)?;
+        note(args.json, format_args!("recorded: {}", path.display()));
+    }
+    Ok(())
 }
 
 /// Table, JSON, Markdown and page of a set of rows.

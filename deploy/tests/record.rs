@@ -1,0 +1,237 @@
+//! Recording and replay as a person meets them.
+#![cfg(feature = "record")]
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+use mcap::{Compression, MessageStream, Summary, WriteOptions};
+
+fn alight(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args(args)
+        .output()
+        .unwrap()
+}
+fn scratch(name: &str) -> PathBuf {
+    let dir = std::env::temp_dir().join(format!("alight-record-{}", std::process::id()));
+    std::fs::create_dir_all(&dir).unwrap();
+    dir.join(name)
+}
+fn text(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+fn json(o: &Output) -> serde_json::Value {
+    let text = String::from_utf8_lossy(&o.stdout);
+    serde_json::from_str(text.lines().last().unwrap()).unwrap()
+}
+fn stderr(o: &Output) -> String {
+    String::from_utf8_lossy(&o.stderr).into_owned()
+}
+
+/// A recorded landing after a short warm-up, and its outcome; flown once.
+fn recorded() -> &'static (PathBuf, serde_json::Value) {
+    static FLOWN: OnceLock<(PathBuf, serde_json::Value)> = OnceLock::new();
+    FLOWN.get_or_init(|| {
+        let (scene, file) = (scratch("short.toml"), scratch("flight.mcap"));
+        std::fs::write(
+            &scene,
+            "[start]\nwarm_up_s = 15.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n",
+        )
+        .unwrap();
+        let flown = alight(&[
+            "trial",
+            "--scenario",
+            &text(&scene),
+            "--seed",
+            "5",
+            "--json",
+            "--record",
+            &text(&file),
+        ]);
+        let outcome = json(&flown);
+        let unrecorded = alight(&["trial", "--scenario", &text(&scene), "--seed", "5", "--json"]);
+        assert_eq!(
+            outcome["digest"],
+            json(&unrecorded)["digest"],
+            "recording changed the flight"
+        );
+        (file, outcome)
+    })
+}
+
+/// Copies the recording with `change` applied to every message (topic, number in its topic, bytes).
+fn changed(from: &Path, to: &Path, change: impl Fn(&str, u32, &mut Vec<u8>)) {
+    let bytes = std::fs::read(from).unwrap();
+    let summary = Summary::read(&bytes).unwrap().unwrap();
+    let file = std::io::BufWriter::new(std::fs::File::create(to).unwrap());
+    let mut writer = WriteOptions::new()
+        .compression(Some(Compression::Lz4))
+        .create(file)
+        .unwrap();
+    for index in &summary.metadata_indexes {
+        writer
+            .write_metadata(&mcap::read::metadata(&bytes, index).unwrap())
+            .unwrap();
+    }
+    for index in &summary.attachment_indexes {
+        writer
+            .attach(&mcap::read::attachment(&bytes, index).unwrap())
+            .unwrap();
+    }
+    for message in MessageStream::new(&bytes).unwrap() {
+        let mut message = message.unwrap();
+        let (topic, number) = (message.channel.topic.clone(), message.sequence);
+        change(&topic, number, message.data.to_mut());
+        writer.write(&message).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn a_recording_replays_bit_identically() {
+    let (file, _) = recorded();
+    let replay = alight(&["replay", &text(file), "--json"]);
+    assert_eq!(replay.status.code(), Some(0), "{}", stderr(&replay));
+    let said = json(&replay);
+    assert_eq!(said["identical"], true, "{said}");
+    for node in said["nodes"].as_array().unwrap() {
+        assert!(node["steps"].as_u64().unwrap() > 300, "{node}");
+    }
+}
+
+#[test]
+fn one_flipped_byte_of_an_input_is_a_difference_of_that_node() {
+    let (file, _) = recorded();
+    for (topic, node, offset) in [
+        // Time (8), number of inertial samples (8), header (26), then the first gyro rate.
+        ("/node/vessel", "vessel", 8 + 8 + 26 + 6),
+        // Time (8), forecast (1 + 4), plan (1 + 4), mission's state, previous (4 each) after its
+        // header (1 + 26).
+        ("/node/pilot", "pilot", 8 + 5 + 5 + 1 + 26),
+    ] {
+        let other = scratch(&format!("changed-{node}.mcap"));
+        let at = if node == "vessel" { 900 } else { 200 };
+        changed(file, &other, |t, number, bytes| {
+            // The pilot's forecast and plan are not in every input.
+            if t == topic && number >= at && number < at + 2 {
+                let i = offset.min(bytes.len() - 9);
+                bytes[i] ^= 1;
+            }
+        });
+        let replay = alight(&["replay", &text(&other)]);
+        let said = String::from_utf8_lossy(&replay.stdout).into_owned();
+        assert_ne!(
+            replay.status.code(),
+            Some(0),
+            "{node}: the change went unnoticed: {said}"
+        );
+        if replay.status.code() == Some(1) {
+            assert!(said.contains(&format!("first difference: {node}")), "{said}");
+        }
+    }
+}
+
+#[test]
+fn one_changed_output_is_found_at_its_node_and_time() {
+    let (file, _) = recorded();
+    let other = scratch("output.mcap");
+    changed(file, &other, |topic, number, bytes| {
+        if topic == "/node/planner" && number == 150 {
+            *bytes.last_mut().unwrap() ^= 0x10;
+        }
+    });
+    let replay = alight(&["replay", &text(&other), "--json"]);
+    assert_eq!(replay.status.code(), Some(1));
+    let said = json(&replay);
+    // The drone appears at 14 s; steps are 10 ms apart.
+    assert_eq!(
+        said["verdict"], "first difference: planner at 15.50 s of the recording",
+        "{said}"
+    );
+    let differing = said["nodes"].as_array().unwrap().iter();
+    assert_eq!(differing.filter(|n| !n["differs_at_s"].is_null()).count(), 1);
+}
+
+#[test]
+fn damaged_foreign_and_missing_files_are_refused_with_code_2() {
+    let (file, _) = recorded();
+    let good = std::fs::read(file).unwrap();
+    let mut flipped = good.clone();
+    flipped[good.len() / 2] ^= 0x20;
+    let cases = [
+        ("cut.mcap", good[..good.len() / 2].to_vec()),
+        ("flipped.mcap", flipped),
+        ("empty.mcap", Vec::new()),
+        ("text.mcap", b"not a recording".repeat(100)),
+    ];
+    for (name, bytes) in cases {
+        let path = scratch(name);
+        std::fs::write(&path, bytes).unwrap();
+        let replay = alight(&["replay", &text(&path)]);
+        assert_eq!(replay.status.code(), Some(2), "{name}: {}", stderr(&replay));
+        assert!(stderr(&replay).contains(name), "{}", stderr(&replay));
+    }
+    let foreign = scratch("foreign.mcap");
+    let writer = std::io::BufWriter::new(std::fs::File::create(&foreign).unwrap());
+    WriteOptions::new()
+        .compression(None)
+        .create(writer)
+        .unwrap()
+        .finish()
+        .unwrap();
+    for path in [text(&foreign), "/nonexistent/flight.mcap".into()] {
+        let replay = alight(&["replay", &path]);
+        assert_eq!(replay.status.code(), Some(2), "{path}: {}", stderr(&replay));
+        assert!(stderr(&replay).contains(&path), "{}", stderr(&replay));
+    }
+    let nowhere = alight(&["trial", "--record", "/nonexistent/flight.mcap"]);
+    assert_eq!(nowhere.status.code(), Some(2));
+    assert!(
+        stderr(&nowhere).contains("/nonexistent/flight.mcap"),
+        "{}",
+        stderr(&nowhere)
+    );
+}
+
+#[test]
+fn a_recording_holds_what_a_person_wants_to_see() {
+    let (file, outcome) = recorded();
+    let bytes = std::fs::read(file).unwrap();
+    let summary = Summary::read(&bytes).unwrap().unwrap();
+    let seen: BTreeSet<(String, String)> = summary
+        .channels
+        .values()
+        .filter_map(|c| Some((c.topic.clone(), c.schema.as_ref()?.name.clone())))
+        .collect();
+    for (topic, schema) in [
+        ("/tf", "foxglove.FrameTransforms"),
+        ("/scene", "foxglove.SceneUpdate"),
+        ("/deck/forecast/path", "foxglove.PosesInFrame"),
+        ("/plan/path", "foxglove.PosesInFrame"),
+        ("/log", "foxglove.Log"),
+        ("/sensor/tag", "foxglove.PoseInFrame"),
+        ("/vessel/odometry", "foxglove.Odometry"),
+        ("/mission", "alight.Mission"),
+        ("/link", "alight.Link"),
+        ("/plan", "alight.Solver"),
+    ] {
+        assert!(
+            seen.contains(&(topic.into(), schema.into())),
+            "{topic} {schema} in {seen:?}"
+        );
+    }
+    let statistics = summary.stats.as_ref().unwrap();
+    for channel in summary.channels.values() {
+        let count = statistics.channel_message_counts.get(&channel.id);
+        assert!(count.is_some_and(|n| *n > 0), "{} is empty", channel.topic);
+    }
+    let flown_s = statistics.message_end_time as f64 * 1e-9;
+    assert!((flown_s - outcome["sim_time_s"].as_f64().unwrap()).abs() < 0.02);
+    // 60 s of flight in at most 30 MB.
+    assert!((bytes.len() as f64) < 0.5e6 * flown_s, "{} bytes", bytes.len());
+    let end = summary.metadata_indexes.iter().find(|m| m.name == "outcome");
+    let end = mcap::read::metadata(&bytes, end.unwrap()).unwrap();
+    assert_eq!(outcome["digest"], end.metadata["digest"]);
+}
