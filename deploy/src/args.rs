@@ -110,7 +110,7 @@ pub struct SceneArgs {
     /// calm, slight, moderate, rough, very-rough, or AMPLITUDE_M,PERIOD_S [default: moderate]
     #[arg(long, value_name = "NAME|A,T", allow_hyphen_values = true)]
     pub sea: Option<SeaArg>,
-    /// Planner that flies [default: what the configuration says, mpc-faa]
+    /// Planner that flies [default: what the configuration says, alight]
     #[arg(long, value_enum)]
     pub planner: Option<Planner>,
     /// What the vessel does [default: drift]

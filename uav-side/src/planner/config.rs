@@ -14,11 +14,11 @@ use super::weights::{Faa, Weights};
 #[serde(rename_all = "kebab-case")]
 pub enum PlannerKind {
     /// The paper's MPC with flight-attitude alignment.
-    #[default]
     MpcFaa,
     /// The same without: weights do not change with clearance.
     Mpc,
     /// Ours: place, velocity and attitude meet the deck at a chosen instant.
+    #[default]
     Alight,
 }
 
@@ -304,7 +304,7 @@ impl Default for PlannerConfig {
     /// following): ours, as is all the rest.
     fn default() -> Self {
         PlannerConfig {
-            kind: PlannerKind::MpcFaa,
+            kind: PlannerKind::Alight,
             stages: 20,
             step_s: 0.1,
             navigation_hz: 10.0,
@@ -417,7 +417,7 @@ mod tests {
         let parse = |s: &str| alight_shared::config::parse::<PlannerConfig>(s, "test").map(|c| c.kind);
         assert_eq!(parse("kind = \"mpc\"").unwrap(), PlannerKind::Mpc);
         assert_eq!(parse("kind = \"alight\"").unwrap(), PlannerKind::Alight);
-        assert_eq!(parse("").unwrap(), PlannerKind::MpcFaa);
+        assert_eq!(parse("").unwrap(), PlannerKind::Alight);
         assert!(parse("stages = 41").is_err());
         assert!(parse("[faa]\ndistance = \"per-stage\"").is_ok());
         assert!(parse("[rotors]\nslew_shares = [0.5, 0.3, 0.1]").is_err());
