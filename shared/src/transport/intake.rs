@@ -116,7 +116,11 @@ mod tests {
         let state = intake.state(1_000_000_000);
         assert_eq!((state.received, state.missed), (7, 2));
         assert_eq!(state.age_s, 1.0);
-        assert!((0.003..0.0036).contains(&state.read_age_p50_s), "{}", state.read_age_p50_s);
+        assert!(
+            (0.003..0.0036).contains(&state.read_age_p50_s),
+            "{}",
+            state.read_age_p50_s
+        );
     }
 
     #[test]

@@ -359,7 +359,13 @@ mod tests {
     use core::ops::ControlFlow;
 
     fn at(sequence: u32) -> Header<DroneClock> {
-        Header::new(1, 1, 9, sequence, Time::from_nanos(i64::from(sequence) * 1_000_000))
+        Header::new(
+            1,
+            1,
+            9,
+            sequence,
+            Time::from_nanos(i64::from(sequence) * 1_000_000),
+        )
     }
 
     #[test]
@@ -368,9 +374,15 @@ mod tests {
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();
         let early = memory.publisher::<SetPoint>();
-        assert!(early.is_err(), "a service that nobody created is not created by who opens it");
+        assert!(
+            early.is_err(),
+            "a service that nobody created is not created by who opens it"
+        );
         let services = Services::create(&memory).unwrap();
-        assert_eq!(services.len(), crate::topics::ALL.iter().filter(|t| t.is_memory()).count() + 1);
+        assert_eq!(
+            services.len(),
+            crate::topics::ALL.iter().filter(|t| t.is_memory()).count() + 1
+        );
 
         let mut set_points = memory.publisher::<SetPoint>().unwrap();
         let mut newest = memory.subscriber::<SetPoint>().unwrap();
@@ -378,8 +390,16 @@ mod tests {
         let mut all = memory.subscriber::<RangeSample>().unwrap();
         let wake = memory.listener::<RangeSample>().unwrap();
         for k in 1..=20 {
-            set_points.send(&SetPoint { header: at(k), thrust: f64::from(k), ..SetPoint::default() });
-            ranges.send(&RangeSample { header: at(k), range_m: f64::from(k), variance: 1.0 });
+            set_points.send(&SetPoint {
+                header: at(k),
+                thrust: f64::from(k),
+                ..SetPoint::default()
+            });
+            ranges.send(&RangeSample {
+                header: at(k),
+                range_m: f64::from(k),
+                variance: 1.0,
+            });
         }
         assert_eq!((set_points.unsent(), ranges.unsent()), (0, 0));
         assert_eq!(newest.newest(0).map(|s| s.thrust), Some(20.0));
@@ -388,14 +408,22 @@ mod tests {
         assert_eq!(read, (5..=20).map(f64::from).collect::<Vec<_>>());
         // Only gaps between messages that were read can be seen; the first four came before them.
         assert_eq!(all.intake().state(0).missed, 0);
-        ranges.send(&RangeSample { header: at(24), range_m: 24.0, variance: 1.0 });
+        ranges.send(&RangeSample {
+            header: at(24),
+            range_m: 24.0,
+            variance: 1.0,
+        });
         assert_eq!(all.all(0).len(), 1);
         assert_eq!(all.intake().state(0).missed, 3);
 
         let mut steps = 0;
         crate::transport::wake::run(&[&wake], Duration::from_millis(1), || {
             steps += 1;
-            if steps == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            if steps == 3 {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
         })
         .unwrap();
         assert_eq!(steps, 3, "a drained listener does not spin, the timeout wakes");
@@ -403,7 +431,11 @@ mod tests {
         drop((set_points, newest, ranges, all, wake, services, memory));
         let prefix = instance.prefix();
         let left = std::fs::read_dir("/dev/shm").unwrap().flatten();
-        assert_eq!(left.filter(|e| e.file_name().to_string_lossy().starts_with(&prefix)).count(), 0);
+        assert_eq!(
+            left.filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
+                .count(),
+            0
+        );
         instance.wipe().unwrap();
         std::fs::remove_dir_all(instance.directory()).unwrap();
     }
