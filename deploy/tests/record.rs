@@ -1,4 +1,6 @@
 //! Recording and replay as a person meets them.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![cfg(feature = "record")]
 
 use std::collections::BTreeSet;
