@@ -433,12 +433,11 @@ fn a_drone_far_from_its_plan_or_a_jump_of_origin_starts_anew() {
 
 #[test]
 fn without_a_forecast_it_stays_where_it_is() {
-    stays_without_forecast(PlannerKind::MpcFaa, 400);
-    // It sinks at 2.5 m/s when the forecast ends, and has further to come back.
-    stays_without_forecast(PlannerKind::Alight, 600);
+    // Alight sinks at 2.5 m/s when the forecast ends, and has further to come back.
+    [(PlannerKind::MpcFaa, 400), (PlannerKind::Alight, 600)].map(stays_without_forecast);
 }
 
-fn stays_without_forecast(kind: PlannerKind, settled: usize) {
+fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
     let mut b = Bench::of(kind, ABOVE);
     let mission = |state| MissionState {
         state,
