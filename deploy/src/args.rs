@@ -52,6 +52,14 @@ pub enum Planner {
     Mpc,
     /// Ours: place, velocity and attitude meet the deck at a chosen instant.
     Alight,
+    /// Baseline of Gupta et al.: Fourier modes of the tag's pose, lands when the tilt allows it.
+    MpcNe,
+    /// Baseline: like mpc, but descends only in a predicted calm.
+    WaitCalm,
+    /// Baseline: today's autopilots, tag alone, constant descent, no prediction.
+    PrecisionLand,
+    /// Baseline: position by radio, no camera, constant velocity.
+    GnssRadio,
 }
 
 impl Planner {
@@ -61,6 +69,10 @@ impl Planner {
             Planner::MpcFaa => PlannerKind::MpcFaa,
             Planner::Mpc => PlannerKind::Mpc,
             Planner::Alight => PlannerKind::Alight,
+            Planner::MpcNe => PlannerKind::MpcNe,
+            Planner::WaitCalm => PlannerKind::WaitCalm,
+            Planner::PrecisionLand => PlannerKind::PrecisionLand,
+            Planner::GnssRadio => PlannerKind::GnssRadio,
         }
     }
 }

@@ -69,7 +69,7 @@ impl World {
             to_vessel: Radio::new(&scenario.radio, Direction::ToVessel, streams),
             bridge: Bridge::new(&nodes.bridge, BOOT),
             predictor: Predictor::new(&drone.predictor(), BOOT),
-            mission: Mission::new(&drone.mission, &drone.airframe, &drone.deck, DRONE_ID, BOOT),
+            mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, DRONE_ID, BOOT),
             planner: Planner::new(&drone.planner, &drone.airframe, &drone.deck, BOOT),
             pilot: Pilot::new(&drone.pilot, &drone.airframe, DRONE_ID, BOOT),
             plans: DelayLine::new(PLANS),

@@ -28,13 +28,17 @@ pub struct DroneSettings {
 }
 
 impl DroneSettings {
-    /// The predictor's configuration, with this drone and this deck.
+    /// The predictor's configuration, with this drone and this deck, as the chosen planner has it.
     pub fn predictor(&self) -> PredictorConfig {
-        PredictorConfig {
+        self.planner.kind.predictor(PredictorConfig {
             deck: self.deck,
             drone: self.airframe,
             ..self.predictor.clone()
-        }
+        })
+    }
+    /// The mission's configuration, as the chosen planner has it.
+    pub fn mission(&self) -> MissionConfig {
+        self.planner.kind.mission(self.mission.clone())
     }
 }
 

@@ -30,6 +30,8 @@ pub struct MissionConfig {
 
     /// Get altitude ends this close to the approach height, m.
     pub height_tolerance_m: f64,
+    /// A landing needs sight of the deck; else the radio's word counts as a sighting.
+    pub sight_required: bool,
     /// The deck counts as seen while its newest sighting is no older than this, s.
     pub sight_fresh_s: f64,
     /// Seen for this long, visual contact is confirmed, s.
@@ -137,6 +139,7 @@ impl Default for MissionConfig {
             minimum_altitude_landing_m: 0.5,
             // Ours, as is everything below unless it says otherwise.
             height_tolerance_m: 1.0,
+            sight_required: true,
             sight_fresh_s: 0.5,
             contact_confirm_s: 0.3,
             sight_lost_s: 5.0,

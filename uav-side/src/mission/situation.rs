@@ -141,7 +141,11 @@ impl Deck {
             feet: feet.xy(),
             relative_speed_mps: v.x.hypot(v.y),
             radio_age_s: forecast.radio_age_s,
-            vision_age_s: forecast.vision_age_s,
+            vision_age_s: if config.sight_required {
+                forecast.vision_age_s
+            } else {
+                forecast.vision_age_s.min(forecast.radio_age_s)
+            },
             horizontal_sd_m: ahead.position_sd[0].hypot(ahead.position_sd[1]),
             vertical_sd_m: ahead.position_sd[2],
             speed_mps: speed,

@@ -6,6 +6,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::PLAN_STAGES;
 
+use super::baselines::config::BaselineConfig;
 use super::rendezvous::config::RendezvousConfig;
 use super::weights::{Faa, Weights};
 
@@ -20,6 +21,14 @@ pub enum PlannerKind {
     /// Ours: place, velocity and attitude meet the deck at a chosen instant.
     #[default]
     Alight,
+    /// Gupta et al. 2023: lands when its own prediction of the tilt allows it.
+    MpcNe,
+    /// `mpc` that descends only in a predicted calm.
+    WaitCalm,
+    /// Precision landing of today's autopilots.
+    PrecisionLand,
+    /// Position by radio, constant velocity.
+    GnssRadio,
 }
 
 impl PlannerKind {
@@ -29,6 +38,10 @@ impl PlannerKind {
             PlannerKind::MpcFaa => "mpc-faa",
             PlannerKind::Mpc => "mpc",
             PlannerKind::Alight => "alight",
+            PlannerKind::MpcNe => "mpc-ne",
+            PlannerKind::WaitCalm => "wait-calm",
+            PlannerKind::PrecisionLand => "precision-land",
+            PlannerKind::GnssRadio => "gnss-radio",
         }
     }
 }
@@ -274,6 +287,8 @@ pub struct PlannerConfig {
     pub faa: Faa,
     /// Instant, way down and weights of the rendezvous (`alight` only).
     pub rendezvous: RendezvousConfig,
+    /// The baselines.
+    pub baselines: BaselineConfig,
     /// Rotor limits, hard.
     pub rotors: RotorLimits,
     /// State limits, soft.
@@ -327,6 +342,7 @@ impl Default for PlannerConfig {
             landing: Weights::default(),
             faa: Faa::default(),
             rendezvous: RendezvousConfig::default(),
+            baselines: BaselineConfig::default(),
             rotors: RotorLimits::default(),
             limits: StateLimits::default(),
             shaping: Shaping::default(),
@@ -359,6 +375,7 @@ impl Check for PlannerConfig {
         self.landing.check(&at.table("landing"))?;
         self.faa.check(&at.table("faa"))?;
         self.rendezvous.check(&at.table("rendezvous"))?;
+        self.baselines.check(&at.table("baselines"))?;
         self.rotors.check(&at.table("rotors"))?;
         self.limits.check(&at.table("limits"))?;
         self.shaping.check(&at.table("shaping"))?;

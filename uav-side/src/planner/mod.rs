@@ -9,6 +9,7 @@
 //! measured state when there is no plan, when the last is old, when the drone is further from it
 //! than [`config::Reset`] allows, and when the autopilot's position estimate jumped.
 
+pub mod baselines;
 mod carrot;
 pub mod condensed;
 pub mod config;
@@ -35,6 +36,8 @@ use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
 
+use baselines::Views;
+use baselines::mpc_ne::MpcNe;
 use model::{INPUTS, State};
 use mpc_faa::{Mpc, Problem, Solution};
 use reference::{Aim, Guide, clearance, tilt_of, up_of};
@@ -93,6 +96,8 @@ pub struct Planner {
     mpc: Mpc,
     guide: Guide,
     rendezvous: Rendezvous,
+    views: Views,
+    ne: Option<MpcNe>,
     /// Time to the chosen instant of contact in the last plan, s.
     contact_in: Option<f64>,
     problem: Problem,
@@ -118,6 +123,8 @@ impl Planner {
             mpc: Mpc::new(config, drone),
             guide: Guide::new(config, drone, deck),
             rendezvous: Rendezvous::new(&config.rendezvous, drone),
+            views: Views::new(config, drone),
+            ne: (config.kind == PlannerKind::MpcNe).then(|| MpcNe::new(config, drone)),
             contact_in: None,
             problem: Problem::default(),
             aim: Aim::default(),
@@ -251,10 +258,17 @@ impl Planner {
     }
 
     fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
+        if let Some(plan) = self.own_law(now, mission) {
+            return Some(plan);
+        }
         let (state, input) = self.start(now)?;
         let forecast = self
             .forecast
             .filter(|f| young(now, f.header.at, self.config.forecast_age_s));
+        let view = self
+            .views
+            .view(self.config.kind, now, mission, forecast, &state);
+        let (mission, forecast) = (&view.mission, view.forecast);
         self.problem.state = state;
         self.problem.input = input;
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
@@ -302,6 +316,35 @@ impl Planner {
         plan.check().is_ok().then_some(plan)
     }
 
+    /// The plan of a baseline that has its own model and solver, while it has one.
+    fn own_law(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
+        let mut ne = self.ne.take()?;
+        let fresh = self
+            .forecast
+            .filter(|f| young(now, f.header.at, self.config.forecast_age_s));
+        let mut plan = None;
+        if let (Some(forecast), true) = (fresh, MpcNe::flies(mission.state)) {
+            let drone = self.drone.map(|d| (d.header.at, measured_state(&d)));
+            if !ne.goes_on(now, drone.as_ref(), &self.config.reset)
+                && let Some((state, input)) = self.start(now)
+            {
+                ne.begin(now, &state, self.mpc.model().vertical * input[0]);
+            }
+            plan = ne.plan(now, mission, &forecast);
+        }
+        if let Some(plan) = &mut plan {
+            plan.header = Header::new(0, 0, self.boot, self.sequence, now);
+            // When it ends, the common planner begins from the measured state.
+            self.flight = None;
+            self.guide.restart();
+            self.counters.plans += 1;
+        } else {
+            ne.leave();
+        }
+        self.ne = Some(ne);
+        plan.filter(|p| p.check().is_ok())
+    }
+
     /// The rendezvous' references in place of the guide's.
     fn meet(
         &mut self,
@@ -313,7 +356,12 @@ impl Planner {
         self.contact_in = None;
         let ours = match self.config.kind {
             PlannerKind::Alight => Rendezvous::lands(mission.state),
-            PlannerKind::MpcFaa | PlannerKind::Mpc => false,
+            PlannerKind::MpcFaa
+            | PlannerKind::Mpc
+            | PlannerKind::MpcNe
+            | PlannerKind::WaitCalm
+            | PlannerKind::PrecisionLand
+            | PlannerKind::GnssRadio => false,
         };
         let Some(forecast) = forecast.filter(|_| ours) else {
             self.rendezvous.forget();
@@ -366,7 +414,12 @@ impl Planner {
     fn stage(&self, s: &State, input: &[f64; INPUTS]) -> PlanStage {
         let down = self.mpc.model().vertical * input[0];
         let (north, east, growth) = match self.config.kind {
-            PlannerKind::MpcFaa | PlannerKind::Mpc => (s[3], s[4], 1.0),
+            PlannerKind::MpcFaa
+            | PlannerKind::Mpc
+            | PlannerKind::MpcNe
+            | PlannerKind::WaitCalm
+            | PlannerKind::PrecisionLand
+            | PlannerKind::GnssRadio => (s[3], s[4], 1.0),
             PlannerKind::Alight => true_tilt(s, down),
         };
         let (phi, theta) = tilt_of(&up_of(north, east), s[5]);
@@ -417,6 +470,9 @@ impl Node for Planner {
 
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.listen(now, input);
+        if let (Some(ne), Some(forecast)) = (&mut self.ne, &self.forecast) {
+            ne.observe(forecast);
+        }
         let mission = self
             .mission
             .filter(|m| young(now, m.header.at, self.config.mission_age_s));

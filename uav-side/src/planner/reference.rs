@@ -410,7 +410,12 @@ impl Guide {
         let wanted = match self.config.kind {
             PlannerKind::MpcFaa => aim.touch,
             // The rendezvous has weights of its own.
-            PlannerKind::Mpc | PlannerKind::Alight => false,
+            PlannerKind::Mpc
+            | PlannerKind::Alight
+            | PlannerKind::MpcNe
+            | PlannerKind::WaitCalm
+            | PlannerKind::PrecisionLand
+            | PlannerKind::GnssRadio => false,
         };
         if !wanted {
             return;

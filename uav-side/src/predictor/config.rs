@@ -93,6 +93,13 @@ pub struct PredictorConfig {
     pub range_min_sd_m: f64,
     /// Innovations beyond this many standard deviations are refused.
     pub gate_sd: f64,
+    /// The vessel's wave model is used.
+    pub use_wave_model: bool,
+    /// Sightings of tag and UV markers are used.
+    pub use_sight: bool,
+    /// The vessel's estimates are used only while the newest tag sighting is older than this, s; 0
+    /// for always.
+    pub radio_after_sight_s: f64,
     /// Knowledge is fresh for this long, s.
     pub fresh_s: f64,
     /// Without any knowledge for this long there is no forecast, s.
@@ -160,6 +167,10 @@ impl Default for PredictorConfig {
             // Issue 2: rangefinder 3 cm.
             range_min_sd_m: 0.03,
             gate_sd: 5.0,
+            // Less than all is for comparisons.
+            use_wave_model: true,
+            use_sight: true,
+            radio_after_sight_s: 0.0,
             fresh_s: 1.0,
             silence_s: 30.0,
         }
@@ -215,6 +226,7 @@ impl Check for PredictorConfig {
         at.range("range_margin_m", self.range_margin_m, 0.0, 10.0)?;
         at.range("range_min_sd_m", self.range_min_sd_m, 1e-3, 1.0)?;
         at.range("gate_sd", self.gate_sd, 2.0, 20.0)?;
+        at.range("radio_after_sight_s", self.radio_after_sight_s, 0.0, 60.0)?;
         at.range("fresh_s", self.fresh_s, 0.1, 10.0)?;
         at.range("silence_s", self.silence_s, 1.0, 600.0)
     }

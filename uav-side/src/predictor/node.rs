@@ -452,21 +452,26 @@ impl Node for Predictor {
         if let Some(d) = &input.drone {
             done[1] = self.drone(now, d);
         }
-        if let Some(w) = &input.wave {
+        let c = &self.config;
+        let sees = self
+            .tag_at
+            .is_some_and(|t| (now - t).secs() < c.radio_after_sight_s);
+        let (use_wave_model, use_sight) = (c.use_wave_model, c.use_sight);
+        if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
             done[2] = self.wave(now, w);
         }
-        if let Some(e) = &input.estimate {
+        if let Some(e) = input.estimate.as_ref().filter(|_| !sees) {
             done[3] = self.estimate(now, e);
         }
         for r in done.into_iter().filter_map(Result::err) {
             self.rejections.count(r);
         }
-        for m in &input.uvdar {
+        for m in input.uvdar.iter().filter(|_| use_sight) {
             if let Err(r) = self.sight(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c)) {
                 self.rejections.count(r);
             }
         }
-        for m in &input.tags {
+        for m in input.tags.iter().filter(|_| use_sight) {
             if let Err(r) = self.sight(now, m, true, |p, mount, c| observation::tag(m, p, mount, c)) {
                 self.rejections.count(r);
             }

@@ -1,0 +1,275 @@
+//! The deck as MPC-NE knows it (Gupta et al. 2023, section III): each of heave, roll and pitch is a
+//! constant plus undamped oscillators at the frequencies of a Fourier transform of the tag's pose,
+//! tracked by a linear Kalman filter. Surge and sway are not modelled: the place drifts slowly.
+
+use alight_shared::msg::DeckStage;
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{SMatrix, SVector};
+use std::collections::VecDeque;
+
+use super::fourier::{self, POINTS};
+use super::mpc_ne::MpcNeConfig;
+
+/// Sightings per second.
+const RATE_HZ: f64 = 30.0;
+/// Oscillators of a degree of freedom at most.
+pub const MODES: usize = 4;
+/// States of a filter: offset, then sine and cosine part of each mode.
+const N: usize = 1 + 2 * MODES;
+/// Degrees of freedom with modes: heave (z), roll, pitch.
+const WAVY: usize = 3;
+/// Modes of less than this are noise: m, rad, rad.
+const FLOOR: [f64; WAVY] = [0.01, 0.002, 0.002];
+/// Frequencies looked for, Hz.
+const BAND_HZ: [f64; 2] = [0.06, 1.2];
+/// The record begins anew after a gap longer than this, s.
+const GAP_S: f64 = 2.0;
+/// Samples kept at most.
+const KEPT: usize = POINTS;
+
+/// A degree of freedom: offset and oscillators.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Wavy {
+    omega: [f64; MODES],
+    modes: usize,
+    x: SVector<f64, N>,
+    p: SMatrix<f64, N, N>,
+}
+
+impl Wavy {
+    fn new(first: f64, omega: [f64; MODES], modes: usize, spread: f64) -> Self {
+        let mut x = SVector::zeros();
+        x[0] = first;
+        let mut p = SMatrix::zeros();
+        p[(0, 0)] = spread * spread;
+        for i in 0..2 * modes.min(MODES) {
+            p[(1 + i, 1 + i)] = spread * spread;
+        }
+        Wavy { omega, modes, x, p }
+    }
+    /// Each oscillator turns by `omega dt`: `[s, c]' = [c, -s] omega`, so that `s` is the motion.
+    fn turn(&self, dt: f64) -> SMatrix<f64, N, N> {
+        let mut a = SMatrix::identity();
+        for (m, omega) in self.omega.iter().enumerate().take(self.modes) {
+            let (s, c) = (omega * dt).sin_cos();
+            let i = 1 + 2 * m;
+            a[(i, i)] = c;
+            a[(i, i + 1)] = s;
+            a[(i + 1, i)] = -s;
+            a[(i + 1, i + 1)] = c;
+        }
+        a
+    }
+    fn update(&mut self, dt: f64, measured: f64, sd: f64, walk: f64) {
+        let a = self.turn(dt);
+        self.x = a * self.x;
+        self.p = a * self.p * a.transpose();
+        let q = walk * walk * dt;
+        self.p[(0, 0)] += q;
+        let mut h = SVector::<f64, N>::zeros();
+        h[0] = 1.0;
+        for m in 0..self.modes {
+            let i = 1 + 2 * m;
+            self.p[(i, i)] += q;
+            self.p[(i + 1, i + 1)] += q;
+            h[i] = 1.0;
+        }
+        let ph = self.p * h;
+        let gain = ph / (h.dot(&ph) + sd * sd);
+        self.x += gain * (measured - h.dot(&self.x));
+        self.p -= gain * ph.transpose();
+        self.p = 0.5 * (self.p + self.p.transpose());
+    }
+    /// Value and rate after `t`.
+    fn at(&self, t: f64) -> (f64, f64) {
+        let x = self.turn(t) * self.x;
+        let mut out = (x[0], 0.0);
+        for (m, omega) in self.omega.iter().enumerate().take(self.modes) {
+            out.0 += x[1 + 2 * m];
+            out.1 += omega * x[2 + 2 * m];
+        }
+        out
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    at: Time<DroneClock>,
+    value: [f64; WAVY],
+}
+
+/// Where the deck will be, as MPC-NE predicts it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Predicted {
+    /// Centre: north, east, down, m.
+    pub position: [f64; 3],
+    /// m/s.
+    pub velocity: [f64; 3],
+    /// `roll² + pitch²`, rad².
+    pub tilt_squared: f64,
+}
+
+/// Record, modes and filters.
+#[derive(Clone, Debug)]
+pub struct DeckModes {
+    config: MpcNeConfig,
+    record: VecDeque<Sample>,
+    wavy: Option<[Wavy; WAVY]>,
+    /// North and east: place and drift.
+    place: Option<[[f64; 2]; 2]>,
+    analysed: Option<Time<DroneClock>>,
+}
+
+impl DeckModes {
+    /// Nothing known.
+    pub fn new(config: &MpcNeConfig) -> Self {
+        DeckModes {
+            config: *config,
+            record: VecDeque::with_capacity(KEPT),
+            wavy: None,
+            place: None,
+            analysed: None,
+        }
+    }
+    /// Modes are known: the record was long enough.
+    pub fn ready(&self) -> bool {
+        self.analysed.is_some()
+    }
+
+    /// Takes a sighting.
+    pub fn observe(&mut self, at: Time<DroneClock>, seen: &DeckStage) {
+        let c = &self.config;
+        let value = [seen.position[2], seen.euler[0], seen.euler[1]];
+        let dt = match self.record.back() {
+            // Half a tick early is on time.
+            Some(last) if (at - last.at).secs() < 1.0 / RATE_HZ - 0.005 => return,
+            Some(last) if (at - last.at).secs() <= GAP_S => (at - last.at).secs(),
+            Some(_) | None => {
+                self.record.clear();
+                self.wavy = None;
+                self.place = None;
+                self.analysed = None;
+                0.0
+            }
+        };
+        while self.record.len() >= KEPT
+            || self
+                .record
+                .front()
+                .is_some_and(|s| (at - s.at).secs() > c.window_s)
+        {
+            self.record.pop_front();
+        }
+        self.record.push_back(Sample { at, value });
+        let (sd, walk) = (c.sd_m_rad, c.walk_m_rad);
+        let wavy = self
+            .wavy
+            .get_or_insert_with(|| value.map(|v| Wavy::new(v, [0.0; MODES], 0, 1.0)));
+        for (i, w) in wavy.iter_mut().enumerate() {
+            w.update(dt, value[i], sd[i.min(1)], walk[i.min(1)]);
+        }
+        // A critically damped filter of second order (Benedict and Bordner 1962).
+        let theta = (-dt / c.place_s).exp();
+        let place = self
+            .place
+            .get_or_insert_with(|| [[seen.position[0], 0.0], [seen.position[1], 0.0]]);
+        if dt > 0.0 {
+            for (i, [p, v]) in place.iter_mut().enumerate() {
+                *p += *v * dt;
+                let off = seen.position[i] - *p;
+                *p += (1.0 - theta * theta) * off;
+                *v += (1.0 - theta).powi(2) / dt * off;
+            }
+        }
+        self.analyse(at);
+    }
+
+    /// Frequencies anew, once per `refresh_s`, and the filters run again over the record.
+    fn analyse(&mut self, now: Time<DroneClock>) {
+        let c = &self.config;
+        let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
+            return;
+        };
+        if (last.at - first.at).secs() < c.least_s
+            || self.analysed.is_some_and(|t| (now - t).secs() < c.refresh_s)
+        {
+            return;
+        }
+        self.analysed = Some(now);
+        let even = self.even();
+        let wavy: [Wavy; WAVY] = core::array::from_fn(|i| {
+            let record: Vec<f64> = even.iter().map(|v| v[i]).collect();
+            let peaks = fourier::peaks(&record, RATE_HZ, BAND_HZ);
+            let gate = peaks
+                .first()
+                .map_or(f64::INFINITY, |p| (c.gate * p.amplitude).max(FLOOR[i]));
+            let mut omega = [0.0; MODES];
+            let mut modes = 0;
+            for (slot, p) in omega.iter_mut().zip(peaks.iter().filter(|p| p.amplitude >= gate)) {
+                *slot = core::f64::consts::TAU * p.frequency;
+                modes += 1;
+            }
+            let mean = record.iter().sum::<f64>() / record.len().max(1) as f64;
+            let mut w = Wavy::new(mean, omega, modes, [1.0, 0.3, 0.3][i]);
+            let mut before = first.at;
+            for s in &self.record {
+                let dt = (s.at - before).secs();
+                w.update(dt, s.value[i], c.sd_m_rad[i.min(1)], c.walk_m_rad[i.min(1)]);
+                before = s.at;
+            }
+            w
+        });
+        if wavy.iter().all(|w| w.x.iter().all(|v| v.is_finite())) {
+            self.wavy = Some(wavy);
+        }
+    }
+
+    /// The record at even spacing, by linear interpolation.
+    fn even(&self) -> Vec<[f64; WAVY]> {
+        let mut out = Vec::with_capacity(KEPT);
+        let (Some(first), Some(last)) = (self.record.front(), self.record.back()) else {
+            return out;
+        };
+        let mut later = self.record.iter().peekable();
+        let mut before = first;
+        for k in 0..KEPT {
+            let t = first.at + Span::from_secs(k as f64 / RATE_HZ);
+            if t > last.at {
+                break;
+            }
+            while let Some(next) = later.peek()
+                && next.at <= t
+            {
+                before = next;
+                later.next();
+            }
+            let value = match later.peek() {
+                Some(next) => {
+                    let s = (t - before.at).secs() / (next.at - before.at).secs().max(1e-6);
+                    core::array::from_fn(|i| before.value[i] + s * (next.value[i] - before.value[i]))
+                }
+                None => before.value,
+            };
+            out.push(value);
+        }
+        out
+    }
+
+    /// The deck's level without the waves (NED z), m.
+    pub fn level(&self) -> Option<f64> {
+        self.wavy.as_ref().map(|[z, ..]| z.x[0])
+    }
+
+    /// The deck at a time; None before the first sighting.
+    pub fn at(&self, t: Time<DroneClock>) -> Option<Predicted> {
+        let (wavy, place, last) = (self.wavy.as_ref()?, self.place?, self.record.back()?);
+        let ahead = (t - last.at).secs();
+        let [(z, vz), (roll, _), (pitch, _)] = wavy.each_ref().map(|w| w.at(ahead));
+        let [[n, vn], [e, ve]] = place;
+        Some(Predicted {
+            position: [n + vn * ahead, e + ve * ahead, z],
+            velocity: [vn, ve, vz],
+            tilt_squared: roll * roll + pitch * pitch,
+        })
+    }
+}

@@ -1,0 +1,385 @@
+//! `mpc-ne`: the planner of Gupta, Pairet, Nascimento and Saska, "Landing a UAV in harsh winds and
+//! turbulent open waters", RA-L 8(2), 2023 (arXiv 2301.00255), the baseline of the paper.
+//!
+//! - The drone is a point mass with heading, 11 states `[x x' x'' y y' y'' z z' z'' eta eta']`, inputs
+//!   jerk and heading acceleration; the axes share nothing ([`super::jerk`]).
+//! - `J = sum e' S e + du' T du + alpha_L f(z~) (roll² + pitch²)`, roll and pitch those predicted of
+//!   the deck, `z~` the height over it, 1 s ahead.
+//! - There is no rule of descent: the reference is the deck itself, and the tilt's cost is a barrier
+//!   some way above it that opens while the predicted tilt is near zero.
+//! - The deck is known by the tag alone ([`super::modes`]). Its pose is the present stage of the
+//!   forecast, at 30 Hz while the tag is in sight, from a predictor that hears neither radio nor wave
+//!   model meanwhile ([`super::settings`]): at least as good as the tag itself.
+//! - It does not align its heading: the heading keeps, its rate dies out (the minimiser of
+//!   `S eta'² + T du²` for a double integrator without a place to be).
+//!
+//! Published are the structure, h_d about 1.2 m, J1 about 10 e_z², a peak of the barrier of about
+//! 610 and waiting at about 1.8 m. S, T, alpha_L and limits are not; see [`MpcNeConfig`]. On the way
+//! to the vessel the common planner flies.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::msg::{DeckForecast, MissionState, Plan, PlanStage, Solve, State as Mode};
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::jerk::{Ask, Barrier, JerkAxis, PerStage, STAGES};
+use super::modes::{DeckModes, Predicted};
+use crate::planner::config::{PlannerConfig, Reset};
+use crate::planner::model::State;
+use crate::planner::reference::tilt_of;
+
+/// What is not published, and what is read off a plot.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MpcNeConfig {
+    /// S, horizontal: position (1/m²) and velocity (s²/m²).
+    pub horizontal: [f64; 2],
+    /// S, vertical.
+    pub vertical: [f64; 2],
+    /// T: increments of jerk.
+    pub increment_weight: f64,
+    /// alpha_L, 1/rad².
+    pub tilt_weight: f64,
+    /// h_d: height of the barrier over the deck, m.
+    pub barrier_m: f64,
+    /// Soft limits of horizontal speed (against the deck), acceleration and jerk.
+    pub horizontal_limits: [f64; 3],
+    /// The same vertically.
+    pub vertical_limits: [f64; 3],
+    /// The reference below the deck, so that contact is pressed home, m.
+    pub press_m: f64,
+    /// Length of the record that is transformed, s.
+    pub window_s: f64,
+    /// Shortest such record, s.
+    pub least_s: f64,
+    /// Frequencies are looked for anew this often, s.
+    pub refresh_s: f64,
+    /// Modes smaller than this share of the largest are dropped.
+    pub gate: f64,
+    /// Kalman filter: standard deviation of a measurement of heave (m) and of tilt (rad).
+    pub sd_m_rad: [f64; 2],
+    /// Kalman filter: random walk of each state after 1 s, heave and tilt.
+    pub walk_m_rad: [f64; 2],
+    /// Time constant of the place's slow filter, s. Surge and sway are not modelled, so it is not
+    /// shorter than 1 s.
+    pub place_s: f64,
+    /// A tag older than this is no measurement, s.
+    pub fresh_s: f64,
+}
+
+impl Default for MpcNeConfig {
+    /// h_d, vertical S and the order of alpha_L: Gupta 2023, figure 4, read off. The rest is ours.
+    fn default() -> Self {
+        MpcNeConfig {
+            horizontal: [10.0, 6.0],
+            vertical: [10.0, 6.0],
+            increment_weight: 0.02,
+            tilt_weight: 20_000.0,
+            barrier_m: 1.2,
+            horizontal_limits: [3.0, 3.0, 20.0],
+            vertical_limits: [0.8, 4.0, 30.0],
+            press_m: 0.3,
+            window_s: 20.0,
+            least_s: 10.0,
+            refresh_s: 1.0,
+            gate: 0.15,
+            sd_m_rad: [0.03, 0.01],
+            walk_m_rad: [0.03, 0.01],
+            place_s: 1.0,
+            fresh_s: 0.1,
+        }
+    }
+}
+impl Check for MpcNeConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.ranges("horizontal", &self.horizontal, 0.0, 1e5)?;
+        at.ranges("vertical", &self.vertical, 0.0, 1e5)?;
+        at.range("increment_weight", self.increment_weight, 1e-6, 1e3)?;
+        at.range("tilt_weight", self.tilt_weight, 0.0, 1e7)?;
+        at.range("barrier_m", self.barrier_m, 0.2, 10.0)?;
+        at.ranges("horizontal_limits", &self.horizontal_limits, 0.1, 1e3)?;
+        at.ranges("vertical_limits", &self.vertical_limits, 0.1, 1e3)?;
+        at.range("press_m", self.press_m, 0.0, 2.0)?;
+        at.range("window_s", self.window_s, 2.0, 30.0)?;
+        at.range("least_s", self.least_s, 1.0, self.window_s)?;
+        at.range("refresh_s", self.refresh_s, 0.1, 60.0)?;
+        at.range("gate", self.gate, 0.0, 1.0)?;
+        at.ranges("sd_m_rad", &self.sd_m_rad, 1e-4, 10.0)?;
+        at.ranges("walk_m_rad", &self.walk_m_rad, 0.0, 10.0)?;
+        at.range("place_s", self.place_s, 0.05, 60.0)?;
+        at.range("fresh_s", self.fresh_s, 0.01, 5.0)
+    }
+}
+
+/// Time between stages, s: 1 s ahead in all.
+const STEP_S: f64 = 0.1;
+/// No plan asks for more than this along an axis, whatever it begins with, m/s².
+const LARGEST_MPS2: f64 = 8.0;
+/// The heading's rate dies out with this time constant, s.
+const TURNING_S: f64 = 0.5;
+
+/// Position, velocity and acceleration of the three axes, heading and its rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Body {
+    axes: [[f64; 3]; 3],
+    yaw: f64,
+    yaw_rate: f64,
+}
+
+/// A trajectory: exact at any time.
+#[derive(Clone, Copy, Debug)]
+struct Flight {
+    at: Time<DroneClock>,
+    start: Body,
+    jerk: [PerStage; 3],
+}
+
+impl Flight {
+    /// The body and the jerk at a time; after the end at constant velocity.
+    fn body(&self, t: Time<DroneClock>) -> (Body, [f64; 3]) {
+        let since = (t - self.at).secs().max(0.0);
+        let whole = ((since / STEP_S + 1e-6).floor() as usize).min(STAGES);
+        let rest = (since - whole as f64 * STEP_S).max(0.0);
+        let mut jerk = [0.0; 3];
+        let axes = core::array::from_fn(|i| {
+            let mut x = self.start.axes[i];
+            for u in self.jerk[i].iter().take(whole) {
+                x = JerkAxis::roll(x, *u, STEP_S);
+            }
+            match self.jerk[i].get(whole) {
+                Some(u) => {
+                    jerk[i] = *u;
+                    JerkAxis::roll(x, *u, rest)
+                }
+                None => JerkAxis::roll([x[0], x[1], 0.0], 0.0, rest),
+            }
+        });
+        let left = (-since / TURNING_S).exp();
+        let body = Body {
+            axes,
+            yaw: self.start.yaw + self.start.yaw_rate * TURNING_S * (1.0 - left),
+            yaw_rate: self.start.yaw_rate * left,
+        };
+        (body, jerk)
+    }
+}
+
+/// The planner while it follows and lands.
+#[derive(Clone, Debug)]
+pub struct MpcNe {
+    config: MpcNeConfig,
+    axis: JerkAxis,
+    feet: f64,
+    modes: DeckModes,
+    flight: Option<Flight>,
+}
+
+impl MpcNe {
+    /// A planner that knows nothing.
+    pub fn new(config: &PlannerConfig, drone: &DroneGeometry) -> Self {
+        let config = config.baselines.mpc_ne;
+        MpcNe {
+            axis: JerkAxis::new(STEP_S),
+            feet: drone.feet_below_m,
+            modes: DeckModes::new(&config),
+            config,
+            flight: None,
+        }
+    }
+    /// Whether it flies in this mission state.
+    pub fn flies(mode: Mode) -> bool {
+        match mode {
+            Mode::Tracking | Mode::TrackingStable | Mode::Descent | Mode::Flare => true,
+            Mode::Idle | Mode::GetAltitude | Mode::Approach | Mode::Landed | Mode::Hold | Mode::GaveUp => {
+                false
+            }
+        }
+    }
+    /// Takes the present stage as a sighting, while the tag is in sight.
+    pub fn observe(&mut self, forecast: &DeckForecast) {
+        if forecast.tag_age_s <= self.config.fresh_s
+            && let Some(stage) = forecast.stages.first()
+        {
+            self.modes.observe(forecast.header.at, stage);
+        }
+    }
+    /// Another planner flies now.
+    pub fn leave(&mut self) {
+        self.flight = None;
+    }
+
+    /// Whether its last trajectory is young and the drone near it.
+    pub fn goes_on(
+        &self,
+        now: Time<DroneClock>,
+        drone: Option<&(Time<DroneClock>, State)>,
+        r: &Reset,
+    ) -> bool {
+        let (Some(flight), Some((at, measured))) = (&self.flight, drone) else {
+            return false;
+        };
+        let (then, _) = flight.body(*at);
+        let gap = |i: usize, d: usize| measured[6 * d + i] - then.axes[i][d];
+        (now - flight.at).secs() <= r.age_s
+            && gap(0, 0).hypot(gap(1, 0)) <= r.horizontal_m
+            && gap(0, 1).hypot(gap(1, 1)) <= r.horizontal_mps
+            && gap(2, 0).abs() <= r.vertical_m
+            && gap(2, 1).abs() <= r.vertical_mps
+            && wrap_angle(measured[5] - then.yaw).abs() <= r.yaw_deg.to_radians()
+    }
+
+    /// Begins from a state of the common planner; `down` its vertical acceleration, m/s².
+    pub fn begin(&mut self, now: Time<DroneClock>, s: &State, down: f64) {
+        let acceleration = [-GRAVITY * s[4], GRAVITY * s[3], down];
+        self.flight = Some(Flight {
+            at: now,
+            start: Body {
+                axes: core::array::from_fn(|i| {
+                    let a = acceleration[i].clamp(-LARGEST_MPS2, LARGEST_MPS2);
+                    [s[i], s[6 + i], a]
+                }),
+                yaw: s[5],
+                yaw_rate: s[11],
+            },
+            jerk: [[0.0; STAGES]; 3],
+        });
+    }
+
+    /// The next trajectory. None without a beginning or a sighting.
+    pub fn plan(
+        &mut self,
+        now: Time<DroneClock>,
+        mission: &MissionState,
+        forecast: &DeckForecast,
+    ) -> Option<Plan> {
+        let flight = self.flight?;
+        let (start, previous) = flight.body(now);
+        let deck = self.deck(now, forecast)?;
+        let c = &self.config;
+        let landing = match mission.state {
+            Mode::Descent | Mode::Flare => self.modes.ready(),
+            Mode::Idle
+            | Mode::GetAltitude
+            | Mode::Approach
+            | Mode::Tracking
+            | Mode::TrackingStable
+            | Mode::Landed
+            | Mode::Hold
+            | Mode::GaveUp => false,
+        };
+        let contact = deck.map(|d| d.position[2] - self.feet);
+        // The mean height of the deck is the filter's constant; the mission's height is above it.
+        let above = self.modes.level().unwrap_or(contact[0]) - mission.height_m;
+        let above = above.min(-mission.minimum_altitude_m);
+        let wanted: [PerStage; 3] = core::array::from_fn(|i| match (i, landing) {
+            // Not permitted to descend: no lower than here.
+            (2, true) if !(mission.descent_mps > 0.0) => contact.map(|z| z.min(start.axes[2][0])),
+            (2, true) => contact.map(|z| z + c.press_m),
+            (2, false) => [above; STAGES],
+            _ => deck.map(|d| d.position[i]),
+        });
+        let barrier = landing.then(|| Barrier {
+            weight: deck.map(|d| c.tilt_weight * d.tilt_squared),
+            contact,
+            height_m: c.barrier_m,
+        });
+        let mut next = Flight {
+            at: now,
+            start,
+            jerk: [[0.0; STAGES]; 3],
+        };
+        let mut iterations = 0;
+        for i in 0..3 {
+            let (weight, limit) = if i == 2 {
+                (c.vertical, c.vertical_limits)
+            } else {
+                (c.horizontal, c.horizontal_limits)
+            };
+            let ask = Ask {
+                start: start.axes[i],
+                previous: previous[i],
+                position: wanted[i],
+                velocity: match (i, landing) {
+                    (2, false) => [0.0; STAGES],
+                    _ => deck.map(|d| d.velocity[i]),
+                },
+                weight,
+                increment_weight: c.increment_weight,
+                limit,
+            };
+            let (jerk, steps) = self
+                .axis
+                .solve(&ask, barrier.as_ref().filter(|_| i == 2), &flight.jerk[i]);
+            next.jerk[i] = jerk;
+            iterations += steps;
+        }
+        let touch = landing && mission.state == Mode::Flare;
+        let plan = self.written(&next, &contact, touch, iterations);
+        self.flight = Some(next);
+        Some(plan)
+    }
+
+    /// The deck at the stages; before the first sighting the forecast's place and heave.
+    fn deck(&self, now: Time<DroneClock>, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
+        let mut out = [Predicted::default(); STAGES];
+        for (k, slot) in out.iter_mut().enumerate() {
+            let t = now + Span::from_secs(STEP_S * (k + 1) as f64);
+            *slot = match self.modes.at(t) {
+                Some(p) => p,
+                None => {
+                    let d = forecast.at(now.max(forecast.header.at))?;
+                    let ahead = (t - now).secs();
+                    Predicted {
+                        position: [
+                            d.position[0] + d.velocity[0] * ahead,
+                            d.position[1] + d.velocity[1] * ahead,
+                            d.position[2],
+                        ],
+                        velocity: [d.velocity[0], d.velocity[1], 0.0],
+                        tilt_squared: 0.0,
+                    }
+                }
+            };
+        }
+        Some(out)
+    }
+
+    fn written(&self, flight: &Flight, contact: &PerStage, touch: bool, iterations: u32) -> Plan {
+        let half = Span::from_secs(0.5 * STEP_S);
+        let mut plan = Plan {
+            step: half,
+            solve: Solve::Optimal,
+            iterations,
+            ..Plan::default()
+        };
+        for k in 0..=2 * STAGES {
+            let (body, jerk) = flight.body(flight.at + half * k as i64);
+            let [x, y, z] = body.axes;
+            let push = Vector3::new(x[2], y[2], z[2] - GRAVITY);
+            let (phi, theta) = tilt_of(&push.normalize(), body.yaw);
+            let (sin, cos) = body.yaw.sin_cos();
+            // Tilt about north and east follows the acceleration.
+            let (about_north, about_east) = (jerk[1] / GRAVITY, -jerk[0] / GRAVITY);
+            let _ = plan.stages.push(PlanStage {
+                position: [x[0], y[0], z[0]],
+                velocity: [x[1], y[1], z[1]],
+                acceleration: [x[2], y[2], z[2]].map(|a| a.clamp(-LARGEST_MPS2, LARGEST_MPS2)),
+                euler: [phi, theta, wrap_angle(body.yaw)],
+                euler_rates: [
+                    cos * about_north + sin * about_east,
+                    -sin * about_north + cos * about_east,
+                    body.yaw_rate,
+                ],
+            });
+        }
+        if touch {
+            let z = self.axis.states(flight.start.axes[2], &flight.jerk[2]);
+            let k = z.iter().zip(contact).position(|(z, c)| z[0] >= *c);
+            plan.touchdown_at = k.map(|k| flight.at + Span::from_secs(STEP_S * (k + 1) as f64));
+        }
+        plan
+    }
+}

@@ -1,0 +1,65 @@
+//! What a planner's kind changes outside the planner, in one place: which sources the predictor may
+//! use, and those of the mission's figures that assume another planner. Everything not named here is
+//! the same for all.
+
+use crate::mission::MissionConfig;
+use crate::planner::PlannerKind;
+use crate::predictor::PredictorConfig;
+
+/// While the newest tag sighting is younger than this, planners that land by sight alone hear no
+/// radio, s. Longer than the last, blind metre of a descent; the mission goes back to approaching by
+/// radio after 5 s without sight.
+const SIGHT_ALONE_S: f64 = 4.5;
+/// Waiting over the deck is these planners' way to land, so a descent may last, s.
+const WAITING_S: f64 = 120.0;
+
+impl PlannerKind {
+    /// The predictor of this planner.
+    pub fn predictor(self, base: PredictorConfig) -> PredictorConfig {
+        match self {
+            PlannerKind::MpcFaa | PlannerKind::Mpc | PlannerKind::Alight | PlannerKind::WaitCalm => base,
+            // Tag alone once it has been seen; the radio only leads there.
+            PlannerKind::MpcNe | PlannerKind::PrecisionLand => PredictorConfig {
+                use_wave_model: false,
+                radio_after_sight_s: SIGHT_ALONE_S,
+                ..base
+            },
+            PlannerKind::GnssRadio => PredictorConfig {
+                use_wave_model: false,
+                use_sight: false,
+                ..base
+            },
+        }
+    }
+
+    /// The mission of this planner.
+    pub fn mission(self, base: MissionConfig) -> MissionConfig {
+        match self {
+            PlannerKind::MpcFaa | PlannerKind::Mpc | PlannerKind::Alight => base,
+            PlannerKind::WaitCalm => MissionConfig {
+                descent_timeout_s: WAITING_S,
+                ..base
+            },
+            // Ignores surge and sway by design and lands on a tilted deck only by mistake: conditions
+            // on distance, speed and tilt at the gate would keep it up for ever, and its own barrier
+            // is what decides.
+            PlannerKind::MpcNe => MissionConfig {
+                descent_timeout_s: WAITING_S,
+                flare_distance_m: 1.0,
+                flare_speed_mps: 2.0,
+                flare_tilt_rad: 1.0,
+                break_distance_m: 1.5,
+                ..base
+            },
+            PlannerKind::PrecisionLand => base,
+            // There is no sight to wait for, and two receivers of 1 m each would never be known
+            // well enough.
+            PlannerKind::GnssRadio => MissionConfig {
+                sight_required: false,
+                horizontal_sd_m: 5.0,
+                vertical_sd_m: 5.0,
+                ..base
+            },
+        }
+    }
+}
