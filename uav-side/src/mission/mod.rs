@@ -79,8 +79,11 @@ pub struct MissionRejected {
 const PERIOD: Span = Span::from_millis(20);
 /// Time constant of the deck's mean level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
-/// A jump of the mean level beyond this is another frame, not a wave, m.
-const LEVEL_JUMP_M: f64 = 3.0;
+/// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
+/// times what two GNSS receivers drift apart. The minimum altitude hangs on it, and a forecast gone
+/// astray (20 m below the water, seen with an estimator that had lost the tilt) must not take the drone
+/// along; a frame that moves for good says so by the count of origin resets.
+const LEVEL_STEP_M: f64 = 2.0;
 
 /// The mission node.
 #[derive(Clone, Debug)]
@@ -224,11 +227,11 @@ impl Mission {
         let mean = forecast.stages.iter().map(|s| s.position[2]).sum::<f64>() / n as f64;
         let at = forecast.header.at;
         self.mean_deck_z = Some(match self.mean_deck_z {
-            Some((t, z)) if (mean - z).abs() < LEVEL_JUMP_M => {
+            Some((t, z)) => {
                 let share = 1.0 - (-(at - t).secs().max(0.0) / LEVEL_TIME_S).exp();
-                (at, z + share * (mean - z))
+                (at, z + share * (mean - z).clamp(-LEVEL_STEP_M, LEVEL_STEP_M))
             }
-            Some(_) | None => (at, mean),
+            None => (at, mean),
         });
     }
 

@@ -72,6 +72,35 @@ fn fresh_input(n: u32, t: Instant, position: [f64; 3]) -> MissionIn {
     }
 }
 
+/// The lowest altitude is a height over the water as it has long been, not as a forecast gone astray
+/// says: that may lower it by 0.2 m/s and no more, by jumps of any size.
+#[test]
+fn a_forecast_below_the_water_does_not_take_the_minimum_altitude_along() {
+    let mut m = node();
+    let mut lowest = Vec::new();
+    for k in 0..1500_u32 {
+        let t = at(1.0 + f64::from(k) * 0.01);
+        let mut input = fresh_input(k, t, [0.0, 0.0, -8.3]);
+        if k >= 500 {
+            // Ever deeper, in steps.
+            let depth = 4.0 + 4.0 * f64::from((k - 500) / 100);
+            input.forecast = Some(forecast(k, t, [0.0, 0.0, depth]));
+        }
+        if k == 5 {
+            input.command = Some(Command {
+                header: header(1, t),
+                kind: CommandKind::Land,
+            });
+        }
+        if let Some(state) = m.step(t, &input).state {
+            lowest.push(state.minimum_altitude_m);
+        }
+    }
+    let (first, last) = (lowest[10], *lowest.last().unwrap());
+    assert!((first - config().minimum_altitude_m).abs() < 1e-6, "{first}");
+    assert!(last < first && last > first - 0.2 * 10.0 - 1e-6, "{last}");
+}
+
 /// A drone that goes at once where the mission wants it, and a pilot that stops at the deck.
 #[test]
 fn an_obedient_drone_lands_and_descends_three_seconds_after_arriving() {
