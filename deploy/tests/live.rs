@@ -33,15 +33,42 @@ fn directory(instance: &str) -> PathBuf {
     std::env::temp_dir().join(format!("alight-{instance}"))
 }
 
-fn land(instance: &str, more: &[&str]) -> Child {
-    alight()
+/// A landing that ends with its test, however that ends.
+struct Land(Option<Child>);
+
+impl Land {
+    fn id(&self) -> u64 {
+        u64::from(self.0.as_ref().expect("it runs").id())
+    }
+    fn output(mut self) -> Output {
+        self.0.take().expect("it runs").wait_with_output().expect("ends")
+    }
+    fn kill(&mut self) {
+        let mut child = self.0.take().expect("it runs");
+        child.kill().expect("killed");
+        child.wait().expect("waited for");
+    }
+}
+
+impl Drop for Land {
+    fn drop(&mut self) {
+        if let Some(mut child) = self.0.take() {
+            signal(u64::from(child.id()), "-TERM");
+            let _status = child.wait();
+        }
+    }
+}
+
+fn land(instance: &str, more: &[&str]) -> Land {
+    let child = alight()
         .args(["land", "--json", "--sea", "calm", "--instance", instance])
         .args(more)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .expect("starts")
+        .expect("starts");
+    Land(Some(child))
 }
 
 fn status(instance: &str) -> Value {
@@ -131,7 +158,7 @@ fn lands_and_every_log_replays_bit_for_bit() {
     assert_eq!(pids.len(), PROCESSES.len(), "{seen}");
     assert!(seen["link"]["age_s"].as_f64().is_some(), "{seen}");
 
-    let out = child.wait_with_output().expect("ends");
+    let out = child.output();
     let outcome = outcome(&out);
     assert_eq!(
         outcome["outcome"],
@@ -185,8 +212,8 @@ fn a_killed_process_comes_back_and_an_interrupt_leaves_nothing() {
         Some(2),
         "a second one of the same name is refused"
     );
-    signal(u64::from(child.id()), "-INT");
-    let out = child.wait_with_output().expect("ends");
+    signal(child.id(), "-INT");
+    let out = child.output();
     assert_eq!(out.status.code(), Some(1));
     assert_gone(&name, &pids);
     assert_eq!(status(&name)["running"], false);
@@ -198,8 +225,7 @@ fn a_supervisor_that_is_killed_takes_its_processes_with_it() {
     let mut child = land(&name, &["--warm-up", "600"]);
     let seen = status_when(&name, |s| PROCESSES.iter().all(|p| pid(s, p).is_some()));
     let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
-    child.kill().expect("killed");
-    child.wait().expect("waited for");
+    child.kill();
     for _ in 0..100 {
         if pids
             .iter()
@@ -210,11 +236,13 @@ fn a_supervisor_that_is_killed_takes_its_processes_with_it() {
         std::thread::sleep(Duration::from_millis(100));
     }
     // What it could not clean up, the next start does.
-    let mut next = land(&name, &["--warm-up", "600"]);
+    let next = land(&name, &["--warm-up", "600"]);
     status_when(&name, |s| {
-        s["running"] == true && PROCESSES.iter().all(|p| pid(s, p).is_some())
+        PROCESSES
+            .iter()
+            .all(|p| pid(s, p).is_some_and(|new| !pids.contains(&new)))
     });
-    signal(u64::from(next.id()), "-TERM");
-    next.wait().expect("ends");
+    signal(next.id(), "-TERM");
+    next.output();
     assert_gone(&name, &pids);
 }

@@ -11,7 +11,7 @@ use crate::args::SceneArgs;
 pub enum LiveVerb {
     /// Land once in real time: starts every process of vessel and drone on this machine, with a
     /// simulated world as the vehicles.
-    Land(LandArgs),
+    Land(Box<LandArgs>),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(StatusArgs),
     /// Feed a process's log through its node again and compare the outputs bit for bit.

@@ -9,6 +9,8 @@ use crate::Refused;
 
 /// The lock file's name in the instance's directory.
 const LOCK: &str = "lock";
+/// This file says that all services are there: onlookers may join from now on.
+const READY: &str = "ready";
 
 /// An instance that is ours: nobody else runs under its name while this lives.
 pub struct Owned {
@@ -33,6 +35,8 @@ impl Owned {
             }
             Err(TryLockError::Error(e)) => return Err(Refused::because(doing(), e)),
         }
+        // A former owner that was killed left its mark.
+        let _none = std::fs::remove_file(directory.join(READY));
         instance.wipe().map_err(|e| Refused::because(doing(), e))?;
         Ok(Owned {
             instance,
@@ -42,6 +46,11 @@ impl Owned {
     /// Its name and place.
     pub fn instance(&self) -> &Instance {
         &self.instance
+    }
+    /// All services are there.
+    pub fn ready(&self) -> Result<(), Refused> {
+        let path = self.file(READY);
+        std::fs::write(&path, "").map_err(|e| Refused::because(format!("writing {}", path.display()), e))
     }
     /// A file of the instance.
     pub fn file(&self, name: &str) -> PathBuf {
@@ -57,8 +66,11 @@ impl Drop for Owned {
     }
 }
 
-/// Whether an instance of this name runs.
+/// Whether an instance of this name runs and is ready.
 pub fn runs(instance: &Instance) -> bool {
+    if !instance.directory().join(READY).exists() {
+        return false;
+    }
     File::open(instance.directory().join(LOCK))
         .is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
@@ -72,6 +84,8 @@ mod tests {
         let name = format!("test-{}", std::process::id());
         let owned = Owned::take(&name).unwrap();
         let instance = owned.instance().clone();
+        assert!(!runs(&instance));
+        owned.ready().unwrap();
         assert!(runs(&instance));
         let Err(refused) = Owned::take(&name) else {
             panic!("taken twice")

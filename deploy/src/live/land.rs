@@ -53,6 +53,7 @@ pub fn run(args: &LandArgs) -> Result<End, Refused> {
     let owned = Owned::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;
+    owned.ready()?;
     let plan = Arrangement::of(&scene, args, &owned)?;
     let landing = Landing::begin(args, &memory, &plan, &owned)?;
     let ended = landing.go_on(&memory);
@@ -162,6 +163,14 @@ fn free_port() -> Result<u16, Refused> {
         .port())
 }
 
+/// The outcome among what the world said.
+fn verdict(lines: &[String]) -> Option<Outcome> {
+    lines.iter().find_map(|line| match serde_json::from_str(line) {
+        Ok(Word::Outcome(outcome)) => Some(*outcome),
+        Err(_) => None,
+    })
+}
+
 /// A landing under way.
 struct Landing<'a> {
     args: &'a LandArgs,
@@ -228,19 +237,17 @@ impl<'a> Landing<'a> {
             .secs();
             self.phase(true_s - self.plan.warm_up_s, shown);
             self.command(now, true_s - self.plan.warm_up_s);
-            let mut words = self.supervisor.said();
+            if let Some(outcome) = verdict(&self.supervisor.said()) {
+                return Ok(Some(self.over(outcome)));
+            }
             for Event::Ended(kind, status) in self.supervisor.tend()? {
                 memory.bury_the_dead();
-                if kind == ProcessKind::World {
-                    words.extend(self.supervisor.last_words());
+                if kind == ProcessKind::World
+                    && let Some(outcome) = verdict(&self.supervisor.last_words())
+                {
+                    return Ok(Some(self.over(outcome)));
                 }
-                let over = words.iter().find_map(|w| serde_json::from_str::<Word>(w).ok());
-                match (kind, over) {
-                    (ProcessKind::World, Some(Word::Outcome(outcome))) => {
-                        return Ok(Some(self.over(*outcome)));
-                    }
-                    (_, _) => self.mourn(kind, &status)?,
-                }
+                self.mourn(kind, &status)?;
             }
         }
     }

@@ -25,6 +25,11 @@ const GOOD_RUN_NS: i64 = 5_000_000_000;
 /// Processes that were told to end have this long.
 const GRACE_NS: i64 = 800_000_000;
 
+/// Flight goes before whatever else the computer does: the priority (niceness) that is asked for.
+/// Without the permission a process runs at the usual one. Measured on two cores with twenty other
+/// busy processes: ticks of the world up to 6 s late without it.
+const NICENESS: &str = "-10";
+
 /// One process under supervision.
 struct Ward {
     kind: ProcessKind,
@@ -86,8 +91,10 @@ impl Supervisor {
             .append(true)
             .open(self.directory.join(format!("{name}.err")))
             .map_err(|e| Refused::because(doing(), e))?;
-        let mut command = Command::new(program);
+        let mut command = Command::new("nice");
         command
+            .args(["-n", NICENESS])
+            .arg(program)
             .arg(name)
             .arg("--config")
             .arg(&ward.config)

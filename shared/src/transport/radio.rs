@@ -5,7 +5,7 @@
 //! message that does not fit into the local queue is dropped, never waited for. A session that went
 //! silent is closed (which may hang, so it is left to a thread of its own) and opened anew.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, atomic::AtomicU64, atomic::Ordering};
 use std::time::Duration;
 
@@ -285,11 +285,8 @@ impl Radio {
         let heard = if longest.is_zero() {
             self.inbox.try_recv().ok()
         } else {
-            match self.inbox.recv_timeout(longest) {
-                Ok(heard) => Some(heard),
-                // We hold a sender ourselves: the channel is never disconnected.
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => None,
-            }
+            // We hold a sender ourselves: the only error is that the time is up.
+            self.inbox.recv_timeout(longest).ok()
         }?;
         self.counts.heard += 1;
         self.last_heard_ns = Some(heard.at_ns);
