@@ -265,9 +265,7 @@ impl Planner {
         let forecast = self
             .forecast
             .filter(|f| young(now, f.header.at, self.config.forecast_age_s));
-        let view = self
-            .views
-            .view(self.config.kind, now, mission, forecast, &state);
+        let view = self.views.view(self.config.kind, now, mission, forecast, &state);
         let (mission, forecast) = (&view.mission, view.forecast);
         self.problem.state = state;
         self.problem.input = input;

@@ -434,7 +434,9 @@ fn a_drone_far_from_its_plan_or_a_jump_of_origin_starts_anew() {
 #[test]
 fn without_a_forecast_it_stays_where_it_is() {
     // Alight sinks at 2.5 m/s when the forecast ends, and has further to come back.
-    [(PlannerKind::MpcFaa, 400), (PlannerKind::Alight, 600)].map(stays_without_forecast);
+    [(PlannerKind::MpcFaa, 400), (PlannerKind::Alight, 600)]
+        .into_iter()
+        .for_each(stays_without_forecast);
 }
 
 fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
