@@ -467,11 +467,8 @@ fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
         }
     }
     let moved = (b.drone.position() - stopped.expect("ticked")).norm();
-    assert!(
-        moved < 0.1 && b.drone.velocity().norm() < 0.02,
-        "{moved} {}",
-        kind.name()
-    );
+    let still = b.drone.velocity().norm() < 0.02;
+    assert!(moved < 0.1 && still, "{moved} {kind:?}");
 }
 
 #[test]
