@@ -160,8 +160,12 @@ fn one_changed_output_is_found_at_its_node_and_time() {
 fn damaged_foreign_and_missing_files_are_refused_with_code_2() {
     let (file, _) = recorded();
     let good = std::fs::read(file).unwrap();
+    // One byte in every 4 kB of the middle: some of them lie in chunks, which have check sums, and not
+    // only in the index records between them, which a replay does not need.
     let mut flipped = good.clone();
-    flipped[good.len() / 2] ^= 0x20;
+    for i in (good.len() / 4..3 * good.len() / 4).step_by(4096) {
+        flipped[i] ^= 0x20;
+    }
     let cases = [
         ("cut.mcap", good[..good.len() / 2].to_vec()),
         ("flipped.mcap", flipped),
