@@ -10,6 +10,7 @@ pub mod args;
 mod entry;
 mod figures;
 mod flat;
+mod outline;
 mod recorder;
 pub mod replay;
 mod scene;

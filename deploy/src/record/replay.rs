@@ -48,7 +48,7 @@ pub struct Replayed {
 
 /// Replays and says how it went.
 pub fn run(args: &ReplayArgs) -> Result<End, Refused> {
-    let replayed = replay(&args.path)?;
+    let replayed = contained(&args.path)?;
     let say = |line: String| note(args.json, line);
     for (name, verdict) in NODES.iter().zip(&replayed.nodes) {
         let word = match verdict.differs_at_s {
@@ -78,6 +78,21 @@ pub fn run(args: &ReplayArgs) -> Result<End, Refused> {
     })
 }
 
+/// [`replay`], with a panic of the MCAP reader made an error: version 0.26 reserves what some damaged
+/// length fields claim and panics on an overflow of the capacity.
+fn contained(path: &Path) -> Result<Replayed, Refused> {
+    let loud = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let replayed = std::panic::catch_unwind(|| replay(path));
+    std::panic::set_hook(loud);
+    replayed.unwrap_or_else(|_| {
+        let origin = path.display();
+        Err(Refused(format!(
+            "reading {origin}: the recording is damaged; record it again"
+        )))
+    })
+}
+
 /// Replays the recording at `path`.
 pub fn replay(path: &Path) -> Result<Replayed, Refused> {
     let origin = path.display().to_string();
@@ -89,6 +104,7 @@ pub fn replay(path: &Path) -> Result<Replayed, Refused> {
         )));
     }
     let file = std::fs::read(path).map_err(|e| reading(&e))?;
+    super::outline::check(&file).map_err(|e| reading(&e))?;
     let mut nodes = Nodes::of(&file, &origin)?;
     let mut replayed = Replayed::default();
     let topics = NODES.map(topic);

@@ -1,0 +1,70 @@
+//! A look over an MCAP file's records before a reader allocates what they claim: the reader takes a
+//! chunk's stated size on trust, and a damaged one would end the program.
+
+/// Largest content of one chunk, bytes; ours are far below.
+const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
+/// The magic bytes at both ends of a file, and the opcode of a chunk (MCAP specification, "Format").
+const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+const CHUNK: u8 = 0x06;
+
+fn number(bytes: &[u8], at: usize) -> Option<u64> {
+    let slice = bytes.get(at..at.checked_add(8)?)?;
+    slice.try_into().ok().map(u64::from_le_bytes)
+}
+
+/// Every record lies within the file and no chunk claims more than it may hold.
+pub fn check(file: &[u8]) -> Result<(), String> {
+    if !file.starts_with(MAGIC) {
+        return Err("it does not begin as an MCAP file does".into());
+    }
+    let mut at = MAGIC.len();
+    // Each round moves on by 9 bytes or more, so the file's length bounds the loop.
+    while let Some(opcode) = file.get(at).copied() {
+        if file.get(at..) == Some(MAGIC) {
+            return Ok(());
+        }
+        let Some(length) = number(file, at + 1) else { break };
+        let begin = at + 9;
+        let end = usize::try_from(length)
+            .ok()
+            .and_then(|l| begin.checked_add(l))
+            .filter(|e| *e <= file.len());
+        let Some(end) = end else {
+            return Err(format!(
+                "the record at byte {at} claims {length} bytes, more than the file has"
+            ));
+        };
+        // A chunk begins with two times; then comes its uncompressed size.
+        if opcode == CHUNK
+            && let Some(size) = number(file, begin + 16)
+            && size > MAX_CHUNK_BYTES
+        {
+            return Err(format!(
+                "the chunk at byte {at} claims {size} bytes; at most {MAX_CHUNK_BYTES} are accepted"
+            ));
+        }
+        at = end;
+    }
+    Err("it ends within a record; it may have been cut off".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(opcode: u8, length: u64, content: &[u8]) -> Vec<u8> {
+        [MAGIC, &[opcode], &length.to_le_bytes(), content, MAGIC].concat()
+    }
+
+    #[test]
+    fn whole_files_pass_and_false_claims_do_not() {
+        assert!(check(&file(1, 3, b"abc")).is_ok());
+        assert!(check(&file(1, u64::MAX, b"abc")).is_err());
+        assert!(check(b"not a recording").is_err());
+        assert!(check(&file(1, 3, b"abc")[..15]).is_err());
+        let mut chunk = vec![0; 40];
+        assert!(check(&file(CHUNK, 40, &chunk)).is_ok());
+        chunk[23] = 0x20;
+        assert!(check(&file(CHUNK, 40, &chunk)).is_err());
+    }
+}
