@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::fault::FaultSpec;
+use super::follow::LONGEST_FOLLOW_S;
 use crate::args::SceneArgs;
 
 /// The live system.
@@ -12,6 +14,10 @@ pub enum LiveVerb {
     /// Land once in real time: starts every process of vessel and drone on this machine, with a
     /// simulated world as the vehicles.
     Land(Box<LandArgs>),
+    /// Land live with many seeds, beside the lock-step landings of the same seeds.
+    Lands(LandsArgs),
+    /// Kill and freeze every process in every phase of a live landing, and say what came of it.
+    Faults(FaultsArgs),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(StatusArgs),
     /// Feed a process's log through its node again and compare the outputs bit for bit.
@@ -56,12 +62,85 @@ pub struct LandArgs {
     /// Name of this set of processes; several may run side by side
     #[arg(long, default_value = "land")]
     pub instance: String,
+    /// Follow the vessel for this long after the start instead of landing, s
+    #[arg(long, value_name = "S", value_parser = follow_s)]
+    pub follow: Option<f64>,
+    /// Write what the processes use, and their files, to this file (CSV) once a minute
+    #[arg(long, value_name = "FILE.csv")]
+    pub usage: Option<PathBuf>,
     /// Every process logs what it consumed into this directory, for `alight replay`
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
+    /// Kill a process, or freeze it for 2 s, in a phase: PROCESS:kill|freeze:PHASE, such as
+    /// planner:kill:descent
+    #[arg(long, value_name = "FAULT")]
+    pub fault: Option<FaultSpec>,
     /// Print the outcome as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
+    /// End when standard input closes
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+/// Many landings, live.
+#[derive(Args, Debug)]
+pub struct LandsArgs {
+    /// How many
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub trials: u32,
+    /// First seed; seeds SEED0 to SEED0+TRIALS-1 are flown
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// How many at a time, each with processes of its own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub jobs: u16,
+    /// Names of the sets of processes begin with this
+    #[arg(long, default_value = "lands")]
+    pub instance: String,
+    /// Print the summary as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+    /// Flags of `alight land`, for all of them
+    #[arg(last = true, value_name = "LAND FLAGS")]
+    pub land: Vec<String>,
+}
+
+/// Faults, live.
+#[derive(Args, Debug)]
+pub struct FaultsArgs {
+    /// Only this one (may be repeated) [default: 6 processes, killed and frozen, in approach,
+    /// tracking, descent and flare]
+    #[arg(long, value_name = "FAULT")]
+    pub fault: Vec<FaultSpec>,
+    /// Every case so many times, each with a seed of its own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub repeat: u32,
+    /// Seed of the first case; each next case has the next seed
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// How many at a time, each with processes of its own
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub jobs: u16,
+    /// Names of the sets of processes begin with this
+    #[arg(long, default_value = "faults")]
+    pub instance: String,
+    /// Print the cases as one JSON list, the last line
+    #[arg(long)]
+    pub json: bool,
+    /// Flags of `alight land`, for all of them
+    #[arg(last = true, value_name = "LAND FLAGS")]
+    pub land: Vec<String>,
+}
+
+/// Times that the drone can be told to follow: up to what a mission may take.
+fn follow_s(text: &str) -> Result<f64, String> {
+    let s: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (1.0..=LONGEST_FOLLOW_S).contains(&s) {
+        Ok(s)
+    } else {
+        Err(format!("1 to {LONGEST_FOLLOW_S} seconds"))
+    }
 }
 
 /// What runs.

@@ -109,7 +109,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         let counts = radio.counts();
         process.life.figures[1] = counts.dropped as f64;
         process.life.figures[2] = counts.reopened as f64;
-        if let Some(said) = process.state([], counts.unsent) {
+        if let Some(said) = process.state(Vec::new, counts.unsent) {
             state.send(&said);
             radio.watch();
         }

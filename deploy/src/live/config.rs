@@ -134,6 +134,9 @@ pub struct SimulatedWorld {
     pub sea: String,
     /// The planner, for the outcome.
     pub planner: String,
+    /// The drone only follows, for this long after the start, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub follow_s: Option<f64>,
     /// What is simulated.
     pub scenario: Scenario,
 }

@@ -4,6 +4,8 @@
 use std::io::{IsTerminal, Write};
 use std::net::UdpSocket;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
@@ -12,7 +14,6 @@ use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Memory, Publisher, Services};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::RadioConfig;
-use alight_sim::outcome::Outcome;
 use alight_sim::scenario::RadioCut;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_sim::streams::Streams;
@@ -20,29 +21,44 @@ use serde::Serialize;
 
 use super::args::LandArgs;
 use super::config::{DroneComputer, LinkImpairment, SimulatedWorld, VesselComputer};
+use super::fault::Fault;
 use super::instance::Owned;
-use super::link;
-use super::process::draw_boot;
+use super::process::{draw_boot, end_with_supervisor};
+use super::report::{LiveOutcome, LiveReport, PhaseEntry};
 use super::status::Onlooker;
 use super::supervisor::{Event, Supervisor, pause};
+use super::usage::UsageLog;
 use super::world::Word;
+use super::{follow, link};
+use crate::say::{self, note};
 use crate::scene::Scene;
-use crate::{End, Refused, say, table};
+use crate::{End, Refused, table};
 
 /// The world's time zero lies this much in the future when the processes start, ns.
 const RUN_UP_NS: i64 = 1_500_000_000;
 /// The supervisor looks after things this often.
 const BEAT: Duration = Duration::from_millis(50);
+/// Entries of the mission's states that are kept.
+const MOST_PHASES: usize = 1000;
 /// A command that shows no effect is repeated after this long, s.
 const COMMAND_AGAIN_S: f64 = 1.0;
 
-/// One landing.
-pub fn run(args: &LandArgs) -> Result<End, Refused> {
+/// What is flown, with the flags of the live system over it.
+pub fn scene(args: &LandArgs) -> Result<Scene, Refused> {
     let mut scene = Scene::of(&args.scene)?;
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
     }
+    if args.follow.is_some() {
+        follow::withhold_the_landing(&mut scene);
+    }
+    Ok(scene)
+}
+
+/// One landing.
+pub fn run(args: &LandArgs) -> Result<End, Refused> {
+    let scene = scene(args)?;
     if i64::try_from(args.seed).is_err() {
         return Err(Refused(format!(
             "--seed {}: at most {}; choose a smaller one",
@@ -60,21 +76,54 @@ pub fn run(args: &LandArgs) -> Result<End, Refused> {
     drop(services);
     drop(memory);
     drop(owned);
-    let Some((outcome, report)) = ended? else {
-        eprintln!("stopped");
-        return Ok(End::Failed);
-    };
-    if args.json {
-        eprint!("{report}");
-        say::line(serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?);
-    } else {
-        say::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
+    match ended? {
+        Some(ending) => ending.show(args),
+        None => {
+            eprintln!("stopped");
+            Ok(End::Failed)
+        }
     }
-    Ok(if outcome.success {
-        End::Success
-    } else {
-        End::Failed
-    })
+}
+
+/// How a landing that was not stopped from outside ended.
+struct Ending {
+    word: Word,
+    usage: String,
+    report: LiveReport,
+}
+
+impl Ending {
+    fn show(self, args: &LandArgs) -> Result<End, Refused> {
+        let json = |e| Refused::because("writing JSON", e);
+        let report = format!("{}{}", self.usage, self.report.text());
+        match self.word {
+            Word::Followed(followed) => {
+                note(true, report);
+                let text = serde_json::to_string(&followed).map_err(json)?;
+                say::line(if args.json { text } else { followed.to_string() });
+                Ok(End::Success)
+            }
+            Word::Landed(landed) => {
+                let outcome = landed.outcome;
+                let end = if outcome.success {
+                    End::Success
+                } else {
+                    End::Failed
+                };
+                if args.json {
+                    note(true, report);
+                    let live = LiveReport {
+                        first_contact_s: landed.first_contact_s,
+                        ..self.report
+                    };
+                    say::line(serde_json::to_string(&LiveOutcome { outcome, live }).map_err(json)?);
+                } else {
+                    say::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
+                }
+                Ok(end)
+            }
+        }
+    }
 }
 
 /// The files of the three computers, and the drone's clock.
@@ -133,6 +182,7 @@ impl Arrangement {
             seed: args.seed,
             sea: scene.sea.clone(),
             planner: scene.nodes.drone.planner.kind.name().into(),
+            follow_s: args.follow,
             scenario: scene.scenario.clone(),
         };
         Ok(Arrangement {
@@ -163,12 +213,9 @@ fn free_port() -> Result<u16, Refused> {
         .port())
 }
 
-/// The outcome among what the world said.
-fn verdict(lines: &[String]) -> Option<Outcome> {
-    lines.iter().find_map(|line| match serde_json::from_str(line) {
-        Ok(Word::Outcome(outcome)) => Some(*outcome),
-        Err(_) => None,
-    })
+/// The world's last word among what it said.
+fn verdict(lines: &[String]) -> Option<Word> {
+    lines.iter().find_map(|line| serde_json::from_str(line).ok())
 }
 
 /// A landing under way.
@@ -182,6 +229,10 @@ struct Landing<'a> {
     sequence: u32,
     commanded_s: f64,
     state: State,
+    phases: Vec<PhaseEntry>,
+    fault: Option<Fault>,
+    told_to_end: Arc<AtomicBool>,
+    usage: Option<UsageLog>,
 }
 
 impl<'a> Landing<'a> {
@@ -216,14 +267,22 @@ impl<'a> Landing<'a> {
             sequence: 0,
             commanded_s: f64::NEG_INFINITY,
             state: State::Idle,
+            phases: Vec::new(),
+            fault: args.fault.map(|spec| Fault::new(spec, args.seed)),
+            told_to_end: end_with_supervisor(args.supervised),
+            usage: args
+                .usage
+                .as_deref()
+                .map(|path| UsageLog::create(path, owned.instance()))
+                .transpose()?,
         })
     }
 
     /// To the end; None when it was stopped from outside.
-    fn go_on(mut self, memory: &Memory) -> Result<Option<(Outcome, String)>, Refused> {
+    fn go_on(mut self, memory: &Memory) -> Result<Option<Ending>, Refused> {
         let shown = std::io::stderr().is_terminal();
         loop {
-            if !memory.wait(BEAT) {
+            if !memory.wait(BEAT) || self.told_to_end.load(Ordering::Relaxed) {
                 self.supervisor.stop(pause);
                 return Ok(None);
             }
@@ -237,6 +296,10 @@ impl<'a> Landing<'a> {
             .secs();
             self.phase(true_s - self.plan.warm_up_s, shown);
             self.command(now, true_s - self.plan.warm_up_s);
+            self.tend_fault(true_s - self.plan.warm_up_s)?;
+            if let Some(usage) = &mut self.usage {
+                usage.note(steady_ns(), &self.onlooker.picture)?;
+            }
             if let Some(outcome) = verdict(&self.supervisor.said()) {
                 return Ok(Some(self.over(outcome)));
             }
@@ -262,6 +325,20 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
+    /// Lets the fault happen when it is time.
+    fn tend_fault(&mut self, t_s: f64) -> Result<(), Refused> {
+        let Some(fault) = &mut self.fault else {
+            return Ok(());
+        };
+        if fault.tend(steady_ns(), t_s, &self.onlooker.picture)? {
+            note(
+                self.args.json,
+                format!("{t_s:>7.2} s  fault {}", fault.report.fault),
+            );
+        }
+        Ok(())
+    }
+
     /// Shows the phase and the line below it.
     fn phase(&mut self, t_s: f64, shown: bool) {
         if shown {
@@ -271,13 +348,17 @@ impl<'a> Landing<'a> {
             && m.state != self.state
         {
             self.state = m.state;
-            let line = format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered);
-            // A reader that went away does not end a flight.
-            let _unseen = if self.args.json {
-                writeln!(std::io::stderr(), "{line}")
-            } else {
-                writeln!(std::io::stdout(), "{line}")
-            };
+            note(
+                self.args.json,
+                format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered),
+            );
+            if self.phases.len() < MOST_PHASES {
+                self.phases.push(PhaseEntry {
+                    t_s,
+                    state: m.state.name().into(),
+                    reason: m.entered.to_string(),
+                });
+            }
         }
         if shown {
             eprint!("{t_s:>7.2} s  {}", self.onlooker.picture.line());
@@ -305,28 +386,19 @@ impl<'a> Landing<'a> {
         });
     }
 
-    /// The outcome, and what the processes used.
-    fn over(mut self, outcome: Outcome) -> (Outcome, String) {
+    /// The world's word, and what the processes used.
+    fn over(mut self, word: Word) -> Ending {
         let picture = &self.onlooker.picture;
-        let mut report = picture.usage(steady_ns());
-        if let Some(p) = picture.processes.get(&ProcessKind::Pilot) {
-            report.push_str(&format!(
-                "  measurement on the vessel to set-point: {} (p50), {} (p99); odometry to set-point: {}, {}\n",
-                super::display::time(p.figures[0]),
-                super::display::time(p.figures[1]),
-                super::display::time(p.figures[2]),
-                super::display::time(p.figures[3]),
-            ));
-        }
-        if let Some(w) = picture.processes.get(&ProcessKind::World) {
-            report.push_str(&format!(
-                "  the world's worst tick was {} late, {} ticks more than one period; {} restarts\n",
-                super::display::time(w.figures[0]),
-                w.figures[1],
-                self.supervisor.restarts()
-            ));
-        }
+        let ending = Ending {
+            word,
+            usage: picture.usage(steady_ns()),
+            report: LiveReport {
+                phases: std::mem::take(&mut self.phases),
+                fault: self.fault.take().map(|f| f.report),
+                ..LiveReport::of(picture, self.supervisor.restarts())
+            },
+        };
         self.supervisor.stop(pause);
-        (outcome, report)
+        ending
     }
 }

@@ -2,16 +2,22 @@
 //! vehicles as a process in real time, and the supervisor of them all (`alight land`).
 //!
 //! Read in this order: [`config`] (one file per computer), [`process`] (what every process does
-//! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`],
-//! [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`].
+//! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`], then
+//! [`shell`] for [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`],
+//! and [`lands`] and [`faults`] for many landings.
 
 pub mod args;
 mod bridge;
 mod config;
 mod display;
+mod fault;
+mod faults;
+mod fleet;
+mod follow;
 mod instance;
 mod interface;
 mod land;
+mod lands;
 mod link;
 mod mission;
 mod pilot;
@@ -20,8 +26,11 @@ mod predictor;
 mod process;
 mod record;
 pub mod replay;
+mod report;
+mod shell;
 mod status;
 mod supervisor;
+mod usage;
 mod vessel;
 mod world;
 
@@ -40,15 +49,17 @@ impl From<TransportError> for Refused {
 pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
     match verb {
         LiveVerb::Land(a) => land::run(a),
+        LiveVerb::Lands(a) => lands::run(a),
+        LiveVerb::Faults(a) => faults::run(a),
         LiveVerb::Status(a) => status::run(a),
         #[cfg(not(feature = "record"))]
         LiveVerb::Replay(a) => replay::run(&a.path),
         LiveVerb::Vessel(a) => vessel::run(a),
         LiveVerb::Bridge(a) => bridge::run(a),
-        LiveVerb::Predictor(a) => predictor::run(a),
-        LiveVerb::Mission(a) => mission::run(a),
-        LiveVerb::Planner(a) => planner::run(a),
-        LiveVerb::Pilot(a) => pilot::run(a),
+        LiveVerb::Predictor(a) => shell::run::<predictor::PredictorShell>(a),
+        LiveVerb::Mission(a) => shell::run::<mission::MissionShell>(a),
+        LiveVerb::Planner(a) => shell::run::<planner::PlannerShell>(a),
+        LiveVerb::Pilot(a) => shell::run::<pilot::PilotShell>(a),
         LiveVerb::World(a) => world::run(a),
     }
 }

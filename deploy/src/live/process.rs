@@ -62,7 +62,7 @@ impl Life {
         self.end.load(Ordering::Relaxed) || end_requested()
     }
     /// What the process says about itself, when it is time again.
-    pub fn state<const K: usize>(&mut self, inputs: [InputState; K], unsent: u64) -> Option<ProcessState> {
+    pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let now = steady_ns();
         if now < self.next_state_ns {
             return None;
@@ -82,7 +82,7 @@ impl Life {
             step_p99_s: self.step_times.quantile(0.99),
             unsent,
             figures: self.figures,
-            inputs: Seq::filled(inputs),
+            inputs: Seq::filled(inputs()),
         })
     }
 }
@@ -105,7 +105,7 @@ pub fn draw_boot() -> u32 {
 }
 
 /// True once standard input has closed, for a supervised process.
-fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
+pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     let end = Arc::new(AtomicBool::new(false));
     if supervised {
         let flag = Arc::clone(&end);
@@ -149,18 +149,13 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     pub fn at(&self, steady_ns: i64) -> Time<N::Clock> {
         self.clock.read(steady_ns)
     }
-    /// One step of the node, logged, and timed when it `worked`.
-    pub fn step(
-        &mut self,
-        now: Time<N::Clock>,
-        input: &N::In,
-        worked: impl FnOnce(&N::Out) -> bool,
-    ) -> N::Out {
+    /// One step of the node, what it says `sent`, then logged; timed when it had something to do.
+    pub fn step(&mut self, now: Time<N::Clock>, input: &N::In, send: impl FnOnce(&N::Out) -> bool) -> N::Out {
         let before = steady_ns();
         let out = self.node.step(now, input);
         let time_s = (steady_ns() - before) as f64 * 1e-9;
         // The steps in which a node has nothing to do say nothing about what its work takes.
-        self.life.stepped(if worked(&out) { Some(time_s) } else { None });
+        self.life.stepped(if send(&out) { Some(time_s) } else { None });
         if let Some(recorder) = &mut self.recorder {
             recorder.write(now.nanos(), input, &out);
         }
@@ -171,7 +166,7 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
         self.life.ended()
     }
     /// What the process says about itself, when it is time again.
-    pub fn state<const K: usize>(&mut self, inputs: [InputState; K], unsent: u64) -> Option<ProcessState> {
+    pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let said = self.life.state(inputs, unsent);
         if let (Some(_), Some(recorder)) = (&said, &mut self.recorder) {
             recorder.flush();

@@ -6,16 +6,17 @@ use alight_bridge::Bridge;
 use alight_shared::config;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
-use alight_uav::mission::Mission;
-use alight_uav::pilot::Pilot;
-use alight_uav::planner::Planner;
-use alight_uav::predictor::Predictor;
 use alight_usv::VesselNode;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::config::{DroneComputer, VesselComputer};
+use super::mission::MissionShell;
+use super::pilot::PilotShell;
+use super::planner::PlannerShell;
+use super::predictor::PredictorShell;
 use super::record::{Head, Log};
+use super::shell::Shell;
 use crate::{End, Refused, say, table};
 
 /// Whether this is a log of a process, or a directory of them.
@@ -88,21 +89,12 @@ fn replay(path: &Path) -> Result<(u64, Option<u64>), Refused> {
         return through(log, path, VesselNode::new(&c.vessel, c.vessel_id, boot));
     }
     let c: DroneComputer = config::parse(&config, &origin).map_err(|e| Refused(e.to_string()))?;
-    let (drone, id) = (&c.drone, c.bridge.drone_id);
     match process.as_str() {
         "bridge" => through(log, path, Bridge::new(&c.bridge, boot)),
-        "predictor" => through(log, path, Predictor::new(&drone.predictor(), boot)),
-        "mission" => through(
-            log,
-            path,
-            Mission::new(&drone.mission, &drone.airframe, &drone.deck, id, boot),
-        ),
-        "planner" => through(
-            log,
-            path,
-            Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot),
-        ),
-        "pilot" => through(log, path, Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
+        "predictor" => through(log, path, PredictorShell::node(&c, boot)),
+        "mission" => through(log, path, MissionShell::node(&c, boot)),
+        "planner" => through(log, path, PlannerShell::node(&c, boot)),
+        "pilot" => through(log, path, PilotShell::node(&c, boot)),
         other => Err(Refused(format!(
             "{origin}: the log of a process {other:?}, which this program does not have"
         ))),

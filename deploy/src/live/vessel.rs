@@ -91,7 +91,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             counts.dropped as f64,
             0.0,
         ];
-        let said = process.state([], counts.unsent);
+        let said = process.state(Vec::new, counts.unsent);
         say(&mut radio, STATE, said.as_ref());
     }
     Ok(End::Success)

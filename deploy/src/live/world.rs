@@ -10,12 +10,13 @@ use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::process::ProcessKind;
-use alight_sim::outcome::{Judge, Outcome};
+use alight_sim::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::physics::{Physics, TICK};
 use serde::{Deserialize, Serialize};
 
 use super::args::ProcessArgs;
 use super::config::SimulatedWorld;
+use super::follow::Followed;
 use super::interface::autopilot::SimulatedAutopilot;
 use super::interface::sensors::{Readings, SimulatedSensors};
 use super::process::{Life, draw_boot};
@@ -26,7 +27,18 @@ use crate::{End, Refused, say};
 #[serde(rename_all = "kebab-case")]
 pub enum Word {
     /// How it ended, judged from the truth.
-    Outcome(Box<Outcome>),
+    Landed(Box<Landed>),
+    /// It was told to follow only, and followed.
+    Followed(Followed),
+}
+
+/// An outcome and what the report beside it takes from the truth.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Landed {
+    /// The outcome.
+    pub outcome: Outcome,
+    /// First contact, time since the start, s.
+    pub first_contact_s: Option<f64>,
 }
 
 /// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
@@ -50,6 +62,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let half_deck = [deck.length_m / 2.0, deck.width_m / 2.0];
     let mut judge = Judge::default();
     let mut phase = MissionState::default();
+    let mut followed = Followed::default();
 
     while !life.ended() {
         // The truth at `t` is made and measured when the computer's clock reads `t`.
@@ -90,13 +103,25 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
 
         phase = mission.newest(drone_ns).unwrap_or(phase);
         life.figures[2] = physics.time_since_start().secs();
-        if physics.time_since_start().nanos() > 0 && judge.observe(&physics.observation(&phase), half_deck) {
+        let t_s = physics.time_since_start().secs();
+        followed.see(t_s, TICK.secs(), phase.state);
+        if world.follow_s.is_some_and(|f| t_s >= f) {
             break;
         }
-        let inputs = [
-            autopilot.set_points.intake().state(drone_ns),
-            mission.intake().state(drone_ns),
-        ];
+        let mut seen = physics.observation(&phase);
+        if world.follow_s.is_some() {
+            // The judge's limit is on landings.
+            seen.t_s = seen.t_s.min(TIME_LIMIT_S / 2.0);
+        }
+        if t_s > 0.0 && judge.observe(&seen, half_deck) {
+            break;
+        }
+        let inputs = || {
+            vec![
+                autopilot.set_points.intake().state(drone_ns),
+                mission.intake().state(drone_ns),
+            ]
+        };
         if let Some(said) = life.state(inputs, autopilot.unsent()) {
             state.send(&said);
         }
@@ -105,8 +130,16 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut outcome = judge.outcome(world.seed, &world.sea, &world.planner, sim_time_s);
     outcome.digest = format!("{:016x}", physics.digest());
     outcome.wall_time_s = clock.now::<TrueTime>().secs();
-    let word = serde_json::to_string(&Word::Outcome(Box::new(outcome)))
-        .map_err(|e| Refused::because("writing the outcome", e))?;
+    let untouched = outcome.outcome == Ending::Timeout && outcome.touchdown_speed_mps.is_none();
+    let word = if world.follow_s.is_some() && untouched {
+        Word::Followed(followed)
+    } else {
+        Word::Landed(Box::new(Landed {
+            outcome,
+            first_contact_s: judge.first_contact_s(),
+        }))
+    };
+    let word = serde_json::to_string(&word).map_err(|e| Refused::because("writing the outcome", e))?;
     say::line(word);
     Ok(End::Success)
 }

@@ -1,0 +1,226 @@
+//! `alight lands`: live landings of many seeds, beside the lock-step landings of the same seeds.
+
+use alight_sim::outcome::Outcome;
+use alight_sim::trial::{Watch, fly};
+use clap::Parser;
+use serde::Serialize;
+
+use super::args::{LandArgs, LandsArgs, LiveVerb};
+use super::fleet::{self, Job, median};
+use super::report::LiveReport;
+use super::{land, link};
+use crate::args::{Cli, Verb};
+use crate::say::{self, note};
+use crate::{End, Refused};
+
+/// One seed, both ways.
+#[derive(Clone, Debug, Serialize)]
+struct Pair {
+    seed: u64,
+    live: Option<Outcome>,
+    lock_step: Outcome,
+    report: Option<LiveReport>,
+    left: Vec<String>,
+}
+
+/// All pairs in figures.
+#[derive(Clone, Debug, Serialize)]
+struct Summary {
+    trials: usize,
+    landed: usize,
+    landed_lock_step: usize,
+    unsafe_contacts: u32,
+    /// Live minus lock-step, medians over the seeds that landed both ways.
+    position_error_difference_m: f64,
+    landing_time_difference_s: f64,
+    /// Of all that landed live.
+    position_error_m: f64,
+    landing_time_s: f64,
+    pairs: Vec<Pair>,
+}
+
+/// Flies all seeds and shows the table.
+pub fn run(args: &LandsArgs) -> Result<End, Refused> {
+    let flags = land_flags(&args.land)?;
+    let seeds: Vec<u64> = (args.seed0..).take(args.trials as usize).collect();
+    let jobs: Vec<Job> = seeds
+        .iter()
+        .map(|seed| Job {
+            instance: format!("{}-{seed}", args.instance),
+            flags: ["--seed".to_string(), seed.to_string()]
+                .into_iter()
+                .chain(args.land.clone())
+                .collect(),
+        })
+        .collect();
+    let done = fleet::fly(&jobs, usize::from(args.jobs), |k, d| {
+        let text = d.landed.as_ref().map_or_else(
+            || format!("no outcome: {}", d.said.lines().last().unwrap_or_default()),
+            |l| {
+                format!(
+                    "{}: {}, {} m, {} s",
+                    l.outcome.outcome.name(),
+                    l.outcome.reason,
+                    figure(l.outcome.position_error_m, 3),
+                    figure(l.outcome.landing_time_s, 1)
+                )
+            },
+        );
+        note(
+            true,
+            format!("seed {}: {text}", seeds.get(k).copied().unwrap_or(0)),
+        );
+    })?;
+    let mut pairs = Vec::new();
+    for (seed, d) in seeds.iter().zip(done) {
+        let (live, report) = d.landed.map(|l| (l.outcome, l.live)).unzip();
+        pairs.push(Pair {
+            seed: *seed,
+            live,
+            lock_step: lock_step(&flags, *seed)?,
+            report,
+            left: d.left,
+        });
+    }
+    let summary = Summary::of(pairs);
+    note(args.json, summary.table());
+    if args.json {
+        say::line(serde_json::to_string(&summary).map_err(|e| Refused::because("writing JSON", e))?);
+    }
+    Ok(if summary.landed == summary.trials {
+        End::Success
+    } else {
+        End::Failed
+    })
+}
+
+/// The flags after `--`, read as those of `alight land`.
+fn land_flags(flags: &[String]) -> Result<Box<LandArgs>, Refused> {
+    let words = ["alight", "land"].map(str::to_string);
+    let cli = Cli::try_parse_from(words.iter().chain(flags))
+        .map_err(|e| Refused::because("the flags after --", e))?;
+    match cli.command {
+        Verb::Live(LiveVerb::Land(args)) => Ok(args),
+        _ => Err(Refused(
+            "the flags after -- are not those of `alight land`".into(),
+        )),
+    }
+}
+
+/// The same seed in lock-step.
+fn lock_step(args: &LandArgs, seed: u64) -> Result<Outcome, Refused> {
+    let mut scene = land::scene(args)?;
+    if let Some(profile) = link::profile(&args.link, &scene.scenario.radio)? {
+        scene.scenario.radio = profile;
+    }
+    let mut quiet = |_: &_| {};
+    let watch = Watch {
+        on_event: &mut quiet,
+        trace_step_s: None,
+    };
+    fly(&scene.scenario, &scene.nodes, seed, &scene.sea, watch)
+        .map(|flight| flight.outcome)
+        .map_err(|e| Refused::because(format!("setting up the trial of seed {seed}"), e))
+}
+
+fn figure(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
+}
+
+impl Summary {
+    fn of(pairs: Vec<Pair>) -> Summary {
+        let live = || pairs.iter().filter_map(|p| p.live.as_ref());
+        let both = |f: fn(&Outcome) -> Option<f64>| {
+            median(pairs.iter().filter_map(|p| {
+                let live = p.live.as_ref().filter(|l| l.success)?;
+                (p.lock_step.success).then_some(f(live)? - f(&p.lock_step)?)
+            }))
+        };
+        let landed = |f: fn(&Outcome) -> Option<f64>| median(live().filter(|l| l.success).filter_map(f));
+        Summary {
+            trials: pairs.len(),
+            landed: live().filter(|l| l.success).count(),
+            landed_lock_step: pairs.iter().filter(|p| p.lock_step.success).count(),
+            unsafe_contacts: live().map(|l| l.unsafe_contacts).sum(),
+            position_error_difference_m: both(|o| o.position_error_m),
+            landing_time_difference_s: both(|o| o.landing_time_s),
+            position_error_m: landed(|o| o.position_error_m),
+            landing_time_s: landed(|o| o.landing_time_s),
+            pairs,
+        }
+    }
+    fn table(&self) -> String {
+        let mut out = String::from(
+            "\n| seed | live | error, m | speed, m/s | time, s | lock-step | error, m | speed, m/s | time, s | worst tick |\n\
+             |---|---|---|---|---|---|---|---|---|---|\n",
+        );
+        for p in &self.pairs {
+            let side = |o: Option<&Outcome>| {
+                format!(
+                    "{} | {} | {} | {}",
+                    o.map_or("none", |o| o.outcome.name()),
+                    figure(o.and_then(|o| o.position_error_m), 3),
+                    figure(o.and_then(|o| o.touchdown_speed_mps), 2),
+                    figure(o.and_then(|o| o.landing_time_s), 1)
+                )
+            };
+            let late = p
+                .report
+                .as_ref()
+                .map_or_else(|| "-".into(), |r| super::display::time(r.world_late_s));
+            out.push_str(&format!(
+                "| {} | {} | {} | {late} |\n",
+                p.seed,
+                side(p.live.as_ref()),
+                side(Some(&p.lock_step))
+            ));
+        }
+        out.push_str(&format!(
+            "\n{} of {} landed live, {} in lock-step; {} unsafe contacts live; median {:.3} m, {:.1} s; \
+             live minus lock-step (paired medians) {:+.3} m, {:+.1} s\n{}",
+            self.landed,
+            self.trials,
+            self.landed_lock_step,
+            self.unsafe_contacts,
+            self.position_error_m,
+            self.landing_time_s,
+            self.position_error_difference_m,
+            self.landing_time_difference_s,
+            self.used(),
+        ));
+        let left: Vec<&String> = self.pairs.iter().flat_map(|p| &p.left).collect();
+        if !left.is_empty() {
+            out.push_str(&format!("left behind: {left:?}\n"));
+        }
+        out
+    }
+    /// Medians over the landings of what each process used.
+    fn used(&self) -> String {
+        let mut out = String::from(
+            "\n| process | CPU, % of a core | memory, MB | step p50 | step p99 |\n|---|---|---|---|---|\n",
+        );
+        let reports: Vec<&LiveReport> = self.pairs.iter().filter_map(|p| p.report.as_ref()).collect();
+        let Some(first) = reports.first() else {
+            return String::new();
+        };
+        for process in &first.processes {
+            let of = |f: fn(&super::report::Used) -> f64| {
+                median(
+                    reports
+                        .iter()
+                        .filter_map(|r| r.processes.iter().find(|p| p.process == process.process))
+                        .map(f),
+                )
+            };
+            out.push_str(&format!(
+                "| {} | {:.1} | {:.1} | {} | {} |\n",
+                process.process,
+                of(|p| p.cpu_percent),
+                of(|p| p.memory_mb),
+                super::display::time(of(|p| p.step_p50_s)),
+                super::display::time(of(|p| p.step_p99_s)),
+            ));
+        }
+        out
+    }
+}
