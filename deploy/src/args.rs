@@ -236,6 +236,8 @@ pub enum Study {
     Link,
     /// The vessel's estimator against the truth: state errors, consistency, prediction.
     Estimator,
+    /// The deck's prediction against horizon and sea: error, consistency, against told waves.
+    Prediction,
     /// Hover, tracking and aborted approaches in all seas: motor stops in the air.
     Airborne,
     /// Join the rows of shards: `study merge --out ALL shard-1 shard-2`.

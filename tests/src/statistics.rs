@@ -51,25 +51,38 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
 /// Percentile bootstrap (Efron 1979) of the mean: its 95 % interval from 1000 resamples of a fixed
 /// stream, so that a report is reproducible. None without values.
 pub fn bootstrap_mean(values: Vec<f64>) -> Option<[f64; 2]> {
+    let n = values.len() as f64;
+    bootstrap(values.len(), |drawn| {
+        drawn.iter().filter_map(|i| values.get(*i)).sum::<f64>() / n
+    })
+}
+
+/// The same for the ratio of two sums over the same trials, which are drawn in pairs.
+pub fn bootstrap_ratio(above: &[f64], below: &[f64]) -> Option<[f64; 2]> {
+    bootstrap(above.len().min(below.len()), |drawn| {
+        let sum = |v: &[f64]| drawn.iter().filter_map(|i| v.get(*i)).sum::<f64>();
+        sum(above) / sum(below)
+    })
+}
+
+/// 95 % interval of `figure` over 1000 resamples of `n` indices.
+fn bootstrap(n: usize, figure: impl Fn(&[usize]) -> f64) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;
     const RESAMPLES: usize = 1000;
-    let n = values.len();
     if n == 0 {
         return None;
     }
     let mut rng = crate::streams::Streams::new(0).stream("bootstrap");
-    let mut means: Vec<f64> = (0..RESAMPLES)
+    let mut figures: Vec<f64> = (0..RESAMPLES)
         .map(|_| {
-            let sum: f64 = (0..n)
-                .filter_map(|_| values.get((rng.next_u64() % n as u64) as usize))
-                .sum();
-            sum / n as f64
+            let drawn: Vec<usize> = (0..n).map(|_| (rng.next_u64() % n as u64) as usize).collect();
+            figure(&drawn)
         })
         .collect();
-    means.sort_by(f64::total_cmp);
+    figures.sort_by(f64::total_cmp);
     Some([
-        *means.get(RESAMPLES / 40)?,
-        *means.get(RESAMPLES - RESAMPLES / 40 - 1)?,
+        *figures.get(RESAMPLES / 40)?,
+        *figures.get(RESAMPLES - RESAMPLES / 40 - 1)?,
     ])
 }
 

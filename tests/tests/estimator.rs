@@ -6,6 +6,7 @@
 use alight_sim::deck_motion::DeckMotionConfig;
 use alight_sim::scenario::Scenario;
 use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};
+use alight_sim::studies::prediction::{Figure, HORIZONS_S, Source, Tally, vessel};
 use alight_sim::vessel::{Course, VesselConfig};
 use alight_usv::VesselNodeConfig;
 
@@ -65,6 +66,27 @@ fn the_prediction_beats_holding_and_constant_velocity() {
             assert!(e.model < limit, "{dof} {horizon}: {e:?}");
         }
     }
+}
+
+#[test]
+fn heave_one_second_ahead_is_near_what_the_true_frequencies_give() {
+    let scenario = Scenario {
+        sea: "0.5,5".parse().unwrap(),
+        ..Scenario::default()
+    };
+    let mut sum = [Tally::default(); 2];
+    for seed in 30..34 {
+        for told in [false, true] {
+            let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0, told).unwrap();
+            let source = if told { Source::VesselTold } else { Source::Vessel };
+            let second = HORIZONS_S.iter().position(|h| *h == 1.0).unwrap();
+            let tally = &mut sum[usize::from(told)];
+            *tally = tally.and(scores[&(source, Figure::Heave, second)]);
+        }
+    }
+    let [found, told] = sum.map(|t| t.rmse());
+    assert!(found < 0.05 && found < 1.5 * told, "{found} m, told {told} m");
+    assert!(sum[0].inside() > 0.9, "{}", sum[0].inside());
 }
 
 #[test]

@@ -122,6 +122,13 @@ impl VesselNode {
             replies: 0,
         }
     }
+    /// A node that is told the waves' angular frequencies (rad/s) and directions (rad), for studies.
+    pub fn told(config: &VesselNodeConfig, vessel_id: u32, boot: u32, components: &[(f64, f64)]) -> Self {
+        VesselNode {
+            estimator: Estimator::told(config, components),
+            ..Self::new(config, vessel_id, boot)
+        }
+    }
     /// Inputs refused at the door.
     pub fn refused(&self) -> Refused {
         self.refused

@@ -97,7 +97,7 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
             .collect(),
         Study::Sensors => sensors(&row),
         Study::Link => link(&row),
-        Study::Estimator | Study::Airborne | Study::Merge => Vec::new(),
+        Study::Estimator | Study::Prediction | Study::Airborne | Study::Merge => Vec::new(),
     };
     Ok(rows)
 }

@@ -1,6 +1,7 @@
 //! `alight study` and `alight response`: one thing measured over many seeds.
 
 mod grid;
+mod prediction;
 mod report;
 pub mod run;
 
@@ -29,6 +30,7 @@ pub fn run(args: &StudyArgs) -> Result<End, Refused> {
     let value = match args.name {
         Study::Airborne => airborne_hours(args)?,
         Study::Estimator => estimator(args)?,
+        Study::Prediction => prediction::run(args)?,
         Study::Merge => merge(args)?,
         Study::Table1
         | Study::Table2

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::deck_motion::{DeckCarrier, DeckMotionError};
 use crate::scenario::Scenario;
-use crate::sea::Sea;
+use crate::sea::{Component, Sea};
 use crate::sensors::Sensors;
 use crate::streams::Streams;
 use crate::world::TICK;
@@ -22,6 +22,8 @@ pub struct Truth {
     pub eta: [f64; 6],
     /// Their derivatives.
     pub eta_dot: [f64; 6],
+    /// Height against the still water, without the receiver's bias, m down.
+    pub heave: f64,
 }
 
 /// What vessel and truth did in one run, from the end of the warm-up on.
@@ -33,6 +35,9 @@ pub struct Run {
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
     /// Tick (fractional) of the first stage, and prediction.
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
+    /// With each prediction: where the filter takes the mean water level to be (m down), and the
+    /// standard deviation of heave about it at each stage, m.
+    pub levels: Vec<(f64, Vec<f64>)>,
     /// The last confidence in the wave model.
     pub confidence: f32,
     /// Ticks at which a turn by 90 deg passed its middle.
@@ -46,6 +51,18 @@ pub fn run(
     seed: u64,
     span_s: f64,
 ) -> Result<Run, DeckMotionError> {
+    run_with(scenario, node, seed, span_s, false)
+}
+
+/// The same; with `told` the vessel is given frequency and direction of every wave instead of
+/// finding them, and only in this study.
+pub fn run_with(
+    scenario: &Scenario,
+    node: &VesselNodeConfig,
+    seed: u64,
+    span_s: f64,
+    told: bool,
+) -> Result<Run, DeckMotionError> {
     let streams = Streams::new(seed);
     let sea = Sea::new(&scenario.sea, &streams);
     let mut carrier = DeckCarrier::new(
@@ -56,11 +73,18 @@ pub fn run(
         &streams,
     )?;
     let mut sensors = Sensors::new(&scenario.sensors, &scenario.airframe, &scenario.deck, &streams);
-    let mut node = VesselNode::new(node, 1, 1);
+    let mut node = if told {
+        let wave = |c: &Component| (c.frequency, c.direction.y.atan2(c.direction.x));
+        let waves: Vec<(f64, f64)> = sea.components().iter().map(wave).collect();
+        VesselNode::told(node, 1, 1, &waves)
+    } else {
+        VesselNode::new(node, 1, 1)
+    };
     let mut out = Run {
         truth: Vec::new(),
         estimates: Vec::new(),
         predictions: Vec::new(),
+        levels: Vec::new(),
         confidence: 0.0,
         turns: Vec::new(),
     };
@@ -83,6 +107,7 @@ pub fn run(
         out.truth.push(Truth {
             eta: [p.x, p.y, p.z, roll, pitch, yaw],
             eta_dot: [v.x, v.y, v.z, rates.x, rates.y, rates.z],
+            heave: state.position.0.z,
         });
         // Unwrapped heading, smoothed over 2 s so that the waves' yaw does not count as a turn.
         let smooth = heading.map_or(yaw, |h| h + wrap_angle(yaw - h) * TICK.secs() / 2.0);
@@ -107,6 +132,10 @@ pub fn run(
             if let Some(p) = said.prediction {
                 let age: Span = now - p.header.at;
                 out.predictions.push((k as f64 - age.secs() / TICK.secs(), p));
+                let estimator = node.estimator();
+                let at = |k| estimator.level_and_heave_sd(k).unwrap_or((0.0, f64::INFINITY));
+                out.levels
+                    .push((at(0).0, (0..p.stages.len()).map(|k| at(k).1).collect()));
             }
             out.confidence = said.wave.map_or(out.confidence, |w| w.confidence);
         }
@@ -172,6 +201,24 @@ pub struct PredictionError {
     pub growth: f64,
 }
 
+/// What the broadcast prediction says of `dof` `horizon_s` ahead, from its origin: cubic between
+/// stages, by value and rate, as a receiver would.
+pub fn said(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) -> Option<f64> {
+    let h = f64::from(p.step_s);
+    let x = horizon_s / h;
+    let (i, f) = (x.floor() as usize, x.fract());
+    let a = p.stages.get(i)?;
+    let b = p.stages.get(i + 1).unwrap_or(a);
+    let (pa, va, vb) = (
+        f64::from(a.eta[dof]),
+        f64::from(a.eta_dot[dof]),
+        f64::from(b.eta_dot[dof]),
+    );
+    let step = difference(dof, f64::from(b.eta[dof]), pa);
+    let (f2, f3) = (f * f, f * f * f);
+    Some(pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h)
+}
+
 /// RMSE of the prediction in `dof`, `horizon_s` ahead, over the predictions that `keep` keeps (by
 /// run and tick of their first stage).
 pub fn prediction_error(
@@ -188,25 +235,12 @@ pub fn prediction_error(
             Some(a + f * difference(dof, b, a))
         };
         for (start, p) in r.predictions.iter().filter(|(s, _)| keep(r, *s)) {
-            let x = horizon_s / f64::from(p.step_s);
-            let (i, f) = (x.floor() as usize, x.fract());
-            let (Some(first), Some(a)) = (p.stages.first(), p.stages.get(i)) else {
+            let (Some(first), Some(said)) = (p.stages.first(), said(p, dof, horizon_s)) else {
                 continue;
             };
-            let b = p.stages.get(i + 1).unwrap_or(a);
             let (Some(then), Some(at_start)) = (truth(start + horizon_s / TICK.secs()), truth(*start)) else {
                 continue;
             };
-            // Cubic between stages, by value and rate, as a receiver would.
-            let h = f64::from(p.step_s);
-            let (pa, va, vb) = (
-                f64::from(a.eta[dof]),
-                f64::from(a.eta_dot[dof]),
-                f64::from(b.eta_dot[dof]),
-            );
-            let step = difference(dof, f64::from(b.eta[dof]), pa);
-            let (f2, f3) = (f * f, f * f * f);
-            let said = pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h;
             let origin = if dof < 3 { p.origin[dof] } else { 0.0 };
             let now = origin + f64::from(first.eta[dof]);
             let rolled = now + horizon_s * f64::from(first.eta_dot[dof]);

@@ -2,3 +2,4 @@
 
 pub mod airborne;
 pub mod estimator;
+pub mod prediction;

@@ -112,6 +112,14 @@ impl Estimator {
             identifier: Identifier::new(&config.sea_state),
         }
     }
+    /// An estimator that is told the waves' angular frequencies (rad/s) and directions (rad), for
+    /// studies: see [`Identifier::told`].
+    pub fn told(config: &VesselNodeConfig, components: &[(f64, f64)]) -> Self {
+        Estimator {
+            identifier: Identifier::told(&config.sea_state, components),
+            ..Self::new(config)
+        }
+    }
     /// What it refused.
     pub fn gated(&self) -> Gated {
         self.gated
@@ -119,6 +127,12 @@ impl Estimator {
     /// The running filter's belief, once it runs.
     pub fn belief(&self) -> Option<&Belief> {
         self.filter.as_ref().map(|f| &f.belief)
+    }
+    /// Where GNSS sees the mean water level, m down in the vessel's NED, and the standard deviation
+    /// of heave about it at stage `k` of a prediction made now, m: what the broadcast height is the
+    /// sum of. For studies.
+    pub fn level_and_heave_sd(&self, k: usize) -> Option<(f64, f64)> {
+        self.filter.as_ref().map(|f| f.level_and_heave_sd(k))
     }
     pub(crate) fn filter(&self) -> Option<&Filter> {
         self.filter.as_ref()

@@ -161,6 +161,14 @@ impl Filter {
         }
     }
 
+    /// Where GNSS sees the mean water level, from which heave is reckoned, m down, and the standard
+    /// deviation of heave alone at stage `k` of the prediction, m.
+    pub(crate) fn level_and_heave_sd(&self, k: usize) -> (f64, f64) {
+        let b = &self.belief;
+        let variance = self.horizon.covariance(b, HEAVE, k)[0];
+        (b.get(HEAVE, GNSS_BIAS), variance.max(0.0).sqrt())
+    }
+
     /// Standard deviations of eta and nu are finite: it may speak.
     pub(crate) fn may_speak(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
         self.inertial_age(now) <= config.imu.silence_s

@@ -35,6 +35,8 @@ pub struct Identifier {
     spectrum: Spectrum,
     residuals: [Vec<f64>; CHANNELS],
     waves: Vec<Wave>,
+    /// The components where they are told and not found, for studies.
+    told: Option<Vec<Wave>>,
     rounds: u64,
     worked_at: Option<Time<VesselClock>>,
     state: Option<SeaState>,
@@ -66,6 +68,7 @@ impl Identifier {
             spectrum: Spectrum::new(bins + 1, config.bin_s),
             residuals: Default::default(),
             waves: Vec::with_capacity(MAX_COMPONENTS + 1),
+            told: None,
             rounds: 0,
             worked_at: None,
             state: None,
@@ -73,6 +76,17 @@ impl Identifier {
             surprise: 0.0,
             negligible: [0.0; CHANNELS],
             drift: [0.0; 2],
+        }
+    }
+
+    /// An identifier that is told angular frequency (rad/s) and direction (rad) of every component
+    /// and fits their amplitudes and phases only. For studies of what not knowing them costs: no
+    /// configuration leads here.
+    pub fn told(config: &SeaStateConfig, components: &[(f64, f64)]) -> Self {
+        let wave = |&(omega, direction): &(f64, f64)| Wave { omega, direction };
+        Identifier {
+            told: Some(components.iter().take(MAX_COMPONENTS).map(wave).collect()),
+            ..Self::new(config)
         }
     }
 
@@ -185,6 +199,16 @@ impl Identifier {
             self.waves.clear();
             self.drift = [still.level_at_end(1), still.level_at_end(2)];
             return Some(self.report(&still, &[], variance, Verdict::Calm));
+        }
+
+        if let Some(told) = self.told.clone() {
+            let first = self.fitter.solve(&told, &[])?;
+            self.reweigh(&first, variance);
+            let best = self.fitter.solve(&told, &[])?;
+            let priors = self.priors(&best);
+            self.drift = [best.level_at_end(1), best.level_at_end(2)];
+            self.waves = told;
+            return Some(self.report(&best, &priors, variance, Verdict::Identified));
         }
 
         // Start from what was known; the weights follow from what it leaves unexplained.

@@ -1,0 +1,393 @@
+//! Predictions of the deck against the truth, by horizon: the vessel's broadcast, the same with the
+//! waves told, and the drone's own forecast, which is what a landing is planned on.
+//!
+//! "Heave" has three meanings, and each is measured apart. *Heave* (Fossen 2011): height against the
+//! mean water level. *Height in the vessel's NED*: heave and the receiver's slow bias, which wanders
+//! by 0.08 m in a second under 0.3 m of white noise at 10 Hz, so that no filter knows it better than
+//! 0.09 m. *Height in the drone's NED*: what the drone has to meet; its sight measures that bias.
+
+use std::collections::BTreeMap;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{CommandKind, State, VesselPrediction};
+use alight_shared::time::{Span, VesselClock};
+use alight_usv::VesselNodeConfig;
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use super::estimator::{Run, difference, run_with, said};
+use crate::scenario::{NodeConfigs, Scenario};
+use crate::trial::SetupError;
+use crate::world::{TICK, World};
+
+/// Times ahead, s.
+pub const HORIZONS_S: [f64; 8] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0];
+/// 95 % of the chi-square distribution with one, two and three degrees of freedom.
+const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
+/// A tag sighting no older than this counts as sight of the tag, s.
+const SEEN_S: f64 = 0.2;
+/// Ticks between two samples of the drone's forecast.
+const EVERY: usize = 10;
+/// Longest wait for the drone to follow, or to land, s.
+const PATIENCE_S: f64 = 90.0;
+
+/// Who predicts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// The vessel's broadcast prediction.
+    Vessel,
+    /// The same, the identification's frequencies and directions replaced by the sea's.
+    VesselTold,
+    /// The drone's forecast while it follows at the tracking height with the tag in sight.
+    DroneFollowing,
+    /// The drone's forecast while it descends with the tag in sight.
+    DroneDescending,
+}
+
+/// What is predicted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Figure {
+    /// Vessel: height of the reference point against the mean water level, m.
+    Heave,
+    /// Height in the own NED (truth and own frame's slow error), m.
+    Height,
+    /// Horizontal position in the own NED, m.
+    Place,
+    /// Roll and pitch, rad.
+    Tilt,
+    /// Vertical speed, m/s (the vessel's broadcast states no spread of it).
+    VerticalSpeed,
+    /// Heave, roll and pitch together: the ellipsoid of the deck in waves. Its RMSE means nothing.
+    Deck,
+}
+
+impl Figure {
+    /// Name and unit.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Figure::Heave => "heave m",
+            Figure::Height => "height m",
+            Figure::Place => "place m",
+            Figure::Tilt => "tilt rad",
+            Figure::VerticalSpeed => "vertical speed m/s",
+            Figure::Deck => "heave, roll, pitch",
+        }
+    }
+}
+
+impl Source {
+    /// Name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Source::Vessel => "vessel",
+            Source::VesselTold => "vessel, waves told",
+            Source::DroneFollowing => "drone, following",
+            Source::DroneDescending => "drone, descending",
+        }
+    }
+}
+
+/// Errors of one figure at one horizon.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Tally {
+    /// Predictions.
+    pub count: u64,
+    /// Sum of the squared errors (of the norm, where there are several components).
+    pub squares: f64,
+    /// Sum of the normalised squared errors per component: `count` when the covariance is right.
+    pub normalised: f64,
+    /// Predictions whose 95 % ellipse holds the truth.
+    pub inside: u64,
+}
+
+impl Tally {
+    fn add<const N: usize>(&mut self, errors: [f64; N], sds: [f64; N]) {
+        let q: f64 = errors
+            .iter()
+            .zip(sds)
+            .map(|(e, s)| (e / s.max(1e-9)).powi(2))
+            .sum();
+        self.count += 1;
+        self.squares += errors.iter().map(|e| e * e).sum::<f64>();
+        self.normalised += q / N as f64;
+        self.inside += u64::from(CHI2_95.get(N - 1).is_some_and(|limit| q <= *limit));
+    }
+    /// Both together.
+    pub fn and(self, o: Tally) -> Tally {
+        Tally {
+            count: self.count + o.count,
+            squares: self.squares + o.squares,
+            normalised: self.normalised + o.normalised,
+            inside: self.inside + o.inside,
+        }
+    }
+    /// Root mean square of the error.
+    pub fn rmse(&self) -> f64 {
+        (self.squares / self.count.max(1) as f64).sqrt()
+    }
+    /// Mean normalised squared error per component, 1 when the covariance is right.
+    pub fn nees(&self) -> f64 {
+        self.normalised / self.count.max(1) as f64
+    }
+    /// Share of the truths inside the 95 % ellipse.
+    pub fn inside(&self) -> f64 {
+        self.inside as f64 / self.count.max(1) as f64
+    }
+}
+
+/// Tallies by source, figure and index of [`HORIZONS_S`].
+pub type Scores = BTreeMap<(Source, Figure, usize), Tally>;
+
+/// The vessel's broadcast over `span_s` after the warm-up; `told` gives it the waves.
+pub fn vessel(
+    scenario: &Scenario,
+    node: &VesselNodeConfig,
+    seed: u64,
+    span_s: f64,
+    told: bool,
+) -> Result<Scores, SetupError> {
+    let run = run_with(scenario, node, seed, span_s, told)?;
+    let source = if told { Source::VesselTold } else { Source::Vessel };
+    Ok(vessel_scores(&run, source))
+}
+
+fn vessel_scores(run: &Run, source: Source) -> Scores {
+    let mut scores = Scores::new();
+    for ((start, p), (level, heave_sd)) in run.predictions.iter().zip(&run.levels) {
+        for (h, &ahead) in HORIZONS_S.iter().enumerate() {
+            let (Some(e), Some(sd)) = (
+                vessel_errors(run, *start, p, *level, ahead),
+                vessel_sd(p, heave_sd, ahead),
+            ) else {
+                continue;
+            };
+            let mut add = |figure, f: &dyn Fn(&mut Tally)| f(scores.entry((source, figure, h)).or_default());
+            add(Figure::Heave, &|t| t.add([e.heave], [sd.heave]));
+            add(Figure::Height, &|t| t.add([e.eta[2]], [sd.eta[2]]));
+            add(Figure::Place, &|t| {
+                t.add([e.eta[0], e.eta[1]], [sd.eta[0], sd.eta[1]])
+            });
+            add(Figure::Tilt, &|t| {
+                t.add([e.eta[3], e.eta[4]], [sd.eta[3], sd.eta[4]])
+            });
+            add(Figure::Deck, &|t| {
+                t.add([e.heave, e.eta[3], e.eta[4]], [sd.heave, sd.eta[3], sd.eta[4]])
+            });
+        }
+    }
+    scores
+}
+
+/// Errors, or standard deviations.
+struct Motion {
+    eta: [f64; 5],
+    heave: f64,
+}
+
+fn vessel_errors(
+    run: &Run,
+    start: f64,
+    p: &VesselPrediction<VesselClock>,
+    level: f64,
+    ahead: f64,
+) -> Option<Motion> {
+    let tick = start + ahead / TICK.secs();
+    let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
+    let (a, b) = (run.truth.get(i)?, run.truth.get(i + 1)?);
+    let mut eta = [0.0; 5];
+    for (dof, e) in eta.iter_mut().enumerate() {
+        let origin = if dof < 3 { p.origin[dof] } else { 0.0 };
+        let then = a.eta[dof] + f * difference(dof, b.eta[dof], a.eta[dof]);
+        *e = difference(dof, origin + said(p, dof, ahead)?, then);
+    }
+    let heave = p.origin[2] + said(p, 2, ahead)? - level - (a.heave + f * (b.heave - a.heave));
+    Some(Motion { eta, heave })
+}
+
+fn vessel_sd(p: &VesselPrediction<VesselClock>, heave_sd: &[f64], ahead: f64) -> Option<Motion> {
+    let x = ahead / f64::from(p.step_s);
+    let (i, f) = (x.floor() as usize, x.fract());
+    let j = (i + 1).min(p.stages.len().saturating_sub(1));
+    let (a, b) = (p.stages.get(i)?, p.stages.get(j)?);
+    let mix = |a: f64, b: f64| a + f * (b - a);
+    Some(Motion {
+        eta: core::array::from_fn(|d| mix(f64::from(a.sd[d]), f64::from(b.sd[d]))),
+        heave: mix(*heave_sd.get(i)?, *heave_sd.get(j)?),
+    })
+}
+
+/// What the drone said at one instant, and what its frame was wrong by.
+struct Said {
+    tick: usize,
+    source: Source,
+    stages: Vec<alight_shared::msg::DeckStage>,
+    /// The drone's own position minus the truth, m.
+    frame: Vector3<f64>,
+}
+
+/// The deck at one tick.
+struct Deck {
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    tilt: [f64; 2],
+}
+
+/// The drone's forecasts: `span_s` of following at the tracking height, or one landing. The deck is
+/// forecast in the drone's NED of that instant; the error of the drone's own position in it (held
+/// against its truth at the time of its newest odometry) is taken out, for drone and deck share it.
+pub fn drone(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    span_s: Option<f64>,
+) -> Result<Scores, SetupError> {
+    let mut nodes = nodes.clone();
+    if span_s.is_some() {
+        // Never near enough and never certain enough: it follows.
+        nodes.drone.mission.descent_distance_m = 0.01;
+        nodes.drone.mission.vertical_sd_m = 0.01;
+    }
+    let mut world = World::new(scenario, &nodes, seed)?;
+    world.warm_up();
+    world.command(CommandKind::Land);
+    let (mut decks, mut drones, mut said) = (Vec::new(), Vec::new(), Vec::new());
+    let mut last = None;
+    let mut left = ticks(PATIENCE_S);
+    while left > 0 {
+        left -= 1;
+        let (deck, drone) = (world.deck(), world.drone());
+        let (roll, pitch, _) = deck.attitude.euler();
+        decks.push(Deck {
+            position: deck.position.0,
+            velocity: deck.velocity.0,
+            tilt: [roll, pitch],
+        });
+        drones.push(drone.map(|d| d.position.0));
+        let mut frame = Frame::default();
+        world.tick_with(&mut frame);
+        let tick = decks.len() - 1;
+        let state = world.mission_state().state;
+        let source = match state {
+            State::Tracking | State::TrackingStable => Some(Source::DroneFollowing),
+            State::Descent | State::Flare => Some(Source::DroneDescending),
+            State::Landed => {
+                // What was said last still comes true.
+                left = left.min(ticks(2.1));
+                None
+            }
+            State::Idle | State::GetAltitude | State::Approach | State::Hold | State::GaveUp => None,
+        };
+        let wanted = if span_s.is_some() {
+            Source::DroneFollowing
+        } else {
+            Source::DroneDescending
+        };
+        let Some(source) = source.filter(|s| *s == wanted) else {
+            continue;
+        };
+        if let Some(span) = span_s
+            && last.is_none()
+        {
+            last = Some(tick);
+            left = ticks(span);
+        }
+        let Some((forecast, own, age_s)) = frame.0 else {
+            continue;
+        };
+        let at = (tick as f64 - age_s / TICK.secs()).max(0.0);
+        let truth = |i: usize| drones.get(i).copied().flatten();
+        let (Some(a), b) = (truth(at.floor() as usize), truth(at.floor() as usize + 1)) else {
+            continue;
+        };
+        if tick % EVERY != 0 || forecast.tag_age_s > SEEN_S {
+            continue;
+        }
+        let stages = HORIZONS_S
+            .iter()
+            .filter_map(|h| forecast.at(forecast.header.at + Span::from_secs(*h)))
+            .collect();
+        said.push(Said {
+            tick,
+            source,
+            stages,
+            frame: own - a.lerp(&b.unwrap_or(a), at.fract()),
+        });
+    }
+    Ok(drone_scores(&decks, &said))
+}
+
+fn ticks(s: f64) -> usize {
+    (s / TICK.secs()).round() as usize
+}
+
+fn drone_scores(decks: &[Deck], said: &[Said]) -> Scores {
+    let mut scores = Scores::new();
+    for s in said {
+        for (h, (&ahead, stage)) in HORIZONS_S.iter().zip(&s.stages).enumerate() {
+            let Some(deck) = decks.get(s.tick + ticks(ahead)) else {
+                continue;
+            };
+            let e = Vector3::from(stage.position) - s.frame - deck.position;
+            let rate = Vector3::from(stage.velocity) - deck.velocity;
+            let tilt: [f64; 2] = core::array::from_fn(|i| wrap_angle(stage.euler[i] - deck.tilt[i]));
+            let sd = stage.position_sd;
+            let mut add =
+                |figure, f: &dyn Fn(&mut Tally)| f(scores.entry((s.source, figure, h)).or_default());
+            add(Figure::Height, &|t| t.add([e.z], [sd[2]]));
+            add(Figure::Place, &|t| t.add([e.x, e.y], [sd[0], sd[1]]));
+            add(Figure::Tilt, &|t| {
+                t.add(tilt, [stage.euler_sd[0], stage.euler_sd[1]])
+            });
+            add(Figure::VerticalSpeed, &|t| {
+                t.add([rate.z], [stage.velocity_sd[2]])
+            });
+            add(Figure::Deck, &|t| {
+                t.add(
+                    [e.z, tilt[0], tilt[1]],
+                    [sd[2], stage.euler_sd[0], stage.euler_sd[1]],
+                )
+            });
+        }
+    }
+    scores
+}
+
+/// The forecast of a tick with the drone's own position and that position's age, s.
+#[derive(Default)]
+struct Frame(Option<(alight_shared::msg::DeckForecast, Vector3<f64>, f64)>);
+
+impl crate::tap::Tap for Frame {
+    fn predictor(
+        &mut self,
+        _t: alight_shared::time::Time<alight_shared::time::TrueTime>,
+        now: alight_shared::time::Time<alight_shared::time::DroneClock>,
+        input: &alight_uav::predictor::PredictorIn,
+        output: &alight_uav::predictor::PredictorOut,
+    ) {
+        self.0 = output
+            .forecast
+            .zip(input.drone)
+            .map(|(f, d)| (f, d.position(), (now - d.header.at).secs()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tally_counts_the_ellipse_of_its_own_dimension() {
+        let mut t = Tally::default();
+        // 2.2 standard deviations: outside in one dimension, inside in two and three.
+        t.add([2.2], [1.0]);
+        assert_eq!((t.count, t.inside), (1, 0));
+        t.add([2.2, 0.0], [1.0, 5.0]);
+        t.add([0.0, 2.2, 0.0], [1.0, 1.0, 1.0]);
+        assert_eq!((t.count, t.inside), (3, 2));
+        assert!((t.rmse() - 2.2).abs() < 1e-12);
+        assert!((t.nees() - 4.84 * (1.0 + 0.5 + 1.0 / 3.0) / 3.0).abs() < 1e-12);
+        assert_eq!(t.and(t).count, 6);
+    }
+}
