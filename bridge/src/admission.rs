@@ -59,6 +59,26 @@ impl Reason {
         Reason::Unasked,
         Reason::RoundTrip,
     ];
+
+    /// The name that a person reads.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Reason::Oversized => "oversized",
+            Reason::Malformed => "malformed",
+            Reason::Version => "of another version",
+            Reason::Vessel => "of another vessel",
+            Reason::Drone => "for another drone",
+            Reason::Boot => "of a former boot",
+            Reason::Duplicate => "repeated",
+            Reason::Order => "overtaken",
+            Reason::Stale => "stale",
+            Reason::Future => "from the future",
+            Reason::NoClock => "before the clocks agreed",
+            Reason::Absurd => "absurd",
+            Reason::Unasked => "unasked replies",
+            Reason::RoundTrip => "impossible round trips",
+        }
+    }
 }
 
 /// Refusals since the start, per reason.

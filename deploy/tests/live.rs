@@ -9,6 +9,9 @@
     clippy::panic
 )]
 
+#[path = "live/hostile.rs"]
+mod hostile;
+
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
@@ -249,5 +252,30 @@ fn a_supervisor_that_is_killed_takes_its_processes_with_it() {
     });
     signal(next.id(), "-TERM");
     next.output();
+    assert_gone(&name, &pids);
+}
+
+#[test]
+fn fifty_starts_and_stops_in_a_row_leave_nothing() {
+    let name = instance("fifty");
+    for k in 0..50_u64 {
+        let child = land(&name, &["--warm-up", "600"]);
+        // Interrupted everywhere from the first file to full flight.
+        std::thread::sleep(Duration::from_millis(37 * k % 900));
+        signal(child.id(), "-INT");
+        let out = child.output();
+        let said = String::from_utf8_lossy(&out.stderr);
+        // Before its handler is in place a signal ends it at once, and there is nothing to clean.
+        assert!(matches!(out.status.code(), Some(1) | None), "start {k}: {said}");
+        if out.status.code().is_some() {
+            assert_gone(&name, &[]);
+        }
+    }
+    // What an early end left, the next start removes.
+    let last = land(&name, &["--warm-up", "600"]);
+    let seen = status_when(&name, |s| PROCESSES.iter().all(|p| pid(s, p).is_some()));
+    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    signal(last.id(), "-INT");
+    last.output();
     assert_gone(&name, &pids);
 }

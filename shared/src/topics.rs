@@ -77,6 +77,8 @@ topics! {
     TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// The vessel's answer.
     TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
+    /// The drone's word about itself, for the vessel's deck.
+    DRONE_STATUS: "status", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
     /// The autopilot's odometry.
     DRONE_STATE: "drone/state", msg::DroneState, Memory, 100.0 Hz, size_of::<msg::DroneState>(), 200 ms, 2 deep;
     /// The autopilot's state.

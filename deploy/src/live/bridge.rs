@@ -2,15 +2,16 @@
 
 use std::time::Duration;
 
-use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
+use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind, Reason, Rejections};
 use alight_shared::config;
-use alight_shared::msg::{MissionState, State};
+use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState, State};
+use alight_shared::seq::Seq;
 use alight_shared::time::Stamped;
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
-use alight_shared::transport::process::{ProcessKind, ProcessState};
-use alight_shared::transport::radio::{Outlet, Radio, Urgency};
+use alight_shared::transport::process::{MOST_FIGURES, ProcessKind, ProcessState};
+use alight_shared::transport::radio::{Outlet, Radio, RadioCounts, Urgency};
 use alight_shared::wire;
 use alight_sim::radio::Direction;
 
@@ -30,8 +31,7 @@ const KINDS: [PacketKind; 4] = [
     PacketKind::TimeReply,
 ];
 
-/// Runs until told to end. Its figures: bytes heard, packets dropped before the node, sessions
-/// opened anew.
+/// Runs until told to end. Twice a second it tells the vessel how the drone's mission stands.
 pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
     let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
@@ -46,10 +46,18 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut state: Publisher<ProcessState> = memory.publisher()?;
     let mut mission = memory.subscriber::<MissionState>()?;
 
-    let outlets = vec![Outlet {
-        key: drone_key(&own, topics::TIME_REQUEST.name),
-        urgency: Urgency::State,
-    }];
+    let mut autopilot = memory.subscriber::<AutopilotState>()?;
+    let (mut deck, mut battery) = (MissionState::default(), 0.0);
+    let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
+
+    let outlet = |name: &str, urgency| Outlet {
+        key: drone_key(&own, name),
+        urgency,
+    };
+    let outlets = vec![
+        outlet(topics::TIME_REQUEST.name, Urgency::State),
+        outlet(topics::DRONE_STATUS.name, Urgency::Status),
+    ];
     let names = [
         topics::ESTIMATE.name,
         topics::WAVE.name,
@@ -72,7 +80,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     while !process.ended() {
         let mut heard = radio.receive(LONGEST);
         while let Some(packet) = heard {
-            process.life.figures[0] += packet.bytes.len() as f64;
+            heard_bytes += packet.bytes.len() as u64;
             match KINDS.get(packet.subscription) {
                 Some(kind) => impaired.take(
                     packet.at_ns,
@@ -81,7 +89,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
                         bytes: packet.bytes,
                     },
                 ),
-                None => show_vessel(&mut state, &packet.bytes),
+                None => refused += u64::from(!show_vessel(&mut state, &packet.bytes)),
             }
             heard = radio.receive(Duration::ZERO);
         }
@@ -99,36 +107,74 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
         }
-        if cut_at_tracking
-            && mission
-                .newest(now.nanos())
-                .is_some_and(|m| m.state == State::Tracking)
-        {
-            impaired.cut(steady_ns());
+        if let Some(news) = mission.newest(now.nanos()) {
+            deck = news;
+            if cut_at_tracking && news.state == State::Tracking {
+                impaired.cut(steady_ns());
+            }
         }
+        battery = autopilot.newest(now.nanos()).map_or(battery, |a| a.battery);
         let counts = radio.counts();
-        process.life.figures[1] = counts.dropped as f64;
-        process.life.figures[2] = counts.reopened as f64;
+        process.life.figures = figures(&process.node().rejections(), heard_bytes, refused, &counts);
         if let Some(said) = process.state(Vec::new, counts.unsent) {
             state.send(&said);
             radio.watch();
+            sequence = sequence.wrapping_add(1);
+            let status = DroneStatus {
+                header: Header::new(
+                    vessel,
+                    computer.bridge.drone_id,
+                    process.life.boot(),
+                    sequence,
+                    now,
+                ),
+                state: deck.state,
+                entered: deck.entered,
+                waiting: deck.waiting,
+                attempts: deck.attempts,
+                battery,
+            };
+            if let Ok(bytes) = wire::encode(&status) {
+                radio.send(1, bytes);
+            }
         }
     }
     Ok(End::Success)
 }
 
-/// Passes on what the vessel's process says about itself, for who looks on.
-fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) {
-    if let Ok(said) = wire::decode::<ProcessState>(bytes)
-        && said.kind == ProcessKind::Vessel
-    {
-        // Its times are the other computer's; what lies between them is the same here.
-        let (at_ns, up_ns) = (steady_ns(), said.at_ns.saturating_sub(said.began_ns));
-        let began_ns = at_ns.saturating_sub(up_ns);
-        state.send(&ProcessState {
-            at_ns,
-            began_ns,
-            ..said
-        });
+/// The bridge's figures, in the order of [`super::figures`].
+fn figures(
+    rejections: &Rejections,
+    heard_bytes: u64,
+    refused: u64,
+    counts: &RadioCounts,
+) -> Seq<f64, MOST_FIGURES> {
+    let own = [
+        heard_bytes as f64,
+        counts.dropped as f64,
+        counts.reopened as f64,
+        refused as f64,
+    ];
+    let of = Reason::ALL.map(|reason| f64::from(rejections.of(reason)));
+    Seq::filled(own.into_iter().chain(of))
+}
+
+/// Passes on what the vessel's process says about itself, for who looks on; false when it is not
+/// such a word.
+fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) -> bool {
+    let Ok(said) = wire::decode::<ProcessState>(bytes) else {
+        return false;
+    };
+    if said.kind != ProcessKind::Vessel {
+        return false;
     }
+    // Its times are the other computer's; what lies between them is the same here.
+    let (at_ns, up_ns) = (steady_ns(), said.at_ns.saturating_sub(said.began_ns));
+    let began_ns = at_ns.saturating_sub(up_ns);
+    state.send(&ProcessState {
+        at_ns,
+        began_ns,
+        ..said
+    });
+    true
 }

@@ -19,6 +19,10 @@ pub fn drone_key(id: &str, topic: &str) -> String {
 }
 /// What processes say about themselves.
 pub const STATUS: &str = "status";
+/// What drones say about themselves, from any drone. One chunk of a key is `drone-N`.
+pub fn any_drone_status() -> String {
+    format!("alight/drone-$*/{}", topics::DRONE_STATUS.name)
+}
 /// The drones' questions for the time, from any drone.
 pub fn any_time_request() -> String {
     format!("alight/*/{}", topics::TIME_REQUEST.name)

@@ -63,7 +63,7 @@ impl Shell for PilotShell {
     fn unsent(&self) -> u64 {
         self.set_point.unsent()
     }
-    fn figures(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> [f64; 4] {
+    fn figures(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<f64> {
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));
         self.newest = newest.or(self.newest);
         if let (Some((at, radio_age_s)), true) = (self.newest, out.set_point.is_some())
@@ -74,7 +74,7 @@ impl Shell for PilotShell {
         if let Some(d) = &input.drone {
             self.from_odometry.add((sent - d.header.at).secs());
         }
-        [
+        vec![
             self.from_vessel.quantile(0.5),
             self.from_vessel.quantile(0.99),
             self.from_odometry.quantile(0.5),

@@ -11,7 +11,7 @@ use alight_shared::seq::Seq;
 use alight_shared::time::Time;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::intake::Quantiles;
-use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
+use alight_shared::transport::process::{InputState, MOST_FIGURES, ProcessKind, ProcessState};
 use alight_shared::transport::wake::end_requested;
 use serde::Serialize;
 
@@ -32,7 +32,7 @@ pub struct Life {
     next_state_ns: i64,
     end: Arc<AtomicBool>,
     /// Figures of the process's own, shown by `alight status`.
-    pub figures: [f64; 4],
+    pub figures: Seq<f64, MOST_FIGURES>,
 }
 
 impl Life {
@@ -47,8 +47,12 @@ impl Life {
             began_ns,
             next_state_ns: began_ns,
             end: end_with_supervisor(supervised),
-            figures: [0.0; 4],
+            figures: Seq::new(),
         }
+    }
+    /// Drawn anew at each start.
+    pub fn boot(&self) -> u32 {
+        self.boot
     }
     /// One step was done, in this time if it counts.
     pub fn stepped(&mut self, time_s: Option<f64>) {
@@ -160,6 +164,10 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
             recorder.write(now.nanos(), input, &out);
         }
         out
+    }
+    /// The node.
+    pub fn node(&self) -> &N {
+        &self.node
     }
     /// Whether the process was told to end.
     pub fn ended(&self) -> bool {

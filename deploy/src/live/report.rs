@@ -70,8 +70,8 @@ pub struct LiveOutcome {
 impl LiveReport {
     /// From what the processes said last.
     pub fn of(picture: &Picture, restarts: u32) -> LiveReport {
-        let figures = |kind| picture.processes.get(&kind).map_or([0.0; 4], |p| p.figures);
-        let ([a, b, c, d], world) = (figures(ProcessKind::Pilot), figures(ProcessKind::World));
+        let figure = |kind, k| picture.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
+        let pilot = |k| figure(ProcessKind::Pilot, k);
         LiveReport {
             restarts,
             processes: picture
@@ -85,10 +85,10 @@ impl LiveReport {
                     step_p99_s: p.step_p99_s,
                 })
                 .collect(),
-            vessel_to_set_point_s: [a, b],
-            odometry_to_set_point_s: [c, d],
-            world_late_s: world[0],
-            world_late_ticks: world[1] as u64,
+            vessel_to_set_point_s: [pilot(0), pilot(1)],
+            odometry_to_set_point_s: [pilot(2), pilot(3)],
+            world_late_s: figure(ProcessKind::World, 0),
+            world_late_ticks: figure(ProcessKind::World, 1) as u64,
             ..LiveReport::default()
         }
     }

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::node::Node;
+use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Instance, Listener, Memory};
@@ -81,8 +82,8 @@ pub trait Shell: Sized {
         _input: &<Self::Node as Node>::In,
         _out: &<Self::Node as Node>::Out,
         _sent: Time<DroneClock>,
-    ) -> [f64; 4] {
-        [0.0; 4]
+    ) -> Vec<f64> {
+        Vec::new()
     }
 }
 
@@ -102,7 +103,7 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<End, Refused> {
         let input = reads.read(t);
         let out = process.step(now, &input, |out| shell.send(out));
         let sent = process.now();
-        process.life.figures = shell.figures(&input, &out, sent);
+        process.life.figures = Seq::filled(shell.figures(&input, &out, sent));
         let said = process.state(|| reads.states(t), shell.unsent());
         state.send_any(said.as_ref());
         if process.ended() {

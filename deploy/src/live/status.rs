@@ -11,6 +11,7 @@ use serde_json::json;
 
 use super::args::StatusArgs;
 use super::display::{Picture, time};
+use super::figures;
 use super::instance::runs;
 use crate::{End, Refused, say};
 
@@ -89,12 +90,28 @@ pub fn run(args: &StatusArgs) -> Result<End, Refused> {
     }
 }
 
+/// The figures of all processes by their names.
+fn named(picture: &Picture) -> serde_json::Map<String, serde_json::Value> {
+    picture
+        .processes
+        .values()
+        .map(|p| {
+            let of: serde_json::Map<String, serde_json::Value> = figures::named(p)
+                .into_iter()
+                .map(|(name, value)| (name, json!(value)))
+                .collect();
+            (p.kind.name().into(), of.into())
+        })
+        .collect()
+}
+
 fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
     if args.json {
         let object = json!({
             "instance": args.instance,
             "running": true,
             "processes": picture.processes.values().collect::<Vec<_>>(),
+            "figures": named(picture),
             "mission": picture.mission,
             "link": picture.link,
         });
@@ -136,6 +153,12 @@ fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
             plan.solve,
             plan.iterations
         ));
+    }
+    for p in picture.processes.values() {
+        let text = figures::text(p);
+        if !text.is_empty() {
+            say::line(format_args!("  {:<9} {text}", p.kind.name()));
+        }
     }
     say::line(format_args!(
         "\n{}\n{}",

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::TimeRequest;
+use alight_shared::msg::{DroneStatus, TimeRequest};
+use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
@@ -16,10 +17,11 @@ use serde::Serialize;
 
 use super::args::ProcessArgs;
 use super::config::VesselComputer;
+use super::heard_drone::HeardDrone;
 use super::interface::sensors::Sensors;
-use super::link::{Impaired, STATUS, any_time_request, vessel_key};
+use super::link::{Impaired, STATUS, any_drone_status, any_time_request, vessel_key};
 use super::process::Process;
-use crate::{End, Refused};
+use crate::{End, Refused, say};
 
 /// Without sensors the process wakes this often all the same.
 const LONGEST: Duration = Duration::from_millis(10);
@@ -30,7 +32,10 @@ const PREDICTION: usize = 2;
 const TIME_REPLY: usize = 3;
 const STATE: usize = 4;
 
-/// Runs until told to end. Its figures: datagrams of the sensors that were refused, bytes sent.
+/// The subscriptions, in their order; what drones say about themselves is the other.
+const TIME_REQUESTS: usize = 0;
+
+/// Runs until told to end.
 pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let computer: VesselComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
     let id = computer.vessel_id;
@@ -50,19 +55,43 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         outlet(topics::TIME_REPLY.name, Urgency::State),
         outlet(STATUS, Urgency::Status),
     ];
-    let mut radio = Radio::open(&computer.radio, outlets, vec![any_time_request()])?;
+    let mut radio = Radio::open(
+        &computer.radio,
+        outlets,
+        vec![any_time_request(), any_drone_status()],
+    )?;
     let mut impaired: Impaired<TimeRequest<DroneClock>> = Impaired::new(
         computer.impairment.as_ref(),
         Direction::ToVessel,
         computer.clock.epoch_ns,
     );
 
+    let mut words: Impaired<DroneStatus> = Impaired::new(
+        computer.impairment.as_ref(),
+        Direction::ToVessel,
+        computer.clock.epoch_ns,
+    );
+    let mut drone = HeardDrone::new(id);
+    let mut undecoded = 0_u64;
+
     while !process.ended() {
         let readings = sensors.read(LONGEST);
         while let Some(heard) = radio.receive(Duration::ZERO) {
             // What does not decode is nobody's request.
-            if let Ok(request) = wire::decode(&heard.bytes) {
-                impaired.take(heard.at_ns, request);
+            match heard.subscription {
+                TIME_REQUESTS => match wire::decode(&heard.bytes) {
+                    Ok(request) => impaired.take(heard.at_ns, request),
+                    Err(_) => undecoded += 1,
+                },
+                _ => match wire::decode(&heard.bytes) {
+                    Ok(word) => words.take(heard.at_ns, word),
+                    Err(_) => drone.refuse(),
+                },
+            }
+        }
+        for (at_ns, word) in words.arrived(steady_ns()) {
+            if let Some(line) = drone.hear(at_ns, &word) {
+                say::line(line);
             }
         }
         let now = process.now();
@@ -78,26 +107,28 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             time_requests,
         };
         let out = process.step(now, &input, |_| true);
-        say(&mut radio, ESTIMATE, out.estimate.as_ref());
-        say(&mut radio, WAVE, out.wave.as_ref());
-        say(&mut radio, PREDICTION, out.prediction.as_ref());
+        tell(&mut radio, ESTIMATE, out.estimate.as_ref());
+        tell(&mut radio, WAVE, out.wave.as_ref());
+        tell(&mut radio, PREDICTION, out.prediction.as_ref());
         for reply in &out.time_replies {
-            say(&mut radio, TIME_REPLY, Some(reply));
+            tell(&mut radio, TIME_REPLY, Some(reply));
         }
         let counts = radio.counts();
-        process.life.figures = [
+        let node = process.node().refused();
+        let own = [
             sensors.refused() as f64,
             counts.sent_bytes as f64,
             counts.dropped as f64,
-            0.0,
+            (undecoded + node.absurd + node.other_vessel + node.flood) as f64,
         ];
+        process.life.figures = Seq::filled(own.into_iter().chain(drone.figures(steady_ns())));
         let said = process.state(Vec::new, counts.unsent);
-        say(&mut radio, STATE, said.as_ref());
+        tell(&mut radio, STATE, said.as_ref());
     }
     Ok(End::Success)
 }
 
-fn say<M: Serialize>(radio: &mut Radio, outlet: usize, message: Option<&M>) {
+fn tell<M: Serialize>(radio: &mut Radio, outlet: usize, message: Option<&M>) {
     // A message that does not encode is a message that is not sent: the receiver sees the gap.
     if let Some(Ok(bytes)) = message.map(wire::encode) {
         radio.send(outlet, bytes);

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::MissionState;
+use alight_shared::seq::Seq;
 use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory};
@@ -62,6 +63,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let half_deck = [deck.length_m / 2.0, deck.width_m / 2.0];
     let mut judge = Judge::default();
     let mut phase = MissionState::default();
+    let (mut latest_s, mut late_ticks) = (0.0_f64, 0_u32);
     let mut followed = Followed::default();
 
     while !life.ended() {
@@ -75,8 +77,8 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             continue;
         }
         let late_s = -early.secs();
-        life.figures[0] = life.figures[0].max(late_s);
-        life.figures[1] += f64::from(u8::from(late_s > TICK.secs()));
+        latest_s = latest_s.max(late_s);
+        late_ticks += u32::from(late_s > TICK.secs());
         let before = steady_ns();
 
         if physics.drone().is_none() && physics.now() >= physics.hover_from() {
@@ -102,7 +104,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         physics.advance();
 
         phase = mission.newest(drone_ns).unwrap_or(phase);
-        life.figures[2] = physics.time_since_start().secs();
+        life.figures = Seq::filled([latest_s, f64::from(late_ticks), physics.time_since_start().secs()]);
         let t_s = physics.time_since_start().secs();
         followed.see(t_s, TICK.secs(), phase.state);
         if world.follow_s.is_some_and(|f| t_s >= f) {

@@ -261,6 +261,38 @@ pub struct Command {
     pub kind: CommandKind,
 }
 
+/// What the drone tells the vessel about itself, for the deck's operator.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct DroneStatus {
+    /// Identity.
+    pub header: Header<DroneClock>,
+    /// The mission's state.
+    pub state: State,
+    /// Why it was entered.
+    pub entered: Reason,
+    /// Why the next state is not entered yet.
+    pub waiting: Reason,
+    /// Descents begun so far.
+    pub attempts: u32,
+    /// Remaining battery, 0 to 1; 0 when the autopilot does not say.
+    pub battery: f64,
+}
+
+impl Message for DroneStatus {
+    type Clock = DroneClock;
+    fn header(&self) -> &Header<DroneClock> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        if (-0.01..=1.5).contains(&self.battery) {
+            Ok(())
+        } else {
+            Err("battery")
+        }
+    }
+}
+
 impl Message for MissionState {
     type Clock = DroneClock;
     fn header(&self) -> &Header<DroneClock> {

@@ -15,7 +15,7 @@ pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, Motors, PLAN_STAGES, Plan, PlanStage, SetPoint,
     SetPointKind, Solve,
 };
-pub use mission::{Command, CommandKind, MissionState, Phase, Reason, ReasonCode, State};
+pub use mission::{Command, CommandKind, DroneStatus, MissionState, Phase, Reason, ReasonCode, State};
 pub use sensors::{GnssFix, HeadingFix, ImuSample};
 pub use vessel::{
     MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, TimeReply, TimeRequest, VesselEstimate,

@@ -39,6 +39,8 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
 
 /// Topics that one process reads, at most.
 pub const MOST_INPUTS: usize = 12;
+/// Figures of its own that one process shows, at most.
+pub const MOST_FIGURES: usize = 24;
 
 /// The processes of a vessel and its drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -130,8 +132,15 @@ pub struct ProcessState {
     pub step_p99_s: f64,
     /// Messages that it could not send.
     pub unsent: u64,
-    /// What a process measures beside; see the process for the meaning.
-    pub figures: [f64; 4],
+    /// What a process counts and measures beside; see the process for the meaning.
+    pub figures: Seq<f64, MOST_FIGURES>,
     /// What it reads.
     pub inputs: Seq<InputState, MOST_INPUTS>,
+}
+
+impl ProcessState {
+    /// Its figure number `k`; NaN when it has none of that number.
+    pub fn figure(&self, k: usize) -> f64 {
+        self.figures.get(k).copied().unwrap_or(f64::NAN)
+    }
 }

@@ -1,0 +1,123 @@
+//! What the figures of each process mean, by their order.
+
+use alight_bridge::Reason;
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+
+use super::display::time;
+use super::heard_drone::state;
+
+/// How a figure reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unit {
+    /// A number of things.
+    Count,
+    /// Seconds.
+    Time,
+    /// 0 to 1.
+    Share,
+    /// A state of the mission.
+    State,
+}
+
+const VESSEL: [(&str, Unit); 10] = [
+    ("sensor datagrams refused", Unit::Count),
+    ("bytes sent", Unit::Count),
+    ("packets dropped", Unit::Count),
+    ("time requests refused", Unit::Count),
+    ("drone's words heard", Unit::Count),
+    ("drone's words refused", Unit::Count),
+    ("drone last heard", Unit::Time),
+    ("drone's state", Unit::State),
+    ("drone's descents", Unit::Count),
+    ("drone's battery", Unit::Share),
+];
+const BRIDGE: [(&str, Unit); 4] = [
+    ("bytes heard", Unit::Count),
+    ("packets dropped", Unit::Count),
+    ("sessions opened anew", Unit::Count),
+    ("vessel's words refused", Unit::Count),
+];
+const PILOT: [(&str, Unit); 4] = [
+    ("vessel's measurement to set-point p50", Unit::Time),
+    ("vessel's measurement to set-point p99", Unit::Time),
+    ("odometry to set-point p50", Unit::Time),
+    ("odometry to set-point p99", Unit::Time),
+];
+const WORLD: [(&str, Unit); 3] = [
+    ("latest tick", Unit::Time),
+    ("late ticks", Unit::Count),
+    ("time since the start", Unit::Time),
+];
+
+fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
+    let own = |names: &[(&str, Unit)]| names.iter().map(|(n, u)| (n.to_string(), *u)).collect();
+    match kind {
+        ProcessKind::Vessel => own(&VESSEL),
+        ProcessKind::Pilot => own(&PILOT),
+        ProcessKind::World => own(&WORLD),
+        ProcessKind::Bridge => {
+            let mut all: Vec<(String, Unit)> = own(&BRIDGE);
+            all.extend(
+                Reason::ALL
+                    .iter()
+                    .map(|r| (format!("refused: {}", r.name()), Unit::Count)),
+            );
+            all
+        }
+        ProcessKind::Predictor | ProcessKind::Mission | ProcessKind::Planner => Vec::new(),
+    }
+}
+
+/// The figures of a process by name, for machines.
+pub fn named(p: &ProcessState) -> Vec<(String, f64)> {
+    names(p.kind)
+        .into_iter()
+        .zip(p.figures.iter())
+        .map(|((name, _), value)| (name, *value))
+        .collect()
+}
+
+/// The figures of a process in words, without counts of zero; empty for one without.
+pub fn text(p: &ProcessState) -> String {
+    let shown: Vec<String> = names(p.kind)
+        .into_iter()
+        .zip(p.figures.iter())
+        .filter(|((_, unit), value)| *unit != Unit::Count || **value != 0.0)
+        .map(|((name, unit), value)| {
+            let value = match unit {
+                Unit::Count => format!("{value:.0}"),
+                Unit::Time => time(*value),
+                Unit::Share => format!("{:.0} %", 100.0 * value),
+                Unit::State => state(*value).map_or("-", |s| s.name()).into(),
+            };
+            format!("{name} {value}")
+        })
+        .collect();
+    shown.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::seq::Seq;
+    use alight_shared::transport::process::MOST_FIGURES;
+
+    #[test]
+    fn every_process_has_room_for_its_figures_and_they_are_named_in_order() {
+        for kind in ProcessKind::ALL {
+            assert!(names(kind).len() <= MOST_FIGURES, "{kind:?}");
+        }
+        let figures = [0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8];
+        let vessel = ProcessState {
+            kind: ProcessKind::Vessel,
+            figures: Seq::filled(figures),
+            ..ProcessState::default()
+        };
+        assert_eq!(
+            text(&vessel),
+            "bytes sent 1200, time requests refused 3, drone's words heard 9, drone last heard 250.0 ms, \
+             drone's state Tracking, drone's battery 80 %"
+        );
+        assert_eq!(named(&vessel).len(), VESSEL.len());
+    }
+}

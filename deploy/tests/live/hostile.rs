@@ -1,0 +1,225 @@
+//! A client that means ill, connected to the vessel's radio for a whole landing: whatever it
+//! publishes on the keys that vessel and drone read is counted and shown, and the landing goes on.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+
+use alight_shared::msg::{DroneStatus, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveModel};
+use alight_shared::time::{DroneClock, VesselClock};
+use alight_shared::wire::{MAX_WIRE_BYTES, decode, encode};
+use zenoh::Wait;
+
+use super::*;
+
+/// The keys of vessel 1 and drone 1 that somebody reads.
+const KEYS: [&str; 7] = [
+    "alight/vessel-1/estimate",
+    "alight/vessel-1/wave",
+    "alight/vessel-1/prediction",
+    "alight/vessel-1/time/reply",
+    "alight/vessel-1/status",
+    "alight/drone-1/time/request",
+    "alight/drone-1/status",
+];
+
+/// Numbers without end from a seed (a linear congruence; nothing hangs on their quality).
+struct Dice(u64);
+
+impl Dice {
+    fn throw(&mut self, sides: usize) -> usize {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) as usize % sides.max(1)
+    }
+}
+
+/// A message of another version, of another vessel, and with a number that is none.
+macro_rules! forged {
+    ($bytes:expr, $ty:ty, $how:expr, $spoil:expr) => {{
+        let mut m: $ty = decode($bytes).expect("genuine");
+        match $how {
+            0 => m.header.version += 1,
+            1 => m.header.vessel = 99,
+            _ => $spoil(&mut m),
+        }
+        encode(&m).expect("small")
+    }};
+}
+
+fn forged(key: &str, bytes: &[u8], how: usize) -> Vec<u8> {
+    let none = f32::NAN;
+    match key.rsplit_once("-1/").expect("a key").1 {
+        "estimate" => forged!(
+            bytes,
+            VesselEstimate<VesselClock>,
+            how,
+            |m: &mut VesselEstimate<VesselClock>| {
+                m.header.sequence += 1;
+                m.eta[2] = f64::NAN;
+            }
+        ),
+        "wave" => forged!(bytes, WaveModel<VesselClock>, how, |m: &mut WaveModel<
+            VesselClock,
+        >| {
+            m.header.sequence += 1;
+            m.significant_height_m = none;
+        }),
+        "prediction" => {
+            forged!(
+                bytes,
+                VesselPrediction<VesselClock>,
+                how,
+                |m: &mut VesselPrediction<VesselClock>| {
+                    m.header.sequence += 1;
+                    m.step_s = none;
+                }
+            )
+        }
+        "time/reply" => forged!(
+            bytes,
+            TimeReply<VesselClock, DroneClock>,
+            how,
+            |m: &mut TimeReply<VesselClock, DroneClock>| m.header.sequence += 1
+        ),
+        "time/request" => forged!(bytes, TimeRequest<DroneClock>, how, |m: &mut TimeRequest<
+            DroneClock,
+        >| m.header.vessel =
+            98),
+        // The drone's word; the vessel's has neither version nor vessel and is left as it is.
+        _ if key.contains("drone") => forged!(bytes, DroneStatus, how, |m: &mut DroneStatus| {
+            m.header.sequence += 1;
+            m.battery = f64::NAN;
+        }),
+        _ => bytes[..bytes.len() / 3].to_vec(),
+    }
+}
+
+/// What the client sends on `key`, made from a genuine sample or from nothing.
+fn poison(dice: &mut Dice, key: &str, first: &[u8], newest: &[u8]) -> Vec<u8> {
+    match dice.throw(7) {
+        0 => {
+            let length = dice.throw(700);
+            (0..length).map(|_| dice.throw(256) as u8).collect()
+        }
+        1 => newest[..dice.throw(newest.len())].to_vec(),
+        2 => vec![7; MAX_WIRE_BYTES + 1 + dice.throw(20_000)],
+        3 => first.to_vec(),
+        how => forged(key, newest, how - 4),
+    }
+}
+
+fn endpoint(instance: &str) -> String {
+    let text = std::fs::read_to_string(directory(instance).join("drone.toml")).expect("it runs");
+    let table: toml::Table = text.parse().expect("TOML");
+    table["radio"]["connect"][0].as_str().expect("an endpoint").into()
+}
+
+fn client(endpoint: &str) -> zenoh::Session {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", r#""client""#.to_string()),
+        ("connect/endpoints", format!("[{endpoint:?}]")),
+        ("scouting/multicast/enabled", "false".into()),
+        ("scouting/gossip/enabled", "false".into()),
+    ] {
+        config.insert_json5(key, &value).expect("a setting");
+    }
+    zenoh::open(config).wait().expect("the vessel listens")
+}
+
+/// First and newest genuine sample per key, as the client overhears them.
+struct Overheard {
+    heard: Receiver<(String, Vec<u8>)>,
+    samples: BTreeMap<String, [Vec<u8>; 2]>,
+}
+
+impl Overheard {
+    fn listen(session: &zenoh::Session) -> Overheard {
+        let (sender, heard) = channel();
+        session
+            .declare_subscriber("alight/**")
+            .callback(move |sample| {
+                // The test may have ended.
+                let _gone = sender.send((
+                    sample.key_expr().to_string(),
+                    sample.payload().to_bytes().into_owned(),
+                ));
+            })
+            .background()
+            .wait()
+            .expect("subscribed");
+        Overheard {
+            heard,
+            samples: BTreeMap::new(),
+        }
+    }
+    fn until_all_keys(&mut self) {
+        while KEYS.iter().any(|k| !self.samples.contains_key(*k)) {
+            let (key, bytes) = self
+                .heard
+                .recv_timeout(Duration::from_secs(30))
+                .expect("vessel and drone talk");
+            let [_, newest] = self.samples.entry(key).or_insert([bytes.clone(), Vec::new()]);
+            *newest = bytes;
+        }
+    }
+}
+
+fn count(status: &Value, process: &str, figure: &str) -> f64 {
+    status["figures"][process][figure].as_f64().unwrap_or(0.0)
+}
+
+#[test]
+fn hostile_packets_are_counted_and_shown_and_the_landing_goes_on() {
+    let name = instance("hostile");
+    let child = land(&name, &["--warm-up", "30", "--seed", "5"]);
+    status_when(&name, |s| s["link"]["age_s"].as_f64().is_some());
+    let session = client(&endpoint(&name));
+    let mut overheard = Overheard::listen(&session);
+    overheard.until_all_keys();
+
+    let end = Arc::new(AtomicBool::new(false));
+    let attack = {
+        let (end, samples) = (Arc::clone(&end), overheard.samples.clone());
+        std::thread::spawn(move || {
+            let mut dice = Dice(1);
+            while !end.load(Ordering::Relaxed) {
+                let key = KEYS[dice.throw(KEYS.len())];
+                let [first, newest] = &samples[key];
+                let bytes = poison(&mut dice, key, first, newest);
+                session.put(key, bytes).wait().expect("sent");
+                std::thread::sleep(Duration::from_millis(4));
+            }
+        })
+    };
+    let wanted = [
+        ("bridge", "refused: malformed"),
+        ("bridge", "refused: of another version"),
+        ("bridge", "refused: of another vessel"),
+        ("bridge", "refused: absurd"),
+        ("bridge", "refused: unasked replies"),
+        ("bridge", "packets dropped"),
+        ("bridge", "vessel's words refused"),
+        ("vessel", "time requests refused"),
+        ("vessel", "drone's words refused"),
+        ("vessel", "packets dropped"),
+    ];
+    status_when(&name, |s| wanted.iter().all(|(p, f)| count(s, p, f) > 0.0));
+    // Old samples: the sequence was seen, or a newer one was, or its time has passed.
+    status_when(&name, |s| {
+        ["repeated", "overtaken", "stale"]
+            .iter()
+            .any(|r| count(s, "bridge", &format!("refused: {r}")) > 0.0)
+    });
+
+    let out = child.output();
+    end.store(true, Ordering::Relaxed);
+    attack.join().expect("the attack itself does not fail");
+    let outcome = outcome(&out);
+    assert_eq!(outcome["outcome"], "success", "{outcome}");
+    assert_eq!(outcome["live"]["restarts"], 0, "{outcome}");
+}
