@@ -4,9 +4,12 @@
 use std::error::Error;
 use std::path::Path;
 
+use alight_sim::outcome::Outcome;
 use alight_sim::trace::{Trace, TracePoint};
 use plotters::coord::Shift;
 use plotters::prelude::*;
+
+use crate::Refused;
 
 const DRONE: RGBColor = RGBColor(31, 111, 180);
 const DECK: RGBColor = RGBColor(214, 96, 32);
@@ -17,8 +20,31 @@ type Path3 = (&'static str, RGBColor, fn(&TracePoint) -> [f64; 3]);
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Series<'s> = (&'s str, RGBColor, Box<dyn Fn(&TracePoint) -> f64 + 's>);
 
+/// Whether a plot can be written to `path`, found out before the flight, not after it.
+pub fn can_write(path: &Path) -> Result<(), Refused> {
+    let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
+    opened.map(|_| ()).map_err(|e| {
+        Refused::because(
+            format!("writing the plot {}", path.display()),
+            format!("{e}; choose a path that can be written"),
+        )
+    })
+}
+
+/// Draws the trace of a landing to `path`.
+pub fn landing(trace: &Trace, outcome: &Outcome, path: &Path) -> Result<(), Refused> {
+    let title = format!(
+        "Landing at sea {}, seed {}, planner {}: {}",
+        outcome.sea,
+        outcome.seed,
+        outcome.planner,
+        outcome.outcome.name()
+    );
+    draw(trace, &title, path).map_err(|e| Refused::because(format!("writing the plot {}", path.display()), e))
+}
+
 /// Draws `trace` to `path`; `title` is the first line.
-pub fn draw(trace: &Trace, title: &str, path: &Path) -> Result<(), Box<dyn Error>> {
+fn draw(trace: &Trace, title: &str, path: &Path) -> Result<(), Box<dyn Error>> {
     // Plotters writes the file only at the end and swallows some errors: ask the file system first.
     std::fs::File::create(path)?;
     let root = SVGBackend::new(path, (1200, 1400)).into_drawing_area();

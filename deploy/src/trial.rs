@@ -11,17 +11,7 @@ use crate::{End, Refused, plot, table};
 pub fn run(args: &TrialArgs) -> Result<End, Refused> {
     let scene = Scene::of(&args.scene)?;
     if let Some(path) = &args.plot {
-        // Found out before the flight, not after it.
-        std::fs::OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(path)
-            .map_err(|e| {
-                Refused::because(
-                    format!("writing the plot {}", path.display()),
-                    format!("{e}; choose a path that can be written"),
-                )
-            })?;
+        plot::can_write(path)?;
     }
     let elapsed = stopwatch();
     let mut show = |event: &Event| {
@@ -38,16 +28,7 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
     let mut outcome = flight.outcome;
     outcome.wall_time_s = elapsed();
     if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
-        let title = format!(
-            "{} at sea {}, seed {}, planner {}: {}",
-            "Landing",
-            scene.sea,
-            args.seed,
-            outcome.planner,
-            outcome.outcome.name()
-        );
-        plot::draw(trace, &title, path)
-            .map_err(|e| Refused::because(format!("writing the plot {}", path.display()), e))?;
+        plot::landing(trace, &outcome, path)?;
     }
     if args.json {
         say::line(serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?);

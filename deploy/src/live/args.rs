@@ -62,6 +62,9 @@ pub struct LandArgs {
     /// Name of this set of processes; several may run side by side
     #[arg(long, default_value = "land")]
     pub instance: String,
+    /// Draw paths, speeds and attitudes to an SVG
+    #[arg(long, value_name = "FILE.svg", conflicts_with = "follow")]
+    pub plot: Option<PathBuf>,
     /// Follow the vessel for this long after the start instead of landing, s
     #[arg(long, value_name = "S", value_parser = follow_s)]
     pub follow: Option<f64>,

@@ -1,5 +1,7 @@
 //! One configuration file per computer: the vessel's, the drone's, and the simulated world's.
 
+use std::path::PathBuf;
+
 use alight_bridge::BridgeConfig;
 use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::transport::clock::ProcessClock;
@@ -137,6 +139,9 @@ pub struct SimulatedWorld {
     /// The drone only follows, for this long after the start, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub follow_s: Option<f64>,
+    /// A picture of the landing is drawn there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plot: Option<PathBuf>,
     /// What is simulated.
     pub scenario: Scenario,
 }

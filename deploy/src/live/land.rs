@@ -32,7 +32,7 @@ use super::world::Word;
 use super::{follow, link};
 use crate::say::{self, note};
 use crate::scene::Scene;
-use crate::{End, Refused, table};
+use crate::{End, Refused, plot, table};
 
 /// The world's time zero lies this much in the future when the processes start, ns.
 const RUN_UP_NS: i64 = 1_500_000_000;
@@ -59,6 +59,9 @@ pub fn scene(args: &LandArgs) -> Result<Scene, Refused> {
 /// One landing.
 pub fn run(args: &LandArgs) -> Result<End, Refused> {
     let scene = scene(args)?;
+    if let Some(path) = &args.plot {
+        plot::can_write(path)?;
+    }
     if i64::try_from(args.seed).is_err() {
         return Err(Refused(format!(
             "--seed {}: at most {}; choose a smaller one",
@@ -119,6 +122,9 @@ impl Ending {
                     say::line(serde_json::to_string(&LiveOutcome { outcome, live }).map_err(json)?);
                 } else {
                     say::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
+                    if let Some(path) = &args.plot {
+                        say::line(format_args!("plot: {}", path.display()));
+                    }
                 }
                 Ok(end)
             }
@@ -183,6 +189,7 @@ impl Arrangement {
             sea: scene.sea.clone(),
             planner: scene.nodes.drone.planner.kind.name().into(),
             follow_s: args.follow,
+            plot: args.plot.clone(),
             scenario: scene.scenario.clone(),
         };
         Ok(Arrangement {

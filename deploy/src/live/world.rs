@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::MissionState;
+use alight_shared::msg::{MissionState, State};
 use alight_shared::seq::Seq;
 use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
@@ -13,6 +13,7 @@ use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::process::ProcessKind;
 use alight_sim::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::physics::{Physics, TICK};
+use alight_sim::trace::Trace;
 use serde::{Deserialize, Serialize};
 
 use super::args::ProcessArgs;
@@ -21,7 +22,7 @@ use super::follow::Followed;
 use super::interface::autopilot::SimulatedAutopilot;
 use super::interface::sensors::{Readings, SimulatedSensors};
 use super::process::{Life, draw_boot};
-use crate::{End, Refused, say};
+use crate::{End, Refused, plot, say};
 
 /// What the world tells its supervisor, one JSON object per line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -64,6 +65,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut judge = Judge::default();
     let mut phase = MissionState::default();
     let (mut latest_s, mut late_ticks) = (0.0_f64, 0_u32);
+    let mut history = History::new(world.plot.is_some());
     let mut followed = Followed::default();
 
     while !life.ended() {
@@ -106,6 +108,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         phase = mission.newest(drone_ns).unwrap_or(phase);
         life.figures = Seq::filled([latest_s, f64::from(late_ticks), physics.time_since_start().secs()]);
         let t_s = physics.time_since_start().secs();
+        history.see(&physics, t_s, &phase);
         followed.see(t_s, TICK.secs(), phase.state);
         if world.follow_s.is_some_and(|f| t_s >= f) {
             break;
@@ -132,6 +135,10 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut outcome = judge.outcome(world.seed, &world.sea, &world.planner, sim_time_s);
     outcome.digest = format!("{:016x}", physics.digest());
     outcome.wall_time_s = clock.now::<TrueTime>().secs();
+    if let (Some(path), Some(mut trace)) = (&world.plot, history.trace) {
+        trace.touchdown_s = judge.first_contact_s();
+        plot::landing(&trace, &outcome, path)?;
+    }
     let untouched = outcome.outcome == Ending::Timeout && outcome.touchdown_speed_mps.is_none();
     let word = if world.follow_s.is_some() && untouched {
         Word::Followed(followed)
@@ -144,6 +151,42 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let word = serde_json::to_string(&word).map_err(|e| Refused::because("writing the outcome", e))?;
     say::line(word);
     Ok(End::Success)
+}
+
+/// What a picture of the landing is drawn from.
+struct History {
+    trace: Option<Trace>,
+    state: State,
+    next_s: f64,
+}
+
+impl History {
+    /// Time between points, s.
+    const STEP_S: f64 = 0.05;
+
+    fn new(kept: bool) -> History {
+        let trace = kept.then(|| Trace {
+            step_s: Self::STEP_S,
+            ..Trace::default()
+        });
+        History {
+            trace,
+            state: State::Idle,
+            next_s: 0.0,
+        }
+    }
+    fn see(&mut self, physics: &Physics, t_s: f64, mission: &MissionState) {
+        let Some(trace) = &mut self.trace else { return };
+        if mission.state != self.state {
+            self.state = mission.state;
+            let reason = mission.entered.to_string();
+            trace.phases.push((t_s, mission.state.name(), reason));
+        }
+        if t_s >= self.next_s {
+            self.next_s += Self::STEP_S;
+            trace.points.push(physics.trace_point());
+        }
+    }
 }
 
 /// Waits until the clock reads `t`, but no longer than a tick.
