@@ -115,7 +115,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         }
         battery = autopilot.newest(now.nanos()).map_or(battery, |a| a.battery);
         let counts = radio.counts();
-        process.life.figures = figures(&process.node().rejections(), heard_bytes, refused, &counts);
+        process.life.figures = figures(process.node().rejections(), heard_bytes, refused, &counts);
         if let Some(said) = process.state(Vec::new, counts.unsent) {
             state.send(&said);
             radio.watch();
