@@ -11,7 +11,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 #[derive(Parser, Debug)]
 #[command(version, about, arg_required_else_help = true, max_term_width = 100)]
 #[command(
-    after_help = "Start with:\n  alight trial                     one landing in a simulated moderate sea\n  \
+    after_help = "Start with:\n  alight land                      one landing of all processes, in real time\n  \
+alight trial                     the same computed as fast as it goes\n  \
 alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n\n\
 Exit codes: 0 success, 1 failed landing, 2 bad input."
 )]

@@ -11,8 +11,7 @@ use crate::args::SceneArgs;
 /// The live system.
 #[derive(Subcommand, Debug)]
 pub enum LiveVerb {
-    /// Land once in real time: starts every process of vessel and drone on this machine, with a
-    /// simulated world as the vehicles.
+    /// Land once in real time: all processes of vessel and drone, simulated vehicles.
     Land(Box<LandArgs>),
     /// Land live with many seeds, beside the lock-step landings of the same seeds.
     Lands(LandsArgs),
