@@ -57,6 +57,7 @@ fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<Flight, Re
             nodes: &scene.nodes,
             seed: args.seed,
             sea: &scene.sea,
+            boots: crate::record::LOCK_STEP_BOOTS,
         };
         return crate::record::fly(path, &subject, watch);
     }

@@ -157,10 +157,15 @@ fn logs(directory: &Path) -> usize {
 }
 
 #[test]
-fn lands_and_every_log_replays_bit_for_bit() {
+fn lands_and_every_log_and_the_recording_replay_bit_for_bit() {
     let name = instance("lands");
     let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
-    let child = land(&name, &["--warm-up", "20", "--log", &log.display().to_string()]);
+    let (recording, plot) = (log.with_extension("mcap"), log.with_extension("svg"));
+    let path = |p: &Path| p.display().to_string();
+    let (to_log, to_recording, to_plot) = (path(&log), path(&recording), path(&plot));
+    let mut flags = vec!["--warm-up", "20", "--log", &to_log];
+    flags.extend(["--record", &to_recording, "--plot", &to_plot]);
+    let child = land(&name, &flags);
     let seen = status_when(&name, |s| s["mission"]["state"] == "Approach");
     let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
     assert_eq!(pids.len(), PROCESSES.len(), "{seen}");
@@ -179,8 +184,8 @@ fn lands_and_every_log_replays_bit_for_bit() {
 
     assert_eq!(
         logs(&log),
-        6,
-        "vessel, bridge, predictor, mission, planner, pilot"
+        7,
+        "vessel, bridge, predictor, mission, planner, pilot and the truth"
     );
     let replay = alight().arg("replay").arg(&log).output().expect("runs");
     let text = String::from_utf8_lossy(&replay.stdout).into_owned();
@@ -191,7 +196,16 @@ fn lands_and_every_log_replays_bit_for_bit() {
         String::from_utf8_lossy(&replay.stderr)
     );
     assert_eq!(text.matches("identical").count(), 6, "{text}");
+    let replay = alight().arg("replay").arg(&recording).output().expect("runs");
+    let text = String::from_utf8_lossy(&replay.stdout).into_owned();
+    assert!(
+        replay.status.success() && text.contains("bit-identical"),
+        "{text}"
+    );
+    assert!(std::fs::read_to_string(&plot).expect("a plot").contains("<svg"));
     std::fs::remove_dir_all(&log).expect("removed");
+    std::fs::remove_file(&recording).expect("removed");
+    std::fs::remove_file(&plot).expect("removed");
 }
 
 #[test]

@@ -64,6 +64,10 @@ pub struct LandArgs {
     /// Draw paths, speeds and attitudes to an SVG
     #[arg(long, value_name = "FILE.svg", conflicts_with = "follow")]
     pub plot: Option<PathBuf>,
+    /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
+    #[cfg(feature = "record")]
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "follow")]
+    pub record: Option<PathBuf>,
     /// Follow the vessel for this long after the start instead of landing, s
     #[arg(long, value_name = "S", value_parser = follow_s)]
     pub follow: Option<f64>,

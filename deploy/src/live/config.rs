@@ -139,6 +139,8 @@ pub struct SimulatedWorld {
     /// The drone only follows, for this long after the start, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub follow_s: Option<f64>,
+    /// The truth is logged beside what the processes log.
+    pub truth: bool,
     /// A picture of the landing is drawn there.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plot: Option<PathBuf>,

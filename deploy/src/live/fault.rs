@@ -163,6 +163,11 @@ impl Fault {
         }
     }
 
+    /// It happened, and the process has not been heard again.
+    pub fn is_under_way(&self) -> bool {
+        matches!(self.stage, Stage::Happened { .. })
+    }
+
     /// Looks whether it is time for something; `t_s` is the time since the start. True when the
     /// fault has just happened.
     pub fn tend(&mut self, now_ns: i64, t_s: f64, picture: &Picture) -> Result<bool, Refused> {

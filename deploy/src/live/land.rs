@@ -3,7 +3,7 @@
 
 use std::io::{IsTerminal, Write};
 use std::net::UdpSocket;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -38,6 +38,8 @@ use crate::{End, Refused, plot, table};
 const RUN_UP_NS: i64 = 1_500_000_000;
 /// The supervisor looks after things this often.
 const BEAT: Duration = Duration::from_millis(50);
+/// A process that a fault met has this long to be heard again after the landing, ns.
+const RETURN_NS: i64 = 10_000_000_000;
 /// Entries of the mission's states that are kept.
 const MOST_PHASES: usize = 1000;
 /// A command that shows no effect is repeated after this long, s.
@@ -76,6 +78,13 @@ pub fn run(args: &LandArgs) -> Result<End, Refused> {
     let plan = Arrangement::of(&scene, args, &owned)?;
     let landing = Landing::begin(args, &memory, &plan, &owned)?;
     let ended = landing.go_on(&memory);
+    #[cfg(feature = "record")]
+    let ended = ended.and_then(|ending| {
+        if let Some(ending) = &ending {
+            record(args, &scene, &plan, ending)?;
+        }
+        Ok(ending)
+    });
     drop(services);
     drop(memory);
     drop(owned);
@@ -86,6 +95,45 @@ pub fn run(args: &LandArgs) -> Result<End, Refused> {
             Ok(End::Failed)
         }
     }
+}
+
+/// Where the landing is recorded to.
+fn recording(args: &LandArgs) -> Option<&Path> {
+    #[cfg(feature = "record")]
+    return args.record.as_deref();
+    #[cfg(not(feature = "record"))]
+    {
+        let _ = args;
+        None
+    }
+}
+
+/// Records the landing that just ended, when it was asked for.
+#[cfg(feature = "record")]
+fn record(args: &LandArgs, scene: &Scene, plan: &Arrangement, ending: &Ending) -> Result<(), Refused> {
+    let (Some(path), Some(log), Word::Landed(landed)) = (recording(args), &plan.log, &ending.word) else {
+        return Ok(());
+    };
+    let computers = super::recording::Computers {
+        vessel: &plan.vessel,
+        drone: &plan.drone,
+    };
+    let subject = crate::record::Subject {
+        scenario: &scene.scenario,
+        nodes: &scene.nodes,
+        seed: args.seed,
+        sea: &scene.sea,
+        boots: Default::default(),
+    };
+    let again = super::recording::write(path, log, &computers, subject, &landed.outcome)?;
+    for process in again {
+        note(
+            true,
+            format!("the recording has the {process} up to its first end only"),
+        );
+    }
+    note(args.json, format!("recording: {}", path.display()));
+    Ok(())
 }
 
 /// How a landing that was not stopped from outside ended.
@@ -134,9 +182,12 @@ impl Ending {
 
 /// The files of the three computers, and the drone's clock.
 struct Arrangement {
-    vessel: PathBuf,
-    drone: PathBuf,
+    vessel: VesselComputer,
+    drone: DroneComputer,
+    vessel_file: PathBuf,
+    drone_file: PathBuf,
     world: PathBuf,
+    log: Option<PathBuf>,
     clock: ProcessClock,
     warm_up_s: f64,
     ids: (u32, u32),
@@ -189,16 +240,25 @@ impl Arrangement {
             sea: scene.sea.clone(),
             planner: scene.nodes.drone.planner.kind.name().into(),
             follow_s: args.follow,
+            truth: recording(args).is_some(),
             plot: args.plot.clone(),
             scenario: scene.scenario.clone(),
         };
         Ok(Arrangement {
-            vessel: write(owned, "vessel.toml", &vessel)?,
-            drone: write(owned, "drone.toml", &drone)?,
+            vessel_file: write(owned, "vessel.toml", &vessel)?,
+            drone_file: write(owned, "drone.toml", &drone)?,
             world: write(owned, "world.toml", &world)?,
             clock: drone.clock,
             warm_up_s: scene.scenario.start.warm_up_s,
             ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
+            // What is recorded needs a log, and without --log it goes with the instance.
+            log: match (&args.log, recording(args)) {
+                (Some(log), _) => Some(log.clone()),
+                (None, Some(_)) => Some(owned.file("log")),
+                (None, None) => None,
+            },
+            vessel,
+            drone,
         })
     }
 }
@@ -251,16 +311,16 @@ impl<'a> Landing<'a> {
     ) -> Result<Landing<'a>, Refused> {
         let onlooker = Onlooker::join(memory)?;
         let commands = memory.publisher()?;
-        let mut supervisor = Supervisor::new(owned.instance().directory(), args.log.clone());
+        let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone());
         for kind in ProcessKind::ALL {
             let config = match kind {
-                ProcessKind::Vessel => &plan.vessel,
+                ProcessKind::Vessel => &plan.vessel_file,
                 ProcessKind::World => &plan.world,
                 ProcessKind::Bridge
                 | ProcessKind::Predictor
                 | ProcessKind::Mission
                 | ProcessKind::Planner
-                | ProcessKind::Pilot => &plan.drone,
+                | ProcessKind::Pilot => &plan.drone_file,
             };
             supervisor.start(kind, config.clone())?;
         }
@@ -308,6 +368,7 @@ impl<'a> Landing<'a> {
                 usage.note(steady_ns(), &self.onlooker.picture)?;
             }
             if let Some(outcome) = verdict(&self.supervisor.said()) {
+                self.await_return(memory, true_s - self.plan.warm_up_s)?;
                 return Ok(Some(self.over(outcome)));
             }
             for Event::Ended(kind, status) in self.supervisor.tend()? {
@@ -315,6 +376,7 @@ impl<'a> Landing<'a> {
                 if kind == ProcessKind::World
                     && let Some(outcome) = verdict(&self.supervisor.last_words())
                 {
+                    self.await_return(memory, true_s - self.plan.warm_up_s)?;
                     return Ok(Some(self.over(outcome)));
                 }
                 self.mourn(kind, &status)?;
@@ -342,6 +404,21 @@ impl<'a> Landing<'a> {
                 self.args.json,
                 format!("{t_s:>7.2} s  fault {}", fault.report.fault),
             );
+        }
+        Ok(())
+    }
+
+    /// The landing is over: waits a little for a process that a fault met and that has not been heard
+    /// again yet.
+    fn await_return(&mut self, memory: &Memory, t_s: f64) -> Result<(), Refused> {
+        let until = steady_ns() + RETURN_NS;
+        while self.fault.as_ref().is_some_and(Fault::is_under_way) && steady_ns() < until {
+            if !memory.wait(BEAT) {
+                break;
+            }
+            self.onlooker.look(None);
+            self.tend_fault(t_s)?;
+            self.supervisor.tend()?;
         }
         Ok(())
     }

@@ -27,11 +27,14 @@ mod planner;
 mod predictor;
 mod process;
 mod record;
+#[cfg(feature = "record")]
+mod recording;
 pub mod replay;
 mod report;
 mod shell;
 mod status;
 mod supervisor;
+mod truth;
 mod usage;
 mod vessel;
 mod world;

@@ -183,7 +183,8 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     }
 }
 
-fn recorder(directory: &Path, kind: ProcessKind, boot: u32, config: &Path) -> Result<Recorder, Refused> {
+/// The log of a process in `directory`.
+pub fn recorder(directory: &Path, kind: ProcessKind, boot: u32, config: &Path) -> Result<Recorder, Refused> {
     let config = std::fs::read_to_string(config)
         .map_err(|e| Refused::because(format!("reading {}", config.display()), e))?;
     let head = Head {

@@ -137,6 +137,14 @@ impl Log {
             Err(e) => Err(e.into()),
         }
     }
+    /// The next step: its time and input, and the hash of its output.
+    pub fn step<I: DeserializeOwned>(&mut self) -> Result<Option<(i64, I, u64)>, LogError> {
+        let Some(bytes) = self.next()? else {
+            return Ok(None);
+        };
+        let step: Step<I> = wire::decode_record(&bytes)?;
+        Ok(Some((step.now_ns, step.input, step.output_hash)))
+    }
     /// Feeds every step through `step`; the number of steps and the first whose output differs.
     pub fn replay<I: DeserializeOwned, O: Serialize>(
         mut self,
@@ -144,10 +152,9 @@ impl Log {
     ) -> Result<(u64, Option<u64>), LogError> {
         let mut steps = 0;
         let mut different = None;
-        while let Some(bytes) = self.next()? {
-            let logged: Step<I> = wire::decode_record(&bytes)?;
-            let output = step(logged.now_ns, &logged.input);
-            if wire::hash_record(&output)? != logged.output_hash {
+        while let Some((now_ns, input, output_hash)) = self.step::<I>()? {
+            let output = step(now_ns, &input);
+            if wire::hash_record(&output)? != output_hash {
                 different.get_or_insert(steps);
             }
             steps += 1;

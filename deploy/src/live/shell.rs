@@ -98,9 +98,11 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<End, Refused> {
     let wakes = S::wakes(&memory)?;
 
     wake::run(&wakes.iter().collect::<Vec<_>>(), LONGEST, || {
+        let input = reads.read(process.now().nanos());
+        // Read after the messages: a step is never earlier than one whose words it has heard, however
+        // long the process was kept waiting in between.
         let now = process.now();
         let t = now.nanos();
-        let input = reads.read(t);
         let out = process.step(now, &input, |out| shell.send(out));
         let sent = process.now();
         process.life.figures = Seq::filled(shell.figures(&input, &out, sent));

@@ -21,7 +21,8 @@ use super::config::SimulatedWorld;
 use super::follow::Followed;
 use super::interface::autopilot::SimulatedAutopilot;
 use super::interface::sensors::{Readings, SimulatedSensors};
-use super::process::{Life, draw_boot};
+use super::process::{Life, draw_boot, recorder};
+use super::truth::Truth;
 use crate::{End, Refused, plot, say};
 
 /// What the world tells its supervisor, one JSON object per line.
@@ -68,6 +69,16 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut history = History::new(world.plot.is_some());
     let mut followed = Followed::default();
 
+    let mut truth = match &args.log {
+        Some(directory) if world.truth => Some(recorder(
+            directory,
+            ProcessKind::World,
+            life.boot(),
+            &args.config,
+        )?),
+        Some(_) | None => None,
+    };
+
     while !life.ended() {
         // The truth at `t` is made and measured when the computer's clock reads `t`.
         let early = physics.now() - clock.now::<TrueTime>();
@@ -85,6 +96,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
 
         if physics.drone().is_none() && physics.now() >= physics.hover_from() {
             physics.place_drone();
+        }
+        if let Some(log) = &mut truth {
+            log.write(physics.now().nanos(), &Truth::of(&physics), &());
         }
         let readings = physics.vessel_readings();
         sensors.send(&Readings {

@@ -19,15 +19,17 @@ mod sink;
 
 use std::path::Path;
 
+use alight_sim::outcome::Outcome;
 use alight_sim::trial::{Flight, Watch};
-use recorder::Recorder;
 
 use crate::Refused;
 
-pub use recorder::Subject;
+pub use recorder::{Recorder, Subject};
 
 /// The nodes in data-flow order.
 pub const NODES: [&str; 6] = ["vessel", "bridge", "predictor", "mission", "planner", "pilot"];
+/// Boot ids of the nodes in lock-step.
+pub const LOCK_STEP_BOOTS: [u32; NODES.len()] = [alight_sim::world::BOOT; NODES.len()];
 /// Name of the metadata that says what was recorded.
 const RECORDING: &str = "recording";
 /// Name of the attached configuration of the vessel's side.
@@ -43,19 +45,27 @@ pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Fligh
         nodes,
         seed,
         sea,
+        boots: _,
     } = *subject;
     let flight = alight_sim::trial::fly_with(scenario, nodes, seed, sea, watch, &mut recorder)
         .map_err(|e| Refused::because("setting up the trial", e))?;
-    let outcome = &flight.outcome;
-    let values = [
-        ("outcome", outcome.outcome.name().to_string()),
-        ("reason", outcome.reason.clone()),
-        ("digest", outcome.digest.clone()),
-    ];
-    recorder.finish(path, &values)?;
+    recorder.finish(path, &ending(&flight.outcome))?;
     Ok(flight)
 }
 
+/// What came out, as a recording says it at its end.
+pub fn ending(outcome: &Outcome) -> [(&'static str, String); 3] {
+    [
+        ("outcome", outcome.outcome.name().to_string()),
+        ("reason", outcome.reason.clone()),
+        ("digest", outcome.digest.clone()),
+    ]
+}
+
+/// Name of a node's boot id.
+fn boot(node: &str) -> String {
+    format!("boot_{node}")
+}
 /// Where a node's steps are.
 fn topic(node: &str) -> String {
     format!("/node/{node}")

@@ -9,7 +9,7 @@ use alight_shared::wire::{self, WireError};
 use alight_sim::body::RigidState;
 use alight_sim::scenario::{NodeConfigs, Scenario};
 use alight_sim::tap::Tap;
-use alight_sim::world::{BOOT, DRONE_ID, VESSEL_ID};
+use alight_sim::world::{DRONE_ID, VESSEL_ID};
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::{PlannerIn, PlannerOut};
@@ -35,6 +35,8 @@ pub struct Subject<'a> {
     pub seed: u64,
     /// The sea as the person named it.
     pub sea: &'a str,
+    /// Boot ids of the nodes, in the order of [`NODES`].
+    pub boots: [u32; NODES.len()],
 }
 
 /// Records a flight.
@@ -75,9 +77,16 @@ impl Recorder {
             ("sea", subject.sea.to_string()),
             ("vessel_id", VESSEL_ID.to_string()),
             ("drone_id", DRONE_ID.to_string()),
-            ("boot", BOOT.to_string()),
         ];
-        opening.metadata(super::RECORDING, &values)?;
+        let boots = NODES.iter().zip(subject.boots);
+        let boots: Vec<(String, String)> = boots
+            .map(|(node, boot)| (super::boot(node), boot.to_string()))
+            .collect();
+        let all: Vec<(&str, String)> = values
+            .into_iter()
+            .chain(boots.iter().map(|(name, boot)| (name.as_str(), boot.clone())))
+            .collect();
+        opening.metadata(super::RECORDING, &all)?;
         for (name, text) in texts {
             opening.attach(name, text)?;
         }

@@ -178,19 +178,24 @@ impl Nodes {
                 "{origin}: recorded in format {format}, this program reads format {FORMAT}; record it again"
             )));
         }
-        let (vessel_id, id, boot) = (number("vessel_id")?, number("drone_id")?, number("boot")?);
+        let (vessel_id, id) = (number("vessel_id")?, number("drone_id")?);
+        let mut boots = [0; NODES.len()];
+        for (boot, node) in boots.iter_mut().zip(NODES) {
+            *boot = number(&super::boot(node))?;
+        }
+        let [v, b, p, m, l, t] = boots;
         let refused = |e: config::ConfigError| Refused(e.to_string());
         let vessel: VesselNodeConfig =
             config::parse(&text(VESSEL_FILE)?, &format!("{origin}, {VESSEL_FILE}")).map_err(refused)?;
         let DroneFile { bridge, drone } =
             config::parse(&text(DRONE_FILE)?, &format!("{origin}, {DRONE_FILE}")).map_err(refused)?;
         Ok(Nodes {
-            vessel: VesselNode::new(&vessel, vessel_id, boot),
-            bridge: Bridge::new(&bridge, boot),
-            predictor: Predictor::new(&drone.predictor(), boot),
-            mission: Mission::new(&drone.mission, &drone.airframe, &drone.deck, id, boot),
-            planner: Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot),
-            pilot: Pilot::new(&drone.pilot, &drone.airframe, id, boot),
+            vessel: VesselNode::new(&vessel, vessel_id, v),
+            bridge: Bridge::new(&bridge, b),
+            predictor: Predictor::new(&drone.predictor(), p),
+            mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, m),
+            planner: Planner::new(&drone.planner, &drone.airframe, &drone.deck, l),
+            pilot: Pilot::new(&drone.pilot, &drone.airframe, id, t),
             computed: Computed::default(),
         })
     }

@@ -234,6 +234,7 @@ fn record_failed(
             nodes: &nodes,
             seed: o.seed,
             sea: &row.name,
+            boots: crate::record::LOCK_STEP_BOOTS,
         };
         let watch = Watch {
             on_event: &mut |_| {},

@@ -216,7 +216,9 @@ impl Default for AutopilotConfig {
             max_tilt_deg: 45.0,            // MPC_TILTMAX_AIR
             min_thrust: 0.12,              // MPC_THR_MIN
             decouple_vertical: true,       // MPC_ACC_DECOUPLE
-            loss_after_s: 0.5,             // COM_OF_LOSS_T (PX4's default is 1.0)
+            // COM_OF_LOSS_T (PX4's default is 1.0): what flies on without its pilot flies on sinking. With
+            // the pilot frozen for 2 s in descent or flare, 100 seeds: 11 hard contacts at 0.5 s, 3 at 0.25 s.
+            loss_after_s: 0.25,
             loss_action: LossAction::Hold, // COM_OBL_RC_ACT
             land_mps: 0.7,                 // MPC_LAND_SPEED
             return_height_m: 30.0,         // RTL_RETURN_ALT

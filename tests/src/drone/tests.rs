@@ -263,7 +263,8 @@ fn set_point_loss_leads_to_hold_and_back() {
     };
     fly(&mut w, 5.0, true);
     assert!((w.motion.velocity.x - 3.0).abs() < 0.3);
-    fly(&mut w, 0.45, false);
+    let limit = ideal().autopilot.loss_after_s;
+    fly(&mut w, limit - 0.05, false);
     assert_eq!(w.autopilot.mode(), AutopilotMode::Offboard);
     fly(&mut w, 0.15, false);
     assert_eq!(w.autopilot.mode(), AutopilotMode::Hold);
