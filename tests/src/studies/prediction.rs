@@ -26,8 +26,10 @@ pub const HORIZONS_S: [f64; 8] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0];
 const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
 /// A tag sighting no older than this counts as sight of the tag, s.
 const SEEN_S: f64 = 0.2;
-/// Ticks between two samples of the drone's forecast.
+/// Least ticks between two samples of the drone's forecast.
 const EVERY: usize = 10;
+/// A landing is planned on the forecasts of so many seconds before the first contact.
+const LAST_S: f64 = 3.0;
 /// Longest wait for the drone to follow, or to land, s.
 const PATIENCE_S: f64 = 90.0;
 
@@ -41,7 +43,7 @@ pub enum Source {
     VesselTold,
     /// The drone's forecast while it follows at the tracking height with the tag in sight.
     DroneFollowing,
-    /// The drone's forecast while it descends with the tag in sight.
+    /// The drone's forecast in the last three seconds of a landing, tag in sight or no more.
     DroneDescending,
 }
 
@@ -84,7 +86,7 @@ impl Source {
             Source::Vessel => "vessel",
             Source::VesselTold => "vessel, waves told",
             Source::DroneFollowing => "drone, following",
-            Source::DroneDescending => "drone, descending",
+            Source::DroneDescending => "drone, last 3 s",
         }
     }
 }
@@ -254,6 +256,8 @@ pub fn drone(
     world.command(CommandKind::Land);
     let (mut decks, mut drones, mut said) = (Vec::new(), Vec::new(), Vec::new());
     let mut last = None;
+    let mut touched = None;
+    let mut next = 0;
     let mut left = ticks(PATIENCE_S);
     while left > 0 {
         left -= 1;
@@ -268,23 +272,27 @@ pub fn drone(
         let mut frame = Frame::default();
         world.tick_with(&mut frame);
         let tick = decks.len() - 1;
+        if touched.is_none() && !world.observation().touches.is_empty() {
+            touched = Some(tick);
+            left = left.min(ticks(2.1));
+        }
         let state = world.mission_state().state;
         let source = match state {
             State::Tracking | State::TrackingStable => Some(Source::DroneFollowing),
             State::Descent | State::Flare => Some(Source::DroneDescending),
-            State::Landed => {
-                // What was said last still comes true.
-                left = left.min(ticks(2.1));
-                None
-            }
-            State::Idle | State::GetAltitude | State::Approach | State::Hold | State::GaveUp => None,
+            State::Idle
+            | State::GetAltitude
+            | State::Approach
+            | State::Landed
+            | State::Hold
+            | State::GaveUp => None,
         };
         let wanted = if span_s.is_some() {
             Source::DroneFollowing
         } else {
             Source::DroneDescending
         };
-        let Some(source) = source.filter(|s| *s == wanted) else {
+        let Some(source) = source.filter(|s| *s == wanted && touched.is_none()) else {
             continue;
         };
         if let Some(span) = span_s
@@ -301,9 +309,11 @@ pub fn drone(
         let (Some(a), b) = (truth(at.floor() as usize), truth(at.floor() as usize + 1)) else {
             continue;
         };
-        if tick % EVERY != 0 || forecast.tag_age_s > SEEN_S {
+        let seen = forecast.tag_age_s <= SEEN_S || source == Source::DroneDescending;
+        if tick < next || !seen {
             continue;
         }
+        next = tick + EVERY;
         let stages = HORIZONS_S
             .iter()
             .filter_map(|h| forecast.at(forecast.header.at + Span::from_secs(*h)))
@@ -314,6 +324,9 @@ pub fn drone(
             stages,
             frame: own - a.lerp(&b.unwrap_or(a), at.fract()),
         });
+    }
+    if let Some(touched) = touched {
+        said.retain(|s| s.tick + ticks(LAST_S) >= touched);
     }
     Ok(drone_scores(&decks, &said))
 }
