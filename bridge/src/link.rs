@@ -21,6 +21,8 @@ struct Arrival {
 pub struct LinkStatistics {
     window_s: f64,
     arrivals: VecDeque<Arrival>,
+    /// Arrivals of estimates that a newer one had overtaken.
+    overtaken: VecDeque<Time<DroneClock>>,
     newest_valid: Option<Time<DroneClock>>,
     sorted: Vec<f64>,
 }
@@ -31,6 +33,7 @@ impl LinkStatistics {
         LinkStatistics {
             window_s,
             arrivals: VecDeque::with_capacity(MAX_ARRIVALS),
+            overtaken: VecDeque::with_capacity(MAX_ARRIVALS),
             newest_valid: None,
             sorted: Vec::with_capacity(MAX_ARRIVALS),
         }
@@ -50,9 +53,18 @@ impl LinkStatistics {
         self.newest_valid = Some(self.newest_valid.map_or(valid, |v| v.max(valid)));
     }
 
+    /// An estimate came after a newer one: late, but not lost.
+    pub fn overtaken(&mut self, arrival: Time<DroneClock>) {
+        if self.overtaken.len() == MAX_ARRIVALS {
+            self.overtaken.pop_front();
+        }
+        self.overtaken.push_back(arrival);
+    }
+
     /// The vessel started anew: ages and latencies on its old clock mean nothing.
     pub fn reset(&mut self) {
         self.arrivals.clear();
+        self.overtaken.clear();
         self.newest_valid = None;
     }
 
@@ -62,15 +74,19 @@ impl LinkStatistics {
             .map_or(f64::INFINITY, |v| (now - v).secs().max(0.0))
     }
 
-    /// Fraction of estimates that never came, by the gaps before those that did; 0 without any.
-    pub fn loss(&mut self, now: Time<DroneClock>) -> f64 {
+    /// Fraction of estimates that never came, by the gaps before those that did, and fraction that
+    /// came after a newer one; 0 without any.
+    pub fn loss(&mut self, now: Time<DroneClock>) -> (f64, f64) {
         let window = self.window_s;
         self.arrivals.retain(|a| (now - a.at).secs() <= window);
+        self.overtaken.retain(|at| (now - *at).secs() <= window);
         let sent: f64 = self.arrivals.iter().map(|a| f64::from(a.advance)).sum();
         if sent > 0.0 {
-            1.0 - self.arrivals.len() as f64 / sent
+            // At the window's edge an overtaken one may be in it without the gap that it left.
+            let (used, late) = (self.arrivals.len() as f64, self.overtaken.len() as f64);
+            ((1.0 - (used + late) / sent).max(0.0), (late / sent).min(1.0))
         } else {
-            0.0
+            (0.0, 0.0)
         }
     }
 
@@ -102,13 +118,17 @@ mod tests {
             let advance = if k % 4 == 0 { 2 } else { 1 };
             s.admitted(t(1000 + k), t(1000 + k - (k + 1)), advance);
         }
-        assert!((s.loss(t(1100)) - 0.2).abs() < 1e-12);
+        assert!((s.loss(t(1100)).0 - 0.2).abs() < 1e-12);
+        // Five of the gaps were not losses but late ones.
+        (0..5).for_each(|k| s.overtaken(t(1010 + k)));
+        let (lost, overtaken) = s.loss(t(1100));
+        assert!((lost - 0.16).abs() < 1e-12 && (overtaken - 0.04).abs() < 1e-12);
         let (p50, p99) = s.latency_s();
         assert!(
             (p50 - 0.050).abs() < 1e-9 && (p99 - 0.099).abs() < 1e-9,
             "{p50} {p99}"
         );
         assert!((s.age_s(t(1100)) - 0.101).abs() < 1e-9);
-        assert_eq!(s.loss(t(9000)), 0.0, "the window has emptied");
+        assert_eq!(s.loss(t(9000)), (0.0, 0.0), "the window has emptied");
     }
 }

@@ -76,6 +76,8 @@ pub struct Bridge {
     reply: Order,
     /// Newest time of validity of the current boot, on the vessel's clock.
     newest: Option<Time<VesselClock>>,
+    /// Boot and time of validity of the newest estimate.
+    heard: Option<(u32, Time<VesselClock>)>,
     clock: ClockOffset,
     link: LinkStatistics,
     rejections: Rejections,
@@ -99,6 +101,7 @@ impl Bridge {
             prediction: Order::default(),
             reply: Order::default(),
             newest: None,
+            heard: None,
             clock: ClockOffset::new(&config.clock),
             link: LinkStatistics::new(config.loss_window_s),
             rejections: Rejections::default(),
@@ -133,8 +136,13 @@ impl Bridge {
             PacketKind::Estimate => {
                 let m: VesselEstimate<VesselClock> = decode(&packet.bytes)?;
                 let order = self.estimate;
-                let (at, advance) = self.admit(arrival, &m, &order, &topics::ESTIMATE, 0.0)?;
+                let admitted = self.admit(arrival, &m, &order, &topics::ESTIMATE, 0.0);
+                if admitted == Err(Reason::Order) {
+                    self.link.overtaken(arrival);
+                }
+                let (at, advance) = admitted?;
                 self.estimate.admit(m.header.sequence);
+                self.heard = Some((m.header.boot, m.header.at));
                 self.clock.one_way(m.header.at, arrival);
                 self.link.admitted(arrival, at, advance);
                 out.estimate = Some(m.restamped(at));
@@ -274,7 +282,12 @@ impl Bridge {
             now,
         );
         self.requests = self.requests.wrapping_add(1);
-        Some(TimeRequest { header })
+        let (newest_boot, newest_at) = self.heard.unwrap_or((0, Time::EPOCH));
+        Some(TimeRequest {
+            header,
+            newest_at,
+            newest_boot,
+        })
     }
 
     fn link_state(&mut self, now: Time<DroneClock>) -> Option<LinkState> {
@@ -286,7 +299,7 @@ impl Bridge {
             return None;
         }
         let offset = self.clock.at(now);
-        let loss = self.link.loss(now);
+        let (loss, overtaken) = self.link.loss(now);
         let (latency_p50_s, latency_p99_s) = self.link.latency_s();
         let header = Header::new(
             self.config.vessel_id,
@@ -302,6 +315,7 @@ impl Bridge {
             clock_offset_sd_s: offset.map_or(f64::INFINITY, |o| o.sd_s),
             age_s: self.link.age_s(now),
             loss,
+            overtaken,
             latency_p50_s,
             latency_p99_s,
             rejected: self.rejections.total(),

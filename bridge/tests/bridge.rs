@@ -6,8 +6,8 @@
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind, Reason};
 use alight_shared::frames::Datum;
 use alight_shared::msg::{
-    Header, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveComponent,
-    WaveModel,
+    Header, MESSAGE_VERSION, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
+    VesselPrediction, WaveComponent, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::seq::Seq;
@@ -156,7 +156,7 @@ fn each_fault_has_its_reason() {
     let faults = [
         (long, Reason::Oversized),
         (short, Reason::Malformed),
-        (edit(&|m| m.header.version = 2), Reason::Version),
+        (edit(&|m| m.header.version = MESSAGE_VERSION + 1), Reason::Version),
         (edit(&|m| m.header.vessel = 2), Reason::Vessel),
         (edit(&|m| m.header.drone = 77), Reason::Drone),
         (

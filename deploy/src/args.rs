@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use alight_shared::msg::State;
 use alight_sim::sea::SeaConfig;
 use alight_uav::planner::PlannerKind;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -89,13 +90,38 @@ pub enum Course {
     Square,
 }
 
-/// When the radio falls silent for good.
+/// When the radio falls silent: at the mission's first entry into a state.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum RadioLost {
     /// It does not.
     Never,
-    /// When the mission first enters Tracking.
+    /// Rising to the approach height.
+    GetAltitude,
+    /// On the way to the vessel.
+    Approach,
+    /// Above the vessel.
     Tracking,
+    /// The same, stably.
+    TrackingStable,
+    /// Descending.
+    Descent,
+    /// The last part.
+    Flare,
+}
+
+impl RadioLost {
+    /// The state; None for never.
+    pub const fn state(self) -> Option<State> {
+        match self {
+            RadioLost::Never => None,
+            RadioLost::GetAltitude => Some(State::GetAltitude),
+            RadioLost::Approach => Some(State::Approach),
+            RadioLost::Tracking => Some(State::Tracking),
+            RadioLost::TrackingStable => Some(State::TrackingStable),
+            RadioLost::Descent => Some(State::Descent),
+            RadioLost::Flare => Some(State::Flare),
+        }
+    }
 }
 
 /// A sea by name or by amplitude and period.
@@ -135,9 +161,12 @@ pub struct SceneArgs {
     /// Mean wind with gusts, m/s [default: 0]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
     pub wind: Option<f64>,
-    /// When the radio falls silent for good [default: never]
+    /// The radio falls silent when the mission first enters this state [default: never]
     #[arg(long, value_enum)]
     pub radio_lost: Option<RadioLost>,
+    /// It comes back after this long, s [default: it does not]
+    #[arg(long, value_name = "S", requires = "radio_lost")]
+    pub radio_back: Option<f64>,
     /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -272,6 +301,18 @@ pub struct StudyArgs {
     /// on where it stopped
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Link: fly N seeds of a few links live across the link emulator, beside lock-step
+    #[cfg(feature = "live")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub live: Option<u32>,
+    /// Certificates for TLS, with --live, as of `alight land`
+    #[cfg(feature = "live")]
+    #[arg(long, value_name = "DIR", requires = "live")]
+    pub certificates: Option<PathBuf>,
+    /// Flags of `alight land`, with --live
+    #[cfg(feature = "live")]
+    #[arg(last = true, value_name = "LAND FLAGS", requires = "live")]
+    pub land: Vec<String>,
     /// Fly only part I of N of the trials, for several machines
     #[arg(long, value_name = "I/N")]
     pub shard: Option<crate::study::run::Shard>,

@@ -4,10 +4,12 @@ use std::path::Path;
 
 use alight_shared::config::{self, Check, Keys};
 use alight_sim::deck_motion;
-use alight_sim::scenario::{NodeConfigs, RadioCut, Scenario};
+use alight_sim::scenario::{NodeConfigs, Scenario, StateOutage};
 
 use crate::Refused;
-use crate::args::{Course, RadioLost, SceneArgs};
+use clap::ValueEnum;
+
+use crate::args::{Course, SceneArgs};
 use crate::configs;
 
 /// What is flown.
@@ -77,11 +79,18 @@ impl Scene {
             scenario.drone.wind.mean_mps = wind;
         }
         if let Some(lost) = args.radio_lost {
-            scenario.radio_cut = match lost {
-                RadioLost::Never => RadioCut::Never,
-                RadioLost::Tracking => RadioCut::AtFirstTracking,
-            };
-            flag("radio-lost", format!("{lost:?}").to_lowercase());
+            scenario.radio_outage = lost.state().map(|state| StateOutage {
+                state,
+                after_s: 0.0,
+                length_s: args.radio_back.unwrap_or(f64::INFINITY),
+            });
+            let name = lost
+                .to_possible_value()
+                .map_or_else(String::new, |v| v.get_name().into());
+            flag("radio-lost", name);
+            if let Some(back) = args.radio_back {
+                flag("radio-back", back.to_string());
+            }
         }
         if let Some(path) = &args.deck_motion {
             let mut motion = deck_motion::DeckMotionConfig {

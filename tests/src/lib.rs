@@ -2,6 +2,7 @@
 //!
 //! Start at [`world`]: `World::tick` is the architecture diagram. [`trial`] flies one landing.
 
+pub mod age;
 pub mod body;
 pub mod deck_motion;
 pub mod drone;

@@ -1,15 +1,79 @@
-//! The radio between vessel and drone: delay, loss, duplication, outages, one direction each.
+//! The radio between vessel and drone: rate, delay, loss, duplication, outages, one direction each.
+//!
+//! [`channel`] says what becomes of a packet, the same for the lock-step world, for the impairment
+//! inside a process and for the link emulator; [`Radio`] carries what is in the packets.
+
+pub mod channel;
+pub mod session;
+pub mod stream;
 
 use alight_shared::config::{Check, ConfigError, Keys};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Time, TrueTime};
 use serde::{Deserialize, Serialize};
 
 use crate::sensors::delay::DelayLine;
-use crate::sensors::noise::{Noise, check_windows, covers};
+use crate::sensors::noise::check_windows;
 use crate::streams::Streams;
+pub use channel::{Channel, ChannelCounts, Direction};
+pub use session::Session;
 
 /// Packets under way in one direction at most; what comes on top is lost.
 const QUEUE: usize = 4096;
+
+/// The middleware's framing of a message, bytes (measured).
+const FRAMING: usize = 20;
+/// IP and UDP headers, bytes.
+const DATAGRAM_HEADERS: usize = 28;
+/// A TLS 1.3 record's header, content type and tag, bytes.
+const TLS_RECORD: usize = 22;
+
+/// Bytes on the air of a message of `length` in a datagram.
+pub const fn on_air(length: usize) -> usize {
+    length + FRAMING + DATAGRAM_HEADERS
+}
+
+/// What carries the messages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Transport {
+    /// Datagrams: what is lost is lost.
+    #[default]
+    Udp,
+    /// A byte stream that repeats what was lost, and holds up what comes after it.
+    Tcp,
+    /// The same, encrypted.
+    Tls,
+}
+
+impl Transport {
+    /// Bytes that a message of `length` is for the channel: a datagram with its headers, or bytes
+    /// of a stream, which has its own.
+    pub const fn bytes(self, length: usize) -> usize {
+        match self {
+            Transport::Udp => on_air(length),
+            // Two bytes tell a message's length in a stream.
+            Transport::Tcp => length + FRAMING + 2,
+            Transport::Tls => length + FRAMING + 2 + TLS_RECORD,
+        }
+    }
+    /// An attempt to open a session that takes longer has failed, s
+    /// (`alight_shared::transport::radio`).
+    const fn open_timeout_s(self) -> f64 {
+        match self {
+            Transport::Udp => 1.0,
+            Transport::Tcp | Transport::Tls => 3.0,
+        }
+    }
+    /// Exchanges of packets until a session is open: the middleware's two, the stream's one, and
+    /// that of TLS.
+    const fn exchanges(self) -> usize {
+        match self {
+            Transport::Udp => 2,
+            Transport::Tcp => 3,
+            Transport::Tls => 4,
+        }
+    }
+}
 
 /// The radio, both directions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,7 +81,8 @@ const QUEUE: usize = 4096;
 pub struct RadioConfig {
     /// Mean of the delay before truncation, s.
     pub delay_s: f64,
-    /// Its standard deviation, s. Delays are independent, so packets overtake each other.
+    /// Its standard deviation, s. Delays are independent, so packets overtake each other, unless
+    /// the link keeps their order.
     pub delay_sd_s: f64,
     /// Shortest delay, s.
     pub delay_min_s: f64,
@@ -27,8 +92,24 @@ pub struct RadioConfig {
     pub to_vessel_extra_s: f64,
     /// Probability that a packet is lost.
     pub loss: f64,
+    /// Share of the packets that are lost in bursts beside (Gilbert-Elliott).
+    pub burst_loss: f64,
+    /// Mean length of a burst, packets.
+    pub burst_packets: f64,
     /// Probability that a packet that is not lost comes twice.
     pub duplicate: f64,
+    /// Bits per second that pass, IP headers included; 0: without limit.
+    pub rate_bps: f64,
+    /// Bytes that wait before a slow link at most; what comes on top is lost.
+    pub queue_bytes: u32,
+    /// Packets arrive in the order in which they were sent.
+    pub keep_order: bool,
+    /// What carries the messages; in lock-step only: live, the processes' own configuration says it.
+    pub transport: Transport,
+    /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
+    pub stream_buffer_bytes: u32,
+    /// A session that hears nothing for this long is closed and opened anew, s.
+    pub lease_s: f64,
     /// Windows `[start, end)` in which everything sent is lost, s of true time.
     pub outages_s: Vec<[f64; 2]>,
 }
@@ -44,8 +125,20 @@ impl Default for RadioConfig {
             to_drone_extra_s: 0.0,
             to_vessel_extra_s: 0.0,
             loss: 0.02,
+            burst_loss: 0.0,
+            // Ours: a deep fade or a wave crest in the way, a quarter of a second at 40 packets/s.
+            burst_packets: 10.0,
             // Ours: datagrams come twice now and then.
             duplicate: 0.001,
+            rate_bps: 0.0,
+            // Ours: as small as radio modems have it; half a second at 64 kbit/s.
+            queue_bytes: 4096,
+            keep_order: false,
+            transport: Transport::Udp,
+            // What `alight_shared::transport::radio` asks the sockets for.
+            stream_buffer_bytes: 8192,
+            // The same.
+            lease_s: 2.0,
             outages_s: Vec::new(),
         }
     }
@@ -58,98 +151,69 @@ impl Check for RadioConfig {
         at.range("to_drone_extra_s", self.to_drone_extra_s, 0.0, 10.0)?;
         at.range("to_vessel_extra_s", self.to_vessel_extra_s, 0.0, 10.0)?;
         at.range("loss", self.loss, 0.0, 1.0)?;
+        at.range("burst_loss", self.burst_loss, 0.0, 0.95)?;
+        at.range("burst_packets", self.burst_packets, 1.0, 1e5)?;
         at.range("duplicate", self.duplicate, 0.0, 1.0)?;
+        at.range("rate_bps", self.rate_bps, 0.0, 1e12)?;
+        at.range("queue_bytes", f64::from(self.queue_bytes), 100.0, 1e9)?;
+        let buffer = f64::from(self.stream_buffer_bytes);
+        at.range("stream_buffer_bytes", buffer, 2048.0, 1e8)?;
+        at.range("lease_s", self.lease_s, 0.5, 60.0)?;
         check_windows(at, "outages_s", &self.outages_s)
     }
-}
-
-/// Which way packets go.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
-    /// From the vessel to the drone.
-    ToDrone,
-    /// From the drone to the vessel.
-    ToVessel,
 }
 
 /// One direction of the radio.
 #[derive(Clone, Debug)]
 pub struct Radio<T> {
-    config: RadioConfig,
-    extra_s: f64,
-    noise: Noise,
+    channel: Channel,
     line: DelayLine<T>,
-    cut_after: Option<Time<TrueTime>>,
-    sent: u64,
-    lost: u64,
 }
 
 impl<T: Clone> Radio<T> {
-    /// The radio of this seed in one direction; its streams are `radio.to_drone` and
-    /// `radio.to_vessel`.
+    /// The radio of this seed in one direction.
     pub fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> Self {
-        let (name, extra_s) = match direction {
-            Direction::ToDrone => ("radio.to_drone", config.to_drone_extra_s),
-            Direction::ToVessel => ("radio.to_vessel", config.to_vessel_extra_s),
-        };
+        Radio::over(Channel::new(config, direction, streams))
+    }
+    /// The radio over a channel.
+    pub fn over(channel: Channel) -> Self {
         Radio {
-            config: config.clone(),
-            extra_s,
-            noise: Noise::new(streams, name),
+            channel,
             line: DelayLine::new(QUEUE),
-            cut_after: None,
-            sent: 0,
-            lost: 0,
         }
     }
-    /// Sends a packet at `t`.
-    pub fn send(&mut self, t: Time<TrueTime>, packet: T) {
-        // All draws are made for every packet, so that an outage does not shift the others.
-        let (lost, twice) = (
-            self.noise.chance(self.config.loss),
-            self.noise.chance(self.config.duplicate),
-        );
-        let (first, second) = (self.delay(), self.delay());
-        self.sent += 1;
-        let cut = self.cut_after.is_some_and(|c| t >= c);
-        if lost || cut || covers(&self.config.outages_s, t) {
-            self.lost += 1;
-            return;
+    /// Its channel.
+    pub fn channel(&mut self) -> &mut Channel {
+        &mut self.channel
+    }
+    /// Sends a packet of `bytes`, headers included, at `t`.
+    pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
+        let [first, second] = self.channel.send(t, bytes);
+        if let Some(at) = second {
+            self.line.push(at, packet.clone());
         }
-        if twice {
-            self.line.push(t + second, packet.clone());
-        }
-        if !self.line.push(t + first, packet) {
-            self.lost += 1;
+        if let Some(at) = first
+            && !self.line.push(at, packet)
+        {
+            self.channel.drop_one();
         }
     }
     /// The packets that have arrived by `t`, in the order and with the times of their arrival.
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         core::iter::from_fn(|| self.line.pop(t)).collect()
     }
-    /// From `t` on everything sent is lost; what is on its way still arrives. An earlier cut
-    /// stays.
-    pub fn cut_after(&mut self, t: Time<TrueTime>) {
-        self.cut_after = Some(self.cut_after.map_or(t, |c| c.min(t)));
+    /// When the next packet that is under way arrives.
+    pub fn next(&self) -> Option<Time<TrueTime>> {
+        self.line.next()
     }
-    /// Packets sent and lost so far.
-    pub const fn counts(&self) -> (u64, u64) {
-        (self.sent, self.lost)
+    /// Everything sent in the window `[from, until)` is lost; what is on its way still arrives.
+    /// The first such window stays.
+    pub fn fall_silent(&mut self, window: [Time<TrueTime>; 2]) {
+        self.channel.fall_silent(window);
     }
-    /// A normal delay cut off at the shortest and at ten standard deviations.
-    fn delay(&mut self) -> Span {
-        let c = &self.config;
-        let mut d = c.delay_s + c.delay_sd_s * self.noise.normal();
-        // Redrawing keeps the truncated shape; the bound keeps a strange configuration finite.
-        for _ in 0..8 {
-            if d >= c.delay_min_s {
-                break;
-            }
-            d = c.delay_s + c.delay_sd_s * self.noise.normal();
-        }
-        Span::from_secs(
-            d.clamp(c.delay_min_s, c.delay_min_s + c.delay_s + 10.0 * c.delay_sd_s) + self.extra_s,
-        )
+    /// What happened so far.
+    pub const fn counts(&self) -> ChannelCounts {
+        self.channel.counts()
     }
 }
 
@@ -163,7 +227,7 @@ mod tests {
         for k in 0..n + 200 {
             let t = Time::from_nanos(k as i64 * 10_000_000);
             if k < n {
-                radio.send(t, k);
+                radio.send(t, 300, k);
             }
             for (at, i) in radio.receive(t) {
                 assert!(at <= t);
@@ -193,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn asymmetry_outages_duplicates_and_the_cut_do_what_they_say() {
+    fn asymmetry_outages_duplicates_and_silence_do_what_they_say() {
         let config = RadioConfig {
             to_vessel_extra_s: 0.1,
             duplicate: 0.25,
@@ -216,13 +280,15 @@ mod tests {
             Direction::ToDrone,
             &Streams::new(1),
         );
-        radio.cut_after(Time::from_secs(0.5));
-        radio.cut_after(Time::from_secs(0.9));
-        radio.send(Time::from_secs(0.49), 1);
-        radio.send(Time::from_secs(0.5), 2);
-        let got = radio.receive(Time::from_secs(5.0));
-        assert!(!got.is_empty() && got.iter().all(|(_, v)| *v == 1));
-        assert_eq!(radio.counts(), (2, 1));
+        radio.fall_silent([0.5, 0.8].map(Time::from_secs));
+        radio.fall_silent([0.2, 0.9].map(Time::from_secs));
+        for (t, v) in [(0.49, 1), (0.5, 2), (0.79, 3), (0.8, 4)] {
+            radio.send(Time::from_secs(t), 300, v);
+        }
+        let got = radio.receive(Time::from_secs(0.99));
+        assert!(!got.is_empty() && got.iter().all(|(_, v)| [1, 4].contains(v)));
+        let counts = radio.counts();
+        assert_eq!((counts.sent, counts.lost), (4, 2));
     }
 
     #[test]

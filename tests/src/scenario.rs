@@ -3,6 +3,8 @@
 use alight_bridge::BridgeConfig;
 use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::State;
+use alight_shared::time::{Clock, Span, Time};
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
@@ -14,15 +16,38 @@ use crate::sea::SeaConfig;
 use crate::sensors::SensorConfig;
 use crate::vessel::VesselConfig;
 
-/// When the radio from the vessel falls silent for good.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RadioCut {
-    /// It does not.
-    #[default]
-    Never,
-    /// When the mission first enters Tracking.
-    AtFirstTracking,
+/// An outage of the radio, both directions, that a state of the mission brings about.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StateOutage {
+    /// It begins when the mission first enters this state.
+    pub state: State,
+    /// It begins this much later, s.
+    #[serde(default)]
+    pub after_s: f64,
+    /// It lasts so long, s; infinite (`inf`) for good.
+    pub length_s: f64,
+}
+
+impl StateOutage {
+    /// Its window `[from, until)` when the mission enters the state at `t`.
+    pub fn window<C: Clock>(&self, t: Time<C>) -> [Time<C>; 2] {
+        let from = t + Span::from_secs(self.after_s);
+        // Longer than any trial is for good.
+        [from, from + Span::from_secs(self.length_s.min(1e6))]
+    }
+}
+
+impl Check for StateOutage {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("after_s", self.after_s, 0.0, 600.0)?;
+        at.require(
+            self.length_s >= 0.0,
+            "length_s",
+            format!("{}", self.length_s),
+            "seconds, 0 or more, or inf",
+        )
+    }
 }
 
 /// Where the drone starts, relative to the vessel at the start.
@@ -77,8 +102,9 @@ pub struct Scenario {
     pub sensors: SensorConfig,
     /// The radio.
     pub radio: RadioConfig,
-    /// When it falls silent for good.
-    pub radio_cut: RadioCut,
+    /// Its outage at a state of the mission.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radio_outage: Option<StateOutage>,
     /// From the planner's step to the plan's arrival at the pilot, s.
     pub solve_delay_s: f64,
 }
@@ -95,7 +121,7 @@ impl Default for Scenario {
             start: StartConfig::default(),
             sensors: SensorConfig::default(),
             radio: RadioConfig::default(),
-            radio_cut: RadioCut::Never,
+            radio_outage: None,
             // One period of the planner at 50 Hz: the plan is used one period after its inputs.
             solve_delay_s: 0.02,
         }
@@ -114,6 +140,9 @@ impl Check for Scenario {
         self.drone.check(&at.table("drone"))?;
         self.sensors.check(&at.table("sensors"))?;
         self.radio.check(&at.table("radio"))?;
+        if let Some(outage) = &self.radio_outage {
+            outage.check(&at.table("radio_outage"))?;
+        }
         let start = at.table("start");
         start.ranges("distance_m", &self.start.distance_m, 0.0, 500.0)?;
         start.ranges("height_m", &self.start.height_m, 2.0, 120.0)?;

@@ -6,7 +6,7 @@ use alight_shared::time::Span;
 use thiserror::Error;
 
 use crate::outcome::{Judge, Outcome, TIME_LIMIT_S};
-use crate::scenario::{NodeConfigs, RadioCut, Scenario};
+use crate::scenario::{NodeConfigs, Scenario};
 use crate::tap::{NoTap, Tap};
 use crate::trace::Trace;
 use crate::world::{TICK, World};
@@ -96,8 +96,8 @@ pub fn fly_with(
             if let Some(trace) = trace.as_mut() {
                 trace.phases.push((t_s, name, reason.to_string()));
             }
-            if state == State::Tracking && scenario.radio_cut == RadioCut::AtFirstTracking {
-                world.cut_radio();
+            if let Some(outage) = scenario.radio_outage.filter(|o| o.state == state) {
+                world.radio_outage(&outage);
             }
         }
         if let Some(trace) = trace.as_mut()

@@ -11,6 +11,7 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
+use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::mission::{Mission, MissionIn};
 use alight_uav::pilot::{Pilot, PilotIn};
@@ -24,8 +25,8 @@ use crate::outcome::Observation;
 pub use crate::physics::TICK;
 pub use crate::physics::{BOOT, DRONE_ID, VESSEL_ID};
 use crate::physics::{Flight, Physics};
-use crate::radio::{Direction, Radio};
-use crate::scenario::{NodeConfigs, Scenario};
+use crate::radio::{ChannelCounts, Session};
+use crate::scenario::{NodeConfigs, Scenario, StateOutage};
 use crate::sensors::delay::DelayLine;
 use crate::tap::{NoTap, Tap};
 use crate::trace::TracePoint;
@@ -40,8 +41,7 @@ pub struct World {
     // The vessel's computer.
     vessel_node: VesselNode,
     // The radio.
-    to_drone: Radio<Packet>,
-    to_vessel: Radio<TimeRequest<DroneClock>>,
+    radio: Session<Packet, TimeRequest<DroneClock>>,
     // The drone's computer.
     bridge: Bridge,
     predictor: Predictor,
@@ -65,8 +65,7 @@ impl World {
         let drone = &nodes.drone;
         Ok(World {
             vessel_node: VesselNode::new(&nodes.vessel, VESSEL_ID, BOOT),
-            to_drone: Radio::new(&scenario.radio, Direction::ToDrone, streams),
-            to_vessel: Radio::new(&scenario.radio, Direction::ToVessel, streams),
+            radio: Session::new(&scenario.radio, streams),
             bridge: Bridge::new(&nodes.bridge, BOOT),
             predictor: Predictor::new(&drone.predictor(), BOOT),
             mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, DRONE_ID, BOOT),
@@ -105,10 +104,15 @@ impl World {
         self.command = Some(Command { header, kind });
     }
 
-    /// From now on nothing that the vessel sends arrives.
-    pub fn cut_radio(&mut self) {
-        self.to_drone.cut_after(self.physics.now());
-        self.to_vessel.cut_after(self.physics.now());
+    /// The outage that the mission's new state brings about.
+    pub fn radio_outage(&mut self, outage: &StateOutage) {
+        let window = outage.window(self.physics.now());
+        self.radio.fall_silent(window);
+    }
+
+    /// What the radio carried and lost: to the drone, to the vessel.
+    pub fn radio_counts(&mut self) -> [ChannelCounts; 2] {
+        self.radio.counts()
     }
 
     /// Ten milliseconds of everything.
@@ -126,8 +130,8 @@ impl World {
         // The vessel: sensors -> estimator -> broadcast.
         let readings = self.physics.vessel_readings();
         let time_requests = self
-            .to_vessel
-            .receive(t)
+            .radio
+            .at_vessel(t)
             .into_iter()
             .map(|(arrival, request)| Stamped::<VesselClock, _>::new(clocks.vessel_time(arrival), request))
             .collect();
@@ -148,8 +152,8 @@ impl World {
 
         // The radio, then the drone's bridge.
         let packets = self
-            .to_drone
-            .receive(t)
+            .radio
+            .at_drone(t)
             .into_iter()
             .map(|(arrival, packet)| Stamped::new(clocks.drone_time(arrival), packet))
             .collect();
@@ -157,7 +161,7 @@ impl World {
         let heard = self.bridge.step(drone_now, &input);
         tap.bridge(t, drone_now, &input, &heard);
         if let Some(request) = heard.time_request {
-            self.to_vessel.send(t, request);
+            self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
         }
 
         // The drone: odometry, camera, rangefinder -> predictor -> mission -> planner -> pilot.
@@ -234,7 +238,7 @@ impl World {
     fn broadcast<M: Serialize>(&mut self, t: Time<TrueTime>, kind: PacketKind, message: Option<&M>) {
         // A message that does not encode is a message that is not sent: the receiver sees the gap.
         if let Some(Ok(bytes)) = message.map(wire::encode) {
-            self.to_drone.send(t, Packet { kind, bytes });
+            self.radio.send_to_drone(t, bytes.len(), Packet { kind, bytes });
         }
     }
 

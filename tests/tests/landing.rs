@@ -4,7 +4,7 @@
 
 use alight_shared::msg::{Reason, State};
 use alight_sim::outcome::{Ending, Outcome};
-use alight_sim::scenario::{NodeConfigs, RadioCut, Scenario};
+use alight_sim::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::sea::SeaConfig;
 use alight_sim::trial::{Event, Flight, Watch, fly};
 use alight_sim::vessel::Course;
@@ -73,7 +73,11 @@ fn given_the_roughest_row_of_table_2_then_it_still_lands() {
 #[test]
 fn given_no_radio_from_tracking_on_then_it_lands_from_vision() {
     let scenario = Scenario {
-        radio_cut: RadioCut::AtFirstTracking,
+        radio_outage: Some(StateOutage {
+            state: State::Tracking,
+            after_s: 0.0,
+            length_s: f64::INFINITY,
+        }),
         ..at_sea(0.5, 5.0)
     };
     let landed = (20..24).filter(|s| outcome(&scenario, *s).success).count();

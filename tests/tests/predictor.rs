@@ -13,7 +13,7 @@ use alight_shared::wire;
 use alight_sim::body::RigidState;
 use alight_sim::deck_motion::DeckCarrier;
 use alight_sim::drone::{DroneStart, DroneWorld};
-use alight_sim::radio::{Direction, Radio};
+use alight_sim::radio::{Direction, Radio, on_air};
 use alight_sim::scenario::{NodeConfigs, Scenario};
 use alight_sim::sea::Sea;
 use alight_sim::sensors::Sensors;
@@ -85,7 +85,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         );
         let mut send = |kind, bytes: Option<Vec<u8>>| {
             if let Some(bytes) = bytes {
-                to_drone.send(t, Packet { kind, bytes });
+                to_drone.send(t, on_air(bytes.len()), Packet { kind, bytes });
             }
         };
         send(
@@ -103,7 +103,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
             .collect();
         let heard = bridge.step(now, &BridgeIn { packets });
         if let Some(q) = heard.time_request {
-            to_vessel.send(t, q);
+            to_vessel.send(t, on_air(64), q);
         }
         let deck: RigidState<Deck> = carrier.state().at(deck_geometry.centre());
         truth.push(deck);
@@ -122,8 +122,9 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         }
         let since = (tick as f64 - appeared as f64) * 0.01;
         if since >= plan.cut_s && since < plan.cut_s + 0.01 {
-            to_drone.cut_after(t);
-            to_vessel.cut_after(t);
+            let for_good = [t, Time::from_secs(1e6)];
+            to_drone.fall_silent(for_good);
+            to_vessel.fall_silent(for_good);
         }
         let before = deck;
         let mut d = drone.take();

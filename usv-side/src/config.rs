@@ -6,6 +6,7 @@ use alight_shared::vessel_model::VesselModelConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::sea_state::SeaStateConfig;
+use crate::throttle::ThrottleConfig;
 
 /// The inertial sensor as the estimator is told.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -138,6 +139,8 @@ pub struct BroadcastConfig {
     pub prediction_hz: f64,
     /// Time between the stages of a prediction, s.
     pub prediction_step_s: f64,
+    /// Less while the link backs up.
+    pub throttle: ThrottleConfig,
 }
 impl Default for BroadcastConfig {
     fn default() -> Self {
@@ -148,6 +151,7 @@ impl Default for BroadcastConfig {
             prediction_hz: 2.0,
             // Ours: 15 stages reach 2.8 s, past the planner's 2 s horizon.
             prediction_step_s: 0.2,
+            throttle: ThrottleConfig::default(),
         }
     }
 }
@@ -156,7 +160,8 @@ impl Check for BroadcastConfig {
         at.range("estimate_hz", self.estimate_hz, 1.0, 100.0)?;
         at.range("wave_hz", self.wave_hz, 0.1, 50.0)?;
         at.range("prediction_hz", self.prediction_hz, 0.1, 50.0)?;
-        at.range("prediction_step_s", self.prediction_step_s, 0.02, 2.0)
+        at.range("prediction_step_s", self.prediction_step_s, 0.02, 2.0)?;
+        self.throttle.check(&at.table("throttle"))
     }
 }
 

@@ -1,12 +1,14 @@
 //! The vessel's side of Alight: sensors to estimate, identification of the sea, broadcast.
 //!
 //! [`VesselNode`] is the process: it admits what the sensors say, feeds the [`estimator`], which in
-//! turn feeds and uses the [`sea_state`] identification, and speaks at fixed rates.
+//! turn feeds and uses the [`sea_state`] identification, and speaks at the rates that the link bears
+//! ([`throttle`]).
 
 pub mod config;
 pub mod estimator;
 pub mod node;
 pub mod sea_state;
+pub mod throttle;
 
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
 pub use estimator::Estimator;

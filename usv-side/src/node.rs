@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
 use crate::estimator::{Estimator, Gated};
+use crate::throttle::Throttle;
 
 /// Most measurements of one sensor that one step takes; the rest is counted as refused.
 const MOST_PER_STEP: usize = 100;
@@ -64,26 +65,25 @@ pub struct Refused {
 /// When something periodic is due, without drift.
 #[derive(Clone, Debug)]
 struct Pace {
-    period: Span,
+    hz: f64,
     next: Option<Time<VesselClock>>,
 }
 impl Pace {
     fn new(hz: f64) -> Self {
-        Pace {
-            period: Span::from_secs(1.0 / hz),
-            next: None,
-        }
+        Pace { hz, next: None }
     }
-    fn due(&mut self, now: Time<VesselClock>) -> bool {
+    /// Whether it is due, at this share of its full rate.
+    fn due(&mut self, now: Time<VesselClock>, share: f64) -> bool {
+        let period = Span::from_secs(1.0 / (self.hz * share));
         match self.next {
             Some(t) if now < t => false,
-            Some(t) if now - t < self.period => {
-                self.next = Some(t + self.period);
+            Some(t) if now - t < period => {
+                self.next = Some(t + period);
                 true
             }
             // The first time, or long overdue.
             Some(_) | None => {
-                self.next = Some(now + self.period);
+                self.next = Some(now + period);
                 true
             }
         }
@@ -103,6 +103,7 @@ pub struct VesselNode {
     wave: (Pace, u32),
     prediction: (Pace, u32),
     replies: u32,
+    throttle: Throttle,
 }
 
 impl VesselNode {
@@ -120,6 +121,7 @@ impl VesselNode {
             wave: (Pace::new(b.wave_hz), 0),
             prediction: (Pace::new(b.prediction_hz), 0),
             replies: 0,
+            throttle: Throttle::new(&b.throttle),
         }
     }
     /// A node that is told the waves' angular frequencies (rad/s) and directions (rad), for studies.
@@ -136,6 +138,10 @@ impl VesselNode {
     /// Measurements refused by the filter's gates.
     pub fn gated(&self) -> Gated {
         self.estimator.gated()
+    }
+    /// The share of its full rates that it uses.
+    pub fn share(&self) -> f64 {
+        self.throttle.share()
     }
     /// The estimator, for display and tests.
     pub fn estimator(&self) -> &Estimator {
@@ -203,6 +209,11 @@ impl VesselNode {
             } else if asked.vessel != self.vessel {
                 self.refused.other_vessel += 1;
             } else {
+                let period_s = 1.0 / (self.config.broadcast.estimate_hz * self.throttle.of_state());
+                if asked_boot(&request.value) == Some(self.boot) {
+                    let newest = request.value.newest_at;
+                    self.throttle.heard(request.at, asked.drone, newest, period_s);
+                }
                 replies.push(TimeReply {
                     header: Header::new(self.vessel, asked.drone, self.boot, self.replies, now),
                     asked_at: asked.at,
@@ -213,6 +224,11 @@ impl VesselNode {
         }
         replies
     }
+}
+
+/// The boot of the vessel whose estimate the drone heard last, if it heard any.
+fn asked_boot(request: &TimeRequest<DroneClock>) -> Option<u32> {
+    (request.newest_boot != 0).then_some(request.newest_boot)
 }
 
 /// Gives a message its sequence number and lets it out only when it passes its own check.
@@ -245,15 +261,15 @@ impl Node for VesselNode {
             return out;
         };
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
-        if self.estimate.0.due(now) {
+        if self.estimate.0.due(now, self.throttle.of_state()) {
             let m = filter.estimate(&self.config, header(self.estimate.1));
             out.estimate = checked(m, &mut self.estimate.1, &mut self.refused);
         }
-        if self.wave.0.due(now) {
+        if self.wave.0.due(now, self.throttle.of_models()) {
             let m = filter.wave_model(header(self.wave.1));
             out.wave = checked(m, &mut self.wave.1, &mut self.refused);
         }
-        if self.prediction.0.due(now) {
+        if self.prediction.0.due(now, self.throttle.of_models()) {
             let m = filter.prediction(&self.config, header(self.prediction.1));
             out.prediction = checked(m, &mut self.prediction.1, &mut self.refused);
         }

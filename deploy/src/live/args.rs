@@ -2,10 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
+use alight_sim::radio::Transport;
+use clap::{Args, Subcommand, ValueEnum};
 
+use super::emulator::LinkArgs;
 use super::fault::FaultSpec;
 use super::follow::LONGEST_FOLLOW_S;
+use super::latency::LatencyArgs;
 use crate::args::SceneArgs;
 
 /// The live system.
@@ -36,6 +39,10 @@ pub enum LiveVerb {
     Pilot(ProcessArgs),
     /// Process of the simulation: both vehicles, in real time.
     World(ProcessArgs),
+    /// Emulate a bad link between two network namespaces of this computer (needs root).
+    Link(LinkArgs),
+    /// Measure one hop through both middlewares, beside plain sockets.
+    Latency(LatencyArgs),
 }
 
 /// One landing, live.
@@ -51,13 +58,20 @@ pub struct LandArgs {
     /// scenario's, 60]
     #[arg(long, value_name = "S")]
     pub warm_up: Option<f64>,
-    /// Impair the radio: scenario, clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s, or a
-    /// TOML file
+    /// Impair the radio: scenario, clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s,
+    /// narrow, or a TOML file
     #[arg(long, value_name = "PROFILE", default_value = "scenario")]
     pub link: String,
-    /// Transport of the radio: udp or tcp
-    #[arg(long, default_value = "udp", value_parser = ["udp", "tcp"])]
+    /// Impair it by a link emulator between two network namespaces (needs root) or inside the
+    /// processes; auto: the emulator for a --link other than scenario, where it is permitted
+    #[arg(long, value_enum, default_value_t = Emulate::Auto)]
+    pub emulate: Emulate,
+    /// Transport of the radio: udp, tcp or tls
+    #[arg(long, default_value = "udp", value_parser = ["udp", "tcp", "tls"])]
     pub transport: String,
+    /// For tls: directory with authority.pem, and certificate.pem and key.pem of either side
+    #[arg(long, value_name = "DIR")]
+    pub certificates: Option<PathBuf>,
     /// Name of this set of processes; several may run side by side
     #[arg(long, default_value = "land")]
     pub instance: String,
@@ -147,6 +161,28 @@ fn follow_s(text: &str) -> Result<f64, String> {
     } else {
         Err(format!("1 to {LONGEST_FOLLOW_S} seconds"))
     }
+}
+
+impl LandArgs {
+    /// The transport of the radio, as lock-step models it.
+    pub fn transport(&self) -> Transport {
+        match self.transport.as_str() {
+            "tcp" => Transport::Tcp,
+            "tls" => Transport::Tls,
+            _ => Transport::Udp,
+        }
+    }
+}
+
+/// Where the radio is impaired.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Emulate {
+    /// Between namespaces for a named link, where it is permitted; else inside the processes.
+    Auto,
+    /// Between namespaces.
+    Always,
+    /// Inside the processes.
+    Never,
 }
 
 /// What runs.

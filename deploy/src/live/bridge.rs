@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind, Reason, Rejections};
 use alight_shared::config;
-use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState, State};
+use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
 use alight_shared::seq::Seq;
 use alight_shared::time::Stamped;
 use alight_shared::topics;
@@ -17,6 +17,7 @@ use alight_sim::radio::Direction;
 
 use super::args::ProcessArgs;
 use super::config::DroneComputer;
+use super::flows::Flows;
 use super::link::{Impaired, STATUS, drone_key, vessel_key};
 use super::process::Process;
 use crate::{End, Refused};
@@ -75,8 +76,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         Direction::ToDrone,
         computer.clock.epoch_ns,
     );
-    let cut_at_tracking = computer.impairment.as_ref().is_some_and(|i| i.cut_at_tracking);
+    let outage = computer.impairment.as_ref().and_then(|i| i.outage);
 
+    let mut flows = Flows::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
     while !process.ended() {
         let mut heard = radio.receive(LONGEST);
         while let Some(packet) = heard {
@@ -84,6 +86,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             match KINDS.get(packet.subscription) {
                 Some(kind) => impaired.take(
                     packet.at_ns,
+                    packet.bytes.len(),
                     Packet {
                         kind: *kind,
                         bytes: packet.bytes,
@@ -109,15 +112,16 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         }
         if let Some(news) = mission.newest(now.nanos()) {
             deck = news;
-            if cut_at_tracking && news.state == State::Tracking {
-                impaired.cut(steady_ns());
+            if let Some(outage) = outage.filter(|o| o.state == news.state) {
+                impaired.fall_silent(steady_ns(), &outage);
             }
         }
         battery = autopilot.newest(now.nanos()).map_or(battery, |a| a.battery);
         let counts = radio.counts();
         process.life.figures = figures(process.node().rejections(), heard_bytes, refused, &counts);
         if let Some(said) = process.state(Vec::new, counts.unsent) {
-            state.send(&said);
+            let flows = flows.since(&radio, said.at_ns);
+            state.send(&ProcessState { flows, ..said });
             radio.watch();
             sequence = sequence.wrapping_add(1);
             let status = DroneStatus {

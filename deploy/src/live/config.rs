@@ -7,7 +7,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::RadioConfig;
 use alight_sim::radio::RadioConfig as Impairment;
-use alight_sim::scenario::Scenario;
+use alight_sim::scenario::{Scenario, StateOutage};
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
@@ -18,8 +18,9 @@ use serde::{Deserialize, Serialize};
 pub struct LinkImpairment {
     /// Seed of its losses and delays.
     pub seed: u64,
-    /// Nothing arrives any more once the mission enters Tracking.
-    pub cut_at_tracking: bool,
+    /// Its outage at a state of the mission.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outage: Option<StateOutage>,
     /// Delay, loss, outages.
     pub profile: Impairment,
 }

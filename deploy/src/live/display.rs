@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use alight_shared::msg::{LinkState, MissionState, Plan};
-use alight_shared::topics;
-use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::topics::{self, Topic};
+use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
 
 /// Times from microseconds to seconds in four digits.
 pub fn time(s: f64) -> String {
@@ -93,6 +93,75 @@ impl Picture {
                 time(up_s),
             ));
         }
+        out
+    }
+
+    /// Where the time goes between a measurement on the vessel and the set-point: the age of each
+    /// message when it is read, and what a step takes.
+    pub fn stages(&self) -> String {
+        const STAGES: [(ProcessKind, &Topic, &str); 6] = [
+            (
+                ProcessKind::Predictor,
+                &topics::BRIDGE_ESTIMATE,
+                "vessel's estimate at the predictor",
+            ),
+            (
+                ProcessKind::Predictor,
+                &topics::DRONE_STATE,
+                "odometry at the predictor",
+            ),
+            (ProcessKind::Mission, &topics::FORECAST, "forecast at the mission"),
+            (ProcessKind::Planner, &topics::FORECAST, "forecast at the planner"),
+            (ProcessKind::Pilot, &topics::PLAN, "plan at the pilot"),
+            (
+                ProcessKind::World,
+                &topics::SET_POINT,
+                "set-point at the autopilot",
+            ),
+        ];
+        let mut out = format!("  {:<36}{:>12}{:>12}\n", "age when read", "p50", "p99");
+        let mut row = |name: &str, p50_s: f64, p99_s: f64| {
+            out.push_str(&format!("  {name:<36}{:>12}{:>12}\n", time(p50_s), time(p99_s)));
+        };
+        for (reader, topic, name) in STAGES {
+            let inputs = self.processes.get(&reader).map(|p| p.inputs);
+            let is_it = |i: &&InputState| {
+                topics::ALL
+                    .get(i.topic as usize)
+                    .is_some_and(|t| t.name == topic.name)
+            };
+            if let Some(i) = inputs.as_ref().and_then(|inputs| inputs.iter().find(is_it)) {
+                row(name, i.read_age_p50_s, i.read_age_p99_s);
+            }
+        }
+        if let Some(p) = self.processes.get(&ProcessKind::Planner) {
+            row("(a step of the planner takes)", p.step_p50_s, p.step_p99_s);
+        }
+        out
+    }
+
+    /// A table of what goes over the radio.
+    pub fn radio(&self) -> String {
+        let mut out = format!(
+            "  {:<10}{:<20}{:>8}{:>10}\n",
+            "sender", "over the radio", "Hz", "bytes/s"
+        );
+        let mut total = 0.0;
+        for p in self.processes.values() {
+            for f in p.flows.iter() {
+                let name = topics::ALL.get(f.topic as usize).map_or("status", |t| t.name);
+                total += f.bytes_per_s;
+                let who = p.kind.name();
+                out.push_str(&format!(
+                    "  {who:<10}{name:<20}{:>8.1}{:>10.0}\n",
+                    f.rate_hz, f.bytes_per_s
+                ));
+            }
+        }
+        out.push_str(&format!(
+            "  {:<10}{:<20}{:>8}{total:>10.0}  IP headers included\n",
+            "all", "", ""
+        ));
         out
     }
 

@@ -19,7 +19,7 @@ enum Unit {
     State,
 }
 
-const VESSEL: [(&str, Unit); 10] = [
+const VESSEL: [(&str, Unit); 11] = [
     ("sensor datagrams refused", Unit::Count),
     ("bytes sent", Unit::Count),
     ("packets dropped", Unit::Count),
@@ -30,6 +30,7 @@ const VESSEL: [(&str, Unit); 10] = [
     ("drone's state", Unit::State),
     ("drone's descents", Unit::Count),
     ("drone's battery", Unit::Share),
+    ("share of the full rates", Unit::Share),
 ];
 const BRIDGE: [(&str, Unit); 4] = [
     ("bytes heard", Unit::Count),
@@ -64,7 +65,9 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
             );
             all
         }
-        ProcessKind::Predictor | ProcessKind::Mission | ProcessKind::Planner => Vec::new(),
+        ProcessKind::Predictor | ProcessKind::Mission | ProcessKind::Planner | ProcessKind::Link => {
+            Vec::new()
+        }
     }
 }
 

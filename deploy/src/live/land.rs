@@ -14,14 +14,15 @@ use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Memory, Publisher, Services};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::RadioConfig;
-use alight_sim::scenario::RadioCut;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_sim::streams::Streams;
 use serde::Serialize;
 
+use super::air::{Air, Watch};
 use super::args::LandArgs;
-use super::config::{DroneComputer, LinkImpairment, SimulatedWorld, VesselComputer};
+use super::config::{DroneComputer, SimulatedWorld, VesselComputer};
 use super::fault::Fault;
+use super::follow;
 use super::instance::Owned;
 use super::process::{draw_boot, end_with_supervisor};
 use super::report::{LiveOutcome, LiveReport, PhaseEntry};
@@ -29,7 +30,6 @@ use super::status::Onlooker;
 use super::supervisor::{Event, Supervisor, pause};
 use super::usage::UsageLog;
 use super::world::Word;
-use super::{follow, link};
 use crate::say::{self, note};
 use crate::scene::Scene;
 use crate::{End, Refused, plot, table};
@@ -180,8 +180,9 @@ impl Ending {
     }
 }
 
-/// The files of the three computers, and the drone's clock.
+/// The files of the computers, and the drone's clock.
 struct Arrangement {
+    air: Air,
     vessel: VesselComputer,
     drone: DroneComputer,
     vessel_file: PathBuf,
@@ -203,32 +204,29 @@ impl Arrangement {
             offset_s: c.offset().secs(),
             drift_ppm: c.drift() * 1e6,
         };
-        let impairment = link::profile(&args.link, &scene.scenario.radio)?.map(|profile| LinkImpairment {
-            seed: args.seed,
-            cut_at_tracking: scene.scenario.radio_cut == RadioCut::AtFirstTracking,
-            profile,
-        });
-        let radio = format!("{}/127.0.0.1:{}", args.transport, free_port()?);
+        let air = Air::of(scene, args, owned, epoch_ns)?;
         let sensors = format!("127.0.0.1:{}", free_port()?);
         let vessel = VesselComputer {
             vessel_id: scene.nodes.bridge.vessel_id,
             sensors: sensors.clone(),
             clock: clock(&clocks.vessel),
             radio: RadioConfig {
-                listen: vec![radio.clone()],
+                listen: vec![air.listen.clone()],
+                tls: air.tls.clone(),
                 ..RadioConfig::default()
             },
-            impairment: impairment.clone(),
+            impairment: air.impairment.clone(),
             vessel: scene.nodes.vessel.clone(),
         };
         let drone = DroneComputer {
             instance: args.instance.clone(),
             clock: clock(&clocks.drone),
             radio: RadioConfig {
-                connect: vec![radio],
+                connect: vec![air.dial.clone()],
+                tls: air.tls.clone(),
                 ..RadioConfig::default()
             },
-            impairment,
+            impairment: air.impairment.clone(),
             bridge: scene.nodes.bridge.clone(),
             drone: scene.nodes.drone.clone(),
         };
@@ -245,6 +243,7 @@ impl Arrangement {
             scenario: scene.scenario.clone(),
         };
         Ok(Arrangement {
+            air,
             vessel_file: write(owned, "vessel.toml", &vessel)?,
             drone_file: write(owned, "drone.toml", &drone)?,
             world: write(owned, "world.toml", &world)?,
@@ -263,7 +262,8 @@ impl Arrangement {
     }
 }
 
-fn write<C: Serialize>(owned: &Owned, name: &str, config: &C) -> Result<PathBuf, Refused> {
+/// Writes a configuration into the instance's directory.
+pub fn write<C: Serialize>(owned: &Owned, name: &str, config: &C) -> Result<PathBuf, Refused> {
     let path = owned.file(name);
     let text = toml::to_string(config).map_err(|e| Refused::because(format!("writing {name}"), e))?;
     std::fs::write(&path, text).map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
@@ -271,7 +271,7 @@ fn write<C: Serialize>(owned: &Owned, name: &str, config: &C) -> Result<PathBuf,
 }
 
 /// A port of the loopback interface that is free now.
-fn free_port() -> Result<u16, Refused> {
+pub fn free_port() -> Result<u16, Refused> {
     let socket =
         UdpSocket::bind("127.0.0.1:0").map_err(|e| Refused::because("looking for a free port", e))?;
     Ok(socket
@@ -300,6 +300,7 @@ struct Landing<'a> {
     fault: Option<Fault>,
     told_to_end: Arc<AtomicBool>,
     usage: Option<UsageLog>,
+    watch: Watch,
 }
 
 impl<'a> Landing<'a> {
@@ -312,8 +313,10 @@ impl<'a> Landing<'a> {
         let onlooker = Onlooker::join(memory)?;
         let commands = memory.publisher()?;
         let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone());
+        plan.air.start(&mut supervisor)?;
         for kind in ProcessKind::ALL {
             let config = match kind {
+                ProcessKind::Link => continue,
                 ProcessKind::Vessel => &plan.vessel_file,
                 ProcessKind::World => &plan.world,
                 ProcessKind::Bridge
@@ -322,7 +325,7 @@ impl<'a> Landing<'a> {
                 | ProcessKind::Planner
                 | ProcessKind::Pilot => &plan.drone_file,
             };
-            supervisor.start(kind, config.clone())?;
+            supervisor.start(kind, config.clone(), plan.air.enter(kind))?;
         }
         Ok(Landing {
             args,
@@ -342,6 +345,7 @@ impl<'a> Landing<'a> {
                 .as_deref()
                 .map(|path| UsageLog::create(path, owned.instance()))
                 .transpose()?,
+            watch: Watch::default(),
         })
     }
 
@@ -367,7 +371,12 @@ impl<'a> Landing<'a> {
             if let Some(usage) = &mut self.usage {
                 usage.note(steady_ns(), &self.onlooker.picture)?;
             }
-            if let Some(outcome) = verdict(&self.supervisor.said()) {
+            let said = self.supervisor.said();
+            let state = self.onlooker.picture.mission.map(|m| m.state);
+            let ages_s = std::mem::take(&mut self.onlooker.ages_s);
+            let (watch, air) = (&mut self.watch, &self.plan.air);
+            watch.look(air, &said, &ages_s, state, &mut self.supervisor);
+            if let Some(outcome) = verdict(&said) {
                 self.await_return(memory, true_s - self.plan.warm_up_s)?;
                 return Ok(Some(self.over(outcome)));
             }
@@ -475,10 +484,13 @@ impl<'a> Landing<'a> {
         let picture = &self.onlooker.picture;
         let ending = Ending {
             word,
-            usage: picture.usage(steady_ns()),
+            usage: [picture.usage(steady_ns()), picture.stages(), picture.radio()].concat(),
             report: LiveReport {
                 phases: std::mem::take(&mut self.phases),
                 fault: self.fault.take().map(|f| f.report),
+                radio: self
+                    .watch
+                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9),
                 ..LiveReport::of(picture, self.supervisor.restarts())
             },
         };

@@ -1,17 +1,22 @@
 //! `alight lands`: live landings of many seeds, beside the lock-step landings of the same seeds.
 
+use alight_sim::age::AgeTap;
 use alight_sim::outcome::Outcome;
-use alight_sim::trial::{Watch, fly};
+use alight_sim::trial::{Watch, fly_with};
 use clap::Parser;
 use serde::Serialize;
 
 use super::args::{LandArgs, LandsArgs, LiveVerb};
+use super::display::time;
 use super::fleet::{self, Job, median};
 use super::report::LiveReport;
-use super::{land, link};
+use super::{land, profile};
 use crate::args::{Cli, Verb};
 use crate::say::{self, note};
 use crate::{End, Refused};
+
+/// Before this time of a trial clocks and sessions settle: ages are not counted, s.
+const SETTLED_S: f64 = 5.0;
 
 /// One seed, both ways.
 #[derive(Clone, Debug, Serialize)]
@@ -19,28 +24,74 @@ struct Pair {
     seed: u64,
     live: Option<Outcome>,
     lock_step: Outcome,
+    age_lock_step_s: [f64; 2],
     report: Option<LiveReport>,
     left: Vec<String>,
 }
 
 /// All pairs in figures.
 #[derive(Clone, Debug, Serialize)]
-struct Summary {
-    trials: usize,
-    landed: usize,
-    landed_lock_step: usize,
-    unsafe_contacts: u32,
+pub struct Summary {
+    /// Seeds.
+    pub trials: usize,
+    /// That landed live.
+    pub landed: usize,
+    /// That landed in lock-step.
+    pub landed_lock_step: usize,
+    /// Live.
+    pub unsafe_contacts: u32,
+    /// Age of the vessel's newest state at the drone: median over the seeds of median and 95th
+    /// percentile, live, s.
+    pub age_s: [f64; 2],
+    /// The same in lock-step.
+    pub age_lock_step_s: [f64; 2],
+    /// Of all that landed in lock-step.
+    pub landing_time_lock_step_s: f64,
     /// Live minus lock-step, medians over the seeds that landed both ways.
     position_error_difference_m: f64,
     landing_time_difference_s: f64,
     /// Of all that landed live.
     position_error_m: f64,
-    landing_time_s: f64,
+    pub landing_time_s: f64,
     pairs: Vec<Pair>,
+}
+
+/// What is flown, both ways.
+pub struct Plan {
+    /// How many seeds.
+    pub trials: u32,
+    /// The first.
+    pub seed0: u64,
+    /// How many live at a time.
+    pub jobs: u16,
+    /// Names of the sets of processes begin with this.
+    pub instance: String,
+    /// Flags of `alight land`.
+    pub land: Vec<String>,
 }
 
 /// Flies all seeds and shows the table.
 pub fn run(args: &LandsArgs) -> Result<End, Refused> {
+    let summary = fly_pairs(&Plan {
+        trials: args.trials,
+        seed0: args.seed0,
+        jobs: args.jobs,
+        instance: args.instance.clone(),
+        land: args.land.clone(),
+    })?;
+    note(args.json, summary.table());
+    if args.json {
+        say::line(serde_json::to_string(&summary).map_err(|e| Refused::because("writing JSON", e))?);
+    }
+    Ok(if summary.landed == summary.trials {
+        End::Success
+    } else {
+        End::Failed
+    })
+}
+
+/// Flies all seeds live, then in lock-step.
+pub fn fly_pairs(args: &Plan) -> Result<Summary, Refused> {
     let flags = land_flags(&args.land)?;
     let seeds: Vec<u64> = (args.seed0..).take(args.trials as usize).collect();
     let jobs: Vec<Job> = seeds
@@ -74,24 +125,17 @@ pub fn run(args: &LandsArgs) -> Result<End, Refused> {
     let mut pairs = Vec::new();
     for (seed, d) in seeds.iter().zip(done) {
         let (live, report) = d.landed.map(|l| (l.outcome, l.live)).unzip();
+        let (lock_step, age_lock_step_s) = lock_step(&flags, *seed)?;
         pairs.push(Pair {
             seed: *seed,
             live,
-            lock_step: lock_step(&flags, *seed)?,
+            lock_step,
+            age_lock_step_s,
             report,
             left: d.left,
         });
     }
-    let summary = Summary::of(pairs);
-    note(args.json, summary.table());
-    if args.json {
-        say::line(serde_json::to_string(&summary).map_err(|e| Refused::because("writing JSON", e))?);
-    }
-    Ok(if summary.landed == summary.trials {
-        End::Success
-    } else {
-        End::Failed
-    })
+    Ok(Summary::of(pairs))
 }
 
 /// The flags after `--`, read as those of `alight land`.
@@ -108,18 +152,20 @@ fn land_flags(flags: &[String]) -> Result<Box<LandArgs>, Refused> {
 }
 
 /// The same seed in lock-step.
-fn lock_step(args: &LandArgs, seed: u64) -> Result<Outcome, Refused> {
+fn lock_step(args: &LandArgs, seed: u64) -> Result<(Outcome, [f64; 2]), Refused> {
     let mut scene = land::scene(args)?;
-    if let Some(profile) = link::profile(&args.link, &scene.scenario.radio)? {
-        scene.scenario.radio = profile;
+    if args.link != "scenario" {
+        scene.scenario.radio = profile::load(&args.link)?;
     }
+    scene.scenario.radio.transport = args.transport();
     let mut quiet = |_: &_| {};
     let watch = Watch {
         on_event: &mut quiet,
         trace_step_s: None,
     };
-    fly(&scene.scenario, &scene.nodes, seed, &scene.sea, watch)
-        .map(|flight| flight.outcome)
+    let mut ages = AgeTap::from(SETTLED_S);
+    fly_with(&scene.scenario, &scene.nodes, seed, &scene.sea, watch, &mut ages)
+        .map(|flight| (flight.outcome, [0.5, 0.95].map(|q| ages.quantile(q))))
         .map_err(|e| Refused::because(format!("setting up the trial of seed {seed}"), e))
 }
 
@@ -141,6 +187,21 @@ impl Summary {
             trials: pairs.len(),
             landed: live().filter(|l| l.success).count(),
             landed_lock_step: pairs.iter().filter(|p| p.lock_step.success).count(),
+            age_s: [
+                median(
+                    pairs
+                        .iter()
+                        .filter_map(|p| Some(p.report.as_ref()?.radio.age_p50_s)),
+                ),
+                median(
+                    pairs
+                        .iter()
+                        .filter_map(|p| Some(p.report.as_ref()?.radio.age_p95_s)),
+                ),
+            ],
+            age_lock_step_s: [0, 1]
+                .map(|k: usize| median(pairs.iter().filter_map(|p| p.age_lock_step_s.get(k).copied()))),
+            landing_time_lock_step_s: median(pairs.iter().filter_map(|p| p.lock_step.landing_time_s)),
             unsafe_contacts: live().map(|l| l.unsafe_contacts).sum(),
             position_error_difference_m: both(|o| o.position_error_m),
             landing_time_difference_s: both(|o| o.landing_time_s),
@@ -177,7 +238,8 @@ impl Summary {
         }
         out.push_str(&format!(
             "\n{} of {} landed live, {} in lock-step; {} unsafe contacts live; median {:.3} m, {:.1} s; \
-             live minus lock-step (paired medians) {:+.3} m, {:+.1} s\n{}",
+             live minus lock-step (paired medians) {:+.3} m, {:+.1} s; age of the vessel's state (p50, p95) {}, {} \
+             live, {}, {} in lock-step\n{}",
             self.landed,
             self.trials,
             self.landed_lock_step,
@@ -186,6 +248,10 @@ impl Summary {
             self.landing_time_s,
             self.position_error_difference_m,
             self.landing_time_difference_s,
+            time(self.age_s[0]),
+            time(self.age_s[1]),
+            time(self.age_lock_step_s[0]),
+            time(self.age_lock_step_s[1]),
             self.used(),
         ));
         let left: Vec<&String> = self.pairs.iter().flat_map(|p| &p.left).collect();

@@ -1,13 +1,12 @@
-//! The radio's keys, and impairments of the radio for trials: named profiles and files.
+//! The radio's keys, and the impairment of the radio inside a process, for trials.
 
-use alight_shared::config::{self, Check, Keys};
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
-use alight_sim::radio::{Direction, Radio, RadioConfig};
+use alight_sim::radio::{Direction, Radio, on_air};
+use alight_sim::scenario::StateOutage;
 use alight_sim::streams::Streams;
 
 use super::config::LinkImpairment;
-use crate::Refused;
 
 /// The key of `topic` as vessel `id` publishes it.
 pub fn vessel_key(id: u32, topic: &str) -> String {
@@ -26,79 +25,6 @@ pub fn any_drone_status() -> String {
 /// The drones' questions for the time, from any drone.
 pub fn any_time_request() -> String {
     format!("alight/*/{}", topics::TIME_REQUEST.name)
-}
-
-/// The profile `name`, or the one in the TOML file of that name; `scenario` is the scene's own.
-pub fn profile(name: &str, scenario: &RadioConfig) -> Result<Option<RadioConfig>, Refused> {
-    let quiet = RadioConfig {
-        duplicate: 0.0,
-        loss: 0.0,
-        ..RadioConfig::default()
-    };
-    Ok(match name {
-        "clean" => None,
-        "scenario" => Some(scenario.clone()),
-        // Ours: an access point on the mast, the drone within a few ten metres.
-        "wifi-near" => Some(RadioConfig {
-            delay_s: 0.004,
-            delay_sd_s: 0.003,
-            delay_min_s: 0.001,
-            loss: 0.005,
-            ..quiet
-        }),
-        // Ours: the edge of its range.
-        "wifi-far" => Some(RadioConfig {
-            delay_s: 0.03,
-            delay_sd_s: 0.025,
-            delay_min_s: 0.002,
-            loss: 0.1,
-            ..quiet
-        }),
-        // Ours: a mesh of narrow-band radios, several hops.
-        "radio-mesh" => Some(RadioConfig {
-            delay_s: 0.12,
-            delay_sd_s: 0.04,
-            delay_min_s: 0.04,
-            loss: 0.05,
-            ..quiet
-        }),
-        // 30 % loss, 100 ms latency, 30 ms jitter: what the project promises to land with.
-        "storm" => Some(RadioConfig {
-            delay_s: 0.1,
-            delay_sd_s: 0.03,
-            delay_min_s: 0.005,
-            loss: 0.3,
-            ..quiet
-        }),
-        // Ours: 5 s of silence every 25 s from a minute on.
-        "blackout-5s" => {
-            let outages_s = (0..10)
-                .map(|k| 65.0 + 25.0 * f64::from(k))
-                .map(|t| [t, t + 5.0])
-                .collect();
-            Some(RadioConfig {
-                outages_s,
-                ..RadioConfig::default()
-            })
-        }
-        file => {
-            let path = std::path::Path::new(file);
-            let known = "scenario, clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s";
-            if !path.exists() {
-                return Err(Refused(format!(
-                    "--link {file}: neither a profile ({known}) nor a file; choose one of them"
-                )));
-            }
-            let text = std::fs::read_to_string(path)
-                .map_err(|e| Refused::because(format!("reading the profile {file}"), e))?;
-            let profile: RadioConfig = toml::from_str(&text)
-                .map_err(|e| Refused::because(format!("reading the profile {file}"), e))?;
-            profile
-                .check(&Keys::ROOT)
-                .map_err(|e: config::ConfigError| Refused::because(format!("the profile {file}"), e))?;
-            Some(profile)
-        }
-    })
 }
 
 /// Delays and loses what a process receives, as its profile says. Without a profile everything goes
@@ -122,11 +48,11 @@ impl<T: Clone> Impaired<T> {
     fn true_time(&self, steady_ns: i64) -> Time<TrueTime> {
         Time::from_nanos(steady_ns.saturating_sub(self.epoch_ns))
     }
-    /// Something came at `at_ns` of the steady clock.
-    pub fn take(&mut self, at_ns: i64, value: T) {
+    /// Something of `bytes` came at `at_ns` of the steady clock.
+    pub fn take(&mut self, at_ns: i64, bytes: usize, value: T) {
         let at = self.true_time(at_ns);
         match &mut self.radio {
-            Some(radio) => radio.send(at, value),
+            Some(radio) => radio.send(at, on_air(bytes), value),
             None => self.through.push((at_ns, value)),
         }
     }
@@ -143,11 +69,11 @@ impl<T: Clone> Impaired<T> {
             None => std::mem::take(&mut self.through),
         }
     }
-    /// From now on nothing arrives any more.
-    pub fn cut(&mut self, now_ns: i64) {
+    /// The outage that the mission's new state brings about; the first time counts.
+    pub fn fall_silent(&mut self, now_ns: i64, outage: &StateOutage) {
         let now = self.true_time(now_ns);
         if let Some(radio) = &mut self.radio {
-            radio.cut_after(now);
+            radio.fall_silent(outage.window(now));
         }
     }
 }
@@ -155,38 +81,14 @@ impl<T: Clone> Impaired<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_named_profile_passes_its_check() {
-        let scenario = RadioConfig::default();
-        for name in [
-            "scenario",
-            "wifi-near",
-            "wifi-far",
-            "radio-mesh",
-            "storm",
-            "blackout-5s",
-        ] {
-            profile(name, &scenario)
-                .unwrap()
-                .unwrap()
-                .check(&Keys::ROOT)
-                .unwrap();
-        }
-        assert_eq!(profile("clean", &scenario).unwrap(), None);
-        assert!(
-            profile("no-such-thing", &scenario)
-                .unwrap_err()
-                .0
-                .contains("radio-mesh")
-        );
-    }
+    use alight_shared::msg::State;
+    use alight_sim::radio::RadioConfig;
 
     #[test]
     fn an_impaired_link_delays_and_cuts_and_a_clean_one_does_not() {
         let link = LinkImpairment {
             seed: 3,
-            cut_at_tracking: false,
+            outage: None,
             profile: RadioConfig {
                 loss: 0.0,
                 duplicate: 0.0,
@@ -195,14 +97,22 @@ mod tests {
         };
         let mut impaired = Impaired::new(Some(&link), Direction::ToDrone, 1_000);
         let mut clean = Impaired::new(None, Direction::ToDrone, 1_000);
-        impaired.take(2_000, 'a');
-        clean.take(2_000, 'a');
+        impaired.take(2_000, 300, 'a');
+        clean.take(2_000, 300, 'a');
         assert_eq!(clean.arrived(2_000), vec![(2_000, 'a')]);
         assert_eq!(impaired.arrived(2_000), vec![]);
         let late = impaired.arrived(1_000_000_000);
         assert!(late.len() == 1 && late[0].0 > 5_000_000, "{late:?}");
-        impaired.cut(2_000_000_000);
-        impaired.take(2_000_000_001, 'b');
-        assert_eq!(impaired.arrived(9_000_000_000), vec![]);
+        let outage = StateOutage {
+            state: State::Flare,
+            after_s: 0.5,
+            length_s: 1.0,
+        };
+        impaired.fall_silent(2_000_000_000, &outage);
+        for (at_ns, value) in [(2_400_000_000, 'b'), (2_600_000_000, 'c'), (3_600_000_000, 'd')] {
+            impaired.take(at_ns, 300, value);
+        }
+        let after: Vec<char> = impaired.arrived(9_000_000_000).into_iter().map(|a| a.1).collect();
+        assert_eq!(after, vec!['b', 'd']);
     }
 }

@@ -4,28 +4,36 @@
 //! Read in this order: [`config`] (one file per computer), [`process`] (what every process does
 //! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`], then
 //! [`shell`] for [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`],
-//! and [`lands`] and [`faults`] for many landings.
+//! and [`lands`] and [`faults`] for many landings. What lies between the computers in a trial:
+//! [`air`], [`profile`], [`link`] (inside the processes), [`emulator`] (between network namespaces).
 
+mod air;
 pub mod args;
 mod bridge;
+pub mod compare;
 mod config;
 mod display;
+pub mod emulator;
 mod fault;
 mod faults;
 mod figures;
 mod fleet;
+mod flows;
 mod follow;
 mod heard_drone;
 mod instance;
 mod interface;
 mod land;
 mod lands;
+pub mod latency;
 mod link;
 mod mission;
+mod namespaces;
 mod pilot;
 mod planner;
 mod predictor;
 mod process;
+mod profile;
 mod record;
 #[cfg(feature = "record")]
 mod recording;
@@ -66,5 +74,7 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::Planner(a) => shell::run::<planner::PlannerShell>(a),
         LiveVerb::Pilot(a) => shell::run::<pilot::PilotShell>(a),
         LiveVerb::World(a) => world::run(a),
+        LiveVerb::Link(a) => emulator::run(a),
+        LiveVerb::Latency(a) => latency::run(a),
     }
 }

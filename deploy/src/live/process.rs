@@ -87,6 +87,7 @@ impl Life {
             unsent,
             figures: self.figures,
             inputs: Seq::filled(inputs()),
+            flows: Seq::new(),
         })
     }
 }

@@ -5,6 +5,7 @@ use alight_shared::transport::process::ProcessKind;
 use alight_sim::outcome::Outcome;
 use serde::{Deserialize, Serialize};
 
+use super::air::RadioReport;
 use super::display::{Picture, time};
 use super::fault::FaultReport;
 
@@ -53,6 +54,8 @@ pub struct LiveReport {
     pub first_contact_s: Option<f64>,
     /// The mission's states.
     pub phases: Vec<PhaseEntry>,
+    /// The link.
+    pub radio: RadioReport,
     /// The fault that was asked for.
     pub fault: Option<FaultReport>,
 }
@@ -103,6 +106,7 @@ impl LiveReport {
             self.world_late_ticks,
             self.restarts
         );
+        out.push_str(&self.radio.text());
         if let Some(f) = &self.fault {
             let what = match (f.at_s, f.state, f.back_s) {
                 (Some(at), Some(state), Some(back)) => {

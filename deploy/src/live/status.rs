@@ -26,6 +26,8 @@ pub struct Onlooker {
     plan: Subscriber<Plan>,
     /// What was seen.
     pub picture: Picture,
+    /// Ages of the vessel's newest state that were seen since somebody took them, s.
+    pub ages_s: Vec<f64>,
 }
 
 impl Onlooker {
@@ -37,6 +39,7 @@ impl Onlooker {
             link: memory.subscriber()?,
             plan: memory.subscriber()?,
             picture: Picture::default(),
+            ages_s: Vec::new(),
         })
     }
     /// Takes in what is new; the drone's clock reads `drone_ns`, if it is known.
@@ -47,7 +50,11 @@ impl Onlooker {
         }
         let t = drone_ns.unwrap_or(now);
         self.picture.mission = self.mission.newest(t).or(self.picture.mission);
-        self.picture.link = self.link.newest(t).or(self.picture.link);
+        let links = self.link.all(t);
+        // Who does not take them does not keep them.
+        self.ages_s.truncate(64);
+        self.ages_s.extend(links.iter().map(|l| l.age_s));
+        self.picture.link = links.last().copied().or(self.picture.link);
         // Without the drone's clock the mission's newest stamp stands for now.
         let now_ns = drone_ns.or(self.picture.mission.map(|m| m.header.at.nanos()));
         if let Some(plan) = self.plan.newest(t) {
@@ -133,9 +140,10 @@ fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
     }
     if let Some(l) = &picture.link {
         say::line(format_args!(
-            "  link      state {} old, {:.1} % lost, latency {} / {} (p50/p99), {} refused",
+            "  link      state {} old, {:.1} % lost, {:.1} % overtaken, latency {} / {} (p50/p99), {} refused",
             time(l.age_s),
             100.0 * l.loss,
+            100.0 * l.overtaken,
             time(l.latency_p50_s),
             time(l.latency_p99_s),
             l.rejected
@@ -161,9 +169,10 @@ fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
         }
     }
     say::line(format_args!(
-        "\n{}\n{}",
+        "\n{}\n{}\n{}",
         picture.usage(steady_ns()),
-        picture.topics()
+        picture.topics(),
+        picture.radio()
     ));
     Ok(())
 }

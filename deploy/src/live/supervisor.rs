@@ -4,7 +4,7 @@
 //! so that none outlives a supervisor that was killed.
 
 use std::fs::OpenOptions;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -34,6 +34,8 @@ const NICENESS: &str = "-10";
 struct Ward {
     kind: ProcessKind,
     config: PathBuf,
+    /// What stands before its command: the way into its network namespace.
+    enter: Vec<String>,
     child: Option<Child>,
     began_ns: i64,
     pause_ns: i64,
@@ -66,11 +68,12 @@ impl Supervisor {
             lines: channel(),
         }
     }
-    /// Starts a process.
-    pub fn start(&mut self, kind: ProcessKind, config: PathBuf) -> Result<(), Refused> {
+    /// Starts a process; `enter` stands before its command.
+    pub fn start(&mut self, kind: ProcessKind, config: PathBuf, enter: Vec<String>) -> Result<(), Refused> {
         let mut ward = Ward {
             kind,
             config,
+            enter,
             child: None,
             began_ns: 0,
             pause_ns: FIRST_PAUSE_NS,
@@ -91,15 +94,20 @@ impl Supervisor {
             .append(true)
             .open(self.directory.join(format!("{name}.err")))
             .map_err(|e| Refused::because(doing(), e))?;
-        let mut command = Command::new("nice");
+        let mut words = ward
+            .enter
+            .iter()
+            .map(String::as_str)
+            .chain(["nice", "-n", NICENESS]);
+        let mut command = Command::new(words.next().unwrap_or("nice"));
         command
-            .args(["-n", NICENESS])
+            .args(words)
             .arg(program)
             .arg(name)
             .arg("--config")
             .arg(&ward.config)
             .arg("--supervised");
-        if let Some(log) = &self.log {
+        if let Some(log) = self.log.as_ref().filter(|_| ward.kind != ProcessKind::Link) {
             command.arg("--log").arg(log);
         }
         // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
@@ -162,6 +170,18 @@ impl Supervisor {
             .into_iter()
             .chain(self.lines.1.try_iter())
             .collect()
+    }
+    /// Tells a process something on its standard input.
+    pub fn tell(&mut self, kind: ProcessKind, line: &str) {
+        let child = self
+            .wards
+            .iter_mut()
+            .find(|w| w.kind == kind)
+            .and_then(|w| w.child.as_mut());
+        if let Some(input) = child.and_then(|c| c.stdin.as_mut()) {
+            // One that is gone is started again, and has missed it.
+            let _missed = writeln!(input, "{line}").and_then(|()| input.flush());
+        }
     }
     /// Starts beyond the first, of all processes.
     pub fn restarts(&self) -> u32 {

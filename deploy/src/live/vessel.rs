@@ -6,9 +6,9 @@ use alight_shared::config;
 use alight_shared::msg::{DroneStatus, TimeRequest};
 use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Stamped};
-use alight_shared::topics;
+use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Outlet, Radio, Urgency};
 use alight_shared::wire;
 use alight_sim::radio::Direction;
@@ -17,6 +17,7 @@ use serde::Serialize;
 
 use super::args::ProcessArgs;
 use super::config::VesselComputer;
+use super::flows::Flows;
 use super::heard_drone::HeardDrone;
 use super::interface::sensors::Sensors;
 use super::link::{Impaired, STATUS, any_drone_status, any_time_request, vessel_key};
@@ -31,6 +32,16 @@ const WAVE: usize = 1;
 const PREDICTION: usize = 2;
 const TIME_REPLY: usize = 3;
 const STATE: usize = 4;
+/// While the link backs up, one in so many of the words about itself goes out.
+const WORDS_ON_NARROW: u32 = 4;
+/// Their topics, for who looks on; the last is the process's own word.
+const OUTLETS: [Option<&Topic>; 5] = [
+    Some(&topics::ESTIMATE),
+    Some(&topics::WAVE),
+    Some(&topics::PREDICTION),
+    Some(&topics::TIME_REPLY),
+    None,
+];
 
 /// The subscriptions, in their order; what drones say about themselves is the other.
 const TIME_REQUESTS: usize = 0;
@@ -74,17 +85,19 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut drone = HeardDrone::new(id);
     let mut undecoded = 0_u64;
 
+    let mut flows = Flows::of(&OUTLETS);
+    let mut own_words = 0_u32;
     while !process.ended() {
         let readings = sensors.read(LONGEST);
         while let Some(heard) = radio.receive(Duration::ZERO) {
             // What does not decode is nobody's request.
             match heard.subscription {
                 TIME_REQUESTS => match wire::decode(&heard.bytes) {
-                    Ok(request) => impaired.take(heard.at_ns, request),
+                    Ok(request) => impaired.take(heard.at_ns, heard.bytes.len(), request),
                     Err(_) => undecoded += 1,
                 },
                 _ => match wire::decode(&heard.bytes) {
-                    Ok(word) => words.take(heard.at_ns, word),
+                    Ok(word) => words.take(heard.at_ns, heard.bytes.len(), word),
                     Err(_) => drone.refuse(),
                 },
             }
@@ -121,9 +134,18 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             counts.dropped as f64,
             (undecoded + node.absurd + node.other_vessel + node.flood) as f64,
         ];
-        process.life.figures = Seq::filled(own.into_iter().chain(drone.figures(steady_ns())));
-        let said = process.state(Vec::new, counts.unsent);
-        tell(&mut radio, STATE, said.as_ref());
+        process.life.figures = {
+            let share = process.node().share();
+            Seq::filled(own.into_iter().chain(drone.figures(steady_ns())).chain([share]))
+        };
+        let said = process.state(Vec::new, counts.unsent).map(|said| ProcessState {
+            flows: flows.since(&radio, said.at_ns),
+            ..said
+        });
+        // For people, and they can wait: over a link that is narrow, less often.
+        own_words += u32::from(said.is_some());
+        let due = process.node().share() > 0.5 || own_words.is_multiple_of(WORDS_ON_NARROW);
+        tell(&mut radio, STATE, said.as_ref().filter(|_| due));
     }
     Ok(End::Success)
 }

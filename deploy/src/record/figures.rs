@@ -85,6 +85,7 @@ pub const LINK: Flat = Flat {
         ("clock_offset_sd_s", Number),
         ("age_s", Number),
         ("loss", Number),
+        ("overtaken", Number),
         ("latency_p50_s", Number),
         ("latency_p99_s", Number),
         ("rejected", Number),

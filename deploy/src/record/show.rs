@@ -302,6 +302,7 @@ impl Show {
             l.clock_offset_sd_s,
             l.age_s,
             l.loss,
+            l.overtaken,
             l.latency_p50_s,
             l.latency_p99_s,
             f64::from(l.rejected),

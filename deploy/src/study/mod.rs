@@ -27,6 +27,14 @@ pub fn run(args: &StudyArgs) -> Result<End, Refused> {
     if !args.dirs.is_empty() && args.name != Study::Merge {
         return Err(Refused("directories are given to `study merge` only".into()));
     }
+    #[cfg(feature = "live")]
+    if let (Study::Link, Some(n)) = (args.name, args.live) {
+        let value = crate::live::compare::run(args, n)?;
+        if args.json {
+            say::line(value);
+        }
+        return Ok(End::Success);
+    }
     let value = match args.name {
         Study::Airborne => airborne_hours(args)?,
         Study::Estimator => estimator(args)?,

@@ -62,6 +62,8 @@ pub struct LinkState {
     pub age_s: f64,
     /// Fraction of vessel estimates lost over the last seconds.
     pub loss: f64,
+    /// Fraction of them that came after a newer one, and were not used.
+    pub overtaken: f64,
     /// Median latency of vessel estimates, s.
     pub latency_p50_s: f64,
     /// 99th percentile of the latency, s.

@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver refuses any other.
-pub const MESSAGE_VERSION: u16 = 1;
+pub const MESSAGE_VERSION: u16 = 2;
 
 /// Identity, order and time of validity of a message.
 #[derive(Debug, Serialize, Deserialize)]

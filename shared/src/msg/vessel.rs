@@ -50,7 +50,7 @@ use serde::{Deserialize, Serialize};
 use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within, within32};
 use crate::frames::Datum;
 use crate::seq::Seq;
-use crate::time::{Clock, Time};
+use crate::time::{Clock, Time, VesselClock};
 
 /// Most wave components that a wave model carries.
 pub const MAX_COMPONENTS: usize = 6;
@@ -157,6 +157,11 @@ pub struct TimeRequest<C: Clock> {
     /// Which vessel and drone, and the drone's time of sending (t1).
     #[serde(bound = "")]
     pub header: Header<C>,
+    /// Time of validity of the newest estimate that the drone admitted: tells the vessel how the
+    /// link is.
+    pub newest_at: Time<VesselClock>,
+    /// Its boot; 0 before the first.
+    pub newest_boot: u32,
 }
 
 /// The vessel answers with the time stamps of Mills' on-wire protocol (RFC 5905, section 8).

@@ -61,10 +61,12 @@ pub enum ProcessKind {
     Planner,
     /// The set-points.
     Pilot,
+    /// The emulated radio of a trial.
+    Link,
 }
 
 impl ProcessKind {
-    /// All, in the order of their start.
+    /// Those of a landing, in the order of their start.
     pub const ALL: [ProcessKind; 7] = [
         ProcessKind::Vessel,
         ProcessKind::Bridge,
@@ -84,6 +86,7 @@ impl ProcessKind {
             ProcessKind::Mission => "mission",
             ProcessKind::Planner => "planner",
             ProcessKind::Pilot => "pilot",
+            ProcessKind::Link => "link",
         }
     }
 }
@@ -104,6 +107,21 @@ pub struct InputState {
     pub read_age_p50_s: f64,
     /// 99th percentile of the age when it was read, s.
     pub read_age_p99_s: f64,
+}
+
+/// Keys on which one process speaks over the radio, at most.
+pub const MOST_FLOWS: usize = 6;
+
+/// What a process sent over the radio on one key.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct RadioFlow {
+    /// Index of the topic in [`crate::topics::ALL`]; beyond it: what it says about itself.
+    pub topic: u32,
+    /// Messages over the last seconds, Hz.
+    pub rate_hz: f32,
+    /// Bytes over the last seconds with the middleware's, UDP's and IP's headers, bytes/s.
+    pub bytes_per_s: f32,
 }
 
 /// What a process says about itself, twice a second.
@@ -136,6 +154,8 @@ pub struct ProcessState {
     pub figures: Seq<f64, MOST_FIGURES>,
     /// What it reads.
     pub inputs: Seq<InputState, MOST_INPUTS>,
+    /// What it sends over the radio.
+    pub flows: Seq<RadioFlow, MOST_FLOWS>,
 }
 
 impl ProcessState {

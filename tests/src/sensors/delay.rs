@@ -45,6 +45,10 @@ impl<T> DelayLine<T> {
         }
         self.queue.pop_front()
     }
+    /// When the next value arrives.
+    pub fn next(&self) -> Option<Time<TrueTime>> {
+        self.queue.front().map(|(arrival, _)| *arrival)
+    }
     /// All values that have arrived by `now`.
     pub fn arrived(&mut self, now: Time<TrueTime>) -> Vec<T> {
         core::iter::from_fn(|| self.pop(now)).map(|(_, v)| v).collect()

@@ -124,6 +124,8 @@ fn a_time_request_gets_the_four_stamps_and_another_vessels_does_not() {
             time(3),
             TimeRequest {
                 header: Header::new(vessel, 7, 1, 0, Time::<DroneClock>::from_secs(77.0)),
+                newest_at: Time::EPOCH,
+                newest_boot: 0,
             },
         )
     };

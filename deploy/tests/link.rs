@@ -1,0 +1,148 @@
+//! The link emulator between network namespaces, and a landing over it. Where namespaces are not
+//! permitted the tests say so and pass.
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+
+fn ip(arguments: &[&str]) -> bool {
+    Command::new("ip")
+        .args(arguments)
+        .output()
+        .is_ok_and(|out| out.status.success())
+}
+
+fn permitted() -> bool {
+    let probe = format!("alight-probe-{}", std::process::id());
+    let permitted = ip(&["netns", "add", &probe]) && std::path::Path::new("/dev/net/tun").exists();
+    ip(&["netns", "del", &probe]);
+    if !permitted {
+        eprintln!("skipped: network namespaces or TUN devices are not permitted here");
+    }
+    permitted
+}
+
+fn spaces(name: &str) -> Vec<String> {
+    let out = Command::new("ip")
+        .args(["netns", "list"])
+        .output()
+        .expect("ip runs");
+    let prefix = format!("alight-{name}-");
+    let text = String::from_utf8_lossy(&out.stdout).into_owned();
+    text.lines()
+        .filter(|l| l.starts_with(&prefix))
+        .map(String::from)
+        .collect()
+}
+
+fn signal(child: &Child, signal: &str) {
+    let done = Command::new("kill")
+        .args([signal, &child.id().to_string()])
+        .status();
+    assert!(done.expect("kill runs").success());
+}
+
+fn alight(arguments: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("starts")
+}
+
+fn wait_for(mut wanted: impl FnMut() -> bool) {
+    for _ in 0..300 {
+        if wanted() {
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    panic!("not within its time");
+}
+
+#[test]
+fn a_landing_over_the_emulated_storm_and_nothing_is_left() {
+    if !permitted() {
+        return;
+    }
+    let name = format!("storm-{}", std::process::id());
+    let child = alight(&[
+        "land",
+        "--json",
+        "--sea",
+        "calm",
+        "--warm-up",
+        "20",
+        "--link",
+        "storm",
+        "--emulate",
+        "always",
+        "--instance",
+        &name,
+    ]);
+    let out = child.wait_with_output().expect("ends");
+    let (said, errors) = (
+        String::from_utf8_lossy(&out.stdout),
+        String::from_utf8_lossy(&out.stderr),
+    );
+    let outcome: Value = serde_json::from_str(said.lines().last().unwrap_or_default()).expect("an outcome");
+    assert_eq!(outcome["outcome"], "success", "{outcome}\n{errors}");
+    // More than a thousand packets at 30 %: the standard error is 1.5 %.
+    let line = errors
+        .lines()
+        .find(|l| l.contains("radio to the drone"))
+        .expect("counts");
+    let lost = line
+        .split(',')
+        .find(|part| part.contains("lost"))
+        .expect("a share");
+    let share: f64 = lost
+        .trim()
+        .trim_end_matches("% lost")
+        .trim()
+        .parse()
+        .expect("a number");
+    assert!((24.0..36.0).contains(&share), "{line}");
+    assert!(spaces(&name).is_empty());
+}
+
+#[test]
+fn a_killed_emulator_leaves_namespaces_that_the_next_one_cleans_up() {
+    if !permitted() {
+        return;
+    }
+    let name = format!("left-{}", std::process::id());
+    let arguments = ["link", "--profile", "wifi-near", "--name", &name];
+    let reaches = || {
+        ip(&[
+            "netns",
+            "exec",
+            &format!("alight-{name}-drone"),
+            "ip",
+            "route",
+            "get",
+            "10.77.0.1",
+        ])
+    };
+    let mut first = alight(&arguments);
+    wait_for(reaches);
+    signal(&first, "-KILL");
+    first.wait().expect("ends");
+    assert_eq!(spaces(&name).len(), 2);
+    let mut second = alight(&arguments);
+    std::thread::sleep(Duration::from_millis(200));
+    wait_for(reaches);
+    signal(&second, "-INT");
+    assert_eq!(second.wait().expect("ends").code(), Some(0));
+    assert!(spaces(&name).is_empty());
+}

@@ -1,0 +1,121 @@
+//! The radio over every transport on the loopback interface, and its watchdog. Nothing here asserts
+//! a time: the bounds on waiting are only against tests that never end.
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+mod common;
+
+use std::net::UdpSocket;
+use std::path::Path;
+use std::time::Duration;
+
+use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, TlsConfig, Urgency};
+
+fn endpoint(transport: &str) -> String {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+    format!("{transport}/{}", socket.local_addr().expect("an address"))
+}
+
+fn tls(directory: Option<&Path>) -> TlsConfig {
+    let file = |name: &str| directory.map_or(String::new(), |d| d.join(name).display().to_string());
+    TlsConfig {
+        authority: file("authority.pem"),
+        certificate: file("certificate.pem"),
+        key: file("key.pem"),
+    }
+}
+
+fn outlet(key: &str) -> Vec<Outlet> {
+    vec![Outlet {
+        key: key.into(),
+        urgency: Urgency::State,
+    }]
+}
+
+fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
+    let config = RadioConfig {
+        listen: vec![endpoint.into()],
+        tls: tls(certificates),
+        ..RadioConfig::default()
+    };
+    Radio::open(&config, outlet("test/vessel"), vec!["test/drone".into()]).expect("opens")
+}
+
+fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
+    let config = RadioConfig {
+        connect: vec![endpoint.into()],
+        reopen_after_s: 1.0,
+        tls: tls(certificates),
+        ..RadioConfig::default()
+    };
+    Radio::open(&config, outlet("test/drone"), vec!["test/vessel".into()]).expect("opens")
+}
+
+/// Both sides speak until both have heard the other's newest message.
+fn they_talk(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
+    let (mut at_vessel, mut at_drone) = (false, false);
+    for _ in 0..600 {
+        vessel.send(0, vec![mark; 300]);
+        drone.send(0, vec![mark; 30]);
+        while let Some(heard) = vessel.receive(Duration::from_millis(20)) {
+            at_vessel |= heard.bytes == vec![mark; 30];
+        }
+        while let Some(heard) = drone.receive(Duration::from_millis(20)) {
+            at_drone |= heard.bytes == vec![mark; 300];
+        }
+        if at_vessel && at_drone {
+            return;
+        }
+        drone.watch();
+    }
+    panic!("not heard: by the vessel {at_vessel}, by the drone {at_drone}");
+}
+
+fn over(transport: &str, certificates: Option<&Path>) {
+    let endpoint = endpoint(transport);
+    let (mut vessel, mut drone) = (vessel(&endpoint, certificates), drone(&endpoint, certificates));
+    they_talk(&mut vessel, &mut drone, 1);
+    let flow = vessel.flows()[0];
+    assert_eq!(flow.bytes, flow.messages * 348, "payload and headers");
+}
+
+#[test]
+fn messages_go_both_ways_over_udp() {
+    over("udp", None);
+}
+
+#[test]
+fn messages_go_both_ways_over_tcp() {
+    over("tcp", None);
+}
+
+#[test]
+fn messages_go_both_ways_over_tls() {
+    if let Some(directory) = common::certificates("tls") {
+        over("tls", Some(&directory));
+        std::fs::remove_dir_all(&directory).expect("removed");
+    }
+}
+
+#[test]
+fn a_session_that_went_silent_is_opened_anew() {
+    let endpoint = endpoint("udp");
+    let mut first = vessel(&endpoint, None);
+    let mut drone = drone(&endpoint, None);
+    they_talk(&mut first, &mut drone, 1);
+    // A vessel's computer that stops without a word: its session lives, but says nothing.
+    for _ in 0..600 {
+        if drone.counts().reopened > 0 {
+            break;
+        }
+        drone.watch();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
+    they_talk(&mut first, &mut drone, 2);
+}

@@ -1,0 +1,320 @@
+//! One direction of a link at layer 3: what becomes of each packet.
+//!
+//! In this order: the sender's queue and rate, the outages, random loss, bursts of loss
+//! (Gilbert 1960, Elliott 1963), duplication, delay with jitter.
+
+use alight_shared::time::{Span, Time, TrueTime};
+
+use serde::{Deserialize, Serialize};
+
+use super::RadioConfig;
+use crate::sensors::noise::{Noise, covers};
+use crate::streams::Streams;
+
+/// Which way packets go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// From the vessel to the drone.
+    ToDrone,
+    /// From the drone to the vessel.
+    ToVessel,
+}
+
+impl Direction {
+    /// Its random stream.
+    const fn stream(self) -> &'static str {
+        match self {
+            Direction::ToDrone => "radio.to_drone",
+            Direction::ToVessel => "radio.to_vessel",
+        }
+    }
+}
+
+/// What happened to the packets so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ChannelCounts {
+    /// Packets given to the channel.
+    pub sent: u64,
+    /// Bytes of them.
+    pub sent_bytes: u64,
+    /// Lost on the way: by chance, in a burst, in an outage.
+    pub lost: u64,
+    /// Refused because the queue before a slow link was full.
+    pub overflowed: u64,
+    /// Came twice.
+    pub doubled: u64,
+}
+
+/// One direction.
+#[derive(Clone, Debug)]
+pub struct Channel {
+    config: RadioConfig,
+    extra_s: f64,
+    noise: Noise,
+    bursts: Noise,
+    in_burst: bool,
+    silent: Option<[Time<TrueTime>; 2]>,
+    /// When the sender has put everything on the air that it was given.
+    idle_at: Time<TrueTime>,
+    last_arrival: Time<TrueTime>,
+    counts: ChannelCounts,
+}
+
+impl Channel {
+    /// The channel of this seed in one direction; its streams are `radio.to_drone` and
+    /// `radio.to_vessel`, each with `.burst` for the bursts.
+    pub fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> Channel {
+        let extra_s = match direction {
+            Direction::ToDrone => config.to_drone_extra_s,
+            Direction::ToVessel => config.to_vessel_extra_s,
+        };
+        Channel::named(config, extra_s, direction.stream(), streams)
+    }
+    /// The way back of `direction`, with a random stream of its own: what acknowledges.
+    pub fn back(config: &RadioConfig, direction: Direction, streams: &Streams) -> Channel {
+        let extra_s = match direction {
+            Direction::ToDrone => config.to_vessel_extra_s,
+            Direction::ToVessel => config.to_drone_extra_s,
+        };
+        Channel::named(config, extra_s, &format!("{}.back", direction.stream()), streams)
+    }
+    /// The channel of what is sent beside the messages, with a random stream of its own.
+    pub fn probe(config: &RadioConfig, direction: Direction, streams: &Streams) -> Channel {
+        let extra_s = match direction {
+            Direction::ToDrone => config.to_drone_extra_s,
+            Direction::ToVessel => config.to_vessel_extra_s,
+        };
+        Channel::named(config, extra_s, &format!("{}.probe", direction.stream()), streams)
+    }
+    fn named(config: &RadioConfig, extra_s: f64, name: &str, streams: &Streams) -> Channel {
+        Channel {
+            config: config.clone(),
+            extra_s,
+            noise: Noise::new(streams, name),
+            bursts: Noise::new(streams, &format!("{name}.burst")),
+            in_burst: false,
+            silent: None,
+            idle_at: Time::from_nanos(i64::MIN / 2),
+            last_arrival: Time::from_nanos(i64::MIN / 2),
+            counts: ChannelCounts::default(),
+        }
+    }
+
+    /// When a packet of `bytes` that is sent at `t` arrives, and when its double does.
+    pub fn send(&mut self, t: Time<TrueTime>, bytes: usize) -> [Option<Time<TrueTime>>; 2] {
+        // All draws are made for every packet, so that an outage does not shift the others.
+        let (lost, twice) = (
+            self.noise.chance(self.config.loss),
+            self.noise.chance(self.config.duplicate),
+        );
+        let (first, second) = (self.delay(), self.delay());
+        let in_burst = self.burst();
+        self.counts.sent += 1;
+        self.counts.sent_bytes += bytes as u64;
+        let Some(on_air) = self.transmit(t, bytes) else {
+            self.counts.overflowed += 1;
+            return [None, None];
+        };
+        let silent = self.silent.is_some_and(|[from, until]| from <= t && t < until);
+        if lost || in_burst || silent || covers(&self.config.outages_s, t) {
+            self.counts.lost += 1;
+            return [None, None];
+        }
+        self.counts.doubled += u64::from(twice);
+        let arrival = self.in_order(on_air + first);
+        [Some(arrival), twice.then(|| self.in_order(on_air + second))]
+    }
+
+    /// Everything sent in the window `[from, until)` is lost; what is on its way still arrives.
+    /// The first such window stays.
+    pub fn fall_silent(&mut self, window: [Time<TrueTime>; 2]) {
+        self.silent = Some(self.silent.unwrap_or(window));
+    }
+    /// What happened so far.
+    pub const fn counts(&self) -> ChannelCounts {
+        self.counts
+    }
+    /// Counts a packet as lost after all.
+    pub(super) fn drop_one(&mut self) {
+        self.counts.lost += 1;
+    }
+
+    /// Whether this packet falls into a burst: a Markov chain of two states over the packets, in
+    /// which a burst lasts `1 / r` packets and takes the share `p / (p + r)` of all.
+    fn burst(&mut self) -> bool {
+        let share = self.config.burst_loss;
+        if share <= 0.0 {
+            return false;
+        }
+        let r = 1.0 / self.config.burst_packets.max(1.0);
+        let p = (r * share / (1.0 - share).max(1e-9)).min(1.0);
+        self.in_burst = if self.in_burst {
+            !self.bursts.chance(r)
+        } else {
+            self.bursts.chance(p)
+        };
+        self.in_burst
+    }
+
+    /// When the last bit of the packet has left; None when it does not fit into the queue.
+    fn transmit(&mut self, t: Time<TrueTime>, bytes: usize) -> Option<Time<TrueTime>> {
+        let rate = self.config.rate_bps;
+        if rate <= 0.0 {
+            return Some(t);
+        }
+        let seconds = |bytes: f64| 8.0 * bytes / rate;
+        let waiting_s = (self.idle_at - t).secs().max(0.0);
+        if waiting_s > 0.0 && waiting_s + seconds(bytes as f64) > seconds(f64::from(self.config.queue_bytes))
+        {
+            return None;
+        }
+        self.idle_at = self.idle_at.max(t) + Span::from_secs(seconds(bytes as f64));
+        Some(self.idle_at)
+    }
+
+    fn in_order(&mut self, arrival: Time<TrueTime>) -> Time<TrueTime> {
+        if !self.config.keep_order {
+            return arrival;
+        }
+        self.last_arrival = self.last_arrival.max(arrival);
+        self.last_arrival
+    }
+
+    /// A normal delay cut off at the shortest and at ten standard deviations.
+    fn delay(&mut self) -> Span {
+        let c = &self.config;
+        let mut d = c.delay_s + c.delay_sd_s * self.noise.normal();
+        // Redrawing keeps the truncated shape; the bound keeps a strange configuration finite.
+        for _ in 0..8 {
+            if d >= c.delay_min_s {
+                break;
+            }
+            d = c.delay_s + c.delay_sd_s * self.noise.normal();
+        }
+        Span::from_secs(
+            d.clamp(c.delay_min_s, c.delay_min_s + c.delay_s + 10.0 * c.delay_sd_s) + self.extra_s,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn clean() -> RadioConfig {
+        RadioConfig {
+            loss: 0.0,
+            duplicate: 0.0,
+            delay_sd_s: 0.0,
+            ..RadioConfig::default()
+        }
+    }
+    /// Fates of `n` packets of `bytes`, `step_s` apart: the time on the way, None when lost.
+    fn fates(config: &RadioConfig, n: usize, step_s: f64, bytes: usize) -> Vec<Option<f64>> {
+        let mut channel = Channel::new(config, Direction::ToDrone, &Streams::new(11));
+        (0..n)
+            .map(|k| {
+                let t = Time::from_secs(k as f64 * step_s);
+                channel.send(t, bytes)[0].map(|at| (at - t).secs())
+            })
+            .collect()
+    }
+
+    #[test]
+    fn bursts_take_their_share_in_runs_of_their_length() {
+        let config = RadioConfig {
+            burst_loss: 0.2,
+            burst_packets: 8.0,
+            ..clean()
+        };
+        let fates = fates(&config, 200_000, 0.01, 300);
+        let lost = fates.iter().filter(|f| f.is_none()).count();
+        let runs = fates
+            .windows(2)
+            .filter(|w| w[0].is_some() && w[1].is_none())
+            .count();
+        let (share, length) = (lost as f64 / 200_000.0, lost as f64 / runs as f64);
+        // 5000 bursts: the standard error of the mean length is 8 / sqrt(5000) = 0.11.
+        assert!((share - 0.2).abs() < 0.012, "{share}");
+        assert!((length - 8.0).abs() < 0.4, "{length}");
+    }
+
+    #[test]
+    fn bursts_and_random_loss_add_up_and_leave_the_random_ones_where_they_were() {
+        let random = RadioConfig { loss: 0.1, ..clean() };
+        let both = RadioConfig {
+            burst_loss: 0.1,
+            burst_packets: 4.0,
+            ..random.clone()
+        };
+        let (a, b) = (fates(&random, 50_000, 0.01, 300), fates(&both, 50_000, 0.01, 300));
+        assert!(a.iter().zip(&b).all(|(a, b)| a.is_some() || b.is_none()));
+        let share = b.iter().filter(|f| f.is_none()).count() as f64 / 50_000.0;
+        assert!((share - 0.19).abs() < 0.012, "{share}");
+    }
+
+    #[test]
+    fn a_slow_link_passes_its_rate_and_its_queue_bounds_the_wait() {
+        let config = RadioConfig {
+            rate_bps: 32_000.0,
+            queue_bytes: 2_000,
+            ..clean()
+        };
+        // 40 packets of 300 B a second are 96 kbit/s: three times what passes.
+        let fates = fates(&config, 4_000, 0.025, 300);
+        let passed = fates.iter().flatten().count() as f64 * 300.0 * 8.0 / 100.0;
+        assert!((passed - 32_000.0).abs() < 700.0, "{passed} bit/s");
+        let longest = fates.iter().flatten().fold(0.0_f64, |a, b| a.max(*b));
+        let bound = 0.05 + 2_000.0 * 8.0 / 32_000.0;
+        assert!(longest <= bound + 1e-9 && longest > 0.8 * bound, "{longest} s");
+    }
+
+    #[test]
+    fn a_link_that_keeps_order_does_and_one_that_does_not_does_not() {
+        let jitter = RadioConfig {
+            delay_sd_s: 0.02,
+            ..clean()
+        };
+        let overtakes = |config: &RadioConfig| {
+            let fates = fates(config, 2_000, 0.01, 300);
+            let at: Vec<f64> = fates
+                .iter()
+                .flatten()
+                .enumerate()
+                .map(|(k, d)| k as f64 * 0.01 + d)
+                .collect();
+            at.windows(2).filter(|w| w[1] < w[0] - 1e-9).count()
+        };
+        assert!(overtakes(&jitter) > 300);
+        let ordered = RadioConfig {
+            keep_order: true,
+            ..jitter
+        };
+        assert_eq!(overtakes(&ordered), 0);
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_the_link_does_nothing_arrives_before_its_shortest_way(
+            loss in 0.0..1.0_f64, burst_loss in 0.0..0.9_f64, delay_s in 0.0..0.3_f64,
+            delay_sd_s in 0.0..0.1_f64, rate_bps in 1e3..1e6_f64, keep_order: bool, bytes in 1_usize..1500,
+        ) {
+            let config = RadioConfig {
+                loss, burst_loss, burst_packets: 3.0, delay_s, delay_sd_s, rate_bps, keep_order,
+                duplicate: 0.1, ..RadioConfig::default()
+            };
+            let mut channel = Channel::new(&config, Direction::ToVessel, &Streams::new(5));
+            for k in 0..200 {
+                let t = Time::from_secs(f64::from(k) * 0.01);
+                let shortest = config.delay_min_s + 8.0 * bytes as f64 / rate_bps - 1e-8;
+                for at in channel.send(t, bytes).into_iter().flatten() {
+                    prop_assert!((at - t).secs() >= shortest);
+                }
+            }
+            let c = channel.counts();
+            prop_assert_eq!((c.sent, c.sent_bytes), (200, 200 * bytes as u64));
+            prop_assert!(c.lost + c.overflowed <= c.sent);
+        }
+    }
+}
