@@ -1,4 +1,5 @@
-//! What carries the deck: the simulated vessel, or recorded motion in its place.
+//! What carries the deck: the simulated vessel, or prescribed motion in its place, recorded or
+//! sinusoidal ([`rocking`]).
 //!
 //! A recording (CSV) gives roll (starboard down positive), pitch (bow up positive) and any of heave (up
 //! positive), heading, surge and sway at any rate, with jitter, repeated stamps and gaps. Natural cubic
@@ -16,6 +17,7 @@
 //!   where they are instead of jumping back.
 
 mod recording;
+pub mod rocking;
 mod spline;
 
 use core::f64::consts::TAU;
@@ -31,6 +33,7 @@ use serde::{Deserialize, Serialize};
 
 use self::recording::{CHANNELS, HEADING, HEAVE, PITCH, ROLL, SURGE, SWAY};
 pub use self::recording::{DeckMotionError, Recording};
+use self::rocking::{Rocking, RockingConfig};
 use self::spline::{Jet, Splines, smooth_step};
 use crate::body::RigidState;
 use crate::sea::Sea;
@@ -45,12 +48,16 @@ const SEA_STEP_S: f64 = 0.02;
 /// Greatest tilt that a scaled recording may reach, rad (60 deg).
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
 
-/// A recording and how to play it.
+/// A recording and how to play it, or a rocking without one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DeckMotionConfig {
-    /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m.
+    /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m; empty with
+    /// `rocking`.
     pub file: PathBuf,
+    /// Sinusoidal roll and pitch instead of a file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rocking: Option<RockingConfig>,
     /// Factor on the deviations from the means.
     pub scale: f64,
     /// Factor on the recording's time: 2 plays twice as fast.
@@ -65,6 +72,7 @@ impl Default for DeckMotionConfig {
     fn default() -> Self {
         DeckMotionConfig {
             file: PathBuf::new(),
+            rocking: None,
             scale: 1.0,
             speed: 1.0,
             start_s: 0.0,
@@ -75,11 +83,21 @@ impl Default for DeckMotionConfig {
 impl Check for DeckMotionConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.require(
-            !self.file.as_os_str().is_empty(),
+            self.file.as_os_str().is_empty() == self.rocking.is_some(),
             "file",
             self.file.display(),
-            "the path of a CSV file",
+            "the path of a CSV file, or nothing and a table `rocking`",
         )?;
+        if let Some(rocking) = &self.rocking {
+            rocking.check(&at.table("rocking"))?;
+            let steepest = self.scale * rocking.roll_rad.max(rocking.pitch_rad);
+            at.require(
+                steepest <= MAX_TILT,
+                "scale",
+                self.scale,
+                "a tilt of at most 60 deg",
+            )?;
+        }
         at.range("scale", self.scale, 0.0, 20.0)?;
         at.range("speed", self.speed, 0.02, 20.0)?;
         at.range("start_s", self.start_s, 0.0, 1e7)
@@ -91,7 +109,7 @@ impl Check for DeckMotionConfig {
 pub enum DeckCarrier {
     /// The simulated vessel.
     Simulated(Box<Vessel>),
-    /// Recorded motion.
+    /// Prescribed motion.
     Recorded(Box<RecordedMotion>),
 }
 
@@ -108,11 +126,14 @@ impl DeckCarrier {
             None => Ok(DeckCarrier::Simulated(Box::new(Vessel::new(
                 vessel, sea, streams,
             )))),
-            Some(motion) => {
-                let recording = Recording::load(&motion.file)?;
-                RecordedMotion::new(motion, recording, deck, sea, streams)
-                    .map(|m| DeckCarrier::Recorded(Box::new(m)))
+            Some(motion) => match &motion.rocking {
+                Some(rocking) => Ok(RecordedMotion::rocking(motion, rocking, deck, sea, streams)),
+                None => {
+                    let recording = Recording::load(&motion.file)?;
+                    RecordedMotion::new(motion, recording, deck, sea, streams)
+                }
             }
+            .map(|m| DeckCarrier::Recorded(Box::new(m))),
         }
     }
     /// Moves on from `t` to `t + dt_s`.
@@ -131,15 +152,47 @@ impl DeckCarrier {
     }
 }
 
-/// A recording being played.
+/// A recording, without end.
 #[derive(Clone)]
-pub struct RecordedMotion {
+struct Rounds {
     splines: Splines<CHANNELS>,
     /// One round, s of the recording, and the blend at its start.
     period: f64,
     blend: f64,
     /// How far heading, surge and sway get in one round.
     per_round: [f64; CHANNELS],
+}
+
+impl Rounds {
+    /// All channels at time `at` (s, not negative), derivatives per second of the recording.
+    fn channels(&self, at: f64) -> [Jet; CHANNELS] {
+        let round = (at / self.period).floor();
+        let phase = at - round * self.period;
+        let now = self.splines.at(phase);
+        let blend = smooth_step(phase, self.blend);
+        // The end of the round before, as long as it lasts.
+        let before = (round > 0.0 && phase < self.blend).then(|| self.splines.at(self.period + phase));
+        core::array::from_fn(|c| {
+            let here = now[c].shifted(round * self.per_round[c]);
+            match &before {
+                Some(b) => Jet::blend(b[c].shifted((round - 1.0) * self.per_round[c]), here, blend),
+                None => here,
+            }
+        })
+    }
+}
+
+/// Where the motion comes from.
+#[derive(Clone)]
+enum Source {
+    Recording(Rounds),
+    Rocking(Rocking),
+}
+
+/// Prescribed motion being played.
+#[derive(Clone)]
+pub struct RecordedMotion {
+    source: Source,
     speed: f64,
     start: f64,
     mean_heading: f64,
@@ -165,8 +218,11 @@ impl RecordedMotion {
         let Recording {
             t, mut y, has, mean, ..
         } = recording;
-        let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
-        let mean_heading = if has[HEADING] { mean[HEADING] } else { drawn };
+        let mean_heading = if has[HEADING] {
+            mean[HEADING]
+        } else {
+            drawn_heading(streams)
+        };
         let mut kept = [0.0; CHANNELS];
         kept[HEADING] = mean_heading;
         if config.keep_mean {
@@ -196,20 +252,48 @@ impl RecordedMotion {
         for c in [HEADING, SURGE, SWAY] {
             per_round[c] = tail[c].y - head[c].y;
         }
-        let mut motion = RecordedMotion {
+        let rounds = Rounds {
             splines,
             period,
             blend,
             per_round,
+        };
+        Ok(RecordedMotion {
+            source: Source::Recording(rounds),
             speed: config.speed,
             start: config.start_s,
             mean_heading,
             heave_recorded: has[HEAVE],
             deck: deck.centre(),
             state: RigidState::default(),
-        };
-        motion.state = motion.state_at(Time::EPOCH, sea);
-        Ok(motion)
+        }
+        .begun(sea))
+    }
+
+    /// Rocks as `rocking` says, heaving with the sea, at a heading drawn per seed.
+    pub fn rocking(
+        config: &DeckMotionConfig,
+        rocking: &RockingConfig,
+        deck: &DeckGeometry,
+        sea: &Sea,
+        streams: &Streams,
+    ) -> Self {
+        let mean_heading = drawn_heading(streams);
+        RecordedMotion {
+            source: Source::Rocking(Rocking::new(rocking, config.scale, mean_heading, streams)),
+            speed: config.speed,
+            start: config.start_s,
+            mean_heading,
+            heave_recorded: false,
+            deck: deck.centre(),
+            state: RigidState::default(),
+        }
+        .begun(sea)
+    }
+
+    fn begun(mut self, sea: &Sea) -> Self {
+        self.state = self.state_at(Time::EPOCH, sea);
+        self
     }
 
     /// Moves on from `t` to `t + dt_s`.
@@ -224,23 +308,14 @@ impl RecordedMotion {
     /// All channels at world time `t` (s), derivatives per second of the world.
     fn channels(&self, t: f64) -> [Jet; CHANNELS] {
         let at = (self.start + self.speed * t).max(0.0);
-        let round = (at / self.period).floor();
-        let phase = at - round * self.period;
-        let now = self.splines.at(phase);
-        let blend = smooth_step(phase, self.blend);
-        // The end of the round before, as long as it lasts.
-        let before = (round > 0.0 && phase < self.blend).then(|| self.splines.at(self.period + phase));
-        core::array::from_fn(|c| {
-            let here = now[c].shifted(round * self.per_round[c]);
-            let j = match &before {
-                Some(b) => Jet::blend(b[c].shifted((round - 1.0) * self.per_round[c]), here, blend),
-                None => here,
-            };
-            Jet {
-                y: j.y,
-                d: j.d * self.speed,
-                dd: j.dd * self.speed * self.speed,
-            }
+        match &self.source {
+            Source::Recording(rounds) => rounds.channels(at),
+            Source::Rocking(rocking) => rocking.channels(at),
+        }
+        .map(|j| Jet {
+            y: j.y,
+            d: j.d * self.speed,
+            dd: j.dd * self.speed * self.speed,
         })
     }
 
@@ -290,6 +365,11 @@ impl RecordedMotion {
         };
         deck.at(-self.deck)
     }
+}
+
+/// The heading of a motion that has none, rad.
+fn drawn_heading(streams: &Streams) -> f64 {
+    streams.stream("vessel/heading").random::<f64>() * TAU
 }
 
 /// Body rates and angular acceleration (rad/s, rad/s²) from ZYX Euler angles with their derivatives:

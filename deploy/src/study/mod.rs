@@ -93,6 +93,9 @@ fn grid_study(args: &StudyArgs) -> Result<Value, Refused> {
     for pair in planners.windows(2) {
         compare(args, &outcomes, pair[0].name(), pair[1].name());
     }
+    for line in grid::answer(args.name, &rows, &planners, &outcomes) {
+        note(args.json, line);
+    }
     Ok(value)
 }
 

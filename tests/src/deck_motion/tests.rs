@@ -72,6 +72,53 @@ fn velocities_rates_and_accelerations_are_derivatives_past_the_end_too() {
 }
 
 #[test]
+fn a_rocking_deck_swings_as_far_and_as_fast_as_it_is_told() {
+    let sea = calm();
+    let rocking = RockingConfig {
+        roll_rad: 0.4,
+        pitch_rad: 0.2,
+        frequency_hz: 0.9,
+    };
+    let config = DeckMotionConfig {
+        rocking: Some(rocking),
+        scale: 0.5,
+        ..DeckMotionConfig::default()
+    };
+    let motion = RecordedMotion::rocking(
+        &config,
+        &rocking,
+        &DeckGeometry::default(),
+        &sea,
+        &Streams::new(3),
+    );
+    assert_consistent(&motion, &sea, 20.0);
+    let (mut most, mut crossings, mut before) = ([0.0_f64; 2], 0, 0.0);
+    for k in 0..4000 {
+        let (roll, pitch, _) = motion
+            .state_at(Time::from_secs(0.01 * f64::from(k)), &sea)
+            .attitude
+            .0
+            .euler_angles();
+        most = [most[0].max(roll.abs()), most[1].max(pitch.abs())];
+        crossings += i32::from(before < 0.0 && roll >= 0.0);
+        before = roll;
+    }
+    assert!(
+        (most[0] - 0.2).abs() < 1e-3 && (most[1] - 0.1).abs() < 1e-3,
+        "{most:?}"
+    );
+    assert!((35..=37).contains(&crossings), "{crossings} in 40 s at 0.9 Hz");
+    let refused = |c: &DeckMotionConfig| c.check(&Keys::ROOT).is_err();
+    assert!(!refused(&config));
+    let both = DeckMotionConfig {
+        file: "both.csv".into(),
+        ..config.clone()
+    };
+    let steep = DeckMotionConfig { scale: 3.0, ..config };
+    assert!(refused(&both) && refused(&steep) && refused(&DeckMotionConfig::default()));
+}
+
+#[test]
 fn signs_are_those_of_the_columns() {
     let text = "t_s,roll_deg,pitch_deg,heave_m,heading_deg,surge_m,sway_m\n";
     let rows: String = (0..40)

@@ -83,7 +83,10 @@ impl Airframe {
     ) -> Self {
         let mut rng = streams.stream("drone.airframe");
         let mut factor = |bound: f64| 1.0 + bound * (2.0 * rng.random::<f64>() - 1.0);
-        let (heavier, stronger) = (factor(config.mass_error), factor(config.thrust_error));
+        let (heavier, stronger) = (
+            config.mass_factor * factor(config.mass_error),
+            config.thrust_factor * factor(config.thrust_error),
+        );
         let d = drone.arm_m / 2.0_f64.sqrt();
         Airframe {
             mass: drone.mass_kg * heavier,

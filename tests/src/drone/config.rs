@@ -23,6 +23,10 @@ pub struct DroneConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AirframeConfig {
+    /// The true mass as a multiple of the nominal one, before the error drawn per seed.
+    pub mass_factor: f64,
+    /// The same of the true thrust.
+    pub thrust_factor: f64,
     /// Bound of the relative error of the true mass, drawn uniformly per seed.
     pub mass_error: f64,
     /// Bound of the relative error of the true thrust, drawn uniformly per seed.
@@ -42,6 +46,8 @@ pub struct AirframeConfig {
 impl Default for AirframeConfig {
     fn default() -> Self {
         AirframeConfig {
+            mass_factor: 1.0,
+            thrust_factor: 1.0,
             mass_error: 0.05,        // issue: +-5 % unknown to the nodes
             thrust_error: 0.05,      // issue: +-5 % unknown to the nodes
             rotor_lag_s: 0.03,       // ctu-mrs t650
@@ -54,6 +60,8 @@ impl Default for AirframeConfig {
 }
 impl Check for AirframeConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("mass_factor", self.mass_factor, 0.3, 2.0)?;
+        at.range("thrust_factor", self.thrust_factor, 0.3, 2.0)?;
         at.range("mass_error", self.mass_error, 0.0, 0.5)?;
         at.range("thrust_error", self.thrust_error, 0.0, 0.5)?;
         at.range("rotor_lag_s", self.rotor_lag_s, 0.002, 0.5)?;
