@@ -94,6 +94,33 @@ fn given_a_vessel_under_way_then_it_lands() {
 }
 
 #[test]
+fn given_wind_then_it_stands_aligned_at_the_contact_although_it_leant_before() {
+    let mut scenario = at_sea(0.0, 5.0);
+    scenario.drone.wind.mean_mps = 5.0;
+    // Hover leans 4 deg there, half of which used to remain.
+    let errors: Vec<f64> = (30..34)
+        .map(|seed| {
+            let o = outcome(&scenario, seed);
+            assert!(o.success, "seed {seed}: {}", o.reason);
+            o.tilt_error_deg.unwrap()
+        })
+        .collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    assert!(mean < 2.2, "{errors:?} deg");
+}
+
+#[test]
+fn given_an_attitude_loop_half_and_twice_as_quick_as_assumed_then_it_lands() {
+    for (seed, lag_s) in [(34, 0.1), (35, 0.4)] {
+        let mut scenario = at_sea(0.5, 5.0);
+        scenario.drone.autopilot.attitude_lag_s = lag_s;
+        let o = outcome(&scenario, seed);
+        assert!(o.success, "lag {lag_s} s: {}", o.reason);
+        assert!(o.tilt_error_deg.unwrap() < 6.0);
+    }
+}
+
+#[test]
 fn given_the_same_seed_then_the_same_bits_and_another_seed_differs() {
     let scenario = at_sea(0.5, 5.0);
     let (a, b, c) = (

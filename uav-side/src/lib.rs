@@ -1,4 +1,5 @@
 //! The drone's side of Alight: predictor, mission, planner, pilot.
+pub mod disturbance;
 mod latest;
 pub mod mission;
 pub mod pilot;

@@ -173,6 +173,8 @@ pub struct Plan {
     pub touchdown_at: Option<Time<DroneClock>>,
     /// Weight of attitude alignment at the first stage (FAA), for display.
     pub alignment: f64,
+    /// Horizontal acceleration by other than thrust (wind) that the attitudes allow for, NED, m/s².
+    pub disturbance: [f64; 2],
     /// The trajectory.
     pub stages: Seq<PlanStage, PLAN_STAGES>,
 }
@@ -362,6 +364,9 @@ impl Message for Plan {
     fn check(&self) -> Result<(), &'static str> {
         if self.step <= Span::ZERO {
             return Err("step");
+        }
+        if !within(&self.disturbance, MAX_ACCELERATION_MPS2) {
+            return Err("disturbance");
         }
         for s in self.stages.iter() {
             if !within(&s.position, MAX_POSITION_M)

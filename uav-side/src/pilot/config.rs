@@ -26,6 +26,8 @@ pub struct PilotConfig {
     pub landing_output: Output,
     /// The pilot's own tracking loop.
     pub tracking: TrackingConfig,
+    /// The lag of the autopilot's attitude loop.
+    pub lag: LagConfig,
     /// The touchdown detector.
     pub touchdown: TouchdownConfig,
     /// What to do without a fresh plan.
@@ -41,6 +43,7 @@ impl Default for PilotConfig {
             // set-points leave it to their own loop.
             landing_output: Output::Attitude,
             tracking: TrackingConfig::default(),
+            lag: LagConfig::default(),
             touchdown: TouchdownConfig::default(),
             safety: SafetyConfig::default(),
         }
@@ -49,6 +52,7 @@ impl Default for PilotConfig {
 impl Check for PilotConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.tracking.check(&at.table("tracking"))?;
+        self.lag.check(&at.table("lag"))?;
         self.touchdown.check(&at.table("touchdown"))?;
         self.safety.check(&at.table("safety"))
     }
@@ -187,6 +191,54 @@ impl Check for TrackingConfig {
         at.range("thrust_lag_s", self.thrust_lag_s, 0.0, 0.5)?;
         at.range("rate_lag_s", self.rate_lag_s, 0.0, 0.5)?;
         at.range("least_thrust_of_hover", self.least_thrust_of_hover, 0.0, 0.9)
+    }
+}
+
+/// How the lag of the attitude loop is learnt and made up for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LagConfig {
+    /// The lag that the tracking loop's gains are laid out for, s.
+    pub design_s: f64,
+    /// Least and greatest lag believed, s.
+    pub bounds_s: [f64; 2],
+    /// Lag of the rate loop below, s.
+    pub rate_loop_s: f64,
+    /// What is heard counts for this long, s.
+    pub memory_s: f64,
+    /// What the nominal lag counts for: squared angle times time, rad² s.
+    pub prior_rad2s: f64,
+    /// Angles beyond this are not learnt from: the autopilot limits its rates, rad.
+    pub angle_limit_rad: f64,
+}
+
+impl Default for LagConfig {
+    /// Ours. Prior: a second of 1 deg.
+    fn default() -> Self {
+        LagConfig {
+            design_s: 0.2,
+            bounds_s: [0.08, 0.6],
+            rate_loop_s: 0.06,
+            memory_s: 10.0,
+            prior_rad2s: 3e-4,
+            angle_limit_rad: 0.4,
+        }
+    }
+}
+impl Check for LagConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("design_s", self.design_s, 0.02, 2.0)?;
+        at.ranges("bounds_s", &self.bounds_s, 0.02, 2.0)?;
+        at.require(
+            self.bounds_s[0] <= self.bounds_s[1],
+            "bounds_s",
+            format!("{:?}", self.bounds_s),
+            "lower bound first",
+        )?;
+        at.range("rate_loop_s", self.rate_loop_s, 0.0, 0.5)?;
+        at.range("memory_s", self.memory_s, 0.5, 1e4)?;
+        at.range("prior_rad2s", self.prior_rad2s, 1e-6, 10.0)?;
+        at.range("angle_limit_rad", self.angle_limit_rad, 0.05, 2.0)
     }
 }
 

@@ -1,9 +1,10 @@
 //! What the pilot learns in flight: the thrust that hovers and the force that pushes.
 
 use alight_shared::geometry::GRAVITY;
-use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use super::config::TrackingConfig;
+use crate::disturbance::Disturbance;
 
 /// Slow estimates of the thrust scale and of the horizontal disturbance.
 #[derive(Clone, Debug)]
@@ -12,9 +13,7 @@ pub(crate) struct FlightEstimate {
     hover: f64,
     nominal: f64,
     told: bool,
-    disturbance: Vector2<f64>,
-    /// Horizontal velocity that attitude, thrust and disturbance explain, m/s; None at rest.
-    velocity: Option<Vector2<f64>>,
+    disturbance: Disturbance,
     /// Thrust that acts after the lag, 0 to 1.
     acting: Option<f64>,
 }
@@ -26,8 +25,7 @@ impl FlightEstimate {
             hover: nominal,
             nominal,
             told: false,
-            disturbance: Vector2::zeros(),
-            velocity: None,
+            disturbance: Disturbance::default(),
             acting: None,
         }
     }
@@ -37,7 +35,7 @@ impl FlightEstimate {
     }
     /// Horizontal specific disturbance (wind), NED, m/s².
     pub(crate) fn disturbance(&self) -> Vector2<f64> {
-        self.disturbance
+        self.disturbance.value()
     }
     /// Specific thrust of the collective `u`, m/s²: thrust is linear in the collective.
     pub(crate) fn specific(&self, u: f64) -> f64 {
@@ -73,36 +71,9 @@ impl FlightEstimate {
             self.hover += (1.0 - (-dt / c.hover_time_s).exp()) * (sample - self.hover);
         }
     }
-    /// What attitude and thrust do not explain of the horizontal velocity: wind, and the errors of
-    /// attitude and accelerometers, all as the odometry sees them. A Luenberger observer,
-    /// `v' = (R [0, 0, f_z])_xy + d + 2 w (v_m - v)`, `d' = w² (v_m - v)`, with both poles at
-    /// `w = 1 / disturbance_time_s`. Drag felt by the accelerometers would be quicker, but their bias
-    /// of 0.05 m/s² and the tilt's of 0.3 deg would each cost 3 cm.
-    pub(crate) fn learn_disturbance(
-        &mut self,
-        force: &Vector3<f64>,
-        attitude: &UnitQuaternion<f64>,
-        velocity: &Vector3<f64>,
-        dt: f64,
-        c: &TrackingConfig,
-    ) {
-        let measured = velocity.xy();
-        let thrust = attitude * Vector3::new(0.0, 0.0, force.z);
-        let w = 1.0 / c.disturbance_time_s;
-        let v = self.velocity.unwrap_or(measured);
-        let wrong = measured - v;
-        // A jump of the odometry is not a force.
-        if !(wrong.norm() < 2.0) || !thrust.norm().is_finite() {
-            self.velocity = None;
-            return;
-        }
-        self.velocity = Some(v + (thrust.xy() + self.disturbance + wrong * (2.0 * w)) * dt);
-        let most = c.disturbance_limit_mps2;
-        self.disturbance = (self.disturbance + wrong * (w * w * dt)).map(|d| d.clamp(-most, most));
-    }
-    /// In contact or without odometry the observer starts anew; what it found stays.
-    pub(crate) fn pause_disturbance(&mut self) {
-        self.velocity = None;
+    /// The horizontal disturbance, to be taught in free flight.
+    pub(crate) fn disturbance_mut(&mut self) -> &mut Disturbance {
+        &mut self.disturbance
     }
     fn plausible(&self, hover: f64) -> bool {
         (0.5 * self.nominal..=2.0 * self.nominal).contains(&hover) && hover < 0.95

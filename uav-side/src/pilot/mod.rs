@@ -1,12 +1,13 @@
 //! The pilot: samples the plan at 100 Hz, tracks it into the set-point, and ends the flight when
 //! the feet are on the deck.
 //!
-//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`] what it learns in
-//! flight, [`touchdown`] the evidence of contact. This file decides which of them speaks.
+//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`] and [`lag`] what it
+//! learns in flight, [`touchdown`] the evidence of contact. This file decides which of them speaks.
 
 pub mod attitude;
 pub mod config;
 mod estimate;
+mod lag;
 pub mod touchdown;
 mod tracking;
 
@@ -32,6 +33,7 @@ use serde::{Deserialize, Serialize};
 use crate::latest::Latest;
 use attitude::rates_of;
 use estimate::FlightEstimate;
+use lag::LagEstimate;
 use touchdown::{Detector, Evidence, press_share};
 use tracking::{AttitudeCommand, Authority, Body, Tracker};
 
@@ -111,6 +113,7 @@ pub struct Pilot {
     origin_resets: Option<u8>,
 
     estimate: FlightEstimate,
+    lag: LagEstimate,
     tracker: Tracker,
     detector: Detector,
     hold: Option<HoldPlace>,
@@ -140,6 +143,7 @@ impl Pilot {
             range: Latest::default(),
             origin_resets: None,
             estimate: FlightEstimate::new(hover),
+            lag: LagEstimate::new(geometry.attitude_lag_s, &config.lag),
             tracker: Tracker::default(),
             detector: Detector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
             hold: None,
@@ -155,6 +159,10 @@ impl Pilot {
     /// The collective thrust that the pilot believes hovers, 0 to 1.
     pub fn hover_thrust(&self) -> f64 {
         self.estimate.hover()
+    }
+    /// The lag of the autopilot's attitude loop that the pilot believes, s.
+    pub fn attitude_lag_s(&self) -> f64 {
+        self.lag.lag(&self.config.lag)
     }
     /// Messages refused since start.
     pub fn rejected(&self) -> PilotRejected {
@@ -248,7 +256,7 @@ impl Pilot {
         self.hold = None;
         self.tracker.reset();
         let ahead = plan
-            .sample(now + Span::from_secs(self.geometry.attitude_lag_s))
+            .sample(now + Span::from_secs(self.lag.lag(&self.config.lag)))
             .map_or(stage.acceleration, |s| s.acceleration);
         let q = nalgebra::UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
         SetPoint {
@@ -266,16 +274,23 @@ impl Pilot {
     }
 
     /// Attitude and thrust of the pilot's own loop.
-    fn attitude(&mut self, now: Time<DroneClock>, stage: Option<&PlanStage>, a: AttitudeCommand) -> SetPoint {
+    fn attitude(
+        &mut self,
+        now: Time<DroneClock>,
+        stage: Option<&PlanStage>,
+        a: AttitudeCommand,
+        body: &Body,
+    ) -> SetPoint {
         self.hold = None;
         let (_, _, yaw) = a.attitude.euler_angles();
+        let attitude = self.lag.command(&a.attitude, &body.attitude, &self.config.lag);
         SetPoint {
             kind: SetPointKind::Attitude,
             position: stage.map_or([0.0; 3], |s| s.position),
             velocity: stage.map_or([0.0; 3], |s| s.velocity),
             acceleration: stage.map_or([0.0; 3], |s| s.acceleration),
             yaw,
-            attitude: [a.attitude.w, a.attitude.i, a.attitude.j, a.attitude.k],
+            attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
             rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
             thrust: a.thrust,
             ..self.set_point(now)
@@ -316,15 +331,17 @@ impl Pilot {
         }
     }
 
-    /// Learns hover thrust and disturbance from new odometry in free flight.
+    /// Learns hover thrust, lag and disturbance from new odometry in free flight.
     fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&Below>) {
         let Some(d) = new else { return };
         let force = Vector3::from(d.specific_force);
         let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
         if !free {
-            self.estimate.pause_disturbance();
+            self.estimate.disturbance_mut().pause();
             return;
         }
+        let rates = Vector3::from(d.rates);
+        self.lag.learn(&d.attitude(), &rates, dt, &self.config.lag);
         let c = &self.config.tracking;
         let told = self
             .autopilot
@@ -334,8 +351,14 @@ impl Pilot {
         if let Some(u) = self.estimate.acting().or(told) {
             self.estimate.learn_hover(&force, u, dt, c);
         }
-        self.estimate
-            .learn_disturbance(&force, &d.attitude(), &d.velocity(), dt, c);
+        self.estimate.disturbance_mut().learn(
+            &force,
+            &d.attitude(),
+            &d.velocity(),
+            dt,
+            c.disturbance_time_s,
+            c.disturbance_limit_mps2,
+        );
     }
 
     fn evidence(
@@ -439,31 +462,34 @@ impl Pilot {
             let a = self
                 .tracker
                 .press(up, yaw, thrust, body, dt, &self.config.tracking);
-            return self.attitude(now, None, a);
+            return self.attitude(now, None, a, body);
         }
         match (plan, output, below) {
             (Some((plan, stage)), Output::Trajectory, _) => self.trajectory(now, &plan, &stage),
-            (Some((_, stage)), Output::Attitude, _) => {
+            (Some((plan, stage)), Output::Attitude, _) => {
                 let c = &self.config.tracking;
-                let authority = match below {
-                    Some(b) if flare => Authority::flare(b.clearance, c),
-                    Some(_) | None => Authority::descent(c),
+                let authority = Authority {
+                    planned: plan.disturbance.into(),
+                    ..match below {
+                        Some(b) if flare => Authority::flare(b.clearance, c),
+                        Some(_) | None => Authority::descent(c),
+                    }
                 };
-                let lag = self.geometry.attitude_lag_s;
+                let lag = self.config.lag.design_s;
                 let a = self
                     .tracker
                     .track(&stage, body, &self.estimate, authority, lag, dt, c);
-                self.attitude(now, Some(&stage), a)
+                self.attitude(now, Some(&stage), a, body)
             }
             (None, _, Some(b)) if committed => {
                 let stage = self.sinking(body, b);
                 let c = &self.config.tracking;
-                let lag = self.geometry.attitude_lag_s;
+                let lag = self.config.lag.design_s;
                 let authority = Authority::descent(c);
                 let a = self
                     .tracker
                     .track(&stage, body, &self.estimate, authority, lag, dt, c);
-                self.attitude(now, Some(&stage), a)
+                self.attitude(now, Some(&stage), a, body)
             }
             (None, _, _) => self.hold(now, body, dt, near),
         }
@@ -526,6 +552,9 @@ impl Node for Pilot {
         self.learn(now, new.as_ref(), dt, below.as_ref());
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
         let own = (set_point.kind == SetPointKind::Attitude).then_some(set_point.thrust);
+        if own.is_none() {
+            self.lag.silent();
+        }
         self.estimate
             .commanded(own, dt, self.config.tracking.thrust_lag_s);
         // Nothing that the message itself would refuse may leave the pilot.

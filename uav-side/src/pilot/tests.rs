@@ -93,30 +93,6 @@ fn feedback_over_the_deck_cannot_outvote_the_plans_attitude() {
     assert!(off(Authority::descent(&c)) > 3.0 * touching);
 }
 
-#[test]
-fn a_push_and_a_wrong_level_are_learnt_from_the_odometrys_velocity() {
-    // Wind of 0.6 m/s² north while the attitude reads 0.01 rad too much roll: held by the true lean.
-    let c = TrackingConfig::default();
-    let mut e = FlightEstimate::new(0.34);
-    let (mut v, dt) = (Vector3::zeros(), 0.01);
-    let seen = UnitQuaternion::from_euler_angles(0.01, 0.0, 0.0);
-    let force = Vector3::new(0.0, 0.0, -GRAVITY);
-    for _ in 0..400 {
-        v += Vector3::new(0.6, 0.0, 0.0) * dt;
-        e.learn_disturbance(&force, &seen, &v, dt, &c);
-    }
-    let d = e.disturbance();
-    assert!(
-        (d.x - 0.6).abs() < 0.03 && (d.y + 0.01 * GRAVITY).abs() < 0.01,
-        "{d}"
-    );
-    // A jump of the odometry is not a force, and what is not a number is not learnt.
-    e.learn_disturbance(&force, &seen, &Vector3::new(50.0, 0.0, 0.0), dt, &c);
-    e.learn_disturbance(&force, &seen, &Vector3::new(f64::NAN, 0.0, 0.0), dt, &c);
-    e.learn_disturbance(&force, &seen, &v, dt, &c);
-    assert!((e.disturbance() - d).norm() < 0.05);
-}
-
 // Safe action.
 
 fn header(n: u32, now: Time<DroneClock>) -> Header<DroneClock> {

@@ -1,6 +1,6 @@
 //! The tracking loop: plan and odometry in, attitude and thrust out.
 //!
-//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - d + Ka e_a`, turned into a thrust vector and by flatness into an
+//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, turned into a thrust vector and by flatness into an
 //! attitude. The plan's own attitude enters with the autopilot's lag compensated, the feedback as
 //! it is, and its authority over the tilt shrinks towards the deck: the drone has to have the
 //! plan's attitude at the contact, a few centimetres beside the plan's place.
@@ -42,6 +42,8 @@ pub(crate) struct Authority {
     pub(crate) tilt: f64,
     /// Share of the disturbance's compensation, 0 to 1.
     pub(crate) disturbance: f64,
+    /// The disturbance that the plan's attitude allows for already, NED, m/s².
+    pub(crate) planned: Vector2<f64>,
     /// Whether the integral may move.
     pub(crate) integrate: bool,
 }
@@ -52,6 +54,7 @@ impl Authority {
         Authority {
             tilt: c.descent_feedback_tilt_rad,
             disturbance: 1.0,
+            planned: Vector2::zeros(),
             integrate: true,
         }
     }
@@ -62,6 +65,7 @@ impl Authority {
         Authority {
             tilt: mix(c.contact_feedback_tilt_rad, c.flare_feedback_tilt_rad),
             disturbance: mix(c.contact_disturbance_share, 1.0),
+            planned: Vector2::zeros(),
             integrate: clearance > c.fade_clearance_m,
         }
     }
@@ -112,7 +116,8 @@ impl Tracker {
         let planned = UnitQuaternion::from_euler_angles(euler[0], euler[1], euler[2]);
         let down = stage.acceleration[2] + vertical;
         let mut thrust = thrust_of_attitude(&planned, down, GRAVITY);
-        let push = horizontal - estimate.disturbance() * authority.disturbance;
+        let unplanned = (estimate.disturbance() - authority.planned) * authority.disturbance;
+        let push = horizontal - unplanned;
         // The attitude is a state of the loop like place and velocity: feeding it back pays for
         // their higher gains.
         let [roll, pitch, yaw] = stage.euler;
@@ -122,7 +127,7 @@ impl Tracker {
             GRAVITY,
         );
         let is = thrust_of_attitude(&body.attitude, down, GRAVITY);
-        let lean = meant.xy() - is.xy() - estimate.disturbance() * authority.disturbance + self.integral.xy();
+        let lean = meant.xy() - is.xy() - unplanned + self.integral.xy();
         let push = push
             + cut2(
                 lean * c.attitude_gain,

@@ -31,7 +31,7 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
@@ -41,6 +41,7 @@ use baselines::mpc_ne::MpcNe;
 use model::{INPUTS, State};
 use mpc_faa::{Mpc, Problem, Solution};
 use reference::{Aim, Guide, clearance, tilt_of, up_of};
+use rendezvous::wind::Wind;
 use rendezvous::{Rendezvous, true_tilt};
 
 /// What the planner hears.
@@ -100,6 +101,7 @@ pub struct Planner {
     ne: Option<MpcNe>,
     /// Time to the chosen instant of contact in the last plan, s.
     contact_in: Option<f64>,
+    wind: Option<Wind>,
     problem: Problem,
     aim: Aim,
     spare: Solution,
@@ -126,6 +128,7 @@ impl Planner {
             views: Views::new(config, drone),
             ne: (config.kind == PlannerKind::MpcNe).then(|| MpcNe::new(config, drone)),
             contact_in: None,
+            wind: (config.kind == PlannerKind::Alight).then(Wind::default),
             problem: Problem::default(),
             aim: Aim::default(),
             spare: Solution::default(),
@@ -167,6 +170,7 @@ impl Planner {
             refused,
         );
         admit(now, c.mission_age_s, &input.mission, &mut self.mission, refused);
+        let last = self.drone.map(|d| d.header.at);
         admit(now, c.odometry_age_s, &input.drone, &mut self.drone, refused);
         let before = self.autopilot;
         // Any age will do for a counter of jumps.
@@ -175,6 +179,18 @@ impl Planner {
             self.flight = None;
             self.guide.forget();
         }
+        if let Some(wind) = &mut self.wind
+            && let Some(d) = self.drone.filter(|d| Some(d.header.at) != last)
+        {
+            let near = self.aim.touch && self.aim.clearance_m < c.rendezvous.wind.free_m;
+            wind.hear(&d, near, &c.rendezvous.wind);
+        }
+    }
+
+    /// The wind that plans allow for, as its acceleration, m/s²: where there is one, a state's tilt
+    /// is the acceleration that it causes in this wind, else the lean of the body.
+    fn wind(&self) -> Vector2<f64> {
+        self.wind.as_ref().map_or_else(Vector2::zeros, Wind::value)
     }
 
     /// Where the plan starts: the last plan now, or the measured state. None without odometry.
@@ -182,7 +198,10 @@ impl Planner {
         let drone = self
             .drone
             .filter(|d| young(now, d.header.at, self.config.odometry_age_s))?;
-        let measured = measured_state(&drone);
+        let mut measured = measured_state(&drone);
+        let wind = self.wind() / GRAVITY;
+        measured[3] += wind.y;
+        measured[4] -= wind.x;
         let r = &self.config.reset;
         if let Some(flight) = &self.flight
             && young(now, flight.at, r.age_s)
@@ -365,9 +384,10 @@ impl Planner {
             self.rendezvous.forget();
             return;
         };
-        self.contact_in = self
-            .rendezvous
-            .meet(now, mission, forecast, step, &mut self.problem, &self.aim);
+        let wind = self.wind();
+        self.contact_in =
+            self.rendezvous
+                .meet(now, mission, forecast, step, &wind, &mut self.problem, &self.aim);
         self.aim.touch = self.contact_in.is_some();
         self.aim.alignment = self.problem.weight.first().map_or(0.0, |w| w[3]);
         self.guide.keep_dry(&self.aim, &mut self.problem);
@@ -381,6 +401,7 @@ impl Planner {
         let mut plan = Plan {
             header: Header::new(0, 0, self.boot, self.sequence, now),
             step: Span::from_secs(if halves { 0.5 * step } else { step }),
+            disturbance: self.wind().into(),
             ..Plan::default()
         };
         let mut keep = |state: &State, input: &[f64; INPUTS]| {
@@ -418,7 +439,7 @@ impl Planner {
             | PlannerKind::WaitCalm
             | PlannerKind::PrecisionLand
             | PlannerKind::GnssRadio => (s[3], s[4], 1.0),
-            PlannerKind::Alight => true_tilt(s, down),
+            PlannerKind::Alight => true_tilt(s, down, &self.wind()),
         };
         let (phi, theta) = tilt_of(&up_of(north, east), s[5]);
         let (sin, cos) = s[5].sin_cos();

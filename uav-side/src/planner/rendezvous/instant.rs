@@ -21,10 +21,11 @@ pub fn aligned_acceleration(deck: &DeckStage) -> Vector2<f64> {
     Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
 }
 
-/// What touching this deck costs, besides waiting for it.
-pub fn cost(deck: &DeckStage, c: &InstantConfig) -> f64 {
+/// What touching this deck in `wind` (its horizontal acceleration, m/s²) costs, besides waiting for
+/// it.
+pub fn cost(deck: &DeckStage, wind: &Vector2<f64>, c: &InstantConfig) -> f64 {
     let a = Vector3::from(deck.acceleration).xy();
-    let mismatch = (a - aligned_acceleration(deck)).norm() / c.mismatch_mps2;
+    let mismatch = (a - aligned_acceleration(deck) - wind).norm() / c.mismatch_mps2;
     let n = deck.normal();
     let tilt = n.x.hypot(n.y).min(1.0).asin().to_degrees() / c.tilt_deg;
     let rate = deck.euler_rates[0].hypot(deck.euler_rates[1]).to_degrees() / c.tilt_rate_dps;
@@ -49,6 +50,7 @@ impl Instant {
         &mut self,
         now: Time<DroneClock>,
         forecast: &DeckForecast,
+        wind: &Vector2<f64>,
         least: f64,
         left: f64,
         c: &InstantConfig,
@@ -57,7 +59,7 @@ impl Instant {
         let price = |t: Time<DroneClock>| {
             // Beyond the forecast every instant is like its end.
             let deck = forecast.at(t.min(end).max(forecast.header.at))?;
-            Some(cost(&deck, c) + c.waiting_per_s * (t - now).secs())
+            Some(cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
         };
         let earliest = now + Span::from_secs(least);
         let old = self.at;
@@ -95,6 +97,8 @@ mod tests {
     use super::*;
     use alight_shared::msg::Header;
 
+    const STILL: Vector2<f64> = Vector2::new(0.0, 0.0);
+
     fn rocking(phase: f64) -> DeckForecast {
         let mut f = DeckForecast {
             header: Header::new(1, 1, 1, 0, Time::EPOCH),
@@ -122,14 +126,14 @@ mod tests {
         let f = rocking(0.0);
         let mut i = Instant::default();
         // Level at pi / 1.3 = 2.42 s.
-        let t = i.choose(Time::EPOCH, &f, 1.5, 1.5, &c);
+        let t = i.choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, &c);
         assert!((t - 2.42).abs() < 0.1, "{t}");
         // Frozen: the same instant although the sea now looks otherwise.
         let now = Time::from_secs(1.5);
-        let later = i.choose(now, &rocking(1.0), 0.8, 0.8, &c);
+        let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, &c);
         assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
         // Late by half a second: put off, less the hurry.
-        let late = i.choose(now, &f, 1.5, 1.5, &c);
+        let late = i.choose(now, &f, &STILL, 1.5, 1.5, &c);
         assert!((late - 1.275).abs() < 1e-6, "{late}");
     }
 
@@ -139,7 +143,7 @@ mod tests {
             waiting_per_s: 1e3,
             ..InstantConfig::default()
         };
-        let t = Instant::default().choose(Time::EPOCH, &rocking(0.7), 1.6, 1.6, &c);
+        let t = Instant::default().choose(Time::EPOCH, &rocking(0.7), &STILL, 1.6, 1.6, &c);
         assert!((t - 1.6).abs() < 1e-9);
     }
 
@@ -156,8 +160,15 @@ mod tests {
             tilt_deg: 90.0,
             ..InstantConfig::default()
         };
-        let stuck = cost(&d, &c);
+        let stuck = cost(&d, &STILL, &c);
         d.acceleration = [a.x, a.y, 0.0];
-        assert!(cost(&d, &c) < 0.01 && stuck > 1.0);
+        assert!(cost(&d, &STILL, &c) < 0.01 && stuck > 1.0);
+        // So does a level deck in wind that accelerates as the wind pushes.
+        let level = DeckStage {
+            acceleration: [0.8, 0.0, 0.0],
+            ..DeckStage::default()
+        };
+        let wind = Vector2::new(0.8, 0.0);
+        assert!(cost(&level, &wind, &c) < 1e-9 && cost(&level, &STILL, &c) > 1.0);
     }
 }

@@ -8,18 +8,20 @@
 //! - a stage's weights depend on the height that the drone will have *there*, `g = exp(-(h/h0)²)`:
 //!   attitude, velocity and place matter where the contact is, for as short as possible, because a
 //!   matched tilt accelerates sideways;
-//! - tilt is planned as the horizontal acceleration that it causes at the planned vertical one,
-//!   `a = (g - a_z) tan(tilt)`, not `g tilt`.
+//! - tilt is planned as the horizontal acceleration that it causes at the planned vertical one and
+//!   in the wind, `a = (g - a_z) tan(tilt) + d`, not `g tilt`. An aligned drone is blown along, so
+//!   what the wind does over the alignment is part of the plan.
 
 pub mod config;
 pub mod instant;
 pub mod profile;
+pub mod wind;
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
 use alight_shared::time::{DroneClock, Time};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 use super::model::State;
 use super::mpc_faa::Problem;
@@ -27,6 +29,7 @@ use super::reference::Aim;
 use config::RendezvousConfig;
 use instant::{Instant, aligned_acceleration};
 use profile::{Height, Profile};
+use wind::Wind;
 
 /// Writes the references and weights of a landing.
 #[derive(Clone, Debug)]
@@ -85,11 +88,13 @@ impl Rendezvous {
         mission: &MissionState,
         forecast: &DeckForecast,
         step_s: f64,
+        wind: &Vector2<f64>,
         problem: &mut Problem,
         aim: &Aim,
     ) -> Option<f64> {
         let here = aim.deck.first()?;
         let start = problem.state;
+        let wind = &Wind::carried(wind, &self.config.wind);
         let contact = self.contact_z(here);
         // Height over the surface that the profile follows at this height.
         let over =
@@ -107,7 +112,7 @@ impl Rendezvous {
             let left = self.profile.left(clearance);
             let left = self
                 .instant
-                .choose(now, forecast, least, left, &self.config.instant);
+                .choose(now, forecast, wind, least, left, &self.config.instant);
             Way {
                 left,
                 ceiling: clearance,
@@ -136,7 +141,7 @@ impl Rendezvous {
             } else {
                 wanted
             };
-            self.stage(k, time, &height, deck, &way, aim.mean_z, problem);
+            self.stage(k, time, &height, deck, &way, aim.mean_z, wind, problem);
         }
         permitted.then_some(way.left)
     }
@@ -194,6 +199,7 @@ impl Rendezvous {
         deck: &DeckStage,
         way: &Way,
         mean_z: f64,
+        wind: &Vector2<f64>,
         problem: &mut Problem,
     ) {
         let (Some(r), Some(q)) = (problem.reference.get_mut(k), problem.weight.get_mut(k)) else {
@@ -212,9 +218,6 @@ impl Rendezvous {
             r[i] = deck.position[i] + self.feet * n[i];
             r[6 + i] = deck.velocity[i] + turn[i];
         }
-        // a = (-g theta, g phi).
-        r[3] = tilt.y;
-        r[4] = -tilt.x;
         r[9] = gain * spin.x;
         r[10] = gain * spin.y;
         r[2] = mean_z + share * (deck.position[2] - mean_z) + (contact - deck.position[2]) - h.clearance;
@@ -230,17 +233,27 @@ impl Rendezvous {
             q[3 + i] = c.tilt.at(g);
             q[9 + i] = c.rates.at(g);
         }
+        // Near the contact the tilt of the deck is meant, and the wind pushes; far from it little
+        // acceleration. a = (-g theta, g phi).
+        let contact = c.tilt.contact * g / c.tilt.at(g).max(1e-9);
+        let meant = tilt + wind * (contact / GRAVITY);
+        r[3] = meant.y;
+        r[4] = -meant.x;
         q[2] = c.vertical.at(g);
         q[8] = c.vertical_velocity.at(g);
     }
 }
 
 /// The attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal
-/// acceleration per g, `down` the vertical acceleration (NED, m/s²). Gives (phi, theta) about north
+/// acceleration per g, of which `wind` (m/s²) gives a part; `down` is the vertical acceleration
+/// (NED, m/s²). Gives (phi, theta) about north
 /// and east and the factor by which rates of tilt grow.
-pub fn true_tilt(state: &State, down: f64) -> (f64, f64, f64) {
+pub fn true_tilt(state: &State, down: f64, wind: &Vector2<f64>) -> (f64, f64, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
-    let (x, y) = (-GRAVITY * state[4] / lift, GRAVITY * state[3] / lift);
+    let (x, y) = (
+        (-GRAVITY * state[4] - wind.x) / lift,
+        (GRAVITY * state[3] - wind.y) / lift,
+    );
     // Up axis (x, y, -1) normalised; theta first about east, then phi about the turned north axis.
     let up = Vector3::new(x, y, -1.0).normalize();
     let (phi, theta) = (up.y.asin(), (-up.x).atan2(-up.z));
