@@ -252,6 +252,10 @@ pub enum Study {
     Coupling,
     /// FAA against no FAA on the same seeds.
     Faa,
+    /// The planner alight with each of its ingredients left out in turn.
+    Ablation,
+    /// Unpublished numbers of mpc-ne, so that it does as well as it can: every one in turn up and down.
+    Search,
     /// From 90 m away onto a turning vessel in gusts.
     Approach,
     /// A vessel under way: square path at 2 m/s, straight lines up to 8 m/s.

@@ -144,6 +144,8 @@ pub fn summary_json(s: &Summary) -> serde_json::Map<String, serde_json::Value> {
     map.insert("successes".into(), s.successes.into());
     map.insert("success_rate_95".into(), serde_json::json!([lo, hi]));
     map.insert("unsafe_contacts".into(), s.unsafe_contacts.into());
+    map.insert("water_contacts".into(), s.water_contacts.into());
+    map.insert("contacts_above_2_mps".into(), s.contacts_above_2_mps.into());
     for (name, figure) in &s.figures {
         map.insert(
             (*name).into(),

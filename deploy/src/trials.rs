@@ -124,7 +124,11 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
 fn write_rows(file: &mut std::fs::File, outcomes: &[Outcome]) -> std::io::Result<()> {
     use alight_sim::statistics::FIGURES;
     let names: Vec<&str> = FIGURES.iter().map(|(n, _)| *n).collect();
-    writeln!(file, "seed,outcome,unsafe_contacts,{},digest", names.join(","))?;
+    writeln!(
+        file,
+        "seed,outcome,unsafe_contacts,water_contacts,contacts_above_2_mps,{},digest",
+        names.join(",")
+    )?;
     for o in outcomes {
         let cells: Vec<String> = FIGURES
             .iter()
@@ -132,10 +136,12 @@ fn write_rows(file: &mut std::fs::File, outcomes: &[Outcome]) -> std::io::Result
             .collect();
         writeln!(
             file,
-            "{},{},{},{},{}",
+            "{},{},{},{},{},{},{}",
             o.seed,
             o.outcome.name(),
             o.unsafe_contacts,
+            o.water_contacts,
+            o.contacts_above_2_mps,
             cells.join(","),
             o.digest
         )?;

@@ -223,3 +223,54 @@ fn shards_join_to_the_same_rows_and_a_cut_off_study_goes_on() {
         Some(2)
     );
 }
+
+#[test]
+fn two_planners_are_paired_and_the_worst_seeds_can_be_flown_again() {
+    let out = scratch("paired");
+    let dir = out.to_string_lossy().into_owned();
+    let study = |seed0: &str, more: &[&str]| {
+        let mut args = vec![
+            "study",
+            "table2",
+            "--trials",
+            "1",
+            "--seed0",
+            seed0,
+            "--planners",
+            "alight,mpc",
+            "--json",
+            "--out",
+            &dir,
+        ];
+        args.extend(more);
+        alight(&args)
+    };
+    let rows = json(&study("70", &[]));
+    let rows = rows.as_array().unwrap();
+    assert_eq!(rows.len(), 20);
+    for row in rows {
+        for key in ["trials", "successes", "unsafe_contacts", "water_contacts"] {
+            assert!(row[key].is_u64(), "{key} in {row}");
+        }
+        for part in ["mean", "sd", "p95", "max"] {
+            assert!(row["tilt_error_deg"][part].is_f64(), "{part} in {row}");
+        }
+        assert!(row["published"]["landing_time_s"].is_f64());
+        assert_eq!(row["against"].is_object(), row["planner"] == "mpc", "{row}");
+        assert_eq!(row["worst_seeds"][0], 70);
+    }
+    let against = &rows[1]["against"];
+    assert_eq!(
+        (&against["first"], &against["pairs"]),
+        (&"alight".into(), &1.into())
+    );
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    let scene = out.join("scenarios").join("0-0.toml");
+    assert!(page.contains(&format!("--scenario '{}' --planner mpc", scene.display())));
+    // Rows of another configuration do not mix with these.
+    let other = out.join("other.toml");
+    std::fs::write(&other, "[drone.planner]\npress_m = 0.2\n").unwrap();
+    let o = study("70", &["--drone-config", &other.to_string_lossy()]);
+    assert_eq!(o.status.code(), Some(2));
+    assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
+}

@@ -7,6 +7,7 @@ pub mod body;
 pub mod deck_motion;
 pub mod drone;
 pub mod outcome;
+pub mod paired;
 pub mod physics;
 pub mod radio;
 pub mod response;

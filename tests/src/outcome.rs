@@ -21,6 +21,8 @@ pub const REST_S: f64 = 3.0;
 pub const TIME_LIMIT_S: f64 = 180.0;
 /// A foot counts as on the deck when it is no further above it, m.
 pub const ON_DECK_M: f64 = 0.02;
+/// An impact faster than this, in any direction, of any part, at any time, is counted apart, m/s.
+pub const VIOLENT_CONTACT_MPS: f64 = 2.0;
 /// Motors stopped with the lowest foot higher than this are a stop in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
 
@@ -130,6 +132,12 @@ pub struct Outcome {
     pub attempts: u32,
     /// Contacts that break the limits.
     pub unsafe_contacts: u32,
+    /// Contacts with water.
+    #[serde(default)]
+    pub water_contacts: u32,
+    /// Contacts at more than [`VIOLENT_CONTACT_MPS`].
+    #[serde(default)]
+    pub contacts_above_2_mps: u32,
     /// In the deck plane, deck centre to the feet's centroid at first contact, m.
     pub position_error_m: Option<f64>,
     /// The same at the end of the rest, m.
@@ -152,6 +160,13 @@ pub struct Outcome {
     pub over_deck_time_s: Option<f64>,
     /// First contact to motors stopped, s.
     pub stop_time_s: Option<f64>,
+    /// Age of the vessel's newest estimate in the forecast at first contact, s; none was ever used:
+    /// null.
+    #[serde(default)]
+    pub radio_age_s: Option<f64>,
+    /// Age of the newest sighting in the forecast at first contact, s.
+    #[serde(default)]
+    pub sight_age_s: Option<f64>,
     /// Simulated time, warm-up included, s.
     pub sim_time_s: f64,
     /// Time it took to compute, s.
@@ -178,6 +193,8 @@ pub struct Judge {
     stopped: Option<f64>,
     failure: Option<(Ending, String)>,
     unsafe_contacts: u32,
+    water_contacts: u32,
+    violent_contacts: u32,
     attempts: u32,
     rest_error: Option<f64>,
     ended: bool,
@@ -203,6 +220,7 @@ impl Judge {
             self.touch(o, touch, half_deck);
         }
         if o.in_water {
+            self.water_contacts += 1;
             self.fail(Ending::Water, format!("in the water after {:.1} s", o.t_s));
             self.ended = true;
         }
@@ -280,6 +298,9 @@ impl Judge {
         if unsafe_contact {
             self.unsafe_contacts += 1;
         }
+        if normal.hypot(tangential) > VIOLENT_CONTACT_MPS {
+            self.violent_contacts += 1;
+        }
         if self.first.is_none() {
             let position_error = centroid_error(&o.feet);
             if o.feet
@@ -347,6 +368,8 @@ impl Judge {
             planner: planner.into(),
             attempts: self.attempts,
             unsafe_contacts: self.unsafe_contacts,
+            water_contacts: self.water_contacts,
+            contacts_above_2_mps: self.violent_contacts,
             position_error_m: first.map(|c| c.position_error),
             rest_position_error_m: self.rest_error,
             touchdown_speed_mps: first.map(|c| c.normal),
@@ -358,6 +381,8 @@ impl Judge {
             landing_time_s: first.and_then(|c| self.descent_began.map(|d| c.t_s - d)),
             over_deck_time_s: first.and_then(|c| self.over_deck.map(|d| c.t_s - d)),
             stop_time_s: first.and_then(|c| self.stopped.map(|s| s - c.t_s)),
+            radio_age_s: None,
+            sight_age_s: None,
             sim_time_s,
             wall_time_s: 0.0,
             digest: String::new(),
@@ -449,6 +474,27 @@ mod tests {
             ..touch(0.1, 0.0)
         };
         assert_eq!(run(other, 0.0, 0.5, DOWN).outcome, Ending::Tipped);
+    }
+
+    #[test]
+    fn water_and_violent_contacts_are_counted_apart() {
+        let o = run(touch(1.5, 1.5), 0.0, 0.5, DOWN);
+        assert_eq!(
+            (o.unsafe_contacts, o.contacts_above_2_mps, o.water_contacts),
+            (1, 1, 0)
+        );
+        let o = run(touch(1.5, 1.0), 0.0, 0.5, DOWN);
+        assert_eq!((o.unsafe_contacts, o.contacts_above_2_mps), (1, 0));
+        let mut judge = Judge::default();
+        judge.observe(
+            &Observation {
+                in_water: true,
+                ..at(5.0)
+            },
+            HALF,
+        );
+        let o = judge.outcome(1, "", "", 0.0);
+        assert_eq!((o.outcome, o.water_contacts), (Ending::Water, 1));
     }
 
     #[test]

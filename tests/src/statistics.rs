@@ -50,39 +50,38 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
 
 /// Percentile bootstrap (Efron 1979) of the mean: its 95 % interval from 1000 resamples of a fixed
 /// stream, so that a report is reproducible. None without values.
-pub fn bootstrap_mean(values: Vec<f64>) -> Option<[f64; 2]> {
-    let n = values.len() as f64;
-    bootstrap(values.len(), |drawn| {
-        drawn.iter().filter_map(|i| values.get(*i)).sum::<f64>() / n
-    })
+pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
+    bootstrap(values, |v| v.iter().sum::<f64>() / v.len() as f64)
 }
 
 /// The same for the ratio of two sums over the same trials, which are drawn in pairs.
 pub fn bootstrap_ratio(above: &[f64], below: &[f64]) -> Option<[f64; 2]> {
-    bootstrap(above.len().min(below.len()), |drawn| {
-        let sum = |v: &[f64]| drawn.iter().filter_map(|i| v.get(*i)).sum::<f64>();
-        sum(above) / sum(below)
+    let pairs: Vec<(f64, f64)> = above.iter().copied().zip(below.iter().copied()).collect();
+    bootstrap(&pairs, |v| {
+        v.iter().map(|p| p.0).sum::<f64>() / v.iter().map(|p| p.1).sum::<f64>()
     })
 }
 
-/// 95 % interval of `figure` over 1000 resamples of `n` indices.
-fn bootstrap(n: usize, figure: impl Fn(&[usize]) -> f64) -> Option<[f64; 2]> {
+/// The same for any statistic of a sample. `values` may be pairs: what is drawn stays together.
+pub fn bootstrap<T: Copy>(values: &[T], statistic: impl Fn(&[T]) -> f64) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;
     const RESAMPLES: usize = 1000;
     if n == 0 {
         return None;
     }
     let mut rng = crate::streams::Streams::new(0).stream("bootstrap");
-    let mut figures: Vec<f64> = (0..RESAMPLES)
+    let mut drawn = Vec::with_capacity(n);
+    let mut results: Vec<f64> = (0..RESAMPLES)
         .map(|_| {
-            let drawn: Vec<usize> = (0..n).map(|_| (rng.next_u64() % n as u64) as usize).collect();
-            figure(&drawn)
+            drawn.clear();
+            drawn.extend((0..n).filter_map(|_| values.get((rng.next_u64() % n as u64) as usize)));
+            statistic(&drawn)
         })
         .collect();
-    figures.sort_by(f64::total_cmp);
+    results.sort_by(f64::total_cmp);
     Some([
-        *figures.get(RESAMPLES / 40)?,
-        *figures.get(RESAMPLES - RESAMPLES / 40 - 1)?,
+        *results.get(RESAMPLES / 40)?,
+        *results.get(RESAMPLES - RESAMPLES / 40 - 1)?,
     ])
 }
 
@@ -102,6 +101,8 @@ pub const FIGURES: &[FigureOf] = &[
     ("landing_time_s", |o| o.landing_time_s),
     ("over_deck_time_s", |o| o.over_deck_time_s),
     ("stop_time_s", |o| o.stop_time_s),
+    ("radio_age_s", |o| o.radio_age_s),
+    ("sight_age_s", |o| o.sight_age_s),
     ("attempts", |o| Some(f64::from(o.attempts))),
     ("sim_time_s", |o| Some(o.sim_time_s)),
     ("wall_time_s", |o| Some(o.wall_time_s)),
@@ -116,6 +117,10 @@ pub struct Summary {
     pub successes: usize,
     /// Contacts that broke the limits.
     pub unsafe_contacts: u32,
+    /// Contacts with water.
+    pub water_contacts: u32,
+    /// Contacts at more than 2 m/s.
+    pub contacts_above_2_mps: u32,
     /// Figures under the names of [`FIGURES`].
     pub figures: Vec<(&'static str, Option<Figure>)>,
 }
@@ -128,6 +133,8 @@ impl Summary {
             trials: outcomes.len(),
             successes: outcomes.iter().filter(|o| o.success).count(),
             unsafe_contacts: outcomes.iter().map(|o| o.unsafe_contacts).sum(),
+            water_contacts: outcomes.iter().map(|o| o.water_contacts).sum(),
+            contacts_above_2_mps: outcomes.iter().map(|o| o.contacts_above_2_mps).sum(),
             figures: FIGURES
                 .iter()
                 .map(|(name, f)| (*name, Figure::of(touched().filter_map(f))))
@@ -161,7 +168,7 @@ mod tests {
     #[test]
     fn the_bootstrap_interval_is_about_the_normal_one() {
         let values: Vec<f64> = (0..200).map(|k| f64::from(k % 20)).collect();
-        let [lo, hi] = bootstrap_mean(values).unwrap();
+        let [lo, hi] = bootstrap_mean(&values).unwrap();
         // sd 5.77, so 1.96 sd / sqrt(200) = 0.80 about the mean of 9.5.
         assert!((lo - 8.7).abs() < 0.15 && (hi - 10.3).abs() < 0.15, "{lo} {hi}");
     }

@@ -84,6 +84,7 @@ pub fn fly_with(
     });
     let mut state = State::Idle;
     let mut next_point = 0.0;
+    let mut ages: Option<[f64; 2]> = None;
     // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         world.tick_with(tap);
@@ -110,12 +111,20 @@ pub fn fly_with(
         if let (Some(trace), Some(t)) = (trace.as_mut(), judge.first_contact_s()) {
             trace.touchdown_s = Some(t);
         }
+        if judge.first_contact_s().is_some()
+            && ages.is_none()
+            && let Some(forecast) = world.forecast()
+        {
+            ages = Some([forecast.radio_age_s, forecast.vision_age_s]);
+        }
         if over {
             break;
         }
     }
     let sim_time_s = world.time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
     let mut outcome = judge.outcome(seed, sea, nodes.drone.planner.kind.name(), sim_time_s);
+    [outcome.radio_age_s, outcome.sight_age_s] =
+        [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     outcome.digest = format!("{:016x}", world.digest());
     Ok(Flight { outcome, trace })
 }

@@ -1,11 +1,14 @@
 //! `alight study` and `alight response`: one thing measured over many seeds.
 
+mod ablation;
+mod flown;
 mod grid;
 mod prediction;
+mod publish;
 mod report;
 pub mod run;
+mod search;
 
-use alight_sim::outcome::Outcome;
 use alight_sim::response::{self, ResponseConfig};
 use alight_sim::scenario::Scenario;
 use alight_sim::studies::airborne::{self, Airborne};
@@ -21,6 +24,7 @@ use crate::say::{self, note};
 use crate::scene::Scene;
 use crate::trials::{bar, pool, seeds};
 use crate::{End, Refused};
+use flown::Flown;
 
 /// Runs a study.
 pub fn run(args: &StudyArgs) -> Result<End, Refused> {
@@ -40,10 +44,12 @@ pub fn run(args: &StudyArgs) -> Result<End, Refused> {
         Study::Estimator => estimator(args)?,
         Study::Prediction => prediction::run(args)?,
         Study::Merge => merge(args)?,
+        Study::Search => search::run(args)?,
         Study::Table1
         | Study::Table2
         | Study::Coupling
         | Study::Faa
+        | Study::Ablation
         | Study::Approach
         | Study::Moving
         | Study::Seas
@@ -57,7 +63,7 @@ pub fn run(args: &StudyArgs) -> Result<End, Refused> {
     Ok(End::Success)
 }
 
-fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerKind> {
+fn planners(args: &StudyArgs, base: &Scene) -> Vec<Flown> {
     let mut kinds: Vec<PlannerKind> = match (&args.planners[..], args.name) {
         ([], Study::Faa) => vec![PlannerKind::MpcFaa, PlannerKind::Mpc],
         ([], _) => vec![base.nodes.drone.planner.kind],
@@ -70,7 +76,7 @@ fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerKind> {
             true
         }
     });
-    kinds
+    kinds.into_iter().map(Flown::from).collect()
 }
 
 fn title(study: Study) -> String {
@@ -86,13 +92,13 @@ fn title(study: Study) -> String {
 fn grid_study(args: &StudyArgs) -> Result<Value, Refused> {
     let base = Scene::of(&args.scene)?;
     let rows = grid::rows(args.name, &base)?;
-    let planners = planners(args, &base);
+    let planners = match args.name {
+        Study::Ablation if args.planners.is_empty() => ablation::planners(&base.nodes).map_err(Refused)?,
+        _ => planners(args, &base),
+    };
     let outcomes = run::fly_grid(args, &rows, &planners)?;
     let hash = run::configuration_hash(&base.nodes);
-    let value = run::publish(args, &title(args.name), &hash, &rows, &outcomes)?;
-    for pair in planners.windows(2) {
-        compare(args, &outcomes, pair[0].name(), pair[1].name());
-    }
+    let value = publish::publish(args, &title(args.name), &hash, &planners, &outcomes)?;
     for line in grid::answer(args.name, &rows, &planners, &outcomes) {
         note(args.json, line);
     }
@@ -109,63 +115,14 @@ fn merge(args: &StudyArgs) -> Result<Value, Refused> {
     if args.dirs.is_empty() {
         return Err(Refused("study merge: name the directories of the shards".into()));
     }
-    let mut outcomes = Vec::new();
-    for dir in &args.dirs {
-        outcomes.extend(run::read_rows(dir)?);
-    }
-    outcomes.sort_by(|a, b| (&a.sea, &a.planner, a.seed).cmp(&(&b.sea, &b.planner, b.seed)));
-    outcomes.dedup_by(|a, b| (&a.sea, &a.planner, a.seed) == (&b.sea, &b.planner, b.seed));
-    let writing = |e: &dyn std::fmt::Display| Refused::because(format!("writing into {}", out.display()), e);
-    std::fs::create_dir_all(out).map_err(|e| writing(&e))?;
-    let mut writer = csv::Writer::from_path(out.join("rows.csv")).map_err(|e| writing(&e))?;
+    let (outcomes, hash) = run::join(&args.dirs, out)?;
+    let mut planners: Vec<Flown> = args.planners.iter().map(|p| Flown::from(p.kind())).collect();
     for o in &outcomes {
-        writer.serialize(o).map_err(|e| writing(&e))?;
+        if !planners.iter().any(|p| p.name == o.planner) {
+            planners.push(Flown::named(&o.planner));
+        }
     }
-    writer.flush().map_err(|e| writing(&e))?;
-    let hash = run::configuration_hash(&Scene::of(&args.scene)?.nodes);
-    run::publish(args, "Merged study", &hash, &[], &outcomes)
-}
-
-/// Paired differences of two planners, scenario by scenario.
-fn compare(args: &StudyArgs, outcomes: &[Outcome], a: &str, b: &str) {
-    let say = |line: String| note(args.json, line);
-    let of = |planner: &str| -> Vec<Outcome> {
-        let mut v: Vec<Outcome> = outcomes
-            .iter()
-            .filter(|o| o.planner == planner)
-            .cloned()
-            .collect();
-        v.sort_by(|x, y| (&x.sea, x.seed).cmp(&(&y.sea, y.seed)));
-        v
-    };
-    let (x, y) = (of(a), of(b));
-    if x.len() != y.len() || x.is_empty() {
-        return;
-    }
-    say(format!(
-        "{b} minus {a}, same seeds, all scenarios (mean, 95 % interval)"
-    ));
-    type Row = (&'static str, fn(&Outcome) -> Option<f64>);
-    let rows: [Row; 5] = [
-        ("tilt_error_deg", |o| o.tilt_error_deg),
-        ("position_error_m", |o| o.position_error_m),
-        ("tangential_speed_mps", |o| o.tangential_speed_mps),
-        ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
-        ("landing_time_s", |o| o.landing_time_s),
-    ];
-    for (name, f) in rows {
-        let (mean, half, n) = paired(&x, &y, f);
-        say(format!("  {name:<24}{mean:>10.3} +- {half:.3}  ({n} pairs)"));
-    }
-}
-
-/// Mean and 95 % interval of paired differences `b - a`.
-fn paired(a: &[Outcome], b: &[Outcome], f: fn(&Outcome) -> Option<f64>) -> (f64, f64, usize) {
-    let d: Vec<f64> = a.iter().zip(b).filter_map(|(x, y)| Some(f(y)? - f(x)?)).collect();
-    let n = d.len().max(1) as f64;
-    let mean = d.iter().sum::<f64>() / n;
-    let var = d.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    (mean, 1.96 * (var / n).sqrt(), d.len())
+    publish::publish(args, "Merged study", &hash, &planners, &outcomes)
 }
 
 fn sea(args: &SceneArgs, text: &str) -> Result<SceneArgs, Refused> {

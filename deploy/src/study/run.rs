@@ -1,32 +1,26 @@
 //! Runs a grid of scenes and planners: resumable, sharded, every trial a row in a CSV.
 
 use std::collections::BTreeSet;
-use std::fmt::Write as _;
 use std::fs::OpenOptions;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use alight_sim::outcome::Outcome;
 use alight_sim::scenario::NodeConfigs;
-use alight_sim::statistics::{FIGURES, Summary, bootstrap_mean, wilson};
 use alight_sim::trial::{Watch, fly};
 use alight_uav::planner::PlannerKind;
 use indicatif::ParallelProgressIterator;
 use rayon::prelude::*;
-use serde_json::Value;
 
+use super::flown::Flown;
 use super::grid::Row;
-use super::report::{self, Line};
 use crate::Refused;
 use crate::args::StudyArgs;
 use crate::configs::DroneFile;
+#[cfg(feature = "record")]
 use crate::say::note;
 use crate::scene::stopwatch;
-use crate::table;
 use crate::trials::{bar, pool, seeds};
-
-/// Worst trials that a report names.
-const WORST: usize = 12;
 
 /// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
 pub fn configuration_hash(nodes: &NodeConfigs) -> String {
@@ -79,14 +73,108 @@ pub fn read_rows(dir: &Path) -> Result<Vec<Outcome>, Refused> {
     reader.deserialize().map(|r| r.map_err(reading)).collect()
 }
 
-/// One file per scenario, so that a trial can be flown again.
-fn write_scenarios(out: &Path, rows: &[Row]) -> Result<(), Refused> {
-    let dir = out.join("scenarios");
-    let doing = || format!("writing the scenarios into {}", dir.display());
-    std::fs::create_dir_all(&dir).map_err(|e| Refused::because(doing(), e))?;
+/// Joins what `dirs` hold into `out`: rows, and the files that fly a trial again. All have to be of
+/// one configuration, whose hash is given.
+pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), Refused> {
+    let writing = |e: &dyn std::fmt::Display| Refused::because(format!("writing into {}", out.display()), e);
+    let mut outcomes = Vec::new();
+    let mut hashes = BTreeSet::new();
+    std::fs::create_dir_all(out).map_err(|e| writing(&e))?;
+    for dir in dirs {
+        outcomes.extend(read_rows(dir)?);
+        hashes.insert(read_hash(dir).unwrap_or_else(|| "unknown".into()));
+        for part in ["scenarios", "configs/vessel", "configs/drone"] {
+            // What is not there was the default.
+            for entry in std::fs::read_dir(dir.join(part)).into_iter().flatten().flatten() {
+                let folder = out.join(part);
+                std::fs::create_dir_all(&folder).map_err(|e| writing(&e))?;
+                std::fs::copy(entry.path(), folder.join(entry.file_name())).map_err(|e| writing(&e))?;
+            }
+        }
+    }
+    if hashes.len() > 1 {
+        return Err(Refused(format!(
+            "study merge: the directories are of different configurations ({}); join those of one",
+            hashes.into_iter().collect::<Vec<_>>().join(", ")
+        )));
+    }
+    outcomes.sort_by(|a, b| (&a.sea, &a.planner, a.seed).cmp(&(&b.sea, &b.planner, b.seed)));
+    outcomes.dedup_by(|a, b| (&a.sea, &a.planner, a.seed) == (&b.sea, &b.planner, b.seed));
+    let hash = hashes.into_iter().next().unwrap_or_default();
+    std::fs::write(out.join(HASH_FILE), format!("{hash}\n")).map_err(|e| writing(&e))?;
+    let mut writer = csv::Writer::from_path(rows_file(out)).map_err(|e| writing(&e))?;
+    for o in &outcomes {
+        writer.serialize(o).map_err(|e| writing(&e))?;
+    }
+    writer.flush().map_err(|e| writing(&e))?;
+    Ok((outcomes, hash))
+}
+
+/// Where a study keeps the scene of a row.
+pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
+    out.join("scenarios").join(file_name(scenario))
+}
+
+/// Where a study keeps the configurations of vessel and drone that are not the defaults.
+pub fn config_files(out: &Path, scenario: &str, flown: &str) -> [PathBuf; 2] {
+    ["vessel", "drone"].map(|side| {
+        out.join("configs")
+            .join(side)
+            .join(file_name(&format!("{scenario} {flown}")))
+    })
+}
+
+/// The file with the hash of the configuration that a directory's rows were flown with.
+const HASH_FILE: &str = "configuration";
+
+/// The hash that `dir` says, if it says one.
+pub fn read_hash(dir: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
+    Some(text.trim().into())
+}
+
+/// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
+/// another configuration or another scene.
+fn prepare(out: &Path, rows: &[Row], flown: &[Flown]) -> Result<(), Refused> {
+    let doing = || format!("preparing the directory {}", out.display());
+    let because = |e: &dyn std::fmt::Display| Refused::because(doing(), e);
+    let Some(base) = rows.first().map(|r| &r.nodes) else {
+        return Ok(());
+    };
+    let mut files = vec![(out.join(HASH_FILE), configuration_hash(base) + "\n")];
     for row in rows {
-        let text = toml::to_string(&row.world).map_err(|e| Refused::because(doing(), e))?;
-        std::fs::write(dir.join(file_name(&row.name)), text).map_err(|e| Refused::because(doing(), e))?;
+        let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
+        files.push((scenario_file(out, &row.name), text));
+    }
+    for (row, f) in rows.iter().flat_map(|r| flown.iter().map(move |f| (r, f))) {
+        let nodes = f.nodes(&row.nodes);
+        let [vessel, drone] = config_files(out, &row.name, &f.name);
+        if nodes.vessel != NodeConfigs::default().vessel {
+            files.push((vessel, toml::to_string(&nodes.vessel).map_err(|e| because(&e))?));
+        }
+        let file = DroneFile {
+            bridge: nodes.bridge,
+            drone: nodes.drone,
+        };
+        let mut plain = DroneFile::default();
+        plain.drone.planner.kind = f.kind;
+        if file != plain {
+            files.push((drone, toml::to_string(&file).map_err(|e| because(&e))?));
+        }
+    }
+    let used = rows_file(out).exists();
+    for (path, text) in files {
+        if used && std::fs::read_to_string(&path).is_ok_and(|old| old != text) {
+            return Err(Refused(format!(
+                "{} was written by a study with another configuration or scene: its rows would be \
+                 mixed with these; give another directory",
+                path.display()
+            )));
+        }
+        if let Some(dir) = path.parent() {
+            std::fs::create_dir_all(dir).map_err(|e| because(&e))?;
+        }
+        std::fs::write(&path, text).map_err(|e| because(&e))?;
     }
     Ok(())
 }
@@ -106,11 +194,11 @@ fn file_name(scenario: &str) -> String {
 }
 
 /// Flies what is not flown yet; all rows in the order of scenario, planner and seed.
-pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[PlannerKind]) -> Result<Vec<Outcome>, Refused> {
+pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[Flown]) -> Result<Vec<Outcome>, Refused> {
     let seeds = seeds(args.seed0, args.trials)?;
     let mut done = Vec::new();
     if let Some(out) = &args.out {
-        write_scenarios(out, rows)?;
+        prepare(out, rows, planners)?;
         if rows_file(out).exists() {
             done = read_rows(out)?;
         }
@@ -121,21 +209,21 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[PlannerKind]) -> Res
         .collect();
     let mut work = Vec::new();
     for (i, row) in rows.iter().enumerate() {
-        for &kind in planners {
+        for planner in planners {
             for &seed in &seeds {
-                work.push((i, row, kind, seed));
+                work.push((i, row, planner, seed));
             }
         }
     }
     let wanted: BTreeSet<(String, String, u64)> = work
         .iter()
-        .map(|(_, r, k, s)| (r.name.clone(), k.name().to_string(), *s))
+        .map(|(_, r, k, s)| (r.name.clone(), k.name.clone(), *s))
         .collect();
     let mut number = 0;
-    work.retain(|(_, row, kind, seed)| {
+    work.retain(|(_, row, planner, seed)| {
         number += 1;
         args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1)
-            && !known.contains(&(row.name.clone(), kind.name().to_string(), *seed))
+            && !known.contains(&(row.name.clone(), planner.name.clone(), *seed))
     });
     let writer = match &args.out {
         Some(out) => {
@@ -156,9 +244,8 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[PlannerKind]) -> Res
     let flown: Result<Vec<Outcome>, Refused> = pool(args.jobs)?.install(|| {
         work.par_iter()
             .progress_with(progress.clone())
-            .map(|(_, row, kind, seed)| {
-                let mut nodes = row.nodes.clone();
-                nodes.drone.planner.kind = *kind;
+            .map(|(_, row, planner, seed)| {
+                let nodes = planner.nodes(&row.nodes);
                 let elapsed = stopwatch();
                 let mut quiet = |_: &_| {};
                 let watch = Watch {
@@ -169,6 +256,7 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[PlannerKind]) -> Res
                     .map_err(|e| Refused::because(format!("setting up `{}`, seed {seed}", row.name), e))?;
                 let outcome = Outcome {
                     wall_time_s: elapsed(),
+                    planner: planner.name.clone(),
                     ..flight.outcome
                 };
                 if let Some(Ok(mut writer)) = writer.as_ref().map(Mutex::lock) {
@@ -188,7 +276,7 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[PlannerKind]) -> Res
         let scenario = rows.iter().position(|r| r.name == o.sea).unwrap_or(usize::MAX);
         let planner = planners
             .iter()
-            .position(|p| p.name() == o.planner)
+            .position(|p| p.name == o.planner)
             .unwrap_or(usize::MAX);
         (scenario, planner, o.seed)
     };
@@ -209,7 +297,7 @@ const RECORDED: usize = 5;
 fn record_failed(
     args: &StudyArgs,
     out: &Path,
-    (rows, planners): (&[Row], &[PlannerKind]),
+    (rows, planners): (&[Row], &[Flown]),
     done: &[Outcome],
 ) -> Result<(), Refused> {
     let dir = out.join("failed");
@@ -217,7 +305,7 @@ fn record_failed(
         let Some(row) = rows.iter().find(|r| r.name == o.sea) else {
             continue;
         };
-        let Some(&kind) = planners.iter().find(|k| k.name() == o.planner) else {
+        let Some(planner) = planners.iter().find(|k| k.name == o.planner) else {
             continue;
         };
         let name = file_name(&format!("{} {}", o.sea, o.planner)).replace(".toml", "");
@@ -227,8 +315,7 @@ fn record_failed(
         }
         std::fs::create_dir_all(&dir)
             .map_err(|e| Refused::because(format!("making {}", dir.display()), e))?;
-        let mut nodes = row.nodes.clone();
-        nodes.drone.planner.kind = kind;
+        let nodes = planner.nodes(&row.nodes);
         let subject = crate::record::Subject {
             scenario: &row.world,
             nodes: &nodes,
@@ -244,159 +331,4 @@ fn record_failed(
         note(args.json, format_args!("recorded: {}", path.display()));
     }
     Ok(())
-}
-
-/// Table, JSON, Markdown and page of a set of rows.
-pub fn publish(
-    args: &StudyArgs,
-    title: &str,
-    hash: &str,
-    rows: &[Row],
-    outcomes: &[Outcome],
-) -> Result<Value, Refused> {
-    let say = |line: &str| note(args.json, line);
-    let mut keys: Vec<(&str, &str)> = Vec::new();
-    for o in outcomes {
-        if keys.last() != Some(&(o.sea.as_str(), o.planner.as_str())) {
-            keys.push((&o.sea, &o.planner));
-        }
-    }
-    say(&format!("{title}, configuration {hash}"));
-    let head = format!(
-        "{:<26}{:<14}{:>9}{:>5} {:>6}{:>6} {:>5}{:>5}{:>5} {:>5}{:>5} {:>6}",
-        "scenario", "planner", "landed", "uns", "pos m", "p95", "m/s", "p95", "tang", "tilt", "p95", "land s"
-    );
-    say(&head);
-    let mut markdown = format!(
-        "# {title}\n\nConfiguration `{hash}`, seeds {} to {}.\n\n\
-         | scenario | planner | landed | 95 % | unsafe | position m (p95) | published | normal m/s (p95) | tangential p95 | \
-         tilt deg (p95) | landing s | published | over deck s |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
-        args.seed0,
-        args.seed0 + u64::from(args.trials) - 1,
-    );
-    let (mut lines, mut values) = (Vec::new(), Vec::new());
-    for (scenario, planner) in keys {
-        let set: Vec<Outcome> = outcomes
-            .iter()
-            .filter(|o| o.sea == scenario && o.planner == planner)
-            .cloned()
-            .collect();
-        let s = Summary::of(&set);
-        let f = |name: &str| s.figure(name).unwrap_or_default();
-        let published = rows.iter().find(|r| r.name == scenario).and_then(|r| r.published);
-        let short: String = scenario.chars().take(25).collect();
-        say(&format!(
-            "{short:<26}{planner:<14}{:>9}{:>5} {:>6.3}{:>6.3} {:>5.2}{:>5.2}{:>5.2} {:>5.2}{:>5.2} {:>6.1}",
-            format!("{}/{}", s.successes, s.trials),
-            s.unsafe_contacts,
-            f("position_error_m").mean,
-            f("position_error_m").p95,
-            f("touchdown_speed_mps").mean,
-            f("touchdown_speed_mps").p95,
-            f("tangential_speed_mps").p95,
-            f("tilt_error_deg").mean,
-            f("tilt_error_deg").p95,
-            f("landing_time_s").mean,
-        ));
-        let (lo, hi) = wilson(s.successes, s.trials);
-        let known = |i: usize| published.map_or_else(|| "-".into(), |p: [f64; 3]| p[i].to_string());
-        let _ = writeln!(
-            markdown,
-            "| {scenario} | {planner} | {}/{} | {:.1}-{:.1} % | {} | {:.3} ({:.3}) | {} | {:.2} ({:.2}) | {:.2} | {:.2} ({:.2}) | {:.1} | {} | {:.1} |",
-            s.successes,
-            s.trials,
-            100.0 * lo,
-            100.0 * hi,
-            s.unsafe_contacts,
-            f("position_error_m").mean,
-            f("position_error_m").p95,
-            known(0),
-            f("touchdown_speed_mps").mean,
-            f("touchdown_speed_mps").p95,
-            f("tangential_speed_mps").p95,
-            f("tilt_error_deg").mean,
-            f("tilt_error_deg").p95,
-            f("landing_time_s").mean,
-            known(1),
-            f("over_deck_time_s").mean,
-        );
-        let mut value = table::summary_json(&s);
-        value.insert("scenario".into(), scenario.into());
-        value.insert("planner".into(), planner.into());
-        value.insert("configuration".into(), hash.into());
-        values.push(Value::Object(value));
-        let intervals = FIGURES
-            .iter()
-            .map(|(name, f)| (*name, bootstrap_mean(set.iter().filter_map(f).collect())))
-            .collect();
-        lines.push(Line {
-            scenario: scenario.into(),
-            planner: planner.into(),
-            summary: s,
-            intervals,
-            published,
-        });
-    }
-    let worst = worst(args, outcomes);
-    for line in &worst {
-        say(line);
-    }
-    let value = Value::Array(values);
-    if let Some(out) = &args.out {
-        let seeds = format!(
-            "seeds {} to {}",
-            args.seed0,
-            args.seed0 + u64::from(args.trials) - 1
-        );
-        let _ = write!(
-            markdown,
-            "\nWorst trials and failures:\n\n```\n{}\n```\n",
-            worst.join("\n")
-        );
-        let page = report::html(title, hash, &seeds, &lines, &worst);
-        for (name, text) in [
-            ("report.html", page),
-            ("summary.md", markdown),
-            ("summary.json", value.to_string()),
-        ] {
-            let path = out.join(name);
-            std::fs::write(&path, text)
-                .map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
-        }
-        say(&format!("written: {}", out.join("report.html").display()));
-    }
-    Ok(value)
-}
-
-/// Failures first, then the largest position errors, each with the command that flies it again.
-fn worst(args: &StudyArgs, outcomes: &[Outcome]) -> Vec<String> {
-    let mut order: Vec<&Outcome> = outcomes.iter().collect();
-    order.sort_by(|a, b| {
-        let bad = |o: &Outcome| o.position_error_m.unwrap_or(f64::INFINITY);
-        a.success.cmp(&b.success).then(bad(b).total_cmp(&bad(a)))
-    });
-    let failures = order.iter().filter(|o| !o.success).count();
-    let mut lines = Vec::new();
-    for o in order.iter().take(failures.clamp(WORST / 4, WORST)) {
-        lines.push(format!(
-            "{} {} seed {}: {} ({})",
-            o.sea,
-            o.planner,
-            o.seed,
-            o.outcome.name(),
-            o.reason
-        ));
-        if let Some(out) = &args.out {
-            lines.push(format!(
-                "  alight trial --scenario '{}' --planner {} --seed {}",
-                out.join("scenarios").join(file_name(&o.sea)).display(),
-                o.planner,
-                o.seed
-            ));
-        }
-    }
-    if failures > WORST {
-        lines.push(format!("and {} more failures in rows.csv", failures - WORST));
-    }
-    lines
 }

@@ -271,7 +271,8 @@ impl Planner {
     /// open, 0.5 m or more, would take the pilot longer to close than the landing lasts.
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
-        if begins && self.config.kind == PlannerKind::Alight {
+        let c = &self.config;
+        if begins && c.kind == PlannerKind::Alight && c.rendezvous.begins_measured {
             self.flight = None;
         }
     }
@@ -439,6 +440,10 @@ impl Planner {
             | PlannerKind::WaitCalm
             | PlannerKind::PrecisionLand
             | PlannerKind::GnssRadio => (s[3], s[4], 1.0),
+            PlannerKind::Alight if !self.config.rendezvous.true_tilt => {
+                let wind = self.wind() / GRAVITY;
+                (s[3] - wind.y, s[4] + wind.x, 1.0)
+            }
             PlannerKind::Alight => true_tilt(s, down, &self.wind()),
         };
         let (phi, theta) = tilt_of(&up_of(north, east), s[5]);

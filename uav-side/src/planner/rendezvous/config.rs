@@ -3,6 +3,8 @@
 use alight_shared::config::{Check, ConfigError, Keys};
 use serde::{Deserialize, Serialize};
 
+use crate::planner::weights::FaaDistance;
+
 /// A stage's weight: far from the contact, and what is added at it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -181,6 +183,13 @@ pub struct RendezvousConfig {
     pub instant: InstantConfig,
     /// The wind.
     pub wind: WindConfig,
+    /// Tilt is planned as the horizontal acceleration that it causes at the planned vertical one; else
+    /// as `g tilt`, the linear model's.
+    pub true_tilt: bool,
+    /// Whose height over the deck tells how near the contact is.
+    pub distance: FaaDistance,
+    /// A landing begins from the measured state; else from the plan that was followed.
+    pub begins_measured: bool,
     /// Height over the deck at which a stage counts as contact by exp(-1), m.
     pub near_m: f64,
     /// Stages this long after the contact count by exp(-1), s.
@@ -210,6 +219,9 @@ impl Default for RendezvousConfig {
             profile: ProfileConfig::default(),
             instant: InstantConfig::default(),
             wind: WindConfig::default(),
+            true_tilt: true,
+            distance: FaaDistance::PerStage,
+            begins_measured: true,
             near_m: 0.1,
             after_s: 0.3,
             horizontal: meeting(40.0, 1500.0),

@@ -26,6 +26,7 @@ use nalgebra::{Vector2, Vector3};
 use super::model::State;
 use super::mpc_faa::Problem;
 use super::reference::Aim;
+use super::weights::FaaDistance;
 use config::RendezvousConfig;
 use instant::{Instant, aligned_acceleration};
 use profile::{Height, Profile};
@@ -212,8 +213,12 @@ impl Rendezvous {
             deck.rotation() * body_rates(deck.euler[0], deck.euler[1], Vector3::from(deck.euler_rates));
         let turn = spin.cross(&n) * self.feet;
         let contact = self.contact_z(deck);
-        let tilt = aligned_acceleration(deck) / GRAVITY;
-        let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
+        let (tilt, gain) = if c.true_tilt {
+            let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
+            (aligned_acceleration(deck) / GRAVITY, gain)
+        } else {
+            (n.xy() / (-n.z).max(0.3), 1.0)
+        };
         for i in 0..2 {
             r[i] = deck.position[i] + self.feet * n[i];
             r[6 + i] = deck.velocity[i] + turn[i];
@@ -225,7 +230,11 @@ impl Rendezvous {
 
         // After the contact nothing has to be met any more.
         let after = (time - way.left.max(0.0)).max(0.0) / c.after_s;
-        let near = h.clearance.max(0.0) / c.near_m;
+        let clearance = match c.distance {
+            FaaDistance::PerStage => h.clearance,
+            FaaDistance::Current => way.ceiling,
+        };
+        let near = clearance.max(0.0) / c.near_m;
         let g = (-near * near - after * after).exp();
         for i in 0..2 {
             q[i] = c.horizontal.at(g);
