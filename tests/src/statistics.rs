@@ -66,6 +66,7 @@ pub fn bootstrap_ratio(above: &[f64], below: &[f64]) -> Option<[f64; 2]> {
 pub fn bootstrap<T: Copy>(values: &[T], statistic: impl Fn(&[T]) -> f64) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;
     const RESAMPLES: usize = 1000;
+    let n = values.len();
     if n == 0 {
         return None;
     }

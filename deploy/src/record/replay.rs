@@ -13,6 +13,7 @@ use alight_uav::pilot::Pilot;
 use alight_uav::planner::Planner;
 use alight_uav::predictor::Predictor;
 use alight_usv::{VesselNode, VesselNodeConfig};
+use mcap::read::Options;
 use mcap::{MessageStream, Summary};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -108,7 +109,8 @@ pub fn replay(path: &Path) -> Result<Replayed, Refused> {
     let mut nodes = Nodes::of(&file, &origin)?;
     let mut replayed = Replayed::default();
     let topics = NODES.map(topic);
-    for message in MessageStream::new(&file).map_err(|e| unreadable(&origin, &e))? {
+    let checked = Options::ValidateChunkCrcs.into();
+    for message in MessageStream::new_with_options(&file, checked).map_err(|e| unreadable(&origin, &e))? {
         let message = message.map_err(|e| unreadable(&origin, &e))?;
         if message.channel.message_encoding != ENCODING {
             continue;
