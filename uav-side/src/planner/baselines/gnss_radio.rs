@@ -15,22 +15,31 @@ pub struct GnssRadioConfig {
     /// The vertical velocity dies out with this time constant, s: heave goes back, constant vertical
     /// velocity over the whole horizon would chase it by metres.
     pub heave_memory_s: f64,
+    /// In the flare it goes on down to this far below the believed deck, m: contact ends the descent,
+    /// not the receivers' word.
+    pub below_m: f64,
 }
 impl Default for GnssRadioConfig {
-    /// Ours: a fifth of a wave's period.
+    /// Ours: a fifth of a wave's period; two standard deviations of the difference of two receivers
+    /// of 1 m each.
     fn default() -> Self {
-        GnssRadioConfig { heave_memory_s: 1.0 }
+        GnssRadioConfig {
+            heave_memory_s: 1.0,
+            below_m: 2.8,
+        }
     }
 }
 impl Check for GnssRadioConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("heave_memory_s", self.heave_memory_s, 0.01, 100.0)
+        at.range("heave_memory_s", self.heave_memory_s, 0.01, 100.0)?;
+        at.range("below_m", self.below_m, 0.0, 10.0)
     }
 }
 
 /// Replaces every stage by the first one moved on: `p + v t` horizontally, with
-/// `v tau (1 - exp(-t / tau))` vertically; level, with the heading that it has.
-pub fn extrapolate(forecast: &mut DeckForecast, config: &GnssRadioConfig) {
+/// `v tau (1 - exp(-t / tau))` vertically; level, with the heading that it has. `lower_m`: and lower
+/// by this much.
+pub fn extrapolate(forecast: &mut DeckForecast, lower_m: f64, config: &GnssRadioConfig) {
     let Some(first) = forecast.stages.first().copied() else {
         return;
     };
@@ -40,10 +49,47 @@ pub fn extrapolate(forecast: &mut DeckForecast, config: &GnssRadioConfig) {
         let left = (-t / tau).exp();
         let [vn, ve, vd] = first.velocity;
         let [n, e, d] = first.position;
-        stage.position = [n + vn * t, e + ve * t, d + vd * tau * (1.0 - left)];
+        stage.position = [n + vn * t, e + ve * t, d + vd * tau * (1.0 - left) + lower_m];
         stage.velocity = [vn, ve, vd * left];
         stage.acceleration = [0.0, 0.0, -vd * left / tau];
         stage.euler = [0.0, 0.0, first.euler[2]];
         stage.euler_rates = [0.0; 3];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::DeckStage;
+    use alight_shared::time::Span;
+
+    #[test]
+    fn the_deck_goes_on_and_its_heave_dies_out() {
+        let mut f = DeckForecast {
+            step: Span::from_millis(100),
+            ..DeckForecast::default()
+        };
+        for _ in 0..41 {
+            let _ = f.stages.push(DeckStage {
+                position: [1.0, 2.0, -1.5],
+                velocity: [0.5, -0.2, 0.8],
+                euler: [0.2, 0.1, 1.0],
+                euler_rates: [0.3, 0.2, 0.1],
+                ..DeckStage::default()
+            });
+        }
+        extrapolate(&mut f, 0.0, &GnssRadioConfig::default());
+        let (a, b) = (f.stages[0], f.stages[40]);
+        assert_eq!((a.position, a.euler), ([1.0, 2.0, -1.5], [0.0, 0.0, 1.0]));
+        assert!((b.position[0] - 3.0).abs() < 1e-9 && (b.position[1] - 1.2).abs() < 1e-9);
+        // 0.8 m/s for 1 s, not for 4 s.
+        assert!((b.position[2] + 1.5 - 0.8).abs() < 0.02 && b.velocity[2] < 0.02);
+        // Velocity and acceleration are the slopes of position and velocity.
+        for w in f.stages.windows(2) {
+            let slope = (w[1].position[2] - w[0].position[2]) / 0.1;
+            assert!((slope - 0.5 * (w[0].velocity[2] + w[1].velocity[2])).abs() < 1e-3);
+            let slope = (w[1].velocity[2] - w[0].velocity[2]) / 0.1;
+            assert!((slope - 0.5 * (w[0].acceleration[2] + w[1].acceleration[2])).abs() < 1e-3);
+        }
     }
 }

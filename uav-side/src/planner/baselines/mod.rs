@@ -23,12 +23,15 @@ pub mod precision_land;
 pub mod settings;
 pub mod wait_calm;
 
+#[cfg(test)]
+mod tests;
+
 use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::{DeckForecast, MissionState};
+use alight_shared::msg::{DeckForecast, MissionState, State};
 use alight_shared::time::{DroneClock, Time};
 
 use super::config::{PlannerConfig, PlannerKind};
-use super::model::State;
+use super::model::State as Start;
 use precision_land::PrecisionLand;
 use wait_calm::WaitCalm;
 
@@ -68,7 +71,7 @@ impl Views {
         now: Time<DroneClock>,
         mission: &MissionState,
         forecast: Option<DeckForecast>,
-        start: &State,
+        start: &Start,
     ) -> View {
         let mut view = View {
             mission: *mission,
@@ -81,12 +84,15 @@ impl Views {
                 let clearance = clearance(now, view.forecast.as_ref(), start, self.feet);
                 self.wait_calm.judge(now, clearance, &mut view, &c.wait_calm);
             }
-            PlannerKind::PrecisionLand => self
-                .precision_land
-                .judge(now, start, &mut view, &c.precision_land),
+            PlannerKind::PrecisionLand => {
+                self.precision_land
+                    .judge(now, start, self.feet, &mut view, &c.precision_land)
+            }
             PlannerKind::GnssRadio => {
                 if let Some(f) = &mut view.forecast {
-                    gnss_radio::extrapolate(f, &c.gnss_radio);
+                    let flare = view.mission.state == State::Flare;
+                    let lower_m = if flare { c.gnss_radio.below_m } else { 0.0 };
+                    gnss_radio::extrapolate(f, lower_m, &c.gnss_radio);
                 }
             }
         }
@@ -95,7 +101,7 @@ impl Views {
 }
 
 /// Feet of a level drone over the deck's centre, m; infinite while the deck is not known.
-fn clearance(now: Time<DroneClock>, forecast: Option<&DeckForecast>, start: &State, feet_m: f64) -> f64 {
+fn clearance(now: Time<DroneClock>, forecast: Option<&DeckForecast>, start: &Start, feet_m: f64) -> f64 {
     forecast
         .and_then(|f| f.at(now.max(f.header.at)))
         .map_or(f64::INFINITY, |d| d.position[2] - feet_m - start[2])

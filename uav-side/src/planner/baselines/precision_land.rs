@@ -25,6 +25,11 @@ use crate::planner::model::State;
 pub struct PrecisionLandConfig {
     /// `MPC_LAND_SPEED`: speed of sinking over the earth, m/s.
     pub sink_mps: f64,
+    /// `MPC_LAND_CRWL`: the same on a drone with a rangefinder, as this one is, below `crawl_below_m`,
+    /// m/s.
+    pub crawl_mps: f64,
+    /// `MPC_LAND_ALT3`: height of the feet over the target below which it crawls, m.
+    pub crawl_below_m: f64,
     /// `PLD_HACC_RAD`: sinking begins within this distance in north and in east, m.
     pub begin_within_m: f64,
     /// `PLD_FAPPR_ALT`: below this height over the target it sinks on without one, m.
@@ -41,6 +46,8 @@ impl Default for PrecisionLandConfig {
     fn default() -> Self {
         PrecisionLandConfig {
             sink_mps: 0.7,
+            crawl_mps: 0.3,
+            crawl_below_m: 1.0,
             begin_within_m: 0.2,
             final_approach_m: 1.0,
             fresh_s: 0.1,
@@ -51,6 +58,8 @@ impl Default for PrecisionLandConfig {
 impl Check for PrecisionLandConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.range("sink_mps", self.sink_mps, 0.05, 3.0)?;
+        at.range("crawl_mps", self.crawl_mps, 0.05, self.sink_mps)?;
+        at.range("crawl_below_m", self.crawl_below_m, 0.0, 10.0)?;
         at.range("begin_within_m", self.begin_within_m, 0.01, 10.0)?;
         at.range("final_approach_m", self.final_approach_m, 0.0, 10.0)?;
         at.range("fresh_s", self.fresh_s, 0.01, 5.0)?;
@@ -66,11 +75,13 @@ pub struct PrecisionLand {
 }
 
 impl PrecisionLand {
-    /// Replaces the forecast by the target and the permitted speed by the law's.
+    /// Replaces the forecast by the target and the permitted speed by the law's. `feet_m`: feet below
+    /// the centre of mass.
     pub fn judge(
         &mut self,
         now: Time<DroneClock>,
         start: &State,
+        feet_m: f64,
         view: &mut View,
         config: &PrecisionLandConfig,
     ) {
@@ -120,10 +131,13 @@ impl PrecisionLand {
         self.sinking |= near && view.mission.descent_mps > 0.0;
         let usable =
             forecast.tag_age_s <= config.timeout_s || target.position[2] - start[2] < config.final_approach_m;
-        view.mission.descent_mps = if self.sinking && usable && view.mission.descent_mps > 0.0 {
-            config.sink_mps
-        } else {
+        let height = target.position[2] - feet_m - start[2];
+        view.mission.descent_mps = if !(self.sinking && usable && view.mission.descent_mps > 0.0) {
             0.0
+        } else if height < config.crawl_below_m {
+            config.crawl_mps
+        } else {
+            config.sink_mps
         };
     }
 }

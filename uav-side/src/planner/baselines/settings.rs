@@ -12,6 +12,9 @@ use crate::predictor::PredictorConfig;
 const SIGHT_ALONE_S: f64 = 4.5;
 /// Waiting over the deck is these planners' way to land, so a descent may last, s.
 const WAITING_S: f64 = 120.0;
+/// How far the deck may be from the height that two receivers of 1 m each give it: two standard
+/// deviations, m.
+const UNKNOWN_HEIGHT_M: f64 = 2.8;
 
 impl PlannerKind {
     /// The predictor of this planner.
@@ -45,6 +48,7 @@ impl PlannerKind {
             // is what decides.
             PlannerKind::MpcNe => MissionConfig {
                 descent_timeout_s: WAITING_S,
+                flare_timeout_s: WAITING_S,
                 flare_distance_m: 1.0,
                 flare_speed_mps: 2.0,
                 flare_tilt_rad: 1.0,
@@ -53,11 +57,16 @@ impl PlannerKind {
             },
             PlannerKind::PrecisionLand => base,
             // There is no sight to wait for, and two receivers of 1 m each would never be known
-            // well enough.
+            // well enough. The deck may be metres higher or lower than believed: slowly from well
+            // above it, and on down to where it has to be met or is not there.
             PlannerKind::GnssRadio => MissionConfig {
                 sight_required: false,
                 horizontal_sd_m: 5.0,
                 vertical_sd_m: 5.0,
+                flare_clearance_m: UNKNOWN_HEIGHT_M,
+                gate_clearance_m: UNKNOWN_HEIGHT_M + 0.7,
+                missed_m: UNKNOWN_HEIGHT_M,
+                flare_timeout_s: 2.0 * UNKNOWN_HEIGHT_M / base.flare_mps + 4.0,
                 ..base
             },
         }

@@ -1,0 +1,288 @@
+//! What each baseline does and does not do, on decks that are told to it.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use alight_shared::config::{Check, Keys};
+use alight_shared::msg::{DeckStage, Header, MissionState, State};
+use alight_shared::time::{DroneClock, Span, Time};
+
+use super::modes::DeckModes;
+use super::mpc_ne::{MpcNe, MpcNeConfig};
+use super::precision_land::PrecisionLandConfig;
+use super::wait_calm::WaitCalmConfig;
+use super::*;
+use crate::mission::MissionConfig;
+use crate::predictor::PredictorConfig;
+
+const KINDS: [PlannerKind; 7] = [
+    PlannerKind::MpcFaa,
+    PlannerKind::Mpc,
+    PlannerKind::Alight,
+    PlannerKind::MpcNe,
+    PlannerKind::WaitCalm,
+    PlannerKind::PrecisionLand,
+    PlannerKind::GnssRadio,
+];
+
+fn at(t: f64) -> Time<DroneClock> {
+    Time::from_secs(t)
+}
+
+/// A forecast made at `t` of the deck that `deck` tells, seen by the tag `tag_age_s` ago.
+fn forecast(t: f64, tag_age_s: f64, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
+    let mut f = DeckForecast {
+        header: Header::new(1, 1, 1, 0, at(t)),
+        step: Span::from_millis(100),
+        tag_age_s,
+        ..DeckForecast::default()
+    };
+    for k in 0..41 {
+        let _ = f.stages.push(deck(t + 0.1 * f64::from(k)));
+    }
+    f
+}
+
+/// Deck 1.5 m over the water.
+fn level(_: f64) -> DeckStage {
+    DeckStage {
+        position: [0.0, 0.0, -1.5],
+        ..DeckStage::default()
+    }
+}
+
+fn permits(state: State, descent_mps: f64) -> MissionState {
+    MissionState {
+        state,
+        descent_mps,
+        height_m: 7.0,
+        minimum_altitude_m: 0.5,
+        ..MissionState::default()
+    }
+}
+
+/// A drone at rest at a place.
+fn resting(position: [f64; 3]) -> Start {
+    let [n, e, d] = position;
+    [n, e, d, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+}
+
+#[test]
+fn every_planner_has_a_mission_and_a_predictor_that_their_own_checks_accept() {
+    for kind in KINDS {
+        kind.mission(MissionConfig::default())
+            .check(&Keys::ROOT)
+            .unwrap_or_else(|e| panic!("{}: {e}", kind.name()));
+        kind.predictor(PredictorConfig::default())
+            .check(&Keys::ROOT)
+            .unwrap_or_else(|e| panic!("{}: {e}", kind.name()));
+    }
+}
+
+fn lands(law: &mut PrecisionLand, t: f64, north: f64, z: f64, tag_age_s: f64) -> View {
+    let mut view = View {
+        mission: permits(State::Descent, 1.0),
+        forecast: Some(forecast(t, tag_age_s, |t| DeckStage {
+            position: [0.3 * t, 0.0, -1.5],
+            velocity: [0.3, 0.0, 0.9],
+            euler: [0.2, 0.0, 0.5],
+            ..DeckStage::default()
+        })),
+    };
+    let start = resting([north, 0.0, z]);
+    law.judge(at(t), &start, 0.3, &mut view, &PrecisionLandConfig::default());
+    view
+}
+
+#[test]
+fn precision_land_sinks_over_the_target_and_crawls_above_it() {
+    let c = PrecisionLandConfig::default();
+    let mut law = PrecisionLand::default();
+    // Beside the target it holds its height; once over it, it sinks and does not ask again.
+    assert_eq!(lands(&mut law, 1.0, 0.6, -6.0, 0.02).mission.descent_mps, 0.0);
+    assert_eq!(
+        lands(&mut law, 1.1, 0.4, -6.0, 0.02).mission.descent_mps,
+        c.sink_mps
+    );
+    assert_eq!(
+        lands(&mut law, 1.2, 1.5, -5.0, 0.02).mission.descent_mps,
+        c.sink_mps
+    );
+    // Feet 0.8 m over it: crawling.
+    assert_eq!(
+        lands(&mut law, 1.3, 0.4, -2.6, 0.02).mission.descent_mps,
+        c.crawl_mps
+    );
+}
+
+#[test]
+fn precision_land_knows_the_last_sighting_and_its_velocity_and_no_heave() {
+    let mut law = PrecisionLand::default();
+    lands(&mut law, 1.0, 0.3, -6.0, 0.02);
+    // Half a second without a sighting: what the forecast says meanwhile is not heard.
+    let view = lands(&mut law, 1.5, 0.3, -6.0, 0.5);
+    let f = view.forecast.unwrap();
+    for (k, stage) in f.stages.iter().enumerate() {
+        let t = 0.5 + 0.1 * k as f64;
+        assert!((stage.position[0] - (0.3 + 0.3 * t)).abs() < 1e-9);
+        assert_eq!((stage.position[2], stage.velocity[2]), (-1.5, 0.0));
+        assert_eq!(stage.euler, [0.0, 0.0, 0.5]);
+    }
+}
+
+#[test]
+fn precision_land_stops_without_target_unless_it_is_near() {
+    let mut law = PrecisionLand::default();
+    assert!(lands(&mut law, 1.0, 0.3, -6.0, 0.02).mission.descent_mps > 0.0);
+    assert_eq!(lands(&mut law, 7.0, 2.1, -4.0, 6.0).mission.descent_mps, 0.0);
+    assert!(lands(&mut law, 7.1, 2.1, -2.2, 6.1).mission.descent_mps > 0.0);
+}
+
+fn calm(law: &mut WaitCalm, t: f64, clearance_m: f64, tilt_deg: f64, heave_mps: f64) -> f64 {
+    let mut view = View {
+        mission: permits(State::Descent, 1.0),
+        // Worst 1 s ahead, calm before: only a forecast knows.
+        forecast: Some(forecast(t, 0.02, |s| {
+            let share = if s > t + 0.95 { 1.0 } else { 0.0 };
+            DeckStage {
+                euler: [share * tilt_deg.to_radians(), 0.0, 0.0],
+                velocity: [0.0, 0.0, share * heave_mps],
+                ..level(s)
+            }
+        })),
+    };
+    law.judge(at(t), clearance_m, &mut view, &WaitCalmConfig::default());
+    view.mission.descent_mps
+}
+
+#[test]
+fn wait_calm_waits_for_tilt_and_heave_that_are_still_to_come() {
+    for (tilt, heave, goes) in [(3.0, 0.4, true), (6.0, 0.0, false), (0.0, 0.9, false)] {
+        let mut law = WaitCalm::default();
+        assert_eq!(
+            calm(&mut law, 1.0, 3.0, tilt, heave),
+            1.0,
+            "high up it just descends"
+        );
+        assert_eq!(
+            calm(&mut law, 2.0, 1.9, tilt, heave) > 0.0,
+            goes,
+            "{tilt} deg, {heave} m/s"
+        );
+    }
+}
+
+#[test]
+fn wait_calm_grows_patient_and_commits() {
+    let mut law = WaitCalm::default();
+    // 6 deg against a limit of 4 deg that doubles in 15 s.
+    assert_eq!(calm(&mut law, 0.0, 1.9, 6.0, 0.0), 0.0);
+    assert_eq!(calm(&mut law, 6.0, 1.9, 6.0, 0.0), 0.0);
+    assert_eq!(calm(&mut law, 8.0, 1.9, 6.0, 0.0), 1.0);
+    // Low it goes on whatever comes.
+    assert_eq!(calm(&mut law, 8.5, 1.0, 30.0, 3.0), 1.0);
+    // A descent that was broken off begins with new limits.
+    let mut view = View {
+        mission: permits(State::Tracking, 0.0),
+        forecast: None,
+    };
+    law.judge(at(9.0), 5.0, &mut view, &WaitCalmConfig::default());
+    assert_eq!(calm(&mut law, 20.0, 1.9, 6.0, 0.0), 0.0);
+}
+
+#[test]
+fn gnss_radio_goes_on_below_the_believed_deck_only_in_the_flare() {
+    let config = PlannerConfig::default();
+    let mut views = Views::new(&config, &DroneGeometry::default());
+    let mut z = |state| {
+        let view = views.view(
+            PlannerKind::GnssRadio,
+            at(0.0),
+            &permits(state, 0.5),
+            Some(forecast(0.0, 9.0, level)),
+            &resting([0.0, 0.0, -3.0]),
+        );
+        view.forecast.unwrap().stages[0].position[2]
+    };
+    assert_eq!(z(State::Descent), -1.5);
+    assert_eq!(z(State::Flare), -1.5 + config.baselines.gnss_radio.below_m);
+}
+
+/// A deck that heaves by 0.4 m in 5 s and rolls by `roll` rad.
+fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
+    move |t| {
+        let (s, c) = (core::f64::consts::TAU / 5.0 * t).sin_cos();
+        DeckStage {
+            position: [0.0, 0.0, -1.5 + 0.4 * s],
+            velocity: [0.0, 0.0, 0.4 * core::f64::consts::TAU / 5.0 * c],
+            euler: [roll * s, 0.0, 0.0],
+            ..DeckStage::default()
+        }
+    }
+}
+
+#[test]
+fn the_modes_foretell_heave_and_tilt_a_second_ahead_from_the_tag_alone() {
+    let mut modes = DeckModes::new(&MpcNeConfig::default());
+    let deck = rocking(0.1);
+    let mut worst: (f64, f64) = (0.0, 0.0);
+    for k in 0..1200 {
+        let t = f64::from(k) / 30.0;
+        modes.observe(at(t), &deck(t));
+        if t < 20.0 {
+            assert!(t > 11.0 || !modes.ready(), "ready after {t} s");
+            continue;
+        }
+        let (p, truth) = (modes.at(at(t + 1.0)).unwrap(), deck(t + 1.0));
+        worst.0 = worst.0.max((p.position[2] - truth.position[2]).abs());
+        worst.1 = worst.1.max((p.tilt_squared.sqrt() - truth.euler[0].abs()).abs());
+    }
+    assert!(worst.0 < 0.06 && worst.1 < 0.015, "{worst:?}");
+}
+
+/// Lets MPC-NE fly its own plans over a rocking deck; its height over the deck at the end, and the
+/// least on the way, m.
+fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
+    let config = PlannerConfig::default();
+    let drone = DroneGeometry::default();
+    let mut ne = MpcNe::new(&config, &drone);
+    let deck = rocking(roll);
+    let above = |s: &Start, t: f64| deck(t).position[2] - drone.feet_below_m - s[2];
+    let mut state_now = resting([0.2, -0.1, -7.5]);
+    let (mut least, mut begun) = (f64::INFINITY, false);
+    for k in 0..2000 {
+        let t = 0.02 * f64::from(k);
+        let f = forecast(t, 0.02, &deck);
+        ne.observe(&f);
+        if t < 12.0 {
+            continue;
+        }
+        if !begun {
+            ne.begin(at(t), &state_now, 0.0);
+            begun = true;
+        }
+        let plan = ne.plan(at(t), &permits(state, descent_mps), &f).unwrap();
+        let stage = plan.sample(at(t + 0.02)).unwrap();
+        let (p, v) = (stage.position, stage.velocity);
+        state_now = [p[0], p[1], p[2], 0.0, 0.0, 0.0, v[0], v[1], v[2], 0.0, 0.0, 0.0];
+        least = least.min(above(&state_now, t + 0.02));
+        if least < 0.0 {
+            break;
+        }
+    }
+    (above(&state_now, 40.0), least)
+}
+
+#[test]
+fn mpc_ne_lands_between_tilts_waits_over_a_steep_deck_and_obeys_the_mission() {
+    let (_, least) = mpc_ne_over(0.03, State::Descent, 1.0);
+    assert!(least < 0.0, "never down: {least}");
+    // 0.5 rad: never level for long enough.
+    let (_, least) = mpc_ne_over(0.5, State::Descent, 1.0);
+    assert!(least > 0.8, "through the barrier: {least}");
+    // Not permitted.
+    let (_, least) = mpc_ne_over(0.0, State::Descent, 0.0);
+    assert!(least > 4.0, "sank without permission: {least}");
+    // Following, at 7 m.
+    let (end, _) = mpc_ne_over(0.0, State::TrackingStable, 0.0);
+    assert!((end - 7.0).abs() < 1.2, "{end}");
+}
