@@ -90,7 +90,7 @@ fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<Row>, Refused> {
         return Ok(rows);
     }
     for scale in [None, Some(1.1)] {
-        for (name, _) in TABLE2 {
+        for (name, ..) in TABLE2 {
             let mut world = scene.scenario.clone();
             world.sea = name.parse().map_err(Refused)?;
             world.sea.wavelength_scale = scale;
