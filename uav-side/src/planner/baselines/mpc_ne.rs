@@ -175,6 +175,8 @@ pub struct MpcNe {
     feet: f64,
     modes: DeckModes,
     flight: Option<Flight>,
+    /// Height over the deck that it keeps while no descent is permitted, m.
+    held_m: Option<f64>,
 }
 
 impl MpcNe {
@@ -187,6 +189,7 @@ impl MpcNe {
             modes: DeckModes::new(&config),
             config,
             flight: None,
+            held_m: None,
         }
     }
     /// Whether it flies in this mission state.
@@ -274,10 +277,13 @@ impl MpcNe {
         // The mean height of the deck is the filter's constant; the mission's height is above it.
         let above = self.modes.level().unwrap_or(contact[0]) - mission.height_m;
         let above = above.min(-mission.minimum_altitude_m);
+        // Not permitted to descend: no nearer to the deck than it was when that began. The present
+        // height, asked for anew in each solve, would follow every downward stroke of the deck.
+        let waits = landing && !(mission.descent_mps > 0.0);
+        let held = waits.then(|| self.held_m.unwrap_or((contact[0] - start.axes[2][0]).max(0.0)));
+        self.held_m = held;
         let wanted: [PerStage; 3] = core::array::from_fn(|i| match (i, landing) {
-            // Not permitted to descend: no lower than here.
-            (2, true) if !(mission.descent_mps > 0.0) => contact.map(|z| z.min(start.axes[2][0])),
-            (2, true) => contact.map(|z| z + c.press_m),
+            (2, true) => contact.map(|z| z - held.unwrap_or(-c.press_m)),
             (2, false) => [above; STAGES],
             _ => deck.map(|d| d.position[i]),
         });

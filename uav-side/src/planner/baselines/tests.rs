@@ -260,7 +260,9 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
             ne.begin(at(t), &state_now, 0.0);
             begun = true;
         }
-        let plan = ne.plan(at(t), &permits(state, descent_mps), &f).unwrap();
+        let mut plan = ne.plan(at(t), &permits(state, descent_mps), &f).unwrap();
+        // The planner's own stamp.
+        plan.header.at = at(t);
         let stage = plan.sample(at(t + 0.02)).unwrap();
         let (p, v) = (stage.position, stage.velocity);
         state_now = [p[0], p[1], p[2], 0.0, 0.0, 0.0, v[0], v[1], v[2], 0.0, 0.0, 0.0];
@@ -273,9 +275,12 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
 }
 
 #[test]
-fn mpc_ne_lands_between_tilts_and_obeys_the_mission() {
+fn mpc_ne_lands_between_tilts_waits_over_a_steep_deck_and_obeys_the_mission() {
     let (_, least) = mpc_ne_over(0.03, State::Descent, 1.0);
     assert!(least < 0.0, "never down: {least}");
+    // 0.5 rad: never level for long enough.
+    let (_, least) = mpc_ne_over(0.5, State::Descent, 1.0);
+    assert!(least > 0.8, "through the barrier: {least}");
     // Not permitted.
     let (_, least) = mpc_ne_over(0.0, State::Descent, 0.0);
     assert!(least > 4.0, "sank without permission: {least}");
