@@ -1,9 +1,10 @@
 //! The rows of each study: which scenes are flown.
 
+use alight_shared::msg::State;
 use alight_sim::deck_motion::DeckMotionConfig;
 use alight_sim::deck_motion::rocking::RockingConfig;
 use alight_sim::outcome::Outcome;
-use alight_sim::scenario::{NodeConfigs, Scenario};
+use alight_sim::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::sea::{SeaConfig, SeaKind};
 use alight_sim::vessel::Course;
 use alight_uav::planner::PlannerKind;
@@ -294,15 +295,30 @@ fn link(row: RowOf<'_>) -> Vec<Row> {
             }));
         }
     }
-    for length in [2.0, 5.0, 10.0] {
-        for after in [0.0, 10.0, 14.0, 18.0] {
-            rows.push(row(
-                &format!("outage {length} s, {after} s after the start"),
-                &|w| {
-                    let begin = w.start.warm_up_s + after;
-                    w.radio.outages_s = vec![[begin, begin + length]];
-                },
-            ));
+    // For good, and for as long as it takes to notice and to come back, from the first entry into
+    // each state on.
+    for state in [
+        State::GetAltitude,
+        State::Approach,
+        State::Tracking,
+        State::TrackingStable,
+        State::Descent,
+        State::Flare,
+    ] {
+        for length_s in [2.0, 10.0, f64::INFINITY] {
+            let name = state.name();
+            let lasts = if length_s.is_finite() {
+                format!("{length_s} s")
+            } else {
+                "for good".into()
+            };
+            rows.push(row(&format!("outage from {name} on, {lasts}"), &|w| {
+                w.radio_outage = Some(StateOutage {
+                    state,
+                    after_s: 0.0,
+                    length_s,
+                });
+            }));
         }
     }
     rows
