@@ -7,7 +7,7 @@
 //! wave filter (2011, section 8.2.6), discretised exactly.
 //!
 //! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
-//! (not of the vessel's reference point) in NED, and the tilt as that of a vessel heading north,
+//! (not of the vessel's reference point) in NED, its height as of a level vessel (see `sag`), and the tilt as that of a vessel heading north,
 //! so that a turn leaves the waves alone. Six filters of at most 18 states cost a tenth of a
 //! joint one.
 
@@ -343,6 +343,28 @@ impl Axis {
         }
     }
 
+    /// Fuses a direct measurement of state `i` with variance `r`; refused beyond `gate` standard
+    /// deviations.
+    pub fn update_state(&mut self, i: usize, value: f64, r: f64, gate: f64) {
+        if i >= self.n {
+            return;
+        }
+        let ph = self.p[i];
+        let s = ph[i] + r;
+        let nu = value - self.x[i];
+        if !(s > 0.0) || !s.is_finite() || !(nu * nu <= gate * gate * s) {
+            return;
+        }
+        for j in 0..self.n {
+            let k = ph[j] / s;
+            self.x[j] += k * nu;
+            for (p, b) in self.p[j].iter_mut().zip(&ph).take(self.n) {
+                *p -= k * b;
+            }
+            self.p[j][j] = self.p[j][j].max(0.0);
+        }
+    }
+
     /// All numbers in use are finite.
     pub fn is_finite(&self) -> bool {
         self.x.iter().take(self.n).all(|v| v.is_finite())
@@ -403,5 +425,27 @@ impl Head {
             radio: n.radio.0.powi(2) * (1.0 - self.radio * self.radio),
             vision: n.vision.0.powi(2) * (1.0 - self.vision * self.vision),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_told_state_moves_what_goes_with_it_and_absurd_news_moves_nothing() {
+        let noise = AxisNoise::all(&PredictorConfig::default())[2];
+        let mut a = Axis::new(&noise, &[], 2, 0.0, 1.0, 0.0);
+        (a.p[MEAN][VISION], a.p[VISION][MEAN]) = (-0.5, -0.5);
+        a.p[VISION][VISION] = 1.0;
+        let before = a;
+        a.update_state(VISION, 50.0, 0.25, 5.0);
+        a.update_state(a.n, 0.0, 0.25, 5.0);
+        assert_eq!((a.x, a.p), (before.x, before.p));
+        // K = P h' / (1 + 0.25).
+        a.update_state(VISION, 1.0, 0.25, 5.0);
+        assert!((a.x[VISION] - 0.8).abs() < 1e-12 && (a.x[MEAN] + 0.4).abs() < 1e-12);
+        assert!((a.p[VISION][VISION] - 0.2).abs() < 1e-12);
+        assert!((a.p[MEAN][MEAN] - 0.8).abs() < 1e-12);
     }
 }

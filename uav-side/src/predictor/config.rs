@@ -56,6 +56,9 @@ pub struct PredictorConfig {
     pub min_damping: f64,
     /// The spread that a wave component is given, as a multiple of what the vessel says.
     pub wave_scale: f64,
+    /// The vessel's word on the present motion of each wave component is fused with its variance
+    /// times this, because its errors last from one message to the next.
+    pub told_inflation: f64,
     /// Least spread of a wave component.
     pub min_wave_sd_m_rad: [f64; 6],
     /// Until the vessel has sent a wave model: angular frequencies, rad/s.
@@ -141,6 +144,7 @@ impl Default for PredictorConfig {
             min_damping: 0.003,
             // Ours, tuned at Moderate.
             wave_scale: 0.8,
+            told_inflation: 25.0,
             min_wave_sd_m_rad: [0.01, 0.01, 0.01, deg(0.1), deg(0.1), deg(0.1)],
             // As the vessel model's broad default.
             bank_omega_radps: vec![0.8, 1.06, 1.41, 1.88, 2.5],
@@ -204,6 +208,7 @@ impl Check for PredictorConfig {
         at.range("damping_scale", self.damping_scale, 0.01, 10.0)?;
         at.range("min_damping", self.min_damping, 1e-4, 0.5)?;
         at.range("wave_scale", self.wave_scale, 0.1, 10.0)?;
+        at.range("told_inflation", self.told_inflation, 1.0, 1e12)?;
         at.ranges("min_wave_sd_m_rad", &self.min_wave_sd_m_rad, 1e-6, 1.0)?;
         at.ranges("bank_omega_radps", &self.bank_omega_radps, 0.1, 10.0)?;
         at.range("bank_damping", self.bank_damping, 1e-3, 0.95)?;

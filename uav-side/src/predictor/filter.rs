@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
 
-use super::axis::{Axis, AxisNoise, MEAN, RATE, Row, Step, VISION};
+use super::axis::{Axis, AxisNoise, HEAD, MEAN, RATE, Row, Step, VISION};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
 use super::waves::{AXES, Change, Oscillator, Seed, Waves};
@@ -25,6 +25,9 @@ const MAX_TURN_MPS2: f64 = 2.0;
 const MAX_SPEED_MPS: f64 = 10.0;
 /// A turn by more than this in one step is nonsense, rad.
 const MAX_BEND_RAD: f64 = 1.0;
+
+/// Degrees of freedom whose oscillators the vessel's are: with stiffness, so that they are motion.
+const TOLD: [usize; 3] = [2, 3, 4];
 
 /// Degrees of freedom that are refused together.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
@@ -212,7 +215,7 @@ impl Filter {
             None => before.after.clone(),
         };
         self.advance(&mut state, waves.oscillators(), since);
-        let gated = apply(&mut state, o, self.gate);
+        let gated = self.apply(&mut state, o, waves);
         self.entries.insert(
             i,
             Entry {
@@ -251,10 +254,20 @@ impl Filter {
             };
             self.advance(&mut state, waves.oscillators(), next - at);
             if let Some(o) = observation {
-                apply(&mut state, &o, self.gate);
+                self.apply(&mut state, &o, waves);
             }
             if let Some(e) = self.entries.get_mut(k) {
                 *e.after = state;
+            }
+        }
+    }
+
+    fn apply(&self, s: &mut State, o: &Observation, waves: &Waves) -> u32 {
+        match o.kind {
+            Kind::Estimate | Kind::Tag | Kind::Uvdar | Kind::Range => apply(s, o, self.gate),
+            Kind::Waves => {
+                learn(s, o.at, waves, self.gate);
+                0
             }
         }
     }
@@ -265,7 +278,7 @@ impl Filter {
         let (channel, slow) = match kind {
             Kind::Estimate => (0, super::axis::RADIO),
             Kind::Tag | Kind::Uvdar => (1, VISION),
-            Kind::Range => return,
+            Kind::Range | Kind::Waves => return,
         };
         let Some(count) = self.refused.get_mut(channel) else {
             return;
@@ -279,7 +292,7 @@ impl Filter {
         if let Some(e) = self.entries.back_mut() {
             for (i, a) in e.after.iter_mut().enumerate() {
                 a.p[slow][slow] += f64::powi(doubt[i], 2);
-                for k in super::axis::HEAD..a.n {
+                for k in HEAD..a.n {
                     a.p[k][k] *= 4.0;
                 }
             }
@@ -363,11 +376,32 @@ fn bend(s: &mut State, dt: f64) {
     }
 }
 
+/// Fuses what the vessel knows of its oscillators, rolled on to `at`: it has felt their motion for
+/// minutes, where the drone has watched their sum for seconds.
+fn learn(s: &mut State, at: Time<DroneClock>, waves: &Waves, gate: f64) {
+    for (k, o) in waves.oscillators().iter().enumerate() {
+        let Some(seed) = o.seed else { continue };
+        let since = (at - seed.at).secs();
+        if !(since.abs() < MAX_SEED_S) {
+            continue;
+        }
+        let [a, b, c, d] = Step::new(&[*o], since).a[0];
+        for axis in TOLD {
+            let (v, r) = (seed.value[axis], seed.rate[axis]);
+            let variance = waves.told_inflation() * seed.variance[axis];
+            let i = HEAD + 2 * k;
+            s[axis].update_state(i, a * v + b * r, variance, gate);
+            s[axis].update_state(i + 1, c * v + d * r, variance * o.omega * o.omega, gate);
+        }
+    }
+}
+
 /// Fuses an observation into a state of the same time; the number of groups refused.
 fn apply(s: &mut State, o: &Observation, gate: f64) -> u32 {
     let row = match o.kind {
         Kind::Estimate => Row::Radio,
         Kind::Tag | Kind::Uvdar | Kind::Range => Row::Vision,
+        Kind::Waves => return 0,
     };
     let mut gated = 0;
     for group in GROUPS {

@@ -3,8 +3,10 @@
 use alight_shared::msg::{DeckStage, FORECAST_STAGES};
 use alight_shared::seq::Seq;
 use alight_shared::vessel_model::turn_tilt;
+use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
+use super::sag::sag;
 use super::waves::{AXES, Oscillator};
 
 /// Stages at which the variance is computed; between them it is interpolated.
@@ -42,13 +44,14 @@ impl Horizon {
     }
 
     /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
-    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion.
+    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `arm` is where the deck is on the vessel, m.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
         common: &[(f64, f64); AXES],
         clock_var: f64,
+        arm: &Vector3<f64>,
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
@@ -75,6 +78,7 @@ impl Horizon {
                     )
                 },
                 clock_var,
+                arm,
             );
             if out.push(stage).is_err() {
                 break;
@@ -151,6 +155,7 @@ impl Horizon {
         mean: &[[f64; MAX_STATES]; AXES],
         var: impl Fn(usize) -> (f64, f64),
         clock_var: f64,
+        arm: &Vector3<f64>,
     ) -> DeckStage {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
@@ -168,6 +173,11 @@ impl Horizon {
         let (s, c) = yaw.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], yaw);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
+        let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
+        let [low, sinks, dives] = sag(arm, [roll, pitch], [dr, dp], [ddr, ddp]);
+        v[2] += low;
+        r[2] += sinks;
+        a[2] += dives;
         let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
         if bent {
             a[0] -= mean[5][RATE] * mean[1][RATE];

@@ -6,6 +6,7 @@
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
 //! - [`observation`]: what each message says about the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
+//! - [`sag`]: what the deck's height owes to its tilt.
 //! - [`forecast`]: the horizon.
 //!
 //! The vessel and the drone each have a GNSS error of a metre or more, so the vessel's position is
@@ -19,6 +20,7 @@ pub mod forecast;
 mod node;
 pub mod observation;
 pub mod rocking;
+pub mod sag;
 pub mod track;
 pub mod waves;
 

@@ -17,6 +17,7 @@ use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::observation::{self, Mount, Observation, Plane};
 use super::rocking::Rocking;
+use super::sag::sag;
 use super::track::Track;
 use super::waves::{AXES, Waves};
 
@@ -92,6 +93,8 @@ impl Rejections {
 const AHEAD: Span = Span::from_millis(20);
 /// A change of the vessel's mean velocity that its waves are met at another frequency for, m/s.
 const CHANGED_MPS: f64 = 0.6;
+/// From this confidence on the vessel's phases are fused.
+const CONFIDENT: f64 = 0.5;
 /// A filter is young for this long, s.
 const YOUNG_S: f64 = 3.0;
 /// Until the bridge has spoken, s.
@@ -110,7 +113,8 @@ pub struct Predictor {
     clock_sd_s: f64,
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
-    deck_height: f64,
+    /// Deck's centre in the vessel's body frame, m.
+    arm: Vector3<f64>,
     rocking: Rocking,
     /// Mean velocity that the frequencies of encounter belong to: north, east, m/s.
     met: [f64; 2],
@@ -138,7 +142,7 @@ impl Predictor {
             rocking: Rocking::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
-            deck_height: -config.deck.centre_m[2],
+            arm: config.deck.centre(),
             met: [0.0; 2],
             radio_at: None,
             radio_sequence: None,
@@ -204,12 +208,11 @@ impl Predictor {
         Self::sane(now, m)?;
         let known = self.waves.are_named();
         let filter = &mut self.filter;
-        self.waves
-            .receive(now, m, self.deck_height, |change, oscillators| {
-                if let Some(f) = filter {
-                    f.follow(change, oscillators);
-                }
-            });
+        self.waves.receive(now, m, -self.arm.z, |change, oscillators| {
+            if let Some(f) = filter {
+                f.follow(change, oscillators);
+            }
+        });
         // A filter that has only just begun learns more from the vessel's phases than it knows.
         let young = self
             .filter
@@ -217,6 +220,15 @@ impl Predictor {
             .is_some_and(|f| (now - f.started()).secs() < YOUNG_S);
         if !known && self.waves.are_named() && young {
             self.filter = None;
+        }
+        if self.filter.is_some() && self.waves.confidence >= CONFIDENT {
+            // What it says of phases that nobody trusts would not be worth its place.
+            self.fuse(&Observation {
+                at: m.header.at,
+                kind: observation::Kind::Waves,
+                value: [None; AXES],
+                rate: [None; AXES],
+            })?;
         }
         Ok(())
     }
@@ -242,7 +254,7 @@ impl Predictor {
             let two = |m: &[observation::Measured]| [3, 4].map(|i: usize| m[i].map_or(0.0, |v| v.0));
             self.rocking.hear(e.header.at.secs(), two(&o.value), two(&o.rate));
             self.waves.observe(self.rocking.known());
-            self.deck_height = -e.deck_centre().z;
+            self.arm = e.deck_centre();
             self.met = e.mean_velocity.map(f64::from);
             let tilt = |k: usize| 0.5 * f64::from(e.covariance[3][k] + e.covariance[4][k]);
             let own = |i: usize, k: usize| f64::from(e.covariance[i][k]);
@@ -279,7 +291,12 @@ impl Predictor {
         Self::sane(now, m)?;
         let at = m.header().at;
         let pose = self.track.at(at).ok_or(Rejection::NoDroneState)?;
-        let o = observe(&pose, &self.mount(), &self.config);
+        let seen = observe(&pose, &self.mount(), &self.config);
+        let sag_m = match &self.filter {
+            Some(f) => plane(&f.at(&self.waves, at), &self.arm).1,
+            None => 0.0,
+        };
+        let o = seen.levelled(sag_m);
         self.fuse(&o)?;
         let newer = |t: &mut Option<Time<DroneClock>>| {
             *t = Some(t.map_or(at, |old| old.max(at)));
@@ -303,10 +320,11 @@ impl Predictor {
             return Ok(());
         };
         let axes = f.at(&self.waves, at);
-        let deck = plane(&axes);
+        let (deck, sag_m) = plane(&axes, &self.arm);
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
+        let o = o.levelled(sag_m);
         self.range_at = Some(at);
         self.fuse(&o)
     }
@@ -372,7 +390,7 @@ impl Predictor {
         };
         let stages = self
             .horizon
-            .stages(&axes, &filter.noise(&axes), &common, clock_var);
+            .stages(&axes, &filter.noise(&axes), &common, clock_var, &self.arm);
         let header = Header::new(0, 0, self.boot, self.sequence, now);
         self.sequence = self.sequence.wrapping_add(1);
         let f = DeckForecast {
@@ -422,18 +440,20 @@ impl Predictor {
     }
 }
 
-/// The deck as a state of the filters says it.
-fn plane(axes: &[Axis; AXES]) -> Plane {
+/// The deck as a state of the filters says it, and what its height owes to the tilt, m.
+fn plane(axes: &[Axis; AXES], arm: &Vector3<f64>) -> (Plane, f64) {
     let at = |i: usize, row: Row| axes[i].project(row);
     let (n, e, d) = (at(0, Row::Vision), at(1, Row::Vision), at(2, Row::Vision));
     let (tn, te, yaw) = (at(3, Row::Level), at(4, Row::Level), at(5, Row::Vision));
     let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
-    Plane {
-        centre: Vector3::new(n.0, e.0, d.0),
+    let [sag_m, ..] = sag(arm, [roll, pitch], [0.0; 2], [0.0; 2]);
+    let plane = Plane {
+        centre: Vector3::new(n.0, e.0, d.0 + sag_m),
         rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
         position_sd: n.1.max(e.1).sqrt(),
         tilt_sd: tn.1.max(te.1).sqrt(),
-    }
+    };
+    (plane, sag_m)
 }
 
 impl Node for Predictor {

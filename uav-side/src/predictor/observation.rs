@@ -21,12 +21,15 @@ pub enum Kind {
     Uvdar,
     /// The rangefinder.
     Range,
+    /// The vessel's wave model: no value of the deck, but those of its oscillators.
+    Waves,
 }
 
 /// A value and its variance.
 pub type Measured = Option<(f64, f64)>;
 
-/// Values and rates of the deck at one instant, in the filter's degrees of freedom.
+/// Values and rates of the deck at one instant, in the filter's degrees of freedom. Height is that
+/// of the deck on a level vessel, once [`Observation::levelled`].
 #[derive(Clone, Copy, Debug)]
 pub struct Observation {
     /// Time of validity.
@@ -37,6 +40,17 @@ pub struct Observation {
     pub value: [Measured; AXES],
     /// Their rates.
     pub rate: [Measured; AXES],
+}
+
+impl Observation {
+    /// Takes out of the height what the tilt adds to it, m.
+    #[must_use]
+    pub fn levelled(mut self, sag_m: f64) -> Self {
+        if let Some((height, _)) = &mut self.value[2] {
+            *height -= sag_m;
+        }
+        self
+    }
 }
 
 /// Slow errors of the sight that are known to some degree: rotation (NED, rad) of what is seen
@@ -68,8 +82,10 @@ pub fn estimate(
     let ddot = e.eta_ddot.map(f64::from);
     let spin = rotation * body_rates(roll, pitch, Vector3::new(dot[3], dot[4], dot[5]));
     let arm = rotation * e.deck_centre();
-    let position = e.position() + origin + arm;
-    let velocity = Vector3::new(dot[0], dot[1], dot[2]) + spin.cross(&arm);
+    // Height as of a level vessel: what the tilt takes off it is no wave.
+    let position = e.position() + origin + Vector3::new(arm.x, arm.y, e.deck_centre().z);
+    let swing = spin.cross(&arm);
+    let velocity = Vector3::new(dot[0] + swing.x, dot[1] + swing.y, dot[2]);
     let tilt = turn_tilt(roll, pitch, -yaw);
     let (s, cos) = yaw.sin_cos();
     // d/dt of the turned tilt (small-angle form of turn_tilt).

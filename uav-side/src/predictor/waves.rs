@@ -72,6 +72,7 @@ pub struct Waves {
     scale: f64,
     min_sd: [f64; AXES],
     damping_scale: f64,
+    told_inflation: f64,
     vessel: VesselModelConfig,
     /// Trust in the vessel's identification, 0 to 1.
     pub confidence: f64,
@@ -107,6 +108,7 @@ impl Waves {
             scale: c.wave_scale,
             min_sd: c.min_wave_sd_m_rad,
             damping_scale: c.damping_scale,
+            told_inflation: c.told_inflation,
             vessel: c.vessel.clone(),
             confidence: 0.0,
             residual,
@@ -117,6 +119,11 @@ impl Waves {
     /// The components are the vessel's.
     pub fn are_named(&self) -> bool {
         self.oscillators.iter().any(|o| o.seed.is_some())
+    }
+    /// Factor on the variance of what the vessel says of its oscillators, for its errors persist from
+    /// message to message.
+    pub fn told_inflation(&self) -> f64 {
+        self.told_inflation
     }
     /// The oscillators now.
     pub fn oscillators(&self) -> &[Oscillator] {
