@@ -7,6 +7,8 @@ use alight_shared::vessel_model::{
     Component, HEAVE, PITCH, ROLL, SURGE, SWAY, Term, VesselModel, encounter_frequency,
 };
 
+use nalgebra::Vector2;
+
 use super::Filter;
 use crate::VesselNodeConfig;
 use crate::sea_state::{SeaComponent, SeaState, Verdict};
@@ -19,6 +21,9 @@ const SHIFT: f64 = 0.002;
 const UNSETTLED_S: f64 = 10.0;
 /// Shift above which the identification's phases are called in.
 const UNSETTLED: f64 = 0.05;
+/// Change of the mean velocity of a drifting vessel that is believed between two states of the
+/// identification, m/s.
+const CHANGE_MPS: f64 = 0.5;
 /// Change of an amplitude that calls for a rebuild, relative.
 const GROWTH: f64 = 0.25;
 
@@ -114,8 +119,8 @@ impl Filter {
         if !rested {
             return;
         }
-        let velocity = [self.mean_velocity.x, self.mean_velocity.y];
         let Some(state) = state else { return };
+        let velocity = self.encounter_velocity(state);
         let news = self.sea.taken != Some(state.at);
         if news {
             self.sea.taken = Some(state.at);
@@ -184,13 +189,26 @@ impl Filter {
         }
     }
 
+    /// Mean velocity for the frequencies of encounter: under way the filter's own, which follows a
+    /// helmsman at once; adrift the identification's, which has no wave in it, moved on by what the
+    /// filter's own has changed since, for most of that is orbital motion.
+    fn encounter_velocity(&self, state: &SeaState) -> [f64; 2] {
+        let known = Vector2::from(state.mean_velocity);
+        if !state.adrift {
+            return self.mean_velocity.into();
+        }
+        let change = self.mean_velocity - known;
+        let most = (CHANGE_MPS / change.norm().max(1e-9)).min(1.0);
+        (known + change * most).into()
+    }
+
     /// After a turn the filter's phases are in doubt, but those of the identification are not: it
     /// fits the last minute along the vessel's path in the earth frame. Its phasors are fused like
     /// measurements, a fifth of the amplitude wrong (ours).
     fn settle(&mut self, state: &SeaState) {
         let layout = self.belief.layout().clone();
         for c in state.components.iter() {
-            let o = encounter_frequency(c.omega, c.direction, [self.mean_velocity.x, self.mean_velocity.y]);
+            let o = encounter_frequency(c.omega, c.direction, self.encounter_velocity(state));
             let Some(j) = self
                 .belief
                 .components()

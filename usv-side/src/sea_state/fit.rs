@@ -14,6 +14,9 @@ use nalgebra::{Cholesky, Complex, DMatrix, DVector, Dyn};
 
 use super::record::{Bin, CHANNELS};
 
+/// A course is straight up to this root mean square distance from its line, m: the orbital motion of
+/// a rough sea, a quarter of a radian of a 40 m wave.
+const BEND_M: f64 = 1.5;
 /// Columns of offset and trend.
 const DRIFT: usize = 2;
 /// Largest step of a frequency per iteration, in units of 2 pi / T.
@@ -54,8 +57,10 @@ pub(super) struct Rows {
     pub middle: f64,
     /// Length, s.
     pub span_s: f64,
-    /// Whether the vessel moved enough for the directions to show in the phases.
+    /// Whether the course is bent enough for the directions to show in the phases.
     pub moving: bool,
+    /// Whether the vessel drifts straight on.
+    pub adrift: bool,
     /// Farthest from the path's middle along north or east, m.
     pub reach_m: f64,
     square: [f64; CHANNELS],
@@ -109,14 +114,37 @@ impl Rows {
             self.velocity = raw;
             self.smooth_course(&phases);
         }
-        self.reach_m = self
-            .path
-            .iter()
-            .flatten()
-            .fold(0.0_f64, |reach, x| reach.max(x.abs()));
-        // A wave of 40 m turns its phase by 0.5 rad in 3 m.
-        self.moving = self.reach_m > 3.0;
+        self.reach_m = self.straighten();
         self.square = core::array::from_fn(|c| dot(&self.y[c], &self.y[c]));
+    }
+    /// On a vessel that drifts straight on at constant speed a wave has one frequency of encounter,
+    /// and nothing in its phase tells frequency from direction: what bends the path is orbital
+    /// motion that the smoothing has left. The straight line is taken, and directions are those of
+    /// the amplitudes. Returns how far the path reaches from its middle, m.
+    fn straighten(&mut self) -> f64 {
+        let n = self.t.len().max(1) as f64;
+        let square: f64 = self.t.iter().map(|t| t * t).sum::<f64>().max(1e-9);
+        let slope: [f64; 2] = core::array::from_fn(|i| dot(&self.t, &self.path[i]) / square);
+        let off: f64 = (0..2)
+            .map(|i| {
+                let bend = |(t, x): (&f64, &f64)| (x - slope[i] * t).powi(2);
+                self.t.iter().zip(&self.path[i]).map(bend).sum::<f64>()
+            })
+            .sum();
+        let drifts = slope[0].hypot(slope[1]) < super::DRIFT_MPS && (off / n).sqrt() < BEND_M;
+        // A wave of 40 m turns its phase by 0.5 rad in 3 m.
+        let reach = self.path.iter().flatten().fold(0.0_f64, |r, x| r.max(x.abs()));
+        self.moving = !drifts && reach > 3.0;
+        self.adrift = drifts;
+        if drifts {
+            for i in 0..2 {
+                for (x, t) in self.path[i].iter_mut().zip(&self.t) {
+                    *x = slope[i] * t;
+                }
+                self.velocity[i].fill(slope[i]);
+            }
+        }
+        reach
     }
     /// Smooths the velocity and integrates the path from it.
     fn smooth_course(&mut self, phases: &[Vec<f64>]) {

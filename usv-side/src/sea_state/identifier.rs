@@ -394,10 +394,16 @@ impl Identifier {
 
     /// Without a path the phases say nothing of directions: the amplitudes alone decide.
     fn settle_directions(&self, s: &mut Solution) {
+        let limits = self.limits();
         if !self.fitter.rows.moving {
             let priors = self.priors(s);
+            let velocity = self.fitter.rows.velocity_at_end();
             for (w, p) in s.waves.iter_mut().zip(priors) {
+                // The frequency of encounter is what was fitted.
+                let along = |direction: f64| velocity[0] * direction.cos() + velocity[1] * direction.sin();
+                let encounter = w.omega - w.omega * w.omega / GRAVITY * along(w.direction);
                 w.direction = p.mean;
+                w.omega = from_encounter(encounter, along(p.mean)).clamp(limits.0, limits.1);
             }
         }
         for w in &mut s.waves {
@@ -479,6 +485,7 @@ impl Identifier {
         SeaState {
             at,
             mean_velocity: u,
+            adrift: self.fitter.rows.adrift,
             verdict: match verdict {
                 Verdict::Identified if confidence < 0.15 => Verdict::Broad,
                 v @ (Verdict::Calm | Verdict::Broad | Verdict::Identified) => v,

@@ -31,6 +31,9 @@ use nalgebra::Complex;
 pub use config::SeaStateConfig;
 pub use identifier::Identifier;
 
+/// Slower than this a vessel is taken to drift, without a helmsman who changes its course, m/s.
+const DRIFT_MPS: f64 = 0.8;
+
 /// The vessel's motion at one instant, in the earth frame (NED axes), on the vessel's clock. Uneven
 /// times are fine, 10 to 100 Hz; the samples are averaged into bins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,6 +94,8 @@ pub struct SeaState {
     /// The vessel's mean velocity then, smoothed without lag: north, east, m/s. For
     /// [`SeaComponent::encounter`].
     pub mean_velocity: [f64; 2],
+    /// It drifts straight on, without a helmsman who changes its course.
+    pub adrift: bool,
     /// What to make of it.
     pub verdict: Verdict,
     /// Components, strongest first.

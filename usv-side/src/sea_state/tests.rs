@@ -339,3 +339,27 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn orbital_motion_left_in_the_velocity_of_a_drift_does_not_turn_the_directions() {
+    for seed in 0..4 {
+        let planes = paper(seed, 0.8, 5.0, 1.3);
+        let along = planes[1].direction;
+        let drift = [0.35 * along.cos(), 0.35 * along.sin()];
+        let mut samples = voyage(seed, 61.0, &|_| drift, &|_| planes.clone()).samples();
+        for (i, (s, _)) in samples.iter_mut().enumerate() {
+            let (sin, cos) = (1.25 * i as f64 / 25.0).sin_cos();
+            s.mean_velocity[0] += 0.8 * cos;
+            s.mean_velocity[1] += 0.8 * sin;
+        }
+        let state = identify(&samples).unwrap();
+        let (f, d) = errors(&state, &planes);
+        assert!(
+            f < 0.01 && d < 10.0,
+            "seed {seed}: {f} {d} {:?}",
+            state.components
+        );
+        let off = (state.mean_velocity[0] - drift[0]).hypot(state.mean_velocity[1] - drift[1]);
+        assert!(off < 0.1, "seed {seed}: {:?}", state.mean_velocity);
+    }
+}
