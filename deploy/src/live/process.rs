@@ -1,7 +1,7 @@
 //! What every process does beside its node: a clock that never goes back, the time each step takes,
 //! a log of what was consumed, a word about itself twice a second, and an end when it is told to.
 
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -115,8 +115,12 @@ pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     if supervised {
         let flag = Arc::clone(&end);
         std::thread::spawn(move || {
-            // Nothing is ever written: the read ends when the supervisor does.
-            let _closed = std::io::stdin().read(&mut [0_u8; 1]);
+            // Nothing is ever written: the read ends when the supervisor does. A signal, such as the
+            // SIGCONT after a SIGSTOP, may interrupt it before, and is not the end.
+            while std::io::stdin()
+                .read(&mut [0_u8; 1])
+                .map_or_else(|e| e.kind() == ErrorKind::Interrupted, |read| read > 0)
+            {}
             flag.store(true, Ordering::Relaxed);
         });
     }

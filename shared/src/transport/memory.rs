@@ -8,7 +8,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use iceoryx2::node::Node as IoxNode;
+use iceoryx2::node::{Node as IoxNode, NodeWaitFailure};
 use iceoryx2::port::listener::Listener as IoxListener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
@@ -137,9 +137,10 @@ impl Memory {
     pub fn bury_the_dead(&self) {
         let _left = self.node.try_cleanup_dead_nodes();
     }
-    /// Waits; false when the process was asked to end.
+    /// Waits, no longer than `span`; false when the process was asked to end. Another signal only
+    /// cuts the wait short.
     pub fn wait(&self, span: Duration) -> bool {
-        self.node.wait(span).is_ok()
+        !matches!(self.node.wait(span), Err(NodeWaitFailure::TerminationRequest))
     }
 
     fn messages<T: Plain>(&self) -> Result<MessageBuilder<T>, TransportError> {
