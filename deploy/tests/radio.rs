@@ -119,3 +119,19 @@ fn a_session_that_went_silent_is_opened_anew() {
     assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
     they_talk(&mut first, &mut drone, 2);
 }
+
+#[test]
+fn a_session_that_never_said_anything_is_opened_anew() {
+    let endpoint = endpoint("udp");
+    let mut drone = drone(&endpoint, None);
+    for _ in 0..600 {
+        if drone.counts().reopened > 0 {
+            break;
+        }
+        drone.watch();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
+    let mut late = vessel(&endpoint, None);
+    they_talk(&mut late, &mut drone, 3);
+}
