@@ -20,8 +20,8 @@ fn ip(arguments: &[&str]) -> bool {
         .is_ok_and(|out| out.status.success())
 }
 
-fn permitted() -> bool {
-    let probe = format!("alight-probe-{}", std::process::id());
+fn permitted(test: &str) -> bool {
+    let probe = format!("alight-probe-{test}-{}", std::process::id());
     let permitted = ip(&["netns", "add", &probe]) && std::path::Path::new("/dev/net/tun").exists();
     ip(&["netns", "del", &probe]);
     if !permitted {
@@ -72,7 +72,7 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
 
 #[test]
 fn a_landing_over_the_emulated_storm_and_nothing_is_left() {
-    if !permitted() {
+    if !permitted("storm") {
         return;
     }
     let name = format!("storm-{}", std::process::id());
@@ -118,7 +118,7 @@ fn a_landing_over_the_emulated_storm_and_nothing_is_left() {
 
 #[test]
 fn a_killed_emulator_leaves_namespaces_that_the_next_one_cleans_up() {
-    if !permitted() {
+    if !permitted("left") {
         return;
     }
     let name = format!("left-{}", std::process::id());
