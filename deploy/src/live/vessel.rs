@@ -142,6 +142,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             flows: flows.since(&radio, said.at_ns),
             ..said
         });
+        if said.is_some() {
+            radio.watch();
+        }
         // For people, and they can wait: over a link that is narrow, less often.
         own_words += u32::from(said.is_some());
         let due = process.node().share() > 0.5 || own_words.is_multiple_of(WORDS_ON_NARROW);
