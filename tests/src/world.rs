@@ -14,6 +14,7 @@ use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::mission::{Mission, MissionIn};
+use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn};
 use alight_uav::predictor::{Predictor, PredictorIn};
@@ -44,6 +45,7 @@ pub struct World {
     radio: Session<Packet, TimeRequest<DroneClock>>,
     // The drone's computer.
     bridge: Bridge,
+    odometry: Odometry,
     predictor: Predictor,
     mission: Mission,
     planner: Planner,
@@ -67,6 +69,7 @@ impl World {
             vessel_node: VesselNode::new(&nodes.vessel, VESSEL_ID, BOOT),
             radio: Session::new(&scenario.radio, streams),
             bridge: Bridge::new(&nodes.bridge, BOOT),
+            odometry: Odometry::new(&drone.odometry),
             predictor: Predictor::new(&drone.predictor(), BOOT),
             mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, DRONE_ID, BOOT),
             planner: Planner::new(&drone.planner, &drone.airframe, &drone.deck, BOOT),
@@ -164,7 +167,7 @@ impl World {
             self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
         }
 
-        // The drone: odometry, camera, rangefinder -> predictor -> mission -> planner -> pilot.
+        // The drone: odometry made smooth, camera, rangefinder -> predictor -> mission -> planner -> pilot.
         let Some(Flight {
             odometry,
             autopilot,
@@ -174,7 +177,7 @@ impl World {
             self.physics.advance();
             return;
         };
-        let odometry = Some(odometry);
+        let odometry = Some(self.odometry.step(&odometry));
         let input = PredictorIn {
             estimate: heard.estimate,
             wave: heard.wave,

@@ -18,6 +18,7 @@ use alight_sim::scenario::{NodeConfigs, Scenario};
 use alight_sim::sea::Sea;
 use alight_sim::sensors::Sensors;
 use alight_sim::streams::Streams;
+use alight_uav::odometry::{Odometry, OdometryConfig};
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use alight_usv::{VesselIn, VesselNode};
 use nalgebra::Vector3;
@@ -60,6 +61,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
     let mut to_vessel = Radio::new(&scenario.radio, Direction::ToVessel, &streams);
     let mut bridge = Bridge::new(&BridgeConfig::default(), 1);
     let mut predictor = Predictor::new(config, 1);
+    let mut steady = Odometry::new(&OdometryConfig::default());
     let mut drone: Option<DroneWorld> = None;
     let appeared = 6000;
     let (mut truth, mut samples) = (Vec::new(), Vec::new());
@@ -130,7 +132,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         let mut d = drone.take();
         if let Some(drone) = &mut d {
             let header = Header::new(1, 1, 1, tick as u32, now);
-            let odometry = drone.odometry(header);
+            let odometry = steady.step(&drone.odometry(header));
             let seen = sensors.drone(t, &drone.truth(), &deck, |n, e| sea.surface(t, n, e).surface_z());
             let input = PredictorIn {
                 estimate: heard.estimate,
@@ -268,8 +270,9 @@ fn at_moderate_the_deck_is_known_as_well_as_a_landing_needs() {
     let high = Figures::of(&flights, 10.0, 20.0, 0.2);
     let near = Figures::of(&flights, 26.0, 38.0, 0.2);
     let far = Figures::of(&flights, 26.0, 38.0, 1.0);
-    assert!(near.horizontal < 0.10 && near.vertical < 0.05 && near.tilt.to_degrees() < 0.7);
-    assert!(far.horizontal < 0.12 && far.vertical < 0.06 && far.tilt.to_degrees() < 1.0);
+    // At 1.5 m over the mean deck the tag is out of view for seconds: the odometry's drift counts.
+    assert!(near.horizontal < 0.12 && near.vertical < 0.05 && near.tilt.to_degrees() < 0.7);
+    assert!(far.horizontal < 0.15 && far.vertical < 0.08 && far.tilt.to_degrees() < 1.0);
     assert!(far.yaw.to_degrees() < 2.5);
     for f in [high, near, far] {
         assert!(f.n > 1000.0 && f.nees.iter().all(|n| *n < 2.0), "{f:?}");

@@ -2,6 +2,7 @@
 pub mod disturbance;
 mod latest;
 pub mod mission;
+pub mod odometry;
 pub mod pilot;
 pub mod planner;
 pub mod predictor;

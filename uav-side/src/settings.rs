@@ -5,6 +5,7 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use serde::{Deserialize, Serialize};
 
 use crate::mission::MissionConfig;
+use crate::odometry::OdometryConfig;
 use crate::pilot::PilotConfig;
 use crate::planner::PlannerConfig;
 use crate::predictor::PredictorConfig;
@@ -17,6 +18,8 @@ pub struct DroneSettings {
     pub airframe: DroneGeometry,
     /// The deck to land on.
     pub deck: DeckGeometry,
+    /// Odometry.
+    pub odometry: OdometryConfig,
     /// Predictor.
     pub predictor: PredictorConfig,
     /// Mission.
@@ -46,6 +49,7 @@ impl Check for DroneSettings {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.airframe.check(&at.table("airframe"))?;
         self.deck.check(&at.table("deck"))?;
+        self.odometry.check(&at.table("odometry"))?;
         self.predictor.check(&at.table("predictor"))?;
         self.mission.check(&at.table("mission"))?;
         self.planner.check(&at.table("planner"))?;

@@ -8,6 +8,7 @@ use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::RadioConfig;
 use alight_sim::radio::RadioConfig as Impairment;
 use alight_sim::scenario::{Scenario, StateOutage};
+use alight_uav::odometry::OdometryConfig;
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
@@ -145,12 +146,15 @@ pub struct SimulatedWorld {
     /// A picture of the landing is drawn there.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plot: Option<PathBuf>,
+    /// How the autopilot's odometry is made smooth.
+    pub odometry: OdometryConfig,
     /// What is simulated.
     pub scenario: Scenario,
 }
 
 impl Check for SimulatedWorld {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.odometry.check(&at.table("odometry"))?;
         self.scenario.check(&at.table("scenario"))
     }
 }

@@ -240,6 +240,7 @@ impl Arrangement {
             follow_s: args.follow,
             truth: recording(args).is_some(),
             plot: args.plot.clone(),
+            odometry: scene.nodes.drone.odometry,
             scenario: scene.scenario.clone(),
         };
         Ok(Arrangement {

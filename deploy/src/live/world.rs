@@ -51,7 +51,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut physics = Physics::new(&world.scenario, world.seed)
         .map_err(|e| Refused::because("setting up the simulated world", e))?;
     let memory = Memory::join(&Instance::new(&world.instance)?, "world")?;
-    let mut autopilot = SimulatedAutopilot::join(&memory)?;
+    let mut autopilot = SimulatedAutopilot::join(&memory, &world.odometry)?;
     let sensors = SimulatedSensors::to(&world.sensors)
         .map_err(|e| Refused::because(format!("sending sensors to {}", world.sensors), e))?;
     let mut mission = memory.subscriber::<MissionState>()?;

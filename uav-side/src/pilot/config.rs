@@ -115,12 +115,12 @@ impl Default for TrackingConfig {
     fn default() -> Self {
         // Ours throughout. Horizontal: poles of place, velocity and attitude together; with an
         // attitude lag of 0.2 s, 0.05 s of the rate loop and 0.025 s of delay the loop crosses over at
-        // 3.8 rad/s with a margin of 66 deg and a largest sensitivity of 1.25 (lag 0.4 s: 45 deg,
+        // 5.0 rad/s with a margin of 65 deg and a largest sensitivity of 1.33 (lag 0.4 s: 45 deg,
         // 1.4). Vertical: thrust follows in 0.05 s, so it can be stiffer.
         TrackingConfig {
-            horizontal_kp: 4.0,
-            horizontal_kv: 4.2,
-            attitude_gain: 0.9,
+            horizontal_kp: 6.0,
+            horizontal_kv: 5.5,
+            attitude_gain: 1.2,
             vertical_kp: 4.0,
             vertical_kv: 3.5,
             ki: 0.1,
@@ -132,8 +132,8 @@ impl Default for TrackingConfig {
             tilt_limit_rad: 0.61,
             attitude_rate_limit_rps: 3.0,
             descent_feedback_tilt_rad: 0.30,
-            flare_feedback_tilt_rad: 0.14,
-            contact_feedback_tilt_rad: 0.05,
+            flare_feedback_tilt_rad: 0.2,
+            contact_feedback_tilt_rad: 0.1,
             // 0.5 m/s for 0.7 s: matching a tilt costs 0.5 to 1.5 m/s² sideways.
             fade_clearance_m: 0.35,
             contact_disturbance_share: 0.5,

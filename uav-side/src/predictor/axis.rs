@@ -1,10 +1,12 @@
 //! The Kalman filter of one degree of freedom of the deck.
 //!
-//! State: `[mean, mean rate, slow error of the radio, slow error of the sight, (value, rate) per
-//! oscillator]`. The deck is `mean + sum of values`; the radio measures that plus its slow error
-//! (the vessel's GNSS error, compass error), the sight that plus its own (the drone's GNSS error,
-//! camera mount). Both errors are first-order Gauss-Markov processes; the oscillators are Fossen's
-//! wave filter (2011, section 8.2.6), discretised exactly.
+//! State: `[mean, mean rate, slow error of the radio, slow error of the sight, drift of the sight,
+//! rotation of the sight, (value, rate) per oscillator]`. The deck is `mean + sum of values`; the radio measures that plus
+//! its slow error (the vessel's GNSS error, compass error), the sight that plus its own (the drone's
+//! GNSS error, camera mount). Both errors are first-order Gauss-Markov processes, and so is the
+//! drift, the error of the odometry's velocity, which carries the sight's error along; the rotation
+//! (camera mount, attitude) shifts what is seen from afar, north and east, and tells itself apart as
+//! the drone sinks; the oscillators are Fossen's wave filter (2011, section 8.2.6), discretised exactly.
 //!
 //! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
 //! (not of the vessel's reference point) in NED, its height as of a level vessel (see `sag`), and the tilt as that of a vessel heading north,
@@ -15,7 +17,7 @@ use super::config::PredictorConfig;
 use super::waves::{AXES, MAX_OSCILLATORS, Oscillator};
 
 /// Slots before the oscillators.
-pub const HEAD: usize = 4;
+pub const HEAD: usize = 6;
 /// Mean level, m, rad.
 pub const MEAN: usize = 0;
 /// Mean rate, m/s, rad/s.
@@ -24,18 +26,27 @@ pub const RATE: usize = 1;
 pub const RADIO: usize = 2;
 /// Slow error of the sight.
 pub const VISION: usize = 3;
+/// Drift of the sight: the odometry's error of velocity.
+pub const DRIFT: usize = 4;
+/// Rotation of the sight that shifts what it sees along this axis by itself times the distance
+/// along the line of sight, rad.
+pub const TURN: usize = 5;
 /// Largest state.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
 
 /// What a measurement sees of the state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Row {
     /// Mean and waves, without any slow error.
     Level,
     /// As the radio sees it.
     Radio,
-    /// As the drone sees it.
+    /// Where it is in the drone's frame.
     Vision,
+    /// As the drone's camera sees it over this lever of the sight's rotation, m.
+    Sight(f64),
+    /// The sight's rotation.
+    Turn,
     /// The rate of mean and waves.
     Rate,
 }
@@ -47,6 +58,10 @@ pub struct AxisNoise {
     pub radio: (f64, f64),
     /// Spread and correlation time of the sight's slow error.
     pub vision: (f64, f64),
+    /// Spread and correlation time of the sight's drift.
+    pub drift: (f64, f64),
+    /// Spread and correlation time of the sight's rotation.
+    pub turn: (f64, f64),
     /// Variance per second of the mean's random walk.
     pub mean_walk: f64,
     /// Variance per second of the mean rate's random walk.
@@ -65,6 +80,12 @@ impl AxisNoise {
         core::array::from_fn(|i| AxisNoise {
             radio: (c.radio_bias_sd_m_rad[i], c.radio_bias_time_s[i]),
             vision: (c.vision_bias_sd_m_rad[i], c.vision_bias_time_s[i]),
+            // Angles do not drift: the camera turns with the drone, whose attitude is measured.
+            drift: (if i < 3 { c.odometry_drift_mps } else { 0.0 }, c.odometry_drift_s),
+            turn: match i {
+                0 | 1 => (c.vision_bias_sd_m_rad[4 - i], c.vision_bias_time_s[4 - i]),
+                _ => (0.0, c.vision_bias_time_s[4]),
+            },
             mean_walk: c.mean_walk_m_rad[i].powi(2),
             rate_walk: c.rate_walk_mps_radps[i].powi(2),
             way_walk: if i < 2 { c.way_walk } else { 0.0 },
@@ -147,6 +168,8 @@ impl Axis {
         a.p[RATE][RATE] = rate_sd * rate_sd;
         a.p[RADIO][RADIO] = noise.radio.0.powi(2);
         a.p[VISION][VISION] = noise.vision.0.powi(2);
+        a.p[DRIFT][DRIFT] = noise.drift.0.powi(2);
+        a.p[TURN][TURN] = noise.turn.0.powi(2);
         for o in oscillators {
             a.append(o, axis);
         }
@@ -231,12 +254,16 @@ impl Axis {
         self.x[MEAN] += h.reach * self.x[RATE];
         self.x[RATE] *= h.rate;
         self.x[RADIO] *= h.radio;
-        self.x[VISION] *= h.vision;
+        self.x[VISION] = h.vision * self.x[VISION] + h.wander * self.x[DRIFT];
+        self.x[DRIFT] *= h.drift;
+        self.x[TURN] *= h.turn;
         for j in 0..n {
             self.p[MEAN][j] += h.reach * self.p[RATE][j];
             self.p[RATE][j] *= h.rate;
             self.p[RADIO][j] *= h.radio;
-            self.p[VISION][j] *= h.vision;
+            self.p[VISION][j] = h.vision * self.p[VISION][j] + h.wander * self.p[DRIFT][j];
+            self.p[DRIFT][j] *= h.drift;
+            self.p[TURN][j] *= h.turn;
         }
         for (k, a) in step.a.iter().take(step.count).enumerate() {
             let i = HEAD + 2 * k;
@@ -254,7 +281,9 @@ impl Axis {
             row[MEAN] += h.reach * row[RATE];
             row[RATE] *= h.rate;
             row[RADIO] *= h.radio;
-            row[VISION] *= h.vision;
+            row[VISION] = h.vision * row[VISION] + h.wander * row[DRIFT];
+            row[DRIFT] *= h.drift;
+            row[TURN] *= h.turn;
             for (k, a) in step.a.iter().take(step.count).enumerate() {
                 let i = HEAD + 2 * k;
                 let (v, r) = (row[i], row[i + 1]);
@@ -269,6 +298,10 @@ impl Axis {
         self.p[RATE][RATE] += q.rate;
         self.p[RADIO][RADIO] += q.radio;
         self.p[VISION][VISION] += q.vision;
+        self.p[VISION][DRIFT] += q.wander;
+        self.p[DRIFT][VISION] += q.wander;
+        self.p[DRIFT][DRIFT] += q.drift;
+        self.p[TURN][TURN] += q.turn;
         for (k, (q, o)) in step.q.iter().zip(oscillators).take(step.count).enumerate() {
             let (i, var) = (HEAD + 2 * k, o.sd[axis].powi(2));
             self.p[i][i] += var * q[0];
@@ -287,31 +320,28 @@ impl Axis {
     /// Value and variance of `row`; `ph` becomes `P h'`.
     fn see(&self, row: Row, ph: &mut [f64; MAX_STATES]) -> (f64, f64) {
         let n = self.n;
-        let (head, extra, first) = match row {
-            Row::Level => (MEAN, None, HEAD),
-            Row::Radio => (MEAN, Some(RADIO), HEAD),
-            Row::Vision => (MEAN, Some(VISION), HEAD),
-            Row::Rate => (RATE, None, HEAD + 1),
+        // Entries of h besides the oscillators', and the first oscillator's that counts.
+        let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
+            Row::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
+            Row::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
+            Row::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
+            Row::Sight(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
+            Row::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
+            Row::Rate => ([(RATE, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD + 1)),
         };
-        // Symmetric: rows of P are read as columns.
-        let mut add = |i: usize, value: &mut f64| {
-            *value += self.x[i];
-            for (a, b) in ph.iter_mut().zip(&self.p[i]).take(n) {
-                *a += b;
-            }
+        let entries = || {
+            let waves = first.map_or(n..n, |f| f..n).step_by(2).map(|i| (i, 1.0));
+            head.into_iter().filter(|(_, h)| *h != 0.0).chain(waves)
         };
         let mut value = 0.0;
-        add(head, &mut value);
-        if let Some(e) = extra {
-            add(e, &mut value);
+        // Symmetric: rows of P are read as columns.
+        for (i, h) in entries() {
+            value += h * self.x[i];
+            for (a, b) in ph.iter_mut().zip(&self.p[i]).take(n) {
+                *a += h * b;
+            }
         }
-        for i in (first..n).step_by(2) {
-            add(i, &mut value);
-        }
-        let mut var = ph[head] + extra.map_or(0.0, |e| ph[e]);
-        for i in (first..n).step_by(2) {
-            var += ph[i];
-        }
+        let var: f64 = entries().map(|(i, h)| h * ph[i]).sum();
         (value, var.max(0.0))
     }
 
@@ -387,6 +417,12 @@ pub struct Head {
     pub radio: f64,
     /// Decay of the sight's slow error.
     pub vision: f64,
+    /// Gain of the drift on the sight's slow error, s.
+    pub wander: f64,
+    /// Decay of the drift.
+    pub drift: f64,
+    /// Decay of the sight's rotation.
+    pub turn: f64,
 }
 
 /// Noise of the head over one time.
@@ -402,28 +438,44 @@ pub struct HeadNoise {
     pub radio: f64,
     /// Variance of the sight's slow error.
     pub vision: f64,
+    /// Covariance of the sight's slow error and its drift.
+    pub wander: f64,
+    /// Variance of the drift.
+    pub drift: f64,
+    /// Variance of the sight's rotation.
+    pub turn: f64,
 }
 
 impl Head {
     /// Over `dt`.
     pub fn new(n: &AxisNoise, dt: f64) -> Self {
         let rate = (-dt / n.rate_time).exp();
+        let drift = (-dt / n.drift.1).exp();
         Head {
             reach: n.rate_time * (1.0 - rate),
             rate,
             radio: (-dt / n.radio.1).exp(),
             vision: (-dt / n.vision.1).exp(),
+            wander: n.drift.1 * (1.0 - drift),
+            drift,
+            turn: (-dt / n.turn.1).exp(),
         }
     }
     /// Noise that enters over `dt`; the rate's walk as if it did not die out meanwhile, which
-    /// errs on the side of more.
+    /// errs on the side of more; the drift's exactly (an Ornstein-Uhlenbeck process and its integral).
     pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
+        let ((sd, time), left) = (n.drift, self.drift);
+        let lost = 1.0 - left;
         HeadNoise {
             mean: n.mean_walk * dt + n.rate_walk * dt.powi(3) / 3.0,
             cross: n.rate_walk * dt * dt / 2.0,
             rate: n.rate_walk * dt,
             radio: n.radio.0.powi(2) * (1.0 - self.radio * self.radio),
-            vision: n.vision.0.powi(2) * (1.0 - self.vision * self.vision),
+            vision: n.vision.0.powi(2) * (1.0 - self.vision * self.vision)
+                + (sd * time).powi(2) * (2.0 * dt / time - 2.0 * lost - lost * lost).max(0.0),
+            wander: sd * sd * time * lost * lost,
+            drift: sd * sd * (1.0 - left * left),
+            turn: n.turn.0.powi(2) * (1.0 - self.turn * self.turn),
         }
     }
 }

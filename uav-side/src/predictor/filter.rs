@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
 
-use super::axis::{Axis, AxisNoise, HEAD, MEAN, RATE, Row, Step, VISION};
+use super::axis::{Axis, AxisNoise, HEAD, MEAN, RATE, Row, Step, TURN, VISION};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
 use super::waves::{AXES, Change, Oscillator, Seed, Waves};
@@ -61,6 +61,8 @@ struct Entry {
 pub struct Filter {
     noise: [AxisNoise; AXES],
     gate: f64,
+    /// Error of the vessel's own tilt that all its estimates share, rad.
+    common_tilt: f64,
     entries: VecDeque<Entry>,
     spare: Vec<Box<State>>,
     /// Refusals in a row: radio, sight.
@@ -73,6 +75,7 @@ pub struct Filter {
 impl Filter {
     /// Filters that begin with `first`, whose missing degrees of freedom are level.
     pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &Observation) -> Self {
+        let common_tilt = noise[3].radio.0.max(noise[4].radio.0);
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
         let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
         // The vessel's own phases, rolled on to the first observation.
@@ -112,6 +115,7 @@ impl Filter {
         let mut f = Filter {
             noise,
             gate,
+            common_tilt,
             entries: VecDeque::with_capacity(MAX_ENTRIES + 1),
             spare: Vec::new(),
             refused: [0; 2],
@@ -264,7 +268,9 @@ impl Filter {
 
     fn apply(&self, s: &mut State, o: &Observation, waves: &Waves) -> u32 {
         match o.kind {
-            Kind::Estimate | Kind::Tag | Kind::Uvdar | Kind::Range => apply(s, o, self.gate),
+            Kind::Estimate | Kind::Tag | Kind::Uvdar | Kind::Range => {
+                apply(s, o, self.gate, self.common_tilt)
+            }
             Kind::Waves => {
                 learn(s, o.at, waves, self.gate);
                 0
@@ -396,36 +402,57 @@ fn learn(s: &mut State, at: Time<DroneClock>, waves: &Waves, gate: f64) {
     }
 }
 
+/// What the tag's attitude says of the sight's rotation: seen less predicted tilt. `common` (rad) is
+/// the error of the vessel's own tilt and is in all of them: no number of tags makes it smaller.
+fn turned(s: &mut State, o: &Observation, common: f64) {
+    for (i, j) in [(0, 4), (1, 3)] {
+        let Some((seen, r)) = o.value[j] else { continue };
+        let (level, var) = s[j].project(Row::Level);
+        s[i].update(Row::Turn, seen - level, r + var + common * common);
+        s[i].p[TURN][TURN] = s[i].p[TURN][TURN].max(common * common);
+    }
+}
+
 /// Fuses an observation into a state of the same time; the number of groups refused.
-fn apply(s: &mut State, o: &Observation, gate: f64) -> u32 {
+fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
     let row = match o.kind {
         Kind::Estimate => Row::Radio,
         Kind::Tag | Kind::Uvdar | Kind::Range => Row::Vision,
         Kind::Waves => return 0,
+    };
+    let row = |i: usize| match o.lever.get(i) {
+        Some(lever) if *lever != 0.0 => Row::Sight(*lever),
+        Some(_) | None => row,
     };
     let mut gated = 0;
     for group in GROUPS {
         // Angles are compared along the shorter way.
         let near = |a: &Axis, i: usize, v: f64| {
             if i == 5 {
-                let predicted = a.project(row).0;
+                let predicted = a.project(row(i)).0;
                 predicted + wrap_angle(v - predicted)
             } else {
                 v
             }
         };
         let outlier = group.iter().any(|&i| {
-            o.value[i].is_some_and(|(v, r)| s[i].surprise(row, near(&s[i], i, v), r) > gate)
+            o.value[i].is_some_and(|(v, r)| s[i].surprise(row(i), near(&s[i], i, v), r) > gate)
                 || o.rate[i].is_some_and(|(v, r)| s[i].surprise(Row::Rate, v, r) > gate)
         });
         if outlier {
             gated += 1;
             continue;
         }
+        if o.kind == Kind::Tag && group == GROUPS[1] {
+            turned(s, o, common);
+        }
         for &i in group {
             if let Some((v, r)) = o.value[i] {
                 let v = near(&s[i], i, v);
-                s[i].update(row, v, r);
+                s[i].update(row(i), v, r);
+                if i < o.lever.len() {
+                    s[i].p[VISION][VISION] = s[i].p[VISION][VISION].max(o.common * o.common);
+                }
             }
             if let Some((v, r)) = o.rate[i] {
                 s[i].update(Row::Rate, v, r);

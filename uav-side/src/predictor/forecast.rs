@@ -5,7 +5,7 @@ use alight_shared::seq::Seq;
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::Vector3;
 
-use super::axis::{Axis, AxisNoise, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
+use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
 use super::sag::sag;
 use super::waves::{AXES, Oscillator};
 
@@ -92,6 +92,8 @@ impl Horizon {
         for (x, h) in mean.iter_mut().zip(heads) {
             x[MEAN] += h.reach * x[RATE];
             x[RATE] *= h.rate;
+            x[VISION] += h.wander * x[DRIFT];
+            x[DRIFT] *= h.drift;
             for (k, a) in self.stage.a.iter().take(self.stage.count).enumerate() {
                 let i = HEAD + 2 * k;
                 let (v, r) = (x[i], x[i + 1]);
@@ -118,11 +120,16 @@ impl Horizon {
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
-        // Position and heading are as the drone sees them now: its frame of this instant is what the
-        // forecast is expressed in, and does not wander.
-        h[VISION] = if sees_as_vision(axis) { 1.0 } else { 0.0 };
+        // Position and heading are as the drone sees them: in its frame, which goes on as its odometry
+        // drifts now. What nobody knows of its drift to come is left out: it moves drone and plan alike
+        // until the next sight.
         let q = head.noise(noise, step.dt);
         let (mut value, mut rate) = (q.mean, q.rate);
+        if sees_as_vision(axis) {
+            h[VISION] = 1.0;
+            h[DRIFT] = head.wander;
+            g[DRIFT] = head.drift;
+        }
         for (j, ((t, n), o)) in step
             .a
             .iter()
@@ -161,7 +168,7 @@ impl Horizon {
         for i in 0..AXES {
             let x = &mean[i];
             v[i] = x[MEAN] + if sees_as_vision(i) { x[VISION] } else { 0.0 };
-            r[i] = x[RATE];
+            r[i] = x[RATE] + if sees_as_vision(i) { x[DRIFT] } else { 0.0 };
             for (k, o) in self.oscillators.iter().enumerate() {
                 let j = HEAD + 2 * k;
                 v[i] += x[j];

@@ -228,6 +228,8 @@ impl Predictor {
                 kind: observation::Kind::Waves,
                 value: [None; AXES],
                 rate: [None; AXES],
+                lever: [0.0; 2],
+                common: 0.0,
             })?;
         }
         Ok(())
@@ -430,8 +432,7 @@ impl Predictor {
         core::array::from_fn(|i| {
             let (v, r) = self.stated[i];
             match i {
-                0 if seen => (turn(4) * arm.z * arm.z + mount, k * r),
-                1 if seen => (turn(3) * arm.z * arm.z + mount, k * r),
+                0 | 1 if seen => (mount, k * r),
                 2 if seen => (turn(3) * arm.y * arm.y + turn(4) * arm.x * arm.x + mount, k * r),
                 5 if seen => (0.0, k * r),
                 _ => (k * v, k * r),

@@ -10,6 +10,10 @@ use super::config::PredictorConfig;
 use super::track::Pose;
 use super::waves::AXES;
 
+/// The drone is above the deck when the line of sight goes sideways by less than this times its
+/// height.
+const OVERHEAD: f64 = 0.2;
+
 /// Where an observation comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -40,6 +44,11 @@ pub struct Observation {
     pub value: [Measured; AXES],
     /// Their rates.
     pub rate: [Measured; AXES],
+    /// What a rotation of the sight by 1 rad adds to the values north (about east) and east (about
+    /// north), m.
+    pub lever: [f64; 2],
+    /// Error of the place that sights from so far have in common, north and east, m.
+    pub common: f64,
 }
 
 impl Observation {
@@ -134,17 +143,29 @@ pub fn estimate(
                 (k * stated[i].1).max(c.radio_min_rate_sd_mps_radps[i].powi(2)) + (acc[i] * clock_sd).powi(2);
             Some((rates[i], r))
         }),
+        lever: [0.0; 2],
+        common: 0.0,
     }
 }
 
-/// Variance of `m x e` for independent components of the rotation error `e`.
-fn lever(arm: &Vector3<f64>, sd: &Vector3<f64>) -> Vector3<f64> {
-    let (a, s) = (arm.component_mul(arm), sd.component_mul(sd));
-    Vector3::new(
-        s.y * a.z + s.z * a.y,
-        s.z * a.x + s.x * a.z,
-        s.x * a.y + s.y * a.x,
-    )
+/// The line of sight with its height corrected for the sight's rotation: `arm - m x arm`, third
+/// component only. North and east are the filter's, which knows the rotation's part in them.
+fn upright(arm: &Vector3<f64>, mount: &Mount) -> Vector3<f64> {
+    arm - Vector3::z() * mount.turn.cross(arm).z
+}
+/// Variance of its height.
+fn height_variance(arm: &Vector3<f64>, mount: &Mount) -> f64 {
+    (mount.sd.x * arm.y).powi(2) + (mount.sd.y * arm.x).powi(2)
+}
+
+/// Lever and common error of a sight along `arm`. From aside, heading and distance count as much as
+/// the rotation about the level axes: what they shift is not told apart there, and not averaged.
+fn reach(arm: &Vector3<f64>, c: &PredictorConfig) -> ([f64; 2], f64) {
+    if arm.x.hypot(arm.y) < OVERHEAD * arm.z {
+        ([arm.z, -arm.z], 0.0)
+    } else {
+        ([0.0; 2], c.vision_bias_sd_m_rad[3] * arm.norm())
+    }
 }
 
 /// Diagonal of `R diag(v) R'`.
@@ -162,13 +183,14 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
     let tilt = turn_tilt(roll, pitch, -yaw);
 
     let arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let true_arm = arm - mount.turn.cross(&arm);
-    let centre = drone.position + true_arm - seen * Vector3::from(c.deck.tag_centre_m);
+    let centre = drone.position + upright(&arm, mount) - seen * Vector3::from(c.deck.tag_centre_m);
 
     let [px, py, pz, rx, ry, rz] = m.variance;
-    let floor = c.tag_min_sd_m.powi(2) + c.camera_mount_sd_m.powi(2);
-    let noise =
-        turned(&camera, &Vector3::new(px, py, pz)) + drone.variance * c.drone_share + lever(&arm, &mount.sd);
+    let floor = c.tag_min_sd_m.powi(2);
+    let noise = turned(&camera, &Vector3::new(px, py, pz))
+        + drone.variance * c.drone_share
+        + Vector3::z() * height_variance(&arm, mount);
+    let (lever, common) = reach(&arm, c);
     let angle = turned(&camera, &Vector3::new(rx, ry, rz)).add_scalar(c.tag_min_sd_rad.powi(2));
     let var: [f64; AXES] = [
         noise.x + floor,
@@ -184,6 +206,8 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
         kind: Kind::Tag,
         value: core::array::from_fn(|i| Some((value[i], var[i]))),
         rate: [None; AXES],
+        lever,
+        common,
     }
 }
 
@@ -191,9 +215,11 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
 pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Observation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + arm - mount.turn.cross(&arm);
-    let var =
-        turned(&camera, &Vector3::from(m.variance)) + drone.variance * c.drone_share + lever(&arm, &mount.sd);
+    let centre = drone.position + upright(&arm, mount);
+    let var = turned(&camera, &Vector3::from(m.variance))
+        + drone.variance * c.drone_share
+        + Vector3::z() * height_variance(&arm, mount);
+    let (lever, common) = reach(&arm, c);
     let mut value = [None; AXES];
     for i in 0..3 {
         value[i] = Some((centre[i], var[i] + c.camera_mount_sd_m.powi(2)));
@@ -203,6 +229,8 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> 
         kind: Kind::Uvdar,
         value,
         rate: [None; AXES],
+        lever,
+        common,
     }
 }
 
@@ -245,5 +273,7 @@ pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -
         kind: Kind::Range,
         value,
         rate: [None; AXES],
+        lever: [0.0; 2],
+        common: 0.0,
     })
 }

@@ -1,6 +1,7 @@
 //! A deck made of sinusoids, and the messages that a vessel and a camera would send of it.
 
 use std::collections::VecDeque;
+use std::rc::Rc;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::DroneGeometry;
@@ -154,8 +155,9 @@ impl Default for Setup {
 pub struct Sample {
     pub now: f64,
     pub forecast: DeckForecast,
-    /// Drone's GNSS error at `now`.
-    pub frame: Vector3<f64>,
+    /// Error of the drone's smooth odometry, every 10 ms of the run and a little longer: a place that
+    /// is off, moved by an error of velocity.
+    pub frames: Rc<Vec<Vector3<f64>>>,
 }
 impl Sample {
     /// Errors of position and of Euler angles `ahead` seconds from now, with the stage.
@@ -164,7 +166,8 @@ impl Sample {
         let (p, e) = v.deck(self.now + ahead);
         let mut turn = Vector3::from(s.euler) - e;
         turn.z = wrap_angle(turn.z);
-        (Vector3::from(s.position) - self.frame - p, turn, s)
+        let frame = self.frames[((self.now + ahead) * 100.0).round() as usize];
+        (Vector3::from(s.position) - frame - p, turn, s)
     }
 }
 
@@ -182,7 +185,16 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
     let mut predictor = Predictor::new(config, 1);
     let geometry = DroneGeometry::default();
     let mut vessel_frame = Markov::new(&mut rng, 1.0, 300.0);
-    let mut drone_frame = Markov::new(&mut rng, 1.0, 300.0);
+    let mut drift = Markov::new(&mut rng, 0.05, 3.0);
+    let mut frame = normal3(&mut rng);
+    let frames: Rc<Vec<Vector3<f64>>> = Rc::new(
+        (0..((seconds + 3.0) * 100.0) as u32)
+            .map(|_| {
+                frame += drift.step(&mut rng, 0.01) * 0.01;
+                frame
+            })
+            .collect(),
+    );
     // The vessel's filtered errors.
     let mut position_error = Markov::new(&mut rng, 0.08, 1.0);
     let mut velocity_error = Markov::new(&mut rng, 0.08, 0.5);
@@ -195,7 +207,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
         let now = f64::from(k) * 0.01;
         let dt = 0.01;
         let vf = vessel_frame.step(&mut rng, dt);
-        let df = drone_frame.step(&mut rng, dt);
+        let df = frames[k as usize];
         let pe = position_error.step(&mut rng, dt);
         let ve = velocity_error.step(&mut rng, dt);
         let ae = angle_error.step(&mut rng, dt);
@@ -320,7 +332,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
             samples.push(Sample {
                 now,
                 forecast,
-                frame: df,
+                frames: Rc::clone(&frames),
             });
         }
     }

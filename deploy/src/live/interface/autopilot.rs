@@ -1,14 +1,17 @@
 //! The drone's autopilot, camera and rangefinder as the other processes see them: topics of shared
-//! memory. A link to a real autopilot (MAVLink, say) publishes and reads the same topics.
+//! memory. A link to a real autopilot (MAVLink, say) publishes and reads the same topics, the
+//! odometry made smooth.
 
 use alight_shared::msg::{AutopilotState, DroneState, RangeSample, SetPoint, TagPose, UvdarFix};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Memory, Publisher, Subscriber};
 use alight_sim::physics::Flight;
+use alight_uav::odometry::{Odometry, OdometryConfig};
 
 /// The simulated drone's end.
 pub struct SimulatedAutopilot {
     odometry: Publisher<DroneState>,
+    smooth: Odometry,
     autopilot: Publisher<AutopilotState>,
     tags: Publisher<TagPose>,
     uvdar: Publisher<UvdarFix>,
@@ -20,9 +23,10 @@ pub struct SimulatedAutopilot {
 
 impl SimulatedAutopilot {
     /// Joins the drone's memory.
-    pub fn join(memory: &Memory) -> Result<SimulatedAutopilot, TransportError> {
+    pub fn join(memory: &Memory, odometry: &OdometryConfig) -> Result<SimulatedAutopilot, TransportError> {
         Ok(SimulatedAutopilot {
             odometry: memory.publisher()?,
+            smooth: Odometry::new(odometry),
             autopilot: memory.publisher()?,
             tags: memory.publisher()?,
             uvdar: memory.publisher()?,
@@ -41,7 +45,7 @@ impl SimulatedAutopilot {
             state.header.sequence = self.sequences[1];
             self.autopilot.send(&state);
         }
-        let mut odometry = flight.odometry;
+        let mut odometry = self.smooth.step(&flight.odometry);
         self.sequences[0] = self.sequences[0].wrapping_add(1);
         odometry.header.sequence = self.sequences[0];
         self.odometry.send(&odometry);

@@ -57,7 +57,7 @@ impl Default for ProfileConfig {
     fn default() -> Self {
         ProfileConfig {
             sink_mps: 2.5,
-            braking_mps2: 2.0,
+            braking_mps2: 2.5,
             acceleration_mps2: 3.0,
             hurry_mps: 0.5,
             touch_mps: 0.28,

@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn a_standing_start_costs_time() {
         let p = Profile::new(&ProfileConfig::default());
-        assert!(p.least(6.0, 0.0) > p.least(6.0, 2.5) + 0.5);
+        assert!(p.least(6.0, 0.0) > p.least(6.0, 2.5) + 0.4);
         assert_eq!(p.least(6.0, 2.5), p.left(6.0));
         assert!(p.left(-10.0).is_finite() && p.least(-10.0, 0.0).is_finite());
     }
