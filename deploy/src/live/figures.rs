@@ -110,7 +110,7 @@ mod tests {
         for kind in ProcessKind::ALL {
             assert!(names(kind).len() <= MOST_FIGURES, "{kind:?}");
         }
-        let figures = [0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8];
+        let figures = [0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8, 1.0];
         let vessel = ProcessState {
             kind: ProcessKind::Vessel,
             figures: Seq::filled(figures),
@@ -119,7 +119,7 @@ mod tests {
         assert_eq!(
             text(&vessel),
             "bytes sent 1200, time requests refused 3, drone's words heard 9, drone last heard 250.0 ms, \
-             drone's state Tracking, drone's battery 80 %"
+             drone's state Tracking, drone's battery 80 %, share of the full rates 100 %"
         );
         assert_eq!(named(&vessel).len(), VESSEL.len());
     }

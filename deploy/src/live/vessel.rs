@@ -87,7 +87,16 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
 
     let mut flows = Flows::of(&OUTLETS);
     let mut own_words = 0_u32;
+    let mut last_ns = steady_ns();
     while !process.ended() {
+        let gap_s = (steady_ns() - last_ns) as f64 * 1e-9;
+        last_ns = steady_ns();
+        if !radio.outlives(gap_s) {
+            return Err(Refused(format!(
+                "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
+                 it ends so that its supervisor starts it anew"
+            )));
+        }
         let readings = sensors.read(LONGEST);
         while let Some(heard) = radio.receive(Duration::ZERO) {
             // What does not decode is nobody's request.
@@ -142,9 +151,6 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             flows: flows.since(&radio, said.at_ns),
             ..said
         });
-        if said.is_some() {
-            radio.watch();
-        }
         // For people, and they can wait: over a link that is narrow, less often.
         own_words += u32::from(said.is_some());
         let due = process.node().share() > 0.5 || own_words.is_multiple_of(WORDS_ON_NARROW);

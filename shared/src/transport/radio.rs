@@ -340,11 +340,13 @@ impl Radio {
         Some(heard)
     }
 
-    /// The watchdog: opens the session anew when it went silent. To be called now and then. The side
-    /// that listens does so once per silence, for its drone may be out of reach for long: the
-    /// middleware's reader of a datagram listener can stay blocked once its process was held up for
-    /// longer than the lease (measured: SIGSTOP for 2 s, 9 of 9 never read again).
+    /// The watchdog of the side that dials: opens the session anew when it went silent. To be called
+    /// now and then. The side that listens keeps its socket, and silence is no news to it; what it
+    /// cannot mend is [`Radio::outlives`].
     pub fn watch(&mut self) {
+        if self.config.connect.is_empty() {
+            return;
+        }
         let now = steady_ns();
         let silent = self
             .last_heard_ns
@@ -359,12 +361,20 @@ impl Radio {
                 let _closed = old.session.close().wait();
             });
         }
-        // A session that stays silent is tried again after the same silence, by who dials.
-        self.last_heard_ns = (!self.config.connect.is_empty()).then_some(now);
+        // A session that cannot be opened is tried again after the same silence.
+        self.last_heard_ns = Some(now);
         if let Ok(open) = self.session() {
             self.open = Some(open);
             self.counts.reopened += 1;
         }
+    }
+
+    /// Whether the session of a listener can be trusted after its process stood still for `gap_s`: held
+    /// up for about a lease, the middleware's reader of a datagram socket stays blocked for good and
+    /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
+    /// free it). Only a new process hears again.
+    pub fn outlives(&self, gap_s: f64) -> bool {
+        !self.config.connect.is_empty() || gap_s < 0.9 * self.config.lease_s
     }
 
     /// What went out, by outlet.

@@ -28,8 +28,13 @@ pub struct Helm {
     integral: f64,
 }
 
-/// Look-ahead of the line-of-sight guidance, m (ours: three lengths of the default vessel's half).
+/// Look-ahead of the line-of-sight guidance, m (ours: three lengths of the default vessel's half) ...
 const LOOK_AHEAD_M: f64 = 8.0;
+/// ... and at least this far in time, s: a fast vessel would overshoot its line.
+const LOOK_AHEAD_S: f64 = 4.0;
+/// Up to this speed the heading loop is that of a slow vessel, m/s. Above it the gain grows with the
+/// hull's own moment, which turns it across its way with the square of the speed (Munk).
+const SLOW_MPS: f64 = 2.0;
 /// Distance before a corner where it starts to turn, m.
 const EARLY_M: f64 = 5.0;
 /// Natural frequency of the heading loop, rad/s; damping ratio 1.
@@ -80,9 +85,11 @@ impl Helm {
             }
         }
         // Line of sight (Fossen 2011, section 10.3): steer at a point on the leg ahead.
-        let wanted = self.leg - (self.along(at).y / LOOK_AHEAD_M).atan();
+        let look_ahead = LOOK_AHEAD_M.max(LOOK_AHEAD_S * self.speed);
+        let wanted = self.leg - (self.along(at).y / look_ahead).atan();
         let error = wrap_angle(wanted - heading);
-        let moment = self.yaw_inertia * YAW_FREQUENCY * (YAW_FREQUENCY * error - 2.0 * nu[5]);
+        let frequency = YAW_FREQUENCY * (self.speed / SLOW_MPS).max(1.0).powf(1.5);
+        let moment = self.yaw_inertia * frequency * (frequency * error - 2.0 * nu[5]);
 
         self.smooth_speed += (nu[0] - self.smooth_speed) * (dt / SPEED_TIME_S).min(1.0);
         let lack = self.speed - self.smooth_speed;

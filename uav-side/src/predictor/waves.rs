@@ -18,6 +18,12 @@ const FORGET_S: f64 = 20.0;
 const SEED_ERROR: f64 = 0.1;
 /// Frequencies this near (logarithm) belong to the same component.
 const SAME: f64 = 0.12;
+/// From this confidence on the vessel's wave height is believed: it has watched for some periods.
+const HEIGHT_KNOWN: f64 = 0.3;
+/// A sea that is this much higher than stated is still followed.
+const HEIGHT_MARGIN: f64 = 1.5;
+/// The least share of their configured spread that own oscillators keep.
+const LEAST_SHARE: f64 = 0.1;
 
 /// One oscillator `x'' + 2 lambda omega x' + omega² x = w`, the same frequency on every axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,6 +84,10 @@ pub struct Waves {
     pub confidence: f64,
     /// The residual oscillator as configured.
     residual: Oscillator,
+    /// Spread of each own oscillator as configured, m, rad.
+    bank_sd: [f64; AXES],
+    /// Significant wave height of all own oscillators together as configured, m.
+    bank_height: f64,
     /// Spread (rad) and frequency (rad/s) of the tilt as observed.
     rocking: Option<(f64, f64)>,
 }
@@ -102,8 +112,11 @@ impl Waves {
                 .take(MAX_COMPONENTS)
                 .map(|&w| own(w, c.bank_damping, c.bank_sd_m_rad)),
         );
+        let count = (oscillators.len() - 1) as f64;
         Waves {
             oscillators,
+            bank_sd: c.bank_sd_m_rad,
+            bank_height: 4.0 * c.bank_sd_m_rad[2] * count.sqrt(),
             min_damping: c.min_damping,
             scale: c.wave_scale,
             min_sd: c.min_wave_sd_m_rad,
@@ -141,6 +154,7 @@ impl Waves {
     ) {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
         self.follow_rocking(&mut apply);
+        self.follow_height(f64::from(m.significant_height_m), &mut apply);
         let mut taken = [false; MAX_OSCILLATORS];
         if let Some(t) = taken.first_mut() {
             *t = true; // The residual oscillator belongs to nobody.
@@ -231,6 +245,26 @@ impl Waves {
         if (ratio - 1.0).abs() > 0.05 || grown > 0.1 {
             *o = wanted;
             apply(Change::Rescale(0, ratio), &self.oscillators);
+        }
+    }
+
+    /// Own oscillators move the deck no more than the height of the sea allows: on flat water five
+    /// oscillators of the configured spread would fit the noise of a vessel under way as waves.
+    fn follow_height(&mut self, height: f64, apply: &mut impl FnMut(Change, &[Oscillator])) {
+        if !(self.confidence >= HEIGHT_KNOWN && height >= 0.0 && self.bank_height > 0.0) {
+            return;
+        }
+        let share = (HEIGHT_MARGIN * height / self.bank_height).clamp(LEAST_SHARE, 1.0);
+        for i in 1..self.oscillators.len() {
+            let Some(o) = self.oscillators.get_mut(i) else {
+                return;
+            };
+            let wanted = self.bank_sd.map(|sd| share * sd);
+            // Every change costs new transitions; a few per cent are not worth them.
+            if o.seed.is_none() && (wanted[2] / o.sd[2]).ln().abs() > 0.1 {
+                o.sd = wanted;
+                apply(Change::Rescale(i, 1.0), &self.oscillators);
+            }
         }
     }
 
