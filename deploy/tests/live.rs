@@ -225,13 +225,15 @@ fn a_killed_process_comes_back_and_an_interrupt_leaves_nothing() {
     let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
     assert_eq!(pids.len(), PROCESSES.len());
 
-    // A process that stands still for longer than a link's lease is heard again.
+    // A vessel that stood still for longer than a link's lease is started anew and heard again.
     let vessel = pid(&seen, "vessel").expect("it runs");
     signal(vessel, "-STOP");
     std::thread::sleep(Duration::from_millis(2500));
     signal(vessel, "-CONT");
-    status_when(&name, |s| s["link"]["age_s"].as_f64().is_none_or(|age| age > 2.0));
-    status_when(&name, fresh);
+    let seen = status_when(&name, |s| {
+        pid(s, "vessel").is_some_and(|new| new != vessel) && fresh(s)
+    });
+    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
 
     let twice = alight()
         .args(["land", "--instance", &name])

@@ -11,6 +11,10 @@ use crate::Refused;
 const LOCK: &str = "lock";
 /// This file says that all services are there: onlookers may join from now on.
 const READY: &str = "ready";
+/// A name that is in use is asked for this often ...
+const TRIES: u32 = 20;
+/// ... with this pause.
+const PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
 
 /// An instance that is ours: nobody else runs under its name while this lives.
 pub struct Owned {
@@ -26,7 +30,18 @@ impl Owned {
         let doing = || format!("preparing {}", directory.display());
         std::fs::create_dir_all(&directory).map_err(|e| Refused::because(doing(), e))?;
         let lock = File::create(directory.join(LOCK)).map_err(|e| Refused::because(doing(), e))?;
-        match lock.try_lock() {
+        // A former owner's child that is just being born holds the lock for some milliseconds more.
+        let mut tries = 0;
+        let taken = loop {
+            match lock.try_lock() {
+                Err(TryLockError::WouldBlock) if tries < TRIES => {
+                    tries += 1;
+                    std::thread::sleep(PAUSE);
+                }
+                other => break other,
+            }
+        };
+        match taken {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 return Err(Refused(format!(

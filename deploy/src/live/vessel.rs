@@ -92,6 +92,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         let gap_s = (steady_ns() - last_ns) as f64 * 1e-9;
         last_ns = steady_ns();
         if !radio.outlives(gap_s) {
+            radio.abandon();
             return Err(Refused(format!(
                 "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
                  it ends so that its supervisor starts it anew"

@@ -377,6 +377,12 @@ impl Radio {
         !self.config.connect.is_empty() || gap_s < 0.9 * self.config.lease_s
     }
 
+    /// Leaves the session as it is: closing one that is stuck would wait for ever. For a process that
+    /// ends now.
+    pub fn abandon(self) {
+        core::mem::forget(self);
+    }
+
     /// What went out, by outlet.
     pub fn flows(&self) -> &[Flow] {
         &self.flows

@@ -332,7 +332,7 @@ fn the_gate_stops_the_descent_until_the_flare_is_possible() {
             ReasonCode::TooFar,
         ),
         (
-            with_deck(|d| (d.clearance_m, d.tilt_rad) = (1.2, 0.4)),
+            with_deck(|d| (d.clearance_m, d.tilt_rad) = (1.2, 0.42)),
             ReasonCode::TooSteep,
         ),
         (
