@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use alight_shared::transport::memory::Instance;
 
+use super::supervisor::pause;
 use crate::Refused;
 
 /// The lock file's name in the instance's directory.
@@ -36,7 +37,7 @@ impl Owned {
             match lock.try_lock() {
                 Err(TryLockError::WouldBlock) if tries < TRIES => {
                     tries += 1;
-                    std::thread::sleep(PAUSE);
+                    pause(PAUSE);
                 }
                 other => break other,
             }

@@ -14,6 +14,7 @@ use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Memory, Publisher, Services};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::RadioConfig;
+use alight_shared::transport::wake::end_requested;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_sim::streams::Streams;
 use serde::Serialize;
@@ -71,12 +72,24 @@ pub fn run(args: &LandArgs) -> Result<End, Refused> {
             i64::MAX
         )));
     }
+    // The first question puts the handler in place: a signal from here on stops the processes instead
+    // of leaving them to find out.
+    if end_requested() {
+        return Ok(End::Failed);
+    }
     let owned = Owned::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;
     owned.ready()?;
     let plan = Arrangement::of(&scene, args, &owned)?;
-    let landing = Landing::begin(args, &memory, &plan, &owned)?;
+    let landing = match Landing::begin(args, &memory, &plan, &owned) {
+        // A signal can end a start half way; what it broke there is no error of the input.
+        Err(_) if !memory.wait(Duration::from_millis(1)) => {
+            eprintln!("stopped");
+            return Ok(End::Failed);
+        }
+        begun => begun?,
+    };
     let ended = landing.go_on(&memory);
     #[cfg(feature = "record")]
     let ended = ended.and_then(|ending| {
