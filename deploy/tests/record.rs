@@ -117,7 +117,7 @@ fn one_flipped_byte_of_an_input_is_a_difference_of_that_node() {
         let at = if node == "vessel" { 900 } else { 1300 };
         changed(file, &other, |t, number, bytes| {
             // The pilot's forecast and plan are not in every input.
-            if t == topic && number >= at && number < at + 20 {
+            if t == topic && number >= at && number < at + 2 {
                 let i = offset.min(bytes.len() - 9);
                 bytes[i] ^= 1;
             }

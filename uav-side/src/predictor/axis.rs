@@ -450,34 +450,48 @@ impl Head {
     /// Over `dt`.
     pub fn new(n: &AxisNoise, dt: f64) -> Self {
         let rate = (-dt / n.rate_time).exp();
-        let drift = (-dt / n.drift.1).exp();
+        let drift = (-dt * decays(n).1).exp();
+        let vision = (-dt / n.vision.1).exp();
         Head {
             reach: n.rate_time * (1.0 - rate),
             rate,
             radio: (-dt / n.radio.1).exp(),
-            vision: (-dt / n.vision.1).exp(),
-            wander: n.drift.1 * (1.0 - drift),
+            vision,
+            wander: (drift - vision) / decays(n).2,
             drift,
             turn: (-dt / n.turn.1).exp(),
         }
     }
     /// Noise that enters over `dt`; the rate's walk as if it did not die out meanwhile, which
-    /// errs on the side of more; the drift's exactly (an Ornstein-Uhlenbeck process and its integral).
+    /// errs on the side of more; the drift's and what it adds to the sight's slow error exactly: with
+    /// decays `a` and `b` of the two, a pulse of drift has added `g(s) = (e^-bs - e^-as) / (a - b)`
+    /// after `s`, and the (co)variances are the integrals of `g²` and `g e^-bs`.
     pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
-        let ((sd, time), left) = (n.drift, self.drift);
-        let lost = 1.0 - left;
+        let (sd, left) = (n.drift.0, self.drift);
+        let (a, b, apart) = decays(n);
+        let density = 2.0 * b * sd * sd;
+        let both = (1.0 - left * self.vision) / (a + b);
+        let own = (1.0 - left * left) / (2.0 * b);
+        let other = (1.0 - self.vision * self.vision) / (2.0 * a);
         HeadNoise {
             mean: n.mean_walk * dt + n.rate_walk * dt.powi(3) / 3.0,
             cross: n.rate_walk * dt * dt / 2.0,
             rate: n.rate_walk * dt,
             radio: n.radio.0.powi(2) * (1.0 - self.radio * self.radio),
             vision: n.vision.0.powi(2) * (1.0 - self.vision * self.vision)
-                + (sd * time).powi(2) * (2.0 * dt / time - 2.0 * lost - lost * lost).max(0.0),
-            wander: sd * sd * time * lost * lost,
+                + (density / (apart * apart) * (own - 2.0 * both + other)).max(0.0),
+            wander: density / apart * (own - both),
             drift: sd * sd * (1.0 - left * left),
             turn: n.turn.0.powi(2) * (1.0 - self.turn * self.turn),
         }
     }
+}
+
+/// Decays of the sight's slow error and of its drift (1/s), and their difference, never quite zero.
+fn decays(n: &AxisNoise) -> (f64, f64, f64) {
+    let (a, b) = (1.0 / n.vision.1, 1.0 / n.drift.1);
+    let b = if (a - b).abs() < 1e-3 * a { 1.002 * a } else { b };
+    (a, b, a - b)
 }
 
 #[cfg(test)]
