@@ -27,12 +27,11 @@ use nalgebra::Vector3;
 struct Sample {
     t: usize,
     forecast: DeckForecast,
-    /// Drone's position as it believes it, and as it is.
-    believed: Vector3<f64>,
-    real: Vector3<f64>,
 }
 
 struct Flight {
+    /// Error of the drone's odometry at each tick: the forecast is where the drone will believe the deck.
+    frames: Vec<Vector3<f64>>,
     /// Deck, per tick.
     truth: Vec<RigidState<Deck>>,
     samples: Vec<Sample>,
@@ -64,7 +63,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
     let mut steady = Odometry::new(&OdometryConfig::default());
     let mut drone: Option<DroneWorld> = None;
     let appeared = 6000;
-    let (mut truth, mut samples) = (Vec::new(), Vec::new());
+    let (mut truth, mut samples, mut frames) = (Vec::new(), Vec::new(), Vec::new());
     let mut smooth = Vector3::zeros();
     let mut t: Time<TrueTime> = Time::EPOCH;
     for tick in 0..appeared + (plan.seconds * 100.0) as usize {
@@ -109,6 +108,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         }
         let deck: RigidState<Deck> = carrier.state().at(deck_geometry.centre());
         truth.push(deck);
+        frames.push(Vector3::zeros());
         smooth += (deck.position.0 - smooth) * if tick == 0 { 1.0 } else { 0.003 };
         if tick == appeared {
             drone = Some(DroneWorld::new(
@@ -133,6 +133,9 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         if let Some(drone) = &mut d {
             let header = Header::new(1, 1, 1, tick as u32, now);
             let odometry = steady.step(&drone.odometry(header));
+            if let Some(frame) = frames.last_mut() {
+                *frame = odometry.position() - drone.truth().position.0;
+            }
             let seen = sensors.drone(t, &drone.truth(), &deck, |n, e| sea.surface(t, n, e).surface_z());
             let input = PredictorIn {
                 estimate: heard.estimate,
@@ -145,12 +148,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
                 ranges: seen.ranges,
             };
             if let Some(forecast) = predictor.step(now, &input).forecast {
-                samples.push(Sample {
-                    t: tick,
-                    forecast,
-                    believed: odometry.position(),
-                    real: drone.truth().position.0,
-                });
+                samples.push(Sample { t: tick, forecast });
             }
             let target = Vector3::new(smooth.x, smooth.y, -1.3 - (plan.height)(since)) + drone.frame_offset();
             drone.apply(&SetPoint {
@@ -172,6 +170,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
     }
     Flight {
         truth,
+        frames,
         samples,
         appeared,
     }
@@ -192,7 +191,8 @@ impl Figures {
     fn add(&mut self, f: &Flight, from_s: f64, to_s: f64, ahead: f64) {
         for s in &f.samples {
             let since = (s.t - f.appeared) as f64 * 0.01;
-            let Some(deck) = f.truth.get(s.t + (ahead * 100.0).round() as usize) else {
+            let then = s.t + (ahead * 100.0).round() as usize;
+            let (Some(deck), Some(frame)) = (f.truth.get(then), f.frames.get(then)) else {
                 continue;
             };
             if since < from_s || since >= to_s {
@@ -200,7 +200,7 @@ impl Figures {
             }
             let at = s.forecast.header.at + Span::from_secs(ahead);
             let stage = s.forecast.at(at).unwrap();
-            let p = (Vector3::from(stage.position) - s.believed) - (deck.position.0 - s.real);
+            let p = Vector3::from(stage.position) - frame - deck.position.0;
             let e = Vector3::from(stage.euler) - deck.euler();
             let yaw = wrap_angle(e.z);
             self.n += 1.0;
@@ -270,9 +270,11 @@ fn at_moderate_the_deck_is_known_as_well_as_a_landing_needs() {
     let high = Figures::of(&flights, 10.0, 20.0, 0.2);
     let near = Figures::of(&flights, 26.0, 38.0, 0.2);
     let far = Figures::of(&flights, 26.0, 38.0, 1.0);
-    // At 1.5 m over the mean deck the tag is out of view for seconds: the odometry's drift counts.
-    assert!(near.horizontal < 0.12 && near.vertical < 0.05 && near.tilt.to_degrees() < 0.7);
-    assert!(far.horizontal < 0.15 && far.vertical < 0.08 && far.tilt.to_degrees() < 1.0);
+    // Held up at 1.5 m over the mean deck for 12 s, where the tag is out of view again and again, place
+    // is worse than it was before the odometry's drift was estimated (0.110 against 0.10 m); landings,
+    // which spend a second there, are better (0.076 -> 0.047 m).
+    assert!(near.horizontal < 0.115 && near.vertical < 0.05 && near.tilt.to_degrees() < 0.7);
+    assert!(far.horizontal < 0.15 && far.vertical < 0.065 && far.tilt.to_degrees() < 1.0);
     assert!(far.yaw.to_degrees() < 2.5);
     for f in [high, near, far] {
         assert!(f.n > 1000.0 && f.nees.iter().all(|n| *n < 2.0), "{f:?}");
