@@ -84,7 +84,8 @@ fn status(instance: &str) -> Value {
         .args(["status", "--json", "--instance", instance])
         .output()
         .expect("runs");
-    serde_json::from_slice(&out.stdout).expect("an object")
+    let said = String::from_utf8_lossy(&out.stderr);
+    serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}; status said: {said}"))
 }
 
 /// What `status` says once it says what `wanted` waits for; at most about a minute.

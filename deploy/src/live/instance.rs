@@ -1,7 +1,7 @@
 //! A set of processes on this computer: its files, and the lock that says it is running.
 
 use std::fs::{File, TryLockError};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use alight_shared::transport::memory::Instance;
 
@@ -10,7 +10,8 @@ use crate::Refused;
 
 /// The lock file's name in the instance's directory.
 const LOCK: &str = "lock";
-/// This file says that all services are there: onlookers may join from now on.
+/// This file says that all services are there: onlookers may join from now on. It holds the process
+/// number of the owner who said so, because a killed owner's file outlives it.
 const READY: &str = "ready";
 /// A name that is in use is asked for this often ...
 const TRIES: u32 = 20;
@@ -66,7 +67,8 @@ impl Owned {
     /// All services are there.
     pub fn ready(&self) -> Result<(), Refused> {
         let path = self.file(READY);
-        std::fs::write(&path, "").map_err(|e| Refused::because(format!("writing {}", path.display()), e))
+        std::fs::write(&path, std::process::id().to_string())
+            .map_err(|e| Refused::because(format!("writing {}", path.display()), e))
     }
     /// A file of the instance.
     pub fn file(&self, name: &str) -> PathBuf {
@@ -76,6 +78,8 @@ impl Owned {
 
 impl Drop for Owned {
     fn drop(&mut self) {
+        // Onlookers first: nobody joins what is being removed.
+        let _none = std::fs::remove_file(self.file(READY));
         // All processes have ended by now. What cannot be removed is removed at the next start.
         let _left = self.instance.wipe();
         let _left = std::fs::remove_dir_all(self.instance.directory());
@@ -84,7 +88,10 @@ impl Drop for Owned {
 
 /// Whether an instance of this name runs and is ready.
 pub fn runs(instance: &Instance) -> bool {
-    if !instance.directory().join(READY).exists() {
+    // The lock alone does not tell: a next owner holds it before it has removed a killed one's mark.
+    let owner = std::fs::read_to_string(instance.directory().join(READY));
+    let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
+    if !owner.is_some_and(|pid| Path::new("/proc").join(pid.to_string()).exists()) {
         return false;
     }
     File::open(instance.directory().join(LOCK))

@@ -13,6 +13,7 @@ use super::args::StatusArgs;
 use super::display::{Picture, time};
 use super::figures;
 use super::instance::runs;
+use super::supervisor::pause;
 use crate::{End, Refused, say};
 
 /// Looks on for this long before it says something: twice the processes' own period.
@@ -66,25 +67,37 @@ impl Onlooker {
     }
 }
 
+/// An instance that starts or stops while it is being joined is asked for again, this often.
+const TRIES: u32 = 5;
+/// ... with this pause.
+const AGAIN: Duration = Duration::from_millis(100);
+
 /// Shows once, or until stopped.
 pub fn run(args: &StatusArgs) -> Result<End, Refused> {
     let instance = Instance::new(&args.instance)?;
-    if !runs(&instance) {
-        if args.json {
-            say::line(format_args!(
-                "{}",
-                json!({ "instance": args.instance, "running": false })
-            ));
-        } else {
-            say::line(format_args!(
-                "nothing runs under the name {}; `alight land` starts something",
-                args.instance
-            ));
+    let mut tries = 0;
+    let (memory, mut onlooker) = loop {
+        if !runs(&instance) {
+            if args.json {
+                say::line(format_args!(
+                    "{}",
+                    json!({ "instance": args.instance, "running": false })
+                ));
+            } else {
+                say::line(format_args!(
+                    "nothing runs under the name {}; `alight land` starts something",
+                    args.instance
+                ));
+            }
+            return Ok(End::Failed);
         }
-        return Ok(End::Failed);
-    }
-    let memory = Memory::join(&instance, "status")?;
-    let mut onlooker = Onlooker::join(&memory)?;
+        tries += 1;
+        match join(&instance) {
+            Ok(joined) => break joined,
+            Err(refused) if tries == TRIES => return Err(refused),
+            Err(_) => pause(AGAIN),
+        }
+    };
     loop {
         if !memory.wait(LOOK) {
             return Ok(End::Success);
@@ -95,6 +108,12 @@ pub fn run(args: &StatusArgs) -> Result<End, Refused> {
             return Ok(End::Success);
         }
     }
+}
+
+fn join(instance: &Instance) -> Result<(Memory, Onlooker), Refused> {
+    let memory = Memory::join(instance, "status")?;
+    let onlooker = Onlooker::join(&memory)?;
+    Ok((memory, onlooker))
 }
 
 /// The figures of all processes by their names.
