@@ -21,12 +21,17 @@ fn endpoint(transport: &str) -> String {
     format!("{transport}/{}", socket.local_addr().expect("an address"))
 }
 
-fn tls(directory: Option<&Path>) -> TlsConfig {
-    let file = |name: &str| directory.map_or(String::new(), |d| d.join(name).display().to_string());
+/// The files of `own` in a directory of `alight keys`; it hears `peer`.
+fn tls(directory: Option<&Path>, own: &str, peer: &str) -> TlsConfig {
+    let Some(directory) = directory.map(|d| d.join(own)) else {
+        return TlsConfig::default();
+    };
+    let file = |name: &str| directory.join(name).display().to_string();
     TlsConfig {
         authority: file("authority.pem"),
         certificate: file("certificate.pem"),
         key: file("key.pem"),
+        peers: vec![peer.into()],
     }
 }
 
@@ -40,20 +45,30 @@ fn outlet(key: &str) -> Vec<Outlet> {
 fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
     let config = RadioConfig {
         listen: vec![endpoint.into()],
-        tls: tls(certificates),
+        tls: tls(certificates, "vessel-1", "drone-1"),
         ..RadioConfig::default()
     };
-    Radio::open(&config, outlet("test/vessel"), vec!["test/drone".into()]).expect("opens")
+    Radio::open(
+        &config,
+        outlet("alight/vessel-1/test"),
+        vec!["alight/drone-1/test".into()],
+    )
+    .expect("opens")
 }
 
 fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
     let config = RadioConfig {
         connect: vec![endpoint.into()],
         reopen_after_s: 1.0,
-        tls: tls(certificates),
+        tls: tls(certificates, "drone-1", "vessel-1"),
         ..RadioConfig::default()
     };
-    Radio::open(&config, outlet("test/drone"), vec!["test/vessel".into()]).expect("opens")
+    Radio::open(
+        &config,
+        outlet("alight/drone-1/test"),
+        vec!["alight/vessel-1/test".into()],
+    )
+    .expect("opens")
 }
 
 /// Both sides speak until both have heard the other's newest message.
@@ -96,10 +111,9 @@ fn messages_go_both_ways_over_tcp() {
 
 #[test]
 fn messages_go_both_ways_over_tls() {
-    if let Some(directory) = common::certificates("tls") {
-        over("tls", Some(&directory));
-        std::fs::remove_dir_all(&directory).expect("removed");
-    }
+    let directory = common::certificates("tls");
+    over("tls", Some(&directory));
+    std::fs::remove_dir_all(&directory).expect("removed");
 }
 
 #[test]

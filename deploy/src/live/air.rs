@@ -16,6 +16,7 @@ use super::config::LinkImpairment;
 use super::display::time;
 use super::emulator::{Emulation, LinkWord, Order};
 use super::instance::Owned;
+use super::keys;
 use super::land::{free_port, write};
 use super::namespaces::{ADDRESSES, OwnSpaces};
 use super::profile;
@@ -37,8 +38,8 @@ pub struct Air {
     pub listen: String,
     /// What the drone dials.
     pub dial: String,
-    /// Certificates of both.
-    pub tls: TlsConfig,
+    /// Certificates of vessel and drone.
+    pub tls: [TlsConfig; 2],
 }
 
 impl Air {
@@ -63,7 +64,7 @@ impl Air {
             }
             Emulate::Auto | Emulate::Never => None,
         };
-        let tls = certificates(args)?;
+        let tls = certificates(scene, args, owned)?;
         let outage = scene.scenario.radio_outage;
         let link = LinkImpairment {
             seed: args.seed,
@@ -123,28 +124,32 @@ impl Air {
     }
 }
 
-/// The certificates of a trial: both sides have the same.
-fn certificates(args: &LandArgs) -> Result<TlsConfig, Refused> {
+/// The certificates of vessel and drone: those named, else some made for this landing alone.
+fn certificates(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<[TlsConfig; 2], Refused> {
     if args.transport != "tls" {
-        return Ok(TlsConfig::default());
+        return Ok([TlsConfig::default(), TlsConfig::default()]);
     }
-    let Some(directory) = &args.certificates else {
-        return Err(Refused(
-            "--transport tls: name the directory of the certificates with --certificates".into(),
-        ));
-    };
-    let file = |name: &str| {
-        let path = directory.join(name);
-        match path.canonicalize() {
-            Ok(whole) => Ok(whole.display().to_string()),
-            Err(e) => Err(Refused::because(format!("looking for {}", path.display()), e)),
+    let sides = [
+        ("vessel", scene.nodes.bridge.vessel_id),
+        ("drone", scene.nodes.bridge.drone_id),
+    ];
+    let directory = match &args.certificates {
+        Some(directory) => directory.clone(),
+        None => {
+            let directory = owned.file("keys");
+            keys::init(&directory, 1)?;
+            let hosts = ["127.0.0.1", ADDRESSES[0], ADDRESSES[1]].map(String::from);
+            for (kind, number) in sides {
+                keys::issue(&directory, kind, number, &hosts, 1)?;
+            }
+            directory
         }
     };
-    Ok(TlsConfig {
-        authority: file("authority.pem")?,
-        certificate: file("certificate.pem")?,
-        key: file("key.pem")?,
-    })
+    let [vessel, drone] = sides.map(|(kind, number)| keys::common_name(kind, number));
+    Ok([
+        keys::files(&directory.join(&vessel), vec![drone.clone()])?,
+        keys::files(&directory.join(&drone), vec![vessel])?,
+    ])
 }
 
 /// What is seen of the link while it is flown.

@@ -8,6 +8,7 @@ use clap::{Args, Subcommand, ValueEnum};
 use super::emulator::LinkArgs;
 use super::fault::FaultSpec;
 use super::follow::LONGEST_FOLLOW_S;
+use super::keys::KeysArgs;
 use super::latency::LatencyArgs;
 use crate::args::SceneArgs;
 
@@ -43,6 +44,8 @@ pub enum LiveVerb {
     Link(LinkArgs),
     /// Measure one hop through both middlewares, beside plain sockets.
     Latency(LatencyArgs),
+    /// Make a private authority and the certificates of vessel and drone; show when they expire.
+    Keys(KeysArgs),
 }
 
 /// One landing, live.
@@ -69,7 +72,8 @@ pub struct LandArgs {
     /// Transport of the radio: udp, tcp or tls
     #[arg(long, default_value = "udp", value_parser = ["udp", "tcp", "tls"])]
     pub transport: String,
-    /// For tls: directory with authority.pem, and certificate.pem and key.pem of either side
+    /// For tls: directory of `alight keys` with vessel and drone of these numbers [default: made for
+    /// this landing alone]
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
     /// Name of this set of processes; several may run side by side

@@ -218,6 +218,7 @@ impl Arrangement {
             drift_ppm: c.drift() * 1e6,
         };
         let air = Air::of(scene, args, owned, epoch_ns)?;
+        let [vessel_tls, drone_tls] = air.tls.clone();
         let sensors = format!("127.0.0.1:{}", free_port()?);
         let vessel = VesselComputer {
             vessel_id: scene.nodes.bridge.vessel_id,
@@ -225,7 +226,7 @@ impl Arrangement {
             clock: clock(&clocks.vessel),
             radio: RadioConfig {
                 listen: vec![air.listen.clone()],
-                tls: air.tls.clone(),
+                tls: vessel_tls,
                 ..RadioConfig::default()
             },
             impairment: air.impairment.clone(),
@@ -236,7 +237,7 @@ impl Arrangement {
             clock: clock(&clocks.drone),
             radio: RadioConfig {
                 connect: vec![air.dial.clone()],
-                tls: air.tls.clone(),
+                tls: drone_tls,
                 ..RadioConfig::default()
             },
             impairment: air.impairment.clone(),

@@ -23,6 +23,7 @@ mod follow;
 mod heard_drone;
 mod instance;
 mod interface;
+pub mod keys;
 mod land;
 mod lands;
 pub mod latency;
@@ -76,5 +77,6 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::World(a) => world::run(a),
         LiveVerb::Link(a) => emulator::run(a),
         LiveVerb::Latency(a) => latency::run(a),
+        LiveVerb::Keys(a) => keys::run(a),
     }
 }

@@ -7,6 +7,7 @@
 //!   of figures where there is none ([`show`]), at display rates.
 
 pub mod args;
+mod cloud;
 mod entry;
 mod figures;
 mod flat;

@@ -13,11 +13,13 @@ use alight_uav::predictor::{PredictorIn, PredictorOut};
 use alight_usv::{VesselIn, VesselOut};
 use foxglove::Encode;
 use foxglove::messages::{
-    FrameTransform, FrameTransforms, Log, Odometry, PoseInFrame, PosesInFrame, SceneUpdate, Timestamp, log,
+    FrameTransform, FrameTransforms, Log, Odometry, PointCloud, PoseInFrame, PosesInFrame, SceneUpdate,
+    Timestamp, log,
 };
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+use super::cloud;
 use super::figures;
 use super::flat::Flat;
 use super::flat::Value::{self, Number as N, Numbers as V, Text as T};
@@ -48,6 +50,25 @@ impl Figures {
     }
 }
 
+/// Points for viewers that do not draw a scene.
+struct Clouds {
+    deck: Channel,
+    drone: Channel,
+    forecast: Channel,
+    plan: Channel,
+}
+
+impl Clouds {
+    fn open(o: &mut Opening) -> Result<Clouds, McapError> {
+        Ok(Clouds {
+            deck: well_known::<PointCloud>(o, "/points/deck")?,
+            drone: well_known::<PointCloud>(o, "/points/drone")?,
+            forecast: well_known::<PointCloud>(o, "/points/forecast")?,
+            plan: well_known::<PointCloud>(o, "/points/plan")?,
+        })
+    }
+}
+
 fn well_known<M: Encode>(opening: &mut Opening, topic: &str) -> Result<Channel, McapError> {
     let schema = M::get_schema().unwrap_or_else(|| foxglove::Schema::new("", "", &b""[..]));
     opening.protobuf(topic, (&schema.name, &schema.data))
@@ -75,6 +96,7 @@ pub struct Show {
     scene: Channel,
     forecast_path: Channel,
     plan_path: Channel,
+    clouds: Clouds,
     log: Channel,
     tag: Channel,
     vessel_odometry: Channel,
@@ -111,6 +133,7 @@ impl Show {
             scene: well_known::<SceneUpdate>(o, "/scene")?,
             forecast_path: well_known::<PosesInFrame>(o, "/deck/forecast/path")?,
             plan_path: well_known::<PosesInFrame>(o, "/plan/path")?,
+            clouds: Clouds::open(o)?,
             log: well_known::<Log>(o, "/log")?,
             tag: well_known::<PoseInFrame>(o, "/sensor/tag")?,
             vessel_odometry: well_known::<Odometry>(o, "/vessel/odometry")?,
@@ -149,6 +172,11 @@ impl Show {
         self.drone = drone.map(|d| d.position.0.into());
         if due(t, SCENE_MS) || appeared {
             put(sink, self.scene, t, &scene::scene(timestamp(t), &self.scenario));
+            let now = timestamp(t);
+            put(sink, self.clouds.deck, t, &cloud::deck(now, &self.scenario.deck));
+            if drone.is_some() {
+                put(sink, self.clouds.drone, t, &cloud::drone(now, &self.scenario));
+            }
         }
         if !self.fast(t) {
             return;
@@ -368,7 +396,14 @@ impl Show {
             let [r, p, y] = s.euler;
             pose(s.position, &UnitQuaternion::from_euler_angles(r, p, y))
         });
-        put(sink, self.forecast_path, t, &path(t, poses));
+        let path = path(t, poses);
+        put(
+            sink,
+            self.clouds.forecast,
+            t,
+            &cloud::forecast(timestamp(t), &path.poses),
+        );
+        put(sink, self.forecast_path, t, &path);
         let source = format!("{:?}", f.source);
         let none = [f64::NAN; 3];
         let now = f.stages.first();
@@ -480,7 +515,9 @@ impl Show {
             let [r, p, y] = s.euler;
             pose(s.position, &UnitQuaternion::from_euler_angles(r, p, y))
         });
-        put(sink, self.plan_path, t, &path(t, poses));
+        let path = path(t, poses);
+        put(sink, self.clouds.plan, t, &cloud::plan(timestamp(t), &path.poses));
+        put(sink, self.plan_path, t, &path);
     }
 
     /// What the autopilot is asked for.

@@ -3,85 +3,30 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// An authority and one certificate for both sides, made with the `openssl` program; None without it.
-pub fn certificates(name: &str) -> Option<PathBuf> {
+/// An authority with a vessel 1 and a drone 1, made by the program itself; its directory.
+pub fn certificates(name: &str) -> PathBuf {
     let directory = std::env::temp_dir().join(format!("alight-certificates-{name}-{}", std::process::id()));
-    std::fs::create_dir_all(&directory).expect("a directory");
-    std::fs::write(
-        directory.join("names"),
-        "subjectAltName=IP:127.0.0.1,IP:10.77.0.1,DNS:localhost\n",
-    )
-    .expect("written");
-    let key = [
-        "-newkey",
-        "ec",
-        "-pkeyopt",
-        "ec_paramgen_curve:prime256v1",
-        "-nodes",
+    let _none = std::fs::remove_dir_all(&directory);
+    let made: [&[&str]; 3] = [
+        &["init", "--days", "2"],
+        &["vessel", "1", "--address", "127.0.0.1"],
+        &["drone", "1"],
     ];
-    let made = run(
-        &directory,
-        &[
-            &[
-                "req",
-                "-x509",
-                "-keyout",
-                "ca.pem",
-                "-out",
-                "authority.pem",
-                "-days",
-                "2",
-                "-subj",
-                "/CN=test",
-            ],
-            &key[..],
-        ]
-        .concat(),
-    ) && run(
-        &directory,
-        &[
-            &[
-                "req",
-                "-keyout",
-                "key.pem",
-                "-out",
-                "request.pem",
-                "-subj",
-                "/CN=alight",
-            ],
-            &key[..],
-        ]
-        .concat(),
-    ) && run(
-        &directory,
-        &[
-            "x509",
-            "-req",
-            "-in",
-            "request.pem",
-            "-CA",
-            "authority.pem",
-            "-CAkey",
-            "ca.pem",
-            "-CAcreateserial",
-            "-days",
-            "2",
-            "-extfile",
-            "names",
-            "-out",
-            "certificate.pem",
-        ],
-    );
-    if !made {
-        eprintln!("skipped: no openssl program to make test certificates with");
+    for what in made {
+        keys(&directory, what);
     }
-    made.then_some(directory)
+    directory
 }
 
-fn run(directory: &Path, arguments: &[&str]) -> bool {
-    Command::new("openssl")
-        .args(arguments)
-        .current_dir(directory)
+/// `alight keys WHAT --dir DIRECTORY`.
+pub fn keys(directory: &Path, what: &[&str]) {
+    let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+        .arg("keys")
+        .args(what)
+        .arg("--dir")
+        .arg(directory)
         .output()
-        .is_ok_and(|out| out.status.success())
+        .expect("the program runs");
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "alight keys {what:?}: {said}");
 }

@@ -5,6 +5,7 @@
 //! Read in this order: [`clock`], [`plain`] (what may lie in shared memory, and on which topic),
 //! [`memory`], [`wake`], [`process`] (what a process says about itself), [`radio`].
 
+pub mod access;
 pub mod clock;
 pub mod intake;
 pub mod memory;

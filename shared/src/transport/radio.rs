@@ -15,8 +15,8 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 
 use crate::config::{Check, ConfigError, Keys};
-use crate::transport::TransportError;
 use crate::transport::clock::steady_ns;
+use crate::transport::{TransportError, access};
 use crate::wire::MAX_WIRE_BYTES;
 
 /// An attempt to open a session is given up after this long, ms. Over datagrams nothing is repeated
@@ -62,6 +62,9 @@ pub struct TlsConfig {
     pub certificate: String,
     /// Its key.
     pub key: String,
+    /// Names in the certificates of those whom we hear, `vessel-N` or `drone-N`: each under its own
+    /// keys only.
+    pub peers: Vec<String>,
 }
 
 impl Default for RadioConfig {
@@ -88,12 +91,25 @@ impl Check for RadioConfig {
             "listen, connect",
             format!("{:?}, {:?}", self.listen, self.connect),
             "either endpoints to listen on (vessel) or endpoints to dial (drone)",
+        )?;
+        let peers = &self.tls.peers;
+        at.require(
+            self.tls.authority.is_empty() || !peers.is_empty() && peers.len() <= access::PEERS,
+            "tls.peers",
+            format!("{} names", peers.len()),
+            "with certificates, the names of those whom to hear, such as [\"drone-1\"]; 64 at most",
+        )?;
+        at.require(
+            peers.iter().all(|p| access::is_name(p)),
+            "tls.peers",
+            format!("{peers:?}"),
+            "names as in certificates: small letters, digits and hyphens",
         )
     }
 }
 
 impl RadioConfig {
-    fn session(&self) -> Result<zenoh::Config, TransportError> {
+    fn session(&self, own: &[String]) -> Result<zenoh::Config, TransportError> {
         let ms = |s: f64| (s * 1e3).round().to_string();
         let text = |v: &dyn core::fmt::Debug| format!("{v:?}");
         let is_stream = |e: &String| e.starts_with("tcp/") || e.starts_with("tls/");
@@ -143,6 +159,7 @@ impl RadioConfig {
                 ("transport/link/tls/connect_private_key", text(&self.tls.key)),
                 ("transport/link/tls/enable_mtls", "true".into()),
                 ("transport/link/protocols", r#"["tls"]"#.into()),
+                ("access_control", access::rules(own, &self.tls.peers).to_string()),
             ]);
         }
         let mut config = zenoh::Config::default();
@@ -262,7 +279,8 @@ impl Radio {
     }
 
     fn session(&self) -> Result<Open, TransportError> {
-        let session = zenoh::open(self.config.session()?)
+        let own: Vec<String> = self.outlets.iter().map(|o| o.key.clone()).collect();
+        let session = zenoh::open(self.config.session(&own)?)
             .wait()
             .map_err(|e| TransportError::because("opening the radio's session", e))?;
         let mut publishers = Vec::with_capacity(self.outlets.len());

@@ -1,0 +1,333 @@
+//! `alight keys`: a private certificate authority and the certificates of vessels and drones.
+//!
+//! One authority signs both sides; each side's certificate carries its name, which the radio's rules
+//! check. ECDSA P-256 with SHA-256; validity as asked.
+
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use alight_shared::transport::radio::TlsConfig;
+use clap::{Args, Subcommand};
+use rcgen::{
+    BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer,
+    KeyPair, KeyUsagePurpose,
+};
+use serde_json::json;
+use time::{Duration, OffsetDateTime};
+use x509_parser::pem::parse_x509_pem;
+
+use crate::{End, Refused, say};
+
+/// The authority's name: its certificate and every signature carry it.
+const AUTHORITY: &str = "Alight private authority";
+/// Whom a side trusts, in every directory.
+const AUTHORITY_FILE: &str = "authority.pem";
+/// The authority's own key, only beside the authority.
+const AUTHORITY_KEY: &str = "authority-key.pem";
+const CERTIFICATE_FILE: &str = "certificate.pem";
+const KEY_FILE: &str = "key.pem";
+/// Less than this left, days, is worth a warning.
+pub const SOON_DAYS: i64 = 30;
+/// Addresses of one certificate at most.
+const ADDRESSES: usize = 16;
+/// Certificates of one directory that are shown at most.
+const SHOWN: usize = 256;
+
+/// Certificates.
+#[derive(Args, Debug)]
+pub struct KeysArgs {
+    /// What to make or show.
+    #[command(subcommand)]
+    pub what: KeysVerb,
+}
+
+/// What to make.
+#[derive(Subcommand, Debug)]
+#[command(after_help = "Start with:\n  alight keys init --dir keys\n  \
+alight keys vessel 1 --dir keys --address 192.168.7.1\n  alight keys drone 1 --dir keys\n\n\
+Copy keys/vessel-1 to the vessel and keys/drone-1 to the drone; keep keys/authority-key.pem off both.\n\
+Exit codes: 0 fine, 1 something expires within 30 days or has expired, 2 bad input.")]
+pub enum KeysVerb {
+    /// Make a private authority: its key signs everybody else's certificate.
+    Init {
+        /// Directory of the authority
+        #[arg(long, value_name = "DIR", default_value = "keys")]
+        dir: PathBuf,
+        /// Days until it expires
+        #[arg(long, value_name = "DAYS", default_value_t = 3650, value_parser = clap::value_parser!(u32).range(1..=36500))]
+        days: u32,
+    },
+    /// Make a vessel's key and certificate.
+    Vessel(SideArgs),
+    /// Make a drone's key and certificate.
+    Drone(SideArgs),
+    /// Show what is there and when it expires.
+    Show {
+        /// Directory of the authority, or of one side
+        #[arg(long, value_name = "DIR", default_value = "keys")]
+        dir: PathBuf,
+        /// One JSON object instead of a table
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// One side.
+#[derive(Args, Debug)]
+pub struct SideArgs {
+    /// Its number in the configuration (vessel_id, drone_id)
+    pub name: u32,
+    /// Directory of the authority
+    #[arg(long, value_name = "DIR", default_value = "keys")]
+    pub dir: PathBuf,
+    /// Addresses or host names that the other side dials [default: 127.0.0.1]
+    #[arg(long, value_name = "HOST")]
+    pub address: Vec<String>,
+    /// Days until it expires
+    #[arg(long, value_name = "DAYS", default_value_t = 825, value_parser = clap::value_parser!(u32).range(1..=36500))]
+    pub days: u32,
+}
+
+/// Makes or shows.
+pub fn run(args: &KeysArgs) -> Result<End, Refused> {
+    match &args.what {
+        KeysVerb::Init { dir, days } => {
+            init(dir, *days)?;
+            say::line(format_args!(
+                "authority in {}; keep {AUTHORITY_KEY} off the vehicles: it lets its holder make certificates",
+                dir.display()
+            ));
+            Ok(End::Success)
+        }
+        KeysVerb::Vessel(side) => made(side, "vessel"),
+        KeysVerb::Drone(side) => made(side, "drone"),
+        KeysVerb::Show { dir, json } => show(dir, *json),
+    }
+}
+
+fn made(side: &SideArgs, kind: &str) -> Result<End, Refused> {
+    let directory = issue(&side.dir, kind, side.name, &side.address, side.days)?;
+    say::line(format_args!(
+        "copy {} to the {kind}, and name its files in the radio's tls section",
+        directory.display()
+    ));
+    Ok(End::Success)
+}
+
+/// The name in a side's certificate.
+pub fn common_name(kind: &str, number: u32) -> String {
+    format!("{kind}-{number}")
+}
+
+fn params(name: &str, days: u32) -> CertificateParams {
+    let mut params = CertificateParams::default();
+    let mut subject = DistinguishedName::new();
+    subject.push(DnType::CommonName, name);
+    params.distinguished_name = subject;
+    // Computers without a battery-backed clock start in the past.
+    let now = OffsetDateTime::now_utc();
+    params.not_before = now - Duration::days(1);
+    params.not_after = now + Duration::days(i64::from(days));
+    params
+}
+
+/// Makes the authority in `dir`; one that is there is left alone.
+pub fn init(dir: &Path, days: u32) -> Result<(), Refused> {
+    let doing = || format!("making an authority in {}", dir.display());
+    fs::create_dir_all(dir).map_err(|e| Refused::because(doing(), e))?;
+    let mut params = params(AUTHORITY, days);
+    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+    params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
+    let key = KeyPair::generate().map_err(|e| Refused::because(doing(), e))?;
+    let certificate = params
+        .self_signed(&key)
+        .map_err(|e| Refused::because(doing(), e))?;
+    write(&dir.join(AUTHORITY_KEY), &key.serialize_pem())?;
+    write(&dir.join(AUTHORITY_FILE), &certificate.pem())
+}
+
+/// Makes one side's key and certificate, signed by the authority in `dir`; the directory they are in.
+pub fn issue(
+    dir: &Path,
+    kind: &str,
+    number: u32,
+    addresses: &[String],
+    days: u32,
+) -> Result<PathBuf, Refused> {
+    let name = common_name(kind, number);
+    let doing = || format!("making the certificate of {name}");
+    if addresses.len() > ADDRESSES {
+        return Err(Refused(format!(
+            "{} addresses for {name}: a certificate names at most {ADDRESSES}",
+            addresses.len()
+        )));
+    }
+    let authority = read(
+        &dir.join(AUTHORITY_FILE),
+        "make an authority first: alight keys init",
+    )?;
+    let key = read(&dir.join(AUTHORITY_KEY), "it is needed to sign")?;
+    let key = KeyPair::from_pem(&key).map_err(|e| Refused::because(doing(), e))?;
+    let until = expiry(&authority, &dir.join(AUTHORITY_FILE))?;
+    let mut params = params(&name, days);
+    if params.not_after > until {
+        params.not_after = until;
+    }
+    let own: Vec<String> = if addresses.is_empty() {
+        vec!["127.0.0.1".into(), "localhost".into()]
+    } else {
+        addresses.to_vec()
+    };
+    params.subject_alt_names = CertificateParams::new(own)
+        .map_err(|e| Refused::because(doing(), e))?
+        .subject_alt_names;
+    // Either side may listen: both are server and client.
+    params.extended_key_usages = vec![
+        ExtendedKeyUsagePurpose::ServerAuth,
+        ExtendedKeyUsagePurpose::ClientAuth,
+    ];
+    params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+    params.use_authority_key_identifier_extension = true;
+    // The signature needs the authority's name and key only, both are known.
+    let signer = self::params(AUTHORITY, 1);
+    let issuer = Issuer::from_params(&signer, &key);
+    let own_key = KeyPair::generate().map_err(|e| Refused::because(doing(), e))?;
+    let certificate = params
+        .signed_by(&own_key, &issuer)
+        .map_err(|e| Refused::because(doing(), e))?;
+    let directory = dir.join(&name);
+    fs::create_dir_all(&directory).map_err(|e| Refused::because(doing(), e))?;
+    write(&directory.join(KEY_FILE), &own_key.serialize_pem())?;
+    write(&directory.join(CERTIFICATE_FILE), &certificate.pem())?;
+    write(&directory.join(AUTHORITY_FILE), &authority)?;
+    Ok(directory)
+}
+
+/// The files of one side, as the radio's configuration names them; it hears `peers`.
+pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, Refused> {
+    let file = |name: &str| {
+        let path = directory.join(name);
+        match path.canonicalize() {
+            Ok(whole) => Ok(whole.display().to_string()),
+            Err(e) => Err(Refused::because(
+                format!("looking for {} (alight keys makes it)", path.display()),
+                e,
+            )),
+        }
+    };
+    Ok(TlsConfig {
+        authority: file(AUTHORITY_FILE)?,
+        certificate: file(CERTIFICATE_FILE)?,
+        key: file(KEY_FILE)?,
+        peers,
+    })
+}
+
+/// Writes a new file that only its owner reads.
+fn write(path: &Path, text: &str) -> Result<(), Refused> {
+    let mut options = OpenOptions::new();
+    options.write(true).create_new(true).mode(0o600);
+    let written = options
+        .open(path)
+        .and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|e| {
+        Refused::because(
+            format!(
+                "writing {} (a file that is there is never replaced)",
+                path.display()
+            ),
+            e,
+        )
+    })
+}
+
+fn read(path: &Path, hint: &str) -> Result<String, Refused> {
+    fs::read_to_string(path).map_err(|e| Refused::because(format!("reading {} ({hint})", path.display()), e))
+}
+
+/// When a certificate expires.
+pub fn expiry(pem: &str, path: &Path) -> Result<OffsetDateTime, Refused> {
+    let (_rest, found) = parse_x509_pem(pem.as_bytes())
+        .map_err(|e| Refused::because(format!("{} is not a certificate", path.display()), e))?;
+    let certificate = found
+        .parse_x509()
+        .map_err(|e| Refused::because(format!("{} is not a certificate", path.display()), e))?;
+    Ok(certificate.validity().not_after.to_datetime())
+}
+
+fn show(dir: &Path, as_json: bool) -> Result<End, Refused> {
+    let doing = || format!("looking into {}", dir.display());
+    let mut found = vec![dir.join(AUTHORITY_FILE), dir.join(CERTIFICATE_FILE)];
+    for entry in fs::read_dir(dir)
+        .map_err(|e| Refused::because(doing(), e))?
+        .take(SHOWN)
+    {
+        let entry = entry.map_err(|e| Refused::because(doing(), e))?;
+        found.push(entry.path().join(CERTIFICATE_FILE));
+    }
+    found.retain(|path| path.exists());
+    found.sort();
+    if found.is_empty() {
+        return Err(Refused(format!(
+            "no certificate in {}; alight keys init --dir {} makes an authority",
+            dir.display(),
+            dir.display()
+        )));
+    }
+    let mut rows = Vec::new();
+    for path in &found {
+        let left = expiry(&read(path, "it was there")?, path)? - OffsetDateTime::now_utc();
+        rows.push((path.display().to_string(), left.whole_days()));
+    }
+    let worst = rows.iter().map(|(_, days)| *days).min().unwrap_or(0);
+    if as_json {
+        let rows: Vec<_> = rows
+            .iter()
+            .map(|(file, days)| json!({ "file": file, "days_left": days }))
+            .collect();
+        say::line(json!({ "certificates": rows }));
+    } else {
+        for (file, days) in &rows {
+            let word = match *days {
+                d if d < 0 => "EXPIRED",
+                d if d < SOON_DAYS => "expires soon: make a new one",
+                _ => "",
+            };
+            say::line(format_args!("{days:>6} days  {file}  {word}"));
+        }
+    }
+    Ok(if worst < SOON_DAYS {
+        End::Failed
+    } else {
+        End::Success
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_certificate_ends_no_later_than_its_authority_and_nothing_is_replaced() {
+        let dir = std::env::temp_dir().join(format!("alight-keys-{}", std::process::id()));
+        init(&dir, 10).unwrap();
+        assert!(init(&dir, 10).is_err(), "an authority is never replaced");
+        let side = issue(&dir, "vessel", 7, &["192.168.7.1".into()], 1000).unwrap();
+        assert!(issue(&dir, "vessel", 7, &[], 1000).is_err());
+        let path = side.join(CERTIFICATE_FILE);
+        let left = expiry(&fs::read_to_string(&path).unwrap(), &path).unwrap() - OffsetDateTime::now_utc();
+        assert!((9..=10).contains(&left.whole_days()), "{left}");
+        let mode = std::os::unix::fs::PermissionsExt::mode(
+            &fs::metadata(side.join(KEY_FILE)).unwrap().permissions(),
+        );
+        assert_eq!(mode & 0o777, 0o600);
+        assert_eq!(show(&dir, true).unwrap(), End::Failed, "ten days are few");
+        assert!(
+            files(&dir, Vec::new()).is_err(),
+            "the authority has no side of its own"
+        );
+        fs::remove_dir_all(&dir).unwrap();
+    }
+}

@@ -1,0 +1,224 @@
+//! Strangers on the radio: real zenoh clients that must not be heard, beside one that must. Nothing
+//! here asserts a time: the bounds on waiting are only against tests that never end.
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+mod common;
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, TlsConfig, Urgency};
+use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
+use zenoh::Wait;
+
+/// A port that is free: for a stream the datagram's free number is as good as any.
+fn port() -> String {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+    socket.local_addr().expect("an address").to_string()
+}
+
+fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
+    let file = |name: &str| directory.join(name).display().to_string();
+    TlsConfig {
+        authority: file("authority.pem"),
+        certificate: file("certificate.pem"),
+        key: file("key.pem"),
+        peers: peers.iter().map(|p| (*p).to_owned()).collect(),
+    }
+}
+
+/// A client that obeys no rule of ours: it dials `endpoint` and says `text` on `key`, again and again.
+struct Stranger(zenoh::Session, String);
+
+impl Stranger {
+    fn dial(endpoint: &str, files: &[(&str, PathBuf)], key: &str) -> Stranger {
+        let mut config = zenoh::Config::default();
+        let mut set = |key: &str, value: String| config.insert_json5(key, &value).expect("a setting");
+        set("mode", r#""peer""#.into());
+        set("connect/endpoints", format!("[{endpoint:?}]"));
+        set("connect/timeout_ms", "-1".into());
+        set("connect/exit_on_failure", "false".into());
+        set(
+            "connect/retry",
+            r#"{ "period_init_ms": 50, "period_max_ms": 100 }"#.into(),
+        );
+        set("listen/endpoints", "[]".into());
+        set("scouting/multicast/enabled", "false".into());
+        set("scouting/gossip/enabled", "false".into());
+        for (key, file) in files {
+            set(
+                &format!("transport/link/tls/{key}"),
+                format!("{:?}", file.display().to_string()),
+            );
+        }
+        if files.iter().any(|(key, _)| *key == "connect_certificate") {
+            set("transport/link/tls/enable_mtls", "true".into());
+        }
+        Stranger(zenoh::open(config).wait().expect("opens"), key.into())
+    }
+    fn says(&self, text: &[u8]) {
+        let _unheard = self.0.put(self.1.clone(), text.to_vec()).wait();
+    }
+}
+
+/// The settings of a client whose files are in `directory`.
+fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
+    vec![
+        ("root_ca_certificate", directory.join("authority.pem")),
+        ("connect_certificate", directory.join("certificate.pem")),
+        ("connect_private_key", directory.join("key.pem")),
+    ]
+}
+
+/// A vessel and its drone over TLS; both hear each other while `strangers` try the vessel: true when
+/// one of them was heard by the vessel.
+fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
+    let directory = common::certificates(name);
+    let address = port();
+    let listen = RadioConfig {
+        listen: vec![format!("tls/{address}")],
+        tls: tls(&directory.join("vessel-1"), &["drone-1", "drone-2"]),
+        ..RadioConfig::default()
+    };
+    let dial = RadioConfig {
+        connect: vec![format!("tls/{address}")],
+        tls: tls(&directory.join("drone-1"), &["vessel-1"]),
+        ..RadioConfig::default()
+    };
+    let outlet = |key: &str| {
+        vec![Outlet {
+            key: key.into(),
+            urgency: Urgency::State,
+        }]
+    };
+    let all = vec!["alight/**".to_owned()];
+    let mut vessel = Radio::open(&listen, outlet("alight/vessel-1/estimate"), all.clone()).expect("opens");
+    let mut drone = Radio::open(&dial, outlet("alight/drone-1/status"), all).expect("opens");
+    let strangers = strangers(&address, &directory);
+    let (mut friend, mut back, mut stranger) = (0, 0, false);
+    // The friends' hundred exchanges take the strangers at least as long as they took themselves.
+    for _ in 0..2000 {
+        vessel.send(0, b"estimate".to_vec());
+        drone.send(0, b"friend".to_vec());
+        for s in &strangers {
+            s.says(b"stranger");
+        }
+        while let Some(heard) = vessel.receive(Duration::from_millis(5)) {
+            friend += u32::from(heard.bytes == b"friend");
+            stranger |= heard.bytes == b"stranger";
+        }
+        while let Some(heard) = drone.receive(Duration::from_millis(5)) {
+            back += u32::from(heard.bytes == b"estimate");
+            stranger |= heard.bytes == b"stranger";
+        }
+        if friend >= 200 && back >= 200 {
+            break;
+        }
+    }
+    assert!(
+        friend >= 200 && back >= 200,
+        "the friend was heard {friend} times, the vessel {back}"
+    );
+    std::fs::remove_dir_all(&directory).expect("removed");
+    stranger
+}
+
+const STATUS: &str = "alight/drone-1/status";
+
+#[test]
+fn the_right_certificate_on_its_own_key_is_heard() {
+    assert!(heard("right", |at, keys| {
+        common::keys(keys, &["drone", "2"]);
+        vec![Stranger::dial(
+            &format!("tls/{at}"),
+            &files(&keys.join("drone-2")),
+            "alight/drone-2/status",
+        )]
+    }));
+}
+
+#[test]
+fn plain_tcp_and_no_certificate_are_not_heard() {
+    assert!(!heard("none", |at, keys| {
+        let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
+        vec![
+            Stranger::dial(&format!("tcp/{at}"), &[], STATUS),
+            Stranger::dial(&format!("tls/{at}"), &trust, STATUS),
+        ]
+    }));
+}
+
+#[test]
+fn a_certificate_of_another_authority_is_not_heard() {
+    assert!(!heard("other", |at, keys| {
+        let other = keys.join("other");
+        common::keys(&other, &["init"]);
+        common::keys(&other, &["drone", "1"]);
+        let mut files = files(&other.join("drone-1"));
+        // It trusts the vessel; the vessel does not trust it.
+        files[0].1 = keys.join("authority.pem");
+        vec![Stranger::dial(&format!("tls/{at}"), &files, STATUS)]
+    }));
+}
+
+#[test]
+fn the_right_authority_but_a_name_that_is_not_admitted_is_not_heard() {
+    assert!(!heard("name", |at, keys| {
+        common::keys(keys, &["drone", "9"]);
+        vec![
+            Stranger::dial(&format!("tls/{at}"), &files(&keys.join("drone-9")), STATUS),
+            Stranger::dial(
+                &format!("tls/{at}"),
+                &files(&keys.join("drone-9")),
+                "alight/drone-9/status",
+            ),
+        ]
+    }));
+}
+
+#[test]
+fn an_admitted_name_on_somebody_elses_key_is_not_heard() {
+    assert!(!heard("key", |at, keys| {
+        common::keys(keys, &["drone", "2"]);
+        let own = files(&keys.join("drone-2"));
+        [STATUS, "alight/vessel-1/estimate"]
+            .map(|key| Stranger::dial(&format!("tls/{at}"), &own, key))
+            .into()
+    }));
+}
+
+#[test]
+fn an_expired_certificate_is_not_heard() {
+    assert!(!heard("expired", |at, keys| {
+        let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
+        let key = KeyPair::from_pem(&key).expect("a key");
+        let named = |name: &str| {
+            let mut params = CertificateParams::default();
+            params.distinguished_name = rcgen::DistinguishedName::new();
+            params.distinguished_name.push(DnType::CommonName, name);
+            params
+        };
+        let authority = named("Alight private authority");
+        let mut params = named("drone-1");
+        params.not_before = rcgen::date_time_ymd(2020, 1, 1);
+        params.not_after = rcgen::date_time_ymd(2020, 1, 2);
+        params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ClientAuth];
+        let own = KeyPair::generate().expect("a key");
+        let signed = params
+            .signed_by(&own, &Issuer::from_params(&authority, &key))
+            .expect("signed");
+        let directory = keys.join("expired");
+        std::fs::create_dir_all(&directory).expect("a directory");
+        std::fs::write(directory.join("certificate.pem"), signed.pem()).expect("written");
+        std::fs::write(directory.join("key.pem"), own.serialize_pem()).expect("written");
+        std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
+        vec![Stranger::dial(&format!("tls/{at}"), &files(&directory), STATUS)]
+    }));
+}
