@@ -45,6 +45,18 @@ pub enum Transport {
     Tls,
 }
 
+/// How a kernel's stream answers a loss.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Congestion {
+    /// It sends less (Linux's default).
+    Cubic,
+    /// It keeps to what it has seen pass (Linux: `net.ipv4.tcp_congestion_control = bbr`), which a radio
+    /// that loses packets without being full needs.
+    #[default]
+    Bbr,
+}
+
 impl Transport {
     /// Bytes that a message of `length` is for the channel: a datagram with its headers, or bytes
     /// of a stream, which has its own.
@@ -61,7 +73,7 @@ impl Transport {
     const fn open_timeout_s(self) -> f64 {
         match self {
             Transport::Udp => 1.0,
-            Transport::Tcp | Transport::Tls => 3.0,
+            Transport::Tcp | Transport::Tls => 8.0,
         }
     }
     /// Exchanges of packets until a session is open: the middleware's two, the stream's one, and
@@ -106,10 +118,14 @@ pub struct RadioConfig {
     pub keep_order: bool,
     /// What carries the messages; in lock-step only: live, the processes' own configuration says it.
     pub transport: Transport,
+    /// How a stream answers a loss.
+    pub congestion: Congestion,
     /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
     pub stream_buffer_bytes: u32,
-    /// A session that hears nothing for this long is closed and opened anew, s.
+    /// A session over datagrams that hears nothing for this long is closed and opened anew, s.
     pub lease_s: f64,
+    /// The same of a session over a stream, s.
+    pub stream_lease_s: f64,
     /// Windows `[start, end)` in which everything sent is lost, s of true time.
     pub outages_s: Vec<[f64; 2]>,
 }
@@ -135,14 +151,27 @@ impl Default for RadioConfig {
             queue_bytes: 4096,
             keep_order: false,
             transport: Transport::Udp,
+            congestion: Congestion::Bbr,
             // What `alight_shared::transport::radio` asks the sockets for.
             stream_buffer_bytes: 8192,
             // The same.
             lease_s: 2.0,
+            stream_lease_s: 5.0,
             outages_s: Vec::new(),
         }
     }
 }
+
+impl RadioConfig {
+    /// A session that hears nothing for this long is closed and opened anew, s.
+    pub const fn session_lease_s(&self) -> f64 {
+        match self.transport {
+            Transport::Udp => self.lease_s,
+            Transport::Tcp | Transport::Tls => self.stream_lease_s,
+        }
+    }
+}
+
 impl Check for RadioConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.range("delay_s", self.delay_s, 0.0, 10.0)?;
@@ -159,6 +188,7 @@ impl Check for RadioConfig {
         let buffer = f64::from(self.stream_buffer_bytes);
         at.range("stream_buffer_bytes", buffer, 2048.0, 1e8)?;
         at.range("lease_s", self.lease_s, 0.5, 60.0)?;
+        at.range("stream_lease_s", self.stream_lease_s, 0.5, 60.0)?;
         check_windows(at, "outages_s", &self.outages_s)
     }
 }

@@ -9,9 +9,10 @@ use crate::streams::Streams;
 
 /// Tries of one exchange of a handshake over a stream: the first and its retransmissions, this long
 /// after it, s.
-const TRIES_S: [f64; 4] = [0.0, 0.3, 0.9, 2.1];
-/// The same of a stream's first packet, before any round trip is known.
-const FIRST_TRIES_S: [f64; 2] = [0.0, 1.0];
+const TRIES_S: [f64; 5] = [0.0, 0.4, 1.2, 2.8, 6.0];
+/// The same of a stream's first packet, before any round trip is known (Linux since 6.5: once a
+/// second at first).
+const FIRST_TRIES_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
 /// From the end of a failed attempt to the next, s (the middleware's slowest retry).
 const RETRY_S: f64 = 0.5;
 /// A side that has nothing to say says so this often within a lease.
@@ -169,9 +170,9 @@ impl<A: Clone, B: Clone> Session<A, B> {
             }
             return;
         }
-        let lease = Span::from_secs(self.config.lease_s);
+        let lease = Span::from_secs(self.config.session_lease_s());
         if t >= self.keep_alive {
-            self.keep_alive = t + Span::from_secs(self.config.lease_s / KEEP_ALIVES);
+            self.keep_alive = t + Span::from_secs(self.config.session_lease_s() / KEEP_ALIVES);
             // The vessel speaks all the time; only the drone has nothing to say now and then.
             let arrival = self.probes[1].send(t, SMALL)[0];
             self.hear(1, arrival);
