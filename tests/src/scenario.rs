@@ -105,6 +105,9 @@ pub struct Scenario {
     /// Its outage at a state of the mission.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub radio_outage: Option<StateOutage>,
+    /// The pilot's process stands still at a state of the mission; in lock-step only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pilot_outage: Option<StateOutage>,
     /// From the planner's step to the plan's arrival at the pilot, s.
     pub solve_delay_s: f64,
 }
@@ -122,6 +125,7 @@ impl Default for Scenario {
             sensors: SensorConfig::default(),
             radio: RadioConfig::default(),
             radio_outage: None,
+            pilot_outage: None,
             // One period of the planner at 50 Hz: the plan is used one period after its inputs.
             solve_delay_s: 0.02,
         }
@@ -142,6 +146,9 @@ impl Check for Scenario {
         self.radio.check(&at.table("radio"))?;
         if let Some(outage) = &self.radio_outage {
             outage.check(&at.table("radio_outage"))?;
+        }
+        if let Some(outage) = &self.pilot_outage {
+            outage.check(&at.table("pilot_outage"))?;
         }
         let start = at.table("start");
         start.ranges("distance_m", &self.start.distance_m, 0.0, 500.0)?;

@@ -57,6 +57,8 @@ pub struct World {
     mission_state: MissionState,
     forecast: Option<DeckForecast>,
     last_set_point: Option<SetPoint>,
+    /// When the pilot stands still.
+    pilot_silent: Option<[Time<TrueTime>; 2]>,
 }
 
 impl World {
@@ -81,6 +83,7 @@ impl World {
             mission_state: MissionState::default(),
             forecast: None,
             last_set_point: None,
+            pilot_silent: None,
         })
     }
 
@@ -111,6 +114,12 @@ impl World {
     pub fn radio_outage(&mut self, outage: &StateOutage) {
         let window = outage.window(self.physics.now());
         self.radio.fall_silent(window);
+    }
+
+    /// The standstill of the pilot that the mission's new state brings about; the first stays.
+    pub fn pilot_outage(&mut self, outage: &StateOutage) {
+        let window = outage.window(self.physics.now());
+        self.pilot_silent = Some(self.pilot_silent.unwrap_or(window));
     }
 
     /// What the radio carried and lost: to the drone, to the vessel.
@@ -220,6 +229,13 @@ impl World {
             let _full = self.plans.push(t + self.solve_delay, plan);
         }
 
+        if self
+            .pilot_silent
+            .is_some_and(|[from, until]| from <= t && t < until)
+        {
+            self.physics.advance();
+            return;
+        }
         let input = PilotIn {
             plan,
             mission,
