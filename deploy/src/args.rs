@@ -302,7 +302,7 @@ pub struct StudyArgs {
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
     /// Write rows.csv, summary.md, summary.json and report.html there; a study that was cut off goes
-    /// on where it stopped
+    /// on where it stopped. Link draws link.svg too, and with --live writes live.md, live.json, live.svg
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Link: fly N seeds of a few links live across the link emulator, beside lock-step

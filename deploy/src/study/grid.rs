@@ -1,16 +1,16 @@
 //! The rows of each study: which scenes are flown.
 
-use alight_shared::msg::State;
 use alight_sim::deck_motion::DeckMotionConfig;
 use alight_sim::deck_motion::rocking::RockingConfig;
 use alight_sim::outcome::Outcome;
-use alight_sim::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::scenario::{NodeConfigs, Scenario};
 use alight_sim::sea::{SeaConfig, SeaKind};
 use alight_sim::vessel::Course;
 use alight_uav::planner::PlannerKind;
 
 use super::ablation;
 use super::flown::Flown;
+use super::link;
 use crate::Refused;
 use crate::args::Study;
 use crate::scene::Scene;
@@ -127,13 +127,14 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
             .map(|v| row(&format!("{v} m/s"), &|w| w.drone.wind.mean_mps = *v))
             .collect(),
         Study::Sensors => sensors(&row),
-        Study::Link => link(&row),
+        Study::Link => link::rows(&row),
         Study::Estimator | Study::Prediction | Study::Airborne | Study::Merge | Study::Search => Vec::new(),
     };
     Ok(rows)
 }
 
-type RowOf<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> Row;
+/// Makes a row: its name, and what it changes in the scene.
+pub type RowOf<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> Row;
 
 fn moving(row: RowOf<'_>, paper: &dyn Fn(&str) -> Result<SeaConfig, Refused>) -> Result<Vec<Row>, Refused> {
     let mut rows = Vec::new();
@@ -280,46 +281,6 @@ fn sensors(row: RowOf<'_>) -> Vec<Row> {
         rows.push(row(&format!("attitude lag {lag} s"), &|w| {
             w.drone.autopilot.attitude_lag_s = lag
         }));
-    }
-    rows
-}
-
-fn link(row: RowOf<'_>) -> Vec<Row> {
-    let mut rows = Vec::new();
-    for loss in [0.02, 0.3, 0.5, 0.8] {
-        for delay in [0.05, 0.1, 0.3, 1.0] {
-            rows.push(row(&format!("loss {loss}, delay {delay} s"), &|w| {
-                w.radio.loss = loss;
-                w.radio.delay_s = delay;
-                w.radio.delay_sd_s = if delay < 0.1 { 0.02 } else { 0.03 };
-            }));
-        }
-    }
-    // For good, and for as long as it takes to notice and to come back, from the first entry into
-    // each state on.
-    for state in [
-        State::GetAltitude,
-        State::Approach,
-        State::Tracking,
-        State::TrackingStable,
-        State::Descent,
-        State::Flare,
-    ] {
-        for length_s in [2.0, 10.0, f64::INFINITY] {
-            let name = state.name();
-            let lasts = if length_s.is_finite() {
-                format!("{length_s} s")
-            } else {
-                "for good".into()
-            };
-            rows.push(row(&format!("outage from {name} on, {lasts}"), &|w| {
-                w.radio_outage = Some(StateOutage {
-                    state,
-                    after_s: 0.0,
-                    length_s,
-                });
-            }));
-        }
     }
     rows
 }

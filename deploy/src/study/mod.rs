@@ -3,6 +3,7 @@
 mod ablation;
 mod flown;
 mod grid;
+pub mod link;
 mod prediction;
 mod publish;
 mod report;
@@ -98,7 +99,21 @@ fn grid_study(args: &StudyArgs) -> Result<Value, Refused> {
     };
     let outcomes = run::fly_grid(args, &rows, &planners)?;
     let hash = run::configuration_hash(&base.nodes);
-    let value = publish::publish(args, &title(args.name), &hash, &planners, &outcomes)?;
+    let figures = match args.name {
+        Study::Link => link::figures(&planners, &outcomes),
+        _ => Vec::new(),
+    };
+    if let (Study::Link, Some(out)) = (args.name, &args.out) {
+        let path = out.join("link.svg");
+        std::fs::write(&path, link::picture(&figures))
+            .map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
+    }
+    let value = publish::publish(args, &title(args.name), &hash, &planners, &outcomes, figures)?;
+    if args.name == Study::Link {
+        for line in link::table(&planners, &rows, &outcomes) {
+            note(args.json, line);
+        }
+    }
     for line in grid::answer(args.name, &rows, &planners, &outcomes) {
         note(args.json, line);
     }
@@ -122,7 +137,7 @@ fn merge(args: &StudyArgs) -> Result<Value, Refused> {
             planners.push(Flown::named(&o.planner));
         }
     }
-    publish::publish(args, "Merged study", &hash, &planners, &outcomes)
+    publish::publish(args, "Merged study", &hash, &planners, &outcomes, Vec::new())
 }
 
 fn sea(args: &SceneArgs, text: &str) -> Result<SceneArgs, Refused> {

@@ -41,13 +41,14 @@ pub struct Extremes {
 }
 
 /// Table, JSON, Markdown and page of a set of rows. `planners` in the order of the table, the one
-/// that all others are compared with first.
+/// that all others are compared with first; `figures` go into the page as they are.
 pub fn publish(
     args: &StudyArgs,
     title: &str,
     hash: &str,
     planners: &[Flown],
     outcomes: &[Outcome],
+    figures: Vec<(String, String)>,
 ) -> Result<Value, Refused> {
     let say = |line: &str| note(args.json, line);
     let mut keys: Vec<(&str, &str)> = Vec::new();
@@ -72,6 +73,7 @@ pub fn publish(
         remarks: faa.iter().map(|f| f.text.clone()).collect(),
         comparisons,
         extremes,
+        figures,
         failures: failures(outcomes),
     };
     for text in console(&page) {

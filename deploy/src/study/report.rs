@@ -50,6 +50,8 @@ pub struct Page {
     pub comparisons: Vec<Comparison>,
     /// Best and worst trials.
     pub extremes: Vec<Extremes>,
+    /// What the study draws beside: captions and SVG.
+    pub figures: Vec<(String, String)>,
     /// Failed trials.
     pub failures: Vec<String>,
 }
@@ -61,11 +63,13 @@ const SHOWN: [(&str, &str, f64); 5] = [
     ("tilt_error_deg", "angle between the normals, deg", 0.5),
     ("landing_time_s", "first descent to first contact, s", 1.0),
 ];
-const COLOURS: [&str; 8] = [
+/// Of curves and dots, in their order.
+pub const COLOURS: [&str; 8] = [
     "#1f6fb4", "#d66020", "#469650", "#8a4fbf", "#b8326a", "#5b5b5b", "#998800", "#008c8c",
 ];
 
-fn escape(text: &str) -> String {
+/// Text that a page shows as it is.
+pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
@@ -117,6 +121,9 @@ pub fn html(page: &Page) -> String {
             escape(caption),
             dots(&page.lines, name, k)
         );
+    }
+    for (caption, svg) in &page.figures {
+        let _ = write!(out, "<h2>{}</h2><div class=\"wide\">{svg}</div>", escape(caption));
     }
     differences(&mut out, &page.comparisons);
     extremes(&mut out, &page.extremes);
