@@ -75,7 +75,9 @@ impl LinkStatistics {
     }
 
     /// Fraction of estimates that never came, by the gaps before those that did, and fraction that
-    /// came after a newer one; 0 without any.
+    /// came after a newer one; 0 without any. Over datagrams the middleware itself discards a packet
+    /// that a later one overtook (measured with 30 ms of jitter at 30 Hz: 42 % for 30 % that the link
+    /// lost), so that there the first holds those too and the second is what reaches us all the same.
     pub fn loss(&mut self, now: Time<DroneClock>) -> (f64, f64) {
         let window = self.window_s;
         self.arrivals.retain(|a| (now - a.at).secs() <= window);

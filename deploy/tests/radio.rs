@@ -86,7 +86,7 @@ fn they_talk(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
         if at_vessel && at_drone {
             return;
         }
-        drone.watch();
+        drone.watch(0.0);
     }
     panic!("not heard: by the vessel {at_vessel}, by the drone {at_drone}");
 }
@@ -127,7 +127,7 @@ fn a_session_that_went_silent_is_opened_anew() {
         if drone.counts().reopened > 0 {
             break;
         }
-        drone.watch();
+        drone.watch(0.0);
         std::thread::sleep(Duration::from_millis(20));
     }
     assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
@@ -142,7 +142,7 @@ fn a_session_that_never_said_anything_is_opened_anew() {
         if drone.counts().reopened > 0 {
             break;
         }
-        drone.watch();
+        drone.watch(0.0);
         std::thread::sleep(Duration::from_millis(20));
     }
     assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");

@@ -4,21 +4,22 @@
 use std::path::PathBuf;
 
 use alight_shared::msg::State;
-use alight_shared::transport::intake::Quantiles;
+use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::TlsConfig;
-use alight_sim::radio::ChannelCounts;
+use alight_sim::radio::{ChannelCounts, Congestion};
 use alight_sim::scenario::StateOutage;
 use serde::{Deserialize, Serialize};
 
 use super::args::{Emulate, LandArgs};
 use super::config::LinkImpairment;
-use super::display::time;
+use super::display::{Picture, time};
 use super::emulator::{Emulation, LinkWord, Order};
 use super::instance::Owned;
 use super::keys;
 use super::land::{free_port, write};
 use super::namespaces::{ADDRESSES, OwnSpaces};
+use super::packets::{OnAir, Recent};
 use super::profile;
 use super::supervisor::Supervisor;
 use crate::Refused;
@@ -26,6 +27,21 @@ use crate::scene::Scene;
 
 /// The vessel's port in its own namespace, zenoh's usual one.
 const PORT: u16 = 7447;
+
+/// Ages that are kept: an hour of ten a second.
+const MOST_AGES: usize = 36_000;
+
+/// Ages of the first five seconds, while clocks and session settle.
+const SETTLING: usize = 50;
+
+/// How this computer's kernel answers a loss in a stream, for the lock-step model of it.
+pub fn congestion() -> Congestion {
+    let setting = std::fs::read_to_string("/proc/sys/net/ipv4/tcp_congestion_control");
+    match setting.as_deref().map(str::trim) {
+        Ok("bbr") => Congestion::Bbr,
+        Ok(_) | Err(_) => Congestion::Cubic,
+    }
+}
 
 /// The link as it is arranged before the processes start.
 pub struct Air {
@@ -102,6 +118,14 @@ impl Air {
             }
         })
     }
+    /// The drone's address.
+    pub fn drone_host(&self) -> &'static str {
+        if self.spaces.is_some() {
+            ADDRESSES[1]
+        } else {
+            "127.0.0.1"
+        }
+    }
     /// Starts the emulator, if there is one.
     pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), Refused> {
         match &self.emulator {
@@ -153,11 +177,25 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<[TlsCon
 }
 
 /// What is seen of the link while it is flown.
-#[derive(Default)]
 pub struct Watch {
     packets: Option<[ChannelCounts; 2]>,
-    ages: Quantiles,
+    recent: Recent,
+    ages_s: Vec<f64>,
+    /// Ages yet to come while clocks and session settle, which are not kept.
+    unsettled: usize,
     told: bool,
+}
+
+impl Default for Watch {
+    fn default() -> Self {
+        Watch {
+            packets: None,
+            recent: Recent::default(),
+            ages_s: Vec::new(),
+            unsettled: SETTLING,
+            told: false,
+        }
+    }
 }
 
 impl Watch {
@@ -173,30 +211,45 @@ impl Watch {
     ) {
         let counts = |line: &String| match serde_json::from_str(line) {
             Ok(LinkWord::Packets(to_drone, to_vessel)) => Some([to_drone, to_vessel]),
-            Err(_) => None,
+            Ok(LinkWord::Flows(_)) | Err(_) => None,
         };
+        for line in said {
+            if let Ok(LinkWord::Flows(flows)) = serde_json::from_str(line) {
+                self.recent.hear(steady_ns(), flows);
+            }
+        }
         self.packets = said.iter().rev().find_map(counts).or(self.packets);
-        ages_s
-            .iter()
-            .filter(|a| a.is_finite())
-            .for_each(|a| self.ages.add(*a));
+        let room = MOST_AGES.saturating_sub(self.ages_s.len());
+        let mut known: Vec<f64> = ages_s.iter().copied().filter(|a| a.is_finite()).collect();
+        let early = known.len().min(self.unsettled);
+        self.unsettled -= early;
+        known.drain(..early);
+        self.ages_s.extend(known.into_iter().take(room));
         if !self.told && air.outage.is_some_and(|o| Some(o.state) == state) {
             self.told = true;
             supervisor.tell(ProcessKind::Link, Order::Outage.line());
         }
     }
     /// The figures at the end, `seconds` after the profile's time zero.
-    pub fn report(&self, seconds: f64) -> RadioReport {
+    pub fn report(&self, seconds: f64, picture: &Picture) -> RadioReport {
         let way = |c: ChannelCounts| WayReport {
             packets: c.sent,
             bytes_per_s: c.sent_bytes as f64 / seconds.max(1.0),
             lost: c.lost as f64 / c.sent.max(1) as f64,
             overflowed: c.overflowed,
         };
+        let mut sorted = self.ages_s.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let age = |q: f64| {
+            let rank = ((q * sorted.len() as f64).ceil() as usize).max(1) - 1;
+            sorted.get(rank).copied().unwrap_or(0.0)
+        };
         RadioReport {
-            age_p50_s: self.ages.quantile(0.5),
-            age_p95_s: self.ages.quantile(0.95),
+            age_p50_s: age(0.5),
+            age_p95_s: age(0.95),
+            age_max_s: age(1.0),
             emulated: self.packets.map(|ways| ways.map(way)),
+            on_air: self.recent.on_air(picture),
         }
     }
 }
@@ -208,8 +261,12 @@ pub struct RadioReport {
     pub age_p50_s: f64,
     /// 95th percentile of the same, s.
     pub age_p95_s: f64,
+    /// The greatest of the same, s.
+    pub age_max_s: f64,
     /// What the emulator counted: to the drone, to the vessel.
     pub emulated: Option<[WayReport; 2]>,
+    /// What it counted over the last seconds, by flow and by topic.
+    pub on_air: Option<OnAir>,
 }
 
 /// One direction of the emulated link.
@@ -229,9 +286,10 @@ impl RadioReport {
     /// In words.
     pub fn text(&self) -> String {
         let mut out = format!(
-            "  age of the vessel's newest state at the drone: {} (p50), {} (p95)\n",
+            "  age of the vessel's newest state at the drone: {} (p50), {} (p95), {} (longest)\n",
             time(self.age_p50_s),
-            time(self.age_p95_s)
+            time(self.age_p95_s),
+            time(self.age_max_s)
         );
         for (way, c) in ["drone", "vessel"].iter().zip(self.emulated.iter().flatten()) {
             out.push_str(&format!(
@@ -242,6 +300,9 @@ impl RadioReport {
                 100.0 * c.lost,
                 c.overflowed
             ));
+        }
+        if let Some(on_air) = &self.on_air {
+            out.push_str(&on_air.text());
         }
         out
     }

@@ -79,6 +79,9 @@ pub struct LandArgs {
     /// Name of this set of processes; several may run side by side
     #[arg(long, default_value = "land")]
     pub instance: String,
+    /// Plain Unix and UDP sockets carry the same messages beside the middlewares; the report compares
+    #[arg(long)]
+    pub relay: bool,
     /// Draw paths, speeds and attitudes to an SVG
     #[arg(long, value_name = "FILE.svg", conflicts_with = "follow")]
     pub plot: Option<PathBuf>,

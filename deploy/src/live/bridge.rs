@@ -12,6 +12,7 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::process::{MOST_FIGURES, ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Outlet, Radio, RadioCounts, Urgency};
+use alight_shared::transport::relay;
 use alight_shared::wire;
 use alight_sim::radio::Direction;
 
@@ -20,10 +21,13 @@ use super::config::DroneComputer;
 use super::flows::Flows;
 use super::link::{Impaired, STATUS, drone_key, vessel_key};
 use super::process::Process;
+use super::relay::RadioEnd;
 use crate::{End, Refused};
 
 /// Without packets the process wakes this often all the same.
 const LONGEST: Duration = Duration::from_millis(5);
+/// Figures before those of the relay.
+pub const RELAY_FIGURES: usize = 4 + Reason::ALL.len();
 /// What comes on each subscription; the vessel's word about itself is the one after.
 const KINDS: [PacketKind; 4] = [
     PacketKind::Estimate,
@@ -39,7 +43,15 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
         Bridge::new(&computer.bridge, boot)
     })?;
-    let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
+    let mut memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
+    if let Some(relay) = &computer.relay {
+        memory.copy_to(relay.socket.clone());
+    }
+    let relayed = computer
+        .relay
+        .as_ref()
+        .map(|r| RadioEnd::listen(&r.listen))
+        .transpose()?;
     let mut estimate = memory.publisher()?;
     let mut wave = memory.publisher()?;
     let mut prediction = memory.publisher()?;
@@ -49,6 +61,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
 
     let mut autopilot = memory.subscriber::<AutopilotState>()?;
     let (mut deck, mut battery) = (MissionState::default(), 0.0);
+    let mut age_s = f64::INFINITY;
     let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
 
     let outlet = |name: &str, urgency| Outlet {
@@ -83,6 +96,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         let mut heard = radio.receive(LONGEST);
         while let Some(packet) = heard {
             heard_bytes += packet.bytes.len() as u64;
+            if let (Some(relayed), 0) = (&relayed, packet.subscription) {
+                relayed.original(relay::key(&[&packet.bytes]), packet.at_ns);
+            }
             match KINDS.get(packet.subscription) {
                 Some(kind) => impaired.take(
                     packet.at_ns,
@@ -107,6 +123,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         wave.send_any(out.wave.as_ref());
         prediction.send_any(out.prediction.as_ref());
         link.send_any(out.link.as_ref());
+        age_s = out.link.map_or(age_s, |l| l.age_s);
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
         }
@@ -119,10 +136,13 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         battery = autopilot.newest(now.nanos()).map_or(battery, |a| a.battery);
         let counts = radio.counts();
         process.life.figures = figures(process.node().rejections(), heard_bytes, refused, &counts);
-        if let Some(said) = process.state(Vec::new, counts.unsent) {
+        if let Some(mut said) = process.state(Vec::new, counts.unsent) {
+            if let Some(relayed) = &relayed {
+                said.figures = Seq::filled(said.figures.iter().copied().chain(relayed.figures()));
+            }
             let flows = flows.since(&radio, said.at_ns);
             state.send(&ProcessState { flows, ..said });
-            radio.watch();
+            radio.watch(age_s);
             sequence = sequence.wrapping_add(1);
             let status = DroneStatus {
                 header: Header::new(

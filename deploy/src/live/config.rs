@@ -13,6 +13,8 @@ use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
 
+use super::relay::DroneRelay;
+
 /// An impairment of the radio, applied to what a process receives; for trials only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -41,6 +43,9 @@ pub struct VesselComputer {
     /// Impairment of what it receives.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
+    /// Where copies of its estimates go over UDP; for trials.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relay: Option<String>,
     /// Its node.
     pub vessel: VesselNodeConfig,
 }
@@ -58,6 +63,7 @@ impl Default for VesselComputer {
                 ..RadioConfig::default()
             },
             impairment: None,
+            relay: None,
             vessel: VesselNodeConfig::default(),
         }
     }
@@ -87,6 +93,9 @@ pub struct DroneComputer {
     /// Impairment of what it receives.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
+    /// Where plain relays of its messages are; for trials.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relay: Option<DroneRelay>,
     /// Its bridge.
     pub bridge: BridgeConfig,
     /// Its other nodes.
@@ -104,6 +113,7 @@ impl Default for DroneComputer {
                 ..RadioConfig::default()
             },
             impairment: None,
+            relay: None,
             bridge: BridgeConfig::default(),
             drone: DroneSettings::default(),
         }

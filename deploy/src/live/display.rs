@@ -159,7 +159,7 @@ impl Picture {
             }
         }
         out.push_str(&format!(
-            "  {:<10}{:<20}{:>8}{total:>10.0}  IP headers included\n",
+            "  {:<10}{:<20}{:>8}{total:>10.0}  computed: 48 bytes of headers a message\n",
             "all", "", ""
         ));
         out

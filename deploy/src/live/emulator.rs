@@ -23,6 +23,7 @@ use tun_rs::SyncDevice;
 
 use super::config::LinkImpairment;
 use super::namespaces::{ADDRESSES, Namespaces};
+use super::packets::{FlowCount, Flows};
 use super::profile;
 use crate::{End, Refused, say};
 
@@ -72,11 +73,13 @@ impl Check for Emulation {
 }
 
 /// What the emulator says on standard output, one JSON object per line.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LinkWord {
     /// The packets so far: to the drone, to the vessel.
     Packets(ChannelCounts, ChannelCounts),
+    /// The same packets by flow.
+    Flows(Vec<FlowCount>),
 }
 
 /// What its supervisor may tell it, one line each on standard input.
@@ -208,8 +211,10 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
 
 fn say_counts(link: &Link) -> Result<(), Refused> {
     let [to_drone, to_vessel] = &link.radios;
-    let word = serde_json::to_string(&LinkWord::Packets(to_drone.counts(), to_vessel.counts()));
-    say::line(word.map_err(|e| Refused::because("writing the counts", e))?);
+    let packets = LinkWord::Packets(to_drone.counts(), to_vessel.counts());
+    for word in [packets, LinkWord::Flows(link.flows.counts())] {
+        say::line(serde_json::to_string(&word).map_err(|e| Refused::because("writing the counts", e))?);
+    }
     Ok(())
 }
 
@@ -222,6 +227,7 @@ enum Turn {
 /// Both directions; index 0 carries what the vessel's side sends.
 struct Link {
     radios: [Radio<Vec<u8>>; 2],
+    flows: Flows,
     epoch_ns: i64,
     outage: Option<StateOutage>,
 }
@@ -232,6 +238,7 @@ impl Link {
         let radio = |direction| Radio::new(&emulation.link.profile, direction, &streams);
         Link {
             radios: [radio(Direction::ToDrone), radio(Direction::ToVessel)],
+            flows: Flows::default(),
             epoch_ns: emulation.epoch_ns,
             outage: emulation.link.outage,
         }
@@ -252,6 +259,7 @@ impl Link {
             Ok(first) => {
                 for came in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
                     let at = self.time(came.at_ns);
+                    self.flows.count(u8::from(came.side == 1), &came.packet);
                     if let Some(radio) = self.radios.get_mut(came.side) {
                         radio.send(at, came.packet.len(), came.packet);
                     }

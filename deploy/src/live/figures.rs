@@ -19,7 +19,10 @@ enum Unit {
     State,
 }
 
-const VESSEL: [(&str, Unit); 11] = [
+/// Figures of the vessel; the last two are how long after its measurement an estimate is sent.
+pub const VESSEL_FIGURES: usize = 13;
+
+const VESSEL: [(&str, Unit); VESSEL_FIGURES] = [
     ("sensor datagrams refused", Unit::Count),
     ("bytes sent", Unit::Count),
     ("packets dropped", Unit::Count),
@@ -31,6 +34,8 @@ const VESSEL: [(&str, Unit); 11] = [
     ("drone's descents", Unit::Count),
     ("drone's battery", Unit::Share),
     ("share of the full rates", Unit::Share),
+    ("measurement to estimate sent p50", Unit::Time),
+    ("measurement to estimate sent p99", Unit::Time),
 ];
 const BRIDGE: [(&str, Unit); 4] = [
     ("bytes heard", Unit::Count),
@@ -63,6 +68,10 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
                     .iter()
                     .map(|r| (format!("refused: {}", r.name()), Unit::Count)),
             );
+            // Only in a trial with plain relays.
+            for name in ["zenoh p50", "zenoh p99", "plain UDP p50", "plain UDP p99"] {
+                all.push((name.into(), Unit::Time));
+            }
             all
         }
         ProcessKind::Predictor | ProcessKind::Mission | ProcessKind::Planner | ProcessKind::Link => {
@@ -110,7 +119,9 @@ mod tests {
         for kind in ProcessKind::ALL {
             assert!(names(kind).len() <= MOST_FIGURES, "{kind:?}");
         }
-        let figures = [0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8, 1.0];
+        let figures = [
+            0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8, 1.0, 0.01, 0.02,
+        ];
         let vessel = ProcessState {
             kind: ProcessKind::Vessel,
             figures: Seq::filled(figures),
@@ -119,7 +130,8 @@ mod tests {
         assert_eq!(
             text(&vessel),
             "bytes sent 1200, time requests refused 3, drone's words heard 9, drone last heard 250.0 ms, \
-             drone's state Tracking, drone's battery 80 %, share of the full rates 100 %"
+             drone's state Tracking, drone's battery 80 %, share of the full rates 100 %, measurement to estimate sent p50 10.0 ms, \
+             measurement to estimate sent p99 20.0 ms"
         );
         assert_eq!(named(&vessel).len(), VESSEL.len());
     }

@@ -26,6 +26,7 @@ use super::fault::Fault;
 use super::follow;
 use super::instance::Owned;
 use super::process::{draw_boot, end_with_supervisor};
+use super::relay::{DroneRelay, Tap};
 use super::report::{LiveOutcome, LiveReport, PhaseEntry};
 use super::status::Onlooker;
 use super::supervisor::{Event, Supervisor, pause};
@@ -220,6 +221,14 @@ impl Arrangement {
         let air = Air::of(scene, args, owned, epoch_ns)?;
         let [vessel_tls, drone_tls] = air.tls.clone();
         let sensors = format!("127.0.0.1:{}", free_port()?);
+        let relay = if args.relay {
+            Some(DroneRelay {
+                listen: format!("{}:{}", air.drone_host(), free_port()?),
+                socket: owned.file("relay"),
+            })
+        } else {
+            None
+        };
         let vessel = VesselComputer {
             vessel_id: scene.nodes.bridge.vessel_id,
             sensors: sensors.clone(),
@@ -230,6 +239,7 @@ impl Arrangement {
                 ..RadioConfig::default()
             },
             impairment: air.impairment.clone(),
+            relay: relay.as_ref().map(|r| r.listen.clone()),
             vessel: scene.nodes.vessel.clone(),
         };
         let drone = DroneComputer {
@@ -241,6 +251,7 @@ impl Arrangement {
                 ..RadioConfig::default()
             },
             impairment: air.impairment.clone(),
+            relay,
             bridge: scene.nodes.bridge.clone(),
             drone: scene.nodes.drone.clone(),
         };
@@ -316,6 +327,7 @@ struct Landing<'a> {
     told_to_end: Arc<AtomicBool>,
     usage: Option<UsageLog>,
     watch: Watch,
+    tap: Option<Tap>,
 }
 
 impl<'a> Landing<'a> {
@@ -326,6 +338,8 @@ impl<'a> Landing<'a> {
         owned: &Owned,
     ) -> Result<Landing<'a>, Refused> {
         let onlooker = Onlooker::join(memory)?;
+        let tap = plan.drone.relay.as_ref().map(|r| Tap::open(owned.instance(), r));
+        let tap = tap.transpose()?;
         let commands = memory.publisher()?;
         let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone());
         plan.air.start(&mut supervisor)?;
@@ -361,6 +375,7 @@ impl<'a> Landing<'a> {
                 .map(|path| UsageLog::create(path, owned.instance()))
                 .transpose()?,
             watch: Watch::default(),
+            tap,
         })
     }
 
@@ -503,9 +518,10 @@ impl<'a> Landing<'a> {
             report: LiveReport {
                 phases: std::mem::take(&mut self.phases),
                 fault: self.fault.take().map(|f| f.report),
+                stages: self.tap.as_ref().map_or_else(Vec::new, |t| t.rows(picture)),
                 radio: self
                     .watch
-                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9),
+                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9, picture),
                 ..LiveReport::of(picture, self.supervisor.restarts())
             },
         };

@@ -10,9 +10,10 @@ use super::args::{LandArgs, LandsArgs, LiveVerb};
 use super::display::time;
 use super::fleet::{self, Job, median};
 use super::report::LiveReport;
-use super::{land, profile};
+use super::{air, land, profile};
 use crate::args::{Cli, Verb};
 use crate::say::{self, note};
+use crate::study::link::aborts;
 use crate::{End, Refused};
 
 /// Before this time of a trial clocks and sessions settle: ages are not counted, s.
@@ -51,8 +52,15 @@ pub struct Summary {
     position_error_difference_m: f64,
     landing_time_difference_s: f64,
     /// Of all that landed live.
-    position_error_m: f64,
+    pub position_error_m: f64,
+    /// The same.
     pub landing_time_s: f64,
+    /// Descents given up, mean, live and in lock-step.
+    pub aborts: [f64; 2],
+    /// Worst age of the vessel's state at touchdown, live and in lock-step, s; null without any.
+    pub touchdown_age_s: [Option<f64>; 2],
+    /// Of all that landed in lock-step.
+    pub position_error_lock_step_m: f64,
     pairs: Vec<Pair>,
 }
 
@@ -158,6 +166,7 @@ fn lock_step(args: &LandArgs, seed: u64) -> Result<(Outcome, [f64; 2]), Refused>
         scene.scenario.radio = profile::load(&args.link)?;
     }
     scene.scenario.radio.transport = args.transport();
+    scene.scenario.radio.congestion = air::congestion();
     let mut quiet = |_: &_| {};
     let watch = Watch {
         on_event: &mut quiet,
@@ -183,7 +192,19 @@ impl Summary {
             }))
         };
         let landed = |f: fn(&Outcome) -> Option<f64>| median(live().filter(|l| l.success).filter_map(f));
+        let locked = || pairs.iter().map(|p| &p.lock_step);
+        let worst = |ages: Vec<f64>| ages.into_iter().max_by(f64::total_cmp);
+        let mean = |all: Vec<f64>| all.iter().sum::<f64>() / all.len().max(1) as f64;
         Summary {
+            aborts: [
+                mean(live().map(aborts).collect()),
+                mean(locked().map(aborts).collect()),
+            ],
+            touchdown_age_s: [
+                worst(live().filter_map(|o| o.radio_age_s).collect()),
+                worst(locked().filter_map(|o| o.radio_age_s).collect()),
+            ],
+            position_error_lock_step_m: median(locked().filter_map(|o| o.position_error_m)),
             trials: pairs.len(),
             landed: live().filter(|l| l.success).count(),
             landed_lock_step: pairs.iter().filter(|p| p.lock_step.success).count(),

@@ -156,7 +156,7 @@ fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<H
     let receiver = std::thread::spawn(move || {
         let mut times = Times::new();
         while !end.load(Ordering::Relaxed) {
-            to.watch();
+            to.watch(0.0);
             if let Some(heard) = to.receive(LONGEST)
                 && let Ok(message) = wire::decode(&heard.bytes)
             {

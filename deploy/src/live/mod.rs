@@ -30,6 +30,7 @@ pub mod latency;
 mod link;
 mod mission;
 mod namespaces;
+mod packets;
 mod pilot;
 mod planner;
 mod predictor;
@@ -38,6 +39,7 @@ mod profile;
 mod record;
 #[cfg(feature = "record")]
 mod recording;
+mod relay;
 pub mod replay;
 mod report;
 mod shell;

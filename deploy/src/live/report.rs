@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::air::RadioReport;
 use super::display::{Picture, time};
 use super::fault::FaultReport;
+use super::relay;
 
 /// What one process used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,6 +57,9 @@ pub struct LiveReport {
     pub phases: Vec<PhaseEntry>,
     /// The link.
     pub radio: RadioReport,
+    /// Stage by stage, beside plain relays.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<relay::Stage>,
     /// The fault that was asked for.
     pub fault: Option<FaultReport>,
 }
@@ -107,6 +111,7 @@ impl LiveReport {
             self.restarts
         );
         out.push_str(&self.radio.text());
+        out.push_str(&relay::text(&self.stages));
         if let Some(f) = &self.fault {
             let what = match (f.at_s, f.state, f.back_s) {
                 (Some(at), Some(state), Some(back)) => {

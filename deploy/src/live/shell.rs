@@ -91,7 +91,10 @@ pub trait Shell: Sized {
 pub fn run<S: Shell>(args: &ProcessArgs) -> Result<End, Refused> {
     let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
     let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;
-    let memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
+    let mut memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
+    if let Some(relay) = &computer.relay {
+        memory.copy_to(relay.socket.clone());
+    }
     let mut reads = S::Reads::join(&memory)?;
     let mut shell = S::join(&memory)?;
     let mut state = memory.publisher()?;

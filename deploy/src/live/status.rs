@@ -159,7 +159,7 @@ fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
     }
     if let Some(l) = &picture.link {
         say::line(format_args!(
-            "  link      state {} old, {:.1} % lost, {:.1} % overtaken, latency {} / {} (p50/p99), {} refused",
+            "  link      state {} old, {:.1} % lost or, over datagrams, overtaken; {:.1} % seen overtaken, latency {} / {} (p50/p99), {} refused",
             time(l.age_s),
             100.0 * l.loss,
             100.0 * l.overtaken,

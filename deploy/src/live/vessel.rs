@@ -8,6 +8,7 @@ use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::intake::Quantiles;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Outlet, Radio, Urgency};
 use alight_shared::wire;
@@ -71,6 +72,10 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         outlets,
         vec![any_time_request(), any_drone_status()],
     )?;
+    if let Some(to) = &computer.relay {
+        radio.copy_to(ESTIMATE, to)?;
+    }
+    let mut said_after = Quantiles::default();
     let mut impaired: Impaired<TimeRequest<DroneClock>> = Impaired::new(
         computer.impairment.as_ref(),
         Direction::ToVessel,
@@ -131,6 +136,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         };
         let out = process.step(now, &input, |_| true);
         tell(&mut radio, ESTIMATE, out.estimate.as_ref());
+        if let Some(estimate) = &out.estimate {
+            said_after.add((process.now() - estimate.header.at).secs());
+        }
         tell(&mut radio, WAVE, out.wave.as_ref());
         tell(&mut radio, PREDICTION, out.prediction.as_ref());
         for reply in &out.time_replies {
@@ -146,7 +154,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         ];
         process.life.figures = {
             let share = process.node().share();
-            Seq::filled(own.into_iter().chain(drone.figures(steady_ns())).chain([share]))
+            let after = [0.5, 0.99].map(|q| said_after.quantile(q));
+            let heard = drone.figures(steady_ns());
+            Seq::filled(own.into_iter().chain(heard).chain([share]).chain(after))
         };
         let said = process.state(Vec::new, counts.unsent).map(|said| ProcessState {
             flows: flows.since(&radio, said.at_ns),

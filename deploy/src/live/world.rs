@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::{MissionState, State};
+use alight_shared::msg::{DeckForecast, MissionState, State};
 use alight_shared::seq::Seq;
 use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
@@ -55,6 +55,8 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let sensors = SimulatedSensors::to(&world.sensors)
         .map_err(|e| Refused::because(format!("sending sensors to {}", world.sensors), e))?;
     let mut mission = memory.subscriber::<MissionState>()?;
+    let mut forecasts = memory.subscriber::<DeckForecast>()?;
+    let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
     let mut state = memory.publisher()?;
     let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
     let clock = ProcessClock {
@@ -132,7 +134,12 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             // The judge's limit is on landings.
             seen.t_s = seen.t_s.min(TIME_LIMIT_S / 2.0);
         }
-        if t_s > 0.0 && judge.observe(&seen, half_deck) {
+        let over = t_s > 0.0 && judge.observe(&seen, half_deck);
+        forecast = forecasts.newest(drone_ns).or(forecast);
+        if judge.first_contact_s().is_some() {
+            ages = ages.or(forecast.map(|f| [f.radio_age_s, f.vision_age_s]));
+        }
+        if over {
             break;
         }
         let inputs = || {
@@ -147,6 +154,8 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     }
     let sim_time_s = physics.now().secs();
     let mut outcome = judge.outcome(world.seed, &world.sea, &world.planner, sim_time_s);
+    [outcome.radio_age_s, outcome.sight_age_s] =
+        [0, 1].map(|i: usize| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     outcome.digest = format!("{:016x}", physics.digest());
     outcome.wall_time_s = clock.now::<TrueTime>().secs();
     if let (Some(path), Some(mut trace)) = (&world.plot, history.trace) {

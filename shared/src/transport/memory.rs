@@ -23,6 +23,8 @@ use crate::transport::TransportError;
 use crate::transport::intake::Intake;
 use crate::transport::plain::Plain;
 use crate::transport::process::ProcessState;
+use crate::transport::relay::{Copier, RELAYED, key_in_memory};
+use crate::wire;
 
 /// The kind of iceoryx2 service: between processes, ports used by one thread each.
 pub(crate) type Ipc = ipc::Service;
@@ -109,6 +111,7 @@ impl Instance {
 /// A process's place in shared memory.
 pub struct Memory {
     node: IoxNode<Ipc>,
+    copies: Option<PathBuf>,
 }
 
 /// A name that only processes of the same program share: the version of the messages' layout and of
@@ -131,7 +134,11 @@ impl Memory {
             .config(&instance.config()?)
             .create::<Ipc>()
             .map_err(|e| TransportError::because(doing(), e))?;
-        Ok(Memory { node })
+        Ok(Memory { node, copies: None })
+    }
+    /// From now on publishers of [`RELAYED`] send a copy of every message to the Unix socket `path` too.
+    pub fn copy_to(&mut self, path: PathBuf) {
+        self.copies = Some(path);
     }
     /// Removes what processes that were killed left behind.
     pub fn bury_the_dead(&self) {
@@ -188,10 +195,18 @@ impl Memory {
             .notifier_builder()
             .create()
             .map_err(|e| fail(&e))?;
+        let relayed = RELAYED.iter().position(|t| t.name == T::TOPIC.name);
+        let copier = match (&self.copies, relayed.and_then(|k| u32::try_from(k).ok())) {
+            (Some(path), Some(topic)) => Some((topic, Copier::unix(path)?)),
+            (Some(_), None) | (None, _) => None,
+        };
         Ok(Publisher {
-            port,
-            notifier,
-            unsent: 0,
+            out: Out {
+                port,
+                notifier,
+                unsent: 0,
+            },
+            copier,
         })
     }
     /// A subscriber to messages `T`, on their topic.
@@ -283,15 +298,19 @@ impl Services {
 
 /// Publishes messages `T`.
 pub struct Publisher<T: Plain> {
+    out: Out<T>,
+    /// Where copies go, and the topic's index there; for trials.
+    copier: Option<(u32, Copier)>,
+}
+
+struct Out<T: Plain> {
     port: IoxPublisher<Ipc, T, ()>,
     notifier: Notifier<Ipc>,
     unsent: u64,
 }
 
-impl<T: Plain> Publisher<T> {
-    /// Writes `message` into shared memory and wakes who listens. Never blocks: a subscriber that
-    /// does not read loses the oldest.
-    pub fn send(&mut self, message: &T) {
+impl<T: Plain> Out<T> {
+    fn send(&mut self, message: &T) {
         let sent = self
             .port
             .loan_uninit()
@@ -303,6 +322,23 @@ impl<T: Plain> Publisher<T> {
         // A listener that cannot be woken finds the message at its next wake-up.
         let _woken = self.notifier.notify();
     }
+}
+
+impl<T: Plain> Publisher<T> {
+    /// Writes `message` into shared memory and wakes who listens. Never blocks: a subscriber that
+    /// does not read loses the oldest.
+    pub fn send(&mut self, message: &T) {
+        let out = &mut self.out;
+        match (&mut self.copier, message.order()) {
+            (Some((topic, copier)), Some(order)) => copier.beside(
+                *topic,
+                key_in_memory(T::TOPIC, order),
+                || wire::encode_record(message).ok(),
+                || out.send(message),
+            ),
+            (Some(_), None) | (None, _) => out.send(message),
+        }
+    }
     /// The same for a message that may be there.
     pub fn send_any(&mut self, message: Option<&T>) {
         if let Some(message) = message {
@@ -311,7 +347,7 @@ impl<T: Plain> Publisher<T> {
     }
     /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
-        self.unsent
+        self.out.unsent
     }
 }
 

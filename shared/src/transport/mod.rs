@@ -3,7 +3,7 @@
 //! either middleware, and nothing else of Alight holds `unsafe` code.
 //!
 //! Read in this order: [`clock`], [`plain`] (what may lie in shared memory, and on which topic),
-//! [`memory`], [`wake`], [`process`] (what a process says about itself), [`radio`].
+//! [`memory`], [`wake`], [`process`] (what a process says about itself), [`radio`], [`relay`] (plain sockets beside both).
 
 pub mod access;
 pub mod clock;
@@ -12,6 +12,7 @@ pub mod memory;
 pub mod plain;
 pub mod process;
 pub mod radio;
+pub mod relay;
 pub mod wake;
 
 use thiserror::Error;

@@ -4,6 +4,7 @@
 use core::fmt::Debug;
 
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 use crate::msg;
 use crate::time::{Clock, DroneClock};
@@ -11,7 +12,7 @@ use crate::topics::{self, Topic};
 use crate::transport::process::ProcessState;
 
 /// A message that lies in shared memory as it is, and the one topic it travels on.
-pub trait Plain: ZeroCopySend + Copy + Debug + 'static {
+pub trait Plain: ZeroCopySend + Copy + Debug + Serialize + 'static {
     /// Its topic: name, buffer and staleness limit.
     const TOPIC: &'static Topic;
     /// Its sequence number and boot id, to count what was missed; None for messages without.
