@@ -249,7 +249,7 @@ impl Watch {
             age_p95_s: age(0.95),
             age_max_s: age(1.0),
             emulated: self.packets.map(|ways| ways.map(way)),
-            on_air: self.recent.on_air(picture),
+            on_air: self.recent.on_air(picture, PORT),
         }
     }
 }

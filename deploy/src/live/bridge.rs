@@ -50,7 +50,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let relayed = computer
         .relay
         .as_ref()
-        .map(|r| RadioEnd::listen(&r.listen))
+        .map(|r| RadioEnd::listen(r.port))
         .transpose()?;
     let mut estimate = memory.publisher()?;
     let mut wave = memory.publisher()?;

@@ -84,11 +84,11 @@ const HEAD: [&str; 2] = [
     "|---|---|---|---|---|---|---|---|---|---|---|",
 ];
 
-/// Flies `n` seeds of every link over UDP and over a stream: TLS where there are certificates.
+/// Flies `n` seeds of every link over UDP and over TLS.
 pub fn run(args: &StudyArgs, n: u32) -> Result<Value, Refused> {
     let say = |line: String| note(args.json, line);
     let certificates = args.certificates.as_ref().map(|d| d.display().to_string());
-    let stream = if certificates.is_some() { "tls" } else { "tcp" };
+    let stream = "tls";
     HEAD.iter().for_each(|line| say((*line).into()));
     let mut rows = Vec::new();
     for (link, flags) in LINKS {

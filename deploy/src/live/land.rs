@@ -223,7 +223,7 @@ impl Arrangement {
         let sensors = format!("127.0.0.1:{}", free_port()?);
         let relay = if args.relay {
             Some(DroneRelay {
-                listen: format!("{}:{}", air.drone_host(), free_port()?),
+                port: free_port()?,
                 socket: owned.file("relay"),
             })
         } else {
@@ -239,7 +239,7 @@ impl Arrangement {
                 ..RadioConfig::default()
             },
             impairment: air.impairment.clone(),
-            relay: relay.as_ref().map(|r| r.listen.clone()),
+            relay: relay.as_ref().map(|r| format!("{}:{}", air.drone_host(), r.port)),
             vessel: scene.nodes.vessel.clone(),
         };
         let drone = DroneComputer {

@@ -119,8 +119,8 @@ impl Recent {
         }
         self.0.push_back((at_ns, counts));
     }
-    /// In rates, with the topics as the processes say they send them.
-    pub fn on_air(&self, picture: &Picture) -> Option<OnAir> {
+    /// In rates, with the topics as the processes say they send them over `port`.
+    pub fn on_air(&self, picture: &Picture, port: u16) -> Option<OnAir> {
         let ((from_ns, before), (until_ns, now)) = (self.0.front()?, self.0.back()?);
         let span_s = until_ns.saturating_sub(*from_ns) as f64 * 1e-9;
         if span_s <= 0.0 {
@@ -133,7 +133,8 @@ impl Recent {
             let then = before.iter().find(same).copied().unwrap_or_default();
             let rate = |now: u64, then: u64| now.saturating_sub(then) as f64 / span_s;
             let bytes_per_s = rate(flow.bytes, then.bytes);
-            if let Some(way) = ways.get_mut(usize::from(flow.way)) {
+            // Others are no part of the radio, such as a plain relay's.
+            if let (Some(way), true) = (ways.get_mut(usize::from(flow.way)), flow.port == port) {
                 *way += bytes_per_s;
             }
             let protocol = match flow.protocol {
@@ -201,10 +202,10 @@ impl OnAir {
                 t.sender, t.topic, t.rate_hz, t.payload_bytes_per_s, t.bytes_per_s
             ));
         }
-        let total: f64 = self.flows.iter().map(|f| f.bytes_per_s).sum();
+        let total: f64 = self.topics.iter().map(|t| t.bytes_per_s).sum();
         out.push_str(&format!(
-            "  {:<34}{:>10}{total:>12.0}  IP headers included\n",
-            "both ways", ""
+            "  {:<34}{:>10}{:>12}{total:>12.0}  IP headers included\n",
+            "all topics", "", ""
         ));
         out
     }
@@ -242,7 +243,7 @@ mod tests {
             recent.hear(second * 1_000_000_000, flows.counts());
         }
         flows.count(0, &[]);
-        let air = recent.on_air(&Picture::default()).unwrap();
+        let air = recent.on_air(&Picture::default(), 7447).unwrap();
         let (udp, tcp) = (&air.flows[0], &air.flows[1]);
         assert_eq!(
             (udp.flow.as_str(), tcp.flow.as_str()),

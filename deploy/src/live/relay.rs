@@ -34,7 +34,7 @@ const LONGEST: Duration = Duration::from_millis(50);
 #[serde(deny_unknown_fields)]
 pub struct DroneRelay {
     /// Where the vessel's copies come in, over UDP.
-    pub listen: String,
+    pub port: u16,
     /// The Unix socket that takes the copies of what goes through shared memory.
     pub socket: PathBuf,
 }
@@ -51,10 +51,10 @@ pub struct RadioEnd {
 }
 
 impl RadioEnd {
-    /// Listens at `address`.
-    pub fn listen(address: &str) -> Result<RadioEnd, Refused> {
-        let fail = |e| Refused::because(format!("listening for the plain relay on {address}"), e);
-        let socket = UdpSocket::bind(address).map_err(fail)?;
+    /// Listens at `port`, on every address: the drone's may come up later.
+    pub fn listen(port: u16) -> Result<RadioEnd, Refused> {
+        let fail = |e| Refused::because(format!("listening for the plain relay on port {port}"), e);
+        let socket = UdpSocket::bind(("0.0.0.0", port)).map_err(fail)?;
         let hop = Shared::<Hop>::default();
         let own = Arc::clone(&hop);
         // It ends with the process.

@@ -2,7 +2,7 @@
 //! compare on one run what a hop costs. For trials; both ends read the steady clock of one computer.
 
 use std::collections::BTreeMap;
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 
@@ -50,7 +50,8 @@ pub fn key_in_memory(topic: &Topic, (boot, sequence): (u32, u32)) -> u64 {
 
 enum Socket {
     Unix(UnixDatagram),
-    Udp(UdpSocket),
+    /// And where to: the way there may not be up yet, so it is not connected.
+    Udp(UdpSocket, SocketAddr),
 }
 
 /// The sending end.
@@ -81,8 +82,10 @@ impl Copier {
         let fail = |e| TransportError::because(format!("relaying to {to}"), e);
         let socket = UdpSocket::bind("0.0.0.0:0").map_err(fail)?;
         socket.set_nonblocking(true).map_err(fail)?;
-        socket.connect(to).map_err(fail)?;
-        Ok(Copier::new(Socket::Udp(socket)))
+        let to = to
+            .parse()
+            .map_err(|e| TransportError::because(format!("relaying to {to}"), e))?;
+        Ok(Copier::new(Socket::Udp(socket, to)))
     }
     /// Sends the original by `send` and the copy `bytes`, in turns one and the other first: who wakes
     /// first takes the processor.
@@ -119,7 +122,7 @@ impl Copier {
         // A copy that does not go out is one that did not come.
         let _lost = match &self.socket {
             Socket::Unix(s) => s.send(&datagram),
-            Socket::Udp(s) => s.send(&datagram),
+            Socket::Udp(s, to) => s.send_to(&datagram, to),
         };
     }
 }
