@@ -11,6 +11,11 @@ use super::RadioConfig;
 use crate::sensors::noise::{Noise, covers};
 use crate::streams::Streams;
 
+/// Between two packets of the vessel at its full rates, s.
+const BURST_STEP_S: f64 = 0.025;
+/// After so many steps the chain has forgotten where it was.
+const MOST_BURST_STEPS: u32 = 1000;
+
 /// Which way packets go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
@@ -53,6 +58,7 @@ pub struct Channel {
     noise: Noise,
     bursts: Noise,
     in_burst: bool,
+    last_sent: Option<Time<TrueTime>>,
     silent: Option<[Time<TrueTime>; 2]>,
     /// When the sender has put everything on the air that it was given.
     idle_at: Time<TrueTime>,
@@ -93,6 +99,7 @@ impl Channel {
             noise: Noise::new(streams, name),
             bursts: Noise::new(streams, &format!("{name}.burst")),
             in_burst: false,
+            last_sent: None,
             silent: None,
             idle_at: Time::from_nanos(i64::MIN / 2),
             last_arrival: Time::from_nanos(i64::MIN / 2),
@@ -108,7 +115,7 @@ impl Channel {
             self.noise.chance(self.config.duplicate),
         );
         let (first, second) = (self.delay(), self.delay());
-        let in_burst = self.burst();
+        let in_burst = self.burst(t);
         self.counts.sent += 1;
         self.counts.sent_bytes += bytes as u64;
         let Some(on_air) = self.transmit(t, bytes) else {
@@ -140,19 +147,25 @@ impl Channel {
     }
 
     /// Whether this packet falls into a burst: a Markov chain of two states over the packets, in
-    /// which a burst lasts `1 / r` packets and takes the share `p / (p + r)` of all.
-    fn burst(&mut self) -> bool {
+    /// which a burst lasts `1 / r` packets and takes the share `p / (p + r)` of all. While nobody speaks it
+    /// goes on once in [`BURST_STEP_S`]: a fade does not wait for a sender that backs off.
+    fn burst(&mut self, t: Time<TrueTime>) -> bool {
         let share = self.config.burst_loss;
         if share <= 0.0 {
             return false;
         }
         let r = 1.0 / self.config.burst_packets.max(1.0);
         let p = (r * share / (1.0 - share).max(1e-9)).min(1.0);
-        self.in_burst = if self.in_burst {
-            !self.bursts.chance(r)
-        } else {
-            self.bursts.chance(p)
-        };
+        let idle_s = self.last_sent.map_or(0.0, |at| (t - at).secs().max(0.0));
+        self.last_sent = Some(t);
+        let idle = ((idle_s / BURST_STEP_S) as u32).min(MOST_BURST_STEPS);
+        for _ in 0..idle.max(1) {
+            self.in_burst = if self.in_burst {
+                !self.bursts.chance(r)
+            } else {
+                self.bursts.chance(p)
+            };
+        }
         self.in_burst
     }
 
@@ -238,6 +251,25 @@ mod tests {
         // 5000 bursts: the standard error of the mean length is 8 / sqrt(5000) = 0.11.
         assert!((share - 0.2).abs() < 0.012, "{share}");
         assert!((length - 8.0).abs() < 0.4, "{length}");
+    }
+
+    #[test]
+    fn a_burst_ends_in_time_also_for_who_speaks_seldom() {
+        let config = RadioConfig {
+            burst_loss: 0.2,
+            burst_packets: 8.0,
+            ..clean()
+        };
+        // Two a second: 20 steps apart, bursts of 8 are over.
+        let fates = fates(&config, 40_000, 0.5, 300);
+        let lost = fates.iter().filter(|f| f.is_none()).count();
+        let runs = fates
+            .windows(2)
+            .filter(|w| w[0].is_some() && w[1].is_none())
+            .count();
+        let (share, length) = (lost as f64 / 40_000.0, lost as f64 / runs as f64);
+        assert!((share - 0.2).abs() < 0.012, "{share}");
+        assert!((1.2..1.4).contains(&length), "{length}");
     }
 
     #[test]
