@@ -1,7 +1,8 @@
-//! What the pilot learns in flight: the thrust that hovers and the force that pushes.
+//! What the pilot learns in flight: the thrust that hovers, the lift that it does not explain, and
+//! the force that pushes.
 
 use alight_shared::geometry::GRAVITY;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::TrackingConfig;
 use crate::disturbance::Disturbance;
@@ -14,6 +15,8 @@ pub(crate) struct FlightEstimate {
     nominal: f64,
     told: bool,
     disturbance: Disturbance,
+    /// Upward specific force that the thrust does not explain, m/s².
+    lift: f64,
     /// Thrust that acts after the lag, 0 to 1.
     acting: Option<f64>,
 }
@@ -26,6 +29,7 @@ impl FlightEstimate {
             nominal,
             told: false,
             disturbance: Disturbance::default(),
+            lift: 0.0,
             acting: None,
         }
     }
@@ -50,6 +54,33 @@ impl FlightEstimate {
         if !self.told && self.plausible(hover) {
             self.hover = hover;
             self.told = true;
+        }
+    }
+    /// Upward specific force that the own thrust does not explain, m/s²: ground effect, the air that
+    /// a fast descent meets, and in wind the drag's part along the leaning thrust, which the hover
+    /// thrust has taken for a weakness of the rotors.
+    pub(crate) fn lift(&self) -> f64 {
+        self.lift
+    }
+    /// Learns that from a specific force (body, m/s²) and an attitude (NED from body) in flight under
+    /// own thrust `f_u`: `l' = (-(R f)_z - f_u cos(tilt) - l) / lift_time_s`. Forgotten while the
+    /// autopilot closes the loop.
+    pub(crate) fn learn_lift(
+        &mut self,
+        force: &Vector3<f64>,
+        attitude: &UnitQuaternion<f64>,
+        dt: f64,
+        c: &TrackingConfig,
+    ) {
+        let Some(u) = self.acting else {
+            self.lift = 0.0;
+            return;
+        };
+        let upright = (attitude * Vector3::z()).z;
+        let wrong = -(attitude * force).z - self.specific(u) * upright;
+        if wrong.is_finite() {
+            let most = c.lift_limit_mps2;
+            self.lift += (1.0 - (-dt / c.lift_time_s).exp()) * (wrong.clamp(-most, most) - self.lift);
         }
     }
     /// First-order lag from the commanded to the acting thrust.
@@ -77,5 +108,42 @@ impl FlightEstimate {
     }
     fn plausible(&self, hover: f64) -> bool {
         (0.5 * self.nominal..=2.0 * self.nominal).contains(&hover) && hover < 0.95
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lift_is_what_the_thrust_does_not_explain_upwards() {
+        let c = TrackingConfig::default();
+        let learnt = |force: Vector3<f64>, lean: f64, hover: f64, u: Option<f64>| {
+            let mut e = FlightEstimate::new(hover);
+            let attitude = UnitQuaternion::from_euler_angles(0.0, lean, 0.4);
+            for _ in 0..100 {
+                e.commanded(u, 0.01, 0.0);
+                e.learn_lift(&force, &attitude, 0.01, &c);
+            }
+            e.lift()
+        };
+        // Ground effect of a tenth on a level drone.
+        let ground = learnt(Vector3::new(0.0, 0.0, -1.1 * GRAVITY), 0.0, 0.4, Some(0.4));
+        assert!((ground - 0.1 * GRAVITY).abs() < 0.01, "{ground}");
+        // Held against wind by a lean: drag across and along the thrust, none upwards. Had the hover
+        // thrust been learnt along the thrust, its error of a sin(lean) is found here.
+        let (lean, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
+        let drag = GRAVITY * lean.tan();
+        let felt = Vector3::new(drag * lean.cos(), 0.0, -thrust + drag * lean.sin());
+        let u = 0.4 * thrust / GRAVITY;
+        assert!(learnt(felt, lean, 0.4, Some(u)).abs() < 0.01);
+        let weak = 0.4 * thrust / -felt.z;
+        let found = learnt(felt, lean, weak, Some(u));
+        assert!((found - drag * lean.sin() * lean.cos()).abs() < 0.01, "{found}");
+        // Bounded, and nothing without an own thrust or from what is no number.
+        let hit = learnt(Vector3::new(0.0, 0.0, -90.0), 0.0, 0.4, Some(0.4));
+        assert!(hit <= c.lift_limit_mps2, "{hit}");
+        assert!(learnt(Vector3::new(0.0, 0.0, -90.0), 0.0, 0.4, None).abs() < 1e-12);
+        assert!(learnt(Vector3::repeat(f64::NAN), 0.0, 0.4, Some(0.4)).abs() < 1e-12);
     }
 }

@@ -335,6 +335,10 @@ impl Pilot {
     fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&Below>) {
         let Some(d) = new else { return };
         let force = Vector3::from(d.specific_force);
+        if self.detector.contact() == Contact::Clear {
+            self.estimate
+                .learn_lift(&force, &d.attitude(), dt, &self.config.tracking);
+        }
         let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
         if !free {
             self.estimate.disturbance_mut().pause();
@@ -476,9 +480,14 @@ impl Pilot {
                     }
                 };
                 let lag = self.config.lag.design_s;
+                // The thrust that acts after its lag is the one that the plan has by then.
+                let mut led = stage;
+                if let Some(then) = plan.sample(now + Span::from_secs(c.thrust_lag_s)) {
+                    led.acceleration[2] = then.acceleration[2];
+                }
                 let a = self
                     .tracker
-                    .track(&stage, body, &self.estimate, authority, lag, dt, c);
+                    .track(&led, body, &self.estimate, authority, lag, dt, c);
                 self.attitude(now, Some(&stage), a, body)
             }
             (None, _, Some(b)) if committed => {

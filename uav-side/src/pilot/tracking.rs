@@ -137,8 +137,10 @@ impl Tracker {
         thrust.y += push.y;
         let thrust = lean_limited(&thrust, c.tilt_limit_rad, c.least_thrust_of_hover * GRAVITY);
         let attitude = self.turn(attitude_of_thrust(&thrust, euler[2]), &body.attitude, dt, c);
-        // Only the part along the drone's present up axis acts (Lee et al. 2010).
-        let along = thrust.dot(&(body.attitude * -Vector3::z()));
+        // Only the part along the drone's present up axis acts (Lee et al. 2010), and of that the air
+        // gives the lift.
+        let up = body.attitude * -Vector3::z();
+        let along = thrust.dot(&up) - estimate.lift() / (-up.z).max(0.5);
         AttitudeCommand {
             attitude,
             rates: rates_of(&stage.euler, &stage.euler_rates),
