@@ -132,6 +132,8 @@ pub enum ReasonCode {
     TooLow,
     /// A state lasted longer than its limit, s.
     TooLong,
+    /// The wind's push to be expected on the deck is too strong, m/s².
+    TooWindy,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -197,6 +199,7 @@ impl fmt::Display for Reason {
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
             ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
+            ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }
 }

@@ -7,6 +7,7 @@ pub mod config;
 mod rows;
 pub mod situation;
 pub mod transition;
+mod wind;
 
 #[cfg(test)]
 mod interrupt_tests;
@@ -33,6 +34,7 @@ use crate::latest::Latest;
 use rows::blind_limit;
 use situation::{Deck, Flight, Own, Situation};
 use transition::{Decision, HoldCause, Progress, decide};
+use wind::WindWatch;
 
 /// What arrives.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -104,6 +106,9 @@ pub struct Mission {
     commands_rejected: u32,
     origin_resets: Option<u8>,
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
+    wind: WindWatch,
+    /// Flies over the deck as fast as it does: what pushes now will push there.
+    follows: bool,
 
     phase: MissionPhase,
     progress: Progress,
@@ -138,6 +143,8 @@ impl Mission {
             commands_rejected: 0,
             origin_resets: None,
             mean_deck_z: None,
+            wind: WindWatch::default(),
+            follows: false,
             phase: MissionPhase::Idle,
             progress: Progress::default(),
             previous: State::Idle,
@@ -184,8 +191,10 @@ impl Mission {
             }
             self.origin_resets = Some(m.origin_resets);
         }
-        if let Some(m) = &input.drone {
-            self.drone.offer(now, m);
+        if let Some(m) = &input.drone
+            && self.drone.offer(now, m)
+        {
+            self.wind.hear(m, self.follows, &self.config);
         }
         if let Some(m) = &input.forecast
             && self.forecast.offer(now, m)
@@ -235,6 +244,23 @@ impl Mission {
         });
     }
 
+    fn follows(&self, s: &Situation) -> bool {
+        let above = match self.phase {
+            MissionPhase::Tracking { .. } | MissionPhase::TrackingStable => true,
+            MissionPhase::Idle
+            | MissionPhase::GetAltitude { .. }
+            | MissionPhase::Approach { .. }
+            | MissionPhase::Descent { .. }
+            | MissionPhase::Flare { .. }
+            | MissionPhase::Landed { .. }
+            | MissionPhase::Hold { .. }
+            | MissionPhase::GaveUp { .. } => false,
+        };
+        above
+            && s.fresh_deck()
+                .is_some_and(|d| d.relative_speed_mps <= self.config.steady_speed_mps)
+    }
+
     fn situation(&self, now: Time<DroneClock>) -> Situation {
         let c = &self.config;
         let drone = self.drone.get();
@@ -255,6 +281,7 @@ impl Mission {
             odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
             deck,
             mean_deck_z,
+            wind_peak_mps2: self.wind.peak(c),
             water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
             forecast_age_s: self.forecast.age_s(now),
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
@@ -395,6 +422,7 @@ impl Node for Mission {
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
         let order = self.take(now, input);
         let s = self.situation(now);
+        self.follows = self.follows(&s);
         let decision = decide(self.phase, self.progress, order, &s, &self.config);
         let decision = self.outstayed(decision, now);
         self.progress = decision.progress;

@@ -51,6 +51,7 @@ pub(super) fn fair() -> Situation {
             mean_z: -1.3,
         }),
         mean_deck_z: Some(-1.3),
+        wind_peak_mps2: 0.0,
         water_z: 0.0,
         forecast_age_s: 0.01,
         forecast_limit_s: 0.3,
@@ -271,6 +272,13 @@ fn tracking_stable_names_each_refusal_to_descend() {
                 ..fair()
             },
             ReasonCode::NoPlan,
+        ),
+        (
+            Situation {
+                wind_peak_mps2: 3.6,
+                ..fair()
+            },
+            ReasonCode::TooWindy,
         ),
     ] {
         let d = decide(stable, wanted(), None, &s, &c);

@@ -27,7 +27,7 @@ use super::model::State;
 use super::mpc_faa::Problem;
 use super::reference::Aim;
 use super::weights::FaaDistance;
-use config::RendezvousConfig;
+use config::{InstantConfig, RendezvousConfig};
 use instant::{Instant, aligned_acceleration};
 use profile::{Height, Profile};
 use wind::Wind;
@@ -111,9 +111,24 @@ impl Rendezvous {
                 .profile
                 .least(clearance, start[8] - here.velocity[2] * self.share(clearance));
             let left = self.profile.left(clearance);
-            let left = self
-                .instant
-                .choose(now, forecast, wind, least, left, &self.config.instant);
+            // Low over the deck the tag is out of view: waiting there drifts off.
+            let window_s = match mission.state {
+                Mode::Flare => 0.0,
+                Mode::Idle
+                | Mode::GetAltitude
+                | Mode::Approach
+                | Mode::Tracking
+                | Mode::TrackingStable
+                | Mode::Descent
+                | Mode::Landed
+                | Mode::Hold
+                | Mode::GaveUp => self.config.instant.window_s,
+            };
+            let instant = InstantConfig {
+                window_s,
+                ..self.config.instant
+            };
+            let left = self.instant.choose(now, forecast, wind, least, left, &instant);
             Way {
                 left,
                 ceiling: clearance,

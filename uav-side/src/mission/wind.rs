@@ -1,0 +1,124 @@
+//! The wind over the deck, as it pushes the drone that follows the vessel: its mean, its gusts, and
+//! the push that has to be expected on the deck.
+//!
+//! A drone that stands on the deck with its motors stopped is held by friction alone: it slides
+//! when push and slope together exceed `mu g` (3.9 m/s² at 0.4). In the air the same push is a lean
+//! that the touchdown has to shed or to carry. Both are judged before a descent begins, in
+//! acceleration, which is what the odometry shows and what does not depend on the airframe's drag.
+
+use alight_shared::msg::DroneState;
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector3;
+
+use super::config::MissionConfig;
+use crate::disturbance::Disturbance;
+
+/// Odometry further apart than this is no continuous flight, s.
+const LONGEST_GAP_S: f64 = 0.1;
+/// Time constant of the observer, s: the planner's, gusts of 2 s pass.
+const OBSERVER_S: f64 = 0.7;
+/// Largest push believed, m/s².
+const MOST_MPS2: f64 = 9.0;
+/// Standard deviation of the push as a share of its mean before any is measured: twice the
+/// intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
+const PRIOR_SHARE: f64 = 0.38;
+/// The prior counts as this much time, and gusts further apart are independent, s.
+const INDEPENDENT_S: f64 = 5.0;
+
+/// What is known of the push.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WindWatch {
+    observer: Disturbance,
+    at: Option<Time<DroneClock>>,
+    /// Time watched, at most the memory, s.
+    known_s: f64,
+    mean: f64,
+    variance: f64,
+}
+
+impl WindWatch {
+    /// Learns from the newest odometry; only while the drone `follows` the vessel at its speed is
+    /// the wind it feels the wind over the deck.
+    pub fn hear(&mut self, d: &DroneState, follows: bool, c: &MissionConfig) {
+        let dt = self.at.map_or(0.0, |t| (d.header.at - t).secs());
+        self.at = Some(d.header.at);
+        if !(0.0..LONGEST_GAP_S).contains(&dt) {
+            self.observer.pause();
+            return;
+        }
+        let force = Vector3::from(d.specific_force);
+        self.observer
+            .learn(&force, &d.attitude(), &d.velocity(), dt, OBSERVER_S, MOST_MPS2);
+        if !follows || dt <= 0.0 {
+            return;
+        }
+        self.known_s = (self.known_s + dt).min(c.wind_memory_s);
+        let share = dt / self.known_s;
+        let off = self.observer.value().norm() - self.mean;
+        self.mean += share * off;
+        self.variance += share * (off * off * (1.0 - share) - self.variance);
+    }
+
+    /// The push to be expected, m/s²: `m + k s sqrt(1 + T/t)` from the mean and standard deviation
+    /// of a time t, of which gusts longer than T know one sample; 0 before any.
+    pub fn peak(&self, c: &MissionConfig) -> f64 {
+        if self.known_s <= 0.0 {
+            return 0.0;
+        }
+        let prior = PRIOR_SHARE * self.mean;
+        let (n, t) = (INDEPENDENT_S, self.known_s);
+        let variance = (n * prior * prior + t * self.variance) / (n + t);
+        self.mean + c.wind_gusts * (variance * (1.0 + n / t)).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::geometry::GRAVITY;
+    use alight_shared::msg::Header;
+    use alight_shared::time::Span;
+    use nalgebra::UnitQuaternion;
+
+    /// A drone that keeps its place in a push that swings by `gust` about `mean` with a period of
+    /// 8 s.
+    fn watched(mean: f64, gust: f64, secs: f64, follows: bool) -> (WindWatch, MissionConfig) {
+        let (c, mut w) = (MissionConfig::default(), WindWatch::default());
+        for k in 0..(secs * 100.0) as i64 {
+            let t = 0.01 * k as f64;
+            let push = mean + gust * (core::f64::consts::TAU / 8.0 * t).sin();
+            let lean = UnitQuaternion::from_euler_angles(0.0, -(push / GRAVITY).atan(), 0.0);
+            let d = DroneState {
+                header: Header::new(1, 1, 1, k as u32, Time::EPOCH + Span::from_millis(10 * k)),
+                attitude: [lean.w, lean.i, lean.j, lean.k],
+                specific_force: [0.0, 0.0, -push.hypot(GRAVITY)],
+                ..DroneState::default()
+            };
+            // Long settled when the watch begins.
+            w.hear(&d, follows && t > 5.0, &c);
+        }
+        (w, c)
+    }
+
+    #[test]
+    fn a_steady_push_is_trusted_in_time_a_gusty_one_never_wholly() {
+        // Soon after the beginning the prior's gusts and a short mean count.
+        let (early, c) = watched(2.0, 0.0, 6.0, true);
+        assert!(early.peak(&c) > 3.5, "{}", early.peak(&c));
+        // Ten metres a second of a fast vessel's own wind, without gusts: no refusal.
+        let (steady, c) = watched(2.7, 0.0, 45.0, true);
+        let peak = steady.peak(&c);
+        assert!(peak > 2.7 && peak < c.wind_peak_mps2, "{peak}");
+        // The same mean with gusts of a standard deviation of 0.9.
+        let (gusty, c) = watched(2.7, 1.27, 45.0, true);
+        assert!(gusty.peak(&c) > 4.0, "{}", gusty.peak(&c));
+    }
+
+    #[test]
+    fn light_wind_never_waits_and_only_following_is_judged() {
+        let (light, c) = watched(0.7, 0.4, 5.5, true);
+        assert!(light.peak(&c) < c.wind_peak_mps2, "{}", light.peak(&c));
+        let (way, c) = watched(5.0, 0.0, 45.0, false);
+        assert!(way.peak(&c) < 1e-12);
+    }
+}
