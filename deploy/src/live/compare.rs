@@ -200,7 +200,7 @@ const DRAWN: [Drawn; 6] = [
 
 fn figures(rows: &[Row], stream: &str) -> Vec<(String, String)> {
     // Short, so that they stand side by side; the table has the names.
-    let labels: Vec<String> = (1..=LINKS.len()).map(|k| format!("link {k}")).collect();
+    let labels = ["wifi-near", "wifi-far", "storm", "storm, 2 s", "mesh, 10 s"].map(String::from);
     DRAWN
         .iter()
         .map(|(caption, live, model)| {

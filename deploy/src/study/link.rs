@@ -13,7 +13,7 @@ use super::report::{COLOURS, escape};
 /// Shares of packets that are lost.
 const LOSSES: [f64; 5] = [0.0, 0.1, 0.3, 0.5, 0.8];
 /// Delays, s.
-const DELAYS_S: [f64; 4] = [0.0, 0.1, 0.3, 1.0];
+const DELAYS_S: [f64; 5] = [0.0, 0.1, 0.3, 0.6, 1.0];
 /// Lengths of an outage, s: for as long as it takes to notice, to come back, and for good.
 const OUTAGES_S: [f64; 5] = [1.0, 2.0, 5.0, 10.0, f64::INFINITY];
 /// States at whose first entry an outage begins.

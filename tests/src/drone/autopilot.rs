@@ -150,10 +150,15 @@ impl Autopilot {
         self.hold_here(estimate);
     }
     fn hold_here(&mut self, estimate: &Estimate) {
-        // Where it comes to rest at about 3 m/s².
+        // Where it comes to rest: v² / (2 a).
         let v = estimate.velocity;
+        let [across, along] = self.config.stop_mps2;
+        let (sideways, down) = (
+            v.xy() * (v.xy().norm() / (2.0 * across)),
+            v.z * v.z.abs() / (2.0 * along),
+        );
         self.hold = Track {
-            position: estimate.position + v * (v.norm() / 6.0),
+            position: estimate.position + Vector3::new(sideways.x, sideways.y, down),
             velocity: Vector3::zeros(),
             acceleration: Vector3::zeros(),
             yaw: estimate.attitude.euler_angles().2,
