@@ -249,7 +249,7 @@ impl World {
         let set_point = flown.set_point;
         self.last_set_point = set_point.or(self.last_set_point);
         if let Some(set_point) = &set_point {
-            self.physics.apply(set_point);
+            self.physics.apply(&self.odometry.for_autopilot(set_point));
         }
         self.physics.advance();
     }

@@ -1,6 +1,6 @@
 //! The drone's autopilot, camera and rangefinder as the other processes see them: topics of shared
 //! memory. A link to a real autopilot (MAVLink, say) publishes and reads the same topics, the
-//! odometry made smooth.
+//! odometry made smooth and set-points brought back to the autopilot's frame.
 
 use alight_shared::msg::{AutopilotState, DroneState, RangeSample, SetPoint, TagPose, UvdarFix};
 use alight_shared::transport::TransportError;
@@ -50,9 +50,10 @@ impl SimulatedAutopilot {
         odometry.header.sequence = self.sequences[0];
         self.odometry.send(&odometry);
     }
-    /// The newest set-point, if one came; `now_ns` is the drone's clock.
+    /// The newest set-point, if one came, in the autopilot's frame; `now_ns` is the drone's clock.
     pub fn set_point(&mut self, now_ns: i64) -> Option<SetPoint> {
-        self.set_points.newest(now_ns)
+        let set_point = self.set_points.newest(now_ns)?;
+        Some(self.smooth.for_autopilot(&set_point))
     }
     /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
