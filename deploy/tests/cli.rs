@@ -1,28 +1,13 @@
 //! The program as a person meets it: exit codes, errors that help, JSON, determinism.
 // Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::panic)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "common/program.rs"]
+mod program;
 
 use std::path::PathBuf;
-use std::process::{Command, Output};
 
-fn alight(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args(args)
-        .output()
-        .unwrap()
-}
-fn scratch(name: &str) -> PathBuf {
-    let dir = std::env::temp_dir().join(format!("alight-cli-{}", std::process::id()));
-    std::fs::create_dir_all(&dir).unwrap();
-    dir.join(name)
-}
-fn stderr(o: &Output) -> String {
-    String::from_utf8_lossy(&o.stderr).into_owned()
-}
-fn json(o: &Output) -> serde_json::Value {
-    let text = String::from_utf8_lossy(&o.stdout);
-    serde_json::from_str(text.lines().last().unwrap()).unwrap()
-}
+use program::{alight, json, scratch, stderr};
 
 #[test]
 fn bad_input_is_refused_with_code_2_and_a_message_that_names_it() {

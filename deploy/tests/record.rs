@@ -3,33 +3,18 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![cfg(feature = "record")]
 
+#[path = "common/program.rs"]
+mod program;
+
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 use std::sync::OnceLock;
 
 use mcap::{Compression, MessageStream, Summary, WriteOptions};
+use program::{alight, json, scratch, stderr};
 
-fn alight(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args(args)
-        .output()
-        .unwrap()
-}
-fn scratch(name: &str) -> PathBuf {
-    let dir = std::env::temp_dir().join(format!("alight-record-{}", std::process::id()));
-    std::fs::create_dir_all(&dir).unwrap();
-    dir.join(name)
-}
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()
-}
-fn json(o: &Output) -> serde_json::Value {
-    let text = String::from_utf8_lossy(&o.stdout);
-    serde_json::from_str(text.lines().last().unwrap()).unwrap()
-}
-fn stderr(o: &Output) -> String {
-    String::from_utf8_lossy(&o.stderr).into_owned()
 }
 
 /// A recorded landing after a short warm-up, and its outcome; flown once.
@@ -206,15 +191,19 @@ fn a_recording_holds_what_a_person_wants_to_see() {
     let (file, outcome) = recorded();
     let bytes = std::fs::read(file).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
+    let stats = summary.stats.as_ref().unwrap();
+    // Announced is not enough: something was said there.
     let seen: BTreeSet<(String, String)> = summary
         .channels
         .values()
+        .filter(|c| stats.channel_message_counts.get(&c.id).is_some_and(|n| *n > 0))
         .filter_map(|c| Some((c.topic.clone(), c.schema.as_ref()?.name.clone())))
         .collect();
     for (topic, schema) in [
         ("/tf", "foxglove.FrameTransforms"),
         ("/scene", "foxglove.SceneUpdate"),
         ("/deck/forecast/path", "foxglove.PosesInFrame"),
+        ("/deck/forecast", "alight.Forecast"),
         ("/plan/path", "foxglove.PosesInFrame"),
         ("/log", "foxglove.Log"),
         ("/sensor/tag", "foxglove.PoseInFrame"),

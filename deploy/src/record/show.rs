@@ -121,6 +121,7 @@ pub struct Show {
     plan_at: Option<Time<DroneClock>>,
     plan_shown: Time<TrueTime>,
     estimate_shown: Time<TrueTime>,
+    forecast_shown: Time<TrueTime>,
 }
 
 impl Show {
@@ -157,6 +158,7 @@ impl Show {
             plan_at: None,
             plan_shown: Time::EPOCH,
             estimate_shown: Time::EPOCH,
+            forecast_shown: Time::EPOCH,
         })
     }
 
@@ -359,7 +361,11 @@ impl Show {
         if let (true, Some(d)) = (self.fast(t), &i.drone) {
             self.odometry(sink, t, d);
         }
-        if let (true, Some(f)) = (due(t, SLOW_MS), &o.forecast) {
+        // Not on a grid of its own: the forecast comes on the predictor's ticks, not on ours.
+        if let Some(f) = &o.forecast
+            && (t - self.forecast_shown).nanos() >= SLOW_MS * 1_000_000
+        {
+            self.forecast_shown = t;
             self.forecast(sink, t, f);
         }
     }
