@@ -13,7 +13,7 @@ use super::flown::{Change, Flown};
 pub const SEAS: [&str; 3] = ["0.5,5", "0.8,5", "0.4,4"];
 
 /// What flies in the place of an ingredient, and how.
-const INGREDIENTS: [(&str, Change); 15] = [
+const INGREDIENTS: [(&str, Change); 16] = [
     // The instant of contact is not chosen.
     ("earliest instant", |n| {
         n.drone.planner.rendezvous.instant.window_s = 0.0;
@@ -70,6 +70,8 @@ const INGREDIENTS: [(&str, Change); 15] = [
     ("begins at the plan", |n| {
         n.drone.planner.rendezvous.begins_measured = false;
     }),
+    // Position and velocity as the autopilot says them, corrected by every fix.
+    ("autopilot's odometry", |n| n.drone.odometry.smooth = false),
     // The vessel's estimate by radio, but not what it knows of the waves.
     ("no wave model", |n| n.drone.predictor.use_wave_model = false),
     // Once the tag has been seen, nothing by radio.

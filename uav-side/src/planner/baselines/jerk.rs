@@ -8,8 +8,8 @@ pub const STAGES: usize = 10;
 const NEWTON_STEPS: usize = 12;
 /// Halvings of a step at most.
 const HALVINGS: usize = 8;
-/// Cost of passing a limit by one unit, squared.
-const LIMIT_WEIGHT: f64 = 300.0;
+/// Cost of passing a limit by one unit, squared: more than a barrier is worth.
+const LIMIT_WEIGHT: f64 = 5000.0;
 
 /// One value per stage.
 pub type PerStage = [f64; STAGES];

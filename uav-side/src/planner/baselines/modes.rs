@@ -1,6 +1,6 @@
 //! The deck as MPC-NE knows it (Gupta et al. 2023, section III): each of heave, roll and pitch is a
 //! constant plus undamped oscillators at the frequencies of a Fourier transform of the tag's pose,
-//! tracked by a linear Kalman filter. Surge and sway are not modelled: the place drifts slowly.
+//! tracked by a linear Kalman filter. Surge and sway have no modes: the place drifts.
 
 use alight_shared::msg::DeckStage;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -26,6 +26,28 @@ const BAND_HZ: [f64; 2] = [0.06, 1.2];
 const GAP_S: f64 = 2.0;
 /// Samples kept at most.
 const KEPT: usize = POINTS;
+
+/// Standard deviations of a filter, m or rad.
+#[derive(Clone, Copy, Debug)]
+struct Noise {
+    /// Of a measurement.
+    sd: f64,
+    /// Of a mode's states after 1 s.
+    walk: f64,
+    /// Of the offset after 1 s.
+    offset_walk: f64,
+}
+impl Noise {
+    /// Of heave (0) and tilt (1, 2).
+    fn of(c: &MpcNeConfig, i: usize) -> Self {
+        let i = i.min(1);
+        Noise {
+            sd: c.sd_m_rad[i],
+            walk: c.walk_m_rad[i],
+            offset_walk: c.offset_walk_m_rad[i],
+        }
+    }
+}
 
 /// A degree of freedom: offset and oscillators.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,12 +82,12 @@ impl Wavy {
         }
         a
     }
-    fn update(&mut self, dt: f64, measured: f64, sd: f64, walk: f64) {
+    fn update(&mut self, dt: f64, measured: f64, noise: &Noise) {
         let a = self.turn(dt);
         self.x = a * self.x;
         self.p = a * self.p * a.transpose();
-        let q = walk * walk * dt;
-        self.p[(0, 0)] += q;
+        let q = noise.walk * noise.walk * dt;
+        self.p[(0, 0)] += noise.offset_walk * noise.offset_walk * dt;
         let mut h = SVector::<f64, N>::zeros();
         h[0] = 1.0;
         for m in 0..self.modes {
@@ -75,7 +97,7 @@ impl Wavy {
             h[i] = 1.0;
         }
         let ph = self.p * h;
-        let gain = ph / (h.dot(&ph) + sd * sd);
+        let gain = ph / (h.dot(&ph) + noise.sd * noise.sd);
         self.x += gain * (measured - h.dot(&self.x));
         self.p -= gain * ph.transpose();
         self.p = 0.5 * (self.p + self.p.transpose());
@@ -161,12 +183,11 @@ impl DeckModes {
             self.record.pop_front();
         }
         self.record.push_back(Sample { at, value });
-        let (sd, walk) = (c.sd_m_rad, c.walk_m_rad);
         let wavy = self
             .wavy
             .get_or_insert_with(|| value.map(|v| Wavy::new(v, [0.0; MODES], 0, 1.0)));
         for (i, w) in wavy.iter_mut().enumerate() {
-            w.update(dt, value[i], sd[i.min(1)], walk[i.min(1)]);
+            w.update(dt, value[i], &Noise::of(c, i));
         }
         // A critically damped filter of second order (Benedict and Bordner 1962).
         let theta = (-dt / c.place_s).exp();
@@ -214,7 +235,7 @@ impl DeckModes {
             let mut before = first.at;
             for s in &self.record {
                 let dt = (s.at - before).secs();
-                w.update(dt, s.value[i], c.sd_m_rad[i.min(1)], c.walk_m_rad[i.min(1)]);
+                w.update(dt, s.value[i], &Noise::of(c, i));
                 before = s.at;
             }
             w

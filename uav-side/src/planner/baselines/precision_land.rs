@@ -12,7 +12,7 @@
 //! ([`super::settings`]). That filter is a better one than either autopilot has.
 
 use alight_shared::config::{Check, ConfigError, Keys};
-use alight_shared::msg::{DeckStage, State as Mode};
+use alight_shared::msg::{DeckStage, Phase};
 use alight_shared::time::{DroneClock, Time};
 use serde::{Deserialize, Serialize};
 
@@ -94,17 +94,7 @@ impl PrecisionLand {
         {
             self.seen = Some((begin, stage));
         }
-        match view.mission.state {
-            Mode::Descent | Mode::Flare => {}
-            Mode::Idle
-            | Mode::GetAltitude
-            | Mode::Approach
-            | Mode::Tracking
-            | Mode::TrackingStable
-            | Mode::Landed
-            | Mode::Hold
-            | Mode::GaveUp => self.sinking = false,
-        }
+        self.sinking &= view.mission.state.phase() == Phase::Landing;
         // Before the first sighting the way there is by the radio's position.
         let (at, seen) = match (self.seen, forecast.stages.first()) {
             (Some((at, seen)), _) if (begin - at).secs() <= config.timeout_s => (at, seen),

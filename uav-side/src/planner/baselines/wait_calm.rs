@@ -6,7 +6,7 @@
 //! indicator without that would wait for ever in half of the seas of the paper's Table II.
 
 use alight_shared::config::{Check, ConfigError, Keys};
-use alight_shared::msg::{DeckForecast, State as Mode};
+use alight_shared::msg::{DeckForecast, Phase, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
 use serde::{Deserialize, Serialize};
 
@@ -72,20 +72,12 @@ impl WaitCalm {
         view: &mut View,
         config: &WaitCalmConfig,
     ) {
-        match view.mission.state {
-            Mode::Descent => {}
-            Mode::Flare => return,
-            Mode::Idle
-            | Mode::GetAltitude
-            | Mode::Approach
-            | Mode::Tracking
-            | Mode::TrackingStable
-            | Mode::Landed
-            | Mode::Hold
-            | Mode::GaveUp => {
-                *self = WaitCalm::default();
-                return;
-            }
+        if view.mission.state.phase() != Phase::Landing {
+            *self = WaitCalm::default();
+            return;
+        }
+        if view.mission.state == Mode::Flare {
+            return;
         }
         if clearance_m > config.wait_m || clearance_m < config.commit_m {
             return;
