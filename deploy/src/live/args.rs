@@ -44,7 +44,7 @@ pub enum LiveVerb {
     Link(LinkArgs),
     /// Measure one hop through both middlewares, beside plain sockets.
     Latency(LatencyArgs),
-    /// Make a private authority and the certificates of vessel and drone; show when they expire.
+    /// Make a private authority and certificates of vessel and drone; show when they expire.
     Keys(KeysArgs),
 }
 
