@@ -194,15 +194,11 @@ pub(super) fn unfit(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason
 /// What forbids the flare at the gate.
 pub(super) fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     let newest = deck.vision_age_s.min(deck.radio_age_s);
-    exceeds(
-        ReasonCode::SightLost,
-        newest,
-        c.radio_fresh_s.max(c.sight_fresh_s),
-    )
-    .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
-    .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.flare_distance_m))
-    .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.flare_speed_mps))
-    .or_else(|| exceeds(ReasonCode::TooSteep, deck.tilt_rad, c.flare_tilt_rad))
+    exceeds(ReasonCode::SightLost, newest, c.sight_fresh_s)
+        .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
+        .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.flare_distance_m))
+        .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.flare_speed_mps))
+        .or_else(|| exceeds(ReasonCode::TooSteep, deck.tilt_rad, c.flare_tilt_rad))
 }
 
 /// What violates the conditions of a landing that has begun.
