@@ -36,8 +36,9 @@ impl Default for ImuConfig {
             gyro_sd_radps: 0.009,
             gyro_bias_sd_radps: 0.005,
             accelerometer_sd_mps2: 0.021,
-            // Virtual RobotX: 0.05; ours for misalignment with the deck, half a degree in gravity.
-            accelerometer_bias_sd_mps2: 0.1,
+            // Virtual RobotX: 0.05; ours for misalignment with the deck, 0.2 deg (a spirit level) in
+            // gravity.
+            accelerometer_bias_sd_mps2: 0.06,
             // Ours, far shorter than real biases last: a heading that swings makes them seem
             // observable, because the correlation of roll with pitch is not kept.
             bias_time_s: 300.0,

@@ -69,20 +69,23 @@ impl Default for VesselModelConfig {
             stiffness_npm_nmprad: [0.0, 0.0, 33.0e3, 35.0e3, 38.0e3, 0.0],
             stiffness_coupling: Vec::new(),
             // Ours, far below Fossen's 0.05 to 0.1, which are for a single component that stands
-            // for a whole spectrum; identified components keep their phase for tens of periods.
-            wave_damping: 0.002,
+            // for a whole spectrum; identified components keep their phase for hundreds of periods, and
+            // what this lets in as noise is what a prediction's spread grows by.
+            wave_damping: 0.0005,
             // Fossen 2011, section 8.2.6: 0.05 to 0.1.
             bank_damping: 0.1,
             // Ours: periods of 7.9 to 2.5 s, log-spaced.
             bank_omega_radps: vec![0.8, 1.06, 1.41, 1.88, 2.5],
             // Ours: the five together make a sea of 1.3 m significant height.
             bank_heave_sd_m: 0.15,
-            // Ours, tuned on the simulated vessel.
-            disturbance_sd_mps2_m_rad_radps2: [0.12, 0.12, 0.015, 0.005, 0.005, 0.05],
+            // Ours, tuned on the simulated vessel. A hull that floats on the water has next to none of
+            // its own in heave and tilt; where innovations show more the estimator widens them.
+            disturbance_sd_mps2_m_rad_radps2: [0.12, 0.12, 0.004, 0.003, 0.003, 0.05],
             disturbance_time_s: [2.0, 2.0, 0.5, 0.5, 0.5, 1.0],
             // Ours. Small for the stiff ones: the hull follows at once, and accelerometers would
-            // have felt it. The wander of a GNSS height is no motion and no business of this model.
-            slow_walk_mps_m_rad_radps: [0.05, 0.05, 0.005, 5e-4, 5e-4, 0.01],
+            // have felt it. The wander of a GNSS height is no motion and no business of this model: heave
+            // is reckoned from the mean water level, to which a hull of constant load returns.
+            slow_walk_mps_m_rad_radps: [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01],
             slow_sd_mps_m_rad_radps: [2.0, 2.0, 3.0, 0.03, 0.03, 0.1],
             // Wander of a GNSS with 1 m bias and 300 s correlation: sqrt(2/300) m.
             eta_walk_m_rad: [0.08, 0.08, 0.0, 0.0, 0.0, 0.0],

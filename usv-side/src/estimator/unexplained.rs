@@ -20,7 +20,7 @@ const GAIN: f64 = 0.4;
 /// in waves with a little more than 1.
 const CONSISTENT: f64 = 2.0;
 /// Largest factor on a spread.
-const MOST: f64 = 40.0;
+const MOST: f64 = 150.0;
 /// Shortest memory that a disturbance is given, s.
 const LEAST_TIME_S: f64 = 0.1;
 /// Change of a factor that is worth another model (logarithm).
