@@ -131,8 +131,8 @@ impl Default for PredictorConfig {
             vision_bias_sd_m_rad: [1.0, 1.0, 1.0, deg(1.2), deg(1.2), deg(1.5)],
             // The frame of the smooth odometry moves by its drift alone.
             vision_bias_time_s: [1e6, 1e6, 1e6, 200.0, 200.0, 100.0],
-            // Of the smooth odometry in a landing (measured: 0.07 m/s each axis).
-            odometry_drift_mps: 0.1,
+            // Of the smooth odometry in a landing, as measured, each axis.
+            odometry_drift_mps: 0.07,
             odometry_drift_s: 6.0,
             // Ours.
             mean_walk_m_rad: [0.003, 0.003, 0.01, deg(0.05), deg(0.05), deg(0.05)],

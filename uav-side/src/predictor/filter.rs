@@ -450,9 +450,6 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
             if let Some((v, r)) = o.value[i] {
                 let v = near(&s[i], i, v);
                 s[i].update(row(i), v, r);
-                if i < o.lever.len() {
-                    s[i].p[VISION][VISION] = s[i].p[VISION][VISION].max(o.common * o.common);
-                }
             }
             if let Some((v, r)) = o.rate[i] {
                 s[i].update(Row::Rate, v, r);

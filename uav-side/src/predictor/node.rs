@@ -229,7 +229,6 @@ impl Predictor {
                 value: [None; AXES],
                 rate: [None; AXES],
                 lever: [0.0; 2],
-                common: 0.0,
             })?;
         }
         Ok(())

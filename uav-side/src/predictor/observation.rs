@@ -11,8 +11,8 @@ use super::track::Pose;
 use super::waves::AXES;
 
 /// The drone is above the deck when the line of sight goes sideways by less than this times its
-/// height.
-const OVERHEAD: f64 = 0.2;
+/// height, or by less than so much, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
+const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
 /// Where an observation comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +47,6 @@ pub struct Observation {
     /// What a rotation of the sight by 1 rad adds to the values north (about east) and east (about
     /// north), m.
     pub lever: [f64; 2],
-    /// Error of the place that sights from so far have in common, north and east, m.
-    pub common: f64,
 }
 
 impl Observation {
@@ -144,7 +142,6 @@ pub fn estimate(
             Some((rates[i], r))
         }),
         lever: [0.0; 2],
-        common: 0.0,
     }
 }
 
@@ -158,13 +155,14 @@ fn height_variance(arm: &Vector3<f64>, mount: &Mount) -> f64 {
     (mount.sd.x * arm.y).powi(2) + (mount.sd.y * arm.x).powi(2)
 }
 
-/// Lever and common error of a sight along `arm`. From aside, heading and distance count as much as
-/// the rotation about the level axes: what they shift is not told apart there, and not averaged.
-fn reach(arm: &Vector3<f64>, c: &PredictorConfig) -> ([f64; 2], f64) {
-    if arm.x.hypot(arm.y) < OVERHEAD * arm.z {
-        ([arm.z, -arm.z], 0.0)
+/// Lever of a sight along `arm`. From aside, heading and distance count as much as the rotation about
+/// the level axes, which what they shift would be taken for: none. Near the deck they do not.
+fn lever(arm: &Vector3<f64>) -> [f64; 2] {
+    let (share, beside) = OVERHEAD;
+    if arm.x.hypot(arm.y) < (share * arm.z).max(beside) {
+        [arm.z, -arm.z]
     } else {
-        ([0.0; 2], c.vision_bias_sd_m_rad[3] * arm.norm())
+        [0.0; 2]
     }
 }
 
@@ -190,7 +188,6 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
     let noise = turned(&camera, &Vector3::new(px, py, pz))
         + drone.variance * c.drone_share
         + Vector3::z() * height_variance(&arm, mount);
-    let (lever, common) = reach(&arm, c);
     let angle = turned(&camera, &Vector3::new(rx, ry, rz)).add_scalar(c.tag_min_sd_rad.powi(2));
     let var: [f64; AXES] = [
         noise.x + floor,
@@ -206,8 +203,7 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
         kind: Kind::Tag,
         value: core::array::from_fn(|i| Some((value[i], var[i]))),
         rate: [None; AXES],
-        lever,
-        common,
+        lever: lever(&arm),
     }
 }
 
@@ -219,7 +215,6 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> 
     let var = turned(&camera, &Vector3::from(m.variance))
         + drone.variance * c.drone_share
         + Vector3::z() * height_variance(&arm, mount);
-    let (lever, common) = reach(&arm, c);
     let mut value = [None; AXES];
     for i in 0..3 {
         value[i] = Some((centre[i], var[i] + c.camera_mount_sd_m.powi(2)));
@@ -229,8 +224,7 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> 
         kind: Kind::Uvdar,
         value,
         rate: [None; AXES],
-        lever,
-        common,
+        lever: lever(&arm),
     }
 }
 
@@ -274,6 +268,5 @@ pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -
         value,
         rate: [None; AXES],
         lever: [0.0; 2],
-        common: 0.0,
     })
 }

@@ -156,7 +156,6 @@ fn a_turning_vessel_keeps_its_speed_and_its_velocity_turns_with_it() {
             Some((rate[2], 1e-6)),
         ],
         lever: [0.0; 2],
-        common: 0.0,
     };
     let turn = 0.3;
     let at = |t: f64| {
