@@ -11,7 +11,7 @@ use alight_shared::time::{Time, VesselClock};
 use nalgebra::Complex;
 
 use super::fit::{DirectionPrior, Fitter, Solution, Wave};
-use super::record::{CHANNELS, Record};
+use super::record::{CHANNELS, Record, smoothing};
 use super::spectrum::{Peak, Spectrum};
 use super::{MotionSample, SeaComponent, SeaState, SeaStateConfig, Verdict};
 
@@ -272,12 +272,18 @@ impl Identifier {
         let n = self.fitter.rows.len() as f64;
         let floors = self.negligible;
         let independent = n / self.colour();
-        let log_ratio: f64 = (0..CHANNELS)
-            .map(|c| ((before.residual[c] / n + floors[c]) / (after.residual[c] / n + floors[c])).ln())
-            .sum();
-        let per_component = (2 * CHANNELS + 1) as f64;
-        let penalty = extra * per_component * (CHANNELS as f64 * independent).ln();
-        independent * log_ratio > penalty.max(0.02 * independent)
+        let log_ratio: [f64; CHANNELS] = core::array::from_fn(|c| {
+            ((before.residual[c] / n + floors[c]) / (after.residual[c] / n + floors[c])).ln()
+        });
+        let pays = |log_ratio: f64, channels: usize| {
+            let per_component = (2 * channels + 1) as f64;
+            let penalty = extra * per_component * (channels as f64 * independent).ln();
+            independent * log_ratio > penalty.max(0.02 * independent)
+        };
+        // A platform that rocks by itself heaves with waves that its tilt knows nothing of: such a
+        // component has the parameters of one channel only, and may cost the others no likelihood.
+        let others = independent * (log_ratio[1] + log_ratio[2]);
+        pays(log_ratio.iter().sum(), CHANNELS) || pays(log_ratio[0], 1) && others > -1.0
     }
 
     /// Drops components that explain too little or that have run into each other.
@@ -334,7 +340,11 @@ impl Identifier {
             trial_priors[j].sd = 1.0;
         } else {
             self.fitter.residuals(best, &mut self.residuals);
-            let weights = self.fitter.weights;
+            // Every other time in the heave alone: there the tilt's harmonics do not hide it.
+            let mut weights = self.fitter.weights;
+            if (round / 2) % 2 == 1 {
+                weights[1..].fill(0.0);
+            }
             let limits = self.limits();
             let Some(peak) = self
                 .spectrum
@@ -447,7 +457,8 @@ impl Identifier {
                 encounter
             }
             .powi(2);
-            component.heave = -s.phasor(0, j) * turn / square.max(0.01);
+            let left = smoothing(encounter, self.config.bin_s).max(0.1);
+            component.heave = -s.phasor(0, j) * turn / (left * square.max(0.01));
             component.normal = [s.phasor(1, j) * turn, s.phasor(2, j) * turn];
             component.amplitude_heave_m = component.heave.norm();
             component.amplitude_tilt_rad = component.normal[0].norm().hypot(component.normal[1].norm());

@@ -25,8 +25,10 @@ pub(super) struct Bin {
     pub t: f64,
     /// Mean of the velocity: north, east, m/s.
     pub velocity: [f64; 2],
-    /// Mean of the channels.
+    /// Mean of the channels; that of the acceleration over its neighbours too, see [`smoothing`].
     pub y: [f64; CHANNELS],
+    /// Mean of the acceleration in this bin alone, m/s².
+    up: f64,
     /// Samples in it.
     count: f64,
 }
@@ -122,6 +124,14 @@ impl Record {
 
     fn close(&mut self) {
         if self.open.count > 0.0 {
+            self.open.up = self.open.y[0];
+            // The bin before now has both its neighbours.
+            let mut last = self.bins.iter_mut().rev();
+            if let (Some(middle), Some(before)) = (last.next(), last.next())
+                && self.open.index - before.index == 2
+            {
+                middle.y[0] = 0.25 * (before.up + 2.0 * middle.up + self.open.up);
+            }
             self.bins.push_back(self.open);
             // By index, not by number: missing bins age the record as well.
             let oldest = self.open.index - self.capacity as i64;
@@ -158,6 +168,14 @@ impl Record {
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
+}
+
+/// What the weights 1/4, 1/2, 1/4 over neighbouring bins leave of an acceleration of angular frequency
+/// `omega` (rad/s): `cos^2(omega T / 2)`. A platform that rocks swings its centre of gravity up twice a
+/// period, by the lever to its axis times the tilt squared, faster than any wave heaves it: that stays
+/// out of the fit.
+pub(super) fn smoothing(omega: f64, bin_s: f64) -> f64 {
+    (0.5 * omega * bin_s).cos().powi(2)
 }
 
 fn plausible(s: &MotionSample) -> bool {
