@@ -81,6 +81,8 @@ pub struct MissionRejected {
 const PERIOD: Span = Span::from_millis(20);
 /// Time constant of the deck's mean level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
+/// Time constant with which a steep deck is forgotten, s: several periods of any deck.
+const TILT_TIME_S: f64 = 20.0;
 /// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
 /// times what two GNSS receivers drift apart. The minimum altitude hangs on it, and a forecast gone
 /// astray (20 m below the water, seen with an estimator that had lost the tilt) must not take the drone
@@ -107,6 +109,8 @@ pub struct Mission {
     origin_resets: Option<u8>,
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
     wind: WindWatch,
+    /// Steepest tilt of late, rad, and when it was last brought up to date.
+    steepest: Option<(Time<DroneClock>, f64)>,
     /// Flies over the deck as fast as it does: what pushes now will push there.
     follows: bool,
 
@@ -144,6 +148,7 @@ impl Mission {
             origin_resets: None,
             mean_deck_z: None,
             wind: WindWatch::default(),
+            steepest: None,
             follows: false,
             phase: MissionPhase::Idle,
             progress: Progress::default(),
@@ -244,6 +249,24 @@ impl Mission {
         });
     }
 
+    /// The steepest predicted tilt of late, forgotten slowly: the forecast of a deck that rocks
+    /// faster than the waves falls short of its amplitude between two extremes, but not at them.
+    fn steepest(&mut self, s: &Situation) -> f64 {
+        let Some(deck) = s.fresh_deck() else {
+            return self.steepest.map_or(0.0, |(_, tilt)| tilt);
+        };
+        let left = self.steepest.map_or(0.0, |(at, tilt)| {
+            tilt * (-(s.now - at).secs().max(0.0) / TILT_TIME_S).exp()
+        });
+        let tilt = if deck.tilt_rad.is_finite() {
+            left.max(deck.tilt_rad)
+        } else {
+            left
+        };
+        self.steepest = Some((s.now, tilt));
+        tilt
+    }
+
     fn follows(&self, s: &Situation) -> bool {
         let above = match self.phase {
             MissionPhase::Tracking { .. } | MissionPhase::TrackingStable => true,
@@ -282,6 +305,7 @@ impl Mission {
             deck,
             mean_deck_z,
             wind_peak_mps2: self.wind.peak(c),
+            steepest_rad: 0.0,
             water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
             forecast_age_s: self.forecast.age_s(now),
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
@@ -421,8 +445,9 @@ impl Node for Mission {
 
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
         let order = self.take(now, input);
-        let s = self.situation(now);
+        let mut s = self.situation(now);
         self.follows = self.follows(&s);
+        s.steepest_rad = self.steepest(&s);
         let decision = decide(self.phase, self.progress, order, &s, &self.config);
         let decision = self.outstayed(decision, now);
         self.progress = decision.progress;

@@ -158,6 +158,7 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.descent_distance_m))
         .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.descent_speed_mps))
         .or_else(|| unfit(deck, c, 1.0))
+        .or_else(|| exceeds(ReasonCode::TooSteep, s.steepest_rad, c.steepest_rad))
         .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, c.wind_peak_mps2))
         .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s));
     if let Some(why) = refusal {

@@ -188,6 +188,8 @@ pub struct Situation {
     pub deck: Option<Deck>,
     /// Low-pass of the deck's level, NED z, m; None before the first forecast.
     pub mean_deck_z: Option<f64>,
+    /// The deck's steepest tilt of late, rad.
+    pub steepest_rad: f64,
     /// The push of the wind to be expected on the deck, m/s²; 0 before it is known.
     pub wind_peak_mps2: f64,
     /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.

@@ -52,6 +52,7 @@ pub(super) fn fair() -> Situation {
         }),
         mean_deck_z: Some(-1.3),
         wind_peak_mps2: 0.0,
+        steepest_rad: 0.0,
         water_z: 0.0,
         forecast_age_s: 0.01,
         forecast_limit_s: 0.3,
@@ -272,6 +273,13 @@ fn tracking_stable_names_each_refusal_to_descend() {
                 ..fair()
             },
             ReasonCode::NoPlan,
+        ),
+        (
+            Situation {
+                steepest_rad: 0.41,
+                ..fair()
+            },
+            ReasonCode::TooSteep,
         ),
         (
             Situation {
