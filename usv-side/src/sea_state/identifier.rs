@@ -283,13 +283,20 @@ impl Identifier {
         // A platform that rocks by itself heaves with waves that its tilt knows nothing of: such a
         // component has the parameters of one channel only, and may cost the others no likelihood.
         let others = independent * (log_ratio[1] + log_ratio[2]);
-        pays(log_ratio.iter().sum(), CHANNELS) || pays(log_ratio[0], 1) && others > -1.0
+        pays(log_ratio.iter().sum(), CHANNELS) || !self.under_way() && pays(log_ratio[0], 1) && others > -1.0
+    }
+
+    /// On a course every turn shifts all encounters at once: more components fit that better than the
+    /// sea (square path at 2 m/s in a slight sea, 40 landings: 0.161 m and 2 failures against 0.138 m
+    /// and none), so nothing is taken for a wave there that tilt does not show.
+    fn under_way(&self) -> bool {
+        self.fitter.rows.reach_m > UNDER_WAY_M
     }
 
     /// Drops components that explain too little or that have run into each other.
     fn prune(&mut self, best: &mut Solution, priors: &mut Vec<DirectionPrior>) {
         for _ in 0..MAX_COMPONENTS {
-            let cycles = if self.fitter.rows.reach_m > UNDER_WAY_M {
+            let cycles = if self.under_way() {
                 self.config.min_separation_under_way
             } else {
                 self.config.min_separation
@@ -342,7 +349,7 @@ impl Identifier {
             self.fitter.residuals(best, &mut self.residuals);
             // Every other time in the heave alone: there the tilt's harmonics do not hide it.
             let mut weights = self.fitter.weights;
-            if (round / 2) % 2 == 1 {
+            if (round / 2) % 2 == 1 && !self.under_way() {
                 weights[1..].fill(0.0);
             }
             let limits = self.limits();
