@@ -88,6 +88,8 @@ pub struct MissionConfig {
     /// The flare begins only when the deck's tilt stays below this over the flare, rad.
     pub flare_tilt_rad: f64,
 
+    /// Neither descent nor flare begins while the deck turns faster than this, rad/s.
+    pub deck_turn_radps: f64,
     /// No descent begins when the deck has been steeper than this of late, rad.
     pub steepest_rad: f64,
     /// No descent begins when the wind's push to be expected on the deck is larger, m/s².
@@ -183,6 +185,8 @@ impl Default for MissionConfig {
             // Friction of 0.4 holds to 21 deg, but the planner chooses the instant: at 0.8 m, 5 s 0.30
             // cost 1.4 s and gained nothing (100 seeds).
             flare_tilt_rad: 0.40,
+            // Ours, 11 deg/s: a vessel in a tight turn is led sideways by its rudder as no forecast knows.
+            deck_turn_radps: 0.2,
             // Friction of 0.4 holds a drone at rest up to atan 0.4 = 0.38 rad; a steeper deck sheds it
             // after any landing. Rocking at 0.4 rad, 18 trials: 18 unsafe contacts without, none with.
             steepest_rad: 0.38,
@@ -265,6 +269,7 @@ impl Check for MissionConfig {
             ("lost_outside_m", self.lost_outside_m, 5.0),
             ("missed_m", self.missed_m, 5.0),
             ("resume_distance_m", self.resume_distance_m, 1e3),
+            ("deck_turn_radps", self.deck_turn_radps, 10.0),
             ("steepest_rad", self.steepest_rad, 1.5),
             ("wind_peak_mps2", self.wind_peak_mps2, 50.0),
             ("wind_memory_s", self.wind_memory_s, 3600.0),

@@ -158,6 +158,7 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.descent_distance_m))
         .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.descent_speed_mps))
         .or_else(|| unfit(deck, c, 1.0))
+        .or_else(|| exceeds(ReasonCode::Infeasible, deck.turn_radps, c.deck_turn_radps))
         .or_else(|| exceeds(ReasonCode::TooSteep, s.steepest_rad, c.steepest_rad))
         .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, c.wind_peak_mps2))
         .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s));
@@ -200,6 +201,7 @@ pub(super) fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reaso
         .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.flare_distance_m))
         .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.flare_speed_mps))
         .or_else(|| exceeds(ReasonCode::TooSteep, deck.tilt_rad, c.flare_tilt_rad))
+        .or_else(|| exceeds(ReasonCode::Infeasible, deck.turn_radps, c.deck_turn_radps))
 }
 
 /// What violates the conditions of a landing that has begun.

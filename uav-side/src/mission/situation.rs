@@ -94,6 +94,8 @@ pub struct Deck {
     pub acceleration_mps2: f64,
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
+    /// Mean rate of its heading over the next second, rad/s, without a sign.
+    pub turn_radps: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
 }
@@ -134,6 +136,10 @@ impl Deck {
         let ahead = forecast
             .at(start + Span::from_secs(config.sd_lead_s))
             .or(forecast.stages.last().copied())?;
+        let second = forecast.at(start + Span::from_secs(1.0));
+        let turn = second.map_or(0.0, |s| {
+            alight_shared::frames::wrap_angle(s.euler[2] - here.euler[2]).abs()
+        });
         Some(Deck {
             clearance_m: r.dot(&here.normal()) - drone.feet_below_m,
             distance_m: r.x.hypot(r.y),
@@ -152,6 +158,7 @@ impl Deck {
             heave_mps: heave,
             acceleration_mps2: acceleration,
             tilt_rad: tilt,
+            turn_radps: turn,
             mean_z: sum / forecast.stages.len().max(1) as f64,
         })
     }

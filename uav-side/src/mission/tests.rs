@@ -46,6 +46,7 @@ pub(super) fn fair() -> Situation {
             vertical_sd_m: 0.05,
             speed_mps: 0.5,
             heave_mps: 0.5,
+            turn_radps: 0.0,
             acceleration_mps2: 1.0,
             tilt_rad: 0.1,
             mean_z: -1.3,
@@ -267,6 +268,7 @@ fn tracking_stable_names_each_refusal_to_descend() {
         (with_deck(|d| d.heave_mps = 4.0), ReasonCode::Infeasible),
         (with_deck(|d| d.acceleration_mps2 = 7.0), ReasonCode::Infeasible),
         (with_deck(|d| d.tilt_rad = 0.5), ReasonCode::TooSteep),
+        (with_deck(|d| d.turn_radps = 0.3), ReasonCode::Infeasible),
         (
             Situation {
                 plan_age_s: f64::INFINITY,
