@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use alight_shared::config::{Check, Keys};
 use alight_sim::outcome::Outcome;
 use alight_sim::scenario::NodeConfigs;
 use alight_sim::sea::SeaConfig;
@@ -28,7 +29,8 @@ const FACTORS: [f64; 2] = [2.0, 1.4];
 const HOPELESS: f64 = 0.1;
 
 /// A number of the search: its key, and where it is.
-type Knob = (&'static str, fn(&mut MpcNeConfig) -> Vec<&mut f64>);
+type Knob = (&'static str, KnobAt);
+type KnobAt = fn(&mut MpcNeConfig) -> Vec<&mut f64>;
 
 /// What Gupta et al. do not publish and what matters to a landing. S keeps its ratio of position to
 /// velocity in one of the knobs; h_d is published.
@@ -47,6 +49,21 @@ const KNOBS: [Knob; 9] = [
     ("place_s", |c| vec![&mut c.place_s]),
     ("walk_m_rad", |c| c.walk_m_rad.iter_mut().collect()),
 ];
+
+/// The numbers with one knob turned by the factor `f`, or by as much of it as the configuration takes.
+fn varied(of: &MpcNeConfig, at: KnobAt, mut f: f64) -> MpcNeConfig {
+    for _ in 0..8 {
+        let mut tried = *of;
+        for value in at(&mut tried) {
+            *value *= f;
+        }
+        if tried.check(&Keys::ROOT).is_ok() {
+            return tried;
+        }
+        f = f.sqrt();
+    }
+    *of
+}
 
 /// What a trial costs: 1 for a failure, else up to 0.2 for time (40 s) and place (0.65 m, where a foot
 /// reaches the deck's edge).
@@ -178,10 +195,7 @@ pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
     for factor in FACTORS {
         for (name, at) in KNOBS {
             for f in [factor, 1.0 / factor] {
-                let mut tried = best;
-                for value in at(&mut tried) {
-                    *value *= f;
-                }
+                let tried = varied(&best, at, f);
                 let what = format!("{name} x {f:.2}");
                 let Some(outcomes) = course.score(&tried, Some(&flown))? else {
                     note(args.json, format_args!("{what:<32}given up half way"));
@@ -231,13 +245,9 @@ mod tests {
 
     #[test]
     fn every_knob_moves_something_and_stays_within_the_configuration() {
-        use alight_shared::config::{Check, Keys};
         for (name, at) in KNOBS {
             for f in [4.0, 0.25] {
-                let mut c = MpcNeConfig::default();
-                for value in at(&mut c) {
-                    *value *= f;
-                }
+                let c = varied(&MpcNeConfig::default(), at, f);
                 assert_ne!(c, MpcNeConfig::default(), "{name}");
                 c.check(&Keys::ROOT).unwrap();
             }

@@ -133,7 +133,7 @@ impl Check for MpcNeConfig {
         at.ranges("sd_m_rad", &self.sd_m_rad, 1e-4, 10.0)?;
         at.ranges("walk_m_rad", &self.walk_m_rad, 0.0, 10.0)?;
         at.ranges("offset_walk_m_rad", &self.offset_walk_m_rad, 0.0, 10.0)?;
-        at.range("place_s", self.place_s, 0.02, 60.0)?;
+        at.range("place_s", self.place_s, 0.05, 60.0)?;
         at.range("fresh_s", self.fresh_s, 0.01, 5.0)
     }
 }
