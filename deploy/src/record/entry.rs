@@ -3,11 +3,13 @@
 //! Forecasts and plans are nine tenths of all bytes that flow, and each is another node's output of
 //! the same recording. An input therefore names them by their sequence number: the replay feeds the
 //! forecast and the plan that it has computed itself, and the hash of each output says whether
-//! those are the same bits.
+//! those are the same bits. The drone's state comes to four nodes in the same tick: the first entry
+//! holds it, the others say that it is the one before.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DroneState, MissionState, Plan, RangeSample, SetPoint,
+    AutopilotState, Command, DeckForecast, DroneState, Header, MissionState, Plan, RangeSample, SetPoint,
 };
+use alight_shared::time::DroneClock;
 use alight_uav::mission::MissionIn;
 use alight_uav::pilot::PilotIn;
 use alight_uav::planner::PlannerIn;
@@ -16,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
 /// Format of the entries; a replay refuses any other.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -32,12 +34,40 @@ pub struct Entry<I> {
 /// A forecast or plan by its sequence number.
 type Reference = Option<u32>;
 
+/// The drone's state, or that it is the newest in the file.
+#[derive(Serialize, Deserialize)]
+struct DroneEntry {
+    before: bool,
+    state: Option<DroneState>,
+}
+
+/// Which drone state the file's newest is.
+#[derive(Default)]
+pub struct Newest(Option<Header<DroneClock>>);
+
+impl Newest {
+    /// This one was recorded in full.
+    pub fn recorded(&mut self, drone: Option<&DroneState>) {
+        if let Some(d) = drone {
+            self.0 = Some(d.header);
+        }
+    }
+    fn entry(&mut self, drone: Option<&DroneState>) -> DroneEntry {
+        let before = drone.is_some_and(|d| self.0 == Some(d.header));
+        self.recorded(drone);
+        DroneEntry {
+            before,
+            state: drone.filter(|_| !before).copied(),
+        }
+    }
+}
+
 /// The mission's input.
 #[derive(Serialize, Deserialize)]
 pub struct MissionEntry {
     forecast: Reference,
     plan: Reference,
-    drone: Option<DroneState>,
+    drone: DroneEntry,
     autopilot: Option<AutopilotState>,
     set_point: Option<SetPoint>,
     command: Option<Command>,
@@ -47,7 +77,7 @@ pub struct MissionEntry {
 pub struct PlannerEntry {
     forecast: Reference,
     mission: Option<MissionState>,
-    drone: Option<DroneState>,
+    drone: DroneEntry,
     autopilot: Option<AutopilotState>,
 }
 /// The pilot's input.
@@ -56,7 +86,7 @@ pub struct PilotEntry<R> {
     forecast: Reference,
     plan: Reference,
     mission: Option<MissionState>,
-    drone: Option<DroneState>,
+    drone: DroneEntry,
     autopilot: Option<AutopilotState>,
     ranges: R,
 }
@@ -68,42 +98,46 @@ fn plan_id(plan: Option<&Plan>) -> Reference {
     plan.map(|p| p.header.sequence)
 }
 
-impl From<&MissionIn> for MissionEntry {
-    fn from(i: &MissionIn) -> Self {
+impl MissionEntry {
+    /// Of this input, which comes next in the file.
+    pub fn of(i: &MissionIn, newest: &mut Newest) -> Self {
         MissionEntry {
             forecast: forecast_id(i.forecast.as_ref()),
             plan: plan_id(i.plan.as_ref()),
-            drone: i.drone,
+            drone: newest.entry(i.drone.as_ref()),
             autopilot: i.autopilot,
             set_point: i.set_point,
             command: i.command,
         }
     }
 }
-impl From<&PlannerIn> for PlannerEntry {
-    fn from(i: &PlannerIn) -> Self {
+impl PlannerEntry {
+    /// Of this input, which comes next in the file.
+    pub fn of(i: &PlannerIn, newest: &mut Newest) -> Self {
         PlannerEntry {
             forecast: forecast_id(i.forecast.as_ref()),
             mission: i.mission,
-            drone: i.drone,
+            drone: newest.entry(i.drone.as_ref()),
             autopilot: i.autopilot,
         }
     }
 }
-impl<'a> From<&'a PilotIn> for PilotEntry<&'a [RangeSample]> {
-    fn from(i: &'a PilotIn) -> Self {
+impl<'a> PilotEntry<&'a [RangeSample]> {
+    /// Of this input, which comes next in the file.
+    pub fn of(i: &'a PilotIn, newest: &mut Newest) -> Self {
         PilotEntry {
             forecast: forecast_id(i.forecast.as_ref()),
             plan: plan_id(i.plan.as_ref()),
             mission: i.mission,
-            drone: i.drone,
+            drone: newest.entry(i.drone.as_ref()),
             autopilot: i.autopilot,
             ranges: &i.ranges,
         }
     }
 }
 
-/// A named forecast or plan that the replay has not computed.
+/// A named forecast or plan that the replay has not computed, or a drone state that no entry before
+/// holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Missing;
 
@@ -115,6 +149,8 @@ const KEPT: usize = 128;
 pub struct Computed {
     forecasts: Vec<DeckForecast>,
     plans: Vec<Plan>,
+    /// The newest that was read.
+    drone: Option<DroneState>,
 }
 
 impl Computed {
@@ -125,6 +161,17 @@ impl Computed {
     /// Keeps a plan.
     pub fn plan(&mut self, plan: Option<Plan>) {
         keep(&mut self.plans, plan);
+    }
+    /// Keeps a drone state that was recorded in full.
+    pub fn drone(&mut self, drone: Option<DroneState>) {
+        self.drone = drone.or(self.drone);
+    }
+    fn drone_of(&mut self, entry: DroneEntry) -> Result<Option<DroneState>, Missing> {
+        if entry.before {
+            return self.drone.map(Some).ok_or(Missing);
+        }
+        self.drone(entry.state);
+        Ok(entry.state)
     }
     fn forecast_of(&self, id: Reference) -> Result<Option<DeckForecast>, Missing> {
         find(&self.forecasts, id, |f| f.header.sequence)
@@ -150,10 +197,10 @@ fn find<T: Copy>(kept: &[T], id: Reference, sequence: impl Fn(&T) -> u32) -> Res
 
 impl MissionEntry {
     /// The input that was recorded.
-    pub fn input(self, computed: &Computed) -> Result<MissionIn, Missing> {
+    pub fn input(self, computed: &mut Computed) -> Result<MissionIn, Missing> {
         Ok(MissionIn {
             forecast: computed.forecast_of(self.forecast)?,
-            drone: self.drone,
+            drone: computed.drone_of(self.drone)?,
             autopilot: self.autopilot,
             plan: computed.plan_of(self.plan)?,
             set_point: self.set_point,
@@ -163,23 +210,23 @@ impl MissionEntry {
 }
 impl PlannerEntry {
     /// The input that was recorded.
-    pub fn input(self, computed: &Computed) -> Result<PlannerIn, Missing> {
+    pub fn input(self, computed: &mut Computed) -> Result<PlannerIn, Missing> {
         Ok(PlannerIn {
             forecast: computed.forecast_of(self.forecast)?,
             mission: self.mission,
-            drone: self.drone,
+            drone: computed.drone_of(self.drone)?,
             autopilot: self.autopilot,
         })
     }
 }
 impl PilotEntry<Vec<RangeSample>> {
     /// The input that was recorded.
-    pub fn input(self, computed: &Computed) -> Result<PilotIn, Missing> {
+    pub fn input(self, computed: &mut Computed) -> Result<PilotIn, Missing> {
         Ok(PilotIn {
             plan: computed.plan_of(self.plan)?,
             mission: self.mission,
             forecast: computed.forecast_of(self.forecast)?,
-            drone: self.drone,
+            drone: computed.drone_of(self.drone)?,
             autopilot: self.autopilot,
             ranges: self.ranges,
         })

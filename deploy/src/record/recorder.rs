@@ -18,7 +18,7 @@ use alight_usv::{VesselIn, VesselOut};
 use mcap::McapError;
 use serde::Serialize;
 
-use super::entry::{ENCODING, Entry, FORMAT, MissionEntry, PilotEntry, PlannerEntry};
+use super::entry::{ENCODING, Entry, FORMAT, MissionEntry, Newest, PilotEntry, PlannerEntry};
 use super::show::Show;
 use super::sink::{Channel, Opening, Sink};
 use super::{NODES, topic};
@@ -44,6 +44,7 @@ pub struct Recorder {
     sink: Sink,
     /// In the order of [`NODES`].
     inputs: [Channel; NODES.len()],
+    newest: Newest,
     show: Show,
     failed: Option<WireError>,
 }
@@ -98,6 +99,7 @@ impl Recorder {
         Ok(Recorder {
             sink: opening.start(),
             inputs,
+            newest: Newest::default(),
             show,
             failed: None,
         })
@@ -162,18 +164,22 @@ impl Tap for Recorder {
     }
     fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
         self.entry(2, t, now.nanos(), i, o);
+        self.newest.recorded(i.drone.as_ref());
         self.show.predictor(&mut self.sink, t, i, o);
     }
     fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
-        self.entry(3, t, now.nanos(), MissionEntry::from(i), o);
+        let entry = MissionEntry::of(i, &mut self.newest);
+        self.entry(3, t, now.nanos(), entry, o);
         self.show.mission(&mut self.sink, t, i, o);
     }
     fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
-        self.entry(4, t, now.nanos(), PlannerEntry::from(i), o);
+        let entry = PlannerEntry::of(i, &mut self.newest);
+        self.entry(4, t, now.nanos(), entry, o);
         self.show.planner(&mut self.sink, t, now, o);
     }
     fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
-        self.entry(5, t, now.nanos(), PilotEntry::from(i), o);
+        let entry = PilotEntry::of(i, &mut self.newest);
+        self.entry(5, t, now.nanos(), entry, o);
         self.show.pilot(&mut self.sink, t, now, i, o);
     }
 }

@@ -11,7 +11,7 @@ use alight_shared::wire::{self, WireError};
 use alight_uav::mission::Mission;
 use alight_uav::pilot::Pilot;
 use alight_uav::planner::Planner;
-use alight_uav::predictor::Predictor;
+use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_usv::{VesselNode, VesselNodeConfig};
 use mcap::read::Options;
 use mcap::{MessageStream, Summary};
@@ -209,7 +209,10 @@ impl Nodes {
             0 => same(&mut self.vessel, bytes, Ok).map(|(same, _)| same),
             1 => same(&mut self.bridge, bytes, Ok).map(|(same, _)| same),
             2 => {
-                let (same, output) = same(&mut self.predictor, bytes, Ok)?;
+                let (same, output) = same(&mut self.predictor, bytes, |i: PredictorIn| {
+                    computed.drone(i.drone);
+                    Ok(i)
+                })?;
                 computed.forecast(output.and_then(|o| o.forecast));
                 Ok(same)
             }

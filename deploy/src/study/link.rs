@@ -192,6 +192,7 @@ pub fn drawing(labels: &[String], curves: &[Curve]) -> String {
         .flat_map(|c| c.points.iter().flatten())
         .fold(0.0_f64, |a, b| a.max(*b));
     let top = if top > 0.0 { 1.05 * top } else { 1.0 };
+    let digits = if top < 0.2 { 3 } else { 2 };
     let (left, right, base) = (48.0, WIDTH - 130.0, HEIGHT - 28.0);
     let x = |k: usize| left + (right - left) * k as f64 / (labels.len().max(2) - 1) as f64;
     let y = |v: f64| base - (base - 12.0) * v / top;
@@ -204,7 +205,7 @@ pub fn drawing(labels: &[String], curves: &[Curve]) -> String {
         let _ = write!(
             out,
             "<line x1=\"{left}\" x2=\"{right}\" y1=\"{0:.1}\" y2=\"{0:.1}\" stroke=\"#e4e4e4\"/>\
-             <text x=\"{1}\" y=\"{2:.1}\" text-anchor=\"end\" fill=\"#666\">{v:.2}</text>",
+             <text x=\"{1}\" y=\"{2:.1}\" text-anchor=\"end\" fill=\"#666\">{v:.digits$}</text>",
             y(v),
             left - 6.0,
             y(v) + 4.0

@@ -5,6 +5,7 @@ mod flown;
 mod grid;
 pub mod link;
 mod prediction;
+mod prediction_report;
 mod publish;
 mod report;
 pub mod run;

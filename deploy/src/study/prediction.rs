@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::grid::TABLE2;
+use super::prediction_report;
 use super::run::configuration_hash;
 use crate::Refused;
 use crate::args::StudyArgs;
@@ -30,15 +31,19 @@ const ONE_SECOND: usize = 4;
 const ASKED: (f64, f64) = (0.05, 1.5);
 
 /// One sea.
-struct Row {
-    name: String,
+pub struct Row {
+    /// Its name.
+    pub name: String,
+    /// The wavelength scale where it is not drawn.
+    pub scale: Option<f64>,
     world: Scenario,
     /// Scores per seed.
     scores: Vec<Scores>,
 }
 
 impl Row {
-    fn of(&self, source: Source, figure: Figure, horizon: usize) -> Tally {
+    /// A figure of all seeds together.
+    pub fn of(&self, source: Source, figure: Figure, horizon: usize) -> Tally {
         self.each(source, figure, horizon)
             .into_iter()
             .fold(Tally::default(), Tally::and)
@@ -47,9 +52,9 @@ impl Row {
         let get = |s: &Scores| s.get(&(source, figure, horizon)).copied();
         self.scores.iter().map(|s| get(s).unwrap_or_default()).collect()
     }
-    /// RMSE of the heave 1 s ahead over that with the waves told, with its 95 % interval.
-    fn ratio(&self) -> Option<(f64, [f64; 2])> {
-        let of = |source| self.each(source, Figure::Heave, ONE_SECOND);
+    /// RMSE of the heave at a horizon over that with the waves told, with its 95 % interval.
+    pub fn ratio(&self, horizon: usize) -> Option<(f64, [f64; 2])> {
+        let of = |source| self.each(source, Figure::Heave, horizon);
         let (a, b) = (of(Source::Vessel), of(Source::VesselTold));
         let sum = |v: &[Tally]| v.iter().copied().fold(Tally::default(), Tally::and);
         let told = sum(&b);
@@ -78,15 +83,16 @@ fn one(scene: &Scene, world: &Scenario, seed: u64) -> Result<Scores, SetupError>
 /// wavelength scale.
 fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<Row>, Refused> {
     let mut rows = Vec::new();
-    let mut push = |name: String, world: Scenario| {
+    let mut push = |name: String, scale: Option<f64>, world: Scenario| {
         rows.push(Row {
             name,
+            scale,
             world,
             scores: Vec::new(),
         });
     };
     if args.scene.sea.is_some() || args.scene.scenario.is_some() {
-        push(scene.sea.clone(), scene.scenario.clone());
+        push(scene.sea.clone(), None, scene.scenario.clone());
         return Ok(rows);
     }
     for scale in [None, Some(1.1)] {
@@ -95,10 +101,10 @@ fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<Row>, Refused> {
             world.sea = name.parse().map_err(Refused)?;
             world.sea.wavelength_scale = scale;
             match scale {
-                None => push(name.into(), world),
+                None => push(name.into(), scale, world),
                 // A calm sea has no wavelengths.
                 Some(s) if world.sea.kind != alight_sim::sea::SeaKind::Calm => {
-                    push(format!("{name} scale {s}"), world);
+                    push(format!("{name} scale {s}"), scale, world);
                 }
                 Some(_) => {}
             }
@@ -163,7 +169,7 @@ fn line(row: &Row) -> [String; 9] {
         row.name.clone(),
         format!("{:.3}", vessel.rmse()),
         format!("{:.3}", of(Source::VesselTold, Figure::Heave).rmse()),
-        row.ratio()
+        row.ratio(ONE_SECOND)
             .map_or_else(|| "-".into(), |(r, [a, b])| format!("{r:.2} [{a:.2}, {b:.2}]")),
         format!("{:.0}", 100.0 * of(Source::Vessel, Figure::Deck).inside()),
         both(of(Source::Vessel, Figure::Height)),
@@ -224,11 +230,17 @@ fn summary(rows: &[Row], hash: &str) -> Value {
                 })
             })
             .collect();
-        let ratio = row.ratio();
+        let ratio = row.ratio(ONE_SECOND);
+        let ratios: Vec<Value> = HORIZONS_S
+            .iter()
+            .enumerate()
+            .filter_map(|(h, s)| Some((s, row.ratio(h)?)))
+            .map(|(s, (r, interval))| json!({"horizon_s": s, "ratio": r, "interval": interval}))
+            .collect();
         all.push(json!({
-            "sea": row.name, "configuration": hash, "seeds": row.scores.len(),
+            "sea": row.name, "wavelength_scale": row.scale, "configuration": hash, "seeds": row.scores.len(),
             "heave_ratio_to_told": ratio.map(|r| r.0), "ratio_interval": ratio.map(|r| r.1),
-            "figures": figures,
+            "heave_ratios": ratios, "figures": figures,
         }));
     }
     Value::Array(all)
@@ -276,7 +288,9 @@ fn publish(
         }
     }
     csv.flush().map_err(|e| failed(&e))?;
+    let which = format!("{} seeds from {} on", args.trials, args.seed0);
     for (name, text) in [
+        ("report.html", prediction_report::html(rows, hash, &which)),
         ("summary.md", markdown(args, rows, hash)),
         ("summary.json", value.to_string()),
     ] {
@@ -284,7 +298,7 @@ fn publish(
     }
     note(
         args.json,
-        format!("written: {}", out.join("summary.md").display()),
+        format!("written: {}", out.join("report.html").display()),
     );
     Ok(())
 }
@@ -302,6 +316,12 @@ fn markdown(args: &StudyArgs, rows: &[Row], hash: &str) -> String {
     );
     for row in rows {
         let _ = writeln!(out, "| {} |", line(row).join(" | "));
+    }
+    for (title, scaled) in [
+        ("the vessel's prediction", false),
+        ("wavelengths scaled by 1.1", true),
+    ] {
+        out.push_str(&prediction_report::markdown(title, rows, scaled));
     }
     let tables = [
         (Source::Vessel, Figure::Heave, 1.0),

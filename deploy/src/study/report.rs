@@ -64,8 +64,9 @@ const SHOWN: [(&str, &str, f64); 5] = [
     ("landing_time_s", "first descent to first contact, s", 1.0),
 ];
 /// Of curves and dots, in their order.
-pub const COLOURS: [&str; 8] = [
-    "#1f6fb4", "#d66020", "#469650", "#8a4fbf", "#b8326a", "#5b5b5b", "#998800", "#008c8c",
+pub const COLOURS: [&str; 10] = [
+    "#1f6fb4", "#d66020", "#469650", "#8a4fbf", "#b8326a", "#5b5b5b", "#998800", "#008c8c", "#7c4a1e",
+    "#2b2b80",
 ];
 
 /// Text that a page shows as it is.
@@ -82,7 +83,8 @@ fn cell(f: Option<Figure>, digits: usize) -> String {
     )
 }
 
-const STYLE: &str = "\
+/// How a page looks.
+pub const STYLE: &str = "\
     *{box-sizing:border-box}\
     body{font:15px/1.45 system-ui,sans-serif;margin:1.2rem auto;max-width:100rem;padding:0 .8rem;color:#222}\
     h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}\

@@ -59,6 +59,10 @@ pub enum Figure {
     Place,
     /// Roll and pitch, rad.
     Tilt,
+    /// Roll alone, rad.
+    Roll,
+    /// Pitch alone, rad.
+    Pitch,
     /// Vertical speed, m/s (the vessel's broadcast states no spread of it).
     VerticalSpeed,
     /// Heave, roll and pitch together: the ellipsoid of the deck in waves. Its RMSE means nothing.
@@ -73,6 +77,8 @@ impl Figure {
             Figure::Height => "height m",
             Figure::Place => "place m",
             Figure::Tilt => "tilt rad",
+            Figure::Roll => "roll rad",
+            Figure::Pitch => "pitch rad",
             Figure::VerticalSpeed => "vertical speed m/s",
             Figure::Deck => "heave, roll, pitch",
         }
@@ -174,6 +180,8 @@ fn vessel_scores(run: &Run, source: Source) -> Scores {
             add(Figure::Tilt, &|t| {
                 t.add([e.eta[3], e.eta[4]], [sd.eta[3], sd.eta[4]])
             });
+            add(Figure::Roll, &|t| t.add([e.eta[3]], [sd.eta[3]]));
+            add(Figure::Pitch, &|t| t.add([e.eta[4]], [sd.eta[4]]));
             add(Figure::Deck, &|t| {
                 t.add([e.heave, e.eta[3], e.eta[4]], [sd.heave, sd.eta[3], sd.eta[4]])
             });
@@ -353,6 +361,8 @@ fn drone_scores(decks: &[Deck], said: &[Said]) -> Scores {
             add(Figure::Tilt, &|t| {
                 t.add(tilt, [stage.euler_sd[0], stage.euler_sd[1]])
             });
+            add(Figure::Roll, &|t| t.add([tilt[0]], [stage.euler_sd[0]]));
+            add(Figure::Pitch, &|t| t.add([tilt[1]], [stage.euler_sd[1]]));
             add(Figure::VerticalSpeed, &|t| {
                 t.add([rate.z], [stage.velocity_sd[2]])
             });
