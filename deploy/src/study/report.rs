@@ -116,10 +116,15 @@ pub fn html(page: &Page) -> String {
     items(&mut out, page.remarks.iter().cloned());
     table(&mut out, page);
     for (k, (name, caption, _)) in SHOWN.iter().enumerate() {
+        let bar = if page.lines.iter().any(|l| published(l, k).is_some()) {
+            " Grey bar: published."
+        } else {
+            ""
+        };
         let _ = write!(
             out,
             "<h2>{}</h2><div class=\"wide\">{}</div>\
-             <p><small>Filled: mean with interval. Open: 95th percentile.</small></p>",
+             <p><small>Filled: mean with interval. Open: 95th percentile.{bar}</small></p>",
             escape(caption),
             dots(&page.lines, name, k)
         );
@@ -295,20 +300,39 @@ fn extremes(out: &mut String, extremes: &[Extremes]) {
     out.push_str("</table></div>");
 }
 
-/// Means with intervals, one line per scenario and planner.
-fn dots(lines: &[Line], figure: &str, shown: usize) -> String {
-    let published = |l: &Line| match shown {
+/// What is published of the figure in the `shown`th plot.
+fn published(l: &Line, shown: usize) -> Option<f64> {
+    match shown {
         0 => l.published.map(|p| p[0]),
         1 => l.published.map(|p| p[2]),
         4 => l.published.map(|p| p[1]),
         _ => None,
-    };
+    }
+}
+
+/// The end of an axis of four even steps that reaches `top`, and the decimals that its steps need: each
+/// step is 1, 2, 2.5 or 5 times a power of ten.
+fn round_axis(top: f64) -> (f64, usize) {
+    let step = (top / 4.0).max(1e-6);
+    let power = step.log10().floor() as i32;
+    let unit = 10.0_f64.powi(power);
+    let factor = [1.0, 2.0, 2.5, 5.0]
+        .into_iter()
+        .find(|f| f * unit >= step * (1.0 - 1e-9))
+        .unwrap_or(10.0);
+    let digits = i32::from(factor == 2.5) - power - i32::from(factor == 10.0);
+    (4.0 * factor * unit, digits.max(0) as usize)
+}
+
+/// Means with intervals, one line per scenario and planner.
+fn dots(lines: &[Line], figure: &str, shown: usize) -> String {
     let least = SHOWN.get(shown).map_or(1.0, |s| s.2);
     let top = lines
         .iter()
-        .flat_map(|l| [l.summary.figure(figure).map(|f| f.p95), published(l)])
+        .flat_map(|l| [l.summary.figure(figure).map(|f| f.p95), published(l, shown)])
         .flatten()
         .fold(least, f64::max);
+    let (top, decimals) = round_axis(top);
     // Lengths across in percent: the plot fits any screen, its text keeps its size.
     let row = 32.0_f64;
     let x = |v: f64| 1.0 + 97.0 * (v / top).clamp(0.0, 1.0);
@@ -324,7 +348,7 @@ fn dots(lines: &[Line], figure: &str, shown: usize) -> String {
         let _ = write!(
             out,
             "<line x1=\"{0:.2}%\" x2=\"{0:.2}%\" y1=\"4\" y2=\"{1:.0}\" stroke=\"#e4e4e4\"/>\
-             <text x=\"{0:.2}%\" y=\"{2:.0}\" text-anchor=\"{anchor}\" fill=\"#666\">{v:.2}</text>",
+             <text x=\"{0:.2}%\" y=\"{2:.0}\" text-anchor=\"{anchor}\" fill=\"#666\">{v:.decimals$}</text>",
             x(v),
             height - 20.0,
             height - 5.0
@@ -345,7 +369,7 @@ fn dots(lines: &[Line], figure: &str, shown: usize) -> String {
             escape(&l.scenario),
             escape(&l.planner)
         );
-        if let Some(p) = published(l) {
+        if let Some(p) = published(l, shown) {
             let _ = write!(
                 out,
                 "<line x1=\"{0:.2}%\" x2=\"{0:.2}%\" y1=\"{1:.1}\" y2=\"{2:.1}\" stroke=\"#888\" stroke-width=\"3\"/>",
@@ -378,4 +402,24 @@ fn dots(lines: &[Line], figure: &str, shown: usize) -> String {
     }
     out.push_str("</svg>");
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_end_at_a_round_figure_not_far_beyond_the_largest_value() {
+        for (top, end, decimals) in [
+            (0.17, 0.2, 2),
+            (0.4, 0.4, 1),
+            (45.1, 80.0, 0),
+            (0.69, 0.8, 1),
+            (9.7, 10.0, 1),
+            (3.9, 4.0, 0),
+        ] {
+            let (e, d) = round_axis(top);
+            assert!((e - end).abs() < 1e-9 && d == decimals, "{top}: {e}, {d}");
+        }
+    }
 }
