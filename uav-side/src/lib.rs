@@ -1,4 +1,5 @@
-//! The drone's side of Alight: predictor, mission, planner, pilot.
+//! The drone's side of Alight: predictor, mission, planner, pilot, link to the autopilot.
+pub mod autopilot;
 pub mod disturbance;
 mod latest;
 pub mod mission;

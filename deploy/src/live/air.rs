@@ -142,7 +142,8 @@ impl Air {
             | ProcessKind::Predictor
             | ProcessKind::Mission
             | ProcessKind::Planner
-            | ProcessKind::Pilot => 1,
+            | ProcessKind::Pilot
+            | ProcessKind::Autopilot => 1,
         };
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }

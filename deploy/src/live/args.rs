@@ -38,6 +38,8 @@ pub enum LiveVerb {
     Planner(ProcessArgs),
     /// Process of the drone: the set-points.
     Pilot(ProcessArgs),
+    /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
+    Autopilot(AutopilotArgs),
     /// Process of the simulation: both vehicles, in real time.
     World(ProcessArgs),
     /// Emulate a bad link between two network namespaces of this computer (needs root).
@@ -226,4 +228,16 @@ pub struct ProcessArgs {
     /// End when standard input closes: a supervisor that dies takes its processes with it
     #[arg(long, hide = true)]
     pub supervised: bool,
+}
+
+/// The link to a real autopilot.
+#[derive(Args, Debug)]
+pub struct AutopilotArgs {
+    /// What every process has
+    #[command(flatten)]
+    pub process: ProcessArgs,
+    /// Where the autopilot is: udpin://0.0.0.0:14540, udpout://HOST:PORT, tcpout://HOST:PORT,
+    /// tcpin://0.0.0.0:PORT, serial:///dev/ttyACM0:921600 [default: the configuration's]
+    #[arg(long, value_name = "URL")]
+    pub connect: Option<String>,
 }

@@ -8,6 +8,7 @@ use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::RadioConfig;
 use alight_sim::radio::RadioConfig as Impairment;
 use alight_sim::scenario::{Scenario, StateOutage};
+use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::odometry::OdometryConfig;
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
@@ -96,6 +97,8 @@ pub struct DroneComputer {
     /// Where plain relays of its messages are; for trials.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relay: Option<DroneRelay>,
+    /// Its link to a real autopilot.
+    pub autopilot: AutopilotLinkConfig,
     /// Its bridge.
     pub bridge: BridgeConfig,
     /// Its other nodes.
@@ -114,6 +117,7 @@ impl Default for DroneComputer {
             },
             impairment: None,
             relay: None,
+            autopilot: AutopilotLinkConfig::default(),
             bridge: BridgeConfig::default(),
             drone: DroneSettings::default(),
         }
@@ -127,6 +131,7 @@ impl Check for DroneComputer {
         if let Some(link) = &self.impairment {
             link.profile.check(&at.table("impairment").table("profile"))?;
         }
+        self.autopilot.check(&at.table("autopilot"))?;
         self.bridge.check(&at.table("bridge"))?;
         self.drone.check(&at.table("drone"))
     }

@@ -49,6 +49,14 @@ const PILOT: [(&str, Unit); 4] = [
     ("odometry to set-point p50", Unit::Time),
     ("odometry to set-point p99", Unit::Time),
 ];
+const AUTOPILOT: [(&str, Unit); 6] = [
+    ("doubt about the autopilot's clock", Unit::Time),
+    ("samples refused", Unit::Count),
+    ("autopilot's clock began anew", Unit::Count),
+    ("thrust that hovers", Unit::Share),
+    ("set-points sent", Unit::Count),
+    ("link opened again", Unit::Count),
+];
 const WORLD: [(&str, Unit); 3] = [
     ("latest tick", Unit::Time),
     ("late ticks", Unit::Count),
@@ -61,6 +69,7 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
         ProcessKind::Vessel => own(&VESSEL),
         ProcessKind::Pilot => own(&PILOT),
         ProcessKind::World => own(&WORLD),
+        ProcessKind::Autopilot => own(&AUTOPILOT),
         ProcessKind::Bridge => {
             let mut all: Vec<(String, Unit)> = own(&BRIDGE);
             all.extend(

@@ -17,6 +17,7 @@ use alight_shared::transport::radio::RadioConfig;
 use alight_shared::transport::wake::end_requested;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_sim::streams::Streams;
+use alight_uav::autopilot::AutopilotLinkConfig;
 use serde::Serialize;
 
 use super::air::{Air, Watch};
@@ -252,6 +253,7 @@ impl Arrangement {
             },
             impairment: air.impairment.clone(),
             relay,
+            autopilot: AutopilotLinkConfig::default(),
             bridge: scene.nodes.bridge.clone(),
             drone: scene.nodes.drone.clone(),
         };
@@ -345,7 +347,7 @@ impl<'a> Landing<'a> {
         plan.air.start(&mut supervisor)?;
         for kind in ProcessKind::ALL {
             let config = match kind {
-                ProcessKind::Link => continue,
+                ProcessKind::Link | ProcessKind::Autopilot => continue,
                 ProcessKind::Vessel => &plan.vessel_file,
                 ProcessKind::World => &plan.world,
                 ProcessKind::Bridge

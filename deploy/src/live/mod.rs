@@ -4,11 +4,14 @@
 //! Read in this order: [`config`] (one file per computer), [`process`] (what every process does
 //! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`], then
 //! [`shell`] for [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`],
-//! and [`lands`] and [`faults`] for many landings. What lies between the computers in a trial:
+//! and [`lands`] and [`faults`] for many landings. [`autopilot`] is the way to a real one. What lies between the computers in a trial:
 //! [`air`], [`profile`], [`link`] (inside the processes), [`emulator`] (between network namespaces).
 
 mod air;
 pub mod args;
+mod autopilot;
+mod autopilot_url;
+mod autopilot_wire;
 mod bridge;
 pub mod compare;
 mod config;
@@ -76,6 +79,7 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::Mission(a) => shell::run::<mission::MissionShell>(a),
         LiveVerb::Planner(a) => shell::run::<planner::PlannerShell>(a),
         LiveVerb::Pilot(a) => shell::run::<pilot::PilotShell>(a),
+        LiveVerb::Autopilot(a) => autopilot::run(a),
         LiveVerb::World(a) => world::run(a),
         LiveVerb::Link(a) => emulator::run(a),
         LiveVerb::Latency(a) => latency::run(a),

@@ -100,6 +100,7 @@ fn replay(path: &Path) -> Result<(u64, Option<u64>), Refused> {
         "mission" => through(log, path, MissionShell::node(&c, boot)),
         "planner" => through(log, path, PlannerShell::node(&c, boot)),
         "pilot" => through(log, path, PilotShell::node(&c, boot)),
+        "autopilot" => through(log, path, super::autopilot::node(&c, boot)),
         other => Err(Refused(format!(
             "{origin}: the log of a process {other:?}, which this program does not have"
         ))),

@@ -63,6 +63,8 @@ pub enum ProcessKind {
     Pilot,
     /// The emulated radio of a trial.
     Link,
+    /// The link to a real autopilot, in place of the simulated one.
+    Autopilot,
 }
 
 impl ProcessKind {
@@ -87,6 +89,7 @@ impl ProcessKind {
             ProcessKind::Planner => "planner",
             ProcessKind::Pilot => "pilot",
             ProcessKind::Link => "link",
+            ProcessKind::Autopilot => "autopilot",
         }
     }
 }

@@ -1,0 +1,196 @@
+//! `alight autopilot` as a process on real sockets and shared memory, the stand-in of an autopilot at
+//! the other end. Nothing here asserts a time: bounds on waiting are only against tests that never end.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+#[path = "../../uav-side/tests/autopilot/standin.rs"]
+#[allow(dead_code)]
+mod standin;
+
+use std::net::UdpSocket;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use alight_shared::msg::{
+    AutopilotMode, AutopilotState, DroneState, Header, MissionState, SetPoint, SetPointKind, State,
+};
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::transport::clock::ProcessClock;
+use alight_shared::transport::memory;
+use alight_uav::autopilot::modes::Firmware;
+use standin::StandIn;
+
+/// What a round of the test waits, and how many rounds it waits for anything at most.
+const ROUND: Duration = Duration::from_millis(4);
+const MOST_ROUNDS: u32 = 10_000;
+
+struct Scene {
+    instance: memory::Instance,
+    _services: memory::Services,
+    child: Child,
+    socket: UdpSocket,
+    autopilot: StandIn,
+    began: Instant,
+    to_it: Vec<Vec<u8>>,
+    odometry: memory::Subscriber<DroneState>,
+    states: memory::Subscriber<AutopilotState>,
+    set_points: memory::Publisher<SetPoint>,
+    missions: memory::Publisher<MissionState>,
+    sequence: u32,
+    mission: State,
+    newest: Option<DroneState>,
+    state: AutopilotState,
+    heard: u32,
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        drop(self.child.stdin.take());
+        let _ended = self.child.wait();
+        let _left = self.instance.wipe();
+        let _left = std::fs::remove_dir_all(self.instance.directory());
+    }
+}
+
+impl Scene {
+    fn begin(firmware: Firmware) -> Scene {
+        let name = format!("mav-{}-{}", firmware.name().to_lowercase(), std::process::id());
+        let instance = memory::Instance::new(&name).unwrap();
+        std::fs::create_dir_all(instance.directory()).unwrap();
+        let memory = memory::Memory::join(&instance, "test").unwrap();
+        let services = memory::Services::create(&memory).unwrap();
+        let config = instance.directory().join("drone.toml");
+        std::fs::write(&config, format!("instance = {name:?}\n")).unwrap();
+        // Both ends on ports that are free now.
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_nonblocking(true).unwrap();
+        let ours = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        socket.connect(ours).unwrap();
+        let child = Command::new(env!("CARGO_BIN_EXE_alight"))
+            .args(["autopilot", "--supervised", "--connect"])
+            .arg(format!("udpin://{ours}"))
+            .arg("--config")
+            .arg(&config)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        Scene {
+            odometry: memory.subscriber().unwrap(),
+            states: memory.subscriber().unwrap(),
+            set_points: memory.publisher().unwrap(),
+            missions: memory.publisher().unwrap(),
+            instance,
+            _services: services,
+            child,
+            socket,
+            autopilot: StandIn::new(firmware, 5.0),
+            began: Instant::now(),
+            to_it: Vec::new(),
+            sequence: 0,
+            mission: State::Idle,
+            newest: None,
+            state: AutopilotState::default(),
+            heard: 0,
+        }
+    }
+
+    fn round(&mut self) {
+        std::thread::sleep(ROUND);
+        let mut buffer = [0; 2048];
+        while let Ok(n) = self.socket.recv(&mut buffer) {
+            self.to_it.push(buffer[..n].to_vec());
+        }
+        let t_s = 1000.0 + self.began.elapsed().as_secs_f64();
+        for bytes in self.autopilot.step(t_s, &std::mem::take(&mut self.to_it)) {
+            // The program may not listen yet.
+            let _lost = self.socket.send(&bytes);
+        }
+        let now: Time<DroneClock> = ProcessClock::default().now();
+        for m in self.odometry.all(now.nanos()) {
+            self.heard += 1;
+            self.newest = Some(m);
+        }
+        self.state = self.states.newest(now.nanos()).unwrap_or(self.state);
+        self.sequence += 1;
+        let header = Header::new(1, 1, 1, self.sequence, now);
+        self.missions.send(&MissionState {
+            header,
+            state: self.mission,
+            ..MissionState::default()
+        });
+        if let Some(d) = self.newest {
+            self.set_points.send(&SetPoint {
+                header,
+                kind: SetPointKind::Trajectory,
+                position: d.position,
+                ..SetPoint::default()
+            });
+        }
+    }
+
+    fn until(&mut self, what: &str, done: impl Fn(&Scene) -> bool) {
+        for _ in 0..MOST_ROUNDS {
+            if done(self) {
+                return;
+            }
+            self.round();
+            assert!(
+                self.child.try_wait().unwrap().is_none(),
+                "the program ended: {what}"
+            );
+        }
+        panic!("{what} did not happen");
+    }
+}
+
+#[test]
+fn over_udp_a_person_gives_the_drone_and_takes_it() {
+    for firmware in [Firmware::Px4, Firmware::ArduCopter] {
+        let mut s = Scene::begin(firmware);
+        s.until("odometry", |s| s.heard > 100);
+        // PX4 refuses until set-points were offered long enough: a person tries again.
+        for _ in 0..MOST_ROUNDS {
+            if s.autopilot.choose(StandIn::ours(firmware)) {
+                break;
+            }
+            s.round();
+        }
+        s.until("our mode", |s| s.state.mode == AutopilotMode::Offboard);
+        let n = s.autopilot.set_points.len();
+        s.until("set-points", |s| s.autopilot.set_points.len() > n + 100);
+        // In flight nothing is offered either.
+        s.mission = State::Tracking;
+        (0..25).for_each(|_| s.round());
+        s.autopilot.choose(StandIn::persons(firmware));
+        s.until("the other mode", |s| s.state.mode == AutopilotMode::Other);
+        // What was under way arrives; then nothing more, although the pilot goes on.
+        (0..25).for_each(|_| s.round());
+        let n = s.autopilot.set_points.len();
+        (0..100).for_each(|_| s.round());
+        assert_eq!(s.autopilot.set_points.len(), n, "{firmware:?}");
+        assert_eq!(s.autopilot.mode, StandIn::persons(firmware));
+    }
+}
+
+#[test]
+fn a_wrong_address_is_bad_input() {
+    let name = format!("mav-wrong-{}", std::process::id());
+    let config = std::env::temp_dir().join(format!("{name}.toml"));
+    std::fs::write(&config, format!("instance = {name:?}\n")).unwrap();
+    for url in ["udp://:14540", "serial:ttyACM0", "tcpout://no such host:1"] {
+        let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+            .args(["autopilot", "--connect", url, "--config"])
+            .arg(&config)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{url}: {said}");
+        assert!(said.contains("serial:///dev/ttyACM0:921600"), "{said}");
+    }
+    let _removed = std::fs::remove_file(config);
+}

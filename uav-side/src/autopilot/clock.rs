@@ -1,0 +1,175 @@
+//! The autopilot's clock against the companion's, by MAVLink's TIMESYNC.
+//!
+//! A question carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The
+//! offset ours - theirs is `(t0 + t1) / 2 - ta`, wrong by at most half of the time on the way. So of
+//! the last answers the quickest is believed, made older by what the clocks may drift.
+
+use std::collections::VecDeque;
+
+use alight_shared::time::{DroneClock, Span, Time};
+use serde::{Deserialize, Serialize};
+
+/// Answers kept.
+const KEPT: usize = 20;
+/// Drift between two crystals, s/s.
+const DRIFT: f64 = 1e-4;
+/// Offsets further apart than both answers' time on the way and this, s: the autopilot began anew.
+const RESTART_S: f64 = 0.5;
+/// A sample is never older than this when it arrives, s.
+const OLDEST_S: f64 = 1.0;
+
+/// An exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Exchange {
+    at: Time<DroneClock>,
+    offset_ns: i64,
+    round_trip: Span,
+}
+
+impl Exchange {
+    /// How far off it may be now, s.
+    fn doubt_s(&self, now: Time<DroneClock>) -> f64 {
+        0.5 * self.round_trip.secs() + DRIFT * (now - self.at).secs()
+    }
+}
+
+/// What is known of the autopilot's clock.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RemoteClock {
+    kept: VecDeque<Exchange>,
+    /// Answers that were not used, samples whose time could not be right.
+    refused: u32,
+    restarts: u32,
+}
+
+impl RemoteClock {
+    /// An answer arrived at `now`: our time in the question, the autopilot's in the answer, ns.
+    pub(crate) fn answered(&mut self, now: Time<DroneClock>, asked_ns: i64, remote_ns: i64, limit_s: f64) {
+        let round_trip = now - Time::from_nanos(asked_ns);
+        if !(0.0..=limit_s).contains(&round_trip.secs()) {
+            self.refused = self.refused.saturating_add(1);
+            return;
+        }
+        let half = round_trip / 2;
+        let exchange = Exchange {
+            at: now,
+            offset_ns: asked_ns.saturating_add(half.nanos()).saturating_sub(remote_ns),
+            round_trip,
+        };
+        let apart = self.offset_ns(now).map(|o| o.saturating_sub(exchange.offset_ns));
+        if apart.is_some_and(|a| Span::from_nanos(a).abs().secs() > RESTART_S) {
+            self.kept.clear();
+            self.restarts = self.restarts.saturating_add(1);
+        }
+        self.kept.push_back(exchange);
+        if self.kept.len() > KEPT {
+            self.kept.pop_front();
+        }
+    }
+    /// Ours minus theirs, ns.
+    fn offset_ns(&self, now: Time<DroneClock>) -> Option<i64> {
+        let best = self
+            .kept
+            .iter()
+            .min_by(|a, b| a.doubt_s(now).total_cmp(&b.doubt_s(now)))?;
+        Some(best.offset_ns)
+    }
+    /// Whether samples can be dated.
+    pub(crate) fn known(&self) -> bool {
+        !self.kept.is_empty()
+    }
+    /// How far off the offset may be, s; infinite while it is not known.
+    pub(crate) fn doubt_s(&self, now: Time<DroneClock>) -> f64 {
+        self.kept
+            .iter()
+            .map(|e| e.doubt_s(now))
+            .fold(f64::INFINITY, f64::min)
+    }
+    /// Our time of a sample that the autopilot dates at `remote_ns`; None, and counted, when it lies
+    /// ahead of `now` by more than is in doubt or is far too old. A little ahead counts as now.
+    pub(crate) fn ours(&mut self, now: Time<DroneClock>, remote_ns: i64) -> Option<Time<DroneClock>> {
+        let offset = self.offset_ns(now)?;
+        let at = Time::from_nanos(remote_ns.saturating_add(offset));
+        let age = (now - at).secs();
+        if !(-0.01 - self.doubt_s(now)..=OLDEST_S).contains(&age) {
+            self.refused = self.refused.saturating_add(1);
+            return None;
+        }
+        Some(at.min(now))
+    }
+    /// The autopilot's time of ours, us; 0 while it is not known.
+    pub(crate) fn theirs_us(&self, now: Time<DroneClock>, at: Time<DroneClock>) -> u64 {
+        let ns = self
+            .offset_ns(now)
+            .map_or(0, |o| at.nanos().saturating_sub(o).max(0));
+        ns.unsigned_abs() / 1000
+    }
+    /// What was refused.
+    pub(crate) fn refused(&self) -> u32 {
+        self.refused
+    }
+    /// How often the autopilot began anew.
+    pub(crate) fn restarts(&self) -> u32 {
+        self.restarts
+    }
+    /// The autopilot is another one, or was away.
+    pub(crate) fn forget(&mut self) {
+        self.kept.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The autopilot's clock is ours less 100 s.
+    const APART_NS: i64 = 100_000_000_000;
+
+    fn ask(c: &mut RemoteClock, at_s: f64, there_s: f64, back_s: f64) {
+        let t0 = Time::<DroneClock>::from_secs(at_s);
+        let then = t0 + Span::from_secs(there_s);
+        let now = then + Span::from_secs(back_s);
+        c.answered(now, t0.nanos(), then.nanos() - APART_NS, 0.1);
+    }
+
+    #[test]
+    fn the_quickest_answer_is_believed() {
+        let mut c = RemoteClock::default();
+        assert!(!c.known() && c.ours(Time::from_secs(1.0), 0).is_none());
+        ask(&mut c, 200.0, 0.030, 0.002);
+        ask(&mut c, 200.2, 0.001, 0.001);
+        ask(&mut c, 200.4, 0.002, 0.050);
+        let now = Time::from_secs(201.0);
+        let at = c.ours(now, now.nanos() - APART_NS - 20_000_000).unwrap();
+        assert!(((now - at).secs() - 0.020).abs() < 1e-4);
+        assert!(c.doubt_s(now) < 0.002);
+    }
+
+    #[test]
+    fn slow_answers_and_impossible_times_are_refused() {
+        let mut c = RemoteClock::default();
+        ask(&mut c, 200.0, 0.2, 0.2);
+        assert!(!c.known() && c.refused() == 1);
+        ask(&mut c, 201.0, 0.001, 0.001);
+        let now = Time::from_secs(202.0);
+        assert!(c.ours(now, now.nanos() - APART_NS + 50_000_000).is_none());
+        assert!(c.ours(now, now.nanos() - APART_NS - 5_000_000_000).is_none());
+        assert!(c.ours(now, i64::MIN).is_none() && c.ours(now, i64::MAX).is_none());
+        assert_eq!(c.refused(), 5);
+    }
+
+    #[test]
+    fn an_autopilot_that_began_anew_is_dated_anew() {
+        let mut c = RemoteClock::default();
+        for k in 0..10 {
+            ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.0005, 0.0005);
+        }
+        // Its clock begins at zero again; the first answer is slower than all before.
+        let t0 = Time::<DroneClock>::from_secs(300.0);
+        let now = t0 + Span::from_secs(0.02);
+        c.answered(now, t0.nanos(), 1_000_000_000, 0.1);
+        assert_eq!(c.restarts(), 1);
+        let at = c.ours(now, 1_000_000_000).unwrap();
+        assert!((now - at).secs() < 0.03);
+    }
+}

@@ -1,0 +1,368 @@
+//! What is said on a MAVLink link, as far as Alight takes part in it: SI units, radians, plain enums.
+//!
+//! The state machine of this folder knows these types only. Bytes and the MAVLink crate are behind
+//! [`super::wire`], so a new release of the crate, or another dialect, changes one file, and a test
+//! can play an autopilot without a byte. Numbers are those of MAVLink's `common` dialect.
+
+use alight_shared::frames::Datum;
+use serde::{Deserialize, Serialize};
+
+/// Who says something: system and component.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Address {
+    /// Number of the vehicle.
+    pub system: u8,
+    /// Its part; 1 is the autopilot.
+    pub component: u8,
+}
+
+/// `MAV_COMP_ID_AUTOPILOT1`.
+pub const AUTOPILOT_COMPONENT: u8 = 1;
+/// `MAV_COMP_ID_ONBOARD_COMPUTER`.
+pub const COMPANION_COMPONENT: u8 = 191;
+/// `MAV_TYPE_ONBOARD_CONTROLLER`.
+pub const COMPANION_TYPE: u8 = 18;
+/// `MAV_AUTOPILOT_INVALID`: not an autopilot.
+pub const NO_AUTOPILOT: u8 = 8;
+/// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
+pub const ARDUPILOT: u8 = 3;
+/// `MAV_AUTOPILOT_PX4`.
+pub const PX4: u8 = 12;
+
+/// Numbers of messages whose rate is asked for.
+pub mod id {
+    /// `HEARTBEAT`.
+    pub const HEARTBEAT: u32 = 0;
+    /// `SCALED_IMU`.
+    pub const SCALED_IMU: u32 = 26;
+    /// `ATTITUDE_QUATERNION`.
+    pub const ATTITUDE_QUATERNION: u32 = 31;
+    /// `LOCAL_POSITION_NED`.
+    pub const LOCAL_POSITION_NED: u32 = 32;
+    /// `VFR_HUD`.
+    pub const VFR_HUD: u32 = 74;
+    /// `ATTITUDE_TARGET`.
+    pub const ATTITUDE_TARGET: u32 = 83;
+    /// `HIGHRES_IMU`.
+    pub const HIGHRES_IMU: u32 = 105;
+    /// `GPS_GLOBAL_ORIGIN`.
+    pub const GPS_GLOBAL_ORIGIN: u32 = 49;
+    /// `DISTANCE_SENSOR`.
+    pub const DISTANCE_SENSOR: u32 = 132;
+    /// `BATTERY_STATUS`.
+    pub const BATTERY_STATUS: u32 = 147;
+    /// `EXTENDED_SYS_STATE`.
+    pub const EXTENDED_SYS_STATE: u32 = 245;
+    /// `ODOMETRY`.
+    pub const ODOMETRY: u32 = 331;
+}
+
+/// Numbers of commands.
+pub mod command {
+    /// `MAV_CMD_DO_SET_MODE`.
+    pub const SET_MODE: u16 = 176;
+    /// `MAV_CMD_COMPONENT_ARM_DISARM`.
+    pub const ARM_DISARM: u16 = 400;
+    /// `MAV_CMD_SET_MESSAGE_INTERVAL`.
+    pub const MESSAGE_INTERVAL: u16 = 511;
+    /// `MAV_CMD_REQUEST_MESSAGE`.
+    pub const REQUEST_MESSAGE: u16 = 512;
+    /// Second parameter of `ARM_DISARM`: whatever the autopilot thinks of it.
+    pub const FORCE: f64 = 21196.0;
+}
+
+/// `MAV_MODE_FLAG_CUSTOM_MODE_ENABLED`.
+pub const CUSTOM_MODE: u8 = 1;
+/// `MAV_MODE_FLAG_SAFETY_ARMED`.
+pub const ARMED: u8 = 128;
+
+/// How a command was taken (`MAV_RESULT`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Taken {
+    /// Done.
+    Accepted,
+    /// Not now; may work later.
+    TemporarilyRejected,
+    /// Never in this state.
+    Denied,
+    /// Not known to it.
+    Unsupported,
+    /// Tried, and failed.
+    Failed,
+    /// Being done.
+    InProgress,
+    /// Any other answer.
+    Other,
+}
+
+/// Which frame a velocity is told in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum VelocityFrame {
+    /// The same NED as the position.
+    Ned,
+    /// The body: forward, right, down.
+    Body,
+}
+
+/// A command with its seven parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CommandLong {
+    /// To whom.
+    pub to: Address,
+    /// Which.
+    pub command: u16,
+    /// Sent again as often.
+    pub confirmation: u8,
+    /// Its parameters.
+    pub parameters: [f64; 7],
+}
+
+/// A position set-point: all of position, velocity, acceleration, yaw and yaw rate are to be used.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PositionTarget {
+    /// To whom.
+    pub to: Address,
+    /// Autopilot's NED, m.
+    pub position: [f64; 3],
+    /// m/s.
+    pub velocity: [f64; 3],
+    /// m/s².
+    pub acceleration: [f64; 3],
+    /// rad.
+    pub yaw: f64,
+    /// rad/s.
+    pub yaw_rate: f64,
+}
+
+/// An attitude set-point with thrust.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AttitudeTarget {
+    /// To whom.
+    pub to: Address,
+    /// NED from body, unit quaternion (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// Body rates, rad/s; None: not to be used.
+    pub rates: Option<[f64; 3]>,
+    /// The autopilot's own measure of collective thrust, 0 to 1.
+    pub thrust: f64,
+}
+
+/// The vehicle's pose and motion with their covariance, from the autopilot (`ODOMETRY`).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OdometryReport {
+    /// Autopilot's time, us.
+    pub time_us: u64,
+    /// NED, m.
+    pub position: [f64; 3],
+    /// NED from body (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// m/s.
+    pub velocity: [f64; 3],
+    /// Frame of `velocity`.
+    pub frame: VelocityFrame,
+    /// Body, rad/s.
+    pub rates: [f64; 3],
+    /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None when not told.
+    pub variances: Option<[[f64; 3]; 3]>,
+    /// Counts jumps of the estimate.
+    pub resets: u8,
+}
+
+/// One message.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Message {
+    /// I am here.
+    Heartbeat {
+        /// `MAV_AUTOPILOT`.
+        autopilot: u8,
+        /// `MAV_TYPE`.
+        vehicle: u8,
+        /// `MAV_MODE_FLAG` bits.
+        base_mode: u8,
+        /// The autopilot's own number of its mode.
+        custom_mode: u32,
+    },
+    /// Question (`remote_ns` zero) or answer about clocks.
+    Timesync {
+        /// `tc1`: the answering clock, ns; 0 in a question.
+        remote_ns: i64,
+        /// `ts1`: the asking clock, ns.
+        local_ns: i64,
+    },
+    /// `ODOMETRY`.
+    Odometry(OdometryReport),
+    /// `LOCAL_POSITION_NED`.
+    LocalPosition {
+        /// Autopilot's time, ms.
+        time_ms: u32,
+        /// NED, m.
+        position: [f64; 3],
+        /// NED, m/s.
+        velocity: [f64; 3],
+    },
+    /// `ATTITUDE_QUATERNION`.
+    Attitude {
+        /// Autopilot's time, ms.
+        time_ms: u32,
+        /// NED from body (w, x, y, z).
+        attitude: [f64; 4],
+        /// Body, rad/s.
+        rates: [f64; 3],
+    },
+    /// `HIGHRES_IMU`, or `SCALED_IMU` in SI.
+    Imu {
+        /// Autopilot's time, us.
+        time_us: u64,
+        /// Specific force, body, m/s².
+        accelerometer: [f64; 3],
+        /// Body, rad/s.
+        gyro: [f64; 3],
+    },
+    /// `DISTANCE_SENSOR` that looks down.
+    Distance {
+        /// Autopilot's time, ms.
+        time_ms: u32,
+        /// m.
+        range_m: f64,
+        /// Least and greatest distance that it can measure, m.
+        limits_m: [f64; 2],
+        /// m²; None when not known.
+        variance: Option<f64>,
+    },
+    /// `EXTENDED_SYS_STATE`: `MAV_LANDED_STATE`.
+    Landed {
+        /// 1 on ground, 2 in air, 3 taking off, 4 landing.
+        state: u8,
+    },
+    /// `BATTERY_STATUS`.
+    Battery {
+        /// Which of several.
+        number: u8,
+        /// Remaining, 0 to 1; None when not told.
+        remaining: Option<f64>,
+    },
+    /// `ATTITUDE_TARGET`: what the autopilot's attitude loop is told now.
+    ThrustNow {
+        /// Collective, 0 to 1.
+        thrust: f64,
+    },
+    /// `VFR_HUD`: throttle.
+    Throttle {
+        /// Collective, 0 to 1.
+        thrust: f64,
+    },
+    /// `PARAM_REQUEST_READ` by name.
+    ParameterRequest {
+        /// To whom.
+        to: Address,
+        /// At most 16 characters.
+        name: String,
+    },
+    /// `PARAM_VALUE`.
+    Parameter {
+        /// At most 16 characters.
+        name: String,
+        /// Its value as the autopilot casts it.
+        value: f64,
+    },
+    /// `GPS_GLOBAL_ORIGIN`: where the autopilot's NED begins; height above mean sea level.
+    Origin(Datum),
+    /// `COMMAND_LONG`.
+    Command(CommandLong),
+    /// `COMMAND_ACK`.
+    Acknowledged {
+        /// Which command.
+        command: u16,
+        /// How it was taken.
+        taken: Taken,
+    },
+    /// `SET_POSITION_TARGET_LOCAL_NED`.
+    Position(PositionTarget),
+    /// `SET_ATTITUDE_TARGET`.
+    AttitudeThrust(AttitudeTarget),
+    /// `LANDING_TARGET`: the deck for other users of the autopilot.
+    LandingTarget {
+        /// Autopilot's time, us.
+        time_us: u64,
+        /// Deck's centre, NED, m.
+        position: [f64; 3],
+        /// NED from deck (w, x, y, z).
+        attitude: [f64; 4],
+        /// Size of the tag, m.
+        size_m: f64,
+    },
+    /// `DEBUG_FLOAT_ARRAY` named "deck": the estimated deck. Not `ODOMETRY`, which an autopilot would
+    /// take for a measurement of its own pose.
+    Deck {
+        /// Autopilot's time, us.
+        time_us: u64,
+        /// Position (NED, m), velocity (NED, m/s), roll, pitch, yaw (rad), their rates (rad/s),
+        /// standard deviation of the position (m).
+        figures: [[f64; 3]; 5],
+    },
+    /// `STATUSTEXT`.
+    Text {
+        /// `MAV_SEVERITY`: 0 emergency to 7 debug.
+        severity: u8,
+        /// At most 50 characters.
+        text: String,
+    },
+    /// `HIL_SENSOR`: a simulator's sensors.
+    HilSensor(HilSensor),
+    /// `HIL_GPS`: a simulator's GNSS.
+    HilGps(HilGps),
+    /// `HIL_ACTUATOR_CONTROLS`: what a firmware tells its simulated motors.
+    HilActuators {
+        /// Firmware's time, us.
+        time_us: u64,
+        /// Outputs, 0 to 1 for motors.
+        controls: [f64; 16],
+        /// `MAV_MODE_FLAG` bits.
+        mode: u8,
+    },
+}
+
+/// A simulator's inertial sensors, barometer and magnetometer.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HilSensor {
+    /// Simulated time, us.
+    pub time_us: u64,
+    /// Specific force, body, m/s².
+    pub accelerometer: [f64; 3],
+    /// Body, rad/s.
+    pub gyro: [f64; 3],
+    /// Body, gauss.
+    pub magnetometer: [f64; 3],
+    /// hPa.
+    pub pressure_hpa: f64,
+    /// m above sea level by pressure.
+    pub pressure_altitude_m: f64,
+    /// Degrees Celsius.
+    pub temperature_degc: f64,
+}
+
+/// A simulator's GNSS.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct HilGps {
+    /// Simulated time, us.
+    pub time_us: u64,
+    /// rad.
+    pub latitude: f64,
+    /// rad.
+    pub longitude: f64,
+    /// m above sea level.
+    pub altitude_m: f64,
+    /// NED, m/s.
+    pub velocity: [f64; 3],
+    /// Standard deviations told: horizontal, vertical, m.
+    pub sd_m: [f64; 2],
+}
+
+/// A message and who said it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Who.
+    pub from: Address,
+    /// What.
+    pub message: Message,
+}

@@ -1,0 +1,390 @@
+//! The link to a real autopilot (PX4, ArduCopter) by MAVLink, as a node: what was heard in, what is to
+//! be said out. It knows no socket and no clock, so that a test plays the autopilot on one clock with
+//! it; the process around it is `alight autopilot`.
+//!
+//! Read in this order: [`message`] (what is said on the link), [`authority`] (who commands, and why),
+//! [`disarm`] (when motors are stopped), this file (one step), [`hearing`] and [`acting`] (its two
+//! halves), [`clock`], [`streams`], [`flight`], [`modes`], and [`wire`] for the bytes.
+//!
+//! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
+//! COM_OF_LOSS_T for the failsafe that COM_OBL_RC_ACT names; ArduCopter stops after GUID_TIMEOUT and
+//! holds in GUIDED (attitude set-points: level, no climb, after 1 s).
+
+mod acting;
+pub mod authority;
+mod clock;
+pub mod config;
+mod disarm;
+mod flight;
+mod hearing;
+pub mod message;
+pub mod modes;
+mod offer;
+mod peer;
+mod streams;
+mod thrust;
+pub mod wire;
+
+pub use authority::Standing;
+pub use config::{AutopilotLinkConfig, Diversion};
+pub use disarm::Doubt;
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::Datum;
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::{
+    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, MissionState, RangeSample, SetPoint,
+};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::latest::Latest;
+use crate::odometry::{Odometry, OdometryConfig};
+use authority::{Authority, Facts};
+use clock::RemoteClock;
+use disarm::Disarm;
+use flight::Flight;
+use message::{Address, CUSTOM_MODE, CommandLong, Frame, Message, command};
+use peer::Peer;
+use thrust::HoverThrust;
+
+type Instant = Time<DroneClock>;
+
+/// Frames that one step looks at, at most.
+pub const MOST_FRAMES: usize = 512;
+/// Texts of the autopilot that one step passes on, at most.
+const MOST_TEXTS: usize = 8;
+/// Questions about clocks that are under way, at most.
+const MOST_QUESTIONS: usize = 16;
+/// Our heartbeat's period, s (MAVLink's usual).
+const HEARTBEAT_S: f64 = 1.0;
+/// The autopilot's state is told on this often, s.
+const STATE_S: f64 = 0.1;
+/// A known origin is asked for again this often, s.
+const ORIGIN_S: f64 = 5.0;
+
+/// What arrives.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct AutopilotIn {
+    /// From the link, in order of arrival.
+    pub heard: Vec<Frame>,
+    /// The pilot's set-point.
+    pub set_point: Option<SetPoint>,
+    /// The mission's state.
+    pub mission: Option<MissionState>,
+    /// The deck's forecast.
+    pub forecast: Option<DeckForecast>,
+}
+
+/// What is said.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct AutopilotOut {
+    /// Who we are on the link.
+    pub from: Address,
+    /// To the link.
+    pub say: Vec<Message>,
+    /// Odometry, smooth, in the order of its time.
+    pub odometry: Vec<DroneState>,
+    /// The autopilot's state.
+    pub state: Option<AutopilotState>,
+    /// Readings of the rangefinder.
+    pub ranges: Vec<RangeSample>,
+    /// For a person: who commands, when that changed; what is refused; the autopilot's own texts.
+    pub texts: Vec<String>,
+}
+
+/// Figures of the link.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LinkFigures {
+    /// How far off the time of a sample may be, s.
+    pub clock_doubt_s: f64,
+    /// Samples and answers refused.
+    pub refused: u32,
+    /// Times that the autopilot's clock began anew.
+    pub restarts: u32,
+    /// Thrust that hovers, 0 to 1.
+    pub hover_thrust: f64,
+    /// Set-points sent.
+    pub set_points: u32,
+}
+
+/// The link's node.
+#[derive(Clone, Debug)]
+pub struct AutopilotLink {
+    config: AutopilotLinkConfig,
+    geometry: DroneGeometry,
+    /// Attitude set-points will be sent.
+    attitudes: bool,
+    /// Origin of the NED that the other nodes mean; None: the autopilot's own.
+    datum: Option<Datum>,
+    drone_id: u32,
+    boot: u32,
+    sequences: [u32; 3],
+
+    peer: Option<Peer>,
+    clock: RemoteClock,
+    questions: VecDeque<i64>,
+    flight: Flight,
+    smooth: Odometry,
+    state: Option<DroneState>,
+    /// The autopilot's origin seen from the datum, NED, m.
+    shift: Option<Vector3<f64>>,
+    hover: HoverThrust,
+    force: Option<f64>,
+    range: Option<RangeSample>,
+
+    set_point: Latest<SetPoint>,
+    mission: Latest<MissionState>,
+    forecast: Latest<DeckForecast>,
+
+    authority: Authority,
+    disarm: Disarm,
+    doubted: Option<Doubt>,
+    /// The last set-point with motors running.
+    flown: Option<SetPoint>,
+    sent_at: Option<Instant>,
+    set_points: u32,
+    low_since: Option<Instant>,
+    diversions: u32,
+    arm_tries: u32,
+    command_next: Instant,
+    heartbeat_next: Instant,
+    timesync_next: Instant,
+    state_next: Instant,
+    offer_next: Instant,
+    origin_next: Instant,
+}
+
+impl AutopilotLink {
+    /// A link for the drone `geometry`. `attitudes`: the pilot will send attitude set-points. `datum`:
+    /// where the other nodes' NED begins; None: where the autopilot's does.
+    pub fn new(
+        config: &AutopilotLinkConfig,
+        odometry: &OdometryConfig,
+        geometry: &DroneGeometry,
+        attitudes: bool,
+        datum: Option<Datum>,
+        drone_id: u32,
+        boot: u32,
+    ) -> Self {
+        let never = Time::from_nanos(i64::MIN);
+        AutopilotLink {
+            config: config.clone(),
+            geometry: *geometry,
+            attitudes,
+            datum,
+            drone_id,
+            boot,
+            sequences: [0; 3],
+            peer: None,
+            clock: RemoteClock::default(),
+            questions: VecDeque::new(),
+            flight: Flight::default(),
+            smooth: Odometry::new(odometry),
+            state: None,
+            shift: datum.is_none().then(Vector3::zeros),
+            hover: HoverThrust::new(config.hover_thrust),
+            force: None,
+            range: None,
+            set_point: Latest::default(),
+            mission: Latest::default(),
+            forecast: Latest::default(),
+            authority: Authority::default(),
+            disarm: Disarm::default(),
+            doubted: None,
+            flown: None,
+            sent_at: None,
+            set_points: 0,
+            low_since: None,
+            diversions: 0,
+            arm_tries: 0,
+            command_next: never,
+            heartbeat_next: never,
+            timesync_next: never,
+            state_next: never,
+            offer_next: never,
+            origin_next: never,
+        }
+    }
+    /// Who commands, and why.
+    pub fn standing(&self) -> Standing {
+        self.authority.standing()
+    }
+    /// Figures of the link.
+    pub fn figures(&self, now: Instant) -> LinkFigures {
+        LinkFigures {
+            clock_doubt_s: self.clock.doubt_s(now),
+            refused: self.clock.refused().saturating_add(self.flight.refused()),
+            restarts: self.clock.restarts(),
+            hover_thrust: self.hover.value(),
+            set_points: self.set_points,
+        }
+    }
+    /// Who we are: the vehicle's system, unless configured otherwise.
+    fn address(&self) -> Address {
+        let told = self.peer.as_ref().map_or(1, |p| p.address.system);
+        Address {
+            system: if self.config.system == 0 {
+                told
+            } else {
+                self.config.system
+            },
+            component: self.config.component,
+        }
+    }
+    fn header(&mut self, stream: usize, at: Instant) -> Header<DroneClock> {
+        let s = &mut self.sequences[stream];
+        *s = s.wrapping_add(1);
+        Header::new(0, self.drone_id, self.boot, *s, at)
+    }
+
+    fn facts(&self, now: Instant, beat: bool) -> Facts {
+        let p = self.peer.as_ref();
+        let recent = |at: Instant, s: f64| (now - at).secs() <= s;
+        Facts {
+            found: p.is_some(),
+            alive: p.is_some_and(|p| recent(p.beat_at, self.config.heartbeat_loss_s)),
+            clock: self.clock.known(),
+            origin: self.shift.is_some(),
+            odometry: self
+                .state
+                .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s)),
+            thrust: p.and_then(|p| p.thrust_suits(self.attitudes)),
+            beat,
+            mode: p.map_or(AutopilotMode::Other, |p| p.mode),
+            armed: p.is_some_and(|p| p.armed),
+        }
+    }
+
+    /// What goes out whoever commands: heartbeat, clock, streams, parameters.
+    fn keep_company(&mut self, now: Instant, out: &mut AutopilotOut) {
+        if now >= self.heartbeat_next {
+            self.heartbeat_next = now + Span::from_secs(HEARTBEAT_S);
+            out.say.push(Message::Heartbeat {
+                autopilot: message::NO_AUTOPILOT,
+                vehicle: message::COMPANION_TYPE,
+                base_mode: CUSTOM_MODE,
+                custom_mode: 0,
+            });
+        }
+        let Some(peer) = &mut self.peer else { return };
+        if now >= self.timesync_next {
+            self.timesync_next = now + Span::from_secs(1.0 / self.config.timesync_hz);
+            self.questions.push_back(now.nanos());
+            if self.questions.len() > MOST_QUESTIONS {
+                self.questions.pop_front();
+            }
+            out.say.push(Message::Timesync {
+                remote_ns: 0,
+                local_ns: now.nanos(),
+            });
+        }
+        out.say.extend(peer.streams.ask(now, peer.address));
+        out.say.extend(peer.ask_option(now, self.attitudes));
+        if self.datum.is_some() && now >= self.origin_next {
+            // Again and again: an estimator that begins anew moves its origin.
+            let pause = if self.shift.is_some() { ORIGIN_S } else { 1.0 };
+            self.origin_next = now + Span::from_secs(pause);
+            out.say.push(Message::Command(CommandLong {
+                to: peer.address,
+                command: command::REQUEST_MESSAGE,
+                confirmation: 0,
+                parameters: [
+                    f64::from(message::id::GPS_GLOBAL_ORIGIN),
+                    0.0,
+                    0.0,
+                    0.0,
+                    0.0,
+                    0.0,
+                    0.0,
+                ],
+            }));
+        }
+    }
+
+    /// The autopilot's state as the other nodes know it.
+    fn tell(&mut self, now: Instant, changed: bool, alive: bool) -> Option<AutopilotState> {
+        if !alive || now < self.state_next && !changed {
+            return None;
+        }
+        self.state_next = now + Span::from_secs(STATE_S);
+        let header = self.header(1, now);
+        let p = self.peer.as_ref()?;
+        let ours = match self.authority.standing() {
+            Standing::Commanding | Standing::NoOdometry | Standing::NoClock | Standing::Disarmed => true,
+            Standing::Searching
+            | Standing::LinkLost
+            | Standing::NoOrigin
+            | Standing::OptionUnknown
+            | Standing::OptionMissing
+            | Standing::Standby { .. }
+            | Standing::TakenOver { .. }
+            | Standing::Diverted(_) => false,
+        };
+        let settled = self.hover.settled(self.config.hover_thrust_s);
+        Some(AutopilotState {
+            header,
+            armed: p.armed,
+            mode: match p.mode {
+                AutopilotMode::Offboard if !ours => AutopilotMode::Other,
+                mode => mode,
+            },
+            landed: p.landed,
+            origin_resets: self.flight.resets(),
+            battery: p.charge().unwrap_or(0.0),
+            thrust: p
+                .thrust_now(now)
+                .map_or(0.0, |t| thrust::share(t, self.config.thrust_curve)),
+            hover_thrust: if settled { self.hover.value() } else { 0.0 },
+        })
+    }
+}
+
+impl Node for AutopilotLink {
+    type Clock = DroneClock;
+    type In = AutopilotIn;
+    type Out = AutopilotOut;
+
+    fn step(&mut self, now: Instant, input: &AutopilotIn) -> AutopilotOut {
+        let mut out = AutopilotOut::default();
+        let told_before = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
+        let mut beat = false;
+        for frame in input.heard.iter().take(MOST_FRAMES) {
+            beat |= self.hear(now, frame, &mut out);
+        }
+        if let Some(m) = &input.mission {
+            self.mission.offer(now, m);
+        }
+        if let Some(f) = &input.forecast {
+            self.forecast.offer(now, f);
+        }
+        let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
+
+        let before = self.authority.standing();
+        let facts = self.facts(now, beat);
+        self.authority
+            .step(now, &facts, Span::from_secs(self.config.quiet_s));
+        if facts.mode != AutopilotMode::Offboard {
+            self.diversions = 0;
+        }
+        self.divert(now, &mut out);
+        self.set_point(now, new, &mut out);
+        self.arm(now, &mut out);
+        self.keep_company(now, &mut out);
+        self.offer_deck(now, &mut out);
+
+        let standing = self.authority.standing();
+        if standing != before {
+            out.texts.push(standing.to_string());
+        }
+        let told_now = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
+        let changed = told_now != told_before || standing != before;
+        out.state = self.tell(now, changed, facts.alive);
+        out.texts.truncate(MOST_TEXTS);
+        out.from = self.address();
+        out
+    }
+}

@@ -1,0 +1,118 @@
+//! Modes of PX4 and ArduCopter by their own numbers.
+
+use alight_shared::msg::AutopilotMode;
+use serde::{Deserialize, Serialize};
+
+use super::config::Diversion;
+use super::message::{ARDUPILOT, PX4};
+
+/// Which firmware flies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Firmware {
+    /// PX4.
+    Px4,
+    /// ArduCopter.
+    ArduCopter,
+}
+
+/// `MAV_TYPE`s of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-,
+/// dodeca- and decarotor. A boat or a plane with the same firmware numbers its modes differently.
+const COPTERS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
+
+impl Firmware {
+    /// The firmware of a heartbeat; None for what is no multirotor's autopilot.
+    pub fn of(autopilot: u8, vehicle: u8) -> Option<Firmware> {
+        if !COPTERS.contains(&vehicle) {
+            return None;
+        }
+        match autopilot {
+            PX4 => Some(Firmware::Px4),
+            ARDUPILOT => Some(Firmware::ArduCopter),
+            _ => None,
+        }
+    }
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Firmware::Px4 => "PX4",
+            Firmware::ArduCopter => "ArduCopter",
+        }
+    }
+    /// The mode that takes set-points, as a person finds it on the remote control.
+    pub const fn our_mode(self) -> &'static str {
+        match self {
+            Firmware::Px4 => "OFFBOARD",
+            Firmware::ArduCopter => "GUIDED",
+        }
+    }
+
+    /// What a custom mode means for landing. PX4: main mode in bits 16 to 23, sub-mode above.
+    /// ArduCopter: its mode number.
+    pub fn mode(self, custom: u32) -> AutopilotMode {
+        match self {
+            Firmware::Px4 => match ((custom >> 16) & 0xff, custom >> 24) {
+                (6, _) => AutopilotMode::Offboard,
+                (4, 3) => AutopilotMode::Hold,
+                (4, 5) => AutopilotMode::Return,
+                (4, 6 | 9) => AutopilotMode::Land,
+                _ => AutopilotMode::Other,
+            },
+            Firmware::ArduCopter => match custom {
+                4 => AutopilotMode::Offboard,
+                17 => AutopilotMode::Hold,
+                6 | 21 | 27 => AutopilotMode::Return,
+                9 => AutopilotMode::Land,
+                _ => AutopilotMode::Other,
+            },
+        }
+    }
+    /// Second and third parameter of `MAV_CMD_DO_SET_MODE` for a diversion.
+    pub fn diversion(self, to: Diversion) -> Option<[f64; 2]> {
+        match (self, to) {
+            (_, Diversion::None) => None,
+            (Firmware::Px4, Diversion::Return) => Some([4.0, 5.0]),
+            (Firmware::Px4, Diversion::Land) => Some([4.0, 6.0]),
+            (Firmware::ArduCopter, Diversion::Return) => Some([6.0, 0.0]),
+            (Firmware::ArduCopter, Diversion::Land) => Some([9.0, 0.0]),
+        }
+    }
+}
+
+/// PX4's custom mode of a main and a sub-mode.
+pub const fn px4_mode(main: u32, sub: u32) -> u32 {
+    main << 16 | sub << 24
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn modes_are_read_as_the_firmware_numbers_them() {
+        let px4 = |main, sub| Firmware::Px4.mode(px4_mode(main, sub));
+        assert_eq!(px4(6, 0), AutopilotMode::Offboard);
+        assert_eq!(px4(4, 3), AutopilotMode::Hold);
+        assert_eq!(px4(4, 5), AutopilotMode::Return);
+        assert_eq!(px4(4, 6), AutopilotMode::Land);
+        // Position and manual: a person flies.
+        assert_eq!(px4(3, 0), AutopilotMode::Other);
+        assert_eq!(px4(1, 0), AutopilotMode::Other);
+        let copter = |n| Firmware::ArduCopter.mode(n);
+        assert_eq!(copter(4), AutopilotMode::Offboard);
+        assert_eq!(copter(9), AutopilotMode::Land);
+        assert_eq!(copter(6), AutopilotMode::Return);
+        // STABILIZE, and PX4's number for offboard, which ArduCopter does not know.
+        assert_eq!(copter(0), AutopilotMode::Other);
+        assert_eq!(copter(px4_mode(6, 0)), AutopilotMode::Other);
+    }
+
+    #[test]
+    fn a_boat_with_the_same_firmware_is_not_flown() {
+        assert_eq!(Firmware::of(ARDUPILOT, 2), Some(Firmware::ArduCopter));
+        assert_eq!(Firmware::of(PX4, 13), Some(Firmware::Px4));
+        // A surface boat, a plane, a ground station.
+        assert_eq!(Firmware::of(ARDUPILOT, 11), None);
+        assert_eq!(Firmware::of(PX4, 1), None);
+        assert_eq!(Firmware::of(8, 6), None);
+    }
+}

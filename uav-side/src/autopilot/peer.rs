@@ -1,0 +1,114 @@
+//! The autopilot at the other end: what it has said about itself.
+
+use alight_shared::msg::{AutopilotMode, LandedState};
+use alight_shared::time::{DroneClock, Span, Time};
+
+use super::config::AutopilotLinkConfig;
+use super::message::{ARMED, Address, Message};
+use super::modes::Firmware;
+use super::streams::Streams;
+
+type Instant = Time<DroneClock>;
+
+/// ArduCopter's parameter that says how a set-point's thrust is read, and the bit that makes it thrust.
+pub(crate) const OPTION: &str = "GUID_OPTIONS";
+const THRUST_IS_THRUST: u32 = 8;
+/// Between two questions for it, s.
+const OPTION_PAUSE_S: f64 = 1.0;
+/// A thrust that was told longer ago is not the present one.
+const THRUST_OLD: Span = Span::from_millis(300);
+/// Batteries that are told apart.
+const BATTERIES: usize = 4;
+
+/// The autopilot.
+#[derive(Clone, Debug)]
+pub(crate) struct Peer {
+    pub(crate) address: Address,
+    pub(crate) firmware: Firmware,
+    pub(crate) mode: AutopilotMode,
+    pub(crate) armed: bool,
+    pub(crate) beat_at: Instant,
+    pub(crate) landed: LandedState,
+    pub(crate) streams: Streams,
+    batteries: [Option<f64>; BATTERIES],
+    thrust: Option<(Instant, f64)>,
+    /// Whether a set-point's thrust is read as thrust; None: not known yet.
+    thrust_is_thrust: Option<bool>,
+    option_next: Instant,
+}
+
+impl Peer {
+    pub(crate) fn new(address: Address, firmware: Firmware, now: Instant, c: &AutopilotLinkConfig) -> Peer {
+        Peer {
+            address,
+            firmware,
+            mode: AutopilotMode::Other,
+            armed: false,
+            beat_at: now,
+            landed: LandedState::Unknown,
+            streams: Streams::new(firmware, c, now),
+            batteries: [None; BATTERIES],
+            thrust: None,
+            thrust_is_thrust: match firmware {
+                Firmware::Px4 => Some(true),
+                Firmware::ArduCopter => None,
+            },
+            option_next: now,
+        }
+    }
+    /// Its heartbeat.
+    pub(crate) fn beat(&mut self, now: Instant, base_mode: u8, custom_mode: u32) {
+        self.beat_at = now;
+        self.armed = base_mode & ARMED != 0;
+        self.mode = self.firmware.mode(custom_mode);
+    }
+    /// Its `MAV_LANDED_STATE`.
+    pub(crate) fn landed(&mut self, state: u8) {
+        self.landed = match state {
+            1 => LandedState::OnGround,
+            2..=4 => LandedState::InAir,
+            _ => LandedState::Unknown,
+        };
+    }
+    pub(crate) fn battery(&mut self, number: u8, remaining: Option<f64>) {
+        if let Some(b) = self.batteries.get_mut(usize::from(number)) {
+            *b = remaining.filter(|r| (0.0..=1.0).contains(r));
+        }
+    }
+    /// The emptiest battery, 0 to 1; None when none is told.
+    pub(crate) fn charge(&self) -> Option<f64> {
+        self.batteries.iter().flatten().copied().reduce(f64::min)
+    }
+    pub(crate) fn thrust(&mut self, now: Instant, thrust: f64) {
+        if (0.0..=1.0).contains(&thrust) {
+            self.thrust = Some((now, thrust));
+        }
+    }
+    /// Thrust that it applies now, its own measure.
+    pub(crate) fn thrust_now(&self, now: Instant) -> Option<f64> {
+        self.thrust
+            .filter(|(at, _)| now - *at <= THRUST_OLD)
+            .map(|(_, t)| t)
+    }
+    /// A parameter of its.
+    pub(crate) fn parameter(&mut self, name: &str, value: f64) {
+        if name == OPTION && self.firmware == Firmware::ArduCopter && (0.0..=1e9).contains(&value) {
+            self.thrust_is_thrust = Some(value as u32 & THRUST_IS_THRUST != 0);
+        }
+    }
+    /// Whether its reading of thrust suits; `needed` when attitude set-points will be sent.
+    pub(crate) fn thrust_suits(&self, needed: bool) -> Option<bool> {
+        if needed { self.thrust_is_thrust } else { Some(true) }
+    }
+    /// Asks for the option, again until it is as needed: a person may set it meanwhile.
+    pub(crate) fn ask_option(&mut self, now: Instant, needed: bool) -> Option<Message> {
+        if self.thrust_suits(needed) == Some(true) || now < self.option_next {
+            return None;
+        }
+        self.option_next = now + Span::from_secs(OPTION_PAUSE_S);
+        Some(Message::ParameterRequest {
+            to: self.address,
+            name: OPTION.into(),
+        })
+    }
+}

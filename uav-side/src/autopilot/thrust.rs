@@ -1,0 +1,94 @@
+//! Collective thrust in the autopilot's measure and in ours, and what hovers.
+
+use alight_shared::geometry::GRAVITY;
+
+/// Bounds of a believable hover thrust.
+const BOUNDS: [f64; 2] = [0.1, 0.9];
+
+/// The share of the greatest thrust that a command `u` of the autopilot gives: `T = f u² + (1 - f) u`
+/// (PX4's thrust model, THR_MDL_FAC).
+pub(crate) fn share(command: f64, curve: f64) -> f64 {
+    let u = command.clamp(0.0, 1.0);
+    curve * u * u + (1.0 - curve) * u
+}
+
+/// The inverse of [`share`].
+pub(crate) fn command(share: f64, curve: f64) -> f64 {
+    // What is no number turns nothing.
+    let t = if share > 0.0 { share.min(1.0) } else { 0.0 };
+    if curve < 1e-6 {
+        return t;
+    }
+    let b = 1.0 - curve;
+    ((b * b + 4.0 * curve * t).sqrt() - b) / (2.0 * curve)
+}
+
+/// The hover thrust, identified in flight: `T_h = T g / f`, with `f` the specific force upwards along
+/// the body's axis, smoothed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HoverThrust {
+    value: f64,
+    learnt_s: f64,
+}
+
+impl HoverThrust {
+    pub(crate) fn new(first: f64) -> HoverThrust {
+        HoverThrust {
+            value: first.clamp(BOUNDS[0], BOUNDS[1]),
+            learnt_s: 0.0,
+        }
+    }
+    /// The thrust that hovers, share of the greatest.
+    pub(crate) fn value(&self) -> f64 {
+        self.value
+    }
+    /// Learnt for long enough to be told on.
+    pub(crate) fn settled(&self, time_s: f64) -> bool {
+        self.learnt_s >= time_s
+    }
+    /// Learns from flight: thrust applied (share), specific force upwards, m/s². Shocks, free fall and
+    /// thrust of next to nothing say little about hover.
+    pub(crate) fn learn(&mut self, thrust: f64, up: f64, dt: f64, time_s: f64) {
+        let calm = (0.7 * GRAVITY..=1.3 * GRAVITY).contains(&up);
+        if !calm || !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {
+            return;
+        }
+        // At first the mean, then the exponential window: a wrong first value is soon forgotten.
+        self.learnt_s += dt;
+        let gain = (dt / time_s.min(self.learnt_s).max(dt)).min(1.0);
+        self.value += gain * (thrust * GRAVITY / up - self.value);
+        self.value = self.value.clamp(BOUNDS[0], BOUNDS[1]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_curve_and_its_inverse_agree() {
+        for curve in [0.0, 0.3, 0.7, 1.0] {
+            for k in 0..=20 {
+                let t = f64::from(k) / 20.0;
+                assert!((share(command(t, curve), curve) - t).abs() < 1e-12, "{curve} {t}");
+            }
+        }
+        assert!((command(0.25, 1.0) - 0.5).abs() < 1e-12);
+        assert!(command(f64::NAN, 0.5).abs() < 1e-12 && command(2.0, 0.5) <= 1.0);
+    }
+
+    #[test]
+    fn hover_is_found_within_seconds_from_a_wrong_start() {
+        let mut h = HoverThrust::new(0.2);
+        for k in 0..400 {
+            let wave = 0.1 * (0.05 * f64::from(k)).sin();
+            h.learn(0.45 * (1.0 + wave), GRAVITY * (1.0 + wave), 0.01, 2.0);
+        }
+        assert!((h.value() - 0.45).abs() < 1e-3, "{}", h.value());
+        let before = h.value();
+        for bad in [f64::NAN, 0.0, 60.0, -9.8] {
+            h.learn(0.3, bad, 0.01, 2.0);
+        }
+        assert!((h.value() - before).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,228 @@
+//! Whatever arrives: no panic, and no more memory than was agreed.
+
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::node::Node;
+use alight_shared::time::Time;
+use alight_uav::autopilot::message::{
+    Address, CommandLong, Frame, HilGps, Message, OdometryReport, Taken, VelocityFrame,
+};
+use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
+use alight_uav::odometry::OdometryConfig;
+use proptest::prelude::*;
+
+/// Numbers as they come, and those that hurt.
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -10.0..10.0_f64,
+        any::<f64>(),
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(1e30),
+    ]
+}
+fn three() -> impl Strategy<Value = [f64; 3]> {
+    prop::array::uniform3(number())
+}
+
+fn message() -> impl Strategy<Value = Message> {
+    prop_oneof![
+        (0..20_u8, 0..40_u8, any::<u8>(), any::<u32>()).prop_map(
+            |(autopilot, vehicle, base_mode, custom_mode)| {
+                Message::Heartbeat {
+                    autopilot,
+                    vehicle,
+                    base_mode,
+                    custom_mode,
+                }
+            }
+        ),
+        (any::<i64>(), any::<i64>())
+            .prop_map(|(remote_ns, local_ns)| Message::Timesync { remote_ns, local_ns }),
+        (
+            any::<u64>(),
+            three(),
+            prop::array::uniform4(number()),
+            three(),
+            any::<bool>(),
+            three(),
+            any::<u8>()
+        )
+            .prop_map(|(time_us, position, attitude, velocity, body, v, resets)| {
+                Message::Odometry(OdometryReport {
+                    time_us,
+                    position,
+                    attitude,
+                    velocity,
+                    frame: if body {
+                        VelocityFrame::Body
+                    } else {
+                        VelocityFrame::Ned
+                    },
+                    rates: v,
+                    variances: Some([v; 3]),
+                    resets,
+                })
+            }),
+        (any::<u32>(), three(), three()).prop_map(|(time_ms, position, velocity)| Message::LocalPosition {
+            time_ms,
+            position,
+            velocity
+        }),
+        (any::<u32>(), prop::array::uniform4(number()), three()).prop_map(|(time_ms, attitude, rates)| {
+            Message::Attitude {
+                time_ms,
+                attitude,
+                rates,
+            }
+        }),
+        (any::<u64>(), three(), three()).prop_map(|(time_us, accelerometer, gyro)| Message::Imu {
+            time_us,
+            accelerometer,
+            gyro
+        }),
+        (any::<u32>(), number(), number(), number()).prop_map(|(time_ms, range_m, limit, v)| {
+            Message::Distance {
+                time_ms,
+                range_m,
+                limits_m: [0.0, limit],
+                variance: Some(v),
+            }
+        }),
+        (0..6_u8).prop_map(|state| Message::Landed { state }),
+        (any::<u8>(), number()).prop_map(|(number, r)| Message::Battery {
+            number,
+            remaining: Some(r)
+        }),
+        number().prop_map(|thrust| Message::ThrustNow { thrust }),
+        number().prop_map(|thrust| Message::Throttle { thrust }),
+        ("[A-Z_]{0,20}", number()).prop_map(|(name, value)| Message::Parameter { name, value }),
+        number().prop_map(|value| Message::Parameter {
+            name: "GUID_OPTIONS".into(),
+            value
+        }),
+        (prop_oneof![Just(400_u16), Just(511), Just(176)], any::<u8>()).prop_map(
+            |(command, confirmation)| {
+                Message::Command(CommandLong {
+                    to: Address::default(),
+                    command,
+                    confirmation,
+                    parameters: [0.0; 7],
+                })
+            }
+        ),
+        prop_oneof![Just(400_u16), Just(511), Just(176)].prop_map(|command| Message::Acknowledged {
+            command,
+            taken: Taken::Denied
+        }),
+        (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
+        (three(), number()).prop_map(|(velocity, altitude_m)| Message::HilGps(HilGps {
+            time_us: 0,
+            latitude: altitude_m,
+            longitude: altitude_m,
+            altitude_m,
+            velocity,
+            sd_m: [1.0; 2],
+        })),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn bytes_of_any_kind_never_panic_and_good_frames_among_them_are_found(
+        pieces in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..40),
+    ) {
+        let mut decoder = Decoder::default();
+        let (mut sent, mut found) = (0, 0);
+        let beat = Message::Heartbeat { autopilot: 12, vehicle: 2, base_mode: 1, custom_mode: 7 };
+        for (k, piece) in pieces.iter().enumerate() {
+            decoder.push(piece);
+            // Noise may begin as a frame would and swallow what follows: silence of a frame's length ends it.
+            decoder.push(&[0; 300]);
+            decoder.push(&encode(Address { system: 1, component: 1 }, k as u8, &beat).unwrap());
+            sent += 1;
+            while let Some(f) = decoder.next_frame() {
+                found += u32::from(f.message == beat);
+            }
+        }
+        prop_assert!(found >= sent, "{found} of {sent}");
+    }
+
+    #[test]
+    fn a_frame_comes_back_as_it_was_said(m in message()) {
+        // What the dialect cannot say is not sent at all.
+        if let Some(bytes) = encode(Address { system: 9, component: 1 }, 3, &m) {
+            let mut decoder = Decoder::default();
+            decoder.push(&bytes);
+            let back = decoder.next_frame().map(|f| (f.from, std::mem::discriminant(&f.message)));
+            prop_assert_eq!(back, Some((Address { system: 9, component: 1 }, std::mem::discriminant(&m))));
+            prop_assert!(decoder.next_frame().is_none());
+        }
+    }
+
+    #[test]
+    fn messages_of_any_kind_leave_only_sound_words(
+        all in prop::collection::vec((prop::collection::vec(message(), 0..12), 0..400_i64), 1..60),
+    ) {
+        use alight_shared::msg::Message as _;
+        let mut link = AutopilotLink::new(
+            &AutopilotLinkConfig { offer_deck: true, may_arm: true, ..AutopilotLinkConfig::default() },
+            &OdometryConfig::default(),
+            &DroneGeometry::default(),
+            true,
+            None,
+            1,
+            1,
+        );
+        let from = Address { system: 1, component: 1 };
+        let mut now_ms = 1000;
+        let known = Message::Heartbeat { autopilot: 12, vehicle: 2, base_mode: 129, custom_mode: 6 << 16 };
+        for (messages, wait_ms) in all {
+            now_ms += wait_ms;
+            let heard = core::iter::once(known.clone())
+                .chain(messages)
+                .map(|message| Frame { from, message })
+                .collect();
+            let now = Time::from_nanos(now_ms * 1_000_000);
+            let out = link.step(now, &AutopilotIn { heard, ..AutopilotIn::default() });
+            prop_assert!(out.odometry.iter().all(|o| o.check().is_ok()));
+            prop_assert!(out.ranges.iter().all(|r| r.check().is_ok()));
+            prop_assert!(out.state.is_none_or(|s| s.check().is_ok()), "{:?}", out.state);
+            prop_assert!(out.say.len() < 64 && out.texts.len() <= 8);
+            // No pilot spoke: nothing is flown.
+            let flown = |m: &Message| matches!(m, Message::Position(_) | Message::AttitudeThrust(_));
+            prop_assert!(!out.say.iter().any(flown));
+        }
+    }
+}
+
+#[test]
+fn a_flood_that_nobody_reads_is_lost_and_not_kept() {
+    let mut decoder = Decoder::default();
+    for _ in 0..1000 {
+        decoder.push(&[0xfd; 1000]);
+    }
+    assert!(decoder.lost() > 900_000);
+    while decoder.next_frame().is_some() {}
+    let beat = Message::Heartbeat {
+        autopilot: 3,
+        vehicle: 2,
+        base_mode: 1,
+        custom_mode: 4,
+    };
+    decoder.push(&[0; 300]);
+    decoder.push(
+        &encode(
+            Address {
+                system: 1,
+                component: 1,
+            },
+            0,
+            &beat,
+        )
+        .unwrap(),
+    );
+    assert_eq!(decoder.next_frame().unwrap().message, beat);
+}

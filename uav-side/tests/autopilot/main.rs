@@ -1,0 +1,573 @@
+//! The link to an autopilot against a stand-in that behaves as PX4 and ArduCopter do: every mode,
+//! refusal, loss, take-over and disarm.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod arbitrary;
+mod pair;
+mod standin;
+
+use alight_shared::msg::{AutopilotMode, State};
+use alight_uav::autopilot::config::BatteryConfig;
+use alight_uav::autopilot::message::{Address, Message, Taken, command, id};
+use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::{AutopilotLinkConfig, Diversion, Standing};
+use pair::{Pair, hold, lead, press, stop};
+use standin::{HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN, StandIn};
+
+const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
+
+fn config() -> AutopilotLinkConfig {
+    AutopilotLinkConfig::default()
+}
+
+#[test]
+fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
+    for firmware in BOTH {
+        let mut p = Pair::new(firmware, 5.0, &config());
+        // Moving, so that a wrong time shows as a wrong place.
+        p.autopilot.velocity.x = 2.0;
+        p.run(4.0);
+        p.odometry.clear();
+        p.ranges.clear();
+        let began = p.t_s;
+        p.run(2.0);
+        assert!(p.odometry.len() >= 180, "{firmware:?}: {}", p.odometry.len());
+        assert!(p.ranges.len() >= 90, "{firmware:?}: {}", p.ranges.len());
+        for (arrived, o) in &p.odometry {
+            let age = arrived - o.header.at.secs();
+            // The wire takes 6 ms, a step 5 ms; ArduCopter dates in whole milliseconds.
+            assert!((0.004..0.014).contains(&age), "{firmware:?}: {age}");
+        }
+        assert!(p.odometry.windows(2).all(|w| w[1].1.header.at > w[0].1.header.at));
+        let first = p.odometry.first().unwrap().1.header.at.secs();
+        assert!(first >= began - 0.02);
+        assert_eq!(
+            p.link
+                .figures(alight_shared::time::Time::from_secs(p.t_s))
+                .refused,
+            0
+        );
+    }
+}
+
+#[test]
+fn px4_takes_offboard_only_after_set_points_were_offered() {
+    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
+    p.pilot = None;
+    p.run(5.0);
+    assert_eq!(
+        p.link.standing(),
+        Standing::Standby {
+            mode: AutopilotMode::Other
+        }
+    );
+    assert!(!p.autopilot.choose(PX4_OFFBOARD), "accepted without set-points");
+    p.pilot = Some(hold);
+    p.run(0.5);
+    assert!(!p.autopilot.choose(PX4_OFFBOARD), "accepted too early");
+    p.run(1.5);
+    assert!(p.autopilot.choose(PX4_OFFBOARD), "refused after an offer");
+    p.run(0.3);
+    assert!(p.link.standing().commands());
+    let from = p.t_s;
+    p.run(2.0);
+    assert!(p.said_since(from) >= 100, "{} in 2 s", p.said_since(from));
+    // Nobody but the person chose a mode or armed.
+    assert!(p.told(command::SET_MODE).is_empty() && p.told(command::ARM_DISARM).is_empty());
+}
+
+#[test]
+fn an_offer_is_a_hold_in_place_and_nothing_else() {
+    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
+    p.run(4.0);
+    let from = p.t_s;
+    // Attitudes, far places and set-points of a mission that flies are not offered.
+    p.pilot = Some(press);
+    p.run(1.0);
+    p.pilot = Some(|d| alight_shared::msg::SetPoint {
+        position: [d.position[0] + 20.0, 0.0, -5.0],
+        ..hold(d)
+    });
+    p.run(1.0);
+    p.pilot = Some(lead);
+    p.mission = State::Approach;
+    p.run(1.0);
+    assert!(p.said_since(from + 0.05) <= 1, "{}", p.said_since(from));
+    // ArduCopter is offered nothing at all.
+    let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
+    p.run(5.0);
+    assert!(p.link.standing().may_offer() && p.said.is_empty());
+}
+
+#[test]
+fn a_person_who_takes_over_is_heard_within_100_ms_and_keeps_the_drone() {
+    for firmware in BOTH {
+        for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
+            for mode in [StandIn::persons(firmware), 0] {
+                let mut p = Pair::commanding(firmware, 5.0, &config());
+                p.mission = phase;
+                p.pilot = Some(if phase == State::Flare { press } else { lead });
+                p.run(0.3);
+                assert!(p.said_since(p.t_s - 0.1) > 3);
+                p.autopilot.choose(mode);
+                let at = p.t_s;
+                // The pilot goes on and on; so does the mission.
+                p.run(20.0);
+                let last = p.said.last().unwrap().0;
+                assert!(last - at <= 0.1, "{firmware:?} {phase:?}: {:.3} s", last - at);
+                assert!(p.told(command::SET_MODE).is_empty(), "the mode was taken back");
+                assert_eq!(p.autopilot.mode, mode);
+                assert_eq!(p.states.last().unwrap().mode, AutopilotMode::Other);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_new_permission_is_the_persons() {
+    for firmware in BOTH {
+        let mut p = Pair::commanding(firmware, 5.0, &config());
+        p.autopilot.choose(StandIn::persons(firmware));
+        p.run(1.0);
+        let quiet = p.said.len();
+        p.run(0.5);
+        assert_eq!(p.said.len(), quiet, "offered too early");
+        p.run(4.0);
+        assert!(p.autopilot.choose(StandIn::ours(firmware)));
+        p.run(0.3);
+        assert!(p.link.standing().commands(), "{}", p.link.standing());
+    }
+}
+
+#[test]
+fn the_autopilots_own_failsafes_are_respected() {
+    for (mode, seen) in [
+        (PX4_RETURN, AutopilotMode::Return),
+        (PX4_LAND, AutopilotMode::Land),
+        (PX4_HOLD, AutopilotMode::Hold),
+    ] {
+        let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+        p.mission = State::Descent;
+        p.autopilot.choose(mode);
+        let at = p.t_s;
+        p.run(30.0);
+        assert!(p.said.last().unwrap().0 - at <= 0.1);
+        assert_eq!(p.states.last().unwrap().mode, seen);
+    }
+    for (mode, seen) in [
+        (6, AutopilotMode::Return),
+        (9, AutopilotMode::Land),
+        (17, AutopilotMode::Hold),
+    ] {
+        let mut p = Pair::commanding(Firmware::ArduCopter, 5.0, &config());
+        p.autopilot.choose(mode);
+        let at = p.t_s;
+        p.run(30.0);
+        assert!(p.said.last().unwrap().0 - at <= 0.1);
+        assert_eq!(p.states.last().unwrap().mode, seen);
+    }
+}
+
+#[test]
+fn a_pilot_that_falls_silent_leaves_the_drone_to_the_failsafe_and_comes_back() {
+    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+    p.pilot = None;
+    let at = p.t_s;
+    p.run(2.0);
+    assert!(
+        p.said.last().unwrap().0 - at <= 0.13,
+        "stale set-points were repeated"
+    );
+    assert_eq!(p.autopilot.mode, PX4_HOLD);
+    assert_eq!(
+        p.link.standing(),
+        Standing::TakenOver {
+            mode: AutopilotMode::Hold
+        }
+    );
+    // The person's choice is still OFFBOARD: PX4 returns to it with the stream.
+    p.pilot = Some(hold);
+    p.run(4.0);
+    assert_eq!(p.autopilot.mode, PX4_OFFBOARD);
+    assert!(p.link.standing().commands());
+}
+
+#[test]
+fn without_heartbeats_nothing_is_said_and_nothing_is_believed() {
+    for firmware in BOTH {
+        let mut p = Pair::commanding(firmware, 5.0, &config());
+        p.autopilot.silent = true;
+        let at = p.t_s;
+        p.run(4.0);
+        assert_eq!(p.link.standing(), Standing::LinkLost);
+        // Odometry ends with the link: set-points end with it, long before the heartbeats' limit.
+        assert!(
+            p.said.last().unwrap().0 - at <= 0.25,
+            "{}",
+            p.said.last().unwrap().0 - at
+        );
+        let told = p.states.len();
+        p.run(2.0);
+        assert_eq!(p.states.len(), told, "a state without a heartbeat");
+        p.autopilot.silent = false;
+        p.run(4.0);
+        assert!(p.link.standing().commands(), "{}", p.link.standing());
+    }
+}
+
+#[test]
+fn an_autopilot_that_restarts_is_dated_asked_and_counted_anew() {
+    for firmware in BOTH {
+        let mut p = Pair::commanding(firmware, 5.0, &config());
+        let resets = p.states.last().unwrap().origin_resets;
+        p.autopilot.restart();
+        p.run(6.0);
+        assert_ne!(p.states.last().unwrap().origin_resets, resets);
+        let (arrived, o) = p.odometry.last().unwrap();
+        assert!((0.0..0.02).contains(&(arrived - o.header.at.secs())));
+        assert!(p.t_s - arrived < 0.05);
+        assert!(p.link.standing().commands(), "{}", p.link.standing());
+    }
+}
+
+#[test]
+fn a_wire_that_is_cut_for_a_moment_recovers() {
+    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+    p.cut = true;
+    p.run(3.0);
+    assert_eq!(p.link.standing(), Standing::LinkLost);
+    p.cut = false;
+    p.run(4.0);
+    assert!(p.link.standing().commands(), "{}", p.link.standing());
+}
+
+#[test]
+fn without_an_answer_about_clocks_nothing_is_flown() {
+    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
+    p.autopilot.timeless = true;
+    p.run(6.0);
+    assert_eq!(p.link.standing(), Standing::NoClock);
+    assert!(p.odometry.is_empty() && p.said.is_empty());
+}
+
+#[test]
+fn ardu_copters_reading_of_thrust_is_checked_and_explained() {
+    let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
+    p.autopilot.options = 0;
+    p.run(5.0);
+    assert_eq!(p.link.standing(), Standing::OptionMissing);
+    assert!(
+        p.texts.iter().any(|t| t.contains("GUID_OPTIONS bit 3")),
+        "{:?}",
+        p.texts
+    );
+    p.autopilot.choose(4);
+    p.run(2.0);
+    assert!(p.said.is_empty());
+    // The mission is not to believe that it has the drone.
+    assert_eq!(p.states.last().unwrap().mode, AutopilotMode::Other);
+    // The person sets it.
+    p.autopilot.options = 8;
+    p.run(2.0);
+    assert!(p.link.standing().commands(), "{}", p.link.standing());
+}
+
+#[test]
+fn what_the_firmware_does_not_know_is_done_without() {
+    let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
+    p.run(5.0);
+    // No ODOMETRY on ArduCopter: not even asked for, and odometry comes from 31 and 32.
+    let asked = p.told(command::MESSAGE_INTERVAL);
+    assert!(asked.iter().all(|c| c.parameters[0] as u32 != id::ODOMETRY));
+    assert!(p.odometry.len() > 200);
+    // An autopilot that refuses every rate: asked a bounded number of times, nothing flown.
+    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
+    p.autopilot.answer = Some(Taken::Denied);
+    p.run(30.0);
+    assert_eq!(p.link.standing(), Standing::NoOdometry);
+    assert!(p.commands.len() <= 3 * 7, "{}", p.commands.len());
+}
+
+#[test]
+fn the_thrust_that_hovers_is_found_in_flight_and_told_on() {
+    for firmware in BOTH {
+        let mut p = Pair::commanding(firmware, 5.0, &config());
+        p.run(6.0);
+        let s = p.states.last().unwrap();
+        assert!(
+            (s.hover_thrust - HOVER).abs() < 0.01,
+            "{firmware:?}: {}",
+            s.hover_thrust
+        );
+        assert!((s.battery - 0.9).abs() < 0.011);
+    }
+}
+
+/// Down on the deck under the pilot's press, until it would believe in a touchdown.
+fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
+    let mut p = Pair::commanding(firmware, 1.0, config);
+    p.run(4.0);
+    p.mission = State::Flare;
+    p.pilot = Some(press);
+    p.run(2.0);
+    assert!(p.autopilot.on_deck, "{}", p.autopilot.position.z);
+    p
+}
+
+#[test]
+fn on_the_deck_the_motors_are_stopped_although_no_land_detector_agrees() {
+    for firmware in BOTH {
+        let mut p = pressed(firmware, &config());
+        p.pilot = Some(stop);
+        let at = p.t_s;
+        p.run(1.0);
+        let told = p.told(command::ARM_DISARM);
+        assert!(!p.autopilot.armed, "{firmware:?}");
+        assert!((told[0].parameters[1] - 21196.0).abs() < 0.1 && told.len() <= 2);
+        let (when, _) = p
+            .autopilot
+            .commands
+            .iter()
+            .find(|(_, c)| c.command == command::ARM_DISARM)
+            .unwrap();
+        assert!(when - at < 0.1, "{}", when - at);
+        assert!(p.states.iter().any(|s| !s.armed));
+        let n = told.len();
+        p.run(10.0);
+        assert_eq!(
+            p.told(command::ARM_DISARM).len(),
+            n,
+            "a disarmed drone was disarmed"
+        );
+    }
+}
+
+#[test]
+fn a_refused_disarm_is_tried_a_bounded_number_of_times_and_told_to_a_person() {
+    let c = config();
+    let mut p = pressed(Firmware::Px4, &c);
+    p.autopilot.answer = Some(Taken::Denied);
+    p.pilot = Some(stop);
+    p.run(20.0);
+    assert_eq!(p.told(command::ARM_DISARM).len(), c.disarm.tries as usize);
+    assert!(
+        p.texts.iter().any(|t| t.contains("disarm it by hand")),
+        "{:?}",
+        p.texts
+    );
+    // It stays on the deck with its thrust off: set-points go on.
+    assert!(p.said_since(p.t_s - 0.1) > 3 && p.autopilot.on_deck);
+}
+
+#[test]
+fn a_false_touchdown_in_the_air_stops_no_motors() {
+    for firmware in BOTH {
+        for (height, mission, forecast) in [
+            (5.0, State::Flare, true),
+            (5.0, State::Landed, false),
+            (1.2, State::Descent, true),
+            (0.8, State::Flare, false),
+            (0.31, State::Tracking, true),
+        ] {
+            let mut p = Pair::commanding(firmware, height, &config());
+            (p.mission, p.forecast) = (mission, forecast);
+            p.pilot = Some(stop);
+            let before = p.autopilot.position.z;
+            p.run(10.0);
+            assert!(
+                p.told(command::ARM_DISARM).is_empty(),
+                "{firmware:?} at {height} m"
+            );
+            assert!(p.autopilot.armed);
+            // It holds its place.
+            assert!(
+                (p.autopilot.position.z - before).abs() < 0.5,
+                "{}",
+                p.autopilot.position.z
+            );
+        }
+    }
+}
+
+#[test]
+fn a_drone_that_falls_past_the_pilots_word_is_caught_and_not_stopped() {
+    // Pressed down from 1 m, and the pilot errs in the air on the way.
+    let mut p = Pair::commanding(Firmware::Px4, 2.5, &config());
+    p.run(4.0);
+    p.mission = State::Flare;
+    p.pilot = Some(press);
+    p.run(0.3);
+    p.pilot = Some(stop);
+    p.run(1.0);
+    assert!(p.told(command::ARM_DISARM).is_empty());
+    assert!(!p.autopilot.on_deck, "it was dropped");
+}
+
+#[test]
+fn disarming_can_be_left_to_a_person() {
+    let mut c = config();
+    c.disarm.on_deck = false;
+    let mut p = pressed(Firmware::Px4, &c);
+    p.pilot = Some(stop);
+    p.run(5.0);
+    assert!(p.told(command::ARM_DISARM).is_empty() && p.autopilot.armed && p.autopilot.on_deck);
+}
+
+#[test]
+fn a_take_over_on_the_deck_ends_the_disarming_too() {
+    let mut p = pressed(Firmware::Px4, &config());
+    p.autopilot.answer = Some(Taken::Denied);
+    p.pilot = Some(stop);
+    p.run(0.3);
+    p.autopilot.choose(StandIn::persons(Firmware::Px4));
+    p.run(0.1);
+    let n = p.told(command::ARM_DISARM).len();
+    p.run(5.0);
+    assert_eq!(p.told(command::ARM_DISARM).len(), n);
+}
+
+#[test]
+fn it_arms_only_when_configured() {
+    for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
+        let c = AutopilotLinkConfig { may_arm, ..config() };
+        let mut p = Pair::new(Firmware::ArduCopter, 0.3, &c);
+        p.autopilot.armed = false;
+        p.waits_for_flight = true;
+        p.run(5.0);
+        assert!(p.told(command::ARM_DISARM).is_empty(), "armed in a person's mode");
+        p.autopilot.answer = denied.then_some(Taken::Denied);
+        p.autopilot.choose(4);
+        p.run(20.0);
+        let told = p.told(command::ARM_DISARM).len();
+        let expected = match (may_arm, denied) {
+            (false, _) => 0,
+            (true, false) => 1,
+            (true, true) => 3,
+        };
+        assert_eq!(told, expected);
+        assert_eq!(p.autopilot.armed, may_arm && !denied);
+        // A person disarms: it is not armed again.
+        p.autopilot.armed = false;
+        p.run(10.0);
+        assert_eq!(p.told(command::ARM_DISARM).len(), expected);
+    }
+}
+
+#[test]
+fn at_the_battery_s_reserve_the_drone_is_given_away_where_it_was_configured() {
+    for (firmware, to, mode) in [
+        (Firmware::Px4, Diversion::Return, PX4_RETURN),
+        (Firmware::Px4, Diversion::Land, PX4_LAND),
+        (Firmware::ArduCopter, Diversion::Return, 6),
+        (Firmware::ArduCopter, Diversion::Land, 9),
+    ] {
+        let c = AutopilotLinkConfig {
+            battery: BatteryConfig {
+                diversion: to,
+                ..BatteryConfig::default()
+            },
+            ..config()
+        };
+        let mut p = Pair::commanding(firmware, 5.0, &c);
+        p.mission = State::Tracking;
+        p.autopilot.battery = 0.05;
+        p.run(6.0);
+        assert_eq!(p.autopilot.mode, mode);
+        assert_eq!(p.told(command::SET_MODE).len(), 1);
+        let at = p.t_s;
+        p.run(10.0);
+        assert_eq!(p.said_since(at), 0);
+    }
+    let none = AutopilotLinkConfig {
+        battery: BatteryConfig {
+            diversion: Diversion::None,
+            ..BatteryConfig::default()
+        },
+        ..config()
+    };
+    let mut p = Pair::commanding(Firmware::Px4, 5.0, &none);
+    p.autopilot.battery = 0.05;
+    p.run(10.0);
+    assert!(p.link.standing().commands() && p.told(command::SET_MODE).is_empty());
+}
+
+#[test]
+fn a_refused_diversion_is_tried_a_bounded_number_of_times_and_the_drone_is_not_commanded() {
+    let mut p = Pair::commanding(Firmware::ArduCopter, 5.0, &config());
+    p.autopilot.battery = 0.05;
+    p.autopilot.answer = Some(Taken::Denied);
+    p.run(20.0);
+    assert_eq!(p.told(command::SET_MODE).len(), 3);
+    assert_eq!(p.said_since(p.t_s - 10.0), 0);
+    assert_eq!(p.link.standing(), Standing::Diverted(Diversion::Return));
+}
+
+#[test]
+fn in_the_flare_the_battery_does_not_divert() {
+    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+    p.mission = State::Flare;
+    p.autopilot.battery = 0.05;
+    p.run(6.0);
+    assert!(p.told(command::SET_MODE).is_empty() && p.link.standing().commands());
+}
+
+#[test]
+fn others_on_the_wire_are_not_taken_for_the_autopilot() {
+    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+    let beat = |autopilot, vehicle, custom_mode| Message::Heartbeat {
+        autopilot,
+        vehicle,
+        base_mode: 1,
+        custom_mode,
+    };
+    for _ in 0..100 {
+        // A ground station, a camera of the same drone, another drone that is flown by hand.
+        p.inject(
+            Address {
+                system: 255,
+                component: 190,
+            },
+            &beat(8, 6, 0),
+        );
+        p.inject(
+            Address {
+                system: 3,
+                component: 100,
+            },
+            &beat(8, 30, 0),
+        );
+        p.inject(
+            Address {
+                system: 4,
+                component: 1,
+            },
+            &beat(12, 2, StandIn::persons(Firmware::Px4)),
+        );
+        p.inject(
+            Address {
+                system: 4,
+                component: 1,
+            },
+            &Message::Battery {
+                number: 0,
+                remaining: Some(0.0),
+            },
+        );
+        p.run(0.05);
+        assert!(p.link.standing().commands(), "{}", p.link.standing());
+    }
+    assert!(p.states.iter().skip(20).all(|s| s.battery > 0.5));
+}
+
+#[test]
+fn the_deck_is_offered_when_configured() {
+    let c = AutopilotLinkConfig {
+        offer_deck: true,
+        ..config()
+    };
+    for (c, some) in [(config(), false), (c, true)] {
+        let mut p = Pair::new(Firmware::Px4, 5.0, &c);
+        p.run(5.0);
+        assert_eq!(p.offered >= 20, some, "{}", p.offered);
+    }
+}
