@@ -33,10 +33,11 @@ const INGREDIENTS: [(&str, Change); 16] = [
     }),
     // The linear model's a = g tilt.
     ("a = g tilt", |n| n.drone.planner.rendezvous.true_tilt = false),
-    // The pilot's commands do not lead the attitude loop.
+    // The pilot's commands do not lead the attitude loop, nor is its lag made up for: believed 0.02 s, what
+    // the loop is laid out for too, so that commands keep their size.
     ("no attitude lag", |n| {
         let p = &mut n.drone.pilot;
-        (p.lag.bounds_s, p.tracking.rate_lag_s) = ([0.02; 2], 0.0);
+        (p.lag.design_s, p.lag.bounds_s, p.tracking.rate_lag_s) = (0.02, [0.02; 2], 0.0);
     }),
     // The lag is what the airframe's owner says.
     ("lag not learnt", |n| n.drone.pilot.lag.prior_rad2s = 10.0),
