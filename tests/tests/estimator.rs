@@ -90,6 +90,39 @@ fn heave_one_second_ahead_is_near_what_the_true_frequencies_give() {
 }
 
 #[test]
+fn the_spread_one_second_ahead_is_what_it_turns_out_to_be() {
+    // Where the waves keep their phase better than the filter's process noise lets them, where a steep
+    // sea has harmonics that nobody identifies, and where there are no waves.
+    let second = HORIZONS_S.iter().position(|h| *h == 1.0).unwrap();
+    let mut wrong = Vec::new();
+    for sea in [
+        "0,0", "0.2,5", "0.3,5", "0.4,5", "0.4,4", "0.5,5", "0.6,6", "0.7,7", "0.8,5", "0.8,8",
+    ] {
+        let scenario = Scenario {
+            sea: sea.parse().unwrap(),
+            ..Scenario::default()
+        };
+        let (mut deck, mut tilt, mut heave) = (Tally::default(), Tally::default(), Tally::default());
+        for seed in 100..110 {
+            let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0, false).unwrap();
+            deck = deck.and(scores[&(Source::Vessel, Figure::Deck, second)]);
+            tilt = tilt.and(scores[&(Source::Vessel, Figure::Tilt, second)]);
+            heave = heave.and(scores[&(Source::Vessel, Figure::Heave, second)]);
+        }
+        let inside = deck.inside();
+        println!(
+            "{sea}: {inside:.3} inside, NEES tilt {:.2} heave {:.2}",
+            tilt.nees(),
+            heave.nees()
+        );
+        if !((0.90..=0.99).contains(&inside) && (0.6..1.6).contains(&tilt.nees())) {
+            wrong.push(format!("{sea}: {inside:.3}, NEES {:.2}", tilt.nees()));
+        }
+    }
+    assert!(wrong.is_empty(), "share in the 95 % ellipse: {wrong:?}");
+}
+
+#[test]
 fn a_square_course_at_2_mps_keeps_state_and_prediction() {
     let runs = [run(20, "moderate", Course::Square, 60.0)];
     let mut tilt = Vec::new();

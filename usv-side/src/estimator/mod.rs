@@ -7,6 +7,7 @@
 //! the water it feels almost nothing, and what keeps the tilt is the gyroscope. Late measurements
 //! (GNSS, heading) are compared with the state rolled back to their time.
 
+mod growth;
 mod inertial;
 mod output;
 mod satellite;
@@ -85,6 +86,7 @@ pub(crate) struct Filter {
     pub(crate) mean_heading: f64,
     pub(crate) mean_heading_rate: f64,
     pub(crate) unexplained: unexplained::Unexplained,
+    pub(crate) growth: growth::Growth,
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
@@ -163,6 +165,7 @@ impl Estimator {
             let offset = ahead - (f.at - from).secs();
             self.gated.imu += f.fuse_inertial(&self.config, gyro, force, n, offset);
             f.follow_heading();
+            f.hold_against_predictions();
             f.decimate += 1;
             if f.decimate >= 2 {
                 f.decimate = 0;
@@ -323,6 +326,7 @@ impl Filter {
             mean_heading: reference,
             mean_heading_rate: 0.0,
             unexplained: unexplained::Unexplained::new(at),
+            growth: growth::Growth::new(at),
             step,
             pending: Default::default(),
             last_imu: at,

@@ -5,11 +5,12 @@ use alight_shared::msg::{
     Header, PREDICTION_STAGES, PredictedStage, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::seq::Seq;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{Rotation2, Vector2};
 
-use super::{Filter, GNSS_BIAS, Tilt};
+use super::growth::{self, AHEAD_S, COMPARED, Foretold};
+use super::{Filter, GNSS_BIAS, STEP_S, Tilt};
 use crate::VesselNodeConfig;
 
 impl Filter {
@@ -112,9 +113,10 @@ impl Filter {
         let origin = [start.x, start.y, heave + b.get(HEAVE, GNSS_BIAS)];
         let (with_eta, _, own) = self.level_covariance();
         let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
+        let ahead: [[f64; PREDICTION_STAGES]; 6] = core::array::from_fn(|d| self.variances_ahead(d));
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
             let m: [[f64; 3]; 6] = core::array::from_fn(|d| self.horizon.mean(b, d, k));
-            let var: [f64; 6] = core::array::from_fn(|d| self.horizon.covariance(b, d, k)[0]);
+            let var: [f64; 6] = core::array::from_fn(|d| ahead[d][k]);
             let tilt = Tilt {
                 angles: [m[ROLL][0], m[PITCH][0]],
                 rates: [m[ROLL][1], m[PITCH][1]],
@@ -165,8 +167,59 @@ impl Filter {
     /// deviation of heave alone at stage `k` of the prediction, m.
     pub(crate) fn level_and_heave_sd(&self, k: usize) -> (f64, f64) {
         let b = &self.belief;
-        let variance = self.horizon.covariance(b, HEAVE, k)[0];
+        let variance = self.variances_ahead(HEAVE).get(k).copied().unwrap_or(0.0);
         (b.get(HEAVE, GNSS_BIAS), variance.max(0.0).sqrt())
+    }
+
+    /// The stage of a prediction that is [`AHEAD_S`] ahead, where there is one.
+    fn compared_stage(&self) -> Option<usize> {
+        let step = self.horizon.step_s();
+        let k = (AHEAD_S / step).round();
+        ((k * step - AHEAD_S).abs() < 1e-9 && k as usize <= self.horizon.stages()).then_some(k as usize)
+    }
+
+    /// What the variance of a degree of freedom grows by until stage `k`: the waves' part and the
+    /// disturbance's.
+    fn growth_ahead(&self, dof: usize, k: usize) -> (f64, f64) {
+        let variance = |k| self.horizon.covariance(&self.belief, dof, k)[0];
+        let all = variance(k) - variance(0);
+        let t = k as f64 * self.horizon.step_s();
+        let own = growth::disturbance(self.model.config(), dof, t).min(all.max(0.0));
+        (all - own, own)
+    }
+
+    /// Variance of a degree of freedom at each stage of a prediction: that of now, what the disturbance
+    /// adds, and what the waves add, scaled as the last predictions have fared.
+    fn variances_ahead(&self, dof: usize) -> [f64; PREDICTION_STAGES] {
+        let factor = match self.compared_stage() {
+            Some(k) => self.growth.factor(dof, self.growth_ahead(dof, k).0),
+            None => 1.0,
+        };
+        let now = self.horizon.covariance(&self.belief, dof, 0)[0];
+        core::array::from_fn(|k| {
+            let (waves, own) = self.growth_ahead(dof, k);
+            // A variance that shrinks for a while (a phase that is known better later) is left alone.
+            now + own + if waves > 0.0 { factor * waves } else { waves }
+        })
+    }
+
+    /// Holds the predictions whose time has come against the state, and makes new ones.
+    pub(super) fn hold_against_predictions(&mut self) {
+        let now = COMPARED.map(|d| self.belief.get(d, ETA));
+        self.growth
+            .compare(self.at, self.reference, now, Span::from_secs(0.5 * STEP_S));
+        let Some(k) = self.compared_stage() else { return };
+        if self.growth.is_due(self.at) {
+            let foretold = COMPARED.map(|d| {
+                let (waves, disturbance) = self.growth_ahead(d, k);
+                Foretold {
+                    mean: self.horizon.mean(&self.belief, d, k)[0],
+                    waves: waves.max(0.0),
+                    disturbance,
+                }
+            });
+            self.growth.foretell(self.at, self.reference, foretold);
+        }
     }
 
     /// Standard deviations of eta and nu are finite: it may speak.

@@ -148,6 +148,7 @@ impl Filter {
                     self.sea.confidence = 0.0;
                     if self.sea.identified {
                         self.sea.identified = false;
+                        self.growth.forget();
                         self.sea.components.clear();
                         self.sea.built = Some(self.at);
                         let figures = self.unexplained.figures(&config.model);
@@ -179,6 +180,9 @@ impl Filter {
                     .fold(0.0, f64::max);
                 self.sea.unsettled += moved;
                 let first = !self.sea.identified;
+                if first {
+                    self.growth.forget();
+                }
                 let old = core::mem::take(&mut self.sea.components);
                 self.sea.identified = true;
                 self.sea.built = Some(self.at);
