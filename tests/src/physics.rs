@@ -3,14 +3,14 @@
 //! vehicles share it.
 
 use alight_shared::config::{Check, Keys};
-use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
+use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector, VesselBody, wrap_angle};
 use alight_shared::msg::{AutopilotState, DroneState, Header, MissionState, SetPoint, State};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::body::RigidState;
 use crate::deck_motion::DeckCarrier;
-use crate::drone::{DroneStart, DroneWorld, Part};
+use crate::drone::{DroneStart, DroneWorld, Part, ROTORS, StepReport};
 use crate::outcome::{Observation, Touch};
 use crate::scenario::Scenario;
 use crate::sea::Sea;
@@ -25,6 +25,8 @@ use crate::trial::SetupError;
 pub const TICK: Span = Span::from_millis(10);
 /// The autopilot tells its state every so many ticks.
 const AUTOPILOT_TICKS: u64 = 10;
+/// A firmware and the drone under it exchange this often in a tick: 400 Hz.
+pub const SLICES: u32 = 4;
 /// Identity of the simulated vessel.
 pub const VESSEL_ID: u32 = 1;
 /// Identity of the simulated drone.
@@ -43,6 +45,51 @@ pub struct Flight {
     pub autopilot: Option<AutopilotState>,
     /// Camera and rangefinder.
     pub seen: DroneReadings,
+}
+
+/// What the sensors of a firmware are moved by, truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Felt {
+    /// When.
+    pub at: Time<TrueTime>,
+    /// Centre of mass, NED, m.
+    pub position: Vector3<f64>,
+    /// NED, m/s.
+    pub velocity: Vector3<f64>,
+    /// NED from body.
+    pub attitude: UnitQuaternion<f64>,
+    /// Body, rad/s.
+    pub rates: Vector3<f64>,
+    /// Body, m/s².
+    pub specific_force: Vector3<f64>,
+}
+
+impl Felt {
+    fn of(drone: &DroneWorld, at: Time<TrueTime>) -> Felt {
+        let truth = drone.truth();
+        Felt {
+            at,
+            position: truth.position.0,
+            velocity: truth.velocity.0,
+            attitude: truth.attitude.0,
+            rates: truth.rates.0,
+            specific_force: drone.specific_force(),
+        }
+    }
+}
+
+/// The deck a share `s` of a tick after `a`: cubic in position, turned at a constant rate.
+fn between(a: &RigidState<Deck>, b: &RigidState<Deck>, s: f64) -> RigidState<Deck> {
+    let h = TICK.secs();
+    let (p, q) = (a.position.0, b.position.0);
+    let (v, w) = (a.velocity.0 * h, b.velocity.0 * h);
+    let (c2, c3) = ((q - p) * 3.0 - v * 2.0 - w, (p - q) * 2.0 + v + w);
+    RigidState {
+        position: Point::from(p + (v + (c2 + c3 * s) * s) * s),
+        velocity: Vector::from((v + (c2 * 2.0 + c3 * (3.0 * s)) * s) / h),
+        attitude: Rotation::from(a.attitude.0.slerp(&b.attitude.0, s)),
+        ..*a
+    }
 }
 
 /// Truth, and what measures it.
@@ -166,8 +213,46 @@ impl Physics {
         self.hash(&[set_point.thrust, set_point.position[0], set_point.position[2]]);
     }
 
+    /// The drone stands on a pad where the scenario places it, to be flown by a firmware.
+    pub fn place_drone_standing(&mut self) {
+        self.place_drone();
+        if let Some(drone) = &mut self.drone {
+            drone.stand();
+        }
+    }
+
     /// Vessel, autopilot, drone and contact move on by one tick.
     pub fn advance(&mut self) {
+        let t = self.t;
+        self.moved(|drone, before, after, water_z| {
+            vec![drone.step(t.secs(), TICK.secs(), before, after, water_z)]
+        });
+    }
+
+    /// The same with the drone under a firmware, in [`SLICES`] slices: `fly` tells it what the drone
+    /// feels at the beginning of each and gives its motors, as shares of a rotor's greatest thrust;
+    /// None with all off.
+    pub fn advance_under(&mut self, mut fly: impl FnMut(&Felt) -> Option<[f64; ROTORS]>) {
+        let t = self.t;
+        self.moved(|drone, before, after, water_z| {
+            let length = TICK / i64::from(SLICES);
+            (0..SLICES)
+                .map(|k| {
+                    let at = t + length * i64::from(k);
+                    let motors = fly(&Felt::of(drone, at));
+                    let share = |k: u32| f64::from(k) / f64::from(SLICES);
+                    let deck = [share(k), share(k + 1)].map(|s| between(before, after, s));
+                    let motors = motors.as_ref();
+                    drone.step_under(at.secs(), length.secs(), [&deck[0], &deck[1]], water_z, motors)
+                })
+                .collect()
+        });
+    }
+
+    fn moved(
+        &mut self,
+        step: impl FnOnce(&mut DroneWorld, &RigidState<Deck>, &RigidState<Deck>, f64) -> Vec<StepReport>,
+    ) {
         let t = self.t;
         let dt_s = TICK.secs();
         let before = self.deck();
@@ -177,15 +262,16 @@ impl Physics {
             let after = self.deck();
             let at = drone.truth().position.0;
             let water_z = self.sea.surface(t, at.x, at.y).surface_z();
-            let report = drone.step(t.secs(), dt_s, &before, &after, water_z);
-            self.in_water |= report.in_water;
-            self.motors_on = report.armed;
-            self.touches.extend(report.impacts.iter().map(|i| Touch {
-                foot: matches!(i.part, Part::Foot(_)),
-                on_deck: i.position.0.z < BELOW_SURFACE_M,
-                normal_mps: i.normal_mps,
-                tangential_mps: i.tangential_mps,
-            }));
+            for report in step(&mut drone, &before, &after, water_z) {
+                self.in_water |= report.in_water;
+                self.motors_on = report.armed;
+                self.touches.extend(report.impacts.iter().map(|i| Touch {
+                    foot: matches!(i.part, Part::Foot(_)),
+                    on_deck: i.position.0.z < BELOW_SURFACE_M,
+                    normal_mps: i.normal_mps,
+                    tangential_mps: i.tangential_mps,
+                }));
+            }
             let truth = drone.truth();
             self.hash(truth.position.0.as_slice());
             self.hash(truth.attitude.0.coords.as_slice());

@@ -20,6 +20,7 @@ use super::keys;
 use super::land::{free_port, write};
 use super::namespaces::{ADDRESSES, OwnSpaces};
 use super::packets::{OnAir, Recent};
+use super::plant::AutopilotKind;
 use super::profile;
 use super::supervisor::Supervisor;
 use crate::Refused;
@@ -65,7 +66,15 @@ impl Air {
             "scenario" => scene.scenario.radio.clone(),
             name => profile::load(name)?,
         };
+        let firmware = args.autopilot != AutopilotKind::Internal;
         let spaces = match args.emulate {
+            Emulate::Always if firmware => {
+                return Err(Refused(
+                    "--emulate always: a firmware beside could not reach the drone's namespace; leave it out"
+                        .into(),
+                ));
+            }
+            Emulate::Auto if firmware => None,
             Emulate::Always => Some(OwnSpaces::make(&args.instance)?),
             Emulate::Auto if args.link != "scenario" && args.link != "clean" => {
                 let made = OwnSpaces::make(&args.instance);

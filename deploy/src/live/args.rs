@@ -10,6 +10,7 @@ use super::fault::FaultSpec;
 use super::follow::LONGEST_FOLLOW_S;
 use super::keys::KeysArgs;
 use super::latency::LatencyArgs;
+use super::plant::AutopilotKind;
 use crate::args::SceneArgs;
 
 /// The live system.
@@ -41,7 +42,7 @@ pub enum LiveVerb {
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
     Autopilot(AutopilotArgs),
     /// Process of the simulation: both vehicles, in real time.
-    World(ProcessArgs),
+    World(WorldArgs),
     /// Emulate a bad link between two network namespaces of this computer (needs root).
     Link(LinkArgs),
     /// Measure one hop through both middlewares, beside plain sockets.
@@ -81,6 +82,14 @@ pub struct LandArgs {
     /// Name of this set of processes; several may run side by side
     #[arg(long, default_value = "land")]
     pub instance: String,
+    /// Who flies the simulated drone: internal, or the firmware of PX4 or ArduPilot, which is started
+    /// beside and flown from the pad by a person (see deploy/README.md)
+    #[arg(long, value_enum, default_value_t = AutopilotKind::Internal)]
+    pub autopilot: AutopilotKind,
+    /// Where that firmware's MAVLink is [default: udpin://0.0.0.0:14540 for PX4,
+    /// tcpout://127.0.0.1:5760 for ArduPilot]
+    #[arg(long, value_name = "URL", requires = "autopilot")]
+    pub connect: Option<String>,
     /// Plain Unix and UDP sockets carry the same messages beside the middlewares; the report compares
     #[arg(long)]
     pub relay: bool,
@@ -228,6 +237,17 @@ pub struct ProcessArgs {
     /// End when standard input closes: a supervisor that dies takes its processes with it
     #[arg(long, hide = true)]
     pub supervised: bool,
+}
+
+/// The simulated vehicles.
+#[derive(Args, Debug)]
+pub struct WorldArgs {
+    /// What every process has
+    #[command(flatten)]
+    pub process: ProcessArgs,
+    /// Who flies the drone [default: the configuration's]
+    #[arg(long, value_enum)]
+    pub autopilot: Option<AutopilotKind>,
 }
 
 /// The link to a real autopilot.

@@ -6,6 +6,7 @@ use alight_bridge::BridgeConfig;
 use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::RadioConfig;
+use alight_sim::firmware::FirmwareConfig;
 use alight_sim::radio::RadioConfig as Impairment;
 use alight_sim::scenario::{Scenario, StateOutage};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -14,6 +15,7 @@ use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
 
+use super::plant::AutopilotKind;
 use super::relay::DroneRelay;
 
 /// An impairment of the radio, applied to what a process receives; for trials only.
@@ -161,6 +163,10 @@ pub struct SimulatedWorld {
     /// A picture of the landing is drawn there.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plot: Option<PathBuf>,
+    /// Who flies the drone.
+    pub autopilot: AutopilotKind,
+    /// The plant of a firmware.
+    pub firmware: FirmwareConfig,
     /// How the autopilot's odometry is made smooth.
     pub odometry: OdometryConfig,
     /// What is simulated.
@@ -169,6 +175,7 @@ pub struct SimulatedWorld {
 
 impl Check for SimulatedWorld {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.firmware.check(&at.table("firmware"))?;
         self.odometry.check(&at.table("odometry"))?;
         self.scenario.check(&at.table("scenario"))
     }

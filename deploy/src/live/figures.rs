@@ -57,10 +57,11 @@ const AUTOPILOT: [(&str, Unit); 6] = [
     ("set-points sent", Unit::Count),
     ("link opened again", Unit::Count),
 ];
-const WORLD: [(&str, Unit); 3] = [
+const WORLD: [(&str, Unit); 4] = [
     ("latest tick", Unit::Time),
     ("late ticks", Unit::Count),
     ("time since the start", Unit::Time),
+    ("slices left unanswered", Unit::Count),
 ];
 
 fn names(kind: ProcessKind) -> Vec<(String, Unit)> {

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use alight_shared::frames::Datum;
 use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
@@ -15,6 +16,7 @@ use alight_shared::transport::memory::{Memory, Publisher, Services};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::RadioConfig;
 use alight_shared::transport::wake::end_requested;
+use alight_sim::firmware::FirmwareConfig;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_sim::streams::Streams;
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -26,6 +28,7 @@ use super::config::{DroneComputer, SimulatedWorld, VesselComputer};
 use super::fault::Fault;
 use super::follow;
 use super::instance::Owned;
+use super::plant::AutopilotKind;
 use super::process::{draw_boot, end_with_supervisor};
 use super::relay::{DroneRelay, Tap};
 use super::report::{LiveOutcome, LiveReport, PhaseEntry};
@@ -45,6 +48,12 @@ const BEAT: Duration = Duration::from_millis(50);
 const RETURN_NS: i64 = 10_000_000_000;
 /// Entries of the mission's states that are kept.
 const MOST_PHASES: usize = 1000;
+/// Where the simulated sea is for a firmware, in the Adriatic.
+const AT_SEA: Datum = Datum {
+    latitude_deg: 43.5,
+    longitude_deg: 16.3,
+    height_m: 0.0,
+};
 /// A command that shows no effect is repeated after this long, s.
 const COMMAND_AGAIN_S: f64 = 1.0;
 
@@ -54,6 +63,14 @@ pub fn scene(args: &LandArgs) -> Result<Scene, Refused> {
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
         scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
+    }
+    if args.autopilot != AutopilotKind::Internal {
+        // A firmware has an origin of its own, and takes no place at 0 N 0 E.
+        let datum = &mut scene.scenario.sensors.vessel_gnss.datum;
+        if *datum == Datum::default() {
+            *datum = AT_SEA;
+        }
+        scene.nodes.drone.predictor.datum = Some(*datum);
     }
     if args.follow.is_some() {
         follow::withhold_the_landing(&mut scene);
@@ -253,7 +270,10 @@ impl Arrangement {
             },
             impairment: air.impairment.clone(),
             relay,
-            autopilot: AutopilotLinkConfig::default(),
+            autopilot: AutopilotLinkConfig {
+                connect: args.connect.clone().unwrap_or(args.autopilot.connect().into()),
+                ..AutopilotLinkConfig::default()
+            },
             bridge: scene.nodes.bridge.clone(),
             drone: scene.nodes.drone.clone(),
         };
@@ -267,6 +287,8 @@ impl Arrangement {
             follow_s: args.follow,
             truth: recording(args).is_some(),
             plot: args.plot.clone(),
+            autopilot: args.autopilot,
+            firmware: FirmwareConfig::default(),
             odometry: scene.nodes.drone.odometry,
             scenario: scene.scenario.clone(),
         };
@@ -357,6 +379,10 @@ impl<'a> Landing<'a> {
                 | ProcessKind::Pilot => &plan.drone_file,
             };
             supervisor.start(kind, config.clone(), plan.air.enter(kind))?;
+        }
+        if args.autopilot != AutopilotKind::Internal {
+            let kind = ProcessKind::Autopilot;
+            supervisor.start(kind, plan.drone_file.clone(), plan.air.enter(kind))?;
         }
         Ok(Landing {
             args,

@@ -36,6 +36,7 @@ mod namespaces;
 mod packets;
 mod pilot;
 mod planner;
+mod plant;
 mod predictor;
 mod process;
 mod profile;

@@ -11,16 +11,18 @@ use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::process::ProcessKind;
+use alight_sim::firmware::FirmwareSensors;
 use alight_sim::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::physics::{Physics, TICK};
 use alight_sim::trace::Trace;
 use serde::{Deserialize, Serialize};
 
-use super::args::ProcessArgs;
+use super::args::WorldArgs;
 use super::config::SimulatedWorld;
 use super::follow::Followed;
 use super::interface::autopilot::SimulatedAutopilot;
 use super::interface::sensors::{Readings, SimulatedSensors};
+use super::plant::Plant;
 use super::process::{Life, draw_boot, recorder};
 use super::truth::Truth;
 use crate::{End, Refused, plot, say};
@@ -45,11 +47,19 @@ pub struct Landed {
 }
 
 /// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
-/// (s), ticks later than one period, true time since the start (s).
-pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
+/// (s), ticks later than one period, true time since the start (s), slices that a firmware left
+/// unanswered.
+pub fn run(args: &WorldArgs) -> Result<End, Refused> {
+    let (kind, args) = (args.autopilot, &args.process);
     let world: SimulatedWorld = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
     let mut physics = Physics::new(&world.scenario, world.seed)
         .map_err(|e| Refused::because("setting up the simulated world", e))?;
+    let mut plant = {
+        let (scenario, firmware) = (&world.scenario, &world.firmware);
+        let (navigation, datum) = (&scenario.drone.navigation, scenario.sensors.vessel_gnss.datum);
+        let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
+        Plant::open(kind.unwrap_or(world.autopilot), firmware, sensors)?
+    };
     let memory = Memory::join(&Instance::new(&world.instance)?, "world")?;
     let mut autopilot = SimulatedAutopilot::join(&memory, &world.odometry)?;
     let sensors = SimulatedSensors::to(&world.sensors)
@@ -96,8 +106,13 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         late_ticks += u32::from(late_s > TICK.secs());
         let before = steady_ns();
 
-        if physics.drone().is_none() && physics.now() >= physics.hover_from() {
-            physics.place_drone();
+        if physics.drone().is_none() {
+            if plant.is_some() {
+                // A firmware wakes up on the ground, and is flown from there by a person.
+                physics.place_drone_standing();
+            } else if physics.now() >= physics.hover_from() {
+                physics.place_drone();
+            }
         }
         if let Some(log) = &mut truth {
             log.write(physics.now().nanos(), &Truth::of(&physics), &());
@@ -109,21 +124,29 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             heading: readings.heading,
         });
         if let Some(flight) = physics.flight() {
-            autopilot.say(&flight);
+            autopilot.say_seen(&flight.seen);
+            if plant.is_none() {
+                autopilot.say(&flight);
+            }
         }
         // Set-points have until the next tick to arrive: what the vehicle does in between follows
         // from what it was told before.
         let drone_ns = physics.drone_now().nanos();
         life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
-        wait_until(&memory, &clock, physics.now() + TICK);
-        if let Some(set_point) = autopilot.set_point(drone_ns + TICK.nanos()) {
-            physics.apply(&set_point);
+        if let Some(plant) = &mut plant {
+            plant.advance(&mut physics, &memory, &clock);
+        } else {
+            wait_until(&memory, &clock, physics.now() + TICK);
+            if let Some(set_point) = autopilot.set_point(drone_ns + TICK.nanos()) {
+                physics.apply(&set_point);
+            }
+            physics.advance();
         }
-        physics.advance();
 
         phase = mission.newest(drone_ns).unwrap_or(phase);
-        life.figures = Seq::filled([latest_s, f64::from(late_ticks), physics.time_since_start().secs()]);
+        let unanswered = plant.as_ref().map_or(0, Plant::late) as f64;
         let t_s = physics.time_since_start().secs();
+        life.figures = Seq::filled([latest_s, f64::from(late_ticks), t_s, unanswered]);
         history.see(&physics, t_s, &phase);
         followed.see(t_s, TICK.secs(), phase.state);
         if world.follow_s.is_some_and(|f| t_s >= f) {
@@ -213,7 +236,7 @@ impl History {
 }
 
 /// Waits until the clock reads `t`, but no longer than a tick.
-fn wait_until(memory: &Memory, clock: &ProcessClock, t: alight_shared::time::Time<TrueTime>) {
+pub fn wait_until(memory: &Memory, clock: &ProcessClock, t: alight_shared::time::Time<TrueTime>) {
     let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
     let _told_to_end = memory.wait(Duration::from_nanos(left.unsigned_abs()));
 }

@@ -8,7 +8,7 @@ use super::config::AirframeConfig;
 use crate::streams::Streams;
 
 /// Rotors in PX4's order: front right, rear left, front left, rear right.
-pub(crate) const ROTORS: usize = 4;
+pub const ROTORS: usize = 4;
 
 /// Position (in units of arm / sqrt 2) and sense of each rotor: `[forward, right, yaw]`; a rotor
 /// that turns counter-clockwise seen from above turns the body clockwise (+yaw in FRD).
@@ -114,6 +114,10 @@ impl Airframe {
     /// Rotors at the speed that hovers, for a start in the air.
     pub(crate) fn spin_up(&mut self) {
         self.speeds = [self.hover().min(1.0).sqrt(); ROTORS];
+    }
+    /// Rotors at rest.
+    pub(crate) fn stand_still(&mut self) {
+        self.speeds = [0.0; ROTORS];
     }
     /// Rotor hubs in the body frame, m.
     pub(crate) fn hubs(&self) -> &[Vector3<f64>; ROTORS] {

@@ -10,7 +10,7 @@ mod autopilot;
 mod config;
 mod contact;
 mod estimator;
-mod noise;
+pub(crate) mod noise;
 mod wind;
 
 #[cfg(test)]
@@ -30,6 +30,7 @@ use contact::{Contact, DeckSpan};
 use estimator::Estimator;
 use wind::Wind;
 
+pub use airframe::ROTORS;
 pub use config::{
     AirframeConfig, AutopilotConfig, ContactConfig, DroneConfig, LossAction, NavigationConfig, WindConfig,
 };
@@ -80,6 +81,18 @@ pub struct DroneWorld {
     angular_acceleration: Vector3<f64>,
     now_s: f64,
     nominal_max_n: f64,
+    /// Height (NED z, m) of the pad that it stands on before a firmware takes off.
+    pad: Option<f64>,
+    /// Specific force over the last step, body, m/s².
+    felt: Vector3<f64>,
+}
+
+/// Who turns the rotors.
+enum Flown<'a> {
+    /// The simulated autopilot.
+    ByItself,
+    /// A firmware: shares of a rotor's greatest thrust; None with the motors off.
+    By(Option<&'a [f64; airframe::ROTORS]>),
 }
 
 impl DroneWorld {
@@ -114,7 +127,19 @@ impl DroneWorld {
             angular_acceleration: Vector3::zeros(),
             now_s: 0.0,
             nominal_max_n: drone.max_thrust_n,
+            pad: None,
+            felt: Vector3::new(0.0, 0.0, -GRAVITY),
         }
+    }
+
+    /// Stands on a pad where it is, motors off, to be flown by a firmware.
+    pub fn stand(&mut self) {
+        self.pad = Some(self.motion.position.z);
+        self.airframe.stand_still();
+    }
+    /// Specific force over the last step, body, m/s².
+    pub fn specific_force(&self) -> Vector3<f64> {
+        self.felt
     }
 
     /// A set-point reaches the autopilot.
@@ -137,13 +162,39 @@ impl DroneWorld {
         deck_end: &RigidState<Deck>,
         water_z: f64,
     ) -> StepReport {
+        self.moved(t_s, dt_s, deck_start, deck_end, water_z, &Flown::ByItself)
+    }
+
+    /// The same under a firmware's motors: shares of a rotor's greatest thrust, None with all off.
+    pub fn step_under(
+        &mut self,
+        t_s: f64,
+        dt_s: f64,
+        deck: [&RigidState<Deck>; 2],
+        water_z: f64,
+        motors: Option<&[f64; airframe::ROTORS]>,
+    ) -> StepReport {
+        self.moved(t_s, dt_s, deck[0], deck[1], water_z, &Flown::By(motors))
+    }
+
+    fn moved(
+        &mut self,
+        t_s: f64,
+        dt_s: f64,
+        deck_start: &RigidState<Deck>,
+        deck_end: &RigidState<Deck>,
+        water_z: f64,
+        flown: &Flown<'_>,
+    ) -> StepReport {
         let mut report = StepReport::default();
         self.now_s = t_s;
         let count = (dt_s / SUB_STEP_S - 1e-9).ceil().max(1.0) as u32;
         let dt = dt_s / f64::from(count);
         let height = water_z - self.motion.position.z;
         self.wind.step(dt_s, height, &self.motion.velocity);
-        self.autopilot.outer(self.estimator.now(), t_s, dt_s);
+        if matches!(flown, Flown::ByItself) {
+            self.autopilot.outer(self.estimator.now(), t_s, dt_s);
+        }
 
         // What the attitude and rate loops see: the truth of the sub-step with the errors of the
         // last estimate, since they are far slower than a tick.
@@ -153,13 +204,17 @@ impl DroneWorld {
         let mut specific = Vector3::zeros();
         for k in 0..count {
             let span = path.span(f64::from(k) * dt, dt);
-            let command = self.autopilot.inner(
-                &(error * self.motion.attitude),
-                &(self.motion.rates + rate_error),
-                dt,
-            );
+            let command = match flown {
+                Flown::ByItself => self.autopilot.inner(
+                    &(error * self.motion.attitude),
+                    &(self.motion.rates + rate_error),
+                    dt,
+                ),
+                Flown::By(motors) => motors.copied(),
+            };
             let before = self.motion.velocity;
             self.sub_step(command.as_ref(), &span, dt, &mut report.impacts);
+            self.rest_on_pad();
             self.acceleration = (self.motion.velocity - before) / dt;
             specific += self
                 .motion
@@ -168,14 +223,35 @@ impl DroneWorld {
         }
         self.now_s = t_s + dt_s;
         let thrust = self.airframe.thrust();
-        self.estimator
-            .step(&self.motion, &(specific / f64::from(count)), thrust, dt_s);
+        self.felt = specific / f64::from(count);
+        if matches!(flown, Flown::ByItself) {
+            self.estimator.step(&self.motion, &self.felt, thrust, dt_s);
+        }
 
         report.feet = self.contact.feet();
         report.other = self.contact.other();
         report.in_water = self.contact.soles().any(|s| self.motion.point(&s).z > water_z);
-        report.armed = self.autopilot.armed();
+        report.armed = match flown {
+            Flown::ByItself => self.autopilot.armed(),
+            Flown::By(motors) => motors.is_some(),
+        };
         report
+    }
+
+    /// The pad carries what has not taken off: level and at rest. It is gone once the drone is above.
+    fn rest_on_pad(&mut self) {
+        const LEFT_M: f64 = 0.5;
+        let Some(pad) = self.pad else { return };
+        let m = &mut self.motion;
+        if m.position.z < pad - LEFT_M {
+            self.pad = None;
+        } else if m.position.z >= pad {
+            let (_, _, yaw) = m.attitude.euler_angles();
+            m.position.z = pad;
+            m.velocity = Vector3::new(0.0, 0.0, m.velocity.z.min(0.0));
+            m.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+            m.rates = Vector3::zeros();
+        }
     }
 
     fn sub_step(

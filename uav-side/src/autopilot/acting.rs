@@ -19,6 +19,8 @@ const REPEAT_S: f64 = 0.02;
 const OFFER_WITHIN_M: f64 = 3.0;
 /// A rangefinder's word counts as evidence for so long.
 const RANGE_OLD: Span = Span::from_millis(200);
+/// A drone that was believed on the deck, and is not, goes up by this, m.
+const CLEAR_M: f64 = 1.0;
 /// With the rangefinder below this the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
 /// Between two commands to arm or to divert, s.
@@ -89,7 +91,7 @@ impl AutopilotLink {
     fn obey(&mut self, now: Instant, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         if wanted.motors == Motors::Run {
             self.disarm.clear();
-            self.doubted = None;
+            (self.doubted, self.held) = (None, None);
             if wanted.kind == SetPointKind::None {
                 return None;
             }
@@ -105,7 +107,10 @@ impl AutopilotLink {
             ..*wanted
         };
         match self.disarm.step(now, &evidence, &self.config.disarm) {
-            Stop::Press => self.flown.or(Some(self.hold_here(now)?)),
+            Stop::Press => match self.flown {
+                Some(flown) => Some(flown),
+                None => self.hold_above(now),
+            },
             Stop::Command => {
                 let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
                 out.say.push(Message::Command(CommandLong {
@@ -122,32 +127,36 @@ impl AutopilotLink {
                 }
                 Some(thrust_off)
             }
-            Stop::Idle => Some(thrust_off),
+            Stop::Idle => {
+                (self.doubted, self.held) = (None, None);
+                Some(thrust_off)
+            }
             Stop::InAir(doubt) => {
                 if self.doubted != Some(doubt) {
                     self.doubted = Some(doubt);
-                    out.texts
-                        .push(format!("no disarm, the drone holds its place: {doubt}"));
+                    out.texts.push(format!(
+                        "no disarm, the drone climbs by {CLEAR_M} m and holds: {doubt}"
+                    ));
                 }
-                self.hold_here(now)
+                self.hold_above(now)
             }
         }
     }
 
-    /// Position, velocity of the deck below and heading of now, for the autopilot's own loop.
-    fn hold_here(&self, now: Instant) -> Option<SetPoint> {
-        let s = self.state?;
-        let deck = self
-            .forecast
-            .fresh(now, topics::FORECAST.stale_after)
-            .and_then(|f| f.at(now.max(f.header.at)));
-        Some(SetPoint {
+    /// A place a little above where it was first asked for, for the autopilot's own loop.
+    fn hold_above(&mut self, now: Instant) -> Option<SetPoint> {
+        if self.held.is_none() {
+            let s = self.state?;
+            self.held = Some(SetPoint {
+                kind: SetPointKind::Trajectory,
+                position: (s.position() - Vector3::z() * CLEAR_M).into(),
+                yaw: s.euler().z,
+                ..SetPoint::default()
+            });
+        }
+        self.held.map(|s| SetPoint {
             header: Header::new(0, self.drone_id, self.boot, 0, now),
-            kind: SetPointKind::Trajectory,
-            position: s.position,
-            velocity: deck.map_or([0.0; 3], |d| d.velocity),
-            yaw: s.euler().z,
-            ..SetPoint::default()
+            ..s
         })
     }
 
@@ -236,11 +245,12 @@ impl AutopilotLink {
         };
         let since = *self.low_since.get_or_insert(now);
         let standing = self.authority.standing();
-        // So near the deck landing is the quickest way down.
-        let flare = self
+        // So near the deck landing is the quickest way down; on it there is nothing to divert.
+        let landing = self
             .mission
             .fresh(now, topics::MISSION.stale_after)
             .is_some_and(|m| matches!(m.state, State::Flare | State::Landed));
+        let flare = landing && self.doubted.is_none();
         let given = matches!(standing, Standing::Diverted(_)) && peer.mode == AutopilotMode::Offboard;
         if !(standing.commands() && !flare || given)
             || (now - since).secs() < b.for_s

@@ -126,7 +126,7 @@ pub struct DisarmConfig {
     pub thrust_of_hover: f64,
     /// All of it for this long, s.
     pub hold_s: f64,
-    /// The evidence has this long to come, then the drone holds its place in the air, s.
+    /// The evidence may be missing for this long, then the drone climbs a little and holds, s.
     pub patience_s: f64,
     /// Commands at most.
     pub tries: u32,

@@ -99,14 +99,16 @@ pub(crate) enum Stop {
     Command,
     /// Thrust off; the next command is not due, or all are used up.
     Idle,
-    /// The evidence did not come: the drone is in the air.
+    /// The evidence has been missing for too long: the drone is in the air.
     InAir(Doubt),
 }
 
 /// The way from the pilot's word to a disarmed drone.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Disarm {
-    asked: Option<Time<DroneClock>>,
+    /// The evidence has been missing since.
+    missing: Option<Time<DroneClock>>,
+    /// It has been complete since.
     sound: Option<Time<DroneClock>>,
     next: Option<Time<DroneClock>>,
     sent: u32,
@@ -123,18 +125,19 @@ impl Disarm {
     }
     /// The pilot says that the drone is on the deck.
     pub(crate) fn step(&mut self, now: Time<DroneClock>, e: &Contact, c: &DisarmConfig) -> Stop {
-        let asked = *self.asked.get_or_insert(now);
         if let Some(d) = doubt(e, c) {
             self.sound = None;
-            return if (now - asked).secs() <= c.patience_s {
-                if self.sent > 0 { Stop::Idle } else { Stop::Press }
+            let missing = *self.missing.get_or_insert(now);
+            return if (now - missing).secs() <= c.patience_s {
+                Stop::Press
             } else {
                 Stop::InAir(d)
             };
         }
+        self.missing = None;
         let sound = *self.sound.get_or_insert(now);
         if (now - sound).secs() < c.hold_s {
-            return if self.sent > 0 { Stop::Idle } else { Stop::Press };
+            return Stop::Press;
         }
         let due = self.next.is_none_or(|t| now >= t);
         if !c.on_deck || !due || self.sent >= c.tries {

@@ -143,6 +143,8 @@ pub struct AutopilotLink {
     authority: Authority,
     disarm: Disarm,
     doubted: Option<Doubt>,
+    /// Where it holds after a touchdown that was none.
+    held: Option<SetPoint>,
     /// The last set-point with motors running.
     flown: Option<SetPoint>,
     sent_at: Option<Instant>,
@@ -195,6 +197,7 @@ impl AutopilotLink {
             authority: Authority::default(),
             disarm: Disarm::default(),
             doubted: None,
+            held: None,
             flown: None,
             sent_at: None,
             set_points: 0,

@@ -1,11 +1,12 @@
 //! The drone's autopilot, camera and rangefinder as the other processes see them: topics of shared
-//! memory. A link to a real autopilot (MAVLink, say) publishes and reads the same topics, the
+//! memory. The link to a real autopilot (`alight autopilot`) publishes and reads the same topics, the
 //! odometry made smooth and set-points brought back to the autopilot's frame.
 
 use alight_shared::msg::{AutopilotState, DroneState, RangeSample, SetPoint, TagPose, UvdarFix};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Memory, Publisher, Subscriber};
 use alight_sim::physics::Flight;
+use alight_sim::sensors::DroneReadings;
 use alight_uav::odometry::{Odometry, OdometryConfig};
 
 /// The simulated drone's end.
@@ -35,11 +36,14 @@ impl SimulatedAutopilot {
             sequences: [0; 2],
         })
     }
-    /// Says what the drone's instruments say; odometry last, because it wakes the other processes.
+    /// Says what camera and rangefinder say.
+    pub fn say_seen(&mut self, seen: &DroneReadings) {
+        seen.tags.iter().for_each(|m| self.tags.send(m));
+        seen.uvdar.iter().for_each(|m| self.uvdar.send(m));
+        seen.ranges.iter().for_each(|m| self.ranges.send(m));
+    }
+    /// Says what the autopilot says; odometry last, because it wakes the other processes.
     pub fn say(&mut self, flight: &Flight) {
-        flight.seen.tags.iter().for_each(|m| self.tags.send(m));
-        flight.seen.uvdar.iter().for_each(|m| self.uvdar.send(m));
-        flight.seen.ranges.iter().for_each(|m| self.ranges.send(m));
         if let Some(mut state) = flight.autopilot {
             self.sequences[1] = self.sequences[1].wrapping_add(1);
             state.header.sequence = self.sequences[1];

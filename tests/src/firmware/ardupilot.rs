@@ -1,0 +1,75 @@
+//! ArduPilot's JSON backend: ArduPilot sends its servo outputs to UDP port 9002 and waits; the plant
+//! answers each with one line of JSON, which moves ArduPilot's clock to its `timestamp`.
+
+use std::fmt::Write;
+
+use super::{FirmwareConfig, motors};
+use crate::drone::ROTORS;
+use crate::physics::Felt;
+
+/// Where ArduPilot looks for a simulator.
+pub const PORT: u16 = 9002;
+/// First word of a packet with 16 and with 32 outputs.
+const MAGIC: [(u16, usize); 2] = [(18458, 16), (29569, 32)];
+/// Outputs begin here.
+const OUTPUTS_AT: usize = 8;
+
+/// A packet of servo outputs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Servos {
+    /// Steps a second that ArduPilot would like.
+    pub rate_hz: u16,
+    /// Counts packets; a number that comes again is the same packet sent again.
+    pub frame: u32,
+    /// Pulse widths, us.
+    pub pwm_us: Vec<u16>,
+}
+
+/// Reads a packet; None for anything else.
+pub fn servos(bytes: &[u8]) -> Option<Servos> {
+    let word = |at: usize| Some(u16::from_le_bytes([*bytes.get(at)?, *bytes.get(at + 1)?]));
+    let magic = word(0)?;
+    let (_, outputs) = MAGIC.into_iter().find(|(m, _)| *m == magic)?;
+    if bytes.len() != OUTPUTS_AT + 2 * outputs {
+        return None;
+    }
+    Some(Servos {
+        rate_hz: word(2)?,
+        frame: u32::from(word(4)?) | u32::from(word(6)?) << 16,
+        pwm_us: (0..outputs).filter_map(|k| word(OUTPUTS_AT + 2 * k)).collect(),
+    })
+}
+
+/// Shares of a rotor's greatest thrust; None with all off.
+pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; ROTORS]> {
+    let [none, full] = config.pwm_us;
+    let outputs: Vec<f64> = servos
+        .pwm_us
+        .iter()
+        .map(|p| (f64::from(*p) - none) / (full - none))
+        .collect();
+    motors(config, &outputs)
+}
+
+/// The plant's answer: newline, compact JSON, newline. ArduPilot adds its own sensors' noise. `start_s`
+/// is the true time at which its clock begins, s; positions are relative to its home, which is to be
+/// the datum.
+pub fn answer(felt: &Felt, start_s: f64) -> String {
+    let mut text = String::from("\n{");
+    let list = |v: &[f64]| {
+        let words: Vec<String> = v.iter().map(|x| format!("{x:.9}")).collect();
+        format!("[{}]", words.join(","))
+    };
+    let q = felt.attitude;
+    let _never = writeln!(
+        text,
+        "\"timestamp\":{:.6},\"imu\":{{\"gyro\":{},\"accel_body\":{}}},\"position\":{},\"quaternion\":{},\"velocity\":{}}}",
+        felt.at.secs() - start_s,
+        list(felt.rates.as_slice()),
+        list(felt.specific_force.as_slice()),
+        list(felt.position.as_slice()),
+        list(&[q.w, q.i, q.j, q.k]),
+        list(felt.velocity.as_slice()),
+    );
+    text
+}

@@ -1,0 +1,80 @@
+//! PX4's simulator API: PX4 is the TCP client of port 4560; the plant sends `HIL_SENSOR` and `HIL_GPS`,
+//! PX4 answers each `HIL_SENSOR` with `HIL_ACTUATOR_CONTROLS` and waits for the next (lock-step).
+
+use alight_uav::autopilot::message::{Address, Message};
+use alight_uav::autopilot::wire::{Decoder, encode};
+
+use super::{FirmwareConfig, FirmwareSensors, motors};
+use crate::drone::ROTORS;
+use crate::physics::Felt;
+
+/// Where PX4 looks for a simulator.
+pub const PORT: u16 = 4560;
+/// What PX4's simulators call themselves.
+const US: Address = Address {
+    system: 1,
+    component: 200,
+};
+/// `MAV_MODE_FLAG_SAFETY_ARMED`.
+const ARMED: u8 = 128;
+
+/// The plant's end of the conversation.
+pub struct Px4Plant {
+    config: FirmwareConfig,
+    sensors: FirmwareSensors,
+    decoder: Decoder,
+    sequence: u8,
+    outputs: Option<[f64; 16]>,
+    answers: u64,
+}
+
+impl Px4Plant {
+    /// A plant for PX4.
+    pub fn new(config: &FirmwareConfig, sensors: FirmwareSensors) -> Px4Plant {
+        Px4Plant {
+            config: config.clone(),
+            sensors,
+            decoder: Decoder::default(),
+            sequence: 0,
+            outputs: None,
+            answers: 0,
+        }
+    }
+    /// What the sensors say, `rate_hz` times a second: the GNSS first, for the sample that follows is
+    /// what PX4 goes on with.
+    pub fn say(&mut self, felt: &Felt, rate_hz: f64) -> Vec<u8> {
+        let fix = self.sensors.fix(felt).map(Message::HilGps);
+        let sample = Message::HilSensor(self.sensors.sample(felt, rate_hz));
+        let mut bytes = Vec::new();
+        for message in fix.iter().chain([&sample]) {
+            self.sequence = self.sequence.wrapping_add(1);
+            bytes.extend(encode(US, self.sequence, message).unwrap_or_default());
+        }
+        bytes
+    }
+    /// Bytes from PX4; true when they held its motors.
+    pub fn hear(&mut self, bytes: &[u8]) -> bool {
+        self.decoder.push(bytes);
+        let before = self.answers;
+        while let Some(frame) = self.decoder.next_frame() {
+            if let Message::HilActuators { controls, mode, .. } = frame.message {
+                self.answers += 1;
+                self.outputs = (mode & ARMED != 0).then_some(controls);
+            }
+        }
+        self.answers > before
+    }
+    /// Motors as heard last.
+    pub fn motors(&self) -> Option<[f64; ROTORS]> {
+        self.outputs.and_then(|o| motors(&self.config, &o))
+    }
+    /// PX4 is gone.
+    pub fn lost(&mut self) {
+        self.outputs = None;
+        self.decoder = Decoder::default();
+    }
+    /// Answers so far.
+    pub fn answers(&self) -> u64 {
+        self.answers
+    }
+}
