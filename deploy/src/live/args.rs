@@ -90,6 +90,9 @@ pub struct LandArgs {
     /// tcpout://127.0.0.1:5760 for ArduPilot]
     #[arg(long, value_name = "URL", requires = "autopilot")]
     pub connect: Option<String>,
+    /// Its plant's motors, sensors and port (TOML, keys of [firmware])
+    #[arg(long, value_name = "FILE", requires = "autopilot")]
+    pub firmware: Option<PathBuf>,
     /// Plain Unix and UDP sockets carry the same messages beside the middlewares; the report compares
     #[arg(long)]
     pub relay: bool,

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use alight_shared::config;
 use alight_shared::frames::Datum;
 use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
 use alight_shared::time::{DroneClock, Time, TrueTime};
@@ -288,7 +289,10 @@ impl Arrangement {
             truth: recording(args).is_some(),
             plot: args.plot.clone(),
             autopilot: args.autopilot,
-            firmware: FirmwareConfig::default(),
+            firmware: match &args.firmware {
+                Some(path) => config::load(path).map_err(|e| Refused(e.to_string()))?,
+                None => FirmwareConfig::default(),
+            },
             odometry: scene.nodes.drone.odometry,
             scenario: scene.scenario.clone(),
         };

@@ -6,6 +6,7 @@ mod arbitrary;
 mod pair;
 mod standin;
 
+use alight_shared::frames::Datum;
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::config::BatteryConfig;
 use alight_uav::autopilot::message::{Address, Message, Taken, command, id};
@@ -566,5 +567,60 @@ fn the_deck_is_offered_when_configured() {
         let mut p = Pair::new(Firmware::Px4, 5.0, &c);
         p.run(5.0);
         assert_eq!(p.offered >= 20, some, "{}", p.offered);
+    }
+}
+
+#[test]
+fn positions_and_set_points_are_brought_to_the_datum_and_back() {
+    let datum = Datum {
+        latitude_deg: 43.5,
+        longitude_deg: 16.3,
+        height_m: 40.0,
+    };
+    let origin = Datum {
+        latitude_deg: 43.5005,
+        longitude_deg: 16.2993,
+        height_m: 5.0,
+    };
+    // The autopilot tells heights above the sea, here 40 m above the ellipsoid.
+    let c = AutopilotLinkConfig {
+        geoid_m: 40.0,
+        ..config()
+    };
+    let shift = datum
+        .offset_to::<alight_shared::frames::DroneNed>(&Datum {
+            height_m: 45.0,
+            ..origin
+        })
+        .0;
+    for firmware in BOTH {
+        let mut p = Pair::at(firmware, 5.0, &c, Some(datum));
+        p.autopilot.origin = origin;
+        p.autopilot.answer = Some(Taken::Denied);
+        p.autopilot.deaf_to_requests = true;
+        p.run(3.0);
+        assert_eq!(p.link.standing(), Standing::NoOrigin);
+        assert!(p.odometry.is_empty());
+        (p.autopilot.answer, p.autopilot.deaf_to_requests) = (None, false);
+        p.run(65.0);
+        let told = p.odometry.last().unwrap().1;
+        assert!(
+            (told.position() - p.autopilot.position - shift).norm() < 0.02,
+            "{told:?}"
+        );
+        assert!(
+            p.autopilot.choose(StandIn::ours(firmware)),
+            "{}",
+            p.link.standing()
+        );
+        let before = p.autopilot.position;
+        p.run(3.0);
+        // Held in its place, not kilometres away.
+        assert!((p.autopilot.position - before).norm() < 0.1);
+        // The estimator begins anew elsewhere: the origin moves, and that is a jump for the others.
+        let resets = p.states.last().unwrap().origin_resets;
+        p.autopilot.origin.latitude_deg += 1e-4;
+        p.run(6.0);
+        assert_ne!(p.states.last().unwrap().origin_resets, resets);
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotState, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors, RangeSample, Reason,
@@ -91,12 +92,16 @@ pub fn stop(d: &DroneState) -> SetPoint {
 
 impl Pair {
     pub fn new(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Pair {
+        Pair::at(firmware, height_m, config, None)
+    }
+    /// With the other nodes' NED beginning at `datum`.
+    pub fn at(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig, datum: Option<Datum>) -> Pair {
         let geometry = DroneGeometry {
             feet_below_m: FEET_M,
             ..DroneGeometry::default()
         };
         Pair {
-            link: AutopilotLink::new(config, &OdometryConfig::default(), &geometry, true, None, 1, 7),
+            link: AutopilotLink::new(config, &OdometryConfig::default(), &geometry, true, datum, 1, 7),
             autopilot: StandIn::new(firmware, height_m),
             t_s: 1000.0,
             pilot: Some(hold),

@@ -4,6 +4,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use alight_shared::frames::Datum;
 use alight_shared::geometry::GRAVITY;
 use alight_uav::autopilot::message::{
     ARMED, Address, CUSTOM_MODE, CommandLong, Frame, Message, OdometryReport, Taken, VelocityFrame, command,
@@ -29,7 +30,8 @@ const LOSS_S: f64 = 0.5;
 /// What it was told to fly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Target {
-    Place(Vector3<f64>, Vector3<f64>),
+    /// Position, velocity, acceleration, heading.
+    Place([Vector3<f64>; 3], f64),
     Attitude(UnitQuaternion<f64>, f64),
 }
 
@@ -63,7 +65,18 @@ pub struct StandIn {
     /// When set-points came.
     pub set_points: VecDeque<f64>,
     pub attitudes: u32,
-    force: Vector3<f64>,
+    /// Where a person holds it; None: where it is.
+    pub persons_place: Option<Vector3<f64>>,
+    /// Share of thrust that hovers.
+    pub hover: f64,
+    /// Flown as a plant says, not as a point mass; its rangefinder is the plant's.
+    pub external: bool,
+    /// Where its NED begins.
+    pub origin: Datum,
+    /// Does not tell it.
+    pub deaf_to_requests: bool,
+    pub rates: Vector3<f64>,
+    pub force: Vector3<f64>,
     target: Option<Target>,
     streams: BTreeMap<u32, f64>,
     due: BTreeMap<u32, f64>,
@@ -105,6 +118,12 @@ impl StandIn {
             commands: Vec::new(),
             set_points: VecDeque::new(),
             attitudes: 0,
+            persons_place: None,
+            hover: HOVER,
+            external: false,
+            origin: Datum::default(),
+            deaf_to_requests: false,
+            rates: Vector3::zeros(),
             force: Vector3::new(0.0, 0.0, -GRAVITY),
             target: None,
             // What an onboard link sends without being asked.
@@ -176,7 +195,7 @@ impl StandIn {
             self.hear(&message, &mut say);
         }
         self.failsafe();
-        if (0.0..0.1).contains(&dt) {
+        if (0.0..0.1).contains(&dt) && !self.external {
             self.fly(dt);
         }
         self.stream(&mut say);
@@ -205,6 +224,9 @@ impl StandIn {
             }
             Message::Command(c) if c.to == self.address => {
                 self.commands.push((self.now_s, *c));
+                if c.command == command::REQUEST_MESSAGE && !self.deaf_to_requests {
+                    say.push(Message::Origin(self.origin));
+                }
                 let taken = self.answer.unwrap_or_else(|| self.obey(c));
                 say.push(Message::Acknowledged {
                     command: c.command,
@@ -219,7 +241,8 @@ impl StandIn {
             }
             Message::Position(p) if p.to == self.address => {
                 self.told();
-                self.target = Some(Target::Place(p.position.into(), p.velocity.into()));
+                let [x, v, a] = [p.position, p.velocity, p.acceleration].map(Vector3::from);
+                self.target = Some(Target::Place([x, v, a], p.yaw));
             }
             Message::AttitudeThrust(a) if a.to == self.address => {
                 self.told();
@@ -277,6 +300,7 @@ impl StandIn {
                     Taken::Denied
                 }
             }
+            command::REQUEST_MESSAGE => Taken::Accepted,
             _ => Taken::Unsupported,
         }
     }
@@ -294,31 +318,40 @@ impl StandIn {
         }
     }
 
-    fn fly(&mut self, dt: f64) {
-        let g = Vector3::z() * GRAVITY;
-        let (wanted, thrust) = match self.target.filter(|_| self.ours_now()) {
-            Some(Target::Attitude(q, thrust)) => (q, thrust),
-            other => {
-                let (p, v) = match other {
-                    Some(Target::Place(p, v)) => (p, v),
-                    _ => (self.position, Vector3::zeros()),
-                };
-                let a = (p - self.position) * 2.0 + (v - self.velocity) * 3.0;
-                let level = UnitQuaternion::from_euler_angles(
-                    (a.y / GRAVITY).clamp(-0.4, 0.4),
-                    (-a.x / GRAVITY).clamp(-0.4, 0.4),
-                    0.0,
-                );
-                (level, HOVER * (1.0 - a.z / GRAVITY).clamp(0.2, 1.8))
+    /// Attitude and share of thrust that its loops want now.
+    pub fn wanted(&self) -> (UnitQuaternion<f64>, f64) {
+        let heading = self.attitude.euler_angles().2;
+        let ([p, v, a], yaw) = match self.target.filter(|_| self.ours_now()) {
+            Some(Target::Attitude(q, thrust)) => return (q, thrust),
+            Some(Target::Place(place, yaw)) => (place, yaw),
+            None => {
+                let place = self.persons_place.unwrap_or(self.position);
+                ([place, Vector3::zeros(), Vector3::zeros()], heading)
             }
         };
+        let apart = (p - self.position).map(|e| e.clamp(-3.0, 3.0));
+        let a = a + apart * 2.0 + (v - self.velocity) * 3.0;
+        // Lean towards the acceleration, seen from its heading.
+        let (sin, cos) = yaw.sin_cos();
+        let (ahead, right) = (a.x * cos + a.y * sin, a.y * cos - a.x * sin);
+        let lean = UnitQuaternion::from_euler_angles(
+            (right / GRAVITY).clamp(-0.4, 0.4),
+            (-ahead / GRAVITY).clamp(-0.4, 0.4),
+            yaw,
+        );
+        (lean, self.hover * (1.0 - a.z / GRAVITY).clamp(0.2, 1.8))
+    }
+
+    fn fly(&mut self, dt: f64) {
+        let g = Vector3::z() * GRAVITY;
+        let (wanted, thrust) = self.wanted();
         let step = UnitQuaternion::from_scaled_axis(
             (self.attitude.inverse() * wanted).scaled_axis() * (dt / LAG_S).min(1.0),
         );
         self.attitude *= step;
         let goal = if self.armed { thrust } else { 0.0 };
         self.thrust += (goal - self.thrust) * (dt / 0.05).min(1.0);
-        let lift = self.attitude * -Vector3::z() * (self.thrust / HOVER * GRAVITY);
+        let lift = self.attitude * -Vector3::z() * (self.thrust / self.hover * GRAVITY);
         let mut acceleration = lift + g;
         self.on_deck =
             self.position.z + FEET_M >= self.deck[0] - 1e-3 && self.velocity.z >= self.deck[1] - 0.3;
@@ -370,7 +403,7 @@ impl StandIn {
                 attitude,
                 velocity: (q.inverse() * self.velocity).into(),
                 frame: VelocityFrame::Body,
-                rates: [0.0; 3],
+                rates: self.rates.into(),
                 variances: None,
                 resets: self.resets,
             }),
@@ -382,13 +415,14 @@ impl StandIn {
             id::ATTITUDE_QUATERNION => Message::Attitude {
                 time_ms,
                 attitude,
-                rates: [0.0; 3],
+                rates: self.rates.into(),
             },
             id::HIGHRES_IMU | id::SCALED_IMU => Message::Imu {
                 time_us,
                 accelerometer: self.force.into(),
                 gyro: [0.0; 3],
             },
+            id::DISTANCE_SENSOR if self.external => return None,
             id::DISTANCE_SENSOR => Message::Distance {
                 time_ms,
                 range_m: self.deck[0] - self.position.z - 0.08,
