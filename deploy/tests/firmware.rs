@@ -1,5 +1,5 @@
 //! One landing of all processes with the drone flown by a firmware of the tests' own, which speaks
-//! ArduPilot's JSON backend to the world and MAVLink to `alight autopilot`: the whole way through, with
+//! ArduPilot's JSON backend or PX4's simulator API to the world and MAVLink to `alight autopilot`: the whole way through, with
 //! an origin of its own. Nothing here asserts a time.
 #![allow(
     clippy::disallowed_methods,
@@ -15,13 +15,15 @@ mod standin;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::process::{Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use alight_shared::frames::Datum;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::wire::{Decoder, encode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use standin::StandIn;
 
@@ -36,6 +38,8 @@ const ORIGIN: Datum = Datum {
     longitude_deg: 16.3003,
     height_m: 3.0,
 };
+/// Declination of the plant's magnetic field, rad: atan2(0.019, 0.235).
+const FIELD_DECLINATION: f64 = 0.0807;
 /// Height above its pad that the person takes off to, m.
 const TAKE_OFF_M: f64 = 8.0;
 
@@ -74,20 +78,95 @@ fn outputs(a: &StandIn, rates: &Vector3<f64>) -> [f64; 4] {
     })
 }
 
-/// The firmware, until `end`.
-fn fly(plant: u16, door: TcpListener, end: &AtomicBool) -> StandIn {
-    let mut a = StandIn::new(Firmware::ArduCopter, 0.0);
-    (a.external, a.origin, a.armed) = (true, ORIGIN, false);
-    let g = DroneGeometry::default();
-    a.hover = g.mass_kg * GRAVITY / g.max_thrust_n;
+/// The firmware's MAVLink.
+enum Link {
+    /// Waits for `alight autopilot` to connect.
+    Tcp(TcpListener, Option<TcpStream>),
+    /// Speaks to where it listens.
+    Udp(UdpSocket),
+}
+
+impl Link {
+    fn hear(&mut self) -> Vec<Vec<u8>> {
+        let mut buffer = [0_u8; 4096];
+        let got = match self {
+            Link::Tcp(door, stream) => {
+                if stream.is_none() {
+                    *stream = door.accept().ok().map(|(s, _)| s);
+                    stream.iter().for_each(|s| s.set_nonblocking(true).unwrap());
+                }
+                stream.as_mut().and_then(|s| s.read(&mut buffer).ok())
+            }
+            Link::Udp(socket) => socket.recv(&mut buffer).ok(),
+        };
+        got.map(|n| buffer[..n].to_vec()).into_iter().collect()
+    }
+    fn say(&mut self, bytes: &[u8]) {
+        // Nobody may be there yet.
+        let _lost = match self {
+            Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
+            Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
+        };
+    }
+}
+
+/// What the plant said of the drone's motion, in this firmware's own NED.
+struct Felt {
+    t_s: f64,
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    attitude: UnitQuaternion<f64>,
+    rates: Vector3<f64>,
+    force: Vector3<f64>,
+}
+
+/// A firmware and the person at its controls.
+struct Flown {
+    a: StandIn,
+    link: Link,
+    pad: Option<Vector3<f64>>,
+}
+
+impl Flown {
+    fn new(firmware: Firmware, link: Link) -> Flown {
+        let mut a = StandIn::new(firmware, 0.0);
+        (a.external, a.origin, a.armed) = (true, ORIGIN, false);
+        let g = DroneGeometry::default();
+        a.hover = g.mass_kg * GRAVITY / g.max_thrust_n;
+        Flown { a, link, pad: None }
+    }
+    /// One slice: rotor outputs.
+    fn step(&mut self, f: &Felt) -> [f64; 4] {
+        let a = &mut self.a;
+        // What the plant says, in place of the stand-in's own point mass.
+        (a.position, a.velocity, a.attitude) = (f.position, f.velocity, f.attitude);
+        (a.rates, a.force) = (f.rates, f.force);
+        a.thrust = if a.armed { a.wanted().1 } else { 0.0 };
+        // The person: arms, takes off, and gives the drone once it is up.
+        let pad = *self.pad.get_or_insert(f.position);
+        if f.t_s > 3.0 && a.persons_place.is_none() {
+            a.armed = true;
+            a.persons_place = Some(pad - Vector3::z() * TAKE_OFF_M);
+        }
+        if f.t_s > 12.0 && a.chosen == StandIn::persons(a.firmware) {
+            // PX4 refuses until an offer has lasted: a person tries again.
+            let _refused = a.choose(StandIn::ours(a.firmware));
+        }
+        let heard = self.link.hear();
+        for bytes in a.step(f.t_s + 1000.0, &heard) {
+            self.link.say(&bytes);
+        }
+        outputs(a, &f.rates)
+    }
+}
+
+/// ArduPilot's JSON backend, until `end`.
+fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
     let local = ORIGIN.offset_to::<alight_shared::frames::TrueNed>(&SEA).0;
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.connect(("127.0.0.1", plant)).unwrap();
     socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
-    door.set_nonblocking(true).unwrap();
-    let (mut link, mut frame, mut pulses) = (None::<TcpStream>, 0_u32, [1000_u16; 16]);
-    let (mut waiting, mut buffer) = (Vec::new(), [0_u8; 4096]);
-    let mut pad = None;
+    let (mut frame, mut pulses, mut buffer) = (0_u32, [1000_u16; 16], [0_u8; 4096]);
     while !end.load(Ordering::Relaxed) {
         let mut packet = 18458_u16.to_le_bytes().to_vec();
         packet.extend(400_u16.to_le_bytes());
@@ -101,55 +180,105 @@ fn fly(plant: u16, door: TcpListener, end: &AtomicBool) -> StandIn {
         };
         frame += 1;
         let line = String::from_utf8_lossy(&buffer[..n]).into_owned();
-        let t_s: f64 = line
-            .split("\"timestamp\":")
-            .nth(1)
-            .and_then(|t| t.split(',').next())
-            .unwrap()
-            .parse()
-            .unwrap();
+        let stamp = line.split("\"timestamp\":").nth(1).unwrap();
         let q = list(&line, "\"quaternion\":");
-        let rates = three(&line, "\"gyro\":");
-        let position = three(&line, "\"position\":") + local;
-        // What the plant says, in place of the stand-in's own point mass.
-        (a.position, a.velocity, a.rates) = (position, three(&line, "\"velocity\":"), rates);
-        a.attitude = UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3]));
-        a.force = three(&line, "\"accel_body\":");
-        a.thrust = if a.armed { a.wanted().1 } else { 0.0 };
-        // The person: arms, takes off, and gives the drone once it is up.
-        let pad = *pad.get_or_insert(position);
-        if t_s > 3.0 && a.persons_place.is_none() {
-            a.armed = true;
-            a.persons_place = Some(pad - Vector3::z() * TAKE_OFF_M);
-        }
-        if t_s > 12.0 && a.chosen == StandIn::persons(Firmware::ArduCopter) {
-            a.choose(StandIn::ours(Firmware::ArduCopter));
-        }
-        for (pulse, u) in pulses.iter_mut().zip(outputs(&a, &rates)) {
+        let u = flown.step(&Felt {
+            t_s: stamp.split(',').next().unwrap().parse().unwrap(),
+            position: three(&line, "\"position\":") + local,
+            velocity: three(&line, "\"velocity\":"),
+            attitude: UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3])),
+            rates: three(&line, "\"gyro\":"),
+            force: three(&line, "\"accel_body\":"),
+        });
+        for (pulse, u) in pulses.iter_mut().zip(u) {
             *pulse = (1000.0 + 1000.0 * u) as u16;
         }
-        if link.is_none() {
-            link = door.accept().ok().map(|(stream, _)| {
-                stream.set_nonblocking(true).unwrap();
-                stream
+    }
+    flown.a
+}
+
+/// PX4's simulator API, until `end`: with an estimator of its own, because there are sensors only.
+fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
+    let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<Felt>);
+    let mut stream = None::<TcpStream>;
+    while !end.load(Ordering::Relaxed) {
+        let Some(link) = &mut stream else {
+            // The world may not be there yet.
+            std::thread::sleep(Duration::from_millis(20));
+            stream = TcpStream::connect(("127.0.0.1", plant)).ok();
+            stream.iter().for_each(|s| {
+                s.set_nodelay(true).unwrap();
+                s.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
             });
+            continue;
+        };
+        if let Ok(n) = link.read(&mut buffer) {
+            decoder.push(&buffer[..n]);
         }
-        if let Some(stream) = &mut link
-            && let Ok(n) = stream.read(&mut buffer)
-        {
-            waiting.push(buffer[..n].to_vec());
-        }
-        for bytes in a.step(t_s + 1000.0, &std::mem::take(&mut waiting)) {
-            if let Some(stream) = &mut link {
-                let _lost = stream.write_all(&bytes);
+        while let Some(f) = decoder.next_frame() {
+            match f.message {
+                Message::HilGps(g) => {
+                    let place = Datum {
+                        latitude_deg: g.latitude.to_degrees(),
+                        longitude_deg: g.longitude.to_degrees(),
+                        height_m: g.altitude_m,
+                    };
+                    let place = ORIGIN.offset_to::<alight_shared::frames::TrueNed>(&place).0;
+                    if let Some(b) = &mut believed {
+                        b.position += (place - b.position) * 0.2;
+                        b.velocity += (Vector3::from(g.velocity) - b.velocity) * 0.2;
+                    }
+                    believed.get_or_insert(Felt {
+                        t_s: 0.0,
+                        position: place,
+                        velocity: Vector3::zeros(),
+                        attitude: UnitQuaternion::identity(),
+                        rates: Vector3::zeros(),
+                        force: Vector3::zeros(),
+                    });
+                }
+                Message::HilSensor(s) => {
+                    let Some(b) = &mut believed else { continue };
+                    let t_s = s.time_us as f64 * 1e-6;
+                    let dt = t_s - b.t_s;
+                    b.t_s = t_s;
+                    (b.rates, b.force) = (s.gyro.into(), s.accelerometer.into());
+                    if !(0.0..0.1).contains(&dt) {
+                        // On the pad: level, and the heading by the compass.
+                        let m = s.magnetometer;
+                        let yaw = FIELD_DECLINATION - m[1].atan2(m[0]);
+                        b.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+                        continue;
+                    }
+                    b.attitude *= UnitQuaternion::from_scaled_axis(b.rates * dt);
+                    b.velocity += (b.attitude * b.force + Vector3::z() * GRAVITY) * dt;
+                    b.position += b.velocity * dt;
+                    let u = flown.step(b);
+                    let mut controls = [0.0; 16];
+                    controls.iter_mut().zip(u).for_each(|(c, u)| *c = u);
+                    let answer = Message::HilActuators {
+                        time_us: s.time_us,
+                        controls,
+                        mode: if flown.a.armed { 129 } else { 1 },
+                    };
+                    let px4 = Address {
+                        system: 1,
+                        component: 1,
+                    };
+                    let _gone = link.write_all(&encode(px4, 0, &answer).unwrap());
+                }
+                _ => {}
             }
         }
     }
-    a
+    flown.a
 }
 
-#[test]
-fn a_firmware_takes_off_is_handed_over_and_is_landed_and_stopped() {
+/// Lands `firmware` in a scenario.
+fn land(firmware: Firmware, scenario: &str) {
+    // One after the other: they fly in real time.
+    static ONE: Mutex<()> = Mutex::new(());
+    let _turn = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     let port = || {
         UdpSocket::bind("127.0.0.1:0")
             .unwrap()
@@ -158,26 +287,46 @@ fn a_firmware_takes_off_is_handed_over_and_is_landed_and_stopped() {
             .port()
     };
     let plant = port();
-    let door = TcpListener::bind("127.0.0.1:0").unwrap();
-    let connect = format!("tcpout://{}", door.local_addr().unwrap());
-    let name = format!("fw-{}", std::process::id());
-    let config = std::env::temp_dir().join(format!("{name}.toml"));
+    let (link, connect) = match firmware {
+        Firmware::ArduCopter => {
+            let door = TcpListener::bind("127.0.0.1:0").unwrap();
+            door.set_nonblocking(true).unwrap();
+            let at = door.local_addr().unwrap();
+            (Link::Tcp(door, None), format!("tcpout://{at}"))
+        }
+        Firmware::Px4 => {
+            let to = port();
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket.connect(("127.0.0.1", to)).unwrap();
+            socket.set_nonblocking(true).unwrap();
+            (Link::Udp(socket), format!("udpin://127.0.0.1:{to}"))
+        }
+    };
+    let name = format!("fw-{}-{}", firmware.name().to_lowercase(), std::process::id());
+    let file = |end: &str| std::env::temp_dir().join(format!("{name}-{end}.toml"));
+    let (config, scene) = (file("plant"), file("scene"));
     std::fs::write(&config, format!("port = {plant}\n")).unwrap();
+    std::fs::write(&scene, scenario).unwrap();
     let end = Arc::new(AtomicBool::new(false));
-    let firmware = {
+    let flown = {
         let end = Arc::clone(&end);
-        std::thread::spawn(move || fly(plant, door, &end))
+        std::thread::spawn(move || {
+            let flown = Flown::new(firmware, link);
+            match firmware {
+                Firmware::ArduCopter => fly_json(plant, flown, &end),
+                Firmware::Px4 => fly_hil(plant, flown, &end),
+            }
+        })
+    };
+    let kind = match firmware {
+        Firmware::ArduCopter => "ardupilot",
+        Firmware::Px4 => "px4",
     };
     let out = Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args([
-            "land",
-            "--autopilot",
-            "ardupilot",
-            "--connect",
-            &connect,
-            "--firmware",
-        ])
+        .args(["land", "--autopilot", kind, "--connect", &connect, "--firmware"])
         .arg(&config)
+        .arg("--scenario")
+        .arg(&scene)
         .args([
             "--sea",
             "calm",
@@ -193,8 +342,8 @@ fn a_firmware_takes_off_is_handed_over_and_is_landed_and_stopped() {
         .output()
         .unwrap();
     end.store(true, Ordering::Relaxed);
-    let a = firmware.join().unwrap();
-    let _removed = std::fs::remove_file(config);
+    let a = flown.join().unwrap();
+    let _removed = [config, scene].map(std::fs::remove_file);
     let said = String::from_utf8_lossy(&out.stderr);
     let text = String::from_utf8_lossy(&out.stdout);
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
@@ -202,12 +351,21 @@ fn a_firmware_takes_off_is_handed_over_and_is_landed_and_stopped() {
     println!("{outcome}");
     assert_eq!(outcome["outcome"], "success", "{text}\n{said}");
     assert!(!a.armed, "it was not disarmed\n{said}");
-    assert_eq!(
-        a.chosen,
-        StandIn::ours(Firmware::ArduCopter),
-        "the mode was changed"
-    );
+    assert_eq!(a.chosen, StandIn::ours(firmware), "the mode was changed");
     // Motors off by one command or two, and by nothing else than the forced disarm.
     let disarms = a.commands.iter().filter(|(_, c)| c.command == 400).count();
     assert!((1..=2).contains(&disarms), "{disarms}");
+}
+
+#[test]
+fn ardupilots_way_a_firmware_takes_off_is_handed_over_landed_and_stopped() {
+    land(Firmware::ArduCopter, "");
+}
+
+#[test]
+fn px4s_way_a_firmware_takes_off_is_handed_over_landed_and_stopped() {
+    // Good sensors: the stand-in's estimator is a poor one.
+    let scenario = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m = 0.02\ngnss_velocity_mps = 0.02\n\
+                    gyro_bias_rps = 0.0\ngyro_noise_rps = 0.001\naccelerometer_bias_mps2 = 0.0\n";
+    land(Firmware::Px4, scenario);
 }
