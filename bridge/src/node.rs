@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 
 use alight_shared::msg::{
-    Header, LinkState, Message, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveModel,
+    Command, CommandKind, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest,
+    VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -28,6 +29,10 @@ pub enum PacketKind {
     Prediction,
     /// [`topics::TIME_REPLY`].
     TimeReply,
+    /// [`topics::DECK`].
+    Deck,
+    /// [`topics::OPERATOR`].
+    Command,
 }
 
 /// What came over the radio.
@@ -55,6 +60,10 @@ pub struct BridgeOut {
     pub wave: Option<WaveModel<DroneClock>>,
     /// Its own prediction.
     pub prediction: Option<VesselPrediction<DroneClock>>,
+    /// Whose its deck is.
+    pub deck: Option<DeckGrant<DroneClock>>,
+    /// An operator's command.
+    pub command: Option<Command>,
     /// The link's state, at its own rate.
     pub link: Option<LinkState>,
     /// A question for the vessel, to be sent at once.
@@ -74,6 +83,8 @@ pub struct Bridge {
     wave: Order,
     prediction: Order,
     reply: Order,
+    deck: Order,
+    command: Order,
     /// Newest time of validity of the current boot, on the vessel's clock.
     newest: Option<Time<VesselClock>>,
     /// Boot and time of validity of the newest estimate.
@@ -100,6 +111,8 @@ impl Bridge {
             wave: Order::default(),
             prediction: Order::default(),
             reply: Order::default(),
+            deck: Order::default(),
+            command: Order::default(),
             newest: None,
             heard: None,
             clock: ClockOffset::new(&config.clock),
@@ -167,6 +180,32 @@ impl Bridge {
                 let m: TimeReply<VesselClock, DroneClock> = decode(&packet.bytes)?;
                 self.time_reply(arrival, &m)?;
             }
+            PacketKind::Deck => {
+                let m: DeckGrant<VesselClock> = decode(&packet.bytes)?;
+                let order = self.deck;
+                let (at, _) = self.admit(arrival, &m, &order, &topics::DECK, 0.0)?;
+                self.deck.admit(m.header.sequence);
+                out.deck = Some(m.restamped(at));
+            }
+            PacketKind::Command => {
+                let m: OperatorCommand<VesselClock> = decode(&packet.bytes)?;
+                let order = self.command;
+                let abort = m.kind == CommandKind::Abort;
+                let at = match self.admit(arrival, &m, &order, &topics::OPERATOR, 0.0) {
+                    Ok((at, _)) => at,
+                    // An abort counts however old it is and whatever the clocks say.
+                    Err(Reason::Stale | Reason::Future | Reason::NoClock) if abort => arrival,
+                    Err(reason) => return Err(reason),
+                };
+                self.command.admit(m.header.sequence);
+                // Of several since the last step an abort wins.
+                if abort || out.command.is_none_or(|c| c.kind != CommandKind::Abort) {
+                    out.command = Some(Command {
+                        header: m.header.restamped(at),
+                        kind: m.kind,
+                    });
+                }
+            }
         }
         Ok(())
     }
@@ -227,6 +266,8 @@ impl Bridge {
         self.wave = Order::default();
         self.prediction = Order::default();
         self.reply = Order::default();
+        self.deck = Order::default();
+        self.command = Order::default();
         self.newest = None;
         self.link.reset();
     }

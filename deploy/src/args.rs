@@ -1,4 +1,4 @@
-//! The command line.
+//! Flags of what is flown in the simulated world.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -6,44 +6,7 @@ use std::str::FromStr;
 use alight_shared::msg::State;
 use alight_sim::sea::SeaConfig;
 use alight_uav::planner::PlannerKind;
-use clap::{Args, Parser, Subcommand, ValueEnum};
-
-/// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
-#[derive(Parser, Debug)]
-#[command(version, about, arg_required_else_help = true, max_term_width = 100)]
-#[command(
-    after_help = "Start with:\n  alight land                      one landing of all processes, in real time\n  \
-alight trial                     the same computed as fast as it goes\n  \
-alight trial --sea rough --plot landing.svg\n  alight trials --trials 100        a success rate with its interval\n\n\
-Exit codes: 0 success, 1 failed landing, 2 bad input."
-)]
-pub struct Cli {
-    /// What to do.
-    #[command(subcommand)]
-    pub command: Verb,
-}
-
-/// What to do.
-#[derive(Subcommand, Debug)]
-pub enum Verb {
-    /// Fly one landing in the simulated world and say how it went.
-    Trial(TrialArgs),
-    /// Fly many landings and print the success rate with its interval.
-    Trials(TrialsArgs),
-    /// Measure one thing over many seeds.
-    Study(StudyArgs),
-    /// Compute a recording again and say whether every output is bit-identical.
-    #[cfg(feature = "record")]
-    Replay(crate::record::args::ReplayArgs),
-    /// Print the simulated vessel's response in surge, heave and pitch against wave length.
-    Response(ResponseArgs),
-    /// Print a default configuration: vessel, drone or scenario.
-    Config(ConfigArgs),
-    /// The live system.
-    #[cfg(feature = "live")]
-    #[command(flatten)]
-    Live(crate::live::args::LiveVerb),
-}
+use clap::{Args, ValueEnum};
 
 /// Planners.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
@@ -331,23 +294,4 @@ pub struct ResponseArgs {
     /// Print as one JSON object
     #[arg(long)]
     pub json: bool,
-}
-
-/// Which configuration.
-#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum ConfigKind {
-    /// The vessel's side.
-    Vessel,
-    /// The drone's side.
-    Drone,
-    /// The simulated world.
-    Scenario,
-}
-
-/// A configuration to print.
-#[derive(Args, Debug)]
-pub struct ConfigArgs {
-    /// Which
-    #[arg(value_enum)]
-    pub kind: ConfigKind,
 }

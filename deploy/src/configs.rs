@@ -1,15 +1,21 @@
 //! Configuration files of vessel and drone.
 
+#[cfg(feature = "sim")]
 use std::path::Path;
 
 use alight_bridge::BridgeConfig;
-use alight_shared::config::{self, Check, ConfigError, Keys};
+#[cfg(feature = "sim")]
+use alight_shared::config;
+use alight_shared::config::{Check, ConfigError, Keys};
+#[cfg(feature = "sim")]
 use alight_sim::scenario::{NodeConfigs, Scenario};
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
 
-use crate::args::{ConfigArgs, ConfigKind};
+use crate::cli::{ConfigArgs, ConfigKind};
+#[cfg(feature = "flight")]
+use crate::live::config::{DroneComputer, VesselComputer};
 use crate::{End, Refused, say};
 
 /// The drone's file: `[bridge]` and `[drone.*]`.
@@ -30,6 +36,7 @@ impl Check for DroneFile {
 }
 
 /// The configuration of all nodes: files where given, defaults elsewhere.
+#[cfg(feature = "sim")]
 pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs, Refused> {
     let refused = |e: ConfigError| Refused(e.to_string());
     let vessel = match vessel {
@@ -52,7 +59,12 @@ pub fn print(args: &ConfigArgs) -> Result<End, Refused> {
     let text = match args.kind {
         ConfigKind::Vessel => toml::to_string(&VesselNodeConfig::default()),
         ConfigKind::Drone => toml::to_string(&DroneFile::default()),
+        #[cfg(feature = "sim")]
         ConfigKind::Scenario => toml::to_string(&Scenario::default()),
+        #[cfg(feature = "flight")]
+        ConfigKind::VesselComputer => toml::to_string(&VesselComputer::default()),
+        #[cfg(feature = "flight")]
+        ConfigKind::DroneComputer => toml::to_string(&DroneComputer::default()),
     };
     say::line(
         text.map_err(|e| Refused::because("writing the configuration as TOML", e))?
@@ -61,7 +73,7 @@ pub fn print(args: &ConfigArgs) -> Result<End, Refused> {
     Ok(End::Success)
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "sim"))]
 mod tests {
     use super::*;
 

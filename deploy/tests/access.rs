@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, TlsConfig, Urgency};
+use alight_shared::transport::refusals::{self, Refusal};
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
 use zenoh::Wait;
 
@@ -80,6 +81,7 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
 /// A vessel and its drone over TLS; both hear each other while `strangers` try the vessel: true when
 /// one of them was heard by the vessel.
 fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
+    refusals::listen();
     let directory = common::certificates(name);
     let address = port();
     let listen = RadioConfig {
@@ -132,6 +134,13 @@ fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
 
 const STATUS: &str = "alight/drone-1/status";
 
+/// The refusal was noticed, and for what it was: the operator reads it in `alight status`.
+#[track_caller]
+fn noticed(why: Refusal) {
+    let counted = refusals::counted();
+    assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
+}
+
 #[test]
 fn the_right_certificate_on_its_own_key_is_heard() {
     assert!(heard("right", |at, keys| {
@@ -153,6 +162,8 @@ fn plain_tcp_and_no_certificate_are_not_heard() {
             Stranger::dial(&format!("tls/{at}"), &trust, STATUS),
         ]
     }));
+    noticed(Refusal::NotTls);
+    noticed(Refusal::NoCertificate);
 }
 
 #[test]
@@ -166,6 +177,7 @@ fn a_certificate_of_another_authority_is_not_heard() {
         files[0].1 = keys.join("authority.pem");
         vec![Stranger::dial(&format!("tls/{at}"), &files, STATUS)]
     }));
+    noticed(Refusal::OtherAuthority);
 }
 
 #[test]
@@ -181,6 +193,7 @@ fn the_right_authority_but_a_name_that_is_not_admitted_is_not_heard() {
             ),
         ]
     }));
+    noticed(Refusal::Name);
 }
 
 #[test]
@@ -192,6 +205,7 @@ fn an_admitted_name_on_somebody_elses_key_is_not_heard() {
             .map(|key| Stranger::dial(&format!("tls/{at}"), &own, key))
             .into()
     }));
+    noticed(Refusal::Key);
 }
 
 #[test]
@@ -221,4 +235,5 @@ fn an_expired_certificate_is_not_heard() {
         std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
         vec![Stranger::dial(&format!("tls/{at}"), &files(&directory), STATUS)]
     }));
+    noticed(Refusal::Expired);
 }

@@ -77,6 +77,12 @@ topics! {
     TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// The vessel's answer.
     TIME_REPLY: "time/reply", msg::TimeReply<VesselClock, DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
+    /// Whose the vessel's deck is.
+    DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
+    /// An operator's command, from the operator to the vessel and from the vessel to a drone.
+    OPERATOR: "command", msg::OperatorCommand<VesselClock>, Radio, 0.1 Hz, 64, 5000 ms, 2 deep;
+    /// What drones say about themselves, as the vessel heard it, for operators.
+    DRONES: "drones", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
     /// The drone's word about itself, for the vessel's deck.
     DRONE_STATUS: "status", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
     /// The autopilot's odometry.
@@ -95,6 +101,8 @@ topics! {
     BRIDGE_WAVE: "bridge/wave", msg::WaveModel<DroneClock>, Memory, 5.0 Hz, size_of::<msg::WaveModel<DroneClock>>(), 5000 ms, 2 deep;
     /// The vessel's own prediction on the drone's clock.
     BRIDGE_PREDICTION: "bridge/prediction", msg::VesselPrediction<DroneClock>, Memory, 2.0 Hz, size_of::<msg::VesselPrediction<DroneClock>>(), 3000 ms, 2 deep;
+    /// Whose the vessel's deck is, on the drone's clock.
+    BRIDGE_DECK: "bridge/deck", msg::DeckGrant<DroneClock>, Memory, 2.0 Hz, size_of::<msg::DeckGrant<DroneClock>>(), 2000 ms, 2 deep;
     /// The bridge's view of link and clocks.
     LINK: "bridge/link", msg::LinkState, Memory, 10.0 Hz, size_of::<msg::LinkState>(), 1000 ms, 2 deep;
     /// The deck's forecast.

@@ -210,6 +210,8 @@ impl World {
             plan,
             set_point: self.last_set_point,
             command: self.command.take(),
+            // One drone, whose mission asks for no reservation.
+            deck: None,
         };
         let decided = self.mission.step(drone_now, &input);
         tap.mission(t, drone_now, &input, &decided);

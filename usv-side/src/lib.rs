@@ -4,12 +4,16 @@
 //! turn feeds and uses the [`sea_state`] identification, and speaks at the rates that the link bears
 //! ([`throttle`]).
 
+pub mod commands;
 pub mod config;
+pub mod deck;
 pub mod estimator;
 pub mod node;
 pub mod sea_state;
 pub mod throttle;
 
+pub use commands::Commands;
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
+pub use deck::{DeckConfig, DeckKeeper};
 pub use estimator::Estimator;
 pub use node::{Refused, VesselIn, VesselNode, VesselOut};

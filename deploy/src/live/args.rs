@@ -2,33 +2,51 @@
 
 use std::path::PathBuf;
 
+#[cfg(feature = "live")]
 use alight_sim::radio::Transport;
-use clap::{Args, Subcommand, ValueEnum};
+#[cfg(feature = "live")]
+use clap::ValueEnum;
+use clap::{Args, Subcommand};
 
+use super::check::CheckArgs;
+use super::command::CommandArgs;
+#[cfg(feature = "live")]
 use super::emulator::LinkArgs;
+#[cfg(feature = "live")]
 use super::fault::FaultSpec;
+#[cfg(feature = "live")]
 use super::follow::LONGEST_FOLLOW_S;
 use super::keys::KeysArgs;
+#[cfg(feature = "live")]
 use super::latency::LatencyArgs;
+#[cfg(feature = "live")]
 use super::plant::AutopilotKind;
+#[cfg(feature = "live")]
 use crate::args::SceneArgs;
 
 /// The live system.
 #[derive(Subcommand, Debug)]
 pub enum LiveVerb {
     /// Land once in real time: all processes of vessel and drone, simulated vehicles.
+    #[cfg(feature = "live")]
     Land(Box<LandArgs>),
     /// Land live with many seeds, beside the lock-step landings of the same seeds.
+    #[cfg(feature = "live")]
     Lands(LandsArgs),
     /// Kill and freeze every process in every phase of a live landing, and say what came of it.
+    #[cfg(feature = "live")]
     Faults(FaultsArgs),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(StatusArgs),
     /// Feed a process's log through its node again and compare the outputs bit for bit.
-    #[cfg(not(feature = "record"))]
+    #[cfg(all(feature = "live", not(feature = "record")))]
     Replay(ReplayArgs),
     /// Process of the vessel: estimator and broadcast.
     Vessel(ProcessArgs),
+    /// All processes of the drone's computer, as its service runs them.
+    Drone(ProcessArgs),
+    /// Tell the drone to land, to break off or to hold, and show its answer.
+    Command(CommandArgs),
     /// Process of the drone: its end of the radio.
     Bridge(ProcessArgs),
     /// Process of the drone: the deck's forecast.
@@ -42,16 +60,22 @@ pub enum LiveVerb {
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
     Autopilot(AutopilotArgs),
     /// Process of the simulation: both vehicles, in real time.
+    #[cfg(feature = "live")]
     World(WorldArgs),
     /// Emulate a bad link between two network namespaces of this computer (needs root).
+    #[cfg(feature = "live")]
     Link(LinkArgs),
     /// Measure one hop through both middlewares, beside plain sockets.
+    #[cfg(feature = "live")]
     Latency(LatencyArgs),
     /// Make a private authority and certificates of vessel and drone; show when they expire.
     Keys(KeysArgs),
+    /// Look for what keeps this computer from flying, and say what to do about it.
+    Check(CheckArgs),
 }
 
 /// One landing, live.
+#[cfg(feature = "live")]
 #[derive(Args, Debug)]
 pub struct LandArgs {
     /// The scene.
@@ -125,6 +149,7 @@ pub struct LandArgs {
 }
 
 /// Many landings, live.
+#[cfg(feature = "live")]
 #[derive(Args, Debug)]
 pub struct LandsArgs {
     /// How many
@@ -148,6 +173,7 @@ pub struct LandsArgs {
 }
 
 /// Faults, live.
+#[cfg(feature = "live")]
 #[derive(Args, Debug)]
 pub struct FaultsArgs {
     /// Only this one (may be repeated) [default: 6 processes, killed and frozen, in approach,
@@ -175,6 +201,7 @@ pub struct FaultsArgs {
 }
 
 /// Times that the drone can be told to follow: up to what a mission may take.
+#[cfg(feature = "live")]
 fn follow_s(text: &str) -> Result<f64, String> {
     let s: f64 = text.parse().map_err(|e| format!("{e}"))?;
     if (1.0..=LONGEST_FOLLOW_S).contains(&s) {
@@ -184,6 +211,7 @@ fn follow_s(text: &str) -> Result<f64, String> {
     }
 }
 
+#[cfg(feature = "live")]
 impl LandArgs {
     /// The transport of the radio, as lock-step models it.
     pub fn transport(&self) -> Transport {
@@ -196,6 +224,7 @@ impl LandArgs {
 }
 
 /// Where the radio is impaired.
+#[cfg(feature = "live")]
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Emulate {
     /// Between namespaces for a named link, where it is permitted; else inside the processes.
@@ -221,7 +250,7 @@ pub struct StatusArgs {
 }
 
 /// A log.
-#[cfg(not(feature = "record"))]
+#[cfg(all(feature = "live", not(feature = "record")))]
 #[derive(Args, Debug)]
 pub struct ReplayArgs {
     /// Directory with the logs of `--log`, or one log file
@@ -243,6 +272,7 @@ pub struct ProcessArgs {
 }
 
 /// The simulated vehicles.
+#[cfg(feature = "live")]
 #[derive(Args, Debug)]
 pub struct WorldArgs {
     /// What every process has

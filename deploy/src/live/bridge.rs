@@ -14,7 +14,6 @@ use alight_shared::transport::process::{MOST_FIGURES, ProcessKind, ProcessState}
 use alight_shared::transport::radio::{Outlet, Radio, RadioCounts, Urgency};
 use alight_shared::transport::relay;
 use alight_shared::wire;
-use alight_sim::radio::Direction;
 
 use super::args::ProcessArgs;
 use super::config::DroneComputer;
@@ -29,11 +28,13 @@ const LONGEST: Duration = Duration::from_millis(5);
 /// Figures before those of the relay.
 pub const RELAY_FIGURES: usize = 4 + Reason::ALL.len();
 /// What comes on each subscription; the vessel's word about itself is the one after.
-const KINDS: [PacketKind; 4] = [
+const KINDS: [PacketKind; 6] = [
     PacketKind::Estimate,
     PacketKind::Wave,
     PacketKind::Prediction,
     PacketKind::TimeReply,
+    PacketKind::Deck,
+    PacketKind::Command,
 ];
 
 /// Runs until told to end. Twice a second it tells the vessel how the drone's mission stands.
@@ -55,12 +56,14 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut estimate = memory.publisher()?;
     let mut wave = memory.publisher()?;
     let mut prediction = memory.publisher()?;
+    let mut grant = memory.publisher()?;
+    let mut command = memory.publisher()?;
     let mut link = memory.publisher()?;
     let mut state: Publisher<ProcessState> = memory.publisher()?;
     let mut mission = memory.subscriber::<MissionState>()?;
 
     let mut autopilot = memory.subscriber::<AutopilotState>()?;
-    let (mut deck, mut battery) = (MissionState::default(), 0.0);
+    let (mut deck, mut flight) = (MissionState::default(), AutopilotState::default());
     let mut age_s = f64::INFINITY;
     let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
 
@@ -77,6 +80,8 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         topics::WAVE.name,
         topics::PREDICTION.name,
         topics::TIME_REPLY.name,
+        topics::DECK.name,
+        topics::OPERATOR.name,
     ];
     let keys = names
         .iter()
@@ -84,12 +89,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         .map(|name| vessel_key(vessel, name))
         .collect();
     let mut radio = Radio::open(&computer.radio, outlets, keys)?;
-    let mut impaired = Impaired::new(
-        computer.impairment.as_ref(),
-        Direction::ToDrone,
-        computer.clock.epoch_ns,
-    );
-    let outage = computer.impairment.as_ref().and_then(|i| i.outage);
+    let mut impaired: Impaired<Packet> = computer.heard();
 
     let mut flows = Flows::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
     while !process.ended() {
@@ -122,6 +122,8 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         estimate.send_any(out.estimate.as_ref());
         wave.send_any(out.wave.as_ref());
         prediction.send_any(out.prediction.as_ref());
+        grant.send_any(out.deck.as_ref());
+        command.send_any(out.command.as_ref());
         link.send_any(out.link.as_ref());
         age_s = out.link.map_or(age_s, |l| l.age_s);
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
@@ -129,11 +131,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         }
         if let Some(news) = mission.newest(now.nanos()) {
             deck = news;
-            if let Some(outage) = outage.filter(|o| o.state == news.state) {
-                impaired.fall_silent(steady_ns(), &outage);
-            }
+            impaired.enter(steady_ns(), news.state);
         }
-        battery = autopilot.newest(now.nanos()).map_or(battery, |a| a.battery);
+        flight = autopilot.newest(now.nanos()).unwrap_or(flight);
         let counts = radio.counts();
         process.life.figures = figures(process.node().rejections(), heard_bytes, refused, &counts);
         if let Some(mut said) = process.state(Vec::new, counts.unsent) {
@@ -156,7 +156,8 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
                 entered: deck.entered,
                 waiting: deck.waiting,
                 attempts: deck.attempts,
-                battery,
+                battery: flight.battery,
+                landed: flight.landed,
             };
             if let Ok(bytes) = wire::encode(&status) {
                 radio.send(1, bytes);

@@ -1,24 +1,33 @@
 //! One configuration file per computer: the vessel's, the drone's, and the simulated world's.
 
+#[cfg(feature = "live")]
 use std::path::PathBuf;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::RadioConfig;
+#[cfg(feature = "live")]
 use alight_sim::firmware::FirmwareConfig;
-use alight_sim::radio::RadioConfig as Impairment;
+#[cfg(feature = "live")]
+use alight_sim::radio::{Direction, RadioConfig as Impairment};
+#[cfg(feature = "live")]
 use alight_sim::scenario::{Scenario, StateOutage};
 use alight_uav::autopilot::AutopilotLinkConfig;
+#[cfg(feature = "live")]
 use alight_uav::odometry::OdometryConfig;
 use alight_uav::settings::DroneSettings;
-use alight_usv::VesselNodeConfig;
+use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
 
+use super::drone::Supervision;
+use super::link::Impaired;
+#[cfg(feature = "live")]
 use super::plant::AutopilotKind;
 use super::relay::DroneRelay;
 
 /// An impairment of the radio, applied to what a process receives; for trials only.
+#[cfg(feature = "live")]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinkImpairment {
@@ -44,11 +53,14 @@ pub struct VesselComputer {
     /// Its radio.
     pub radio: RadioConfig,
     /// Impairment of what it receives.
+    #[cfg(feature = "live")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
     /// Where copies of its estimates go over UDP; for trials.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relay: Option<String>,
+    /// How the deck is given to drones.
+    pub deck: DeckConfig,
     /// Its node.
     pub vessel: VesselNodeConfig,
 }
@@ -65,10 +77,22 @@ impl Default for VesselComputer {
                 listen: vec!["udp/0.0.0.0:7447".into()],
                 ..RadioConfig::default()
             },
+            #[cfg(feature = "live")]
             impairment: None,
             relay: None,
+            deck: DeckConfig::default(),
             vessel: VesselNodeConfig::default(),
         }
+    }
+}
+
+impl VesselComputer {
+    /// What comes over the radio, as a trial impairs it.
+    pub fn heard<T: Clone>(&self) -> Impaired<T> {
+        #[cfg(feature = "live")]
+        return Impaired::new(self.impairment.as_ref(), Direction::ToVessel, self.clock.epoch_ns);
+        #[cfg(not(feature = "live"))]
+        Impaired::default()
     }
 }
 
@@ -76,9 +100,11 @@ impl Check for VesselComputer {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.clock.check(&at.table("clock"))?;
         self.radio.check(&at.table("radio"))?;
+        #[cfg(feature = "live")]
         if let Some(link) = &self.impairment {
             link.profile.check(&at.table("impairment").table("profile"))?;
         }
+        self.deck.check(&at.table("deck"))?;
         self.vessel.check(&at.table("vessel"))
     }
 }
@@ -94,6 +120,7 @@ pub struct DroneComputer {
     /// Its radio.
     pub radio: RadioConfig,
     /// Impairment of what it receives.
+    #[cfg(feature = "live")]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
     /// Where plain relays of its messages are; for trials.
@@ -103,6 +130,8 @@ pub struct DroneComputer {
     pub autopilot: AutopilotLinkConfig,
     /// Its bridge.
     pub bridge: BridgeConfig,
+    /// How its processes are run.
+    pub supervision: Supervision,
     /// Its other nodes.
     pub drone: DroneSettings,
 }
@@ -117,12 +146,24 @@ impl Default for DroneComputer {
                 connect: vec!["udp/192.168.7.1:7447".into()],
                 ..RadioConfig::default()
             },
+            #[cfg(feature = "live")]
             impairment: None,
             relay: None,
             autopilot: AutopilotLinkConfig::default(),
             bridge: BridgeConfig::default(),
+            supervision: Supervision::default(),
             drone: DroneSettings::default(),
         }
+    }
+}
+
+impl DroneComputer {
+    /// What comes over the radio, as a trial impairs it.
+    pub fn heard<T: Clone>(&self) -> Impaired<T> {
+        #[cfg(feature = "live")]
+        return Impaired::new(self.impairment.as_ref(), Direction::ToDrone, self.clock.epoch_ns);
+        #[cfg(not(feature = "live"))]
+        Impaired::default()
     }
 }
 
@@ -130,16 +171,19 @@ impl Check for DroneComputer {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.clock.check(&at.table("clock"))?;
         self.radio.check(&at.table("radio"))?;
+        #[cfg(feature = "live")]
         if let Some(link) = &self.impairment {
             link.profile.check(&at.table("impairment").table("profile"))?;
         }
         self.autopilot.check(&at.table("autopilot"))?;
         self.bridge.check(&at.table("bridge"))?;
+        self.supervision.check(&at.table("supervision"))?;
         self.drone.check(&at.table("drone"))
     }
 }
 
 /// The simulated vehicles.
+#[cfg(feature = "live")]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SimulatedWorld {
@@ -173,6 +217,7 @@ pub struct SimulatedWorld {
     pub scenario: Scenario,
 }
 
+#[cfg(feature = "live")]
 impl Check for SimulatedWorld {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.firmware.check(&at.table("firmware"))?;
@@ -181,7 +226,7 @@ impl Check for SimulatedWorld {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "live"))]
 mod tests {
     use super::*;
     use alight_shared::config;

@@ -2,6 +2,7 @@
 
 use alight_bridge::Reason;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::transport::refusals::Refusal;
 
 use super::display::time;
 use super::heard_drone::state;
@@ -15,12 +16,14 @@ enum Unit {
     Time,
     /// 0 to 1.
     Share,
+    /// Why somebody was refused; 0: nobody was.
+    Refusal,
     /// A state of the mission.
     State,
 }
 
 /// Figures of the vessel; the last two are how long after its measurement an estimate is sent.
-pub const VESSEL_FIGURES: usize = 13;
+pub const VESSEL_FIGURES: usize = 15;
 
 const VESSEL: [(&str, Unit); VESSEL_FIGURES] = [
     ("sensor datagrams refused", Unit::Count),
@@ -34,6 +37,8 @@ const VESSEL: [(&str, Unit); VESSEL_FIGURES] = [
     ("drone's descents", Unit::Count),
     ("drone's battery", Unit::Share),
     ("share of the full rates", Unit::Share),
+    ("strangers refused", Unit::Count),
+    ("the last for", Unit::Refusal),
     ("measurement to estimate sent p50", Unit::Time),
     ("measurement to estimate sent p99", Unit::Time),
 ];
@@ -104,12 +109,13 @@ pub fn text(p: &ProcessState) -> String {
     let shown: Vec<String> = names(p.kind)
         .into_iter()
         .zip(p.figures.iter())
-        .filter(|((_, unit), value)| *unit != Unit::Count || **value != 0.0)
+        .filter(|((_, unit), value)| !matches!(unit, Unit::Count | Unit::Refusal) || **value != 0.0)
         .map(|((name, unit), value)| {
             let value = match unit {
                 Unit::Count => format!("{value:.0}"),
                 Unit::Time => time(*value),
                 Unit::Share => format!("{:.0} %", 100.0 * value),
+                Unit::Refusal => Refusal::numbered(*value).map_or("-", |r| r.name()).into(),
                 Unit::State => state(*value).map_or("-", |s| s.name()).into(),
             };
             format!("{name} {value}")
@@ -130,7 +136,7 @@ mod tests {
             assert!(names(kind).len() <= MOST_FIGURES, "{kind:?}");
         }
         let figures = [
-            0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8, 1.0, 0.01, 0.02,
+            0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8, 1.0, 4.0, 3.0, 0.01, 0.02,
         ];
         let vessel = ProcessState {
             kind: ProcessKind::Vessel,
@@ -140,7 +146,7 @@ mod tests {
         assert_eq!(
             text(&vessel),
             "bytes sent 1200, time requests refused 3, drone's words heard 9, drone last heard 250.0 ms, \
-             drone's state Tracking, drone's battery 80 %, share of the full rates 100 %, measurement to estimate sent p50 10.0 ms, \
+             drone's state Tracking, drone's battery 80 %, share of the full rates 100 %, strangers refused 4, the last for an expired certificate, measurement to estimate sent p50 10.0 ms, \
              measurement to estimate sent p99 20.0 ms"
         );
         assert_eq!(named(&vessel).len(), VESSEL.len());

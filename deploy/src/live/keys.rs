@@ -12,12 +12,14 @@ use alight_shared::transport::radio::TlsConfig;
 use clap::{Args, Subcommand};
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer,
-    KeyPair, KeyUsagePurpose,
+    KeyPair, KeyUsagePurpose, PublicKeyData,
 };
 use serde_json::json;
 use time::{Duration, OffsetDateTime};
+use x509_parser::extensions::ParsedExtension;
 use x509_parser::pem::parse_x509_pem;
 
+use super::check::facts::Certificate;
 use crate::{End, Refused, say};
 
 /// The authority's name: its certificate and every signature carry it.
@@ -63,6 +65,8 @@ pub enum KeysVerb {
     Vessel(SideArgs),
     /// Make a drone's key and certificate.
     Drone(SideArgs),
+    /// Make an operator's key and certificate: whoever holds it may command drones through the vessel.
+    Operator(SideArgs),
     /// Show what is there and when it expires.
     Show {
         /// Directory of the authority, or of one side
@@ -103,6 +107,7 @@ pub fn run(args: &KeysArgs) -> Result<End, Refused> {
         }
         KeysVerb::Vessel(side) => made(side, "vessel"),
         KeysVerb::Drone(side) => made(side, "drone"),
+        KeysVerb::Operator(side) => made(side, "operator"),
         KeysVerb::Show { dir, json } => show(dir, *json),
     }
 }
@@ -245,6 +250,66 @@ fn write(path: &Path, text: &str) -> Result<(), Refused> {
 
 fn read(path: &Path, hint: &str) -> Result<String, Refused> {
     fs::read_to_string(path).map_err(|e| Refused::because(format!("reading {} ({hint})", path.display()), e))
+}
+
+/// A certificate that was read.
+pub struct Look {
+    /// What a person reads of it.
+    pub certificate: Certificate,
+    /// Its public key, as the certificate holds it (SubjectPublicKeyInfo, DER).
+    public_key: Vec<u8>,
+    /// The identifier of its key, an authority's.
+    key_id: Option<Vec<u8>>,
+    /// The identifier of the key that it was signed with.
+    signed_with: Option<Vec<u8>>,
+}
+
+/// Reads a certificate's file.
+pub fn look(path: &Path) -> Result<Look, Refused> {
+    let pem = read(path, "alight keys makes it")?;
+    let doing = || format!("{} is not a certificate", path.display());
+    let (_rest, found) = parse_x509_pem(pem.as_bytes()).map_err(|e| Refused::because(doing(), e))?;
+    let certificate = found.parse_x509().map_err(|e| Refused::because(doing(), e))?;
+    let (mut key_id, mut signed_with) = (None, None);
+    for extension in certificate.extensions() {
+        match extension.parsed_extension() {
+            ParsedExtension::SubjectKeyIdentifier(id) => key_id = Some(id.0.to_vec()),
+            ParsedExtension::AuthorityKeyIdentifier(id) => {
+                signed_with = id.key_identifier.as_ref().map(|id| id.0.to_vec());
+            }
+            _ => {}
+        }
+    }
+    let (now, validity) = (OffsetDateTime::now_utc(), certificate.validity());
+    let name = certificate.subject().iter_common_name().next();
+    Ok(Look {
+        certificate: Certificate {
+            path: path.into(),
+            days_left: (validity.not_after.to_datetime() - now)
+                .whole_seconds()
+                .div_euclid(86_400),
+            in_future: validity.not_before.to_datetime() > now,
+            name: name.and_then(|n| n.as_str().ok()).unwrap_or("nobody").to_owned(),
+        },
+        public_key: certificate.public_key().raw.to_vec(),
+        key_id,
+        signed_with,
+    })
+}
+
+/// Whether the key in `pem` is the certificate's.
+pub fn belongs(pem: &str, own: &Look) -> bool {
+    KeyPair::from_pem(pem).is_ok_and(|key| key.subject_public_key_info() == own.public_key)
+}
+
+/// Whether `own` says that it was signed with the key of `authority`; None when one of them is silent.
+pub fn signed_with(own: &Look, authority: &Look) -> Option<bool> {
+    Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
+}
+
+/// The system's clock, s since 1970.
+pub fn today_s() -> i64 {
+    OffsetDateTime::now_utc().unix_timestamp()
 }
 
 /// When a certificate expires.

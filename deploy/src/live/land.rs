@@ -21,11 +21,13 @@ use alight_sim::firmware::FirmwareConfig;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_sim::streams::Streams;
 use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_usv::DeckConfig;
 use serde::Serialize;
 
 use super::air::{Air, Watch};
 use super::args::LandArgs;
 use super::config::{DroneComputer, SimulatedWorld, VesselComputer};
+use super::drone::Supervision;
 use super::fault::Fault;
 use super::follow;
 use super::instance::Owned;
@@ -259,6 +261,7 @@ impl Arrangement {
             },
             impairment: air.impairment.clone(),
             relay: relay.as_ref().map(|r| format!("{}:{}", air.drone_host(), r.port)),
+            deck: DeckConfig::default(),
             vessel: scene.nodes.vessel.clone(),
         };
         let drone = DroneComputer {
@@ -276,6 +279,7 @@ impl Arrangement {
                 ..AutopilotLinkConfig::default()
             },
             bridge: scene.nodes.bridge.clone(),
+            supervision: Supervision::default(),
             drone: scene.nodes.drone.clone(),
         };
         let world = SimulatedWorld {

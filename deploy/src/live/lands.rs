@@ -11,7 +11,7 @@ use super::display::time;
 use super::fleet::{self, Job, median};
 use super::report::LiveReport;
 use super::{air, land, profile};
-use crate::args::{Cli, Verb};
+use crate::cli::{Cli, Verb};
 use crate::say::{self, note};
 use crate::study::link::aborts;
 use crate::{End, Refused};

@@ -1,11 +1,17 @@
 //! The radio's keys, and the impairment of the radio inside a process, for trials.
 
+use alight_shared::msg::State;
+#[cfg(feature = "live")]
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
+#[cfg(feature = "live")]
 use alight_sim::radio::{Direction, Radio, on_air};
+#[cfg(feature = "live")]
 use alight_sim::scenario::StateOutage;
+#[cfg(feature = "live")]
 use alight_sim::streams::Streams;
 
+#[cfg(feature = "live")]
 use super::config::LinkImpairment;
 
 /// The key of `topic` as vessel `id` publishes it.
@@ -22,6 +28,10 @@ pub const STATUS: &str = "status";
 pub fn any_drone_status() -> String {
     format!("alight/drone-$*/{}", topics::DRONE_STATUS.name)
 }
+/// Commands of any operator.
+pub fn any_operator_command() -> String {
+    format!("alight/operator-$*/{}", topics::OPERATOR.name)
+}
 /// The drones' questions for the time, from any drone.
 pub fn any_time_request() -> String {
     format!("alight/*/{}", topics::TIME_REQUEST.name)
@@ -30,17 +40,44 @@ pub fn any_time_request() -> String {
 /// Delays and loses what a process receives, as its profile says. Without a profile everything goes
 /// straight through.
 pub struct Impaired<T> {
+    #[cfg(feature = "live")]
     radio: Option<Radio<T>>,
+    #[cfg(feature = "live")]
+    outage: Option<StateOutage>,
+    #[cfg(feature = "live")]
     epoch_ns: i64,
     through: Vec<(i64, T)>,
 }
 
+#[cfg(not(feature = "live"))]
+impl<T> Default for Impaired<T> {
+    fn default() -> Self {
+        Impaired { through: Vec::new() }
+    }
+}
+
+#[cfg(not(feature = "live"))]
+impl<T> Impaired<T> {
+    /// Something of `bytes` came at `at_ns` of the steady clock.
+    pub fn take(&mut self, at_ns: i64, _bytes: usize, value: T) {
+        self.through.push((at_ns, value));
+    }
+    /// What has arrived, with its time of arrival on the steady clock, ns.
+    pub fn arrived(&mut self, _now_ns: i64) -> Vec<(i64, T)> {
+        std::mem::take(&mut self.through)
+    }
+    /// The mission is in this state: nothing falls silent with it.
+    pub fn enter(&mut self, _now_ns: i64, _state: State) {}
+}
+
+#[cfg(feature = "live")]
 impl<T: Clone> Impaired<T> {
     /// The impairment of one direction; `epoch_ns` is the steady clock at the profile's time zero.
     pub fn new(link: Option<&LinkImpairment>, direction: Direction, epoch_ns: i64) -> Impaired<T> {
         let radio = link.map(|l| Radio::new(&l.profile, direction, &Streams::new(l.seed)));
         Impaired {
             radio,
+            outage: link.and_then(|l| l.outage),
             epoch_ns,
             through: Vec::new(),
         }
@@ -69,16 +106,16 @@ impl<T: Clone> Impaired<T> {
             None => std::mem::take(&mut self.through),
         }
     }
-    /// The outage that the mission's new state brings about; the first time counts.
-    pub fn fall_silent(&mut self, now_ns: i64, outage: &StateOutage) {
+    /// The mission is in this state, and with its first entry into some the radio falls silent.
+    pub fn enter(&mut self, now_ns: i64, state: State) {
         let now = self.true_time(now_ns);
-        if let Some(radio) = &mut self.radio {
+        if let (Some(radio), Some(outage)) = (&mut self.radio, self.outage.filter(|o| o.state == state)) {
             radio.fall_silent(outage.window(now));
         }
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "live"))]
 mod tests {
     use super::*;
     use alight_shared::msg::State;
@@ -88,7 +125,11 @@ mod tests {
     fn an_impaired_link_delays_and_cuts_and_a_clean_one_does_not() {
         let link = LinkImpairment {
             seed: 3,
-            outage: None,
+            outage: Some(StateOutage {
+                state: State::Flare,
+                after_s: 0.5,
+                length_s: 1.0,
+            }),
             profile: RadioConfig {
                 loss: 0.0,
                 duplicate: 0.0,
@@ -103,12 +144,8 @@ mod tests {
         assert_eq!(impaired.arrived(2_000), vec![]);
         let late = impaired.arrived(1_000_000_000);
         assert!(late.len() == 1 && late[0].0 > 5_000_000, "{late:?}");
-        let outage = StateOutage {
-            state: State::Flare,
-            after_s: 0.5,
-            length_s: 1.0,
-        };
-        impaired.fall_silent(2_000_000_000, &outage);
+        impaired.enter(1_900_000_000, State::Descent);
+        impaired.enter(2_000_000_000, State::Flare);
         for (at_ns, value) in [(2_400_000_000, 'b'), (2_600_000_000, 'c'), (3_600_000_000, 'd')] {
             impaired.take(at_ns, 300, value);
         }

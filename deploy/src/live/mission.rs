@@ -1,6 +1,9 @@
 //! The drone's mission as a process: wakes with odometry, with a forecast and with a command.
 
-use alight_shared::msg::{AutopilotState, Command, DeckForecast, DroneState, MissionState, Plan, SetPoint};
+use alight_shared::msg::{
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionState, Plan, SetPoint,
+};
+use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Listener, Memory, Publisher};
 use alight_shared::transport::process::ProcessKind;
@@ -18,6 +21,7 @@ reads! {
         newest plan: Plan,
         newest set_point: SetPoint,
         newest command: Command,
+        newest deck: DeckGrant<DroneClock>,
     }
 }
 

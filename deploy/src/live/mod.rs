@@ -4,54 +4,77 @@
 //! Read in this order: [`config`] (one file per computer), [`process`] (what every process does
 //! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`], then
 //! [`shell`] for [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`],
-//! and [`lands`] and [`faults`] for many landings. [`autopilot`] is the way to a real one. What lies between the computers in a trial:
-//! [`air`], [`profile`], [`link`] (inside the processes), [`emulator`] (between network namespaces).
+//! and [`lands`] and [`faults`] for many landings. [`autopilot`] is the way to a real one. What a drone
+//! installs: [`drone`], [`check`], [`command`]. What lies between the computers in a trial: [`air`], [`profile`], [`link`] (inside the processes), [`emulator`] (between network namespaces).
 
+#[cfg(feature = "live")]
 mod air;
 pub mod args;
 mod autopilot;
 mod autopilot_url;
 mod autopilot_wire;
 mod bridge;
+mod check;
+mod command;
+#[cfg(feature = "live")]
 pub mod compare;
-mod config;
+pub mod config;
 mod display;
+mod drone;
+#[cfg(feature = "live")]
 pub mod emulator;
+#[cfg(feature = "live")]
 mod fault;
+#[cfg(feature = "live")]
 mod faults;
 mod figures;
+#[cfg(feature = "live")]
 mod fleet;
 mod flows;
+#[cfg(feature = "live")]
 mod follow;
 mod heard_drone;
 mod instance;
 mod interface;
 pub mod keys;
+#[cfg(feature = "live")]
 mod land;
+#[cfg(feature = "live")]
 mod lands;
+#[cfg(feature = "live")]
 pub mod latency;
 mod link;
 mod mission;
+#[cfg(feature = "live")]
 mod namespaces;
+mod notify;
+#[cfg(feature = "live")]
 mod packets;
 mod pilot;
 mod planner;
+#[cfg(feature = "live")]
 mod plant;
 mod predictor;
 mod process;
+#[cfg(feature = "live")]
 mod profile;
 mod record;
-#[cfg(feature = "record")]
+#[cfg(all(feature = "live", feature = "record"))]
 mod recording;
 mod relay;
+#[cfg(feature = "live")]
 pub mod replay;
+#[cfg(feature = "live")]
 mod report;
 mod shell;
 mod status;
 mod supervisor;
+#[cfg(feature = "live")]
 mod truth;
+#[cfg(feature = "live")]
 mod usage;
 mod vessel;
+#[cfg(feature = "live")]
 mod world;
 
 use alight_shared::transport::TransportError;
@@ -68,11 +91,14 @@ impl From<TransportError> for Refused {
 /// Runs a command of the live system.
 pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
     match verb {
+        #[cfg(feature = "live")]
         LiveVerb::Land(a) => land::run(a),
+        #[cfg(feature = "live")]
         LiveVerb::Lands(a) => lands::run(a),
+        #[cfg(feature = "live")]
         LiveVerb::Faults(a) => faults::run(a),
         LiveVerb::Status(a) => status::run(a),
-        #[cfg(not(feature = "record"))]
+        #[cfg(all(feature = "live", not(feature = "record")))]
         LiveVerb::Replay(a) => replay::run(&a.path),
         LiveVerb::Vessel(a) => vessel::run(a),
         LiveVerb::Bridge(a) => bridge::run(a),
@@ -81,9 +107,15 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::Planner(a) => shell::run::<planner::PlannerShell>(a),
         LiveVerb::Pilot(a) => shell::run::<pilot::PilotShell>(a),
         LiveVerb::Autopilot(a) => autopilot::run(a),
+        #[cfg(feature = "live")]
         LiveVerb::World(a) => world::run(a),
+        #[cfg(feature = "live")]
         LiveVerb::Link(a) => emulator::run(a),
+        #[cfg(feature = "live")]
         LiveVerb::Latency(a) => latency::run(a),
         LiveVerb::Keys(a) => keys::run(a),
+        LiveVerb::Check(a) => check::run(a),
+        LiveVerb::Drone(a) => drone::run(a),
+        LiveVerb::Command(a) => command::run(a),
     }
 }

@@ -48,6 +48,8 @@ pub struct Supervisor {
     wards: Vec<Ward>,
     directory: PathBuf,
     log: Option<PathBuf>,
+    /// Processes write errors where the supervisor does, not into files.
+    to_journal: bool,
     lines: (Sender<String>, Receiver<String>),
 }
 
@@ -65,8 +67,14 @@ impl Supervisor {
             wards: Vec::new(),
             directory,
             log,
+            to_journal: false,
             lines: channel(),
         }
+    }
+    /// Processes write errors where the supervisor does: a service's journal keeps and rotates them.
+    pub fn journalled(mut self) -> Supervisor {
+        self.to_journal = true;
+        self
     }
     /// Starts a process; `enter` stands before its command.
     pub fn start(&mut self, kind: ProcessKind, config: PathBuf, enter: Vec<String>) -> Result<(), Refused> {
@@ -89,11 +97,16 @@ impl Supervisor {
         let name = ward.kind.name();
         let doing = || format!("starting the process {name}");
         let program = std::env::current_exe().map_err(|e| Refused::because(doing(), e))?;
-        let errors = OpenOptions::new()
-            .create(true)
-            .append(true)
-            .open(self.directory.join(format!("{name}.err")))
-            .map_err(|e| Refused::because(doing(), e))?;
+        let errors = if self.to_journal {
+            Stdio::inherit()
+        } else {
+            OpenOptions::new()
+                .create(true)
+                .append(true)
+                .open(self.directory.join(format!("{name}.err")))
+                .map_err(|e| Refused::because(doing(), e))?
+                .into()
+        };
         let mut words = ward
             .enter
             .iter()
@@ -181,6 +194,19 @@ impl Supervisor {
         if let Some(input) = child.and_then(|c| c.stdin.as_mut()) {
             // One that is gone is started again, and has missed it.
             let _missed = writeln!(input, "{line}").and_then(|()| input.flush());
+        }
+    }
+    /// When a process that lives began, on the steady clock, ns.
+    pub fn began_ns(&self, kind: ProcessKind) -> Option<i64> {
+        let ward = self.wards.iter().find(|w| w.kind == kind)?;
+        ward.child.as_ref().map(|_| ward.began_ns)
+    }
+    /// Kills a process; looking after it starts it again.
+    pub fn kill(&mut self, kind: ProcessKind) {
+        let ward = self.wards.iter_mut().find(|w| w.kind == kind);
+        if let Some(child) = ward.and_then(|w| w.child.as_mut()) {
+            // One that is gone meanwhile needs no killing.
+            let _gone = child.kill();
         }
     }
     /// Starts beyond the first, of all processes.

@@ -7,7 +7,8 @@
 //! holds it, the others say that it is the one before.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DroneState, Header, MissionState, Plan, RangeSample, SetPoint,
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header, MissionState, Plan, RangeSample,
+    SetPoint,
 };
 use alight_shared::time::DroneClock;
 use alight_uav::mission::MissionIn;
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
 /// Format of the entries; a replay refuses any other.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -71,6 +72,7 @@ pub struct MissionEntry {
     autopilot: Option<AutopilotState>,
     set_point: Option<SetPoint>,
     command: Option<Command>,
+    deck: Option<DeckGrant<DroneClock>>,
 }
 /// The planner's input.
 #[derive(Serialize, Deserialize)]
@@ -108,6 +110,7 @@ impl MissionEntry {
             autopilot: i.autopilot,
             set_point: i.set_point,
             command: i.command,
+            deck: i.deck,
         }
     }
 }
@@ -205,6 +208,7 @@ impl MissionEntry {
             plan: computed.plan_of(self.plan)?,
             set_point: self.set_point,
             command: self.command,
+            deck: self.deck,
         })
     }
 }

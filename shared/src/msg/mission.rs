@@ -5,8 +5,8 @@ use core::fmt;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Header, Message};
-use crate::time::{DroneClock, Time};
+use super::{Header, LandedState, Message};
+use crate::time::{Clock, DroneClock, Time};
 
 /// States of the landing mission (Procházka et al., section IV).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -134,6 +134,10 @@ pub enum ReasonCode {
     TooLong,
     /// The wind's push to be expected on the deck is too strong, m/s².
     TooWindy,
+    /// The vessel's deck is another drone's: its number.
+    DeckTaken,
+    /// The vessel has not said lately whose its deck is, s.
+    DeckUnknown,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -199,6 +203,9 @@ impl fmt::Display for Reason {
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
             ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
+            ReasonCode::DeckTaken if v == 0.0 => write!(f, "the deck is nobody's yet"),
+            ReasonCode::DeckTaken => write!(f, "the deck is drone {v:.0}'s"),
+            ReasonCode::DeckUnknown => write!(f, "whose the deck is was said {v:.1} s ago (limit {l:.1})"),
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }
@@ -264,6 +271,59 @@ pub struct Command {
     pub kind: CommandKind,
 }
 
+/// A command on its way over the radio: from an operator to the vessel, and from the vessel to the drone
+/// that its header names.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+#[serde(bound = "")]
+pub struct OperatorCommand<C: Clock> {
+    /// Identity, and time it was given.
+    pub header: Header<C>,
+    /// What to do.
+    pub kind: CommandKind,
+}
+
+impl<C: Clock> Message for OperatorCommand<C> {
+    type Clock = C;
+    fn header(&self) -> &Header<C> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+}
+
+impl CommandKind {
+    /// Whether a mission that stands so, and waits for this, has done what was commanded.
+    pub fn is_met(self, state: State, waiting: ReasonCode) -> bool {
+        match self {
+            // A mission that was commanded and waits for something else has heard it.
+            CommandKind::Land => match state {
+                State::Idle => waiting != ReasonCode::NotCommanded,
+                State::Hold => waiting != ReasonCode::Operator,
+                State::GaveUp => false,
+                State::GetAltitude
+                | State::Approach
+                | State::Tracking
+                | State::TrackingStable
+                | State::Descent
+                | State::Flare
+                | State::Landed => true,
+            },
+            // On the deck or on the ground there is nothing to break off.
+            CommandKind::Abort => {
+                matches!(state, State::GaveUp | State::Landed)
+                    || state == State::Idle && waiting == ReasonCode::NotCommanded
+            }
+            CommandKind::Hold => {
+                state == State::Hold && waiting == ReasonCode::Operator
+                    || state == State::Landed
+                    || state == State::Idle && waiting == ReasonCode::NotCommanded
+            }
+        }
+    }
+}
+
 /// What the drone tells the vessel about itself, for the deck's operator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
@@ -280,6 +340,8 @@ pub struct DroneStatus {
     pub attempts: u32,
     /// Remaining battery, 0 to 1; 0 when the autopilot does not say.
     pub battery: f64,
+    /// The autopilot's own opinion of where it is.
+    pub landed: LandedState,
 }
 
 impl Message for DroneStatus {

@@ -6,6 +6,7 @@
 
 mod deck;
 mod drone;
+mod grant;
 mod mission;
 mod sensors;
 pub mod vessel;
@@ -15,7 +16,10 @@ pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, Motors, PLAN_STAGES, Plan, PlanStage, SetPoint,
     SetPointKind, Solve,
 };
-pub use mission::{Command, CommandKind, DroneStatus, MissionState, Phase, Reason, ReasonCode, State};
+pub use grant::DeckGrant;
+pub use mission::{
+    Command, CommandKind, DroneStatus, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State,
+};
 pub use sensors::{GnssFix, HeadingFix, ImuSample};
 pub use vessel::{
     MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
@@ -27,7 +31,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver refuses any other.
-pub const MESSAGE_VERSION: u16 = 2;
+pub const MESSAGE_VERSION: u16 = 3;
 
 /// Identity, order and time of validity of a message.
 #[derive(Debug, Serialize, Deserialize)]

@@ -36,6 +36,8 @@ const PUBLISHERS: usize = 16;
 const SUBSCRIBERS: usize = 24;
 /// Processes that have a topic open.
 const NODES: usize = 32;
+/// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
+const SERVICE: &str = "/run/alight";
 /// Most messages that one call reads: a publisher that runs wild does not hold its reader.
 const MOST_PER_READ: usize = 64;
 
@@ -65,9 +67,16 @@ impl Instance {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// Where it keeps its files beside shared memory.
+    /// Where it keeps its files beside shared memory: where a service keeps them if there is one of
+    /// this name, so that an operator's commands find it, else among temporary files.
     pub fn directory(&self) -> PathBuf {
-        std::env::temp_dir().join(format!("alight-{}", self.name))
+        let name = format!("alight-{}", self.name);
+        let of_service = std::path::Path::new(SERVICE).join(&name);
+        if of_service.exists() {
+            of_service
+        } else {
+            std::env::temp_dir().join(name)
+        }
     }
     /// The beginning of the names of its files in shared memory.
     pub fn prefix(&self) -> String {
@@ -268,6 +277,7 @@ impl Services {
             msg::VesselEstimate<DroneClock>,
             msg::WaveModel<DroneClock>,
             msg::VesselPrediction<DroneClock>,
+            msg::DeckGrant<DroneClock>,
             msg::DeckForecast,
             msg::MissionState,
             msg::Plan,

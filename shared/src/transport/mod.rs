@@ -12,6 +12,7 @@ pub mod memory;
 pub mod plain;
 pub mod process;
 pub mod radio;
+pub mod refusals;
 pub mod relay;
 pub mod wake;
 

@@ -73,6 +73,7 @@ plain_of_vessel! {
     VesselEstimate => BRIDGE_ESTIMATE;
     WaveModel => BRIDGE_WAVE;
     VesselPrediction => BRIDGE_PREDICTION;
+    DeckGrant => BRIDGE_DECK;
 }
 
 // SAFETY: as above.

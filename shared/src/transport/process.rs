@@ -78,6 +78,14 @@ impl ProcessKind {
         ProcessKind::Pilot,
         ProcessKind::World,
     ];
+    /// Those of the drone's computer, in the order of their start.
+    pub const DRONE: [ProcessKind; 5] = [
+        ProcessKind::Bridge,
+        ProcessKind::Predictor,
+        ProcessKind::Mission,
+        ProcessKind::Planner,
+        ProcessKind::Pilot,
+    ];
     /// The name of the subcommand.
     pub const fn name(self) -> &'static str {
         match self {
@@ -113,7 +121,7 @@ pub struct InputState {
 }
 
 /// Keys on which one process speaks over the radio, at most.
-pub const MOST_FLOWS: usize = 6;
+pub const MOST_FLOWS: usize = 8;
 
 /// What a process sent over the radio on one key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -122,6 +122,8 @@ pub struct MissionConfig {
     pub recover_s: f64,
     /// Hold resumes with Tracking within this horizontal distance of a deck in sight, m.
     pub resume_distance_m: f64,
+    /// No descent without the vessel's word that the deck is ours: for vessels with several drones.
+    pub reservation_required: bool,
     /// Descents that may be begun.
     pub max_attempts: u32,
     /// Remaining battery below which no landing on the vessel is begun, 0 to 1.
@@ -211,6 +213,8 @@ impl Default for MissionConfig {
             missed_m: 0.4,
             recover_s: 0.5,
             resume_distance_m: 10.0,
+            // One drone needs nobody's leave; the file of the drone's package says true.
+            reservation_required: false,
             max_attempts: 10,
             battery_reserve: 0.2,
             mission_timeout_s: 600.0,

@@ -22,8 +22,8 @@ pub use transition::MissionPhase;
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DroneState, Header, MESSAGE_VERSION, MissionState,
-    Motors, Plan, Reason, ReasonCode, SetPoint, Solve, State,
+    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MESSAGE_VERSION,
+    MissionState, Motors, Plan, Reason, ReasonCode, SetPoint, Solve, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
 use rows::blind_limit;
-use situation::{Deck, Flight, Own, Situation};
+use situation::{Deck, Flight, Own, Reservation, Situation};
 use transition::{Decision, HoldCause, Progress, decide};
 use wind::WindWatch;
 
@@ -51,6 +51,8 @@ pub struct MissionIn {
     pub set_point: Option<SetPoint>,
     /// An operator's command.
     pub command: Option<Command>,
+    /// Whose the vessel's deck is.
+    pub deck: Option<DeckGrant<DroneClock>>,
 }
 
 /// What the mission says.
@@ -104,6 +106,7 @@ pub struct Mission {
     autopilot: Latest<AutopilotState>,
     plan: Latest<Plan>,
     set_point: Latest<SetPoint>,
+    grant: Latest<DeckGrant<DroneClock>>,
     command: Option<Header<DroneClock>>,
     commands_rejected: u32,
     origin_resets: Option<u8>,
@@ -143,6 +146,7 @@ impl Mission {
             autopilot: Latest::default(),
             plan: Latest::default(),
             set_point: Latest::default(),
+            grant: Latest::default(),
             command: None,
             commands_rejected: 0,
             origin_resets: None,
@@ -211,6 +215,9 @@ impl Mission {
         }
         if let Some(m) = &input.set_point {
             self.set_point.offer(now, m);
+        }
+        if let Some(m) = &input.deck {
+            self.grant.offer(now, m);
         }
         input.command.as_ref().and_then(|m| self.order(now, m))
     }
@@ -317,6 +324,7 @@ impl Mission {
             outside_m: deck.map_or(f64::INFINITY, |d| {
                 d.outside_m(&self.deck_geometry, &self.drone_geometry)
             }),
+            reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
             motors_stopped: self
                 .set_point
                 .fresh(now, topics::SET_POINT.stale_after)

@@ -69,6 +69,7 @@ fn fresh_input(n: u32, t: Instant, position: [f64; 3]) -> MissionIn {
         }),
         set_point: None,
         command: None,
+        deck: None,
     }
 }
 

@@ -154,7 +154,8 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
     if s.flight != Flight::Ours {
         return stay(Reason::plain(ReasonCode::NotFlying));
     }
-    let refusal = exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s)
+    let refusal = (s.reservation.refusal())
+        .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
         .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.descent_distance_m))
         .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.descent_speed_mps))
         .or_else(|| unfit(deck, c, 1.0))
@@ -233,6 +234,9 @@ pub(super) fn descent(
     if close && let Some(why) = exceeds(ReasonCode::Deviated, s.outside_m, c.lost_outside_m) {
         return Row::BreakOff(why);
     }
+    if let Some(why) = s.reservation.lost().filter(|_| !close) {
+        return Row::BreakOff(why);
+    }
     let refusal = not_ready_to_flare(deck, c);
     if deck.clearance_m < c.flare_clearance_m && (refusal.is_none() || close) {
         return Row::Go(
@@ -273,6 +277,9 @@ pub(super) fn flare(committed: bool, violated: Option<Instant>, s: &Situation, c
             .filter(|_| deck.clearance_m < c.commit_clearance_m)
     });
     if let Some(why) = hard {
+        return Row::BreakOff(why);
+    }
+    if let Some(why) = s.reservation.lost().filter(|_| !committed) {
         return Row::BreakOff(why);
     }
     let violation = violation(deck, s, c, blind_limit(deck, c));

@@ -1,8 +1,11 @@
 //! The situation: every figure that a transition looks at, computed once per step.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{AutopilotMode, AutopilotState, DeckForecast, DroneState, LandedState};
+use alight_shared::msg::{
+    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DroneState, LandedState, Reason, ReasonCode,
+};
 use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
 use super::config::MissionConfig;
@@ -39,6 +42,66 @@ impl Flight {
                 @ (AutopilotMode::Other | AutopilotMode::Hold | AutopilotMode::Land | AutopilotMode::Return),
                 _,
             ) => Flight::NotOurs(m),
+        }
+    }
+}
+
+/// What the vessel last said about its deck.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reservation {
+    /// Nobody asks: one drone, one deck.
+    NotNeeded,
+    /// Ours.
+    Ours,
+    /// That drone's; 0: nobody's.
+    Others(u32),
+    /// The last word is this old, s.
+    Unknown(f64),
+}
+
+impl Reservation {
+    /// From the newest word about the deck; `own` is our number.
+    pub fn of(
+        grant: Option<&DeckGrant<DroneClock>>,
+        own: u32,
+        now: Time<DroneClock>,
+        config: &MissionConfig,
+    ) -> Self {
+        if !config.reservation_required {
+            return Reservation::NotNeeded;
+        }
+        let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
+        match grant {
+            Some(g) if age_s <= topics::DECK.stale_after.secs() => {
+                if g.holder == own {
+                    Reservation::Ours
+                } else {
+                    Reservation::Others(g.holder)
+                }
+            }
+            Some(_) | None => Reservation::Unknown(age_s),
+        }
+    }
+    /// Why no descent may begin.
+    pub fn refusal(self) -> Option<Reason> {
+        match self {
+            Reservation::NotNeeded | Reservation::Ours => None,
+            Reservation::Others(holder) => Some(Reason::new(ReasonCode::DeckTaken, f64::from(holder), 0.0)),
+            Reservation::Unknown(age_s) => Some(Reason::new(
+                ReasonCode::DeckUnknown,
+                age_s,
+                topics::DECK.stale_after.secs(),
+            )),
+        }
+    }
+    /// Why a descent that has begun is broken off: a radio gone silent is none, since the vessel keeps
+    /// the deck for us for longer than a descent takes.
+    pub fn lost(self) -> Option<Reason> {
+        match self {
+            Reservation::Others(holder) if holder != 0 => self.refusal(),
+            Reservation::Others(_) | Reservation::NotNeeded | Reservation::Ours | Reservation::Unknown(_) => {
+                None
+            }
         }
     }
 }
@@ -211,6 +274,8 @@ pub struct Situation {
     pub plan_limit_s: f64,
     /// How far the feet are outside the usable deck, m.
     pub outside_m: f64,
+    /// Whether the deck is ours to descend to.
+    pub reservation: Reservation,
     /// The pilot has stopped the motors.
     pub motors_stopped: bool,
 }

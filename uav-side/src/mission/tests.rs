@@ -60,6 +60,7 @@ pub(super) fn fair() -> Situation {
         plan_age_s: 0.02,
         plan_limit_s: 0.5,
         outside_m: -0.6,
+        reservation: Reservation::NotNeeded,
         motors_stopped: false,
     }
 }
@@ -289,6 +290,20 @@ fn tracking_stable_names_each_refusal_to_descend() {
                 ..fair()
             },
             ReasonCode::TooWindy,
+        ),
+        (
+            Situation {
+                reservation: Reservation::Others(2),
+                ..fair()
+            },
+            ReasonCode::DeckTaken,
+        ),
+        (
+            Situation {
+                reservation: Reservation::Unknown(2.5),
+                ..fair()
+            },
+            ReasonCode::DeckUnknown,
         ),
     ] {
         let d = decide(stable, wanted(), None, &s, &c);

@@ -1,0 +1,359 @@
+//! Looks at this computer and says what is there; judges nothing.
+
+use std::fs::{self, OpenOptions};
+use std::io::ErrorKind;
+use std::net::{TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::transport::memory::Instance;
+use alight_shared::transport::radio::{RadioConfig, TlsConfig};
+
+use super::facts::{
+    ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
+};
+use crate::Refused;
+use crate::live::autopilot_url::AutopilotUrl;
+use crate::live::config::{DroneComputer, VesselComputer};
+use crate::live::interface::sensors::Sensors;
+use crate::live::{drone, instance, keys};
+
+/// Longest look into a file of the system.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// The sensors are listened to so many times ...
+const LISTENS: u32 = 15;
+/// ... for this long each.
+const LISTEN: Duration = Duration::from_millis(100);
+/// Processors that are looked at.
+const PROCESSORS: usize = 1024;
+
+/// Everything about this computer that bears on the configuration in `path`.
+pub fn gather(path: &Path) -> Facts {
+    let computer = computer(path).map_err(|e| e.to_string());
+    let mut facts = Facts {
+        config: path.into(),
+        running: false,
+        identity: None,
+        clock_s: keys::today_s(),
+        sync: sync(),
+        memory: None,
+        ports: Vec::new(),
+        dialled: Vec::new(),
+        autopilot: None,
+        sensors: None,
+        governors: governors(),
+        realtime: drone::permitted(&drone::REALTIME),
+        processors: std::thread::available_parallelism().map_or(1, usize::from),
+        computer: Err(String::new()),
+    };
+    match &computer {
+        Ok(Computer::Vessel(v)) => {
+            facts.running = runs_as("vessel");
+            facts.radio(&v.radio);
+            let mut port = Port {
+                key: "sensors",
+                address: v.sensors.clone(),
+                state: PortState::Untried,
+            };
+            match Sensors::listen(&v.sensors) {
+                Ok(mut sensors) => {
+                    port.state = PortState::Free;
+                    facts.sensors = Some(listen(&mut sensors));
+                }
+                Err(e) => port.state = refusal(&e),
+            }
+            facts.ports.push(port);
+        }
+        Ok(Computer::Drone(d)) => {
+            let instance = Instance::new(&d.instance);
+            facts.running = instance.as_ref().is_ok_and(instance::runs);
+            facts.radio(&d.radio);
+            facts.autopilot = d.supervision.autopilot.then(|| {
+                let name = d.autopilot.connect.clone();
+                let reach = name.parse().map(|url| autopilot(&url));
+                (name, reach)
+            });
+            facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
+        }
+        Err(_) => {}
+    }
+    facts.computer = computer;
+    facts
+}
+
+/// Reads a vessel's or a drone's configuration, told apart by the keys that only one of them has.
+pub fn computer(path: &Path) -> Result<Computer, Refused> {
+    let text = fs::read_to_string(path).map_err(|e| {
+        Refused::because(
+            format!("reading {} (check the path and its permissions)", path.display()),
+            e,
+        )
+    })?;
+    let table: toml::Table = text
+        .parse()
+        .map_err(|e| Refused::because(format!("parsing {}", path.display()), e))?;
+    let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
+    let origin = path.display().to_string();
+    match (
+        has(&["vessel_id", "vessel", "sensors"]),
+        has(&["instance", "bridge", "drone"]),
+    ) {
+        (true, false) => config::parse::<VesselComputer>(&text, &origin)
+            .map(|v| Computer::Vessel(Box::new(v)))
+            .map_err(|e| Refused(e.to_string())),
+        (false, true) => config::parse::<DroneComputer>(&text, &origin)
+            .map(|d| Computer::Drone(Box::new(d)))
+            .map_err(|e| Refused(e.to_string())),
+        (true, true) | (false, false) => Err(Refused(format!(
+            "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (instance)"
+        ))),
+    }
+}
+
+impl Facts {
+    fn radio(&mut self, radio: &RadioConfig) {
+        if !radio.tls.authority.is_empty() {
+            self.identity = Some(identity(&radio.tls));
+        }
+        self.ports = radio
+            .listen
+            .iter()
+            .map(|e| Port {
+                key: "radio.listen",
+                address: e.clone(),
+                state: try_listening(e),
+            })
+            .collect();
+        self.dialled = radio.connect.iter().map(|e| (e.clone(), reach(e))).collect();
+    }
+}
+
+fn identity(tls: &TlsConfig) -> Identity {
+    let [authority, own] = [&tls.authority, &tls.certificate].map(|file| {
+        let path = Path::new(file);
+        keys::look(path).map_err(|e| e.to_string())
+    });
+    let key = fs::read_to_string(&tls.key).map_err(|e| format!("reading {}: {e}", tls.key));
+    let key_mode = fs::metadata(&tls.key).ok().map(|m| m.permissions().mode());
+    let key_fits = match (&own, &key) {
+        (Ok(own), Ok(key)) => Some(keys::belongs(key, own)),
+        (_, _) => None,
+    };
+    let of_authority = match (&own, &authority) {
+        (Ok(own), Ok(authority)) => keys::signed_with(own, authority),
+        (_, _) => None,
+    };
+    Identity {
+        authority: authority.map(|l| l.certificate),
+        own: own.map(|l| l.certificate),
+        key: key.map(|_| ()),
+        key_mode,
+        key_fits,
+        of_authority,
+    }
+}
+
+/// `udp/0.0.0.0:7447?...#...` as protocol and address.
+fn endpoint(text: &str) -> Option<(&str, &str)> {
+    let (protocol, address) = text.split_once('/')?;
+    let address = address.split(['?', '#']).next()?;
+    matches!(protocol, "udp" | "tcp" | "tls").then_some((protocol, address))
+}
+
+fn refusal(e: &std::io::Error) -> PortState {
+    if e.kind() == ErrorKind::AddrInUse {
+        PortState::Busy
+    } else {
+        PortState::Refused(e.to_string())
+    }
+}
+
+fn try_listening(text: &str) -> PortState {
+    let tried = match endpoint(text) {
+        None => return PortState::Untried,
+        Some(("udp", address)) => UdpSocket::bind(address).map(|_| ()),
+        Some((_, address)) => TcpListener::bind(address).map(|_| ()),
+    };
+    tried.map_or_else(|e| refusal(&e), |()| PortState::Free)
+}
+
+fn reach(text: &str) -> Reach {
+    let Some((protocol, address)) = endpoint(text) else {
+        return Reach::Silent("not PROTOCOL/ADDRESS:PORT with udp, tcp or tls".into());
+    };
+    let found = address
+        .to_socket_addrs()
+        .map_err(|e| e.to_string())
+        .and_then(|mut all| all.next().ok_or_else(|| "no such host".to_owned()));
+    let result = found.and_then(|to| {
+        if protocol == "udp" {
+            let any = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+            UdpSocket::bind(any)
+                .and_then(|s| s.connect(to))
+                .map(|()| Reach::Routed)
+        } else {
+            TcpStream::connect_timeout(&to, PATIENCE).map(|_| Reach::Answers)
+        }
+        .map_err(|e| e.to_string())
+    });
+    result.unwrap_or_else(Reach::Silent)
+}
+
+/// Whether the autopilot's link can be had.
+fn autopilot(url: &AutopilotUrl) -> Reach {
+    let bound =
+        |tried: std::io::Result<()>| tried.map_or_else(|e| Reach::Silent(e.to_string()), |()| Reach::Routed);
+    match url {
+        AutopilotUrl::UdpIn(at) => bound(UdpSocket::bind(at.as_str()).map(drop)),
+        AutopilotUrl::TcpIn(at) => bound(TcpListener::bind(at.as_str()).map(drop)),
+        AutopilotUrl::UdpOut(to) => reach(&format!("udp/{to}")),
+        AutopilotUrl::TcpOut(to) => reach(&format!("tcp/{to}")),
+        AutopilotUrl::Serial(path, _) => match OpenOptions::new().read(true).write(true).open(path) {
+            Ok(_) => Reach::Answers,
+            Err(e) => Reach::Silent(e.to_string()),
+        },
+    }
+}
+
+fn listen(sensors: &mut Sensors) -> SensorsHeard {
+    let mut heard = SensorsHeard::default();
+    for _ in 0..LISTENS {
+        let readings = sensors.read(LISTEN);
+        heard.imu += readings.imu.len();
+        heard.gnss += readings.gnss.len();
+        heard.heading += readings.heading.len();
+    }
+    heard.refused = sensors.refused();
+    heard
+}
+
+fn memory(instance: Result<Instance, String>) -> SharedMemory {
+    let probe = PathBuf::from(format!("/dev/shm/alight-check-{}", std::process::id()));
+    let writable = fs::write(&probe, [0_u8; 4096]).map_err(|e| e.to_string());
+    // One that was not made needs no removing.
+    let _none = fs::remove_file(&probe);
+    let directory = instance.and_then(|i| {
+        let path = i.directory();
+        let doing = |e| format!("{} cannot be used: {e}", path.display());
+        let probe = path.join(format!("check-{}", std::process::id()));
+        if !path.exists() {
+            // The program makes it: its parent must be writable.
+            fs::create_dir(&path).map_err(doing)?;
+            let _left = fs::remove_dir(&path);
+            return Ok(path);
+        }
+        fs::write(&probe, "").map_err(doing)?;
+        let _left = fs::remove_file(&probe);
+        Ok(path)
+    });
+    SharedMemory {
+        free_bytes: said("df", &["--output=avail", "-B1", "/dev/shm"])
+            .and_then(|t| t.lines().last().and_then(|l| l.trim().parse().ok())),
+        writable,
+        directory,
+    }
+}
+
+/// What a program of the system says on standard output; None when it is not there or fails.
+fn said(program: &str, args: &[&str]) -> Option<String> {
+    let out = Command::new(program)
+        .args(args)
+        .env("LC_ALL", "C")
+        .output()
+        .ok()?;
+    out.status
+        .success()
+        .then(|| String::from_utf8_lossy(&out.stdout).into_owned())
+}
+
+fn sync() -> Option<ClockSync> {
+    if let Some(text) = said("chronyc", &["-c", "tracking"])
+        && let Some(found) = chrony(&text)
+    {
+        return Some(found);
+    }
+    let text = said("timedatectl", &["show", "-p", "NTPSynchronized", "--value"])?;
+    Some(ClockSync {
+        source: "timedatectl",
+        synchronised: text.trim() == "yes",
+        error_s: None,
+    })
+}
+
+/// `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the last
+/// offsets, s, field 14 the leap status (Not synchronised).
+fn chrony(text: &str) -> Option<ClockSync> {
+    let fields: Vec<&str> = text.trim().split(',').collect();
+    let stratum: u32 = fields.get(2)?.parse().ok()?;
+    let unsynchronised = fields.get(13).is_some_and(|leap| leap.starts_with("Not"));
+    Some(ClockSync {
+        source: "chrony",
+        synchronised: stratum > 0 && !unsynchronised,
+        error_s: fields.get(6)?.parse().ok(),
+    })
+}
+
+fn governors() -> Vec<String> {
+    (0..PROCESSORS)
+        .map_while(|k| {
+            let path = format!("/sys/devices/system/cpu/cpu{k}/cpufreq/scaling_governor");
+            fs::read_to_string(path).ok()
+        })
+        .map(|text| text.trim().to_owned())
+        .collect()
+}
+
+/// Whether a process of this program runs as `verb`.
+fn runs_as(verb: &str) -> bool {
+    let own = std::process::id().to_string();
+    fs::read_dir("/proc")
+        .into_iter()
+        .flatten()
+        .flatten()
+        .any(|entry| {
+            let command = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+            let mut words = command.split(|b| *b == 0);
+            let program = words.next().unwrap_or_default();
+            entry.file_name().to_string_lossy() != own
+                && program.ends_with(b"alight")
+                && words.next() == Some(verb.as_bytes())
+        })
+}
+
+/// Whether a file can be opened for reading.
+pub fn is_there(path: &Path) -> bool {
+    OpenOptions::new().read(true).open(path).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chrony_is_read() {
+        let good = "A29FC87B,162.159.200.123,4,1700000000.1,0.000012,0.000003,0.000210,-7.6,0.0,0.05,0.01,0.001,64.5,Normal\n";
+        let s = chrony(good).unwrap();
+        assert!(s.synchronised && s.error_s == Some(0.00021));
+        let none = "7F7F0101,,0,0.0,0.0,0.0,0.0,0.0,0.0,0.0,1.0,1.0,0.0,Not synchronised\n";
+        assert!(!chrony(none).unwrap().synchronised);
+        assert!(chrony("506 Cannot talk to daemon").is_none());
+    }
+
+    #[test]
+    fn a_port_in_use_is_told_from_an_address_of_another_computer() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let taken = format!("udp/{}", socket.local_addr().unwrap());
+        assert_eq!(try_listening(&taken), PortState::Busy);
+        drop(socket);
+        assert_eq!(try_listening(&taken), PortState::Free);
+        // TEST-NET-1: nobody's address.
+        assert!(matches!(
+            try_listening("tls/192.0.2.1:7447"),
+            PortState::Refused(_)
+        ));
+        assert_eq!(try_listening("quic/127.0.0.1:0"), PortState::Untried);
+    }
+}

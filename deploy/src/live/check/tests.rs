@@ -1,0 +1,369 @@
+//! Rules on made-up computers, and the gatherer on this one.
+
+use std::path::{Path, PathBuf};
+
+use alight_shared::transport::radio::TlsConfig;
+
+use super::facts::{
+    Certificate, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
+};
+use super::rules::{Finding, Level, judge};
+use super::{CheckArgs, gather, run};
+use crate::End;
+use crate::live::config::{DroneComputer, VesselComputer};
+use crate::live::keys;
+
+fn certificate(name: &str, days_left: i64) -> Certificate {
+    Certificate {
+        path: format!("/etc/alight/keys/{name}.pem").into(),
+        days_left,
+        in_future: false,
+        name: name.into(),
+    }
+}
+
+fn tls(peers: &[&str]) -> TlsConfig {
+    TlsConfig {
+        authority: "a".into(),
+        certificate: "c".into(),
+        key: "k".into(),
+        peers: peers.iter().map(|p| (*p).to_owned()).collect(),
+    }
+}
+
+fn vessel() -> Facts {
+    let mut computer = VesselComputer::default();
+    computer.radio.listen = vec!["tls/0.0.0.0:7447".into()];
+    computer.radio.tls = tls(&["drone-1"]);
+    Facts {
+        config: PathBuf::from("/etc/alight/vessel.toml"),
+        computer: Ok(Computer::Vessel(Box::new(computer))),
+        running: false,
+        identity: Some(Identity {
+            authority: Ok(certificate("Alight private authority", 3000)),
+            own: Ok(certificate("vessel-1", 800)),
+            key: Ok(()),
+            key_mode: Some(0o100_640),
+            key_fits: Some(true),
+            of_authority: Some(true),
+        }),
+        clock_s: 1_800_000_000,
+        sync: Some(ClockSync {
+            source: "chrony",
+            synchronised: true,
+            error_s: Some(0.0002),
+        }),
+        memory: None,
+        ports: vec![Port {
+            key: "radio.listen",
+            address: "tls/0.0.0.0:7447".into(),
+            state: PortState::Free,
+        }],
+        dialled: Vec::new(),
+        autopilot: None,
+        sensors: Some(SensorsHeard {
+            imu: 300,
+            gnss: 10,
+            heading: 20,
+            refused: 0,
+        }),
+        governors: vec!["performance".into(); 4],
+        realtime: true,
+        processors: 4,
+    }
+}
+
+fn drone() -> Facts {
+    let mut computer = DroneComputer::default();
+    computer.radio.connect = vec!["tls/192.168.7.1:7447".into()];
+    computer.radio.tls = tls(&["vessel-1"]);
+    let mut facts = vessel();
+    facts.computer = Ok(Computer::Drone(Box::new(computer)));
+    facts.identity.as_mut().unwrap().own = Ok(certificate("drone-1", 800));
+    facts.memory = Some(SharedMemory {
+        free_bytes: Some(1 << 30),
+        writable: Ok(()),
+        directory: Ok("/run/alight/alight-drone".into()),
+    });
+    facts.ports.clear();
+    facts.dialled = vec![("tls/192.168.7.1:7447".into(), Reach::Answers)];
+    facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
+    facts.sensors = None;
+    facts
+}
+
+fn worst(findings: &[Finding]) -> Level {
+    findings.iter().map(|f| f.level).max().unwrap()
+}
+
+#[test]
+fn computers_in_order_are_fine_and_nothing_is_to_be_done() {
+    for facts in [vessel(), drone()] {
+        let findings = judge(&facts);
+        assert_eq!(worst(&findings), Level::Fine, "{findings:#?}");
+        assert!(findings.iter().all(|f| f.to_do.is_empty()));
+    }
+}
+
+/// One thing that is wrong: where, what, how bad, and a word of what is said.
+type Wrong = (fn() -> Facts, fn(&mut Facts), Level, &'static str);
+
+#[test]
+fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
+    fn own(f: &mut Facts) -> &mut Identity {
+        f.identity.as_mut().unwrap()
+    }
+    fn shared(f: &mut Facts) -> &mut SharedMemory {
+        f.memory.as_mut().unwrap()
+    }
+    let wrongs: [Wrong; 28] = [
+        (vessel, |f| f.clock_s = 40, Level::Broken, "never set"),
+        (vessel, |f| f.sync = None, Level::Warning, "nobody says"),
+        (
+            vessel,
+            |f| f.sync.as_mut().unwrap().synchronised = false,
+            Level::Warning,
+            "not synchronised",
+        ),
+        (
+            vessel,
+            |f| f.sync.as_mut().unwrap().error_s = Some(-0.3),
+            Level::Warning,
+            "-300 ms",
+        ),
+        (
+            vessel,
+            |f| own(f).own = Ok(certificate("vessel-1", 29)),
+            Level::Warning,
+            "expires in 29 days",
+        ),
+        (
+            vessel,
+            |f| own(f).own = Ok(certificate("vessel-1", -3)),
+            Level::Broken,
+            "expired 3 days ago",
+        ),
+        (
+            vessel,
+            |f| own(f).own = Ok(certificate("vessel-2", 800)),
+            Level::Broken,
+            "vessel-2's",
+        ),
+        (
+            vessel,
+            |f| own(f).own.as_mut().unwrap().in_future = true,
+            Level::Broken,
+            "not valid yet",
+        ),
+        (
+            vessel,
+            |f| own(f).authority = Err("no such file".into()),
+            Level::Broken,
+            "no such file",
+        ),
+        (
+            vessel,
+            |f| own(f).key = Err("permission denied".into()),
+            Level::Broken,
+            "permission denied",
+        ),
+        (
+            vessel,
+            |f| own(f).key_mode = Some(0o100_644),
+            Level::Warning,
+            "mode 644",
+        ),
+        (
+            vessel,
+            |f| own(f).key_fits = Some(false),
+            Level::Broken,
+            "does not belong",
+        ),
+        (
+            vessel,
+            |f| own(f).of_authority = Some(false),
+            Level::Broken,
+            "another authority",
+        ),
+        (vessel, |f| f.identity = None, Level::Broken, "names no files"),
+        (
+            vessel,
+            |f| f.ports[0].state = PortState::Busy,
+            Level::Broken,
+            "another program",
+        ),
+        (
+            vessel,
+            |f| f.ports[0].state = PortState::Refused("not here".into()),
+            Level::Broken,
+            "not here",
+        ),
+        (
+            vessel,
+            |f| f.sensors = Some(SensorsHeard::default()),
+            Level::Warning,
+            "no GNSS fixes",
+        ),
+        (
+            vessel,
+            |f| f.sensors.as_mut().unwrap().refused = 4,
+            Level::Warning,
+            "4 datagrams",
+        ),
+        (
+            vessel,
+            |f| f.governors[2] = "powersave".into(),
+            Level::Warning,
+            "powersave",
+        ),
+        (
+            drone,
+            |f| f.dialled[0].1 = Reach::Silent("refused".into()),
+            Level::Warning,
+            "does not answer",
+        ),
+        (
+            drone,
+            |f| shared(f).free_bytes = Some(1 << 20),
+            Level::Broken,
+            "1 MB free",
+        ),
+        (
+            drone,
+            |f| shared(f).writable = Err("read-only".into()),
+            Level::Broken,
+            "read-only",
+        ),
+        (
+            drone,
+            |f| shared(f).directory = Err("another's".into()),
+            Level::Broken,
+            "another's",
+        ),
+        (
+            drone,
+            |f| f.autopilot = Some(("serial:///dev/x".into(), Ok(Reach::Silent("not there".into())))),
+            Level::Warning,
+            "not there",
+        ),
+        (
+            drone,
+            |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),
+            Level::Broken,
+            "no kind of link",
+        ),
+        (drone, |f| f.realtime = false, Level::Warning, "real-time"),
+        (drone, |f| f.processors = 1, Level::Warning, "one processor"),
+        (
+            drone,
+            |f| {
+                let mut d = DroneComputer::default();
+                d.radio.connect = vec!["tls/192.168.7.1:7447".into()];
+                d.radio.tls = tls(&["vessel-2"]);
+                f.computer = Ok(Computer::Drone(Box::new(d)));
+            },
+            Level::Broken,
+            "vessel-1 is not among",
+        ),
+    ];
+    for (facts, spoil, level, word) in wrongs {
+        let mut facts = facts();
+        spoil(&mut facts);
+        let findings = judge(&facts);
+        let bad: Vec<_> = findings.iter().filter(|f| f.level != Level::Fine).collect();
+        assert_eq!(bad.len(), 1, "{word}: {bad:#?}");
+        assert!(
+            bad[0].level == level && bad[0].found.contains(word),
+            "{word}: {bad:?}"
+        );
+        assert!(bad[0].to_do.len() > 8, "{word}: says what to do: {bad:?}");
+    }
+}
+
+#[test]
+fn a_radio_without_protection_is_worth_a_warning_unless_it_stays_inside() {
+    let mut facts = vessel();
+    facts.identity = None;
+    let mut computer = VesselComputer::default();
+    facts.computer = Ok(Computer::Vessel(Box::new(computer.clone())));
+    assert_eq!(worst(&judge(&facts)), Level::Warning);
+    computer.radio.listen = vec!["udp/127.0.0.1:7447".into()];
+    facts.computer = Ok(Computer::Vessel(Box::new(computer)));
+    assert_eq!(worst(&judge(&facts)), Level::Fine);
+}
+
+#[test]
+fn a_port_that_alight_itself_has_taken_is_fine() {
+    let mut facts = vessel();
+    facts.ports[0].state = PortState::Busy;
+    facts.running = true;
+    assert_eq!(worst(&judge(&facts)), Level::Fine);
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let directory = std::env::temp_dir().join(format!("alight-check-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    directory
+}
+
+fn check(config: &Path) -> End {
+    run(&CheckArgs {
+        config: Some(config.into()),
+        json: true,
+    })
+    .unwrap()
+}
+
+#[test]
+fn on_this_computer_a_swapped_key_and_a_foreign_authority_are_found() {
+    let directory = scratch("keys");
+    let (ours, theirs) = (directory.join("ours"), directory.join("theirs"));
+    for authority in [&ours, &theirs] {
+        keys::init(authority, 400).unwrap();
+        keys::issue(authority, "vessel", 1, &[], 400).unwrap();
+    }
+    let written = |radio: &TlsConfig| {
+        let mut computer = VesselComputer::default();
+        computer.radio.listen = vec!["tls/127.0.0.1:0".into()];
+        computer.radio.tls = radio.clone();
+        computer.sensors = "127.0.0.1:0".into();
+        let path = directory.join("vessel.toml");
+        std::fs::write(&path, toml::to_string(&computer).unwrap()).unwrap();
+        gather::gather(&path).identity.unwrap()
+    };
+    let good = keys::files(&ours.join("vessel-1"), vec!["drone-1".into()]).unwrap();
+    let found = written(&good);
+    assert_eq!((found.key_fits, found.of_authority), (Some(true), Some(true)));
+    assert_eq!(found.own.unwrap().days_left, 399);
+    let other = keys::files(&theirs.join("vessel-1"), Vec::new()).unwrap();
+    let mixed = TlsConfig {
+        key: other.key,
+        ..good.clone()
+    };
+    assert_eq!(written(&mixed).key_fits, Some(false));
+    let foreign = TlsConfig {
+        authority: other.authority,
+        ..good
+    };
+    assert_eq!(written(&foreign).of_authority, Some(false));
+    std::fs::remove_dir_all(&directory).unwrap();
+}
+
+#[test]
+fn broken_configurations_end_with_exit_code_2() {
+    let directory = scratch("broken");
+    let path = directory.join("any.toml");
+    for text in [
+        "",
+        "vessel_id = 1\ninstance = \"x\"",
+        "vessel_id = \"one\"",
+        "instance = \"x\"\nunknown = 3",
+        "not toml",
+        "vessel_id = 1\n[radio]\nlease_s = -1.0",
+    ] {
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(check(&path), End::Broken, "{text}");
+    }
+    assert_eq!(check(&directory.join("none.toml")), End::Broken);
+    std::fs::remove_dir_all(&directory).unwrap();
+}

@@ -1,0 +1,209 @@
+//! `alight drone`: the processes of the drone's computer, as its service runs them.
+//!
+//! One service and not one per process: the services of shared memory have to be created by one
+//! process before any other opens them, and what a killed process left has to be cleaned up while none
+//! lives. The supervisor starts a process that ended again within 0.1 s at first, and kills one that
+//! has been silent for too long so that it is started again too; its own life is watched by systemd.
+
+use std::collections::BTreeMap;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Memory, Services};
+use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::wake::end_requested;
+use serde::{Deserialize, Serialize};
+
+use super::args::ProcessArgs;
+use super::config::DroneComputer;
+use super::instance::Owned;
+use super::notify::Notify;
+use super::process::end_with_supervisor;
+use super::status::Onlooker;
+use super::supervisor::{Event, Supervisor, pause};
+use crate::{End, Refused};
+
+/// The supervisor looks after things this often.
+const BEAT: Duration = Duration::from_millis(50);
+/// Succeeds where the system permits real-time priorities.
+pub const REALTIME: [&str; 4] = ["chrt", "-f", "1", "true"];
+/// Processors that a process can be kept to, at most.
+const PROCESSORS: usize = 64;
+
+/// How the drone's processes are run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Supervision {
+    /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link where the system permits it; 0: none.
+    pub pilot_priority: u8,
+    /// The same of the planner.
+    pub planner_priority: u8,
+    /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
+    pub processors: Vec<u16>,
+    /// The link to the autopilot is one of the processes; false where another program speaks for it.
+    pub autopilot: bool,
+    /// A process that says nothing for this long is killed and started again, s.
+    pub silent_s: f64,
+}
+
+impl Default for Supervision {
+    fn default() -> Self {
+        Supervision {
+            // Above the planner: a set-point takes microseconds, a plan milliseconds. Both below the
+            // kernel's own threads (50).
+            pilot_priority: 30,
+            planner_priority: 20,
+            processors: Vec::new(),
+            // Every drone but a simulated one.
+            autopilot: true,
+            // Six times the period of a process's word about itself.
+            silent_s: 3.0,
+        }
+    }
+}
+
+impl Check for Supervision {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("pilot_priority", f64::from(self.pilot_priority), 0.0, 49.0)?;
+        at.range("planner_priority", f64::from(self.planner_priority), 0.0, 49.0)?;
+        at.range("silent_s", self.silent_s, 1.5, 600.0)?;
+        at.require(
+            self.processors.len() <= PROCESSORS,
+            "processors",
+            self.processors.len(),
+            "64 numbers at most",
+        )
+    }
+}
+
+impl Supervision {
+    /// What stands before the command of `kind`; `realtime` says that the system permits priorities.
+    fn before(&self, kind: ProcessKind, realtime: bool) -> Vec<String> {
+        let priority = match kind {
+            ProcessKind::Pilot | ProcessKind::Autopilot => self.pilot_priority,
+            ProcessKind::Planner => self.planner_priority,
+            ProcessKind::World
+            | ProcessKind::Vessel
+            | ProcessKind::Bridge
+            | ProcessKind::Predictor
+            | ProcessKind::Mission
+            | ProcessKind::Link => return Vec::new(),
+        };
+        let mut words = Vec::new();
+        if !self.processors.is_empty() {
+            let list: Vec<String> = self.processors.iter().map(u16::to_string).collect();
+            words.extend(["taskset".into(), "-c".into(), list.join(",")]);
+        }
+        if realtime && priority > 0 {
+            words.extend(["chrt".into(), "-f".into(), priority.to_string()]);
+        }
+        words
+    }
+}
+
+impl Supervision {
+    /// The processes to run, in the order of their start.
+    fn processes(&self) -> Vec<ProcessKind> {
+        let link = self.autopilot.then_some(ProcessKind::Autopilot);
+        ProcessKind::DRONE.into_iter().chain(link).collect()
+    }
+}
+
+/// Whether the program `words` runs and says yes.
+pub fn permitted(words: &[&str]) -> bool {
+    let mut command = Command::new(words.first().copied().unwrap_or("false"));
+    command.args(words.iter().skip(1));
+    command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    command.status().is_ok_and(|s| s.success())
+}
+
+/// Runs the drone's processes until told to end.
+pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+    // Everything is refused before anything is started. The first question puts the signals' handler
+    // in place.
+    let told_to_end = end_with_supervisor(args.supervised);
+    if end_requested() {
+        return Ok(End::Success);
+    }
+    let realtime = permitted(&REALTIME);
+    let owned = Owned::take(&computer.instance)?;
+    let memory = Memory::join(owned.instance(), "supervisor")?;
+    let services = Services::create(&memory)?;
+    owned.ready()?;
+    let mut onlooker = Onlooker::join(&memory)?;
+    let mut supervisor = Supervisor::new(owned.instance().directory(), args.log.clone()).journalled();
+    let kinds = computer.supervision.processes();
+    for &kind in &kinds {
+        let before = computer.supervision.before(kind, realtime);
+        supervisor.start(kind, args.config.clone(), before)?;
+    }
+    if !realtime {
+        eprintln!("no real-time priority for pilot and planner: the system does not permit it (ulimit -r)");
+    }
+    let mut notify = Notify::from_environment();
+    let mut killed: BTreeMap<ProcessKind, i64> = BTreeMap::new();
+    while memory.wait(BEAT) && !told_to_end.load(std::sync::atomic::Ordering::Relaxed) {
+        onlooker.look(None);
+        for line in supervisor.said() {
+            eprintln!("{line}");
+        }
+        for Event::Ended(kind, status) in supervisor.tend()? {
+            memory.bury_the_dead();
+            eprintln!("{} ended ({status}) and is started again", kind.name());
+        }
+        let now = steady_ns();
+        for &kind in &kinds {
+            let heard = onlooker.picture.processes.get(&kind).map(|p| p.at_ns);
+            let began = supervisor.began_ns(kind);
+            let sign = [heard, began, killed.get(&kind).copied()];
+            let last = sign.into_iter().flatten().max().unwrap_or(now);
+            let silent_s = (now - last) as f64 * 1e-9;
+            if began.is_some() && silent_s > computer.supervision.silent_s {
+                eprintln!("{} was silent for {silent_s:.1} s and is killed", kind.name());
+                supervisor.kill(kind);
+                killed.insert(kind, now);
+            }
+        }
+        let all = |k: &ProcessKind| onlooker.picture.processes.contains_key(k);
+        if kinds.iter().all(all) {
+            notify.ready();
+        }
+        notify.alive(now, || onlooker.picture.line());
+    }
+    notify.stopping();
+    supervisor.stop(pause);
+    drop(services);
+    drop(memory);
+    drop(owned);
+    Ok(End::Success)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_pilot_and_planner_are_raised_and_only_where_it_is_permitted() {
+        let supervision = Supervision {
+            processors: vec![2, 3],
+            planner_priority: 0,
+            ..Supervision::default()
+        };
+        let words = |kind, realtime| supervision.before(kind, realtime).join(" ");
+        assert_eq!(words(ProcessKind::Pilot, true), "taskset -c 2,3 chrt -f 30");
+        assert_eq!(words(ProcessKind::Pilot, false), "taskset -c 2,3");
+        assert_eq!(words(ProcessKind::Planner, true), "taskset -c 2,3");
+        assert_eq!(words(ProcessKind::Bridge, true), "");
+        assert!(
+            Supervision::default()
+                .before(ProcessKind::Pilot, false)
+                .is_empty()
+        );
+    }
+}

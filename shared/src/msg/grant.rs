@@ -1,0 +1,41 @@
+//! Whose the deck is.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Header, Message};
+use crate::time::{Clock, Time};
+
+/// The vessel says which drone may descend to its deck. Repeated while it runs: a drone descends only
+/// on a young word that names it, and breaks a descent off on one that names another.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+#[serde(bound = "")]
+pub struct DeckGrant<C: Clock> {
+    /// Identity; `at` is when it was said.
+    pub header: Header<C>,
+    /// The drone that has the deck; 0 when nobody has.
+    pub holder: u32,
+    /// It stands on it.
+    pub occupied: bool,
+}
+
+impl<C: Clock> DeckGrant<C> {
+    /// The same word with its time on another clock.
+    pub fn restamped<D: Clock>(&self, at: Time<D>) -> DeckGrant<D> {
+        DeckGrant {
+            header: self.header.restamped(at),
+            holder: self.holder,
+            occupied: self.occupied,
+        }
+    }
+}
+
+impl<C: Clock> Message for DeckGrant<C> {
+    type Clock = C;
+    fn header(&self) -> &Header<C> {
+        &self.header
+    }
+    fn check(&self) -> Result<(), &'static str> {
+        Ok(())
+    }
+}

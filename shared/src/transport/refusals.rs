@@ -1,0 +1,230 @@
+//! Who was refused at the radio's door. The middleware tells nobody but its log (crate `tracing`): a
+//! listener of that log counts the three kinds of refusal it knows.
+//!
+//! - a session whose TLS handshake failed: no certificate, another authority, expired, no TLS at all;
+//! - a session whose certificate carries a name that no rule of ours is for;
+//! - a message of an admitted name on a key outside its rule.
+//!
+//! The texts are those of the one version of zenoh that is built in; `deploy/tests/access.rs` fails when
+//! they change.
+
+use std::cell::Cell;
+use std::fmt::{Debug, Write};
+use std::sync::{Mutex, Once, PoisonError};
+
+use tracing::field::{Field, Visit};
+use tracing::span::{Attributes, Id, Record};
+use tracing::subscriber::Interest;
+use tracing::{Event, Metadata, Subscriber};
+
+/// Why somebody was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Refusal {
+    /// A session without a certificate.
+    NoCertificate = 1,
+    /// A certificate of another authority.
+    OtherAuthority,
+    /// An expired certificate, or one not yet valid.
+    Expired,
+    /// No TLS.
+    NotTls,
+    /// Another failure of the handshake.
+    Handshake,
+    /// A good certificate whose name is not among our peers.
+    Name,
+    /// A peer's message on a key that is not its own.
+    Key,
+}
+
+impl Refusal {
+    /// All, in the order of their numbers.
+    pub const ALL: [Refusal; 7] = [
+        Refusal::NoCertificate,
+        Refusal::OtherAuthority,
+        Refusal::Expired,
+        Refusal::NotTls,
+        Refusal::Handshake,
+        Refusal::Name,
+        Refusal::Key,
+    ];
+    /// In words.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Refusal::NoCertificate => "no certificate",
+            Refusal::OtherAuthority => "a certificate of another authority",
+            Refusal::Expired => "an expired certificate",
+            Refusal::NotTls => "no TLS",
+            Refusal::Handshake => "a failed handshake",
+            Refusal::Name => "a name that is not admitted",
+            Refusal::Key => "a key that is not the speaker's",
+        }
+    }
+    /// That of this number.
+    pub fn numbered(number: f64) -> Option<Refusal> {
+        Refusal::ALL.into_iter().find(|r| f64::from(*r as u8) == number)
+    }
+}
+
+/// Refusals since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Refusals {
+    /// How many sessions and messages.
+    pub count: u64,
+    /// The last.
+    pub last: Option<Refusal>,
+    /// How many of each, in the order of [`Refusal::ALL`].
+    each: [u64; Refusal::ALL.len()],
+}
+
+impl Refusals {
+    /// How many for this reason.
+    pub fn of(&self, refusal: Refusal) -> u64 {
+        let at = Refusal::ALL.iter().position(|r| *r == refusal);
+        at.and_then(|k| self.each.get(k)).copied().unwrap_or(0)
+    }
+}
+
+static COUNTED: Mutex<Refusals> = Mutex::new(Refusals {
+    count: 0,
+    last: None,
+    each: [0; Refusal::ALL.len()],
+});
+static LISTENING: Once = Once::new();
+
+/// What this process has refused since it listens.
+pub fn counted() -> Refusals {
+    *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Listens from now on; a process that has a listener of its own for that log keeps it.
+pub fn listen() {
+    LISTENING.call_once(|| {
+        let _another = tracing::subscriber::set_global_default(Listener);
+    });
+}
+
+fn count(refusal: Refusal) {
+    let mut counted = COUNTED.lock().unwrap_or_else(PoisonError::into_inner);
+    counted.count = counted.count.saturating_add(1);
+    counted.last = Some(refusal);
+    let at = Refusal::ALL.iter().position(|r| *r == refusal);
+    if let Some(n) = at.and_then(|k| counted.each.get_mut(k)) {
+        *n = n.saturating_add(1);
+    }
+}
+
+/// Where the middleware says that it refused.
+const HANDSHAKES: &str = "zenoh_link_tls";
+const RULES: &str = "zenoh::net::routing::interceptor::access_control";
+
+thread_local! {
+    /// The middleware works out beforehand what somebody may do with a key: nobody has tried it yet.
+    static BEFOREHAND: Cell<bool> = const { Cell::new(false) };
+}
+
+/// What the text means.
+fn of(target: &str, text: &str) -> Option<Refusal> {
+    if target.starts_with(HANDSHAKES) {
+        // The middleware takes any failed handshake for a lack of open files.
+        if !text.contains("Hint: increase the system open file limit") {
+            return None;
+        }
+        return Some(
+            if text.contains("NoCertificates") || text.contains("no certificates") {
+                Refusal::NoCertificate
+            } else if text.contains("UnknownIssuer") || text.contains("BadSignature") {
+                Refusal::OtherAuthority
+            } else if text.contains("xpired")
+                || text.contains("NotValidYet")
+                || text.contains("not valid yet")
+            {
+                Refusal::Expired
+            } else if text.contains("corrupt message") || text.contains("InvalidContentType") {
+                Refusal::NotTls
+            } else {
+                Refusal::Handshake
+            },
+        );
+    }
+    if text.contains("caching permissions") {
+        BEFOREHAND.set(true);
+        return None;
+    }
+    if text.contains("Declare Liveliness Subscriber") {
+        BEFOREHAND.set(false);
+        return None;
+    }
+    if text.contains("did not match any configured ACL subject") {
+        return Some(Refusal::Name);
+    }
+    let put = text.contains("is unauthorized to Put (ingress)");
+    let tried = text.starts_with("Using cached") || !BEFOREHAND.get();
+    (put && tried).then_some(Refusal::Key)
+}
+
+struct Text(String);
+
+impl Visit for Text {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            // Writing to memory cannot fail.
+            let _written = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+struct Listener;
+
+impl Subscriber for Listener {
+    fn register_callsite(&self, metadata: &'static Metadata<'static>) -> Interest {
+        if self.enabled(metadata) {
+            Interest::always()
+        } else {
+            Interest::never()
+        }
+    }
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)
+    }
+    fn event(&self, event: &Event<'_>) {
+        let mut text = Text(String::new());
+        event.record(&mut text);
+        if let Some(refusal) = of(event.metadata().target(), &text.0) {
+            count(refusal);
+        }
+    }
+    fn new_span(&self, _: &Attributes<'_>) -> Id {
+        Id::from_u64(1)
+    }
+    fn record(&self, _: &Id, _: &Record<'_>) {}
+    fn record_follows_from(&self, _: &Id, _: &Id) {}
+    fn enter(&self, _: &Id) {}
+    fn exit(&self, _: &Id) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_worked_out_beforehand_is_no_attempt() {
+        let put = "abc on drone-1 is unauthorized to Put (ingress) on alight/vessel-1/estimate";
+        assert_eq!(of(RULES, put), Some(Refusal::Key));
+        assert_eq!(of(RULES, "ACL (ingress): caching permissions for `x` ..."), None);
+        assert_eq!(of(RULES, put), None);
+        assert_eq!(
+            of(RULES, &format!("Using cached result: {put}")),
+            Some(Refusal::Key)
+        );
+        let last = "abc on drone-1 is unauthorized to Declare Liveliness Subscriber (ingress) on x";
+        assert_eq!(of(RULES, last), None);
+        assert_eq!(of(RULES, put), Some(Refusal::Key));
+        assert_eq!(
+            of(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
+            None
+        );
+        assert_eq!(Refusal::numbered(7.0), Some(Refusal::Key));
+        assert_eq!(Refusal::numbered(f64::NAN), None);
+    }
+}
