@@ -1,0 +1,397 @@
+//! The shipped configurations as a vessel and a drone install them: `alight vessel` and `alight drone`
+//! over mutual TLS, an operator's command, and the simulated vehicles in the place of real ones.
+//!
+//! `deploy/packages/test` runs the same tests on the installed packages: it puts their commands, with the
+//! network namespace and the user that belong before them, into ALIGHT_VESSEL and ALIGHT_DRONE.
+//! Nothing here asserts a time: the bounds on waiting are only against tests that never end.
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+mod common;
+
+use std::io::{BufRead, BufReader};
+use std::net::UdpSocket;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixDatagram;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+use alight_shared::transport::clock::steady_ns;
+use serde_json::Value;
+use toml::Table;
+
+/// The simulated time zero lies this much after the start of the test, ns.
+const RUN_UP_NS: i64 = 4_000_000_000;
+/// The vessel's estimator runs this long before the landing is commanded, s.
+const WARM_UP_S: f64 = 25.0;
+
+/// The words of a command from the environment, or this test's own program.
+fn words(variable: &str) -> Vec<String> {
+    match std::env::var(variable) {
+        Ok(text) if !text.is_empty() => text.split_whitespace().map(str::to_owned).collect(),
+        Ok(_) | Err(_) => vec![env!("CARGO_BIN_EXE_alight").into()],
+    }
+}
+
+fn command(words: &[String]) -> Command {
+    let mut command = Command::new("nice");
+    command.args(["-n", "-15"]).args(words);
+    command
+}
+
+fn free_port() -> u16 {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+    socket.local_addr().expect("an address").port()
+}
+
+fn table<'a>(of: &'a mut Table, name: &str) -> &'a mut Table {
+    let entry = of.entry(name).or_insert_with(|| Table::new().into());
+    entry.as_table_mut().expect("a table")
+}
+
+/// A vessel's and a drone's computer and the vehicles; all end with their test.
+struct Installed {
+    instance: String,
+    directory: PathBuf,
+    endpoint: String,
+    notified: UnixDatagram,
+    children: Vec<(&'static str, Child)>,
+}
+
+impl Installed {
+    /// Writes certificates and configurations; `change` may change vessel's and drone's.
+    fn prepare(test: &str, seed: u64, change: impl Fn(&mut Table, &mut Table)) -> Installed {
+        let instance = format!("{test}-{}", std::process::id());
+        let directory = common::certificates(&instance);
+        let shipped = |side: &str| -> Table {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("{side}/{side}.toml"));
+            std::fs::read_to_string(path)
+                .expect("the shipped file")
+                .parse()
+                .expect("TOML")
+        };
+        let epoch_ns = steady_ns() + RUN_UP_NS;
+        let sensors = format!("127.0.0.1:{}", free_port());
+        let host = std::env::var("ALIGHT_VESSEL_HOST").unwrap_or_else(|_| "127.0.0.1".into());
+        if host != "127.0.0.1" {
+            let again = directory.join("vessel-1");
+            std::fs::remove_dir_all(&again).expect("removed");
+            common::keys(&directory, &["vessel", "1", "--address", &host]);
+        }
+        common::keys(&directory, &["operator", "1"]);
+        let other = directory.join("other");
+        common::keys(&other, &["init", "--days", "2"]);
+        common::keys(&other, &["operator", "1"]);
+        let endpoint = format!("tls/{host}:{}", free_port());
+        let radio = |computer: &mut Table, side: &str, peers: &[&str], end: &str| {
+            table(computer, "clock").insert("epoch_ns".into(), epoch_ns.into());
+            let radio = table(computer, "radio");
+            radio.insert(end.into(), vec![endpoint.clone()].into());
+            let tls = table(radio, "tls");
+            for (key, file) in [
+                ("authority", "authority.pem"),
+                ("certificate", "certificate.pem"),
+                ("key", "key.pem"),
+            ] {
+                let path = directory.join(side).join(file).display().to_string();
+                tls.insert(key.into(), path.into());
+            }
+            let peers: Vec<String> = peers.iter().map(|p| (*p).to_owned()).collect();
+            tls.insert("peers".into(), peers.into());
+        };
+        let (mut vessel, mut drone) = (shipped("vessel"), shipped("drone"));
+        radio(&mut vessel, "vessel-1", &["drone-1", "operator-1"], "listen");
+        radio(&mut drone, "drone-1", &["vessel-1"], "connect");
+        vessel.insert("sensors".into(), sensors.clone().into());
+        drone.insert("instance".into(), instance.clone().into());
+        // The simulated vehicles speak for the autopilot.
+        table(&mut drone, "supervision").insert("autopilot".into(), false.into());
+        change(&mut vessel, &mut drone);
+
+        let mut world = Table::new();
+        world.insert("instance".into(), instance.clone().into());
+        world.insert("sensors".into(), sensors.into());
+        world.insert("epoch_ns".into(), epoch_ns.into());
+        world.insert("seed".into(), i64::try_from(seed).expect("small").into());
+        world.insert("sea".into(), "moderate".into());
+        world.insert("planner".into(), "alight".into());
+        let scenario = table(&mut world, "scenario");
+        let start = table(scenario, "start");
+        start.insert("warm_up_s".into(), WARM_UP_S.into());
+        start.insert("hover_s".into(), 5.0.into());
+        // The computers' clocks are this computer's, as they would be.
+        let clocks = table(table(scenario, "sensors"), "clocks");
+        for key in ["epoch_s", "offset_s", "drift_ppm"] {
+            clocks.insert(key.into(), 0.0.into());
+        }
+        for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {
+            let text = toml::to_string(computer).expect("TOML");
+            std::fs::write(directory.join(format!("{name}.toml")), text).expect("written");
+        }
+        let socket = directory.join("notified");
+        let notified = UnixDatagram::bind(&socket).expect("a socket");
+        open_to_all(&directory);
+        Installed {
+            instance,
+            directory,
+            endpoint,
+            notified,
+            children: Vec::new(),
+        }
+    }
+
+    fn file(&self, name: &str) -> String {
+        self.directory.join(name).display().to_string()
+    }
+
+    fn start(&mut self, name: &'static str, words: &[String]) {
+        let errors = std::fs::File::options()
+            .create(true)
+            .append(true)
+            .open(self.directory.join(format!("{name}.err")))
+            .expect("a file");
+        let child = command(words)
+            .args([
+                name,
+                "--config",
+                &self.file(&format!("{name}.toml")),
+                "--supervised",
+            ])
+            .env("NOTIFY_SOCKET", self.directory.join("notified"))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(errors)
+            .spawn()
+            .expect("starts");
+        self.children.push((name, child));
+    }
+    fn start_vessel(&mut self) {
+        self.start("vessel", &words("ALIGHT_VESSEL"));
+        self.await_ready();
+    }
+    fn start_drone(&mut self) {
+        self.start("drone", &words("ALIGHT_DRONE"));
+        self.await_ready();
+    }
+    fn start_world(&mut self) {
+        self.start("world", &words("ALIGHT_WORLD"));
+    }
+    /// Until a service says that it is ready.
+    fn await_ready(&self) {
+        self.notified
+            .set_read_timeout(Some(Duration::from_secs(60)))
+            .expect("set");
+        let mut buffer = [0; 512];
+        loop {
+            let n = self.notified.recv(&mut buffer).unwrap_or_else(|e| {
+                panic!("not ready: {e}\n{}", self.complaints());
+            });
+            if buffer[..n].starts_with(b"READY=1") {
+                return;
+            }
+        }
+    }
+    /// Ends the newest process `name` as its service's manager would.
+    fn stop(&mut self, name: &str) {
+        let at = self
+            .children
+            .iter()
+            .rposition(|(n, _)| *n == name)
+            .expect("it runs");
+        let (_, mut child) = self.children.remove(at);
+        drop(child.stdin.take());
+        child.wait().expect("waited for");
+    }
+    fn complaints(&self) -> String {
+        ["vessel", "drone", "world"]
+            .map(|name| std::fs::read_to_string(self.file(&format!("{name}.err"))).unwrap_or_default())
+            .concat()
+    }
+    fn said(&self, verb: &[&str]) -> Output {
+        command(&words("ALIGHT_DRONE")).args(verb).output().expect("runs")
+    }
+    fn order(&self, order: &str) -> Output {
+        self.said(&["command", order, "--json", "--config", &self.file("drone.toml")])
+    }
+    /// An operator's word from ashore, with the certificate in `keys`.
+    fn order_from_ashore(&self, order: &str, keys: &str) -> Output {
+        let keys = self.file(keys);
+        self.said(&[
+            "command",
+            order,
+            "--json",
+            "--vessel",
+            &self.endpoint,
+            "--keys",
+            &keys,
+        ])
+    }
+    fn status(&self) -> Value {
+        let out = self.said(&["status", "--json", "--instance", &self.instance]);
+        serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
+    }
+    /// What `status` says once it says what `wanted` waits for.
+    fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        for _ in 0..200 {
+            let now = self.status();
+            if wanted(&now) {
+                return now;
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        panic!(
+            "{what}: not within its time: {}\n{}",
+            self.status(),
+            self.complaints()
+        );
+    }
+    /// Commands a landing once the estimator has warmed up and the vessel is heard.
+    fn land(&self) {
+        self.status_when("the vessel is heard and the drone flies", |s| {
+            let t = self.time_s(s);
+            t.is_some_and(|t| t > 0.0) && fresh(s)
+        });
+        let out = self.order("land");
+        assert!(out.status.success(), "{out:?}\n{}", self.complaints());
+    }
+    /// The simulated time since the start, s.
+    fn time_s(&self, status: &Value) -> Option<f64> {
+        status["figures"]["world"]["time since the start"].as_f64()
+    }
+    fn state(&self) -> String {
+        let status = self.status();
+        status["mission"]["state"].as_str().unwrap_or_default().to_owned()
+    }
+    /// The world's last word.
+    fn outcome(&mut self) -> Value {
+        let (_, world) = self
+            .children
+            .iter_mut()
+            .find(|(n, _)| *n == "world")
+            .expect("it runs");
+        let output = BufReader::new(world.stdout.take().expect("its output"));
+        for line in output.lines().map_while(Result::ok) {
+            if let Ok(word) = serde_json::from_str::<Value>(&line) {
+                return word["landed"]["outcome"].clone();
+            }
+        }
+        panic!("no outcome: {}", self.complaints());
+    }
+}
+
+impl Drop for Installed {
+    fn drop(&mut self) {
+        for (_, child) in &mut self.children {
+            drop(child.stdin.take());
+        }
+        for (_, child) in &mut self.children {
+            let _status = child.wait();
+        }
+        if !std::thread::panicking() {
+            let _left = std::fs::remove_dir_all(&self.directory);
+        }
+    }
+}
+
+/// The vessel's estimate is young.
+fn fresh(status: &Value) -> bool {
+    status["link"]["age_s"].as_f64().is_some_and(|age| age < 1.0)
+}
+
+/// The packages' users read what this test wrote.
+fn open_to_all(directory: &Path) {
+    let mut waiting = vec![directory.to_path_buf()];
+    while let Some(path) = waiting.pop() {
+        let is_directory = path.is_dir();
+        let mode = if is_directory { 0o777 } else { 0o666 };
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).expect("permitted");
+        if is_directory {
+            waiting.extend(
+                std::fs::read_dir(&path)
+                    .expect("read")
+                    .flatten()
+                    .map(|e| e.path()),
+            );
+        }
+    }
+}
+
+#[test]
+fn the_shipped_configurations_land_at_moderate_over_mutual_tls() {
+    let mut all = Installed::prepare("installed", 103, |_, _| {});
+    all.start_vessel();
+    all.start_drone();
+    all.start_world();
+    all.land();
+    let outcome = all.outcome();
+    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
+    println!("{outcome}");
+}
+
+#[test]
+fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
+    let mut all = Installed::prepare("restart", 104, |_, drone| {
+        // Long enough above the deck for a restart.
+        let mission = table(table(drone, "drone"), "mission");
+        mission.insert("steady_s".into(), 6.0.into());
+    });
+    all.start_vessel();
+    all.start_drone();
+    all.start_world();
+    all.land();
+    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    all.stop("vessel");
+    all.start_vessel();
+    let outcome = all.outcome();
+    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
+}
+
+#[test]
+fn an_abort_wins_and_a_frozen_process_is_killed_and_started_again() {
+    let mut all = Installed::prepare("abort", 105, |_, drone| {
+        // It stays above the deck until it is told otherwise.
+        let mission = table(table(drone, "drone"), "mission");
+        mission.insert("steady_s".into(), 100.0.into());
+    });
+    all.start_vessel();
+    all.start_drone();
+    all.start_world();
+    all.land();
+    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    // Neither a stranger nor the drone itself commands through the vessel.
+    for keys in ["other/operator-1", "drone-1"] {
+        let out = all.order_from_ashore("abort", keys);
+        assert!(!out.status.success(), "{keys}: {out:?}");
+        assert_ne!(all.state(), "GaveUp");
+    }
+    let status = all.status_when("the stranger is noticed", |s| {
+        s["figures"]["vessel"]["strangers refused"]
+            .as_f64()
+            .is_some_and(|n| n > 0.0)
+    });
+    assert!(
+        status["figures"]["vessel"]["the last for"].as_f64() > Some(0.0),
+        "{status}"
+    );
+    let out = all.order_from_ashore("abort", "operator-1");
+    assert!(out.status.success(), "{out:?}\n{}", all.complaints());
+    assert_eq!(all.state(), "GaveUp");
+    let pid = |s: &Value| {
+        let processes = s["processes"].as_array().cloned().unwrap_or_default();
+        let planner = processes.into_iter().find(|p| p["kind"] == "Planner");
+        planner.and_then(|p| p["pid"].as_u64())
+    };
+    let frozen = pid(&all.status_when("the planner runs", |s| pid(s).is_some())).expect("it runs");
+    let stopped = Command::new("kill").args(["-STOP", &frozen.to_string()]).status();
+    assert!(stopped.expect("kill runs").success());
+    all.status_when("another planner runs", |s| pid(s).is_some_and(|p| p != frozen));
+    assert_eq!(all.state(), "GaveUp", "the mission did not change its mind");
+    let out = all.order("hold");
+    assert!(out.status.success(), "{out:?}");
+}

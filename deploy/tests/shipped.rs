@@ -1,0 +1,186 @@
+//! What the packages install: configurations that hold every default, and units that systemd takes.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use toml::{Table, Value};
+
+/// Keys that the shipped files set otherwise than the program's defaults, and why.
+const OTHERWISE: [(&str, &str); 7] = [
+    (
+        "drone.mission.reservation_required",
+        "a vessel may have several drones",
+    ),
+    ("radio.listen", "TLS"),
+    ("radio.connect", "TLS"),
+    (
+        "radio.tls.authority",
+        "where the packages' users put their certificates",
+    ),
+    ("radio.tls.certificate", "the same"),
+    ("radio.tls.key", "the same"),
+    ("radio.tls.peers", "the first drone, the first vessel"),
+];
+
+fn shipped(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
+}
+
+fn alight(args: &[&str]) -> String {
+    let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args(args)
+        .output()
+        .expect("the program runs");
+    assert!(out.status.success(), "{args:?}: {out:?}");
+    String::from_utf8(out.stdout).expect("text")
+}
+
+/// Every key with its dotted name.
+fn flat(table: &Table, at: &str, out: &mut BTreeMap<String, Value>) {
+    for (key, value) in table {
+        let name = format!("{at}{key}");
+        match value {
+            Value::Table(inner) => flat(inner, &format!("{name}."), out),
+            other => {
+                out.insert(name, other.clone());
+            }
+        }
+    }
+}
+
+fn keys(text: &str) -> BTreeMap<String, Value> {
+    let mut all = BTreeMap::new();
+    flat(&text.parse().expect("TOML"), "", &mut all);
+    all
+}
+
+#[test]
+fn the_shipped_configurations_hold_every_default_and_say_what_it_is() {
+    for side in ["vessel", "drone"] {
+        let path = shipped(&format!("{side}/{side}.toml"));
+        let text = std::fs::read_to_string(&path).expect("the shipped file");
+        let (here, code) = (
+            keys(&text),
+            keys(&alight(&["config", &format!("{side}-computer")])),
+        );
+        assert!(here.keys().eq(code.keys()), "{side}: keys differ: {:?}", {
+            let only = |a: &BTreeMap<String, Value>, b: &BTreeMap<String, Value>| {
+                let left: Vec<String> = a.keys().filter(|k| !b.contains_key(*k)).cloned().collect();
+                left
+            };
+            (only(&here, &code), only(&code, &here))
+        });
+        for (key, value) in &code {
+            let otherwise = OTHERWISE.iter().any(|(k, _)| k == key);
+            assert!(
+                otherwise || here.get(key) == Some(value),
+                "deploy/{side}/{side}.toml: {key} is {:?}, the default {value}: write it there with its reason",
+                here.get(key)
+            );
+        }
+        let mut before = "";
+        for line in text.lines() {
+            let is_key = line.starts_with(|c: char| c.is_ascii_lowercase());
+            assert!(
+                !is_key || before.starts_with('#'),
+                "{side}.toml: {line} is not explained"
+            );
+            assert!(
+                !line.starts_with('#') || line.len() <= 105,
+                "{side}.toml: too long: {line}"
+            );
+            before = line;
+        }
+    }
+}
+
+/// systemd's own tool; None where it is not installed.
+fn analyze(args: &[&str], unit: &Path) -> Option<(bool, String)> {
+    let out = Command::new("systemd-analyze")
+        .args(args)
+        .arg(unit)
+        .output()
+        .ok()?;
+    let said = [out.stdout, out.stderr].concat();
+    Some((out.status.success(), String::from_utf8_lossy(&said).into_owned()))
+}
+
+#[test]
+fn units_are_clean_and_little_exposed() {
+    let directory = std::env::temp_dir().join(format!("alight-units-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).expect("a directory");
+    for side in ["vessel", "drone"] {
+        let name = format!("alight-{side}.service");
+        let text = std::fs::read_to_string(shipped(&format!("{side}/{name}"))).expect("the unit");
+        let line = format!("ExecStart=/usr/bin/alight {side} --config /etc/alight/{side}.toml");
+        assert!(text.lines().any(|l| l == line), "{name}");
+        // Where it is not installed, systemd would complain of the missing program.
+        let unit = directory.join(&name);
+        let here = text.replace("/usr/bin/alight", env!("CARGO_BIN_EXE_alight"));
+        std::fs::write(&unit, here).expect("written");
+        let Some((clean, said)) = analyze(&["verify", "--man=no"], &unit) else {
+            eprintln!("systemd-analyze is not installed: units are not verified");
+            continue;
+        };
+        assert!(clean && !said.contains(&name), "{said}");
+        let (_, said) = analyze(&["security", "--offline=true", "--no-pager"], &unit).expect("it is there");
+        let exposure = said
+            .split("exposure level for ")
+            .nth(1)
+            .and_then(|rest| rest.split_whitespace().nth(1))
+            .and_then(|n| n.parse::<f64>().ok());
+        println!("{name}: exposure {exposure:?}");
+        assert!(exposure.is_none_or(|e| e < 2.5), "{said}");
+    }
+    std::fs::remove_dir_all(&directory).expect("removed");
+}
+
+/// All Rust sources below `directory`.
+fn sources(directory: &Path, out: &mut String) {
+    for entry in std::fs::read_dir(directory).expect("a directory").flatten() {
+        let (path, name) = (entry.path(), entry.file_name());
+        if path.is_dir() && name != "target" && !name.to_string_lossy().starts_with('.') {
+            sources(&path, out);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            out.push_str(&std::fs::read_to_string(&path).expect("read"));
+        }
+    }
+}
+
+#[test]
+fn every_hazard_names_a_test_that_exists() {
+    let readme = std::fs::read_to_string(shipped("README.md")).expect("the README");
+    let table = readme.split("\n## Hazards\n").nth(1).expect("the hazards");
+    let table = table.split("\n## ").next().expect("its end");
+    let mut all = String::new();
+    sources(&shipped(".."), &mut all);
+    let mut named = 0;
+    for row in table
+        .lines()
+        .filter(|l| l.starts_with("| ") && !l.starts_with("| failure"))
+    {
+        let column = row.split('|').nth(3).expect("three columns");
+        let tests: Vec<&str> = column.split('`').skip(1).step_by(2).collect();
+        assert!(!tests.is_empty(), "no test: {row}");
+        for test in tests {
+            assert!(all.contains(&format!("fn {test}() {{")), "{test}");
+            named += 1;
+        }
+    }
+    assert!(named >= 15, "{named}");
+    for word in [
+        "link",
+        "clock",
+        "camera",
+        "GNSS",
+        "process",
+        "battery",
+        "wrong vessel",
+        "deck occupied",
+    ] {
+        assert!(table.contains(word), "{word}");
+    }
+}
