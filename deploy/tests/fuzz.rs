@@ -1,0 +1,246 @@
+//! Arbitrary and damaged input at the borders: what comes over the radio, configuration files,
+//! recordings. Nothing panics, and what is accepted is sound.
+//!
+//! For hours instead of seconds: `PROPTEST_CASES=10000000 cargo test --release --workspace --test fuzz`.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "common/program.rs"]
+mod program;
+
+use alight_shared::config::{self, Check};
+use alight_shared::frames::Datum;
+use alight_shared::msg::{
+    CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,
+    TimeRequest, VesselEstimate, VesselPrediction, WaveComponent, WaveModel,
+};
+use alight_shared::seq::Seq;
+use alight_shared::time::{DroneClock, Time, VesselClock};
+use alight_shared::transport::process::ProcessState;
+use alight_shared::wire::{self, MAX_WIRE_BYTES};
+use alight_sim::scenario::Scenario;
+use alight_uav::settings::DroneSettings;
+use alight_usv::{DeckConfig, VesselNodeConfig};
+use proptest::prelude::*;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// A change of some bytes.
+#[derive(Clone, Debug)]
+enum Damage {
+    Set(usize, u8),
+    Flip(usize, u8),
+    Cut(usize),
+    Insert(usize, Vec<u8>),
+    Remove(usize, usize),
+}
+
+fn damage() -> impl Strategy<Value = Damage> {
+    prop_oneof![
+        (any::<usize>(), any::<u8>()).prop_map(|(at, to)| Damage::Set(at, to)),
+        (any::<usize>(), 0_u8..8).prop_map(|(at, bit)| Damage::Flip(at, bit)),
+        any::<usize>().prop_map(Damage::Cut),
+        (any::<usize>(), prop::collection::vec(any::<u8>(), 1..16))
+            .prop_map(|(at, what)| Damage::Insert(at, what)),
+        (any::<usize>(), 1_usize..16).prop_map(|(at, n)| Damage::Remove(at, n)),
+    ]
+}
+
+fn damaged(mut bytes: Vec<u8>, all: &[Damage]) -> Vec<u8> {
+    for d in all {
+        let at = |k: usize| k % bytes.len().max(1);
+        match d {
+            _ if bytes.is_empty() => {}
+            Damage::Set(k, to) => {
+                let k = at(*k);
+                bytes[k] = *to;
+            }
+            Damage::Flip(k, bit) => {
+                let k = at(*k);
+                bytes[k] ^= 1 << bit;
+            }
+            Damage::Cut(k) => bytes.truncate(at(*k)),
+            Damage::Insert(k, what) => {
+                let k = at(*k);
+                bytes.splice(k..k, what.iter().copied());
+            }
+            Damage::Remove(k, n) => {
+                let k = at(*k);
+                let end = (k + n).min(bytes.len());
+                bytes.drain(k..end);
+            }
+        }
+    }
+    bytes
+}
+
+/// What decodes is said again in as many bytes as any message may have, and its check does not panic.
+fn hears<M: DeserializeOwned + Serialize>(bytes: &[u8], check: impl Fn(&M)) {
+    if let Ok(message) = wire::decode::<M>(bytes) {
+        assert!(bytes.len() <= MAX_WIRE_BYTES);
+        check(&message);
+        let again = wire::encode(&message).expect("what was decoded is encoded");
+        assert!(wire::decode::<M>(&again).is_ok());
+    }
+}
+
+fn all_hear(bytes: &[u8]) {
+    hears::<VesselEstimate<VesselClock>>(bytes, |m| {
+        let _sound = m.check();
+    });
+    hears::<WaveModel<VesselClock>>(bytes, |m| {
+        let _sound = m.check();
+    });
+    hears::<VesselPrediction<VesselClock>>(bytes, |m| {
+        let _sound = m.check();
+    });
+    hears::<TimeRequest<DroneClock>>(bytes, |_| ());
+    hears::<TimeReply<VesselClock, DroneClock>>(bytes, |_| ());
+    hears::<DeckGrant<VesselClock>>(bytes, |m| {
+        let _sound = m.check();
+    });
+    hears::<OperatorCommand<VesselClock>>(bytes, |m| {
+        let _sound = m.check();
+    });
+    hears::<DroneStatus>(bytes, |m| {
+        let _sound = m.check();
+    });
+    hears::<ProcessState>(bytes, |_| ());
+}
+
+/// One sound message of each kind.
+fn sound() -> Vec<Vec<u8>> {
+    let estimate = VesselEstimate::<VesselClock> {
+        header: Header::default(),
+        datum: Datum::default(),
+        eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
+        eta_dot: [0.5; 6],
+        eta_ddot: [0.25; 6],
+        covariance: [[1.0, 0.0, 1.0]; 6],
+        deck_centre: [0.0, 0.0, -1.3],
+        mean_velocity: [0.0; 2],
+        mean_heading: [0.0; 2],
+    };
+    let wave = WaveModel::<VesselClock> {
+        header: Header::default(),
+        significant_height_m: 1.0,
+        confidence: 1.0,
+        components: Seq::filled([WaveComponent::default(); 6]),
+    };
+    let prediction = VesselPrediction::<VesselClock> {
+        header: Header::default(),
+        step_s: 0.2,
+        origin: [0.0; 3],
+        stages: Seq::filled([PredictedStage::default(); 15]),
+    };
+    let request = TimeRequest::<DroneClock> {
+        header: Header::default(),
+        newest_at: Time::EPOCH,
+        newest_boot: 0,
+    };
+    let reply = TimeReply::<VesselClock, DroneClock> {
+        header: Header::default(),
+        asked_at: Time::EPOCH,
+        received_at: Time::EPOCH,
+    };
+    let grant = DeckGrant::<VesselClock> {
+        header: Header::default(),
+        holder: 1,
+        occupied: false,
+    };
+    let command = OperatorCommand::<VesselClock> {
+        header: Header::default(),
+        kind: CommandKind::Land,
+    };
+    [
+        wire::encode(&estimate),
+        wire::encode(&wave),
+        wire::encode(&prediction),
+        wire::encode(&request),
+        wire::encode(&reply),
+        wire::encode(&grant),
+        wire::encode(&command),
+        wire::encode(&DroneStatus::default()),
+        wire::encode(&ProcessState::default()),
+    ]
+    .map(Result::unwrap)
+    .into()
+}
+
+/// A file is refused, or what it says passes every check.
+fn reads<C: DeserializeOwned + Check + Serialize>(text: &str) {
+    if let Ok(config) = config::parse::<C>(text, "fuzz") {
+        let again = toml::to_string(&config).expect("what was read is written");
+        config::parse::<C>(&again, "again").expect("and read again");
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_over_the_radio(bytes in prop::collection::vec(any::<u8>(), 0..2 * MAX_WIRE_BYTES)) {
+        all_hear(&bytes);
+    }
+
+    #[test]
+    fn damaged_messages_over_the_radio(which in 0_usize..9, all in prop::collection::vec(damage(), 1..8)) {
+        let good = sound();
+        all_hear(&damaged(good[which % good.len()].clone(), &all));
+    }
+
+    #[test]
+    fn damaged_configurations(which in 0_usize..3, all in prop::collection::vec(damage(), 1..6)) {
+        let good = [
+            toml::to_string(&VesselNodeConfig::default()).unwrap(),
+            toml::to_string(&DroneSettings::default()).unwrap(),
+            toml::to_string(&Scenario::default()).unwrap(),
+        ];
+        let text = String::from_utf8_lossy(&damaged(good[which].clone().into_bytes(), &all)).into_owned();
+        reads::<VesselNodeConfig>(&text);
+        reads::<DroneSettings>(&text);
+        reads::<Scenario>(&text);
+    }
+
+    #[test]
+    fn any_number_in_a_configuration(key in 0_usize..500, value in prop_oneof![
+        any::<f64>().prop_map(|v| v.to_string()), any::<i64>().prop_map(|v| v.to_string()),
+        Just("nan".to_owned()), Just("inf".to_owned()), Just("-0.0".to_owned()), Just("[]".to_owned())
+    ]) {
+        let text = toml::to_string(&DroneSettings::default()).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        let at = key % lines.len();
+        let changed: Vec<String> = lines.iter().enumerate().map(|(i, line)| match line.split_once(" = ") {
+            Some((name, _)) if i == at => format!("{name} = {value}"),
+            _ => (*line).to_owned(),
+        }).collect();
+        reads::<DroneSettings>(&changed.join("\n"));
+        reads::<DeckConfig>(&format!("silent_s = {value}"));
+    }
+}
+
+proptest! {
+    // Each case is a run of the program.
+    #![proptest_config(ProptestConfig {
+        cases: std::env::var("PROPTEST_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(24),
+        max_shrink_iters: 0,
+        ..ProptestConfig::default()
+    })]
+    #[test]
+    fn damaged_recordings_are_replayed_or_refused(all in prop::collection::vec(damage(), 1..4)) {
+        static RECORDED: std::sync::OnceLock<Vec<u8>> = std::sync::OnceLock::new();
+        let good = RECORDED.get_or_init(|| {
+            let path = program::scratch("fuzz.mcap");
+            let scenario = program::scratch("fuzz.toml");
+            std::fs::write(&scenario, "[start]\nwarm_up_s = 2.0\nhover_s = 1.0\n").unwrap();
+            let name = path.display().to_string();
+            let scenario = scenario.display().to_string();
+            let out = program::alight(&["trial", "--json", "--scenario", &scenario, "--record", &name]);
+            assert!(out.status.code().is_some_and(|c| c < 2), "{}", program::stderr(&out));
+            assert!(program::json(&out)["success"].is_boolean());
+            std::fs::read(&path).unwrap()
+        });
+        let path = program::scratch("damaged.mcap");
+        std::fs::write(&path, damaged(good.clone(), &all)).unwrap();
+        let out = program::alight(&["replay", &path.display().to_string()]);
+        prop_assert!(matches!(out.status.code(), Some(0..=2)), "{:?}: {}", out.status, program::stderr(&out));
+    }
+}
