@@ -161,11 +161,10 @@ fn over_udp_a_person_gives_the_drone_and_takes_it() {
             s.round();
         }
         s.until("our mode", |s| s.state.mode == AutopilotMode::Offboard);
+        // A landing is commanded: in flight nothing is offered, and GUIDED is no longer left to itself.
+        s.mission = State::Tracking;
         let n = s.autopilot.set_points.len();
         s.until("set-points", |s| s.autopilot.set_points.len() > n + 100);
-        // In flight nothing is offered either.
-        s.mission = State::Tracking;
-        (0..25).for_each(|_| s.round());
         s.autopilot.choose(StandIn::persons(firmware));
         s.until("the other mode", |s| s.state.mode == AutopilotMode::Other);
         // What was under way arrives; then nothing more, although the pilot goes on.

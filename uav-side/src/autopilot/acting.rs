@@ -171,6 +171,13 @@ impl AutopilotLink {
             .then_some(*wanted)
     }
 
+    /// A hold before a landing is commanded: GUIDED holds by itself, and its own take-off command would be
+    /// overridden. (OFFBOARD is left without a stream of set-points.)
+    fn leaves_alone(&self, wanted: &SetPoint) -> bool {
+        let idle = self.mission.get().is_some_and(|m| m.state.phase() == Phase::None);
+        idle && wanted.kind == SetPointKind::Trajectory && wanted.motors == Motors::Run
+    }
+
     /// The pilot's set-point, as far as it may go out now.
     pub(super) fn set_point(&mut self, now: Instant, new: bool, out: &mut AutopilotOut) {
         let standing = self.authority.standing();
@@ -185,7 +192,10 @@ impl AutopilotLink {
             return;
         }
         let px4 = self.peer.as_ref().is_some_and(|p| p.firmware == Firmware::Px4);
-        let told = if standing.commands() {
+        let told = if standing.commands() && !px4 && self.leaves_alone(&wanted) {
+            self.disarm.clear();
+            None
+        } else if standing.commands() {
             self.obey(now, &wanted, out)
         } else {
             self.disarm.clear();

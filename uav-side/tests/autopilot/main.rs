@@ -161,6 +161,8 @@ fn the_autopilots_own_failsafes_are_respected() {
         (17, AutopilotMode::Hold),
     ] {
         let mut p = Pair::commanding(Firmware::ArduCopter, 5.0, &config());
+        p.mission = State::Descent;
+        p.run(0.1);
         p.autopilot.choose(mode);
         let at = p.t_s;
         p.run(30.0);
@@ -197,6 +199,8 @@ fn a_pilot_that_falls_silent_leaves_the_drone_to_the_failsafe_and_comes_back() {
 fn without_heartbeats_nothing_is_said_and_nothing_is_believed() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
+        p.mission = State::Tracking;
+        p.run(0.1);
         p.autopilot.silent = true;
         let at = p.t_s;
         p.run(4.0);
@@ -210,6 +214,8 @@ fn without_heartbeats_nothing_is_said_and_nothing_is_believed() {
         let told = p.states.len();
         p.run(2.0);
         assert_eq!(p.states.len(), told, "a state without a heartbeat");
+        // The mission waits anew, as it does when the drone is not ours.
+        p.mission = State::Idle;
         p.autopilot.silent = false;
         p.run(4.0);
         assert!(p.link.standing().commands(), "{}", p.link.standing());
@@ -614,7 +620,9 @@ fn positions_and_set_points_are_brought_to_the_datum_and_back() {
             p.link.standing()
         );
         let before = p.autopilot.position;
+        p.mission = State::Hold;
         p.run(3.0);
+        assert!(p.said_since(p.t_s - 1.0) >= 50);
         // Held in its place, not kilometres away.
         assert!((p.autopilot.position - before).norm() < 0.1);
         // The estimator begins anew elsewhere: the origin moves, and that is a jump for the others.
@@ -622,5 +630,19 @@ fn positions_and_set_points_are_brought_to_the_datum_and_back() {
         p.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);
         assert_ne!(p.states.last().unwrap().origin_resets, resets);
+    }
+}
+
+#[test]
+fn before_a_landing_is_commanded_guided_is_left_to_itself_and_offboard_is_held() {
+    for (firmware, some) in [(Firmware::ArduCopter, false), (Firmware::Px4, true)] {
+        let mut p = Pair::commanding(firmware, 5.0, &config());
+        let from = p.t_s;
+        p.run(2.0);
+        assert_eq!(p.said_since(from) > 0, some, "{firmware:?}");
+        p.mission = State::GetAltitude;
+        let from = p.t_s;
+        p.run(1.0);
+        assert!(p.said_since(from) >= 50, "{firmware:?}");
     }
 }
