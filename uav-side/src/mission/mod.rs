@@ -112,8 +112,8 @@ pub struct Mission {
     origin_resets: Option<u8>,
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
     wind: WindWatch,
-    /// Steepest tilt of late, rad, and when it was last brought up to date.
-    steepest: Option<(Time<DroneClock>, f64)>,
+    /// Steepest tilt of late, rad, most of the grip taken, m/s², and when they were brought up to date.
+    worst: Option<(Time<DroneClock>, (f64, f64))>,
     /// Flies over the deck as fast as it does: what pushes now will push there.
     follows: bool,
 
@@ -152,7 +152,7 @@ impl Mission {
             origin_resets: None,
             mean_deck_z: None,
             wind: WindWatch::default(),
-            steepest: None,
+            worst: None,
             follows: false,
             phase: MissionPhase::Idle,
             progress: Progress::default(),
@@ -256,22 +256,21 @@ impl Mission {
         });
     }
 
-    /// The steepest predicted tilt of late, forgotten slowly: the forecast of a deck that rocks
-    /// faster than the waves falls short of its amplitude between two extremes, but not at them.
-    fn steepest(&mut self, s: &Situation) -> f64 {
+    /// The steepest predicted tilt of late and the most that the motion took of the grip, forgotten
+    /// slowly: the forecast of a deck that rocks faster than the waves falls short of its amplitude
+    /// between two extremes, but not at them.
+    fn worst(&mut self, s: &Situation) -> (f64, f64) {
         let Some(deck) = s.fresh_deck() else {
-            return self.steepest.map_or(0.0, |(_, tilt)| tilt);
+            return self.worst.map_or((0.0, 0.0), |(_, worst)| worst);
         };
-        let left = self.steepest.map_or(0.0, |(at, tilt)| {
-            tilt * (-(s.now - at).secs().max(0.0) / TILT_TIME_S).exp()
+        let (tilt, taken) = self.worst.map_or((0.0, 0.0), |(at, (tilt, taken))| {
+            let left = (-(s.now - at).secs().max(0.0) / TILT_TIME_S).exp();
+            (tilt * left, taken * left)
         });
-        let tilt = if deck.tilt_rad.is_finite() {
-            left.max(deck.tilt_rad)
-        } else {
-            left
-        };
-        self.steepest = Some((s.now, tilt));
-        tilt
+        let larger = |left: f64, new: f64| if new.is_finite() { left.max(new) } else { left };
+        let worst = (larger(tilt, deck.tilt_rad), larger(taken, deck.grip_taken_mps2));
+        self.worst = Some((s.now, worst));
+        worst
     }
 
     fn follows(&self, s: &Situation) -> bool {
@@ -312,7 +311,9 @@ impl Mission {
             deck,
             mean_deck_z,
             wind_peak_mps2: self.wind.peak(c),
+            wind_mps2: self.wind.now(),
             steepest_rad: 0.0,
+            grip_taken_mps2: 0.0,
             water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
             forecast_age_s: self.forecast.age_s(now),
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
@@ -455,7 +456,7 @@ impl Node for Mission {
         let order = self.take(now, input);
         let mut s = self.situation(now);
         self.follows = self.follows(&s);
-        s.steepest_rad = self.steepest(&s);
+        (s.steepest_rad, s.grip_taken_mps2) = self.worst(&s);
         let decision = decide(self.phase, self.progress, order, &s, &self.config);
         let decision = self.outstayed(decision, now);
         self.progress = decision.progress;

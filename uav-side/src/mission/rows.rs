@@ -1,5 +1,6 @@
 //! The rows of the state table: one function per state, what it waits for and where it goes.
 
+use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::Vector3;
 
@@ -162,6 +163,10 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         .or_else(|| exceeds(ReasonCode::Infeasible, deck.turn_radps, c.deck_turn_radps))
         .or_else(|| exceeds(ReasonCode::TooSteep, s.steepest_rad, c.steepest_rad))
         .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, c.wind_peak_mps2))
+        .or_else(|| {
+            let left = c.friction * GRAVITY - s.grip_taken_mps2 + c.slip_mps2;
+            exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, left)
+        })
         .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s));
     if let Some(why) = refusal {
         return stay(why);
@@ -195,7 +200,7 @@ pub(super) fn unfit(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason
 }
 
 /// What forbids the flare at the gate.
-pub(super) fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
+pub(super) fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let newest = deck.vision_age_s.min(deck.radio_age_s);
     exceeds(ReasonCode::SightLost, newest, c.sight_fresh_s)
         .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
@@ -203,6 +208,7 @@ pub(super) fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reaso
         .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.flare_speed_mps))
         .or_else(|| exceeds(ReasonCode::TooSteep, deck.tilt_rad, c.flare_tilt_rad))
         .or_else(|| exceeds(ReasonCode::Infeasible, deck.turn_radps, c.deck_turn_radps))
+        .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_mps2, c.wind_peak_mps2))
 }
 
 /// What violates the conditions of a landing that has begun.
@@ -237,7 +243,7 @@ pub(super) fn descent(
     if let Some(why) = s.reservation.lost().filter(|_| !close) {
         return Row::BreakOff(why);
     }
-    let refusal = not_ready_to_flare(deck, c);
+    let refusal = not_ready_to_flare(deck, s, c);
     if deck.clearance_m < c.flare_clearance_m && (refusal.is_none() || close) {
         return Row::Go(
             MissionPhase::Flare {

@@ -1,8 +1,8 @@
 //! The situation: every figure that a transition looks at, computed once per step.
 
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DroneState, LandedState, Reason, ReasonCode,
+    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState, Reason, ReasonCode,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
@@ -157,6 +157,8 @@ pub struct Deck {
     pub acceleration_mps2: f64,
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
+    /// Greatest part of a level, resting deck's grip that its predicted motion takes, m/s².
+    pub grip_taken_mps2: f64,
     /// Mean rate of its heading over the next second, rad/s, without a sign.
     pub turn_radps: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
@@ -184,7 +186,7 @@ impl Deck {
         let step = forecast.step.secs();
         let since = (start - forecast.header.at).secs();
         let (mut speed, mut heave, mut acceleration, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
-        let mut sum = 0.0;
+        let (mut sum, mut grip_taken) = (0.0, 0.0_f64);
         for (i, s) in forecast.stages.iter().enumerate() {
             sum += s.position[2];
             let lead = i as f64 * step - since;
@@ -195,6 +197,7 @@ impl Deck {
             heave = heave.max(s.velocity[2].abs());
             acceleration = acceleration.max(Vector3::from(s.acceleration).norm());
             tilt = tilt.max(angle_from_vertical(s.euler[0], s.euler[1]));
+            grip_taken = grip_taken.max(taken(s, config.friction));
         }
         let ahead = forecast
             .at(start + Span::from_secs(config.sd_lead_s))
@@ -221,6 +224,7 @@ impl Deck {
             heave_mps: heave,
             acceleration_mps2: acceleration,
             tilt_rad: tilt,
+            grip_taken_mps2: grip_taken,
             turn_radps: turn,
             mean_z: sum / forecast.stages.len().max(1) as f64,
         })
@@ -232,6 +236,13 @@ impl Deck {
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
         along.max(across)
     }
+}
+
+/// What slope and motion of the deck take of the grip `mu g` of feet at rest on it, m/s²: with
+/// `f = R^T (a - g)` in the deck's axes, `mu g - (mu |f_z| - |f_xy|)`.
+fn taken(s: &DeckStage, friction: f64) -> f64 {
+    let f = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
+    friction * (GRAVITY + f.z.min(0.0)) + f.xy().norm()
 }
 
 /// Angle between a body's down axis and the vertical for roll and pitch, rad.
@@ -258,10 +269,14 @@ pub struct Situation {
     pub deck: Option<Deck>,
     /// Low-pass of the deck's level, NED z, m; None before the first forecast.
     pub mean_deck_z: Option<f64>,
+    /// Greatest part of the grip that the deck's motion took of late, m/s².
+    pub grip_taken_mps2: f64,
     /// The deck's steepest tilt of late, rad.
     pub steepest_rad: f64,
     /// The push of the wind to be expected on the deck, m/s²; 0 before it is known.
     pub wind_peak_mps2: f64,
+    /// The push of the wind now, m/s².
+    pub wind_mps2: f64,
     /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.
     pub water_z: f64,
     /// Age of the forecast, s.

@@ -49,10 +49,13 @@ pub(super) fn fair() -> Situation {
             turn_radps: 0.0,
             acceleration_mps2: 1.0,
             tilt_rad: 0.1,
+            grip_taken_mps2: 1.0,
             mean_z: -1.3,
         }),
         mean_deck_z: Some(-1.3),
         wind_peak_mps2: 0.0,
+        wind_mps2: 0.0,
+        grip_taken_mps2: 0.0,
         steepest_rad: 0.0,
         water_z: 0.0,
         forecast_age_s: 0.01,
@@ -304,6 +307,15 @@ fn tracking_stable_names_each_refusal_to_descend() {
                 ..fair()
             },
             ReasonCode::DeckUnknown,
+        ),
+        (
+            // Half as much wind, on a deck whose motion takes most of the feet's grip.
+            Situation {
+                wind_peak_mps2: 1.8,
+                grip_taken_mps2: 3.4,
+                ..fair()
+            },
+            ReasonCode::TooWindy,
         ),
     ] {
         let d = decide(stable, wanted(), None, &s, &c);

@@ -22,8 +22,9 @@ const MOST_MPS2: f64 = 9.0;
 /// Standard deviation of the push as a share of its mean before any is measured: twice the
 /// intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
 const PRIOR_SHARE: f64 = 0.38;
-/// The prior counts as this much time, and gusts further apart are independent, s.
-const INDEPENDENT_S: f64 = 5.0;
+/// The prior counts as this much time, and gusts further apart are independent, s: twice the
+/// integral time of the turbulence at 7 m, 50 m at 8 to 10 m/s (MIL-F-8785C).
+const INDEPENDENT_S: f64 = 10.0;
 
 /// What is known of the push.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -57,6 +58,11 @@ impl WindWatch {
         let off = self.observer.value().norm() - self.mean;
         self.mean += share * off;
         self.variance += share * (off * off * (1.0 - share) - self.variance);
+    }
+
+    /// The push of now, m/s².
+    pub fn now(&self) -> f64 {
+        self.observer.value().norm()
     }
 
     /// The push to be expected, m/s²: `m + k s sqrt(1 + T/t)` from the mean and standard deviation
@@ -115,8 +121,8 @@ mod tests {
     }
 
     #[test]
-    fn light_wind_never_waits_and_only_following_is_judged() {
-        let (light, c) = watched(0.7, 0.4, 5.5, true);
+    fn light_wind_waits_a_few_seconds_and_only_following_is_judged() {
+        let (light, c) = watched(0.7, 0.4, 9.0, true);
         assert!(light.peak(&c) < c.wind_peak_mps2, "{}", light.peak(&c));
         let (way, c) = watched(5.0, 0.0, 45.0, false);
         assert!(way.peak(&c) < 1e-12);
