@@ -196,6 +196,10 @@ impl Filter {
             None => 1.0,
         };
         let now = self.horizon.covariance(&self.belief, dof, 0)[0];
+        // A horizon of another model knows nothing; differences of its infinities are no numbers.
+        if !now.is_finite() {
+            return [f64::INFINITY; PREDICTION_STAGES];
+        }
         core::array::from_fn(|k| {
             let (waves, own) = self.growth_ahead(dof, k);
             // A variance that shrinks for a while (a phase that is known better later) is left alone.
