@@ -2,7 +2,8 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState, Reason, ReasonCode,
+    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState, Reason,
+    ReasonCode,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
