@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod arbitrary;
+mod disarm;
 mod pair;
 mod standin;
 
@@ -12,7 +13,7 @@ use alight_uav::autopilot::config::BatteryConfig;
 use alight_uav::autopilot::message::{Address, Message, Taken, command, id};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, Diversion, Standing};
-use pair::{Pair, hold, lead, press, stop};
+use pair::{Pair, hold, lead, press};
 use standin::{HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN, StandIn};
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
@@ -308,126 +309,6 @@ fn the_thrust_that_hovers_is_found_in_flight_and_told_on() {
         );
         assert!((s.battery - 0.9).abs() < 0.011);
     }
-}
-
-/// Down on the deck under the pilot's press, until it would believe in a touchdown.
-fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
-    let mut p = Pair::commanding(firmware, 1.0, config);
-    p.run(4.0);
-    p.mission = State::Flare;
-    p.pilot = Some(press);
-    p.run(2.0);
-    assert!(p.autopilot.on_deck, "{}", p.autopilot.position.z);
-    p
-}
-
-#[test]
-fn on_the_deck_the_motors_are_stopped_although_no_land_detector_agrees() {
-    for firmware in BOTH {
-        let mut p = pressed(firmware, &config());
-        p.pilot = Some(stop);
-        let at = p.t_s;
-        p.run(1.0);
-        let told = p.told(command::ARM_DISARM);
-        assert!(!p.autopilot.armed, "{firmware:?}");
-        assert!((told[0].parameters[1] - 21196.0).abs() < 0.1 && told.len() <= 2);
-        let (when, _) = p
-            .autopilot
-            .commands
-            .iter()
-            .find(|(_, c)| c.command == command::ARM_DISARM)
-            .unwrap();
-        assert!(when - at < 0.1, "{}", when - at);
-        assert!(p.states.iter().any(|s| !s.armed));
-        let n = told.len();
-        p.run(10.0);
-        assert_eq!(
-            p.told(command::ARM_DISARM).len(),
-            n,
-            "a disarmed drone was disarmed"
-        );
-    }
-}
-
-#[test]
-fn a_refused_disarm_is_tried_a_bounded_number_of_times_and_told_to_a_person() {
-    let c = config();
-    let mut p = pressed(Firmware::Px4, &c);
-    p.autopilot.answer = Some(Taken::Denied);
-    p.pilot = Some(stop);
-    p.run(20.0);
-    assert_eq!(p.told(command::ARM_DISARM).len(), c.disarm.tries as usize);
-    assert!(
-        p.texts.iter().any(|t| t.contains("disarm it by hand")),
-        "{:?}",
-        p.texts
-    );
-    // It stays on the deck with its thrust off: set-points go on.
-    assert!(p.said_since(p.t_s - 0.1) > 3 && p.autopilot.on_deck);
-}
-
-#[test]
-fn a_false_touchdown_in_the_air_stops_no_motors() {
-    for firmware in BOTH {
-        for (height, mission, forecast) in [
-            (5.0, State::Flare, true),
-            (5.0, State::Landed, false),
-            (1.2, State::Descent, true),
-            (0.8, State::Flare, false),
-            (0.31, State::Tracking, true),
-        ] {
-            let mut p = Pair::commanding(firmware, height, &config());
-            (p.mission, p.forecast) = (mission, forecast);
-            p.pilot = Some(stop);
-            let before = p.autopilot.position.z;
-            p.run(10.0);
-            assert!(
-                p.told(command::ARM_DISARM).is_empty(),
-                "{firmware:?} at {height} m"
-            );
-            assert!(p.autopilot.armed);
-            // It goes up a little and holds.
-            let up = before - p.autopilot.position.z;
-            assert!((0.8..1.2).contains(&up), "{up} m");
-        }
-    }
-}
-
-#[test]
-fn a_drone_that_falls_past_the_pilots_word_is_caught_and_not_stopped() {
-    // Pressed down from 1 m, and the pilot errs in the air on the way.
-    let mut p = Pair::commanding(Firmware::Px4, 2.5, &config());
-    p.run(4.0);
-    p.mission = State::Flare;
-    p.pilot = Some(press);
-    p.run(0.3);
-    p.pilot = Some(stop);
-    p.run(1.0);
-    assert!(p.told(command::ARM_DISARM).is_empty());
-    assert!(!p.autopilot.on_deck, "it was dropped");
-}
-
-#[test]
-fn disarming_can_be_left_to_a_person() {
-    let mut c = config();
-    c.disarm.on_deck = false;
-    let mut p = pressed(Firmware::Px4, &c);
-    p.pilot = Some(stop);
-    p.run(5.0);
-    assert!(p.told(command::ARM_DISARM).is_empty() && p.autopilot.armed && p.autopilot.on_deck);
-}
-
-#[test]
-fn a_take_over_on_the_deck_ends_the_disarming_too() {
-    let mut p = pressed(Firmware::Px4, &config());
-    p.autopilot.answer = Some(Taken::Denied);
-    p.pilot = Some(stop);
-    p.run(0.3);
-    p.autopilot.choose(StandIn::persons(Firmware::Px4));
-    p.run(0.1);
-    let n = p.told(command::ARM_DISARM).len();
-    p.run(5.0);
-    assert_eq!(p.told(command::ARM_DISARM).len(), n);
 }
 
 #[test]
