@@ -85,12 +85,12 @@ fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
     let directory = common::certificates(name);
     let address = port();
     let listen = RadioConfig {
-        listen: vec![format!("tls/{address}")],
+        listen: vec![format!("quic/{address}")],
         tls: tls(&directory.join("vessel-1"), &["drone-1", "drone-2"]),
         ..RadioConfig::default()
     };
     let dial = RadioConfig {
-        connect: vec![format!("tls/{address}")],
+        connect: vec![format!("quic/{address}")],
         tls: tls(&directory.join("drone-1"), &["vessel-1"]),
         ..RadioConfig::default()
     };
@@ -146,7 +146,7 @@ fn the_right_certificate_on_its_own_key_is_heard() {
     assert!(heard("right", |at, keys| {
         common::keys(keys, &["drone", "2"]);
         vec![Stranger::dial(
-            &format!("tls/{at}"),
+            &format!("quic/{at}"),
             &files(&keys.join("drone-2")),
             "alight/drone-2/status",
         )]
@@ -159,7 +159,7 @@ fn plain_tcp_and_no_certificate_are_not_heard() {
         let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
         vec![
             Stranger::dial(&format!("tcp/{at}"), &[], STATUS),
-            Stranger::dial(&format!("tls/{at}"), &trust, STATUS),
+            Stranger::dial(&format!("quic/{at}"), &trust, STATUS),
         ]
     }));
     noticed(Refusal::NotTls);
@@ -175,7 +175,7 @@ fn a_certificate_of_another_authority_is_not_heard() {
         let mut files = files(&other.join("drone-1"));
         // It trusts the vessel; the vessel does not trust it.
         files[0].1 = keys.join("authority.pem");
-        vec![Stranger::dial(&format!("tls/{at}"), &files, STATUS)]
+        vec![Stranger::dial(&format!("quic/{at}"), &files, STATUS)]
     }));
     noticed(Refusal::OtherAuthority);
 }
@@ -185,9 +185,9 @@ fn the_right_authority_but_a_name_that_is_not_admitted_is_not_heard() {
     assert!(!heard("name", |at, keys| {
         common::keys(keys, &["drone", "9"]);
         vec![
-            Stranger::dial(&format!("tls/{at}"), &files(&keys.join("drone-9")), STATUS),
+            Stranger::dial(&format!("quic/{at}"), &files(&keys.join("drone-9")), STATUS),
             Stranger::dial(
-                &format!("tls/{at}"),
+                &format!("quic/{at}"),
                 &files(&keys.join("drone-9")),
                 "alight/drone-9/status",
             ),
@@ -202,7 +202,7 @@ fn an_admitted_name_on_somebody_elses_key_is_not_heard() {
         common::keys(keys, &["drone", "2"]);
         let own = files(&keys.join("drone-2"));
         [STATUS, "alight/vessel-1/estimate"]
-            .map(|key| Stranger::dial(&format!("tls/{at}"), &own, key))
+            .map(|key| Stranger::dial(&format!("quic/{at}"), &own, key))
             .into()
     }));
     noticed(Refusal::Key);
@@ -233,7 +233,7 @@ fn an_expired_certificate_is_not_heard() {
         std::fs::write(directory.join("certificate.pem"), signed.pem()).expect("written");
         std::fs::write(directory.join("key.pem"), own.serialize_pem()).expect("written");
         std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
-        vec![Stranger::dial(&format!("tls/{at}"), &files(&directory), STATUS)]
+        vec![Stranger::dial(&format!("quic/{at}"), &files(&directory), STATUS)]
     }));
     noticed(Refusal::Expired);
 }

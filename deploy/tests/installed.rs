@@ -88,7 +88,7 @@ impl Installed {
         let other = directory.join("other");
         common::keys(&other, &["init", "--days", "2"]);
         common::keys(&other, &["operator", "1"]);
-        let endpoint = format!("tls/{host}:{}", free_port());
+        let endpoint = format!("quic/{host}:{}", free_port());
         let radio = |computer: &mut Table, side: &str, peers: &[&str], end: &str| {
             table(computer, "clock").insert("epoch_ns".into(), epoch_ns.into());
             let radio = table(computer, "radio");

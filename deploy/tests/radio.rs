@@ -10,15 +10,20 @@
 
 mod common;
 
-use std::net::UdpSocket;
+use std::net::{TcpListener, UdpSocket};
 use std::path::Path;
 use std::time::Duration;
 
+use alight_shared::config;
 use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, TlsConfig, Urgency};
 
 fn endpoint(transport: &str) -> String {
-    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
-    format!("{transport}/{}", socket.local_addr().expect("an address"))
+    let free = if transport == "tcp" {
+        TcpListener::bind("127.0.0.1:0").and_then(|s| s.local_addr())
+    } else {
+        UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr())
+    };
+    format!("{transport}/{}", free.expect("a free port"))
 }
 
 /// The files of `own` in a directory of `alight keys`; it hears `peer`.
@@ -110,10 +115,48 @@ fn messages_go_both_ways_over_tcp() {
 }
 
 #[test]
-fn messages_go_both_ways_over_tls() {
-    let directory = common::certificates("tls");
-    over("tls", Some(&directory));
+fn messages_go_both_ways_over_quic() {
+    let directory = common::certificates("quic");
+    over("quic", Some(&directory));
     std::fs::remove_dir_all(&directory).expect("removed");
+}
+
+#[test]
+fn alight_check_of_a_drone_finds_the_vessel_that_listens_and_misses_one_that_does_not() {
+    let directory = common::certificates("check");
+    let endpoint = endpoint("quic");
+    let says = || {
+        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("drone/drone.toml");
+        let text = std::fs::read_to_string(shipped).expect("the shipped configuration");
+        assert!(text.contains("quic/192.168.7.1:7447"));
+        let file = directory.join("drone.toml");
+        std::fs::write(&file, text.replace("quic/192.168.7.1:7447", &endpoint)).expect("written");
+        let run = std::process::Command::new(env!("CARGO_BIN_EXE_alight"))
+            .args(["check", "--json", "--config"])
+            .arg(file)
+            .output()
+            .expect("runs");
+        String::from_utf8_lossy(&run.stdout).into_owned()
+    };
+    let found = format!("{endpoint} answers");
+    assert!(!says().contains(&found));
+    let vessel = vessel(&endpoint, Some(&directory));
+    let said = says();
+    assert!(said.contains(&found), "{said}");
+    drop(vessel);
+    std::fs::remove_dir_all(&directory).expect("removed");
+}
+
+#[test]
+fn a_tls_endpoint_is_refused_and_told_what_to_write() {
+    let text = "listen = [\"tls/127.0.0.1:7447\"]";
+    let refused = config::parse::<RadioConfig>(text, "test.toml")
+        .expect_err("refused")
+        .to_string();
+    assert!(
+        refused.contains("tls/127.0.0.1:7447") && refused.contains("quic/"),
+        "{refused}"
+    );
 }
 
 #[test]

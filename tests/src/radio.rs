@@ -24,8 +24,8 @@ const QUEUE: usize = 4096;
 const FRAMING: usize = 20;
 /// IP and UDP headers, bytes.
 const DATAGRAM_HEADERS: usize = 28;
-/// A TLS 1.3 record's header, content type and tag, bytes.
-const TLS_RECORD: usize = 22;
+/// QUIC's short header, a datagram's frame and the tag of its encryption (RFC 9000, RFC 9221), bytes.
+const QUIC_FRAME: usize = 32;
 
 /// Bytes on the air of a message of `length` in a datagram.
 pub const fn on_air(length: usize) -> usize {
@@ -41,8 +41,8 @@ pub enum Transport {
     Udp,
     /// A byte stream that repeats what was lost, and holds up what comes after it.
     Tcp,
-    /// The same, encrypted.
-    Tls,
+    /// Datagrams inside an encrypted connection, whose handshake is repeated until it succeeds.
+    Quic,
 }
 
 /// How a kernel's stream answers a loss.
@@ -65,7 +65,7 @@ impl Transport {
             Transport::Udp => on_air(length),
             // Two bytes tell a message's length in a stream.
             Transport::Tcp => length + FRAMING + 2,
-            Transport::Tls => length + FRAMING + 2 + TLS_RECORD,
+            Transport::Quic => on_air(length) + QUIC_FRAME,
         }
     }
     /// An attempt to open a session that takes longer has failed, s
@@ -73,16 +73,15 @@ impl Transport {
     const fn open_timeout_s(self) -> f64 {
         match self {
             Transport::Udp => 1.0,
-            Transport::Tcp | Transport::Tls => 8.0,
+            Transport::Tcp | Transport::Quic => 8.0,
         }
     }
-    /// Exchanges of packets until a session is open: the middleware's two, the stream's one, and
-    /// that of TLS.
+    /// Exchanges of packets until a session is open: the middleware's two, and one of TCP or
+    /// QUIC.
     const fn exchanges(self) -> usize {
         match self {
             Transport::Udp => 2,
-            Transport::Tcp => 3,
-            Transport::Tls => 4,
+            Transport::Tcp | Transport::Quic => 3,
         }
     }
 }
@@ -168,7 +167,7 @@ impl RadioConfig {
     pub const fn session_lease_s(&self) -> f64 {
         match self.transport {
             Transport::Udp => self.lease_s,
-            Transport::Tcp | Transport::Tls => self.stream_lease_s,
+            Transport::Tcp | Transport::Quic => self.stream_lease_s,
         }
     }
 }

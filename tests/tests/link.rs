@@ -73,9 +73,9 @@ fn a_narrow_link_gets_what_it_carries_and_the_drone_still_lands() {
 fn a_long_outage_in_any_state_ends_in_a_landing_over_either_kind_of_transport() {
     let states = [
         (State::GetAltitude, Transport::Udp),
-        (State::Approach, Transport::Tls),
+        (State::Approach, Transport::Quic),
         (State::Tracking, Transport::Udp),
-        (State::Descent, Transport::Tls),
+        (State::Descent, Transport::Quic),
         (State::Flare, Transport::Udp),
     ];
     for (state, transport) in states {

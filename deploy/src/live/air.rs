@@ -160,7 +160,7 @@ impl Air {
 
 /// The certificates of vessel and drone: those named, else some made for this landing alone.
 fn certificates(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<[TlsConfig; 2], Refused> {
-    if args.transport != "tls" {
+    if args.transport != "quic" {
         return Ok([TlsConfig::default(), TlsConfig::default()]);
     }
     let sides = [

@@ -96,10 +96,10 @@ pub struct LandArgs {
     /// processes; auto: the emulator for a --link other than scenario, where it is permitted
     #[arg(long, value_enum, default_value_t = Emulate::Auto)]
     pub emulate: Emulate,
-    /// Transport of the radio: udp, tcp or tls
-    #[arg(long, default_value = "udp", value_parser = ["udp", "tcp", "tls"])]
+    /// Transport of the radio: quic (with certificates on both sides), udp or tcp
+    #[arg(long, default_value = "quic", value_parser = ["quic", "udp", "tcp"])]
     pub transport: String,
-    /// For tls: directory of `alight keys` with vessel and drone of these numbers [default: made for
+    /// For quic: directory of `alight keys` with vessel and drone of these numbers [default: made for
     /// this landing alone]
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
@@ -217,7 +217,7 @@ impl LandArgs {
     pub fn transport(&self) -> Transport {
         match self.transport.as_str() {
             "tcp" => Transport::Tcp,
-            "tls" => Transport::Tls,
+            "quic" => Transport::Quic,
             _ => Transport::Udp,
         }
     }

@@ -62,7 +62,7 @@ impl Order {
 #[derive(Args, Debug)]
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
-From ashore: alight command abort --vessel tls/192.168.7.1:7447 --keys keys/operator-1\n\
+From ashore: alight command abort --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
 Exit codes: 0 the mission took it, 1 it did not in time, 2 bad input or no mission is heard."
 )]
 pub struct CommandArgs {
@@ -75,7 +75,7 @@ pub struct CommandArgs {
     /// Name of the set of processes [default: the configuration's]
     #[arg(long)]
     pub instance: Option<String>,
-    /// From ashore: endpoint of the vessel, such as tls/192.168.7.1:7447
+    /// From ashore: endpoint of the vessel, such as quic/192.168.7.1:7447
     #[arg(long, value_name = "ENDPOINT", requires = "keys")]
     pub vessel: Option<String>,
     /// From ashore: directory with an operator's certificate, as `alight keys operator` makes it

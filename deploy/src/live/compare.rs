@@ -84,11 +84,11 @@ const HEAD: [&str; 2] = [
     "|---|---|---|---|---|---|---|---|---|---|---|",
 ];
 
-/// Flies `n` seeds of every link over UDP and over TLS.
+/// Flies `n` seeds of every link over UDP and over QUIC.
 pub fn run(args: &StudyArgs, n: u32) -> Result<Value, Refused> {
     let say = |line: String| note(args.json, line);
     let certificates = args.certificates.as_ref().map(|d| d.display().to_string());
-    let stream = "tls";
+    let stream = "quic";
     HEAD.iter().for_each(|line| say((*line).into()));
     let mut rows = Vec::new();
     for (link, flags) in LINKS {

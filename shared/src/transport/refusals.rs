@@ -1,15 +1,18 @@
 //! Who was refused at the radio's door. The middleware tells nobody but its log (crate `tracing`): a
 //! listener of that log counts the three kinds of refusal it knows.
 //!
-//! - a session whose TLS handshake failed: no certificate, another authority, expired, no TLS at all;
+//! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, expired;
 //! - a session whose certificate carries a name that no rule of ours is for;
 //! - a message of an admitted name on a key outside its rule.
+//!
+//! One more is noticed by [`Knocks`]: a stream without TLS.
 //!
 //! The texts are those of the one version of zenoh that is built in; `deploy/tests/access.rs` fails when
 //! they change.
 
 use std::cell::Cell;
 use std::fmt::{Debug, Write};
+use std::net::TcpListener;
 use std::sync::{Mutex, Once, PoisonError};
 
 use tracing::field::{Field, Visit};
@@ -27,7 +30,7 @@ pub enum Refusal {
     OtherAuthority,
     /// An expired certificate, or one not yet valid.
     Expired,
-    /// No TLS.
+    /// A stream without TLS.
     NotTls,
     /// Another failure of the handshake.
     Handshake,
@@ -54,7 +57,7 @@ impl Refusal {
             Refusal::NoCertificate => "no certificate",
             Refusal::OtherAuthority => "a certificate of another authority",
             Refusal::Expired => "an expired certificate",
-            Refusal::NotTls => "no TLS",
+            Refusal::NotTls => "plain TCP, no TLS",
             Refusal::Handshake => "a failed handshake",
             Refusal::Name => "a name that is not admitted",
             Refusal::Key => "a key that is not the speaker's",
@@ -115,7 +118,7 @@ fn count(refusal: Refusal) {
 }
 
 /// Where the middleware says that it refused.
-const HANDSHAKES: &str = "zenoh_link_tls";
+const HANDSHAKES: &str = "zenoh_link_commons::quic";
 const RULES: &str = "zenoh::net::routing::interceptor::access_control";
 
 thread_local! {
@@ -140,8 +143,6 @@ fn of(target: &str, text: &str) -> Option<Refusal> {
                 || text.contains("not valid yet")
             {
                 Refusal::Expired
-            } else if text.contains("corrupt message") || text.contains("InvalidContentType") {
-                Refusal::NotTls
             } else {
                 Refusal::Handshake
             },
@@ -161,6 +162,34 @@ fn of(target: &str, text: &str) -> Option<Refusal> {
     let put = text.contains("is unauthorized to Put (ingress)");
     let tried = text.starts_with("Using cached") || !BEFOREHAND.get();
     (put && tried).then_some(Refusal::Key)
+}
+
+/// Who comes to the same port over TCP: QUIC is a protocol over UDP, so nobody of ours does. Whoever knocks
+/// is counted and shut out.
+pub(super) struct Knocks(TcpListener);
+
+impl Knocks {
+    /// Looked at so many at once at most.
+    const AT_ONCE: usize = 16;
+
+    /// At the endpoint with certificates, if there is one. A port that another program has over TCP is
+    /// that program's.
+    pub(super) fn at(listen: &[String]) -> Option<Knocks> {
+        let address = listen.iter().find_map(|e| e.strip_prefix("quic/"))?;
+        let address = address.split(['?', '#']).next()?;
+        let listener = TcpListener::bind(address).ok()?;
+        listener.set_nonblocking(true).ok()?;
+        Some(Knocks(listener))
+    }
+    /// Counts those who came since the last look; never waits.
+    pub(super) fn look(&self) {
+        for _ in 0..Self::AT_ONCE {
+            match self.0.accept() {
+                Ok(_shut_at_once) => count(Refusal::NotTls),
+                Err(_nobody) => break,
+            }
+        }
+    }
 }
 
 struct Text(String);

@@ -13,6 +13,8 @@ const TRIES_S: [f64; 5] = [0.0, 0.4, 1.2, 2.8, 6.0];
 /// The same of a stream's first packet, before any round trip is known (Linux since 6.5: once a
 /// second at first).
 const FIRST_TRIES_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
+/// The same of QUIC's.
+const QUIC_TRIES_S: [f64; 4] = [0.0, 1.0, 3.0, 7.0];
 /// From the end of a failed attempt to the next, s (the middleware's slowest retry).
 const RETRY_S: f64 = 0.5;
 /// A side that has nothing to say says so this often within a lease.
@@ -31,8 +33,8 @@ impl<T: Clone> Way<T> {
     fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> Way<T> {
         let there = Channel::new(config, direction, streams);
         match config.transport {
-            Transport::Udp => Way::Datagrams(Box::new(Radio::over(there))),
-            Transport::Tcp | Transport::Tls => {
+            Transport::Udp | Transport::Quic => Way::Datagrams(Box::new(Radio::over(there))),
+            Transport::Tcp => {
                 let back = Channel::back(config, direction, streams);
                 Way::Stream(Box::new(Stream::new(config, there, back)))
             }
@@ -192,8 +194,10 @@ impl<A: Clone, B: Clone> Session<A, B> {
             // Datagrams are not repeated.
             let tries = match self.config.transport {
                 Transport::Udp => &TRIES_S[..1],
-                Transport::Tcp | Transport::Tls if exchange == 0 => &FIRST_TRIES_S[..],
-                Transport::Tcp | Transport::Tls => &TRIES_S[..],
+                Transport::Tcp if exchange == 0 => &FIRST_TRIES_S[..],
+                // RFC 9002: three times the round trip assumed at first, then doubled.
+                Transport::Quic if exchange == 0 => &QUIC_TRIES_S[..],
+                Transport::Tcp | Transport::Quic => &TRIES_S[..],
             };
             let done = tries.iter().find_map(|wait| {
                 let there = self.probes[1].send(t + Span::from_secs(*wait), SMALL)[0]?;
@@ -241,7 +245,7 @@ mod tests {
 
     #[test]
     fn a_usual_link_keeps_its_session_over_every_transport() {
-        for transport in [Transport::Udp, Transport::Tcp, Transport::Tls] {
+        for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
             let (ages, reopened) = ages(&config(transport), 120);
             let usual = ages.iter().skip(100).filter(|a| **a < 0.3).count();
             assert_eq!(reopened, 0, "{transport:?}");
@@ -251,7 +255,7 @@ mod tests {
 
     #[test]
     fn after_an_outage_longer_than_the_lease_what_comes_is_fresh() {
-        for transport in [Transport::Udp, Transport::Tcp, Transport::Tls] {
+        for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
             let config = RadioConfig {
                 outages_s: vec![[20.0, 25.0]],
                 ..config(transport)

@@ -142,10 +142,10 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
     const TOPIC: &str = "certificates";
     let endpoints = || radio.listen.iter().chain(&radio.connect);
     let Some(identity) = &facts.identity else {
-        if endpoints().any(|e| e.starts_with("tls/")) {
+        if endpoints().any(|e| e.starts_with("quic/")) {
             return vec![Finding::broken(
                 TOPIC,
-                "the radio's endpoint is tls/ but radio.tls names no files",
+                "the radio's endpoint is quic/ but radio.tls names no files",
                 "make them with alight keys and name them in radio.tls",
             )];
         }
@@ -158,15 +158,15 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
         return vec![Finding::warning(
             TOPIC,
             "the radio is not protected: whoever reaches the port is heard",
-            "use tls/ endpoints with certificates of alight keys, or UDP on an address inside WireGuard only",
+            "use quic/ endpoints with certificates of alight keys, or UDP on an address inside WireGuard only",
         )];
     };
     let mut all = Vec::new();
-    if let Some(plain) = endpoints().find(|e| !e.starts_with("tls/")) {
+    if let Some(plain) = endpoints().find(|e| !e.starts_with("quic/")) {
         all.push(Finding::broken(
             TOPIC,
-            format!("{plain} is not tls/, and with certificates nothing else is taken"),
-            "write the endpoint as tls/HOST:PORT, or remove radio.tls",
+            format!("{plain} is not quic/, and with certificates nothing else is taken"),
+            "write the endpoint as quic/HOST:PORT, or remove radio.tls",
         ));
     }
     for certificate in [&identity.authority, &identity.own] {

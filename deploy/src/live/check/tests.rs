@@ -33,7 +33,7 @@ fn tls(peers: &[&str]) -> TlsConfig {
 
 fn vessel() -> Facts {
     let mut computer = VesselComputer::default();
-    computer.radio.listen = vec!["tls/0.0.0.0:7447".into()];
+    computer.radio.listen = vec!["quic/0.0.0.0:7447".into()];
     computer.radio.tls = tls(&["drone-1"]);
     Facts {
         config: PathBuf::from("/etc/alight/vessel.toml"),
@@ -56,7 +56,7 @@ fn vessel() -> Facts {
         memory: None,
         ports: vec![Port {
             key: "radio.listen",
-            address: "tls/0.0.0.0:7447".into(),
+            address: "quic/0.0.0.0:7447".into(),
             state: PortState::Free,
         }],
         dialled: Vec::new(),
@@ -75,7 +75,7 @@ fn vessel() -> Facts {
 
 fn drone() -> Facts {
     let mut computer = DroneComputer::default();
-    computer.radio.connect = vec!["tls/192.168.7.1:7447".into()];
+    computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
     computer.radio.tls = tls(&["vessel-1"]);
     let mut facts = vessel();
     facts.computer = Ok(Computer::Drone(Box::new(computer)));
@@ -86,7 +86,7 @@ fn drone() -> Facts {
         directory: Ok("/run/alight/alight-drone".into()),
     });
     facts.ports.clear();
-    facts.dialled = vec![("tls/192.168.7.1:7447".into(), Reach::Answers)];
+    facts.dialled = vec![("quic/192.168.7.1:7447".into(), Reach::Answers)];
     facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
     facts.sensors = None;
     facts
@@ -258,7 +258,7 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
             drone,
             |f| {
                 let mut d = DroneComputer::default();
-                d.radio.connect = vec!["tls/192.168.7.1:7447".into()];
+                d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
                 d.radio.tls = tls(&["vessel-2"]);
                 f.computer = Ok(Computer::Drone(Box::new(d)));
             },
@@ -324,7 +324,7 @@ fn on_this_computer_a_swapped_key_and_a_foreign_authority_are_found() {
     }
     let written = |radio: &TlsConfig| {
         let mut computer = VesselComputer::default();
-        computer.radio.listen = vec!["tls/127.0.0.1:0".into()];
+        computer.radio.listen = vec!["quic/127.0.0.1:0".into()];
         computer.radio.tls = radio.clone();
         computer.sensors = "127.0.0.1:0".into();
         let path = directory.join("vessel.toml");
