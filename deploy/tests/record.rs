@@ -230,3 +230,69 @@ fn a_recording_holds_what_a_person_wants_to_see() {
     let end = mcap::read::metadata(&bytes, end.unwrap()).unwrap();
     assert_eq!(outcome["digest"], end.metadata["digest"]);
 }
+
+#[test]
+fn a_recording_that_ends_on_the_deck_calibrates_and_one_that_does_not_is_refused() {
+    let refused = alight(&["calibrate", "deck", &text(&recorded().0)]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(
+        stderr(&refused).contains("leave the drone on the deck"),
+        "{}",
+        stderr(&refused)
+    );
+    let (scene, file) = (scratch("stays.toml"), scratch("stays.mcap"));
+    std::fs::write(
+        &scene,
+        "stay_s = 40.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n",
+    )
+    .unwrap();
+    let [scene, file] = [text(&scene), text(&file)];
+    let flown = alight(&[
+        "trial",
+        "--sea",
+        "slight",
+        "--scenario",
+        &scene,
+        "--seed",
+        "5",
+        "--record",
+        &file,
+    ]);
+    assert!(flown.status.success(), "{}", stderr(&flown));
+    let deck = alight(&["calibrate", "deck", &file, "--json"]);
+    let found = json(&deck);
+    let centre = found["centre_m"].as_array().unwrap();
+    for (axis, truth) in centre.iter().zip([0.0, 0.0, -1.3]) {
+        let [value, sd] = ["value", "sd"].map(|k| axis[k].as_f64().unwrap());
+        // Receivers a metre apart, and nobody said where on the deck it stands.
+        assert!(sd > 0.05 && (value - truth).abs() < 3.0 * sd + 0.15, "{found}");
+    }
+    assert!(
+        found["mount"].is_null() && found["seconds"].as_f64() > Some(30.0),
+        "{found}"
+    );
+    let lines = alight(&["calibrate", "deck", &file]);
+    let said = String::from_utf8_lossy(&lines.stdout).into_owned();
+    assert!(
+        said.contains("[vessel.deck]\ncentre_m = [") && said.contains("[drone.deck]"),
+        "{said}"
+    );
+
+    // In waves the antenna, and nothing of the hull.
+    let vessel = alight(&["calibrate", "vessel", &file]);
+    let said = String::from_utf8_lossy(&vessel.stdout).into_owned();
+    assert!(
+        said.contains("roll   not observable") && said.contains("GNSS antenna"),
+        "{said}"
+    );
+    let nothing = scratch("poses.csv");
+    std::fs::write(&nothing, "t_s,roll_deg\n0,1\n1,x\n").unwrap();
+    for (what, why) in [
+        (text(&nothing), "line 3: no number"),
+        ("poses.txt".into(), "neither FILE.mcap"),
+    ] {
+        let refused = alight(&["calibrate", "vessel", &what]);
+        assert_eq!(refused.status.code(), Some(2), "{what}");
+        assert!(stderr(&refused).contains(why), "{}", stderr(&refused));
+    }
+}

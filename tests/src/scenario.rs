@@ -110,6 +110,8 @@ pub struct Scenario {
     pub pilot_outage: Option<StateOutage>,
     /// From the planner's step to the plan's arrival at the pilot, s.
     pub solve_delay_s: f64,
+    /// The world runs on for so long after the outcome is known, s; in lock-step only.
+    pub stay_s: f64,
 }
 
 impl Default for Scenario {
@@ -128,6 +130,7 @@ impl Default for Scenario {
             pilot_outage: None,
             // One period of the planner at 50 Hz: the plan is used one period after its inputs.
             solve_delay_s: 0.02,
+            stay_s: 0.0,
         }
     }
 }
@@ -162,7 +165,8 @@ impl Check for Scenario {
         )?;
         start.range("warm_up_s", self.start.warm_up_s, 0.0, 600.0)?;
         start.range("hover_s", self.start.hover_s, 1.0, 60.0)?;
-        at.range("solve_delay_s", self.solve_delay_s, 0.0, 1.0)
+        at.range("solve_delay_s", self.solve_delay_s, 0.0, 1.0)?;
+        at.range("stay_s", self.stay_s, 0.0, 3600.0)
     }
 }
 

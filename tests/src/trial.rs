@@ -129,5 +129,8 @@ pub fn fly_with(
     [outcome.radio_age_s, outcome.sight_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     outcome.digest = format!("{:016x}", world.digest());
+    for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
+        world.tick_with(tap);
+    }
     Ok(Flight { outcome, trace })
 }

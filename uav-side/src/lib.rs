@@ -1,5 +1,6 @@
 //! The drone's side of Alight: predictor, mission, planner, pilot, link to the autopilot.
 pub mod autopilot;
+pub mod calibrate;
 pub mod disturbance;
 mod latest;
 pub mod mission;

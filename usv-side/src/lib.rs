@@ -4,6 +4,7 @@
 //! turn feeds and uses the [`sea_state`] identification, and speaks at the rates that the link bears
 //! ([`throttle`]).
 
+pub mod calibrate;
 pub mod commands;
 pub mod config;
 pub mod deck;

@@ -199,6 +199,10 @@ fn find<T: Copy>(kept: &[T], id: Reference, sequence: impl Fn(&T) -> u32) -> Res
 }
 
 impl MissionEntry {
+    /// Whether the motors may turn, when the autopilot says so.
+    pub fn armed(&self) -> Option<bool> {
+        self.autopilot.map(|a| a.armed)
+    }
     /// The input that was recorded.
     pub fn input(self, computed: &mut Computed) -> Result<MissionIn, Missing> {
         Ok(MissionIn {

@@ -8,10 +8,11 @@
 
 pub mod args;
 mod cloud;
-mod entry;
+pub mod entry;
 mod figures;
 mod flat;
 mod outline;
+pub mod reading;
 mod recorder;
 pub mod replay;
 mod scene;
@@ -34,9 +35,9 @@ pub const LOCK_STEP_BOOTS: [u32; NODES.len()] = [alight_sim::world::BOOT; NODES.
 /// Name of the metadata that says what was recorded.
 const RECORDING: &str = "recording";
 /// Name of the attached configuration of the vessel's side.
-const VESSEL_FILE: &str = "vessel.toml";
+pub const VESSEL_FILE: &str = "vessel.toml";
 /// Name of the attached configuration of the drone's side.
-const DRONE_FILE: &str = "drone.toml";
+pub const DRONE_FILE: &str = "drone.toml";
 
 /// Flies the subject's trial and records it to `path`.
 pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Flight, Refused> {

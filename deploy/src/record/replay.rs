@@ -1,6 +1,5 @@
 //! `alight replay`: recorded inputs through new nodes, outputs compared bit for bit.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use alight_bridge::Bridge;
@@ -13,21 +12,17 @@ use alight_uav::pilot::Pilot;
 use alight_uav::planner::Planner;
 use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_usv::{VesselNode, VesselNodeConfig};
-use mcap::read::Options;
-use mcap::{MessageStream, Summary};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::json;
 
 use super::args::ReplayArgs;
-use super::entry::{Computed, ENCODING, Entry, FORMAT, Missing, MissionEntry, PilotEntry, PlannerEntry};
-use super::{DRONE_FILE, NODES, RECORDING, VESSEL_FILE, topic};
+use super::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEntry};
+use super::reading::{Recording, contained};
+use super::{DRONE_FILE, NODES, VESSEL_FILE};
 use crate::configs::DroneFile;
 use crate::say::{self, note};
 use crate::{End, Refused};
-
-/// No recording that this program makes is larger, bytes.
-const MAX_FILE_BYTES: u64 = 2 << 30;
 
 /// How one node's replay went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -49,7 +44,7 @@ pub struct Replayed {
 
 /// Replays and says how it went.
 pub fn run(args: &ReplayArgs) -> Result<End, Refused> {
-    let replayed = contained(&args.path)?;
+    let replayed = contained(&args.path, || replay(&args.path))?;
     let say = |line: String| note(args.json, line);
     for (name, verdict) in NODES.iter().zip(&replayed.nodes) {
         let word = match verdict.differs_at_s {
@@ -79,67 +74,28 @@ pub fn run(args: &ReplayArgs) -> Result<End, Refused> {
     })
 }
 
-/// [`replay`], with a panic of the MCAP reader made an error: version 0.26 reserves what some damaged
-/// length fields claim and panics on an overflow of the capacity.
-fn contained(path: &Path) -> Result<Replayed, Refused> {
-    let loud = std::panic::take_hook();
-    std::panic::set_hook(Box::new(|_| {}));
-    let replayed = std::panic::catch_unwind(|| replay(path));
-    std::panic::set_hook(loud);
-    replayed.unwrap_or_else(|_| {
-        let origin = path.display();
-        Err(Refused(format!(
-            "reading {origin}: the recording is damaged; record it again"
-        )))
-    })
-}
-
 /// Replays the recording at `path`.
 pub fn replay(path: &Path) -> Result<Replayed, Refused> {
-    let origin = path.display().to_string();
-    let reading = |e: &dyn std::fmt::Display| Refused::because(format!("reading {origin}"), e);
-    let size = std::fs::metadata(path).map_err(|e| reading(&e))?.len();
-    if size > MAX_FILE_BYTES {
-        return Err(reading(&format_args!(
-            "{size} bytes; at most {MAX_FILE_BYTES} are accepted"
-        )));
-    }
-    let file = std::fs::read(path).map_err(|e| reading(&e))?;
-    super::outline::check(&file).map_err(|e| reading(&e))?;
-    let mut nodes = Nodes::of(&file, &origin)?;
+    let recording = Recording::open(path)?;
+    let mut nodes = Nodes::of(&recording)?;
     let mut replayed = Replayed::default();
-    let topics = NODES.map(topic);
-    let checked = Options::ValidateChunkCrcs.into();
-    for message in MessageStream::new_with_options(&file, checked).map_err(|e| unreadable(&origin, &e))? {
-        let message = message.map_err(|e| unreadable(&origin, &e))?;
-        if message.channel.message_encoding != ENCODING {
-            continue;
-        }
-        let Some(k) = topics.iter().position(|t| *t == message.channel.topic) else {
-            continue;
-        };
-        let t_s = message.log_time as f64 * 1e-9;
-        let same = nodes
-            .step(k, &message.data)
-            .map_err(|e| Refused(format!("{origin}: the step of `{}` at {t_s:.2} s: {e}", NODES[k])))?;
+    recording.steps(|k, t_s, bytes| {
+        let same = nodes.step(k, bytes)?;
         let verdict = &mut replayed.nodes[k];
         verdict.steps += 1;
         if !same {
             verdict.differs_at_s.get_or_insert(t_s);
             replayed.first.get_or_insert((NODES[k], t_s));
         }
-    }
+        Ok(())
+    })?;
     if replayed.nodes.iter().all(|v| v.steps == 0) {
-        return Err(Refused(format!("{origin}: holds no step of any node")));
+        return Err(Refused(format!(
+            "{}: holds no step of any node",
+            recording.origin()
+        )));
     }
     Ok(replayed)
-}
-
-fn unreadable(origin: &str, e: &dyn std::fmt::Display) -> Refused {
-    Refused(format!(
-        "{origin} is damaged, cut off or not an MCAP file: {e}; record it again \
-         (`alight trial --seed N --record FILE.mcap`)"
-    ))
 }
 
 /// The nodes as they began.
@@ -155,31 +111,9 @@ struct Nodes {
 
 impl Nodes {
     /// From the recorded configurations.
-    fn of(file: &[u8], origin: &str) -> Result<Nodes, Refused> {
-        let summary = Summary::read(file)
-            .map_err(|e| unreadable(origin, &e))?
-            .ok_or_else(|| unreadable(origin, &"no summary at its end"))?;
-        let text = |name: &str| -> Result<String, Refused> {
-            let index = summary.attachment_indexes.iter().find(|a| a.name == name);
-            let index = index.ok_or_else(|| foreign(origin, name))?;
-            let attached = mcap::read::attachment(file, index).map_err(|e| unreadable(origin, &e))?;
-            String::from_utf8(attached.data.into_owned()).map_err(|e| unreadable(origin, &e))
-        };
-        let index = summary.metadata_indexes.iter().find(|m| m.name == RECORDING);
-        let index = index.ok_or_else(|| foreign(origin, RECORDING))?;
-        let values: BTreeMap<String, String> = mcap::read::metadata(file, index)
-            .map_err(|e| unreadable(origin, &e))?
-            .metadata;
-        let number = |name: &str| -> Result<u32, Refused> {
-            let value = values.get(name).and_then(|v| v.parse().ok());
-            value.ok_or_else(|| foreign(origin, name))
-        };
-        let format = number("format")?;
-        if format != FORMAT {
-            return Err(Refused(format!(
-                "{origin}: recorded in format {format}, this program reads format {FORMAT}; record it again"
-            )));
-        }
+    fn of(recording: &Recording) -> Result<Nodes, Refused> {
+        let origin = recording.origin();
+        let number = |name: &str| recording.number(name);
         let (vessel_id, id) = (number("vessel_id")?, number("drone_id")?);
         let mut boots = [0; NODES.len()];
         for (boot, node) in boots.iter_mut().zip(NODES) {
@@ -188,9 +122,11 @@ impl Nodes {
         let [v, b, p, m, l, t] = boots;
         let refused = |e: config::ConfigError| Refused(e.to_string());
         let vessel: VesselNodeConfig =
-            config::parse(&text(VESSEL_FILE)?, &format!("{origin}, {VESSEL_FILE}")).map_err(refused)?;
+            config::parse(&recording.text(VESSEL_FILE)?, &format!("{origin}, {VESSEL_FILE}"))
+                .map_err(refused)?;
         let DroneFile { bridge, drone } =
-            config::parse(&text(DRONE_FILE)?, &format!("{origin}, {DRONE_FILE}")).map_err(refused)?;
+            config::parse(&recording.text(DRONE_FILE)?, &format!("{origin}, {DRONE_FILE}"))
+                .map_err(refused)?;
         Ok(Nodes {
             vessel: VesselNode::new(&vessel, vessel_id, v),
             bridge: Bridge::new(&bridge, b),
@@ -227,12 +163,6 @@ impl Nodes {
             }
         }
     }
-}
-
-fn foreign(origin: &str, what: &str) -> Refused {
-    Refused(format!(
-        "{origin}: not a recording of `alight --record`: `{what}` is missing in it"
-    ))
 }
 
 /// Feeds one entry to a node. An input that names a forecast or plan that the replay has not

@@ -16,6 +16,18 @@ pub enum Course {
     Square,
 }
 
+/// Somebody presses or pushes the vessel, and lets go.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Push {
+    /// When, s of true time.
+    pub at_s: f64,
+    /// For how long, s.
+    pub for_s: f64,
+    /// How hard: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    pub by_n_nm: [f64; 6],
+}
+
 /// Vessel as truth: nonlinear, and by purpose not the model that estimator and predictor use.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -61,6 +73,9 @@ pub struct VesselConfig {
     pub side_m: f64,
     /// Starting heading clockwise from north, deg; drawn per seed where absent.
     pub heading_deg: Option<f64>,
+    /// Pushes.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pushes: Vec<Push>,
 }
 
 impl Default for VesselConfig {
@@ -90,6 +105,7 @@ impl Default for VesselConfig {
             speed_mps: 2.0,
             side_m: 40.0,
             heading_deg: None,
+            pushes: Vec::new(),
         }
     }
 }
@@ -126,6 +142,17 @@ impl Check for VesselConfig {
         at.range("thrust_reverse_n", self.thrust_reverse_n, 0.0, 1e5)?;
         at.range("speed_mps", self.speed_mps, 0.0, 10.0)?;
         at.range("side_m", self.side_m, 5.0, 5e3)?;
+        for push in &self.pushes {
+            at.range("pushes.at_s", push.at_s, 0.0, 1e6)?;
+            at.range("pushes.for_s", push.for_s, 0.0, 1e3)?;
+            at.ranges("pushes.by_n_nm", &push.by_n_nm, -1e6, 1e6)?;
+        }
+        at.require(
+            self.pushes.len() <= 100,
+            "pushes",
+            self.pushes.len(),
+            "at most 100",
+        )?;
         if let Some(h) = self.heading_deg {
             at.range("heading_deg", h, -360.0, 360.0)?;
         }

@@ -25,7 +25,7 @@ use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3, Vector6};
 use rand::RngExt;
 
-pub use config::{Course, VesselConfig};
+pub use config::{Course, Push, VesselConfig};
 
 use self::helm::Helm;
 use self::hull::{Hull, segment};
@@ -71,6 +71,9 @@ pub struct Vessel {
     substep_limit_s: f64,
     helm: Helm,
     thrust: [f64; 2],
+    pushes: Vec<Push>,
+    /// Force of the pushes now.
+    pushing: Vector6<f64>,
     motion: Motion,
     /// Its derivative of body velocity.
     nu_dot: Vector6<f64>,
@@ -143,6 +146,8 @@ impl Vessel {
             linear_drag,
             quadratic_drag,
             thrust: [0.0; 2],
+            pushes: config.pushes.clone(),
+            pushing: Vector6::zeros(),
             motion,
             nu_dot: Vector6::zeros(),
             before: none.clone(),
@@ -162,6 +167,12 @@ impl Vessel {
         if self.after.time != t {
             self.ask_water(t, sea);
         }
+        self.pushing = self
+            .pushes
+            .iter()
+            .filter(|p| (p.at_s..p.at_s + p.for_s).contains(&t.secs()))
+            .map(|p| Vector6::from(p.by_n_nm))
+            .sum();
         core::mem::swap(&mut self.before, &mut self.after);
         // Where the sections will be: places matter to the slope times the square of dt only.
         let here = self.motion;
@@ -316,7 +327,8 @@ impl Vessel {
             - nu_r
                 .component_mul(&nu_r.abs())
                 .component_mul(&self.quadratic_drag);
-        let total = pressure + gravity + engines - coriolis(&self.rigid_mass, &m.nu) + from_water * wet;
+        let total = pressure + gravity + engines + self.pushing - coriolis(&self.rigid_mass, &m.nu)
+            + from_water * wet;
         if wet < 1.0 {
             let mass = self.rigid_mass + self.added_mass * wet;
             if let Some(l) = mass.cholesky() {

@@ -1,0 +1,525 @@
+//! The deck's place on the vessel, measured by the drone that stands on it.
+//!
+//! With the drone at rest on the deck, its odometry (`p_d`, `R_d`) and the vessel's estimate (`p_v`,
+//! `R_v`) tell the point `r` of the vessel's body on which its feet stand:
+//!
+//! ```text
+//! p_d + R_d [0, 0, feet_below] = p_v + R_v r + b
+//! ```
+//!
+//! `b` is what the two GNSS receivers differ by: a metre without corrections, centimetres with RTK, slow
+//! in both. It is told apart from `r` by its slowness: what the rocking of the vessel adds to both sides
+//! within [`SLOW_S`] has no `b` in it ([`spread::regress`]); the mean over the time has all of it. Both are
+//! weighed by what they know. A tag that the camera sees from the deck tells where the drone stands on
+//! it, and how the camera is turned against the feet.
+
+pub mod spread;
+#[cfg(test)]
+mod tests;
+
+use alight_shared::frames::DroneNed;
+use alight_shared::msg::{DroneState, MAX_POSITION_M, Message, TagPose, VesselEstimate};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use thiserror::Error;
+
+use crate::predictor::observation::body_from_camera;
+use crate::predictor::track::Track;
+use crate::predictor::{PredictorConfig, PredictorIn};
+use spread::{Knowledge, mean, regress};
+
+/// What changes over longer than this is put down to the receivers, s (ours: two periods of a 5 s sea;
+/// their errors have correlation times of minutes).
+const SLOW_S: f64 = 10.0;
+/// Errors of the vessel's estimate are shared over this time, s (ours: a wave period).
+const SHARED_S: f64 = 5.0;
+/// Rocking below this tells nothing, rad, root mean square (ours: 0.3 deg moves a deck 1.3 m up by 7 mm).
+const LEAST_ROCKING_RAD: f64 = 0.005;
+/// The vessel's estimate of its own swaying is wrong by so much in the rhythm of its rocking, m (ours:
+/// slight sea, a minute, seeds 1 to 8: the rocking alone is wrong by 0.08, 0.06, 0.09 m then, 0.006 states
+/// 0.3, 0.14, 0.1 m).
+const RHYTHM_M: f64 = 0.006;
+/// ... and by this share of what it states (ours: receivers without corrections make it wrong by 0.3 m, and the
+/// rocking alone by 0.3 to 1 m then).
+const RHYTHM_SHARE: f64 = 0.05;
+/// The drone's odometry and the vessel's estimate wander over longer than a record lasts, each axis, m
+/// (ours: the same seeds with receivers of 1 cm: the mean alone is wrong by 0.11, 0.16, 0.12 m).
+const WANDER_M: f64 = 0.13;
+/// Shortest time on the deck, s, and fewest of the vessel's estimates (ours: four periods of a 5 s sea).
+const LEAST_S: f64 = 20.0;
+const LEAST_ESTIMATES: usize = 200;
+/// The rest is thinned to this many (an hour at 2 Hz).
+const MOST: usize = 8192;
+/// Fewest sightings of the tag.
+const LEAST_TAGS: usize = 30;
+/// A drone at rest keeps its attitude on the deck within this, rad (ours: 3 deg, the errors of both
+/// attitudes are below 1 deg), its place within this, m, in 95 of 100 samples (receivers without
+/// corrections make 0.3 m of a drone that stands).
+const STILL_RAD: f64 = 0.052;
+const STILL_M: f64 = 0.5;
+/// ... and its place in the tag's frame within this, m.
+const STILL_TAG_M: f64 = 0.05;
+/// The vessel's reference point is known to its own sensors to this, m (ours: their lever arms by tape).
+const LEVER_SD_M: f64 = 0.01;
+/// A foot stands higher than another by this, m (ours).
+const FOOT_SD_M: f64 = 0.002;
+/// An error up to this shows a deck that was measured wrongly, m (ours: a fifth of what the receivers differ
+/// by, and of a deck's half width).
+pub const USABLE_M: f64 = 0.2;
+/// A configured value within so many standard errors of what was found is as good or better.
+const AGREES_SDS: f64 = 2.0;
+
+/// Where a person has put the drone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stand {
+    /// Its centre forward and right of the deck's centre, m.
+    pub at_m: [f64; 2],
+    /// How well that is known, m.
+    pub sd_m: f64,
+    /// What the two GNSS receivers differ by, horizontally and vertically, standard deviations, m.
+    pub receivers_sd_m: [f64; 2],
+}
+
+impl Stand {
+    /// On the deck's centre to 2 cm, with the receivers' errors that the predictor is told.
+    pub fn middle(config: &PredictorConfig) -> Stand {
+        let [radio, sight] = [config.radio_bias_sd_m_rad, config.vision_bias_sd_m_rad];
+        Stand {
+            at_m: [0.0; 2],
+            sd_m: 0.02,
+            receivers_sd_m: [radio[0].hypot(sight[0]), radio[2].hypot(sight[2])],
+        }
+    }
+}
+
+/// Why nothing was found.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum NotFound {
+    /// The drone has not stood long enough.
+    #[error(
+        "{estimates} estimates of the vessel over {seconds:.0} s while the drone stood disarmed: \
+         {LEAST_ESTIMATES} over {LEAST_S} s are needed; leave the drone on the deck, motors off, vessel heard"
+    )]
+    Few {
+        /// Estimates of the vessel that met the drone's odometry.
+        estimates: usize,
+        /// Time that they cover.
+        seconds: f64,
+    },
+    /// It turns on the deck.
+    #[error("the drone turns against the vessel by {deg:.1} deg: it does not stand still on the deck")]
+    Turns {
+        /// 95th percentile of the angle to the mean attitude.
+        deg: f64,
+    },
+    /// It moves on the deck, or one of the positions is useless.
+    #[error(
+        "the drone moves against the vessel by {metres:.2} m within {SLOW_S} s: it does not stand still on the \
+         deck, or one of the two positions is spread too wide"
+    )]
+    Moves {
+        /// 95th percentile of the distance to what the rocking explains.
+        metres: f64,
+    },
+    /// The numbers do not make an estimate.
+    #[error("the samples make no estimate: their spread is not finite")]
+    Spread,
+}
+
+/// A figure and its standard error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figure {
+    /// Its value.
+    pub value: f64,
+    /// Its standard error.
+    pub sd: f64,
+}
+
+impl Figure {
+    /// Whether the configured value is to be replaced by it.
+    pub fn replaces(&self, configured: f64) -> bool {
+        self.sd <= USABLE_M && (self.value - configured).abs() > AGREES_SDS * self.sd
+    }
+}
+
+/// What the camera says of its own mount, from a tag that it sees from the deck.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mount {
+    /// Sightings.
+    pub tags: usize,
+    /// The camera is turned against the feet about forward and right, rad.
+    pub tilt: [Figure; 2],
+    /// The camera is turned about down, rad; both compasses are in it.
+    pub turn: Figure,
+    /// The camera above the deck, more than `feet_below_m` and `camera_m` say, m.
+    pub height: Figure,
+}
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found {
+    /// Estimates of the vessel used.
+    pub estimates: usize,
+    /// Time that they cover, s.
+    pub seconds: f64,
+    /// The vessel's rocking, rad, root mean square of roll and pitch about their slow mean.
+    pub rocking_rad: f64,
+    /// Deck's centre in the vessel's body, m.
+    pub centre: [Figure; 3],
+    /// Where the drone stood on the deck, forward and right of its centre, m.
+    pub stood_at: [Figure; 2],
+    /// The deck against the vessel's inertial sensor, roll and pitch, rad.
+    pub tilt: [Figure; 2],
+    /// The drone's heading on the deck, rad clockwise from the bow.
+    pub heading: Figure,
+    /// Camera's mount; None when the tag is not seen from the deck.
+    pub mount: Option<Mount>,
+}
+
+/// One estimate of the vessel and the drone at the same time.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    t_s: f64,
+    /// Feet minus the vessel's reference point, NED, m.
+    apart: Vector3<f64>,
+    /// NED from vessel.
+    vessel: Matrix3<f64>,
+    /// Vessel from drone.
+    relative: UnitQuaternion<f64>,
+    /// Variances of both positions as they are stated, m².
+    stated: Vector3<f64>,
+}
+
+/// Collects while the drone stands.
+#[derive(Clone, Debug)]
+pub struct DeckCalibration {
+    config: PredictorConfig,
+    stand: Stand,
+    track: Track,
+    pairs: Vec<Pair>,
+    /// Every so many estimates one is kept.
+    every: usize,
+    count: usize,
+    newest: Option<Time<DroneClock>>,
+    tags: Vec<(Matrix3<f64>, Vector3<f64>)>,
+}
+
+impl DeckCalibration {
+    /// Nothing collected yet.
+    pub fn new(config: &PredictorConfig, stand: Stand) -> DeckCalibration {
+        DeckCalibration {
+            config: config.clone(),
+            stand,
+            track: Track::default(),
+            pairs: Vec::new(),
+            every: 1,
+            count: 0,
+            newest: None,
+            tags: Vec::new(),
+        }
+    }
+    /// The motors may turn: what was collected before is of another stand.
+    pub fn armed(&mut self) {
+        self.pairs.clear();
+        self.tags.clear();
+        (self.every, self.count, self.newest) = (1, 0, None);
+    }
+    /// The drone's odometry.
+    pub fn drone(&mut self, state: &DroneState) {
+        let newer = self.track.newest().is_none_or(|s| state.header.at > s.header.at);
+        // A jump of the autopilot's origin is a stand of its own.
+        if state.check().is_ok() && newer && self.track.push(state).is_some() {
+            self.armed();
+        }
+    }
+    /// The vessel's estimate.
+    pub fn estimate(&mut self, e: &VesselEstimate<DroneClock>) {
+        if e.check().is_err() || self.newest.is_some_and(|t| e.header.at <= t) {
+            return;
+        }
+        let origin = self
+            .config
+            .datum
+            .as_ref()
+            .map_or_else(Vector3::zeros, |d| d.offset_to::<DroneNed>(&e.datum).0);
+        let Some(pose) = self.track.at(e.header.at) else {
+            return;
+        };
+        if !(origin.norm() < MAX_POSITION_M) {
+            return;
+        }
+        self.newest = Some(e.header.at);
+        self.count += 1;
+        if !self.count.is_multiple_of(self.every) {
+            return;
+        }
+        if self.pairs.len() >= MOST {
+            let mut k = 0_usize;
+            self.pairs.retain(|_| {
+                k += 1;
+                k.is_multiple_of(2)
+            });
+            self.every *= 2;
+        }
+        let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
+        let vessel = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let feet = pose.position + pose.attitude * Vector3::z() * self.config.drone.feet_below_m;
+        self.pairs.push(Pair {
+            t_s: e.header.at.secs(),
+            apart: feet - e.position() - origin,
+            vessel: vessel.to_rotation_matrix().into_inner(),
+            relative: vessel.inverse() * pose.attitude,
+            stated: pose.variance + Vector3::from([0, 1, 2].map(|i| f64::from(e.covariance[i][0]))),
+        });
+    }
+    /// A sighting of the tag.
+    pub fn tag(&mut self, m: &TagPose) {
+        if m.check().is_err() || self.tags.len() >= MOST {
+            return;
+        }
+        let [w, x, y, z] = m.attitude;
+        let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+        let camera = body_from_camera();
+        self.tags.push((
+            camera * seen.to_rotation_matrix().into_inner(),
+            camera * Vector3::from(m.position) + Vector3::from(self.config.drone.camera_m),
+        ));
+    }
+    /// What the predictor reads in one step; of a drone that stands or not.
+    pub fn take(&mut self, input: &PredictorIn, stands: bool) {
+        input.drone.iter().for_each(|s| self.drone(s));
+        if stands {
+            input.estimate.iter().for_each(|e| self.estimate(e));
+            input.tags.iter().for_each(|m| self.tag(m));
+        }
+    }
+    /// Estimates collected, and the time that they cover, s.
+    pub fn collected(&self) -> (usize, f64) {
+        let [first, last] = [self.pairs.first(), self.pairs.last()].map(|p| p.map_or(0.0, |p| p.t_s));
+        (self.pairs.len(), last - first)
+    }
+
+    /// The result.
+    pub fn found(&self) -> Result<Found, NotFound> {
+        let (estimates, seconds) = self.collected();
+        if estimates < LEAST_ESTIMATES || seconds < LEAST_S {
+            return Err(NotFound::Few { estimates, seconds });
+        }
+        let lags = (SHARED_S * estimates as f64 / seconds).ceil() as usize;
+        let relative = self.relative(lags)?;
+        let (feet, rocking_rad) = self.feet(lags)?;
+        let mount = self.mount(&relative)?;
+        let stand = mount.map_or(
+            self.stand.at_m.map(|value| Figure {
+                value,
+                sd: self.stand.sd_m,
+            }),
+            |(_, at)| at,
+        );
+        let (value, covariance) = feet.value().ok_or(NotFound::Spread)?;
+        let at = [stand[0].value, stand[1].value, 0.0];
+        let at_sd = [stand[0].sd, stand[1].sd, 0.0];
+        let centre = core::array::from_fn(|i| Figure {
+            value: value[i] - at[i],
+            sd: (covariance[(i, i)] + at_sd[i].powi(2) + LEVER_SD_M.powi(2)).sqrt(),
+        });
+        if !centre.iter().all(|f| f.value.is_finite() && f.sd.is_finite()) {
+            return Err(NotFound::Spread);
+        }
+        Ok(Found {
+            estimates,
+            seconds,
+            rocking_rad,
+            centre,
+            stood_at: stand,
+            tilt: relative.tilt,
+            heading: relative.heading,
+            mount: mount.map(|(m, _)| m),
+        })
+    }
+
+    /// Tilt of the feet's plane against the deck's, standard deviation, rad.
+    fn uneven_rad(&self) -> f64 {
+        let [along, across] = self.config.drone.feet_span_m;
+        FOOT_SD_M / along.min(across).max(1e-3)
+    }
+
+    /// Attitude of the drone on the vessel.
+    fn relative(&self, lags: usize) -> Result<Relative, NotFound> {
+        let sum: Quaternion<f64> = self
+            .pairs
+            .iter()
+            .fold(Quaternion::new(0.0, 0.0, 0.0, 0.0), |s, p| {
+                // The same turn has two quaternions.
+                let q = *p.relative.quaternion();
+                if s.dot(&q) < 0.0 { s - q } else { s + q }
+            });
+        let middle = UnitQuaternion::try_new(sum, 1e-9).ok_or(NotFound::Spread)?;
+        let turns: Vec<Vector3<f64>> = self
+            .pairs
+            .iter()
+            .map(|p| (p.relative * middle.inverse()).scaled_axis())
+            .collect();
+        let widest = percentile_95(turns.iter().map(Vector3::norm));
+        if widest > STILL_RAD {
+            return Err(NotFound::Turns {
+                deg: widest.to_degrees(),
+            });
+        }
+        let (_, covariance) = mean(&turns, lags).ok_or(NotFound::Spread)?;
+        let bias = |i: usize| {
+            let [radio, sight] = [self.config.radio_bias_sd_m_rad, self.config.vision_bias_sd_m_rad];
+            radio[i].hypot(sight[i])
+        };
+        // Tilt of the feet's plane, whatever the drone's heading.
+        let down = middle * Vector3::z();
+        let sd = |i: usize| (covariance[(i, i)] + bias(i + 3).powi(2) + self.uneven_rad().powi(2)).sqrt();
+        Ok(Relative {
+            tilt: [
+                Figure {
+                    value: -down.y,
+                    sd: sd(0),
+                },
+                Figure {
+                    value: down.x,
+                    sd: sd(1),
+                },
+            ],
+            heading: Figure {
+                value: middle.euler_angles().2,
+                sd: (covariance[(2, 2)] + bias(5).powi(2)).sqrt(),
+            },
+        })
+    }
+
+    /// The feet in the vessel's body, and its rocking.
+    fn feet(&self, lags: usize) -> Result<(Knowledge, f64), NotFound> {
+        let fast = self.fast();
+        let n = fast.len() as f64;
+        let rocking_rad = (fast
+            .iter()
+            .map(|(a, _)| 0.5 * a.column(2).norm_squared())
+            .sum::<f64>()
+            / n)
+            .sqrt();
+        let own: Vec<Vector3<f64>> = self
+            .pairs
+            .iter()
+            .map(|p| p.vessel.transpose() * p.apart)
+            .collect();
+        let (value, covariance) = mean(&own, lags).ok_or(NotFound::Spread)?;
+        let [h, v] = self.stand.receivers_sd_m;
+        // Filters' errors last: a mean over many estimates is no better than one of them.
+        let stated = self.pairs.iter().map(|p| p.stated).sum::<Vector3<f64>>() / self.pairs.len() as f64;
+        let rhythm = RHYTHM_M.hypot(RHYTHM_SHARE * stated.xy().max().sqrt());
+        let from_rocking = regress(&fast, LEAST_ROCKING_RAD, lags, rhythm);
+        let level = (Vector3::new(h * h, h * h, v * v) + stated).add_scalar(WANDER_M * WANDER_M);
+        // A level vessel: the receivers' errors are the same in its body.
+        let receivers = Matrix3::from_diagonal(&Vector3::new(level.xy().max(), level.xy().max(), level.z));
+        let from_mean = Knowledge::of(&value, &(covariance + receivers)).ok_or(NotFound::Spread)?;
+        let feet = from_rocking.with(&from_mean);
+        let (value, _) = feet.value().ok_or(NotFound::Spread)?;
+        let metres = percentile_95(fast.iter().map(|(a, y)| (y - a * value).norm()));
+        if !(metres <= STILL_M) {
+            return Err(NotFound::Moves { metres });
+        }
+        Ok((feet, rocking_rad))
+    }
+
+    /// Attitude of the vessel and distance of the feet about their means over [`SLOW_S`].
+    fn fast(&self) -> Vec<(Matrix3<f64>, Vector3<f64>)> {
+        let (mut first, mut last) = (0, 0);
+        let (mut a, mut y) = (Matrix3::zeros(), Vector3::zeros());
+        self.pairs
+            .iter()
+            .map(|p| {
+                while let Some(q) = self.pairs.get(last).filter(|q| q.t_s <= p.t_s + 0.5 * SLOW_S) {
+                    a += q.vessel;
+                    y += q.apart;
+                    last += 1;
+                }
+                while let Some(q) = self.pairs.get(first).filter(|q| q.t_s < p.t_s - 0.5 * SLOW_S) {
+                    a -= q.vessel;
+                    y -= q.apart;
+                    first += 1;
+                }
+                let n = (last - first) as f64;
+                (p.vessel - a / n, p.apart - y / n)
+            })
+            .collect()
+    }
+
+    /// The camera's mount, and where the drone stands on the deck.
+    fn mount(&self, relative: &Relative) -> Result<Option<(Mount, [Figure; 2])>, NotFound> {
+        if self.tags.len() < LEAST_TAGS {
+            return Ok(None);
+        }
+        let c = &self.config;
+        let feet = Vector3::z() * c.drone.feet_below_m;
+        let centre = Vector3::from(c.deck.tag_centre_m);
+        // The feet in the deck's frame, which the tag is aligned with.
+        let places: Vec<Vector3<f64>> = self
+            .tags
+            .iter()
+            .map(|(tag, at)| centre + tag.transpose() * (feet - at))
+            .collect();
+        let leans: Vec<Vector3<f64>> = self
+            .tags
+            .iter()
+            .map(|(tag, _)| {
+                let down = tag.column(2);
+                let yaw = Rotation3::from_matrix_unchecked(*tag).euler_angles().2;
+                // exp(-m) z = z - m x z, and the tag's heading seen from the drone.
+                Vector3::new(down.y, -down.x, yaw)
+            })
+            .collect();
+        // Neighbouring frames share nothing but the light.
+        let lags = 30;
+        let (Some((place, place_cov)), Some((lean, lean_cov))) = (mean(&places, lags), mean(&leans, lags))
+        else {
+            return Err(NotFound::Spread);
+        };
+        let metres = percentile_95(places.iter().map(|p| (p - place).xy().norm()));
+        if !(metres <= STILL_TAG_M) {
+            return Err(NotFound::Moves { metres });
+        }
+        let tilt = core::array::from_fn(|i| Figure {
+            value: lean[i],
+            sd: lean_cov[(i, i)].sqrt().hypot(self.uneven_rad()),
+        });
+        // Drone from tag is minus the drone's heading on the deck.
+        let turn = alight_shared::frames::wrap_angle(-lean[2] - relative.heading.value);
+        // A camera that is turned looks at another place below the feet.
+        let lens = c.camera_mount_sd_m.hypot(c.drone.feet_below_m * lean.xy().norm());
+        let mount = Mount {
+            tags: self.tags.len(),
+            tilt,
+            turn: Figure {
+                value: turn,
+                sd: lean_cov[(2, 2)].sqrt().hypot(relative.heading.sd),
+            },
+            height: Figure {
+                value: -place.z,
+                sd: place_cov[(2, 2)].sqrt().hypot(FOOT_SD_M),
+            },
+        };
+        let at = core::array::from_fn(|i| Figure {
+            value: place[i],
+            sd: place_cov[(i, i)].sqrt().hypot(lens),
+        });
+        Ok(Some((mount, at)))
+    }
+}
+
+/// The drone's attitude on the deck.
+struct Relative {
+    tilt: [Figure; 2],
+    heading: Figure,
+}
+
+/// What 95 of 100 values are below.
+fn percentile_95(values: impl Iterator<Item = f64>) -> f64 {
+    let mut all: Vec<f64> = values.collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() * 95 / 100).copied().unwrap_or(f64::NAN)
+}

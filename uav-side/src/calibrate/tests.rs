@@ -1,0 +1,102 @@
+use alight_shared::msg::Header;
+
+use super::*;
+
+/// A drone on a deck at `r` of a vessel that rolls and pitches by `rocking`, over `seconds`; `away` is what
+/// its place and heading do beside, m and rad.
+fn stood(
+    rocking: f64,
+    seconds: f64,
+    r: Vector3<f64>,
+    away: impl Fn(f64) -> (Vector3<f64>, f64),
+) -> Result<Found, NotFound> {
+    let config = PredictorConfig::default();
+    let mut calibration = DeckCalibration::new(&config, Stand::middle(&config));
+    let bias = Vector3::new(1.3, -0.8, 0.9);
+    for k in 0..(seconds * 100.0) as u32 {
+        let t = 5.0 + f64::from(k) * 0.01;
+        let at = Time::from_secs(t);
+        let (roll, pitch) = (rocking * (1.3 * t).sin(), rocking * (1.1 * t).cos());
+        let vessel = UnitQuaternion::from_euler_angles(roll, pitch, 0.4);
+        let (moved, turned) = away(t);
+        let attitude = vessel * UnitQuaternion::from_euler_angles(0.0, 0.0, 0.2 + turned);
+        let n = |c: u32| (f64::from(k * c) * 0.754_877_666_246_693).fract() - 0.5;
+        let noise = Vector3::new(n(1), n(3), n(7)) * 0.05;
+        let feet = vessel * (r + moved) + bias + noise;
+        let position = feet - attitude * Vector3::z() * config.drone.feet_below_m;
+        let q = attitude.quaternion();
+        calibration.drone(&DroneState {
+            header: Header::new(1, 1, 1, k, at),
+            position: position.into(),
+            attitude: [q.w, q.i, q.j, q.k],
+            ..DroneState::default()
+        });
+        if k % 3 == 0 {
+            calibration.estimate(&VesselEstimate {
+                header: Header::new(1, 1, 1, k, at),
+                eta: [0.0, 0.0, 0.0, roll, pitch, 0.4],
+                ..empty()
+            });
+        }
+    }
+    calibration.found()
+}
+
+fn empty() -> VesselEstimate<DroneClock> {
+    VesselEstimate {
+        header: Header::default(),
+        datum: alight_shared::frames::Datum::default(),
+        eta: [0.0; 6],
+        eta_dot: [0.0; 6],
+        eta_ddot: [0.0; 6],
+        covariance: [[0.01, 0.0, 0.01]; 6],
+        deck_centre: [0.0; 3],
+        mean_velocity: [0.0; 2],
+        mean_heading: [0.0; 2],
+    }
+}
+
+const STILL: fn(f64) -> (Vector3<f64>, f64) = |_| (Vector3::new(0.0, 0.0, 0.0), 0.0);
+
+#[test]
+fn rocking_finds_the_place_although_the_receivers_differ_by_metres() {
+    let r = Vector3::new(0.4, -0.2, -1.6);
+    let found = stood(0.08, 90.0, r, STILL).unwrap();
+    for (f, truth) in found.centre.iter().zip(r.iter()) {
+        assert!(
+            (f.value - truth).abs() < 3.0 * f.sd && f.sd < 0.1,
+            "{f:?} {truth}"
+        );
+    }
+    assert!((found.heading.value - 0.2).abs() < 1e-3, "{found:?}");
+    assert!(found.tilt.iter().all(|t| t.value.abs() < 1e-3), "{found:?}");
+    assert!(found.mount.is_none());
+}
+
+#[test]
+fn without_rocking_the_receivers_hide_the_place_and_it_says_so() {
+    let r = Vector3::new(0.4, -0.2, -1.6);
+    let found = stood(0.0, 90.0, r, STILL).unwrap();
+    for (f, truth) in found.centre.iter().zip(r.iter()) {
+        assert!(
+            f.sd > 1.0 && (f.value - truth).abs() < 3.0 * f.sd,
+            "{f:?} {truth}"
+        );
+    }
+}
+
+#[test]
+fn a_drone_that_moves_turns_or_has_just_come_is_refused() {
+    let r = Vector3::new(0.0, 0.0, -1.3);
+    let walks = |t: f64| (Vector3::new((1.5 * t).sin(), 0.0, 0.0), 0.0);
+    assert!(matches!(stood(0.05, 60.0, r, walks), Err(NotFound::Moves { .. })));
+    let turns = |t: f64| (Vector3::zeros(), 0.01 * t);
+    assert!(matches!(stood(0.05, 60.0, r, turns), Err(NotFound::Turns { .. })));
+    let few = stood(0.05, 10.0, r, STILL);
+    assert!(matches!(few, Err(NotFound::Few { .. })), "{few:?}");
+    assert!(
+        few.unwrap_err()
+            .to_string()
+            .contains("leave the drone on the deck")
+    );
+}

@@ -1,0 +1,457 @@
+//! Free decay: a vessel that was pushed and let go comes to rest by itself, and how it does so tells its
+//! damping and stiffness per mass.
+//!
+//! ```text
+//! stiff:  y'' + a y' + b y = 0,   y(t) = e^(-a t/2) (A C(t) + B S(t)) + c     a = D/M, b = G/M
+//! free:   y' + a y = 0,           y(t) = A e^(-a t) + c
+//! ```
+//!
+//! `C`, `S` are cosine and sine over its frequency, `sqrt(b - a²/4)`, or their hyperbolic kin. Position,
+//! rate and acceleration of a degree of freedom decay alike, so `y` is whichever is measured; `c` takes
+//! the sensor's bias. `a` and `b` are common to all pushes, `A`, `B`, `c` are each push's own and are
+//! eliminated (variable projection, Golub and Pereyra 1973); Levenberg and Marquardt's method finds the
+//! rest.
+
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+/// A push stands out from rest by this many standard deviations of rest (ours: noise alone reaches four
+/// in some minutes, waves never leave a rest to stand out from).
+const STANDS_OUT: f64 = 6.0;
+/// It is over when the signal stays below this many.
+const OVER: f64 = 3.0;
+/// Pushes weaker than this share of the strongest are left out: another degree of freedom's.
+const STRONG: f64 = 0.2;
+/// The fit has to explain this share of a push's motion.
+const EXPLAINED: f64 = 0.8;
+/// Fewest samples of a push.
+const LEAST_SAMPLES: usize = 12;
+/// Most pushes of a record, and samples of one.
+const MOST_PUSHES: usize = 64;
+const MOST_SAMPLES: usize = 2000;
+/// Iterations of the fit.
+const ITERATIONS: usize = 50;
+/// A parameter whose standard error is beyond this share of it is not known.
+const KNOWN: f64 = 0.3;
+
+/// How a degree of freedom comes to rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Springs back: heave, roll, pitch.
+    Stiff,
+    /// Slows down: surge, sway, yaw.
+    Free,
+}
+
+/// A measured signal of one degree of freedom.
+#[derive(Clone, Debug, Default)]
+pub struct Signal {
+    /// Times, rising, s.
+    pub t_s: Vec<f64>,
+    /// Values.
+    pub y: Vec<f64>,
+}
+
+/// A figure and its standard error.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figure {
+    /// Its value.
+    pub value: f64,
+    /// Its standard error.
+    pub sd: f64,
+}
+
+/// What the pushes of one degree of freedom tell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decay {
+    /// Damping per mass, 1/s.
+    pub damping: Figure,
+    /// Stiffness per mass, 1/s²; zero for a free one.
+    pub stiffness: Figure,
+    /// Pushes used.
+    pub pushes: usize,
+}
+
+/// Why a degree of freedom is not known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unknown {
+    /// It was not measured.
+    NotMeasured,
+    /// Nothing stands out from its rest.
+    NotPushed {
+        /// The largest value over the spread at rest.
+        stands_out: f64,
+    },
+    /// What stands out is no free decay: held, driven by waves, or another motion's.
+    NoDecay {
+        /// Share of the motion that a free decay explains.
+        explained: f64,
+    },
+    /// A free decay, but too short, weak or noisy to tell.
+    Vague,
+}
+
+/// One push: its samples from the peak on.
+struct Push {
+    t: Vec<f64>,
+    y: DVector<f64>,
+    peak: f64,
+    /// Spread of the signal at rest.
+    spread: f64,
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut all: Vec<f64> = values.filter(|v| v.is_finite()).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// The pushes in a signal, and how far its largest value stands out.
+fn pushes(signal: &Signal, rest_s: f64) -> (Vec<Push>, f64) {
+    let rest = median(signal.y.iter().copied());
+    let spread = (1.4826 * median(signal.y.iter().map(|v| (v - rest).abs()))).max(1e-9);
+    let size = |k: usize| signal.y.get(k).map_or(0.0, |v| (v - rest).abs());
+    let time = |k: usize| signal.t_s.get(k).copied().unwrap_or(f64::INFINITY);
+    let n = signal.y.len().min(signal.t_s.len());
+    let highest = (0..n).map(size).fold(0.0, f64::max);
+    let mut found = Vec::new();
+    let mut k = 0;
+    while k < n && found.len() < MOST_PUSHES {
+        if size(k) < STANDS_OUT * spread {
+            k += 1;
+            continue;
+        }
+        let (mut peak, mut last, mut j) = (k, k, k);
+        while j < n && time(j) - time(last) < rest_s {
+            if size(j) > size(peak) {
+                peak = j;
+            }
+            if size(j) > OVER * spread {
+                last = j;
+            }
+            j += 1;
+        }
+        // As much rest again as half the motion, for its level.
+        let end = (last + (last - peak) / 2 + LEAST_SAMPLES / 2)
+            .min(n)
+            .min(peak + MOST_SAMPLES);
+        if end >= peak + LEAST_SAMPLES && size(peak) > STRONG * highest {
+            found.push(Push {
+                t: (peak..end).map(|i| time(i) - time(peak)).collect(),
+                y: DVector::from_iterator(end - peak, (peak..end).map(|i| signal.y[i] - rest)),
+                peak: size(peak),
+                spread,
+            });
+        }
+        k = j.max(k + 1);
+    }
+    (found, highest / spread)
+}
+
+/// The functions that a push is made of, one column each.
+fn basis(order: Order, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
+    let (a, b) = (p.x.exp(), p.y.exp());
+    match order {
+        Order::Free => DMatrix::from_fn(t.len(), 2, |r, c| if c == 0 { (-a * t[r]).exp() } else { 1.0 }),
+        Order::Stiff => {
+            let d = b - 0.25 * a * a;
+            let w = d.abs().sqrt().max(1e-6);
+            DMatrix::from_fn(t.len(), 3, |r, c| {
+                let (x, fall) = (w * t[r], -0.5 * a * t[r]);
+                match (c, d > 0.0) {
+                    (0, true) => fall.exp() * x.cos(),
+                    (1, true) => fall.exp() * x.sin() / w,
+                    // Sums of two falling exponentials: none of the factors grows.
+                    (0, false) => 0.5 * ((fall + x).exp() + (fall - x).exp()),
+                    (1, false) => 0.5 * ((fall + x).exp() - (fall - x).exp()) / w,
+                    (_, _) => 1.0,
+                }
+            })
+        }
+    }
+}
+
+/// What the basis leaves of a push.
+fn left(order: Order, p: Vector2<f64>, push: &Push) -> Option<DVector<f64>> {
+    let phi = basis(order, p, &push.t);
+    let normal = phi.transpose() * &phi;
+    let scale = normal.diagonal().max();
+    let regular = normal + DMatrix::identity(phi.ncols(), phi.ncols()) * (1e-12 * scale);
+    let x = regular.cholesky()?.solve(&(phi.transpose() * &push.y));
+    let r = &push.y - phi * x;
+    r.iter().all(|v| v.is_finite()).then_some(r)
+}
+
+fn all_left(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Vec<DVector<f64>>> {
+    // A strong push counts as much as a weak one.
+    pushes
+        .iter()
+        .map(|push| left(order, p, push).map(|r| r / push.peak))
+        .collect()
+}
+
+fn cost(r: &[DVector<f64>]) -> f64 {
+    r.iter().map(DVector::norm_squared).sum()
+}
+
+/// Residuals and their derivatives with respect to the logarithms of the parameters.
+fn slopes(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<[Vec<DVector<f64>>; 2]> {
+    const H: f64 = 1e-4;
+    let along = |e: Vector2<f64>| -> Option<Vec<DVector<f64>>> {
+        let (up, down) = (all_left(order, p + e, pushes)?, all_left(order, p - e, pushes)?);
+        Some(up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * H)).collect())
+    };
+    Some([along(Vector2::new(H, 0.0))?, along(Vector2::new(0.0, H))?])
+}
+
+fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: Order) -> (Matrix2<f64>, Vector2<f64>) {
+    let dot = |a: &[DVector<f64>], b: &[DVector<f64>]| a.iter().zip(b).map(|(x, y)| x.dot(y)).sum::<f64>();
+    let mut h = Matrix2::from_fn(|i, k| dot(&j[i], &j[k]));
+    let mut g = Vector2::from_fn(|i, _| dot(&j[i], r));
+    if order == Order::Free {
+        // There is no second parameter.
+        (h[(0, 1)], h[(1, 0)], h[(1, 1)], g.y) = (0.0, 0.0, 1.0, 0.0);
+    }
+    (h, g)
+}
+
+/// Logarithms of `a` and `b` that leave least, by Levenberg and Marquardt from the best of a grid.
+fn fit(order: Order, pushes: &[&Push]) -> Option<Vector2<f64>> {
+    let of = |p: Vector2<f64>| all_left(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
+    let mut best = (f64::INFINITY, Vector2::zeros());
+    for k in 0..32 {
+        let x = f64::from(k) / 31.0;
+        let tries: &[Vector2<f64>] = &match order {
+            // 0.02 to 10 1/s.
+            Order::Free => [Vector2::new(0.02_f64.ln() + x * 500.0_f64.ln(), 0.0); 3],
+            // 0.5 to 40 rad/s, damping ratios of 0.05, 0.2 and 0.6.
+            Order::Stiff => [0.05, 0.2, 0.6].map(|ratio: f64| {
+                let w = 0.5 * 80.0_f64.powf(x);
+                Vector2::new((2.0 * ratio * w).ln(), (w * w).ln())
+            }),
+        };
+        for p in tries {
+            let c = of(*p);
+            if c < best.0 {
+                best = (c, *p);
+            }
+        }
+    }
+    let (mut c, mut p) = best;
+    if !c.is_finite() {
+        return None;
+    }
+    let mut damp = 1e-3;
+    for _ in 0..ITERATIONS {
+        let (r, j) = (all_left(order, p, pushes)?, slopes(order, p, pushes)?);
+        let (h, g) = normal(&j, &r, order);
+        let lifted = h + Matrix2::from_diagonal(&h.diagonal()) * damp;
+        let step = lifted.try_inverse()? * -g;
+        let next = p + step.map(|v| v.clamp(-0.5, 0.5));
+        let cn = of(next);
+        if cn < c {
+            let done = step.norm() < 1e-9 || c - cn < 1e-12 * c;
+            (c, p, damp) = (cn, next, (damp * 0.3_f64).max(1e-12));
+            if done {
+                break;
+            }
+        } else {
+            damp *= 10.0;
+            if damp > 1e9 {
+                break;
+            }
+        }
+    }
+    Some(p)
+}
+
+/// Covariance of the logarithms: residuals that neighbours share count once (Newey and West 1987, over a
+/// quarter of a push), and never less than what independent residuals would give.
+fn covariance(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Matrix2<f64>> {
+    let (r, j) = (all_left(order, p, pushes)?, slopes(order, p, pushes)?);
+    let (h, _) = normal(&j, &r, order);
+    let bread = h.try_inverse()?;
+    let n: usize = r.iter().map(DVector::len).sum();
+    let own = match order {
+        Order::Stiff => 3,
+        Order::Free => 2,
+    };
+    let freedom = n.saturating_sub(own * pushes.len() + 2).max(1) as f64;
+    let white = bread * (cost(&r) / freedom);
+    let mut meat = Matrix2::zeros();
+    for (k, res) in r.iter().enumerate() {
+        let score = |i: usize| Vector2::new(j[0][k][i] * res[i], j[1][k][i] * res[i]);
+        let lags = res.len() / 4;
+        for i in 0..res.len() {
+            for lag in 0..=lags.min(i) {
+                let w = 1.0 - lag as f64 / (lags + 1) as f64;
+                let g = score(i) * score(i - lag).transpose();
+                meat += if lag == 0 { g } else { (g + g.transpose()) * w };
+            }
+        }
+    }
+    if order == Order::Free {
+        meat[(0, 1)] = 0.0;
+        meat[(1, 0)] = 0.0;
+        meat[(1, 1)] = 0.0;
+    }
+    let shared = bread * meat * bread * (n as f64 / freedom);
+    Some(if shared.trace() > white.trace() {
+        shared
+    } else {
+        white
+    })
+}
+
+/// Damping and stiffness per mass from the pushes in a signal.
+pub fn identify(order: Order, signal: &Signal) -> Result<Decay, Unknown> {
+    if signal.y.len() < 2 * LEAST_SAMPLES {
+        return Err(Unknown::NotMeasured);
+    }
+    let rest_s = match order {
+        Order::Stiff => 1.0,
+        Order::Free => 3.0,
+    };
+    let (all, stands_out) = pushes(signal, rest_s);
+    if all.is_empty() {
+        return Err(Unknown::NotPushed { stands_out });
+    }
+    let every: Vec<&Push> = all.iter().collect();
+    let p = fit(order, &every).ok_or(Unknown::Vague)?;
+    let explained = |p: Vector2<f64>, push: &Push| {
+        left(order, p, push).map_or(0.0, |r| {
+            let (mean, noise) = (push.y.mean(), push.spread.powi(2) * r.len() as f64);
+            // What the sensor's noise leaves is nothing that a decay would have to explain.
+            let rest = (r.norm_squared() - noise).max(0.0);
+            1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)
+        })
+    };
+    // One that somebody held, or of another motion, does not spoil the rest.
+    let good: Vec<&Push> = all
+        .iter()
+        .filter(|push| explained(p, push) >= EXPLAINED)
+        .collect();
+    if good.is_empty() {
+        let best = all.iter().map(|push| explained(p, push)).fold(0.0, f64::max);
+        return Err(Unknown::NoDecay { explained: best });
+    }
+    let p = fit(order, &good).ok_or(Unknown::Vague)?;
+    let mut variance = covariance(order, p, &good).ok_or(Unknown::Vague)?.diagonal();
+    if good.len() >= 3 {
+        // What differs from push to push is no noise of the sensor: the water, the strength, a hand.
+        let own: Vec<Vector2<f64>> = good.iter().filter_map(|push| fit(order, &[push])).collect();
+        let n = own.len() as f64;
+        if own.len() >= 3 {
+            let mean = own.iter().sum::<Vector2<f64>>() / n;
+            let apart = own.iter().map(|o| (o - mean).component_mul(&(o - mean)));
+            let scatter = apart.sum::<Vector2<f64>>() / (n * (n - 1.0));
+            variance = variance.zip_map(&scatter, f64::max);
+        }
+    }
+    let sd = variance.map(f64::sqrt);
+    let known = sd.x < KNOWN && (order == Order::Free || sd.y < KNOWN);
+    if !known {
+        return Err(Unknown::Vague);
+    }
+    let figure = |log: f64, sd: f64| Figure {
+        value: log.exp(),
+        sd: log.exp() * sd,
+    };
+    Ok(Decay {
+        damping: figure(p.x, sd.x),
+        stiffness: match order {
+            Order::Stiff => figure(p.y, sd.y),
+            Order::Free => Figure::default(),
+        },
+        pushes: good.len(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Noise that is the same in every run: a Weyl sequence, uniform, standard deviation 1.
+    fn noise(k: usize) -> f64 {
+        let x = (k as f64 * 0.754_877_666_246_693).fract();
+        let y = (k as f64 * 0.569_840_290_998_053).fract();
+        (x + y - 1.0) * 6.0_f64.sqrt()
+    }
+
+    /// Pushes every 10 s of strength 1, at 100 Hz.
+    fn pushed(order: Order, a: f64, b: f64, sd: f64, pushes: usize) -> Signal {
+        let mut s = Signal::default();
+        for k in 0..(pushes + 1) * 1000 {
+            let t = k as f64 * 0.01;
+            let since = t % 10.0;
+            let w = (b - 0.25 * a * a).max(0.0).sqrt();
+            let y = match order {
+                _ if t < 10.0 => 0.0,
+                Order::Stiff => (-0.5 * a * since).exp() * (w * since).cos(),
+                Order::Free => (-a * since).exp(),
+            };
+            s.t_s.push(t);
+            s.y.push(y + 0.02 + sd * noise(k));
+        }
+        s
+    }
+
+    #[test]
+    fn parameters_are_found_back_within_their_stated_errors() {
+        for (order, a, b) in [
+            (Order::Stiff, 6.2, 243.0),
+            (Order::Stiff, 1.0, 9.0),
+            (Order::Free, 0.9, 0.0),
+        ] {
+            for sd in [0.003, 0.02] {
+                let found = identify(order, &pushed(order, a, b, sd, 4)).unwrap();
+                assert!(
+                    (found.damping.value - a).abs() < 3.0 * found.damping.sd,
+                    "{a} {b} {sd}: {found:?}"
+                );
+                assert!(
+                    (found.stiffness.value - b).abs() <= 3.0 * found.stiffness.sd,
+                    "{a} {b}: {found:?}"
+                );
+                assert!(found.damping.sd < 0.1 * a, "{found:?}");
+                assert_eq!(found.pushes, 4);
+            }
+        }
+    }
+
+    #[test]
+    fn rest_and_waves_tell_nothing() {
+        let still = pushed(Order::Stiff, 6.2, 243.0, 0.01, 0);
+        assert!(matches!(
+            identify(Order::Stiff, &still),
+            Err(Unknown::NotPushed { .. })
+        ));
+        let mut waves = still.clone();
+        for (t, y) in waves.t_s.iter().zip(&mut waves.y) {
+            *y += (1.2 * t).sin() + 0.4 * (0.9 * t + 1.0).sin();
+        }
+        assert!(matches!(
+            identify(Order::Stiff, &waves),
+            Err(Unknown::NotPushed { .. })
+        ));
+        assert_eq!(
+            identify(Order::Free, &Signal::default()),
+            Err(Unknown::NotMeasured)
+        );
+    }
+
+    #[test]
+    fn what_is_held_instead_of_let_go_is_no_decay() {
+        let mut held = pushed(Order::Stiff, 6.2, 243.0, 0.005, 0);
+        for k in 0..9 {
+            // A saw: up in jumps, and down again.
+            for (i, y) in held.y.iter_mut().skip(300 + 60 * k).take(20).enumerate() {
+                *y += if (i + k) % 3 == 0 { 1.0 } else { -0.7 };
+            }
+        }
+        let found = identify(Order::Stiff, &held);
+        assert!(
+            matches!(found, Err(Unknown::NoDecay { .. } | Unknown::Vague)),
+            "{found:?}"
+        );
+    }
+}

@@ -1,0 +1,320 @@
+//! The vessel's figures from a recording of its own sensors.
+//!
+//! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses one side, the
+//! bow, the whole vessel down and lets go, tows it and lets go, turns it and lets go, with rests between.
+//! What moves freely tells `D/M` and `G/M` and nothing of M itself, which takes a known force; the model
+//! needs no more than the two ratios, so M stays as configured and D and G follow it.
+//!
+//! The GNSS antenna's place comes from any motion that turns the vessel, waves included ([`lever`]),
+//! relative to the inertial sensor: where the reference point lies is a choice, so the inertial sensor's
+//! own place stays as configured.
+
+pub mod decay;
+pub mod lever;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message};
+use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::VesselNodeConfig;
+pub use decay::{Decay, Figure, Order, Signal, Unknown};
+use lever::{Lever, Moment};
+
+/// Names of the degrees of freedom.
+pub const NAMES: [&str; DOFS] = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
+/// Longest record, samples: an hour and a half at 100 Hz.
+const MOST: usize = 600_000;
+/// The attitude is levelled by the accelerometer, and turned by the heading, over this time, s (ours: what
+/// waves of 5 s push sideways tilts it by a thousandth of a radian then).
+const LEVELLED_S: f64 = 100.0;
+/// Angular acceleration is the slope of the rates over so many samples to each side (ours: 60 ms at
+/// 100 Hz, a tenth of the period of a small boat's roll).
+const SLOPE: usize = 3;
+/// A gap between inertial samples ends a record that is integrated, s.
+const GAP_S: f64 = 0.1;
+
+/// How each degree of freedom comes to rest.
+pub const fn order(dof: usize) -> Order {
+    match dof {
+        HEAVE | ROLL | PITCH => Order::Stiff,
+        _ => Order::Free,
+    }
+}
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// Length of the record, s.
+    pub seconds: f64,
+    /// Each degree of freedom.
+    pub decays: [Result<Decay, Unknown>; DOFS],
+    /// GNSS antenna in the vessel's body, m; None without fixes or motion.
+    pub antenna_m: Option<[Figure; 3]>,
+}
+
+/// A record of the vessel's sensors.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    imu: Vec<ImuSample>,
+    gnss: Vec<GnssFix>,
+    heading: Vec<HeadingFix>,
+}
+
+fn push<M: Message + Copy>(to: &mut Vec<M>, m: &M) {
+    let newer = to
+        .last()
+        .is_none_or(|l| m.header().at.nanos() > l.header().at.nanos());
+    if newer && m.check().is_ok() && to.len() < MOST {
+        to.push(*m);
+    }
+}
+
+impl Record {
+    /// An inertial sample.
+    pub fn imu(&mut self, m: &ImuSample) {
+        push(&mut self.imu, m);
+    }
+    /// A fix of the antenna.
+    pub fn gnss(&mut self, m: &GnssFix) {
+        push(&mut self.gnss, m);
+    }
+    /// A heading.
+    pub fn heading(&mut self, m: &HeadingFix) {
+        push(&mut self.heading, m);
+    }
+
+    /// What the record tells of the vessel of `config`.
+    pub fn found(&self, config: &VesselNodeConfig) -> Found {
+        let moments = self.moments();
+        let signals = self.signals(config, &moments);
+        let seconds = match (moments.first(), moments.last()) {
+            (Some(a), Some(b)) => b.t_s - a.t_s,
+            (_, _) => 0.0,
+        };
+        let mut lever = Lever::default();
+        self.gnss.iter().for_each(|fix| lever.fix(fix, &moments));
+        let imu = config.imu.lever_arm_m;
+        let antenna_m = lever.found().map(|apart| {
+            core::array::from_fn(|i| Figure {
+                value: imu[i] + apart[i].value,
+                ..apart[i]
+            })
+        });
+        Found {
+            seconds,
+            decays: identify(&signals),
+            antenna_m,
+        }
+    }
+
+    /// The gyroscope's bias: a vessel that floats turns over by nothing, and about down by what its
+    /// heading says.
+    fn gyro_bias(&self) -> Vector3<f64> {
+        let n = self.imu.len().max(1) as f64;
+        let mean = self
+            .imu
+            .iter()
+            .map(|s| Vector3::from(s.gyro))
+            .sum::<Vector3<f64>>()
+            / n;
+        let turned: f64 = self
+            .heading
+            .windows(2)
+            .filter_map(|w| w.first().zip(w.last()))
+            .map(|(a, b)| wrap_angle(b.heading - a.heading))
+            .sum();
+        let seconds = match (self.imu.first(), self.imu.last()) {
+            (Some(a), Some(b)) => (b.header.at - a.header.at).secs().max(1.0),
+            (_, _) => 1.0,
+        };
+        mean - Vector3::z() * (turned / seconds)
+    }
+
+    /// Attitude and acceleration at each inertial sample: rates integrated, levelled slowly.
+    fn moments(&self) -> Vec<Moment> {
+        let Some(first) = self.imu.first() else {
+            return Vec::new();
+        };
+        // Level on the mean of the first second.
+        let count = 100.min(self.imu.len());
+        let felt = self
+            .imu
+            .iter()
+            .take(count)
+            .map(|s| Vector3::from(s.accelerometer));
+        let felt = felt.sum::<Vector3<f64>>() / count as f64;
+        let tilt = UnitQuaternion::from_euler_angles(
+            (-felt.y).atan2(-felt.z),
+            felt.x.atan2(felt.y.hypot(felt.z)),
+            0.0,
+        );
+        let yaw = self.heading.first().map_or(0.0, |h| h.heading);
+        let mut attitude = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * tilt;
+        let mut headings = self.heading.iter().peekable();
+        let bias = self.gyro_bias();
+        let mut before = first.header.at;
+        let mut run = 0_u32;
+        self.imu
+            .iter()
+            .map(|s| {
+                let dt = (s.header.at - before).secs();
+                before = s.header.at;
+                if dt > GAP_S {
+                    run += 1;
+                }
+                let rates = Vector3::from(s.gyro) - bias;
+                let dt = dt.min(GAP_S);
+                attitude *= UnitQuaternion::from_scaled_axis(rates * dt);
+                let force = attitude * Vector3::from(s.accelerometer);
+                // At first the mean of what was felt so far, so that the start does not matter.
+                let over_s = (s.header.at - first.header.at).secs().clamp(1.0, LEVELLED_S);
+                let mut correction = force.cross(&-Vector3::z()) / GRAVITY * (dt / over_s);
+                while let Some(h) = headings.next_if(|h| h.header.at <= s.header.at) {
+                    let error = wrap_angle(h.heading - attitude.euler_angles().2);
+                    // A heading comes every tenth of a second or so.
+                    correction.z += error * (0.1 / over_s);
+                }
+                attitude = UnitQuaternion::from_scaled_axis(correction) * attitude;
+                Moment {
+                    t_s: s.header.at.secs(),
+                    run,
+                    attitude,
+                    rates,
+                    acceleration: attitude * Vector3::from(s.accelerometer) + Vector3::z() * GRAVITY,
+                }
+            })
+            .collect()
+    }
+
+    /// The signals of the six degrees of freedom.
+    fn signals(&self, config: &VesselNodeConfig, moments: &[Moment]) -> [Signal; DOFS] {
+        let mut signals: [Signal; DOFS] = Default::default();
+        let mut say = |dof: usize, t_s: f64, y: f64| {
+            signals[dof].t_s.push(t_s);
+            signals[dof].y.push(y);
+        };
+        let imu = Vector3::from(config.imu.lever_arm_m);
+        for (k, m) in moments.iter().enumerate() {
+            for (i, dof) in [ROLL, PITCH, YAW].into_iter().enumerate() {
+                say(dof, m.t_s, m.rates[i]);
+            }
+            let before = k.checked_sub(SLOPE).and_then(|b| moments.get(b));
+            let (Some(before), Some(after)) = (before, moments.get(k + SLOPE)) else {
+                continue;
+            };
+            if before.run != after.run {
+                continue;
+            }
+            // Of the reference point: what turning adds at the sensor's place is taken off.
+            let turning = (after.rates - before.rates) / (after.t_s - before.t_s);
+            let lever = turning.cross(&imu) + m.rates.cross(&m.rates.cross(&imu));
+            say(HEAVE, m.t_s, (m.acceleration - m.attitude * lever).z);
+        }
+        let antenna = Vector3::from(config.gnss.antenna_m);
+        for fix in &self.gnss {
+            let Some((_, m)) = lever::at(moments, fix.header.at.secs()) else {
+                continue;
+            };
+            let body = m.attitude.inverse() * Vector3::from(fix.velocity) - m.rates.cross(&antenna);
+            say(SURGE, m.t_s, body.x);
+            say(SWAY, m.t_s, body.y);
+        }
+        signals
+    }
+}
+
+/// Every degree of freedom from its signal.
+pub fn identify(signals: &[Signal; DOFS]) -> [Result<Decay, Unknown>; DOFS] {
+    core::array::from_fn(|dof| decay::identify(order(dof), &signals[dof]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::frames::Datum;
+    use alight_shared::msg::Header;
+    use alight_shared::time::Time;
+
+    /// A vessel that rolls and pitches about its reference point in two waves, drifting north.
+    fn rocked(amplitude: f64, antenna: Vector3<f64>) -> Record {
+        let mut record = Record::default();
+        let imu = Vector3::new(0.3, 0.1, -0.3);
+        let turn = |t: f64| {
+            Vector3::new(
+                amplitude * (1.3 * t).sin(),
+                amplitude * (1.7 * t).cos(),
+                0.4 * amplitude * (0.5 * t).sin(),
+            )
+        };
+        let attitude = |t: f64| {
+            let e = turn(t);
+            UnitQuaternion::from_euler_angles(e.x, e.y, e.z)
+        };
+        let velocity = |t: f64, arm: &Vector3<f64>| {
+            let h = 1e-4;
+            (attitude(t + h) * arm - attitude(t - h) * arm) / (2.0 * h)
+                + Vector3::new(0.5, 0.0, 0.3 * (1.3 * t).cos())
+        };
+        for k in 0..12_000_usize {
+            let (t, h) = (10.0 + k as f64 * 0.01, 1e-4);
+            let header = Header::new(1, 0, 1, k as u32, Time::from_secs(t));
+            let rates = (attitude(t - h).inverse() * attitude(t + h)).scaled_axis() / (2.0 * h);
+            let acceleration = (velocity(t + h, &imu) - velocity(t - h, &imu)) / (2.0 * h);
+            let force = attitude(t).inverse() * (acceleration - Vector3::z() * GRAVITY);
+            let n = |c: usize| ((k * c) as f64 * 0.754_877_666_246_693).fract() - 0.5;
+            record.imu(&ImuSample {
+                header,
+                gyro: (rates + Vector3::new(n(1), n(3), n(7)) * 0.03).into(),
+                accelerometer: (force + Vector3::new(n(11), n(13), n(17)) * 0.07).into(),
+            });
+            if k % 10 == 0 {
+                let white = Vector3::new(n(19), n(23), n(29)) * 0.1 * 12.0_f64.sqrt();
+                record.gnss(&GnssFix {
+                    header,
+                    datum: Datum::default(),
+                    velocity: (velocity(t, &antenna) + white).into(),
+                    position_sd: [1.0; 3],
+                    velocity_sd: [0.1; 3],
+                    ..GnssFix::default()
+                });
+                record.heading(&HeadingFix {
+                    header,
+                    heading: turn(t).z,
+                    heading_sd: 0.01,
+                });
+            }
+        }
+        record
+    }
+
+    #[test]
+    fn the_antenna_is_found_where_it_is_and_waves_tell_nothing_of_the_decay() {
+        let antenna = Vector3::new(-1.1, 0.35, -1.6);
+        let found = rocked(0.12, antenna).found(&VesselNodeConfig::default());
+        for (f, truth) in found.antenna_m.unwrap().iter().zip(antenna.iter()) {
+            assert!(
+                (f.value - truth).abs() < 3.0 * f.sd && f.sd < 0.1,
+                "{f:?} {truth}"
+            );
+        }
+        for (dof, decay) in found.decays.iter().enumerate() {
+            assert!(
+                matches!(decay, Err(Unknown::NotPushed { .. })),
+                "{dof}: {decay:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_still_vessel_tells_nothing() {
+        let found = rocked(0.0, Vector3::new(-1.1, 0.35, -1.6)).found(&VesselNodeConfig::default());
+        for figure in found.antenna_m.iter().flatten() {
+            assert!(figure.sd > 0.2, "{figure:?}");
+        }
+        assert!(found.decays.iter().all(Result::is_err), "{found:?}");
+        let none = Record::default().found(&VesselNodeConfig::default());
+        assert!(none.antenna_m.is_none() && none.decays.iter().all(Result::is_err));
+    }
+}
