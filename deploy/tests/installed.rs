@@ -236,6 +236,14 @@ impl Installed {
         let out = self.said(&["status", "--json", "--instance", &self.instance]);
         serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
     }
+    /// What `status` says on the vessel.
+    fn vessel_status(&self) -> Value {
+        let out = command(&words("ALIGHT_VESSEL"))
+            .args(["status", "--json", "--config", &self.file("vessel.toml")])
+            .output()
+            .expect("runs");
+        serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {out:?}"))
+    }
     /// What `status` says once it says what `wanted` waits for.
     fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         for _ in 0..200 {
@@ -329,6 +337,12 @@ fn the_shipped_configurations_land_at_moderate_over_mutual_tls() {
     all.start_drone();
     all.start_world();
     all.land();
+    all.status_when("lands", |s| s["mission"]["state"] == "Descent");
+    let vessel = all.vessel_status();
+    let word = &vessel["word"];
+    assert_eq!(word["drones"][0]["drone"], 1, "{vessel}");
+    assert_eq!(word["certificate"]["Held"]["name"], "vessel-1", "{vessel}");
+    assert!(word["estimator"]["said_s"].as_f64() < Some(2.0), "{vessel}");
     let outcome = all.outcome();
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
     println!("{outcome}");
@@ -348,6 +362,32 @@ fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     all.stop("vessel");
     all.start_vessel();
+    let outcome = all.outcome();
+    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
+}
+
+#[test]
+fn a_drone_whose_computer_restarts_while_it_follows_holds_and_lands_when_it_is_told_again() {
+    let mut all = Installed::prepare("reboot", 106, |_, drone| {
+        let mission = table(table(drone, "drone"), "mission");
+        mission.insert("steady_s".into(), 6.0.into());
+    });
+    all.start_vessel();
+    all.start_drone();
+    all.start_world();
+    all.land();
+    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    let before = all.status();
+    all.stop("drone");
+    all.start_drone();
+    // Every process of it, and the autopilot has kept the drone in the air meanwhile.
+    let after = all.status_when("flies on and hears the vessel", |s| {
+        let t = all.time_s(s);
+        t.is_some_and(|t| t > all.time_s(&before).unwrap_or(0.0)) && fresh(s)
+    });
+    assert_eq!(after["mission"]["state"], "Idle", "it waits to be told: {after}");
+    let out = all.order("land");
+    assert!(out.status.success(), "{out:?}\n{}", all.complaints());
     let outcome = all.outcome();
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
 }
@@ -379,6 +419,9 @@ fn an_abort_wins_and_a_frozen_process_is_killed_and_started_again() {
         status["figures"]["vessel"]["the last for"].as_f64() > Some(0.0),
         "{status}"
     );
+    let vessel = all.vessel_status();
+    let refused = vessel["word"]["refused"].as_array().expect("a list");
+    assert!(!refused.is_empty() && vessel["worst"] == "warning", "{vessel}");
     let out = all.order_from_ashore("abort", "operator-1");
     assert!(out.status.success(), "{out:?}\n{}", all.complaints());
     assert_eq!(all.state(), "GaveUp");

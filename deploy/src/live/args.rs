@@ -8,6 +8,7 @@ use alight_sim::radio::Transport;
 use clap::ValueEnum;
 use clap::{Args, Subcommand};
 
+use super::calibrate::CalibrateArgs;
 use super::check::CheckArgs;
 use super::command::CommandArgs;
 #[cfg(feature = "live")]
@@ -72,6 +73,8 @@ pub enum LiveVerb {
     Keys(KeysArgs),
     /// Look for what keeps this computer from flying, and say what to do about it.
     Check(CheckArgs),
+    /// Measure what the configuration has to say of this vessel and this drone.
+    Calibrate(CalibrateArgs),
 }
 
 /// One landing, live.
@@ -237,10 +240,18 @@ pub enum Emulate {
 
 /// What runs.
 #[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight status\n\
+Exit codes on a vessel: 0 fine, 1 warnings or nothing runs, 2 broken. On a drone: 0 runs, 1 nothing runs."
+)]
 pub struct StatusArgs {
-    /// Name of the set of processes
-    #[arg(long, default_value = "land")]
-    pub instance: String,
+    /// Name of the set of processes [default: the configuration's; without one: land]
+    #[arg(long)]
+    pub instance: Option<String>,
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml, whichever is there]
+    #[arg(long, value_name = "FILE", conflicts_with = "instance")]
+    pub config: Option<PathBuf>,
     /// Go on showing until stopped
     #[arg(long)]
     pub watch: bool,

@@ -86,12 +86,17 @@ impl Drop for Owned {
     }
 }
 
+/// Process number of the owner who said that all services are there, while it lives.
+pub fn owner(instance: &Instance) -> Option<u32> {
+    let owner = std::fs::read_to_string(instance.directory().join(READY));
+    let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
+    owner.filter(|pid| Path::new("/proc").join(pid.to_string()).exists())
+}
+
 /// Whether an instance of this name runs and is ready.
 pub fn runs(instance: &Instance) -> bool {
     // The lock alone does not tell: a next owner holds it before it has removed a killed one's mark.
-    let owner = std::fs::read_to_string(instance.directory().join(READY));
-    let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
-    if !owner.is_some_and(|pid| Path::new("/proc").join(pid.to_string()).exists()) {
+    if owner(instance).is_none() {
         return false;
     }
     File::open(instance.directory().join(LOCK))

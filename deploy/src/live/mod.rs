@@ -5,7 +5,7 @@
 //! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`], then
 //! [`shell`] for [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`],
 //! and [`lands`] and [`faults`] for many landings. [`autopilot`] is the way to a real one. What a drone
-//! installs: [`drone`], [`check`], [`command`]. What lies between the computers in a trial: [`air`], [`profile`], [`link`] (inside the processes), [`emulator`] (between network namespaces).
+//! installs: [`drone`], [`check`], [`calibrate`], [`command`]. What lies between the computers in a trial: [`air`], [`profile`], [`link`] (inside the processes), [`emulator`] (between network namespaces).
 
 #[cfg(feature = "live")]
 mod air;
@@ -14,6 +14,7 @@ mod autopilot;
 mod autopilot_url;
 mod autopilot_wire;
 mod bridge;
+mod calibrate;
 mod check;
 mod command;
 #[cfg(feature = "live")]
@@ -74,6 +75,8 @@ mod truth;
 #[cfg(feature = "live")]
 mod usage;
 mod vessel;
+mod vessel_status;
+mod vessel_word;
 #[cfg(feature = "live")]
 mod world;
 
@@ -115,6 +118,7 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::Latency(a) => latency::run(a),
         LiveVerb::Keys(a) => keys::run(a),
         LiveVerb::Check(a) => check::run(a),
+        LiveVerb::Calibrate(a) => calibrate::run(a),
         LiveVerb::Drone(a) => drone::run(a),
         LiveVerb::Command(a) => command::run(a),
     }

@@ -10,12 +10,17 @@ use alight_shared::transport::process::ProcessState;
 use serde_json::json;
 
 use super::args::StatusArgs;
+use super::check::facts::Computer;
+use super::check::{self, gather};
 use super::display::{Picture, time};
 use super::figures;
 use super::instance::runs;
 use super::supervisor::pause;
+use super::vessel_status;
 use crate::{End, Refused, say};
 
+/// The name of `alight land`'s processes.
+const LAND: &str = "land";
 /// Looks on for this long before it says something: twice the processes' own period.
 const LOOK: Duration = Duration::from_millis(1200);
 
@@ -74,19 +79,36 @@ const AGAIN: Duration = Duration::from_millis(100);
 
 /// Shows once, or until stopped.
 pub fn run(args: &StatusArgs) -> Result<End, Refused> {
-    let instance = Instance::new(&args.instance)?;
+    if let Some(name) = &args.instance {
+        return of(args, name);
+    }
+    let path = match &args.config {
+        Some(path) => path.clone(),
+        // A landing of this computer before what is installed on it.
+        None if runs(&Instance::new(LAND)?) => return of(args, LAND),
+        None => match check::shipped() {
+            Some(path) => path,
+            None => return of(args, LAND),
+        },
+    };
+    match gather::computer(&path)? {
+        Computer::Vessel(v) => vessel_status::run(&path, &v, args.watch, args.json),
+        Computer::Drone(d) => of(args, &d.instance),
+    }
+}
+
+/// Shows the set of processes `name`.
+fn of(args: &StatusArgs, name: &str) -> Result<End, Refused> {
+    let instance = Instance::new(name)?;
     let mut tries = 0;
     let (memory, mut onlooker) = loop {
         if !runs(&instance) {
             if args.json {
-                say::line(format_args!(
-                    "{}",
-                    json!({ "instance": args.instance, "running": false })
-                ));
+                say::line(format_args!("{}", json!({ "instance": name, "running": false })));
             } else {
                 say::line(format_args!(
                     "nothing runs under the name {}; `alight land` starts something",
-                    args.instance
+                    name
                 ));
             }
             return Ok(End::Failed);
@@ -103,7 +125,7 @@ pub fn run(args: &StatusArgs) -> Result<End, Refused> {
             return Ok(End::Success);
         }
         onlooker.look(None);
-        show(args, &onlooker.picture)?;
+        show(args, name, &onlooker.picture)?;
         if !args.watch || !runs(&instance) {
             return Ok(End::Success);
         }
@@ -131,10 +153,10 @@ fn named(picture: &Picture) -> serde_json::Map<String, serde_json::Value> {
         .collect()
 }
 
-fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
+fn show(args: &StatusArgs, name: &str, picture: &Picture) -> Result<(), Refused> {
     if args.json {
         let object = json!({
-            "instance": args.instance,
+            "instance": name,
             "running": true,
             "processes": picture.processes.values().collect::<Vec<_>>(),
             "figures": named(picture),
@@ -147,7 +169,7 @@ fn show(args: &StatusArgs, picture: &Picture) -> Result<(), Refused> {
     if args.watch && std::io::stdout().is_terminal() {
         print!("\x1b[H\x1b[J");
     }
-    say::line(format_args!("instance {}\n", args.instance));
+    say::line(format_args!("instance {name}\n"));
     if let Some(m) = &picture.mission {
         say::line(format_args!(
             "  mission   {} since {:.1} s: {}",

@@ -24,6 +24,7 @@ use super::interface::sensors::Sensors;
 use super::link::{Impaired, STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key};
 use super::notify::Notify;
 use super::process::Process;
+use super::vessel_word::Teller;
 use crate::{End, Refused, say};
 
 /// Without sensors the process wakes this often all the same.
@@ -101,6 +102,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut commands = Commands::new(id, process.life.boot());
     let mut keeper = DeckKeeper::new(&computer.deck, id, process.life.boot());
     let mut undecoded = 0_u64;
+    let mut teller = Teller::new(&computer);
 
     let mut notify = Notify::from_environment();
     notify.ready();
@@ -151,10 +153,12 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
                 say::line(line);
             }
         }
+        teller.hear(&computer, &heard);
         let now = process.now();
         let had = keeper.holder();
         let grant = keeper.step(now, heard.iter().map(|(_, word)| word));
         tell(&mut radio, DECK, grant.as_ref());
+        teller.granted(grant.as_ref());
         for command in commands.step(now, heard.iter().map(|(_, word)| word)) {
             tell(&mut radio, OPERATOR, Some(&command));
         }
@@ -179,6 +183,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             time_requests,
         };
         let out = process.step(now, &input, |_| true);
+        teller.stepped(steady_ns(), &input, &out);
         tell(&mut radio, ESTIMATE, out.estimate.as_ref());
         if let Some(estimate) = &out.estimate {
             said_after.add((process.now() - estimate.header.at).secs());
@@ -222,6 +227,9 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             flows: flows.since(&radio, said.at_ns),
             ..said
         });
+        if let Some(said) = &said {
+            teller.tell(&computer, process.node(), said, keeper.holder(), &told);
+        }
         notify.alive(steady_ns(), || {
             let words = drone.figures(steady_ns());
             format!(

@@ -9,8 +9,8 @@ use alight_shared::msg::{DeckForecast, MissionState, State};
 use alight_shared::seq::Seq;
 use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
-use alight_shared::transport::memory::{Instance, Memory};
-use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_sim::firmware::FirmwareSensors;
 use alight_sim::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::physics::{Physics, TICK};
@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::args::WorldArgs;
 use super::config::SimulatedWorld;
 use super::follow::Followed;
+use super::instance::owner;
 use super::interface::autopilot::SimulatedAutopilot;
 use super::interface::sensors::{Readings, SimulatedSensors};
 use super::plant::Plant;
@@ -60,14 +61,11 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
         let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
         Plant::open(kind.unwrap_or(world.autopilot), firmware, sensors)?
     };
-    let memory = Memory::join(&Instance::new(&world.instance)?, "world")?;
-    let mut autopilot = SimulatedAutopilot::join(&memory, &world.odometry)?;
+    let instance = Instance::new(&world.instance)?;
+    let mut computer = DroneSide::join(&instance, &world)?;
     let sensors = SimulatedSensors::to(&world.sensors)
         .map_err(|e| Refused::because(format!("sending sensors to {}", world.sensors), e))?;
-    let mut mission = memory.subscriber::<MissionState>()?;
-    let mut forecasts = memory.subscriber::<DeckForecast>()?;
     let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
-    let mut state = memory.publisher()?;
     let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
     let clock = ProcessClock {
         epoch_ns: world.epoch_ns,
@@ -92,6 +90,15 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
     };
 
     while !life.ended() {
+        computer.rejoin(&instance, &world);
+        let DroneSide {
+            memory,
+            autopilot,
+            mission,
+            forecasts,
+            state,
+            ..
+        } = &mut computer;
         // The truth at `t` is made and measured when the computer's clock reads `t`.
         let early = physics.now() - clock.now::<TrueTime>();
         if early.nanos() > 0 {
@@ -134,9 +141,9 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
         let drone_ns = physics.drone_now().nanos();
         life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
         if let Some(plant) = &mut plant {
-            plant.advance(&mut physics, &memory, &clock);
+            plant.advance(&mut physics, memory, &clock);
         } else {
-            wait_until(&memory, &clock, physics.now() + TICK);
+            wait_until(memory, &clock, physics.now() + TICK);
             if let Some(set_point) = autopilot.set_point(drone_ns + TICK.nanos()) {
                 physics.apply(&set_point);
             }
@@ -197,6 +204,54 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
     let word = serde_json::to_string(&word).map_err(|e| Refused::because("writing the outcome", e))?;
     say::line(word);
     Ok(End::Success)
+}
+
+/// The drone's memory as the simulated vehicle uses it.
+struct DroneSide {
+    owner: Option<u32>,
+    looked_ns: i64,
+    memory: Memory,
+    autopilot: SimulatedAutopilot,
+    mission: Subscriber<MissionState>,
+    forecasts: Subscriber<DeckForecast>,
+    state: Publisher<ProcessState>,
+}
+
+impl DroneSide {
+    /// Whether the computer was started anew is looked for this often, ns.
+    const LOOK_NS: i64 = 200_000_000;
+
+    fn join(instance: &Instance, world: &SimulatedWorld) -> Result<DroneSide, Refused> {
+        let owner = owner(instance);
+        let memory = Memory::join(instance, "world")?;
+        Ok(DroneSide {
+            owner,
+            looked_ns: steady_ns(),
+            autopilot: SimulatedAutopilot::join(&memory, &world.odometry)?,
+            mission: memory.subscriber()?,
+            forecasts: memory.subscriber()?,
+            state: memory.publisher()?,
+            memory,
+        })
+    }
+    /// A drone flies on while its computer is started anew, as its autopilot lets it; then there is
+    /// another memory to join.
+    fn rejoin(&mut self, instance: &Instance, world: &SimulatedWorld) {
+        let now = steady_ns();
+        if now - self.looked_ns < Self::LOOK_NS {
+            return;
+        }
+        self.looked_ns = now;
+        let owner = owner(instance);
+        if owner.is_none() || owner == self.owner {
+            return;
+        }
+        // One that is just being made is tried again.
+        if let Ok(new) = DroneSide::join(instance, world) {
+            // Its names are the new memory's by now: what is dropped would be removed under them.
+            core::mem::forget(core::mem::replace(self, new));
+        }
+    }
 }
 
 /// What a picture of the landing is drawn from.

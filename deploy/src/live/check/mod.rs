@@ -34,21 +34,22 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
+/// The installed configuration of this computer.
+pub fn shipped() -> Option<PathBuf> {
+    let mut paths = SHIPPED.iter().map(Path::new);
+    paths.find(|p| gather::is_there(p)).map(Path::to_path_buf)
+}
+
 /// Looks, judges and tells.
 pub fn run(args: &CheckArgs) -> Result<End, Refused> {
     let path = match &args.config {
         Some(path) => path.clone(),
-        None => SHIPPED
-            .iter()
-            .map(Path::new)
-            .find(|p| gather::is_there(p))
-            .map(Path::to_path_buf)
-            .ok_or_else(|| {
-                Refused(format!(
-                    "neither {} nor {} can be read; name --config FILE",
-                    SHIPPED[0], SHIPPED[1]
-                ))
-            })?,
+        None => shipped().ok_or_else(|| {
+            Refused(format!(
+                "neither {} nor {} can be read; name --config FILE",
+                SHIPPED[0], SHIPPED[1]
+            ))
+        })?,
     };
     let findings = rules::judge(&gather::gather(&path));
     let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
@@ -64,7 +65,8 @@ pub fn run(args: &CheckArgs) -> Result<End, Refused> {
     })
 }
 
-fn show(finding: &Finding) {
+/// One finding, in lines.
+pub fn show(finding: &Finding) {
     let mark = match finding.level {
         Level::Fine => "fine",
         Level::Warning => "WARNING",

@@ -44,7 +44,8 @@ pub struct Finding {
 }
 
 impl Finding {
-    fn fine(topic: &'static str, found: impl Into<String>) -> Finding {
+    /// As it should be.
+    pub fn fine(topic: &'static str, found: impl Into<String>) -> Finding {
         Finding {
             topic,
             level: Level::Fine,
@@ -52,7 +53,8 @@ impl Finding {
             to_do: String::new(),
         }
     }
-    fn warning(topic: &'static str, found: impl Into<String>, to_do: impl Into<String>) -> Finding {
+    /// Works, but not as it should.
+    pub fn warning(topic: &'static str, found: impl Into<String>, to_do: impl Into<String>) -> Finding {
         Finding {
             topic,
             level: Level::Warning,
@@ -60,7 +62,8 @@ impl Finding {
             to_do: to_do.into(),
         }
     }
-    fn broken(topic: &'static str, found: impl Into<String>, to_do: impl Into<String>) -> Finding {
+    /// Does not work.
+    pub fn broken(topic: &'static str, found: impl Into<String>, to_do: impl Into<String>) -> Finding {
         Finding {
             level: Level::Broken,
             ..Finding::warning(topic, found, to_do)

@@ -1,0 +1,331 @@
+//! `alight status` on the vessel: what its process says, judged.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use alight_shared::transport::clock::steady_ns;
+use serde_json::json;
+
+use super::check;
+use super::check::rules::{Finding, Level};
+use super::config::VesselComputer;
+use super::display::time;
+use super::keys::SOON_DAYS;
+use super::supervisor::pause;
+use super::vessel_word::{self, CertificateWord, EstimatorWord, VesselWord};
+use crate::{End, Refused, say};
+
+/// A word older than this is a dead process's or one that stands still, s: six of its periods.
+const SILENT_S: f64 = 3.0;
+/// A sensor or an estimate older than this is missing, s.
+const MISSING_S: f64 = 2.0;
+/// A drone that speaks at 2 Hz is gone after this, s.
+const GONE_S: f64 = 5.0;
+/// Shown again this often.
+const AGAIN: Duration = Duration::from_secs(1);
+
+/// Shows once, or until stopped.
+pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -> Result<End, Refused> {
+    loop {
+        let word = match vessel_word::read(computer) {
+            None => {
+                let what = "no vessel's process runs on this computer, or this user may not see it";
+                if as_json {
+                    say::line(json!({ "config": path, "running": false }));
+                } else {
+                    say::line(format_args!(
+                        "{what}: systemctl status alight-vessel, and sudo -u alight"
+                    ));
+                }
+                return Ok(End::Failed);
+            }
+            Some(Err(e)) => return Err(Refused(format!("{e}; restart the vessel's process"))),
+            Some(Ok(word)) => word,
+        };
+        let findings = judge(&word, steady_ns());
+        let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
+        if as_json {
+            let config: PathBuf = path.into();
+            say::line(json!({
+                "config": config, "running": true, "worst": worst, "findings": findings, "word": word,
+            }));
+        } else {
+            say::line(format_args!(
+                "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
+                word.vessel,
+                word.process.pid,
+                time((word.process.at_ns - word.process.began_ns) as f64 * 1e-9),
+                time(word.process.step_s[0]),
+                time(word.process.step_s[1]),
+            ));
+            findings.iter().for_each(check::show);
+        }
+        if !watch {
+            return Ok(match worst {
+                Level::Fine => End::Success,
+                Level::Warning => End::Failed,
+                Level::Broken => End::Broken,
+            });
+        }
+        pause(AGAIN);
+    }
+}
+
+/// What the word means at `now_ns` of the steady clock.
+fn judge(word: &VesselWord, now_ns: i64) -> Vec<Finding> {
+    let mut all = vec![process(word, now_ns)];
+    all.extend(estimator(&word.estimator));
+    all.push(certificate(&word.certificate));
+    all.push(strangers(word));
+    all.push(deck(word));
+    all.extend(drones(word));
+    all
+}
+
+fn process(word: &VesselWord, now_ns: i64) -> Finding {
+    let age_s = (now_ns - word.process.at_ns) as f64 * 1e-9;
+    if age_s > SILENT_S {
+        return Finding::broken(
+            "process",
+            format!("silent for {age_s:.0} s"),
+            "it ended or stands still: systemctl status alight-vessel",
+        );
+    }
+    Finding::fine(
+        "process",
+        format!(
+            "listens on {}, {:.1} MB sent, {} packets dropped",
+            word.listen.join(", "),
+            word.process.sent_bytes as f64 * 1e-6,
+            word.process.dropped
+        ),
+    )
+}
+
+fn estimator(e: &EstimatorWord) -> Vec<Finding> {
+    let mut all = Vec::new();
+    for (k, name) in ["inertial sensor", "GNSS", "heading"].iter().enumerate() {
+        let found = match e.sensors_s.get(k).copied().flatten() {
+            Some(s) if s <= MISSING_S => continue,
+            Some(s) => format!("{name}: nothing for {s:.0} s"),
+            None => format!("{name}: nothing yet"),
+        };
+        all.push(Finding::broken(
+            "sensors",
+            found,
+            "see to its driver and to `sensors` in vessel.toml",
+        ));
+    }
+    let [horizontal, height, tilt, heading] = e.sd;
+    all.push(match e.said_s {
+        Some(s) if s <= MISSING_S => Finding::fine(
+            "estimator",
+            format!(
+                "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; refused {} \
+                 inputs, gates {:?} (inertial, GNSS, heading), {} starts from scratch",
+                tilt.to_degrees(),
+                heading.to_degrees(),
+                e.waves.map_or_else(
+                    || "no waves yet".into(),
+                    |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
+                ),
+                e.refused,
+                e.gated,
+                e.restarts,
+            ),
+        ),
+        Some(s) => Finding::broken(
+            "estimator",
+            format!("says nothing for {s:.0} s"),
+            "drones hear no estimate; see to the sensors above",
+        ),
+        None => Finding::broken(
+            "estimator",
+            "has said nothing yet",
+            "it needs inertial sensor, GNSS and heading for some seconds",
+        ),
+    });
+    all
+}
+
+fn certificate(c: &CertificateWord) -> Finding {
+    match c {
+        CertificateWord::None => Finding::warning(
+            "certificate",
+            "none: whoever reaches the radio may speak",
+            "README, \"Certificates\", unless the radio is inside WireGuard",
+        ),
+        CertificateWord::Unreadable(e) => {
+            Finding::broken("certificate", e.clone(), "alight check says what to do")
+        }
+        CertificateWord::Held { name, days_left } if *days_left < 0 => Finding::broken(
+            "certificate",
+            format!("{name}'s expired {} days ago", -days_left),
+            "alight keys vessel NUMBER, copy it here, restart",
+        ),
+        CertificateWord::Held { name, days_left } if *days_left < SOON_DAYS => Finding::warning(
+            "certificate",
+            format!("{name}'s expires in {days_left} days"),
+            "alight keys vessel NUMBER, copy it here, restart",
+        ),
+        CertificateWord::Held { name, days_left } => {
+            Finding::fine("certificate", format!("{name}'s, {days_left} days left"))
+        }
+    }
+}
+
+fn strangers(word: &VesselWord) -> Finding {
+    if word.refused.is_empty() {
+        return Finding::fine(
+            "strangers",
+            format!("none refused; admitted are {}", word.peers.join(", ")),
+        );
+    }
+    let each: Vec<String> = word
+        .refused
+        .iter()
+        .map(|(why, n)| format!("{n} for {why}"))
+        .collect();
+    Finding::warning(
+        "strangers",
+        format!(
+            "refused: {}; the last for {}",
+            each.join(", "),
+            word.refused_last.as_deref().unwrap_or("-")
+        ),
+        "somebody without the right certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
+    )
+}
+
+fn deck(word: &VesselWord) -> Finding {
+    let holder = word
+        .holder
+        .map_or_else(|| "nobody's".to_owned(), |id| format!("drone {id}'s"));
+    let on = if word.occupied {
+        ", a drone stands on it"
+    } else {
+        ""
+    };
+    Finding::fine("deck", format!("{holder}{on}"))
+}
+
+fn drones(word: &VesselWord) -> Vec<Finding> {
+    if word.drones.is_empty() {
+        return vec![Finding::warning(
+            "drones",
+            "none heard",
+            "is one switched on, in reach, and in radio.tls.peers?",
+        )];
+    }
+    word.drones
+        .iter()
+        .map(|d| {
+            let found = format!(
+                "drone {}: {}: {}; battery {:.0} %, heard {} ago",
+                d.drone,
+                d.state,
+                d.entered,
+                100.0 * d.battery,
+                time(d.age_s)
+            );
+            if d.age_s > GONE_S {
+                Finding::warning("drones", found, "it is out of reach or switched off")
+            } else {
+                Finding::fine("drones", found)
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::vessel_word::HeardFrom;
+    use crate::live::vessel_word::ProcessWord;
+
+    fn word() -> VesselWord {
+        VesselWord {
+            vessel: 1,
+            process: ProcessWord {
+                at_ns: 100_000_000_000,
+                ..ProcessWord::default()
+            },
+            listen: vec!["tls/0.0.0.0:7447".into()],
+            peers: vec!["drone-1".into()],
+            certificate: CertificateWord::Held {
+                name: "vessel-1".into(),
+                days_left: 300,
+            },
+            refused: Vec::new(),
+            refused_last: None,
+            holder: Some(1),
+            occupied: false,
+            drones: vec![HeardFrom {
+                drone: 1,
+                age_s: 0.3,
+                state: "Descent".into(),
+                entered: "the deck is calm".into(),
+                battery: 0.8,
+            }],
+            estimator: EstimatorWord {
+                sensors_s: [Some(0.01), Some(0.1), Some(0.1)],
+                said_s: Some(0.03),
+                sd: [0.5, 0.1, 0.005, 0.01],
+                waves: Some([0.9, 1.0]),
+                gated: [0; 3],
+                restarts: 0,
+                refused: 0,
+            },
+        }
+    }
+
+    type Change<'a> = &'a dyn Fn(&mut VesselWord);
+
+    fn worst(word: &VesselWord, now_s: i64) -> (Level, Vec<&'static str>) {
+        let all = judge(word, now_s * 1_000_000_000);
+        let worst = all.iter().map(|f| f.level).max().unwrap();
+        let at = all.iter().filter(|f| f.level == worst).map(|f| f.topic);
+        (worst, at.collect())
+    }
+
+    #[test]
+    fn each_fault_is_named_and_judged_by_itself() {
+        assert_eq!(worst(&word(), 100).0, Level::Fine);
+        assert_eq!(worst(&word(), 110), (Level::Broken, vec!["process"]));
+        let case = |change: Change<'_>| {
+            let mut w = word();
+            change(&mut w);
+            worst(&w, 100)
+        };
+        let held = |days_left| CertificateWord::Held {
+            name: "vessel-1".into(),
+            days_left,
+        };
+        let cases: [(Change<'_>, Level, &str); 7] = [
+            (
+                &|w| w.estimator.sensors_s[1] = Some(9.0),
+                Level::Broken,
+                "sensors",
+            ),
+            (&|w| w.estimator.said_s = None, Level::Broken, "estimator"),
+            (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
+            (&|w| w.certificate = held(10), Level::Warning, "certificate"),
+            (
+                &|w| w.refused = vec![("no TLS".into(), 3)],
+                Level::Warning,
+                "strangers",
+            ),
+            (&|w| w.drones.clear(), Level::Warning, "drones"),
+            (&|w| w.drones[0].age_s = 60.0, Level::Warning, "drones"),
+        ];
+        for (change, level, topic) in cases {
+            assert_eq!(case(change), (level, vec![topic]), "{topic}");
+        }
+    }
+
+    #[test]
+    fn a_word_reads_back_as_it_was_written() {
+        let text = serde_json::to_string(&word()).unwrap();
+        assert_eq!(serde_json::from_str::<VesselWord>(&text).unwrap(), word());
+    }
+}
