@@ -393,6 +393,47 @@ fn a_drone_whose_computer_restarts_while_it_follows_holds_and_lands_when_it_is_t
 }
 
 #[test]
+fn a_drone_that_has_landed_measures_the_deck_that_it_stands_on() {
+    let mut all = Installed::prepare("park", 107, |_, _| {});
+    let world = all.file("world.toml");
+    let mut scene: Table = std::fs::read_to_string(&world)
+        .expect("read")
+        .parse()
+        .expect("TOML");
+    table(&mut scene, "scenario").insert("stay_s".into(), 45.0.into());
+    std::fs::write(&world, toml::to_string(&scene).expect("TOML")).expect("written");
+    all.start_vessel();
+    all.start_drone();
+    all.start_world();
+    all.land();
+    all.status_when("has landed", |s| s["mission"]["state"] == "Landed");
+    std::thread::sleep(Duration::from_secs(4));
+    let out = all.said(&[
+        "calibrate",
+        "deck",
+        "--json",
+        "--for",
+        "30",
+        "--config",
+        &all.file("drone.toml"),
+    ]);
+    let text = String::from_utf8_lossy(&out.stdout).into_owned();
+    let found: Value = serde_json::from_str(text.lines().last().unwrap_or_default())
+        .unwrap_or_else(|e| panic!("{e}: {out:?}\n{}", all.complaints()));
+    for (axis, truth) in found["centre_m"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .zip([0.0, 0.0, -1.3])
+    {
+        let [value, sd] = ["value", "sd"].map(|k| axis[k].as_f64().expect("a number"));
+        assert!((value - truth).abs() < 3.0 * sd + 0.15, "{found}");
+    }
+    let outcome = all.outcome();
+    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
+}
+
+#[test]
 fn an_abort_wins_and_a_frozen_process_is_killed_and_started_again() {
     let mut all = Installed::prepare("abort", 105, |_, drone| {
         // It stays above the deck until it is told otherwise.
@@ -404,6 +445,9 @@ fn an_abort_wins_and_a_frozen_process_is_killed_and_started_again() {
     all.start_world();
     all.land();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    let out = all.said(&["calibrate", "deck", "--config", &all.file("drone.toml")]);
+    let said = String::from_utf8_lossy(&out.stderr);
+    assert!(said.contains("the drone is armed"), "{said}");
     // Neither a stranger nor the drone itself commands through the vessel.
     for keys in ["other/operator-1", "drone-1"] {
         let out = all.order_from_ashore("abort", keys);

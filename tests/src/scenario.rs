@@ -110,7 +110,7 @@ pub struct Scenario {
     pub pilot_outage: Option<StateOutage>,
     /// From the planner's step to the plan's arrival at the pilot, s.
     pub solve_delay_s: f64,
-    /// The world runs on for so long after the outcome is known, s; in lock-step only.
+    /// The world runs on for so long after the outcome is known, s.
     pub stay_s: f64,
 }
 

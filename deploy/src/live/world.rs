@@ -78,6 +78,7 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
     let (mut latest_s, mut late_ticks) = (0.0_f64, 0_u32);
     let mut history = History::new(world.plot.is_some());
     let mut followed = Followed::default();
+    let mut stays_until_s: Option<f64> = None;
 
     let mut truth = match &args.log {
         Some(directory) if world.truth => Some(recorder(
@@ -164,12 +165,14 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
             // The judge's limit is on landings.
             seen.t_s = seen.t_s.min(TIME_LIMIT_S / 2.0);
         }
-        let over = t_s > 0.0 && judge.observe(&seen, half_deck);
+        if stays_until_s.is_none() && t_s > 0.0 && judge.observe(&seen, half_deck) {
+            stays_until_s = Some(t_s + world.scenario.stay_s);
+        }
         forecast = forecasts.newest(drone_ns).or(forecast);
         if judge.first_contact_s().is_some() {
             ages = ages.or(forecast.map(|f| [f.radio_age_s, f.vision_age_s]));
         }
-        if over {
+        if stays_until_s.is_some_and(|until| t_s >= until) {
             break;
         }
         let inputs = || {

@@ -133,6 +133,9 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), Refused> 
         for state in autopilots.all(t) {
             armed = Some(state.armed);
         }
+        if armed == Some(true) && calibration.collected().0 == 0 {
+            break;
+        }
         let states = drones.all(t);
         // An autopilot that does not say is not trusted to have its motors off.
         if armed != Some(false) {
