@@ -8,7 +8,6 @@
 )]
 
 #[path = "../../uav-side/tests/autopilot/standin.rs"]
-#[allow(dead_code)]
 mod standin;
 
 use std::net::UdpSocket;

@@ -9,7 +9,6 @@
 )]
 
 #[path = "../../uav-side/tests/autopilot/standin.rs"]
-#[allow(dead_code)]
 mod standin;
 
 use std::io::{Read, Write};
@@ -20,7 +19,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use alight_shared::frames::Datum;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::geometry::GRAVITY;
 use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, encode};
@@ -51,31 +50,6 @@ fn list(line: &str, key: &str) -> Vec<f64> {
 }
 fn three(line: &str, key: &str) -> Vector3<f64> {
     Vector3::from_vec(list(line, key))
-}
-
-/// Rotor outputs for an attitude and a share of thrust: attitude and rate loop, and a mixer.
-fn outputs(a: &StandIn, rates: &Vector3<f64>) -> [f64; 4] {
-    if !a.armed {
-        return [0.0; 4];
-    }
-    let g = DroneGeometry::default();
-    let (wanted, thrust) = a.wanted();
-    let error = (a.attitude.inverse() * wanted).scaled_axis();
-    let turn = Vector3::new(5.0 * error.x, 5.0 * error.y, (2.0 * error.z).clamp(-1.0, 1.0)) - rates;
-    let moment = turn
-        .component_mul(&Vector3::new(18.0, 18.0, 6.0))
-        .component_mul(&Vector3::from(g.inertia_kgm2));
-    let side = g.arm_m / 2.0_f64.sqrt();
-    [
-        [1.0, 1.0, 1.0],
-        [-1.0, -1.0, 1.0],
-        [1.0, -1.0, -1.0],
-        [-1.0, 1.0, -1.0],
-    ]
-    .map(|[x, y, sense]: [f64; 3]| {
-        let force = -y * moment.x / side + x * moment.y / side + sense * moment.z / g.moment_per_force_m;
-        (thrust + force / g.max_thrust_n).clamp(0.05, 1.0)
-    })
 }
 
 /// The firmware's MAVLink.
@@ -130,18 +104,14 @@ struct Flown {
 impl Flown {
     fn new(firmware: Firmware, link: Link) -> Flown {
         let mut a = StandIn::new(firmware, 0.0);
-        (a.external, a.origin, a.armed) = (true, ORIGIN, false);
-        let g = DroneGeometry::default();
-        a.hover = g.mass_kg * GRAVITY / g.max_thrust_n;
+        a.fly_plant();
+        (a.origin, a.armed) = (ORIGIN, false);
         Flown { a, link, pad: None }
     }
     /// One slice: rotor outputs.
     fn step(&mut self, f: &Felt) -> [f64; 4] {
         let a = &mut self.a;
-        // What the plant says, in place of the stand-in's own point mass.
-        (a.position, a.velocity, a.attitude) = (f.position, f.velocity, f.attitude);
-        (a.rates, a.force) = (f.rates, f.force);
-        a.thrust = if a.armed { a.wanted().1 } else { 0.0 };
+        a.feels(f.position, f.velocity, f.attitude, f.rates, f.force);
         // The person: arms, takes off, and gives the drone once it is up.
         let pad = *self.pad.get_or_insert(f.position);
         if f.t_s > 3.0 && a.persons_place.is_none() {
@@ -156,7 +126,7 @@ impl Flown {
         for bytes in a.step(f.t_s + 1000.0, &heard) {
             self.link.say(&bytes);
         }
-        outputs(a, &f.rates)
+        a.motors()
     }
 }
 

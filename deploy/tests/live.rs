@@ -229,7 +229,7 @@ fn a_killed_process_comes_back_and_an_interrupt_leaves_nothing() {
     // A vessel that stood still for longer than a link's lease is started anew and heard again.
     let vessel = pid(&seen, "vessel").expect("it runs");
     signal(vessel, "-STOP");
-    std::thread::sleep(Duration::from_millis(2500));
+    std::thread::sleep(Duration::from_millis(6000));
     signal(vessel, "-CONT");
     let seen = status_when(&name, |s| {
         pid(s, "vessel").is_some_and(|new| new != vessel) && fresh(s)

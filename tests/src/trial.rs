@@ -72,7 +72,20 @@ pub fn fly_with(
     watch: Watch<'_>,
     tap: &mut impl Tap,
 ) -> Result<Flight, SetupError> {
-    let mut world = World::new(scenario, nodes, seed)?;
+    let world = World::new(scenario, nodes, seed)?;
+    Ok(land(world, scenario, nodes, seed, sea, watch, tap))
+}
+
+/// The same in a world that was prepared, before its warm-up.
+pub fn land(
+    mut world: World,
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    sea: &str,
+    watch: Watch<'_>,
+    tap: &mut impl Tap,
+) -> Flight {
     world.warm_up_with(tap);
     world.command(CommandKind::Land);
 
@@ -132,5 +145,5 @@ pub fn fly_with(
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
         world.tick_with(tap);
     }
-    Ok(Flight { outcome, trace })
+    Flight { outcome, trace }
 }

@@ -7,7 +7,8 @@
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::msg::{
-    Command, CommandKind, DeckForecast, Header, MissionState, Plan, SetPoint, TimeRequest,
+    AutopilotState, Command, CommandKind, DeckForecast, DroneState, Header, MissionState, Plan, SetPoint,
+    TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
@@ -22,10 +23,11 @@ use alight_usv::{VesselIn, VesselNode};
 use serde::Serialize;
 
 use crate::body::RigidState;
+use crate::drone::ROTORS;
 use crate::outcome::Observation;
 pub use crate::physics::TICK;
 pub use crate::physics::{BOOT, DRONE_ID, VESSEL_ID};
-use crate::physics::{Flight, Physics};
+use crate::physics::{Felt, Flight, Physics};
 use crate::radio::{ChannelCounts, Session};
 use crate::scenario::{NodeConfigs, Scenario, StateOutage};
 use crate::sensors::delay::DelayLine;
@@ -36,9 +38,40 @@ use crate::trial::SetupError;
 /// Plans under way at a time.
 const PLANS: usize = 64;
 
+/// A firmware and the link to it, in the place of the simulated autopilot.
+pub trait Firmware {
+    /// Rotor outputs for what the drone feels, [`crate::physics::SLICES`] times a tick; None: all off.
+    fn motors(&mut self, felt: &Felt) -> Option<[f64; ROTORS]>;
+    /// Once a tick: what came over the link until now, as the drone's computer has it.
+    fn heard(&mut self, now: Time<DroneClock>) -> FirmwareWord;
+    /// What the drone's nodes said in this tick.
+    fn told(&mut self, now: Time<DroneClock>, words: &NodeWords);
+}
+
+/// What a link says to the drone's nodes.
+#[derive(Clone, Debug, Default)]
+pub struct FirmwareWord {
+    /// Odometry, smooth; None: nothing new.
+    pub odometry: Option<DroneState>,
+    /// The autopilot's state, when due.
+    pub state: Option<AutopilotState>,
+}
+
+/// What the drone's nodes say to a link.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NodeWords {
+    /// The pilot's set-point.
+    pub set_point: Option<SetPoint>,
+    /// The mission's state.
+    pub mission: Option<MissionState>,
+    /// The deck's forecast.
+    pub forecast: Option<DeckForecast>,
+}
+
 /// Truth, nodes and what connects them.
 pub struct World {
     physics: Physics,
+    firmware: Option<Box<dyn Firmware>>,
     // The vessel's computer.
     vessel_node: VesselNode,
     // The radio.
@@ -80,11 +113,17 @@ impl World {
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             command: None,
             physics,
+            firmware: None,
             mission_state: MissionState::default(),
             forecast: None,
             last_set_point: None,
             pilot_silent: None,
         })
+    }
+
+    /// The drone is flown by a firmware from now on.
+    pub fn fly_by(&mut self, firmware: Box<dyn Firmware>) {
+        self.firmware = Some(firmware);
     }
 
     /// Runs the vessel's side until the start; the drone appears in the air a little before.
@@ -186,7 +225,13 @@ impl World {
             self.physics.advance();
             return;
         };
-        let odometry = Some(self.odometry.step(&odometry));
+        let (odometry, autopilot) = match &mut self.firmware {
+            None => (Some(self.odometry.step(&odometry)), autopilot),
+            Some(firmware) => {
+                let word = firmware.heard(drone_now);
+                (word.odometry, word.state)
+            }
+        };
         let input = PredictorIn {
             estimate: heard.estimate,
             wave: heard.wave,
@@ -235,7 +280,7 @@ impl World {
             .pilot_silent
             .is_some_and(|[from, until]| from <= t && t < until)
         {
-            self.physics.advance();
+            self.advance(drone_now, NodeWords::default());
             return;
         }
         let input = PilotIn {
@@ -250,7 +295,22 @@ impl World {
         tap.pilot(t, drone_now, &input, &flown);
         let set_point = flown.set_point;
         self.last_set_point = set_point.or(self.last_set_point);
-        if let Some(set_point) = &set_point {
+        let words = NodeWords {
+            set_point,
+            mission,
+            forecast,
+        };
+        self.advance(drone_now, words);
+    }
+
+    /// The set-point to who flies, and a tick of the physics under it.
+    fn advance(&mut self, drone_now: Time<DroneClock>, words: NodeWords) {
+        if let Some(firmware) = &mut self.firmware {
+            firmware.told(drone_now, &words);
+            self.physics.advance_under(|felt| firmware.motors(felt));
+            return;
+        }
+        if let Some(set_point) = &words.set_point {
             self.physics.apply(&self.odometry.for_autopilot(set_point));
         }
         self.physics.advance();

@@ -171,6 +171,11 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<[TlsCon
         Some(directory) => directory.clone(),
         None => {
             let directory = owned.file("keys");
+            if directory.exists() {
+                // Of a landing that was killed.
+                std::fs::remove_dir_all(&directory)
+                    .map_err(|e| Refused::because(format!("removing {}", directory.display()), e))?;
+            }
             keys::init(&directory, 1)?;
             let hosts = ["127.0.0.1", ADDRESSES[0], ADDRESSES[1]].map(String::from);
             for (kind, number) in sides {

@@ -28,6 +28,8 @@ pub struct PilotConfig {
     pub tracking: TrackingConfig,
     /// The lag of the autopilot's attitude loop.
     pub lag: LagConfig,
+    /// The dead time of the link to it.
+    pub delay: DelayConfig,
     /// The touchdown detector.
     pub touchdown: TouchdownConfig,
     /// What to do without a fresh plan.
@@ -44,6 +46,7 @@ impl Default for PilotConfig {
             landing_output: Output::Attitude,
             tracking: TrackingConfig::default(),
             lag: LagConfig::default(),
+            delay: DelayConfig::default(),
             touchdown: TouchdownConfig::default(),
             safety: SafetyConfig::default(),
         }
@@ -53,6 +56,7 @@ impl Check for PilotConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.tracking.check(&at.table("tracking"))?;
         self.lag.check(&at.table("lag"))?;
+        self.delay.check(&at.table("delay"))?;
         self.touchdown.check(&at.table("touchdown"))?;
         self.safety.check(&at.table("safety"))
     }
@@ -249,6 +253,36 @@ impl Check for LagConfig {
         at.range("memory_s", self.memory_s, 0.5, 1e4)?;
         at.range("prior_rad2s", self.prior_rad2s, 1e-6, 10.0)?;
         at.range("angle_limit_rad", self.angle_limit_rad, 0.05, 2.0)
+    }
+}
+
+/// How the dead time of the link to the autopilot is learnt.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DelayConfig {
+    /// Below this it is none, s.
+    pub least_s: f64,
+    /// Greatest believed, one way, s; 0: none is made up for.
+    pub limit_s: f64,
+    /// Time constant of its estimate, s.
+    pub time_s: f64,
+}
+
+impl Default for DelayConfig {
+    /// Ours. Least: the period of the pilot's own steps hides as much.
+    fn default() -> Self {
+        DelayConfig {
+            least_s: 0.005,
+            limit_s: 0.15,
+            time_s: 1.0,
+        }
+    }
+}
+impl Check for DelayConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("least_s", self.least_s, 0.0, 0.5)?;
+        at.range("limit_s", self.limit_s, 0.0, 0.25)?;
+        at.range("time_s", self.time_s, 0.05, 60.0)
     }
 }
 

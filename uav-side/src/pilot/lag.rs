@@ -43,9 +43,9 @@ impl LagEstimate {
     }
 
     /// The command for an attitude loop of this lag that makes it turn from `is` as one with the lag
-    /// that the tracking loop is laid out for would with `wanted`. Kept as commanded.
+    /// that the tracking loop is laid out for would with `wanted`.
     pub(crate) fn command(
-        &mut self,
+        &self,
         wanted: &UnitQuaternion<f64>,
         is: &UnitQuaternion<f64>,
         c: &LagConfig,
@@ -54,14 +54,12 @@ impl LagEstimate {
         // Heading has a loop of its own.
         let factor = self.lag(c) / c.design_s;
         let made_up = Vector3::new(factor * angle.x, factor * angle.y, angle.z);
-        let command = is * UnitQuaternion::from_scaled_axis(made_up);
-        self.commanded = Some(command);
-        command
+        is * UnitQuaternion::from_scaled_axis(made_up)
     }
 
-    /// The pilot commands no attitude.
-    pub(crate) fn silent(&mut self) {
-        self.commanded = None;
+    /// The command that the next attitude heard answers; None: the pilot commanded no attitude.
+    pub(crate) fn answers(&mut self, command: Option<UnitQuaternion<f64>>) {
+        self.commanded = command;
     }
 
     /// Learns from attitude and body rates (rad/s) `dt` after the command, in free flight.
@@ -102,6 +100,7 @@ mod tests {
                 UnitQuaternion::from_euler_angles(0.1 * (3.0 * t).sin(), 0.05 * (2.0 * t).cos(), 0.0);
             x.learn(&is, &rate, dt, &c);
             let command = x.command(&wanted, &is, &c);
+            x.answers(Some(command));
             // The rate loop follows with its own lag.
             let turn =
                 |q: &mut UnitQuaternion<f64>, w: &mut Vector3<f64>, u: &UnitQuaternion<f64>, lag: f64| {
@@ -132,7 +131,7 @@ mod tests {
         let c = LagConfig::default();
         let mut x = LagEstimate::new(0.2, &c);
         for _ in 0..500 {
-            x.silent();
+            x.answers(None);
             x.learn(
                 &UnitQuaternion::identity(),
                 &Vector3::new(1.0, 1.0, 0.0),
@@ -148,7 +147,8 @@ mod tests {
         let c = LagConfig::default();
         let mut x = LagEstimate::new(0.2, &c);
         let tilted = UnitQuaternion::from_euler_angles(0.1, 0.0, 0.0);
-        x.command(&tilted, &UnitQuaternion::identity(), &c);
+        let command = x.command(&tilted, &UnitQuaternion::identity(), &c);
+        x.answers(Some(command));
         x.learn(&UnitQuaternion::identity(), &Vector3::repeat(f64::NAN), 0.01, &c);
         assert!((x.lag(&c) - 0.2).abs() < 1e-9);
     }

@@ -1,11 +1,12 @@
 //! The pilot: samples the plan at 100 Hz, tracks it into the set-point, and ends the flight when
 //! the feet are on the deck.
 //!
-//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`] and [`lag`] what it
+//! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`], [`lag`] and [`delay`] what it
 //! learns in flight, [`touchdown`] the evidence of contact. This file decides which of them speaks.
 
 pub mod attitude;
 pub mod config;
+mod delay;
 mod estimate;
 mod lag;
 pub mod touchdown;
@@ -27,11 +28,12 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::Vector3;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
 use attitude::rates_of;
+use delay::Delay;
 use estimate::FlightEstimate;
 use lag::LagEstimate;
 use touchdown::{Detector, Evidence, press_share};
@@ -114,6 +116,7 @@ pub struct Pilot {
 
     estimate: FlightEstimate,
     lag: LagEstimate,
+    delay: Delay,
     tracker: Tracker,
     detector: Detector,
     hold: Option<HoldPlace>,
@@ -144,6 +147,7 @@ impl Pilot {
             origin_resets: None,
             estimate: FlightEstimate::new(hover),
             lag: LagEstimate::new(geometry.attitude_lag_s, &config.lag),
+            delay: Delay::default(),
             tracker: Tracker::default(),
             detector: Detector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
             hold: None,
@@ -256,9 +260,9 @@ impl Pilot {
         self.hold = None;
         self.tracker.reset();
         let ahead = plan
-            .sample(now + Span::from_secs(self.lag.lag(&self.config.lag)))
+            .sample(self.acts_at(now) + Span::from_secs(self.lag.lag(&self.config.lag)))
             .map_or(stage.acceleration, |s| s.acceleration);
-        let q = nalgebra::UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
+        let q = UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
         SetPoint {
             kind: SetPointKind::Trajectory,
             position: stage.position,
@@ -454,7 +458,7 @@ impl Pilot {
         let plan = self
             .plan
             .fresh(now, topics::PLAN.stale_after)
-            .and_then(|p| p.sample(now).map(|stage| (*p, stage)));
+            .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
         let flare = mission.state == State::Flare;
         let committed = flare && below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
 
@@ -468,13 +472,15 @@ impl Pilot {
                 .press(up, yaw, thrust, body, dt, &self.config.tracking);
             return self.attitude(now, None, a, body);
         }
+        let body = &self.acted_on(now, body);
         match (plan, output, below) {
             (Some((plan, stage)), Output::Trajectory, _) => self.trajectory(now, &plan, &stage),
             (Some((plan, stage)), Output::Attitude, _) => {
                 let c = &self.config.tracking;
+                let then = self.acts_at(now);
                 let authority = Authority {
                     planned: plan.disturbance.into(),
-                    ..match below {
+                    ..match self.below(then, body).as_ref().or(below) {
                         Some(b) if flare => Authority::flare(b.clearance, c),
                         Some(_) | None => Authority::descent(c),
                     }
@@ -482,7 +488,7 @@ impl Pilot {
                 let lag = self.config.lag.design_s;
                 // The thrust that acts after its lag is the one that the plan has by then.
                 let mut led = stage;
-                if let Some(then) = plan.sample(now + Span::from_secs(c.thrust_lag_s)) {
+                if let Some(then) = plan.sample(then + Span::from_secs(c.thrust_lag_s)) {
                     led.acceleration[2] = then.acceleration[2];
                 }
                 let a = self
@@ -558,14 +564,23 @@ impl Node for Pilot {
                 touchdown: Some(touchdown),
             };
         }
+        if new.is_some() {
+            self.delay.heard(age, dt, &self.config.delay);
+        }
         self.learn(now, new.as_ref(), dt, below.as_ref());
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
-        let own = (set_point.kind == SetPointKind::Attitude).then_some(set_point.thrust);
-        if own.is_none() {
-            self.lag.silent();
-        }
+        let own = (set_point.kind == SetPointKind::Attitude).then(|| {
+            let [w, i, j, k] = set_point.attitude;
+            (
+                UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)),
+                set_point.thrust,
+            )
+        });
+        self.delay.sent(now, own);
+        let answered = self.delay.answered(now, &self.config.delay);
+        self.lag.answers(answered.map(|(attitude, _)| attitude));
         self.estimate
-            .commanded(own, dt, self.config.tracking.thrust_lag_s);
+            .commanded(answered.map(|(_, u)| u), dt, self.config.tracking.thrust_lag_s);
         // Nothing that the message itself would refuse may leave the pilot.
         let set_point = if set_point.check().is_ok() {
             set_point

@@ -2,10 +2,12 @@
 //! were seen to (modes, refusals, rates asked for, set-point loss, forced disarm), flying a point mass
 //! with an attitude lag above a heaving deck.
 
+#![allow(dead_code, reason = "each of the tests that include it uses a part")]
+
 use std::collections::{BTreeMap, VecDeque};
 
 use alight_shared::frames::Datum;
-use alight_shared::geometry::GRAVITY;
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_uav::autopilot::message::{
     ARMED, Address, CUSTOM_MODE, CommandLong, Frame, Message, OdometryReport, Taken, VelocityFrame, command,
     id,
@@ -340,6 +342,51 @@ impl StandIn {
             yaw,
         );
         (lean, self.hover * (1.0 - a.z / GRAVITY).clamp(0.2, 1.8))
+    }
+
+    /// From now on it flies a plant, whose word it takes for its own estimate, not its point mass.
+    pub fn fly_plant(&mut self) {
+        let g = DroneGeometry::default();
+        (self.external, self.hover) = (true, g.mass_kg * GRAVITY / g.max_thrust_n);
+    }
+    /// What the plant says: position and velocity (its NED, m, m/s), attitude, body rates (rad/s), specific
+    /// force (body, m/s²).
+    pub fn feels(
+        &mut self,
+        position: Vector3<f64>,
+        velocity: Vector3<f64>,
+        attitude: UnitQuaternion<f64>,
+        rates: Vector3<f64>,
+        force: Vector3<f64>,
+    ) {
+        (self.position, self.velocity, self.attitude) = (position, velocity, attitude);
+        (self.rates, self.force) = (rates, force);
+        self.thrust = if self.armed { self.wanted().1 } else { 0.0 };
+    }
+
+    /// Rotor outputs for what its loops want: attitude and rate loop, and a mixer.
+    pub fn motors(&self) -> [f64; 4] {
+        if !self.armed {
+            return [0.0; 4];
+        }
+        let g = DroneGeometry::default();
+        let (wanted, thrust) = self.wanted();
+        let error = (self.attitude.inverse() * wanted).scaled_axis();
+        let turn = Vector3::new(5.0 * error.x, 5.0 * error.y, (2.0 * error.z).clamp(-1.0, 1.0)) - self.rates;
+        let moment = turn
+            .component_mul(&Vector3::new(18.0, 18.0, 6.0))
+            .component_mul(&Vector3::from(g.inertia_kgm2));
+        let side = g.arm_m / 2.0_f64.sqrt();
+        [
+            [1.0, 1.0, 1.0],
+            [-1.0, -1.0, 1.0],
+            [1.0, -1.0, -1.0],
+            [-1.0, 1.0, -1.0],
+        ]
+        .map(|[x, y, sense]: [f64; 3]| {
+            let force = -y * moment.x / side + x * moment.y / side + sense * moment.z / g.moment_per_force_m;
+            (thrust + force / g.max_thrust_n).clamp(0.05, 1.0)
+        })
     }
 
     fn fly(&mut self, dt: f64) {
