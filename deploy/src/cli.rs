@@ -40,6 +40,9 @@ pub enum Verb {
     Response(ResponseArgs),
     /// Print a default configuration.
     Config(ConfigArgs),
+    /// Run the vessel's estimator over a recording of a boat and say how well it fits.
+    #[cfg(feature = "flight")]
+    Estimate(crate::estimate::EstimateArgs),
     /// The live system.
     #[cfg(feature = "flight")]
     #[command(flatten)]

@@ -8,6 +8,8 @@ mod args;
 mod cli;
 mod configs;
 #[cfg(feature = "flight")]
+mod estimate;
+#[cfg(feature = "flight")]
 mod live;
 #[cfg(feature = "sim")]
 mod plot;
@@ -76,6 +78,8 @@ fn main() -> ExitCode {
         #[cfg(feature = "sim")]
         Verb::Response(a) => study::response(a),
         Verb::Config(a) => configs::print(a),
+        #[cfg(feature = "flight")]
+        Verb::Estimate(a) => estimate::run(a),
         #[cfg(feature = "flight")]
         Verb::Live(verb) => live::run(verb),
     };

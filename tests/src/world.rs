@@ -190,6 +190,7 @@ impl World {
             imu: readings.imu,
             gnss: readings.gnss,
             heading: readings.heading,
+            attitude: Vec::new(),
             time_requests,
         };
         let said = self.vessel_node.step(vessel_now, &input);

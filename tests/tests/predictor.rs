@@ -81,6 +81,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
                 imu: readings.imu,
                 gnss: readings.gnss,
                 heading: readings.heading,
+                attitude: Vec::new(),
                 time_requests,
             },
         );

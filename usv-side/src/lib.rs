@@ -9,12 +9,15 @@ pub mod commands;
 pub mod config;
 pub mod deck;
 pub mod estimator;
+pub mod log;
 pub mod node;
+pub mod review;
 pub mod sea_state;
+pub mod sensors;
 pub mod throttle;
 
 pub use commands::Commands;
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
 pub use deck::{DeckConfig, DeckKeeper};
 pub use estimator::Estimator;
-pub use node::{Refused, VesselIn, VesselNode, VesselOut};
+pub use node::{KINDS, Refused, SourceCounts, VesselIn, VesselNode, VesselOut};

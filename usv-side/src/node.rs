@@ -1,8 +1,8 @@
 //! The vessel's process: admission of its sensors, the estimator, broadcast, time replies.
 
 use alight_shared::msg::{
-    GnssFix, Header, HeadingFix, ImuSample, MESSAGE_VERSION, Message, TimeReply, TimeRequest, VesselEstimate,
-    VesselPrediction, WaveModel,
+    AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
+    TimeRequest, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -16,6 +16,11 @@ use crate::throttle::Throttle;
 const MOST_PER_STEP: usize = 100;
 /// A measurement may lie this far in the future of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
+/// Of several inertial (or attitude) sensors one is used until it has been silent for this long, s:
+/// two at a time would be taken for one with the noise of a single sample.
+const SILENT_S: f64 = 0.5;
+/// An attitude that is older is refused, s: it carries the filter, as an inertial sample does.
+const OLDEST_ATTITUDE_S: f64 = 0.5;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -26,6 +31,8 @@ pub struct VesselIn {
     pub gnss: Vec<GnssFix>,
     /// Headings.
     pub heading: Vec<HeadingFix>,
+    /// Attitudes.
+    pub attitude: Vec<AttitudeFix>,
     /// Drones' questions for the time, stamped with their arrival.
     pub time_requests: Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
 }
@@ -60,6 +67,52 @@ pub struct Refused {
     pub other_vessel: u64,
     /// Outputs that failed their own check and were withheld.
     pub withheld: u64,
+}
+
+/// Kinds of measurements, in the order of [`VesselIn`].
+pub const KINDS: [&str; 4] = ["imu", "gnss", "heading", "attitude"];
+const IMU: usize = 0;
+const GNSS: usize = 1;
+const HEADING: usize = 2;
+const ATTITUDE: usize = 3;
+
+/// What became of the measurements of one source.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SourceCounts {
+    /// Given to the filter.
+    pub taken: u64,
+    /// Of those, with a component that the filter's gate refused; of inertial samples in pairs.
+    pub gated: u64,
+    /// Not newer than the last one of the source.
+    pub order: u64,
+    /// Too old, from the future, or absurd.
+    pub refused: u64,
+    /// Not needed: another source of the kind, or an inertial sensor, is in use.
+    pub spare: u64,
+}
+
+/// A source, as the node knows it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Known {
+    newest: Option<Time<VesselClock>>,
+    counts: SourceCounts,
+}
+
+/// The source in use of a kind that is used one at a time.
+#[derive(Clone, Copy, Debug, Default)]
+struct InUse(Option<(u8, Time<VesselClock>)>);
+
+impl InUse {
+    /// A sample of `source` at `at` is to be used.
+    fn takes(&mut self, source: u8, at: Time<VesselClock>) -> bool {
+        let takes = self
+            .0
+            .is_none_or(|(used, last)| used == source || at - last > Span::from_secs(SILENT_S));
+        if takes {
+            self.0 = Some((source, at));
+        }
+        takes
+    }
 }
 
 /// When something periodic is due, without drift.
@@ -98,7 +151,8 @@ pub struct VesselNode {
     boot: u32,
     estimator: Estimator,
     refused: Refused,
-    newest: [Option<Time<VesselClock>>; 3],
+    sources: [[Known; MAX_SOURCES]; KINDS.len()],
+    in_use: [InUse; 2],
     estimate: (Pace, u32),
     wave: (Pace, u32),
     prediction: (Pace, u32),
@@ -116,7 +170,8 @@ impl VesselNode {
             boot,
             estimator: Estimator::new(config),
             refused: Refused::default(),
-            newest: [None; 3],
+            sources: Default::default(),
+            in_use: Default::default(),
             estimate: (Pace::new(b.estimate_hz), 0),
             wave: (Pace::new(b.wave_hz), 0),
             prediction: (Pace::new(b.prediction_hz), 0),
@@ -139,6 +194,11 @@ impl VesselNode {
     pub fn gated(&self) -> Gated {
         self.estimator.gated()
     }
+    /// What became of the measurements of source `source` of kind `kind` of [`KINDS`].
+    pub fn source(&self, kind: usize, source: usize) -> SourceCounts {
+        let known = self.sources.get(kind).and_then(|k| k.get(source));
+        known.map(|k| k.counts).unwrap_or_default()
+    }
     /// The share of its full rates that it uses.
     pub fn share(&self) -> f64 {
         self.throttle.share()
@@ -150,50 +210,79 @@ impl VesselNode {
 
     fn admit<M: Message<Clock = VesselClock>>(
         refused: &mut Refused,
-        newest: &mut Option<Time<VesselClock>>,
+        known: &mut Known,
         now: Time<VesselClock>,
         oldest_s: f64,
         m: &M,
     ) -> bool {
         let at = m.header().at;
-        if m.header().version != MESSAGE_VERSION || m.check().is_err() {
-            refused.absurd += 1;
+        let reason = if m.header().version != MESSAGE_VERSION || m.check().is_err() {
+            &mut refused.absurd
         } else if at > now + Span::from_secs(FUTURE_S) {
-            refused.future += 1;
+            &mut refused.future
         } else if now - at > Span::from_secs(oldest_s) {
-            refused.stale += 1;
-        } else if newest.is_some_and(|n| at <= n) {
+            &mut refused.stale
+        } else if known.newest.is_some_and(|n| at <= n) {
             refused.order += 1;
+            known.counts.order += 1;
+            return false;
         } else {
-            *newest = Some(at);
+            known.newest = Some(at);
             return true;
-        }
+        };
+        *reason += 1;
+        known.counts.refused += 1;
         false
     }
 
     fn listen(&mut self, now: Time<VesselClock>, input: &VesselIn) {
-        let (refused, config) = (&mut self.refused, &self.config);
-        let [imu, gnss, heading] = &mut self.newest;
+        let (refused, config, estimator) = (&mut self.refused, &self.config, &mut self.estimator);
+        // A source beyond the last is absurd, and counted with the last.
+        let place = |source: u8| usize::from(source).min(MAX_SOURCES - 1);
+        let [imu_in_use, attitude_in_use] = &mut self.in_use;
         // Oldest first within a step: inertial samples bring the state to the others' time.
         for m in input.imu.iter().take(MOST_PER_STEP) {
-            if Self::admit(refused, imu, now, 0.5, m) {
-                self.estimator.imu(m);
+            let known = &mut self.sources[IMU][place(m.source)];
+            if Self::admit(refused, known, now, 0.5, m) {
+                if imu_in_use.takes(m.source, m.header.at) {
+                    let gated = estimator.gated().imu;
+                    estimator.imu(m);
+                    known.counts.taken += 1;
+                    known.counts.gated += u64::from(estimator.gated().imu > gated);
+                } else {
+                    known.counts.spare += 1;
+                }
+            }
+        }
+        for m in input.attitude.iter().take(MOST_PER_STEP) {
+            let known = &mut self.sources[ATTITUDE][place(m.source)];
+            if Self::admit(refused, known, now, OLDEST_ATTITUDE_S, m) {
+                let used = attitude_in_use.takes(m.source, m.header.at);
+                let (used, gated) = if used { estimator.attitude(m) } else { (false, 0) };
+                known.counts.taken += u64::from(used);
+                known.counts.spare += u64::from(!used);
+                known.counts.gated += u64::from(gated > 0);
             }
         }
         for m in input.gnss.iter().take(MOST_PER_STEP) {
-            if Self::admit(refused, gnss, now, config.gnss.oldest_s, m) {
-                self.estimator.gnss(m);
+            let known = &mut self.sources[GNSS][place(m.source)];
+            if Self::admit(refused, known, now, config.gnss.oldest_s, m) {
+                known.counts.taken += 1;
+                known.counts.gated += u64::from(estimator.gnss(m) > 0);
             }
         }
         for m in input.heading.iter().take(MOST_PER_STEP) {
-            if Self::admit(refused, heading, now, config.heading.oldest_s, m) {
-                self.estimator.heading(m);
+            let known = &mut self.sources[HEADING][place(m.source)];
+            if Self::admit(refused, known, now, config.heading.oldest_s, m) {
+                known.counts.taken += 1;
+                known.counts.gated += u64::from(!estimator.heading(m));
             }
         }
         for n in [
             input.imu.len(),
             input.gnss.len(),
             input.heading.len(),
+            input.attitude.len(),
             input.time_requests.len(),
         ] {
             refused.flood += n.saturating_sub(MOST_PER_STEP) as u64;

@@ -58,6 +58,8 @@ pub enum LiveVerb {
     Planner(ProcessArgs),
     /// Process of the drone: the set-points.
     Pilot(ProcessArgs),
+    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink).
+    Sensors(SensorsArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
     Autopilot(AutopilotArgs),
     /// Process of the simulation: both vehicles, in real time.
@@ -278,6 +280,20 @@ pub struct ProcessArgs {
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
     /// End when standard input closes: a supervisor that dies takes its processes with it
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+/// The vessel's real sensors.
+#[derive(Args, Debug)]
+pub struct SensorsArgs {
+    /// The vessel's configuration (TOML), with a table [[sensor.sources]] for each sensor
+    #[arg(long, value_name = "FILE")]
+    pub config: PathBuf,
+    /// Say what became of each source's bytes as JSON objects, one a line
+    #[arg(long)]
+    pub json: bool,
+    /// End when standard input closes
     #[arg(long, hide = true)]
     pub supervised: bool,
 }

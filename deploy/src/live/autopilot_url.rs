@@ -36,7 +36,7 @@ const FORMS: &str = "write udpin://0.0.0.0:14540, udpout://HOST:PORT, tcpout://H
 impl FromStr for AutopilotUrl {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = |what: &str| format!("the autopilot's address {text:?}: {what}; {FORMS}");
+        let wrong = |what: &str| format!("the address {text:?}: {what}; {FORMS}");
         let (kind, rest) = text.split_once(':').ok_or_else(|| wrong("no kind of link"))?;
         let rest = rest.strip_prefix("//").unwrap_or(rest);
         let host = |port: u16| -> Result<String, String> {

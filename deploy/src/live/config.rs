@@ -17,6 +17,7 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 #[cfg(feature = "live")]
 use alight_uav::odometry::OdometryConfig;
 use alight_uav::settings::DroneSettings;
+use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +49,8 @@ pub struct VesselComputer {
     pub vessel_id: u32,
     /// Where the sensors' datagrams come in.
     pub sensors: String,
+    /// Its real sensors, for `alight sensors`.
+    pub sensor: SourcesConfig,
     /// Its clock.
     pub clock: ProcessClock,
     /// Its radio.
@@ -71,6 +74,7 @@ impl Default for VesselComputer {
             vessel_id: 1,
             // Ours.
             sensors: "127.0.0.1:7440".into(),
+            sensor: SourcesConfig::default(),
             clock: ProcessClock::default(),
             // Zenoh's usual port.
             radio: RadioConfig {
@@ -98,6 +102,7 @@ impl VesselComputer {
 
 impl Check for VesselComputer {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.sensor.check(&at.table("sensor"))?;
         self.clock.check(&at.table("clock"))?;
         self.radio.check(&at.table("radio"))?;
         #[cfg(feature = "live")]

@@ -263,6 +263,7 @@ impl Arrangement {
             relay: relay.as_ref().map(|r| format!("{}:{}", air.drone_host(), r.port)),
             deck: DeckConfig::default(),
             vessel: scene.nodes.vessel.clone(),
+            ..VesselComputer::default()
         };
         let drone = DroneComputer {
             instance: args.instance.clone(),

@@ -4,8 +4,10 @@
 //! Read in this order: [`config`] (one file per computer), [`process`] (what every process does
 //! beside its node), the processes in the order of the data ([`world`], [`vessel`], [`bridge`], then
 //! [`shell`] for [`predictor`], [`mission`], [`planner`], [`pilot`]), then [`land`] and [`supervisor`],
-//! and [`lands`] and [`faults`] for many landings. [`autopilot`] is the way to a real one. What a drone
-//! installs: [`drone`], [`check`], [`calibrate`], [`command`]. What lies between the computers in a trial: [`air`], [`profile`], [`link`] (inside the processes), [`emulator`] (between network namespaces).
+//! and [`lands`] and [`faults`] for many landings. [`autopilot`] is the way to a real one, [`sources`] to a
+//! vessel's sensors. What a drone installs: [`drone`], [`check`], [`calibrate`], [`command`]. What lies
+//! between the computers in a trial: [`air`], [`profile`], [`link`] (inside the processes), [`emulator`]
+//! (between network namespaces).
 
 #[cfg(feature = "live")]
 mod air;
@@ -68,6 +70,7 @@ pub mod replay;
 #[cfg(feature = "live")]
 mod report;
 mod shell;
+mod sources;
 mod status;
 mod supervisor;
 #[cfg(feature = "live")]
@@ -110,6 +113,7 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::Planner(a) => shell::run::<planner::PlannerShell>(a),
         LiveVerb::Pilot(a) => shell::run::<pilot::PilotShell>(a),
         LiveVerb::Autopilot(a) => autopilot::run(a),
+        LiveVerb::Sensors(a) => sources::run(a),
         #[cfg(feature = "live")]
         LiveVerb::World(a) => world::run(a),
         #[cfg(feature = "live")]

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::{DroneStatus, TimeRequest};
+use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
 use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics::{self, Topic};
@@ -13,7 +13,7 @@ use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Outlet, Radio, Urgency};
 use alight_shared::transport::refusals::{self, Refusals};
 use alight_shared::wire;
-use alight_usv::{Commands, DeckKeeper, VesselIn, VesselNode};
+use alight_usv::{Commands, DeckKeeper, KINDS, SourceCounts, VesselIn, VesselNode};
 use serde::Serialize;
 
 use super::args::ProcessArgs;
@@ -40,6 +40,8 @@ const OPERATOR: usize = 6;
 const DRONES: usize = 7;
 /// While the link backs up, one in so many of the words about itself goes out.
 const WORDS_ON_NARROW: u32 = 4;
+/// With real sensors, time between two words about what became of their measurements, ns.
+const COUNT_NS: i64 = 60_000_000_000;
 /// Their topics, for who looks on; None is the process's own word.
 const OUTLETS: [Option<&Topic>; 8] = [
     Some(&topics::ESTIMATE),
@@ -110,6 +112,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut own_words = 0_u32;
     let mut told = Refusals::default();
     let mut last_ns = steady_ns();
+    let mut next_count_ns = last_ns + COUNT_NS;
     while !process.ended() {
         let gap_s = (steady_ns() - last_ns) as f64 * 1e-9;
         last_ns = steady_ns();
@@ -180,6 +183,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             imu: readings.imu,
             gnss: readings.gnss,
             heading: readings.heading,
+            attitude: readings.attitude,
             time_requests,
         };
         let out = process.step(now, &input, |_| true);
@@ -237,6 +241,20 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
                 counts.sent, words[0]
             )
         });
+        if !computer.sensor.sources.is_empty() && steady_ns() >= next_count_ns {
+            next_count_ns = steady_ns() + COUNT_NS;
+            for (kind, name) in KINDS.iter().enumerate() {
+                for source in 0..MAX_SOURCES {
+                    let c = process.node().source(kind, source);
+                    if c != SourceCounts::default() {
+                        say::line(format_args!(
+                            "{name} {source}: {} used, {} of them gated, {} out of order, {} refused, {} spare",
+                            c.taken, c.gated, c.order, c.refused, c.spare
+                        ));
+                    }
+                }
+            }
+        }
         // For people, and they can wait: over a link that is narrow, less often.
         own_words += u32::from(said.is_some());
         let due = process.node().share() > 0.5 || own_words.is_multiple_of(WORDS_ON_NARROW);

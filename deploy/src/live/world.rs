@@ -130,6 +130,7 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
             imu: readings.imu,
             gnss: readings.gnss,
             heading: readings.heading,
+            ..Readings::default()
         });
         if let Some(flight) = physics.flight() {
             autopilot.say_seen(&flight.seen);

@@ -13,6 +13,7 @@ mod figures;
 mod flat;
 mod outline;
 pub mod reading;
+pub mod readings;
 mod recorder;
 pub mod replay;
 mod scene;

@@ -20,7 +20,7 @@ pub use grant::DeckGrant;
 pub use mission::{
     Command, CommandKind, DroneStatus, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State,
 };
-pub use sensors::{GnssFix, HeadingFix, ImuSample};
+pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use vessel::{
     MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
     VesselPrediction, WaveComponent, WaveModel,

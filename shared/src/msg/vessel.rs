@@ -48,7 +48,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within, within32};
-use crate::frames::Datum;
+use crate::frames::{Datum, wrap_angle};
 use crate::seq::Seq;
 use crate::time::{Clock, Time, VesselClock};
 
@@ -253,6 +253,25 @@ impl<C: Clock> WaveModel<C> {
     }
 }
 impl<C: Clock> VesselPrediction<C> {
+    /// `eta` in the vessel's NED `ahead_s` after the first stage, and its standard deviations: cubic
+    /// between stages by value and rate, as a receiver would; None beyond the last stage.
+    pub fn at(&self, ahead_s: f64) -> Option<([f64; 6], [f64; 6])> {
+        let h = f64::from(self.step_s);
+        let x = ahead_s / h;
+        let (i, f) = (x.floor() as usize, x.fract());
+        let a = self.stages.get(i)?;
+        let b = self.stages.get(i + 1).unwrap_or(a);
+        let (f2, f3) = (f * f, f * f * f);
+        let eta = core::array::from_fn(|dof| {
+            let (pa, pb) = (f64::from(a.eta[dof]), f64::from(b.eta[dof]));
+            let (va, vb) = (f64::from(a.eta_dot[dof]), f64::from(b.eta_dot[dof]));
+            let step = if dof < 3 { pb - pa } else { wrap_angle(pb - pa) };
+            let origin = self.origin.get(dof).copied().unwrap_or(0.0);
+            origin + pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h
+        });
+        let sd = core::array::from_fn(|d| f64::from(a.sd[d]) + f * (f64::from(b.sd[d]) - f64::from(a.sd[d])));
+        Some((eta, sd))
+    }
     /// The same prediction with its time on another clock.
     pub fn restamped<D: Clock>(&self, at: Time<D>) -> VesselPrediction<D> {
         VesselPrediction {

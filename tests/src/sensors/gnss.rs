@@ -196,6 +196,7 @@ impl VesselGnss {
                     velocity: (antenna.velocity.0 + dv).into(),
                     position_sd: [self.config.error.white_sd_m.max(1e-3); 3],
                     velocity_sd: [self.config.error.velocity_sd_mps.max(1e-3); 3],
+                    ..GnssFix::default()
                 };
                 self.sequence = self.sequence.wrapping_add(1);
                 self.line.push(t + Span::from_secs(self.config.latency_s), fix);

@@ -107,6 +107,7 @@ impl VesselHeading {
                     heading: wrap_angle(vessel.euler().z + error),
                     // As its data sheet says: the whole error.
                     heading_sd: white.hypot(self.config.bias_sd_deg.to_radians()).max(1e-4),
+                    ..HeadingFix::default()
                 };
                 self.sequence = self.sequence.wrapping_add(1);
                 self.line.push(t + Span::from_secs(self.config.latency_s), fix);

@@ -168,6 +168,7 @@ impl VesselImu {
                     header: Header::new(id.vessel, 0, id.boot, self.sequence, clocks.vessel_time(t)),
                     gyro: gyro.into(),
                     accelerometer: accelerometer.into(),
+                    ..ImuSample::default()
                 };
                 self.sequence = self.sequence.wrapping_add(1);
                 self.line.push(t + Span::from_secs(self.config.latency_s), sample);

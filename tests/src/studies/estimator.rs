@@ -124,7 +124,7 @@ pub fn run_with(
             imu: readings.imu,
             gnss: readings.gnss,
             heading: readings.heading,
-            time_requests: Vec::new(),
+            ..VesselIn::default()
         };
         let said = node.step(now, &input);
         if (first..last).contains(&k) {

@@ -268,6 +268,7 @@ mod tests {
                 header,
                 gyro: (rates + Vector3::new(n(1), n(3), n(7)) * 0.03).into(),
                 accelerometer: (force + Vector3::new(n(11), n(13), n(17)) * 0.07).into(),
+                ..ImuSample::default()
             });
             if k % 10 == 0 {
                 let white = Vector3::new(n(19), n(23), n(29)) * 0.1 * 12.0_f64.sqrt();
@@ -283,6 +284,7 @@ mod tests {
                     header,
                     heading: turn(t).z,
                     heading_sd: 0.01,
+                    ..HeadingFix::default()
                 });
             }
         }

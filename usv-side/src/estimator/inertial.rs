@@ -5,7 +5,7 @@ use alight_shared::kalman::Update;
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::Vector3;
 
-use super::{Filter, STEP_S};
+use super::{Channel, Filter, STEP_S};
 use crate::VesselNodeConfig;
 use crate::sea_state::MotionSample;
 
@@ -40,7 +40,8 @@ impl Filter {
     /// Tells the account of unexplained motion; 1 when the channel was refused. What was refused may
     /// have been true: the rate (by `doubt` per unit of innovation) is that much less certain, or a
     /// real jolt that is refused by halves leaves a velocity that GNSS is not believed about.
-    fn account(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
+    fn account(&mut self, channel: Channel, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
+        self.consistency.observe(channel, update);
         let (nis, refused) = match update {
             Update::Fused { nis } => (nis, 0),
             Update::Gated { nis } => (nis, 1),
@@ -81,11 +82,11 @@ impl Filter {
             let row = [Term::new(dof, NU, 1.0), Term::new(dof, HEAD, 1.0)];
             let innovation = z - predicted;
             let update = self.belief.update(&row, innovation, r, gate);
-            refused += self.account(dof, update, innovation, 1.0);
+            refused += self.account(Channel::Gyro, dof, update, innovation, 1.0);
         }
         // Accelerometer: f = R' (a + lever arm - g), all in the reference-parallel frame.
         let white = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
-        let arm = Vector3::from(config.imu.lever_arm_m);
+        let arm = self.imu_arm;
         for axis in 0..3 {
             let tilt = self.tilt();
             let rotation = tilt.rotation();
@@ -123,7 +124,7 @@ impl Filter {
                 _ => {}
             }
             let update = self.belief.update(&row, z, r, gate);
-            refused += self.account(axis, update, z, STEP_S);
+            refused += self.account(Channel::Accelerometer, axis, update, z, STEP_S);
             self.row = row;
         }
         self.refused_imu = if refused > 0 { self.refused_imu + 1 } else { 0 };
@@ -132,16 +133,11 @@ impl Filter {
 
     /// The motion for the identification: tilt as the gyroscope carries it, vertical acceleration
     /// as measured.
-    pub(super) fn motion_sample(
-        &self,
-        config: &VesselNodeConfig,
-        _gyro: Vector3<f64>,
-        force: Vector3<f64>,
-    ) -> MotionSample {
+    pub(super) fn motion_sample(&self, force: Vector3<f64>) -> MotionSample {
         let tilt = self.tilt();
         let rotation = tilt.rotation();
         let f = rotation * (force - self.force_bias());
-        let arm = rotation * Vector3::from(config.imu.lever_arm_m);
+        let arm = rotation * self.imu_arm;
         let spin = rotation * tilt.body_rates();
         let acceleration = self.accelerations();
         let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);

@@ -7,6 +7,8 @@
 //! the water it feels almost nothing, and what keeps the tilt is the gyroscope. Late measurements
 //! (GNSS, heading) are compared with the state rolled back to their time.
 
+mod attitude;
+mod consistency;
 mod growth;
 mod inertial;
 mod output;
@@ -16,7 +18,7 @@ mod tilt;
 mod unexplained;
 
 use alight_shared::frames::{Datum, wrap_angle};
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
+use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
     Belief, BeliefSpec, DISTURBANCE, ETA, Extra, HEAD, HEAVE, Horizon, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
@@ -26,6 +28,7 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 
 use crate::VesselNodeConfig;
 use crate::sea_state::Identifier;
+pub use consistency::{Channel, Consistency, Fit};
 pub use tilt::Tilt;
 
 /// Length of a filter step, s.
@@ -48,6 +51,8 @@ pub struct Gated {
     pub gnss: u64,
     /// Headings.
     pub heading: u64,
+    /// Components of attitudes.
+    pub attitude: u64,
     /// Restarts from scratch after a state that was not finite or a long silence.
     pub restarts: u64,
 }
@@ -63,6 +68,8 @@ pub struct Estimator {
     disbelief: u32,
     filter: Option<Filter>,
     identifier: Identifier,
+    /// Of filters that were given up.
+    consistency: Consistency,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -90,10 +97,17 @@ pub(crate) struct Filter {
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
+    /// Place of the inertial sensor in the vessel's body frame, m.
+    imu_arm: Vector3<f64>,
     last_imu: Time<VesselClock>,
+    /// An inertial sensor has spoken.
+    inertial: bool,
+    last_attitude: Option<Time<VesselClock>>,
+    consistency: Consistency,
     decimate: u32,
     refused_imu: u32,
     refused_fixes: u32,
+    refused_attitudes: u32,
     row: Vec<Term>,
 }
 
@@ -112,6 +126,7 @@ impl Estimator {
             disbelief: 0,
             filter: None,
             identifier: Identifier::new(&config.sea_state),
+            consistency: Consistency::default(),
         }
     }
     /// An estimator that is told the waves' angular frequencies (rad/s) and directions (rad), for
@@ -147,6 +162,8 @@ impl Estimator {
             return;
         };
         f.last_imu = sample.header.at;
+        f.inertial = true;
+        f.imu_arm = Vector3::from(sample.arm.unwrap_or(self.config.imu.lever_arm_m));
         let p = &mut f.pending;
         p.0 += Vector3::from(sample.gyro);
         p.1 += Vector3::from(sample.accelerometer);
@@ -169,18 +186,20 @@ impl Estimator {
             f.decimate += 1;
             if f.decimate >= 2 {
                 f.decimate = 0;
-                self.identifier.push(&f.motion_sample(&self.config, gyro, force));
+                self.identifier.push(&f.motion_sample(force));
             }
         }
         self.guard();
     }
 
     /// A GNSS fix that has passed admission.
-    pub fn gnss(&mut self, fix: &GnssFix) {
+    /// Returns how many of its components were refused.
+    pub fn gnss(&mut self, fix: &GnssFix) -> u64 {
+        let mut refused = 0;
         match self.filter.as_mut() {
             None => self.start.fix = Some(*fix),
             Some(f) => {
-                let refused = f.fuse_gnss(&self.config, fix);
+                refused = f.fuse_gnss(&self.config, fix);
                 self.gated.gnss += refused;
                 self.disbelief = if refused >= LOST_ROWS {
                     self.disbelief + 1
@@ -193,19 +212,50 @@ impl Estimator {
             }
         }
         self.guard();
+        refused
     }
 
-    /// A heading that has passed admission.
-    pub fn heading(&mut self, heading: &HeadingFix) {
+    /// A heading that has passed admission. False when it was refused.
+    pub fn heading(&mut self, heading: &HeadingFix) -> bool {
+        let mut fused = true;
         match self.filter.as_mut() {
             None => self.start.heading = Some(*heading),
             Some(f) => {
-                if !f.fuse_heading(heading) {
-                    self.gated.heading += 1;
-                }
+                fused = f.fuse_heading(heading);
+                self.gated.heading += u64::from(!fused);
             }
         }
         self.guard();
+        fused
+    }
+
+    /// An attitude that has passed admission: while no inertial sensor speaks, it carries the filter
+    /// and feeds the identification. False when it was not needed.
+    pub fn attitude(&mut self, fix: &AttitudeFix) -> (bool, u64) {
+        let at = fix.header.at;
+        let Some(f) = self.filter.as_mut() else {
+            self.try_start(at);
+            return (true, 0);
+        };
+        if f.has_inertial(at) {
+            return (false, 0);
+        }
+        if (at - f.at).secs() > LONGEST_GAP_S {
+            self.restart();
+            return (true, 0);
+        }
+        f.glide(at);
+        let refused = f.fuse_attitude(fix);
+        self.gated.attitude += refused;
+        self.identifier.push(&f.motion_of_attitude());
+        self.guard();
+        (true, refused)
+    }
+
+    /// How the measurements have fitted what the filter expected, since start.
+    pub fn consistency(&self) -> Consistency {
+        let running = self.filter.as_ref().map(|f| f.consistency);
+        self.consistency.and(&running.unwrap_or_default())
     }
 
     /// Once per tick, after the measurements: bridges a silence of the inertial sensor and lets the
@@ -220,14 +270,19 @@ impl Estimator {
             self.restart();
         } else if behind > 0.1 {
             f.pending = Default::default();
-            f.advance(behind);
-            f.follow_heading();
+            if f.last_attitude.is_some() && !f.has_inertial(now) {
+                f.glide(now);
+            } else {
+                f.advance(behind);
+                f.follow_heading();
+            }
         }
         self.guard();
     }
 
     fn restart(&mut self) {
         self.gated.restarts += 1;
+        self.consistency = self.consistency();
         self.filter = None;
         self.start = Start::default();
         self.disbelief = 0;
@@ -294,7 +349,8 @@ impl Filter {
         };
         let reference = heading.heading;
         let mut belief = Belief::new(&model, &spec);
-        let level = Tilt::default().rotation() * Vector3::from(config.gnss.antenna_m);
+        let antenna = fix.arm.unwrap_or(config.gnss.antenna_m);
+        let level = Tilt::default().rotation() * Vector3::from(antenna);
         let p = Rotation2::new(-reference) * Vector2::new(fix.position[0], fix.position[1]);
         let v = Rotation2::new(-reference) * Vector2::new(fix.velocity[0], fix.velocity[1]);
         belief.set(SURGE, ETA, p.x - level.x);
@@ -329,10 +385,15 @@ impl Filter {
             growth: growth::Growth::new(at),
             step,
             pending: Default::default(),
+            imu_arm: Vector3::from(config.imu.lever_arm_m),
             last_imu: at,
+            inertial: false,
+            last_attitude: None,
+            consistency: Consistency::default(),
             decimate: 0,
             refused_imu: 0,
             refused_fixes: 0,
+            refused_attitudes: 0,
             row: Vec::with_capacity(64),
         }
     }
@@ -346,9 +407,10 @@ impl Filter {
         }
     }
 
-    /// Time since the last inertial sample at `now`.
-    pub(crate) fn inertial_age(&self, now: Time<VesselClock>) -> f64 {
-        (now - self.last_imu).secs()
+    /// Time since motion was last measured, by the inertial sensor or one that stands in for it, s.
+    pub(crate) fn motion_age(&self, now: Time<VesselClock>) -> f64 {
+        let last = self.last_attitude.map_or(self.last_imu, |t| t.max(self.last_imu));
+        (now - last).secs()
     }
 
     pub(crate) fn tilt(&self) -> Tilt {

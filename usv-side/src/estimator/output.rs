@@ -228,7 +228,7 @@ impl Filter {
 
     /// Standard deviations of eta and nu are finite: it may speak.
     pub(crate) fn may_speak(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
-        self.inertial_age(now) <= config.imu.silence_s
+        self.motion_age(now) <= config.imu.silence_s
             && self.belief.variance(YAW, NU).is_finite()
             && self.belief.is_finite()
     }

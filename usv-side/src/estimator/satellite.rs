@@ -1,15 +1,17 @@
 //! GNSS and heading: late, compared with the state rolled back to their time of validity.
 
 use alight_shared::frames::{VesselNed, wrap_angle};
-use alight_shared::msg::{GnssFix, HeadingFix};
+use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-use super::{Filter, GNSS_BIAS};
+use super::{Channel, Filter, GNSS_BIAS};
 use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
+/// Noise of a rate of turn, rad/s (ours: told in tenths of a degree a minute, smoothed).
+const RATE_SD: f64 = 0.02;
 /// After this many refused fixes in a row the position starts anew (2 s at 10 Hz).
 const PATIENCE: u32 = 20;
 
@@ -25,7 +27,7 @@ impl Filter {
         };
         let position = flat(Vector3::from(fix.position) + shift);
         let velocity = flat(Vector3::from(fix.velocity));
-        let arm_body = Vector3::from(config.gnss.antenna_m);
+        let arm_body = Vector3::from(fix.arm.unwrap_or(config.gnss.antenna_m));
         let mut refused = 0;
         for axis in [SURGE, SWAY, HEAVE] {
             let tilt = self.tilt();
@@ -61,7 +63,12 @@ impl Filter {
             }
             let innovation = position[axis] - (p - late * v + 0.5 * late * late * a);
             let r = fix.position_sd[axis].powi(2);
-            refused += u64::from(!self.belief.update(&row, innovation, r, GATE).fused());
+            let update = self.belief.update(&row, innovation, r, GATE);
+            // What a receiver does not measure says nothing of how well it fits.
+            if fix.position_sd[axis] < NOT_MEASURED_SD {
+                self.consistency.observe(Channel::Position, update);
+            }
+            refused += u64::from(!update.fused());
 
             row.clear();
             row.push(Term::new(axis, NU, 1.0));
@@ -71,7 +78,11 @@ impl Filter {
             }
             let innovation = velocity[axis] - (v - late * a);
             let r = fix.velocity_sd[axis].powi(2);
-            refused += u64::from(!self.belief.update(&row, innovation, r, GATE).fused());
+            let update = self.belief.update(&row, innovation, r, GATE);
+            if fix.velocity_sd[axis] < NOT_MEASURED_SD {
+                self.consistency.observe(Channel::Velocity, update);
+            }
+            refused += u64::from(!update.fused());
             self.row = row;
         }
         self.refused_fixes = if refused > 2 { self.refused_fixes + 1 } else { 0 };
@@ -82,8 +93,10 @@ impl Filter {
             for axis in [SURGE, SWAY] {
                 self.belief.set(axis, ETA, position[axis] - arm[axis]);
                 self.belief.set_variance(axis, ETA, 1.0);
-                self.belief.set(axis, NU, velocity[axis]);
-                self.belief.set_variance(axis, NU, 0.25);
+                if fix.velocity_sd[axis] < NOT_MEASURED_SD {
+                    self.belief.set(axis, NU, velocity[axis]);
+                    self.belief.set_variance(axis, NU, 0.25);
+                }
             }
             let heave = self.belief.get(HEAVE, ETA);
             self.belief.set(HEAVE, GNSS_BIAS, position[2] - arm.z - heave);
@@ -104,8 +117,17 @@ impl Filter {
             Term::new(YAW, compass, 1.0),
         ];
         let innovation = wrap_angle(fix.heading - predicted);
-        self.belief
-            .update(&row, innovation, fix.heading_sd.powi(2), GATE)
-            .fused()
+        let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), GATE);
+        self.consistency.observe(Channel::Heading, update);
+        // A rate of turn says nothing that a gyroscope does not say better.
+        if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(fix.header.at)) {
+            let innovation =
+                rate - (self.belief.get(YAW, NU) - late * self.belief.acceleration(&self.model, YAW));
+            let update = self
+                .belief
+                .update(&[Term::new(YAW, NU, 1.0)], innovation, RATE_SD * RATE_SD, GATE);
+            self.consistency.observe(Channel::Rate, update);
+        }
+        update.fused()
     }
 }

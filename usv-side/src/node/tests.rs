@@ -17,6 +17,7 @@ fn imu(tick: i64) -> ImuSample {
         header: Header::new(1, 0, 1, tick as u32, time(tick)),
         gyro: [0.0; 3],
         accelerometer: [0.0, 0.0, -9.806_65],
+        ..ImuSample::default()
     }
 }
 fn fix(tick: i64) -> GnssFix {
@@ -28,6 +29,7 @@ fn fix(tick: i64) -> GnssFix {
         velocity: [0.0; 3],
         position_sd: [0.3; 3],
         velocity_sd: [0.1; 3],
+        ..GnssFix::default()
     }
 }
 fn heading(tick: i64) -> HeadingFix {
@@ -35,6 +37,7 @@ fn heading(tick: i64) -> HeadingFix {
         header: Header::new(1, 0, 1, tick as u32, time(tick)),
         heading: 0.0,
         heading_sd: 0.02,
+        ..HeadingFix::default()
     }
 }
 /// What the sensors of a vessel at rest say at a tick.
@@ -44,7 +47,7 @@ fn rest(tick: i64) -> VesselIn {
         imu: vec![imu(tick)],
         gnss: if tenth { vec![fix(tick)] } else { vec![] },
         heading: if tenth { vec![heading(tick)] } else { vec![] },
-        time_requests: vec![],
+        ..VesselIn::default()
     }
 }
 fn node() -> VesselNode {
@@ -189,13 +192,13 @@ proptest! {
                 }
                 let header = Header::new(1, 0, 1, 0, time(k + shift / 100));
                 match kind {
-                    0 => input.imu.insert(0, ImuSample { header, gyro: *a, accelerometer: *b }),
+                    0 => input.imu.insert(0, ImuSample { header, gyro: *a, accelerometer: *b, ..ImuSample::default() }),
                     1 => input.gnss.insert(0, GnssFix {
                         header, position: *a, velocity: *b, position_sd: [0.3; 3],
-                        velocity_sd: *a, datum: Default::default(),
+                        velocity_sd: *a, ..GnssFix::default()
                     }),
                     _ => input.heading.insert(0, HeadingFix {
-                        header, heading: a[0], heading_sd: b[0],
+                        header, heading: a[0], heading_sd: b[0], ..HeadingFix::default()
                     }),
                 }
             }

@@ -5,21 +5,11 @@ use std::io;
 use std::net::UdpSocket;
 use std::time::Duration;
 
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
 use alight_shared::wire;
-use serde::{Deserialize, Serialize};
+pub use alight_usv::sensors::Readings;
 
-/// Measurements that arrived together.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Readings {
-    /// Inertial samples.
-    pub imu: Vec<ImuSample>,
-    /// GNSS fixes.
-    pub gnss: Vec<GnssFix>,
-    /// Headings.
-    pub heading: Vec<HeadingFix>,
-}
-
+/// Measurements of each kind that one datagram holds, at most.
+const MOST_PER_DATAGRAM: usize = 4;
 /// Most datagrams that one read takes.
 const MOST_PER_READ: usize = 32;
 
@@ -53,11 +43,7 @@ impl Sensors {
                 break;
             };
             match wire::decode::<Readings>(buffer.get(..length).unwrap_or_default()) {
-                Ok(readings) => {
-                    all.imu.extend(readings.imu);
-                    all.gnss.extend(readings.gnss);
-                    all.heading.extend(readings.heading);
-                }
+                Ok(readings) => all.append(readings),
                 Err(_) => self.refused += 1,
             }
         }
@@ -69,7 +55,7 @@ impl Sensors {
     }
 }
 
-/// The sending end of simulated sensors.
+/// The sending end of sensors, simulated or real.
 pub struct SimulatedSensors {
     socket: UdpSocket,
 }
@@ -83,11 +69,13 @@ impl SimulatedSensors {
     }
     /// Sends what there is. A vessel's process that is not there misses it, as it would at sea.
     pub fn send(&self, readings: &Readings) {
-        if *readings == Readings::default() {
+        if readings.is_empty() {
             return;
         }
-        if let Ok(bytes) = wire::encode(readings) {
-            let _missed = self.socket.send(&bytes);
+        for part in readings.parts(MOST_PER_DATAGRAM) {
+            if let Ok(bytes) = wire::encode(&part) {
+                let _missed = self.socket.send(&bytes);
+            }
         }
     }
 }
@@ -95,6 +83,7 @@ impl SimulatedSensors {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::msg::ImuSample;
 
     #[test]
     fn readings_arrive_and_noise_is_counted() {

@@ -1,0 +1,77 @@
+//! What the vessel's node was given in a recording, for `alight estimate`.
+
+use std::path::Path;
+
+use alight_shared::config;
+use alight_shared::wire;
+use alight_usv::log::{LogError, MOST_MEASUREMENTS, Recorded};
+use alight_usv::sensors::{Decoded, Measurement};
+use alight_usv::{VesselIn, VesselNodeConfig};
+
+use super::entry::Entry;
+use super::reading::{Recording, contained};
+use super::{NODES, VESSEL_FILE};
+use crate::Refused;
+
+/// The first bytes of the format.
+const MAGIC: &[u8] = b"\x89MCAP";
+
+/// It is an MCAP file.
+pub fn is_mcap(bytes: &[u8]) -> bool {
+    bytes.starts_with(MAGIC)
+}
+
+/// The vessel's measurements and configuration.
+pub fn read(path: &Path) -> Result<(Recorded, VesselNodeConfig), Refused> {
+    contained(path, || read_sound(path))
+}
+
+fn read_sound(path: &Path) -> Result<(Recorded, VesselNodeConfig), Refused> {
+    let recording = Recording::open(path)?;
+    let origin = recording.origin();
+    let vessel = NODES.iter().position(|n| *n == "vessel");
+    let text = recording.text(VESSEL_FILE)?;
+    let config =
+        config::parse(&text, &format!("{origin}, {VESSEL_FILE}")).map_err(|e| Refused(e.to_string()))?;
+    let mut measurements = Vec::new();
+    let mut decoded = Decoded::default();
+    recording.steps(|node, _, bytes| {
+        if Some(node) != vessel || measurements.len() > MOST_MEASUREMENTS {
+            return Ok(());
+        }
+        let entry: Entry<VesselIn> = wire::decode_record(bytes)?;
+        let VesselIn {
+            imu,
+            gnss,
+            heading,
+            attitude,
+            time_requests: _,
+        } = entry.input;
+        decoded.good += 1;
+        measurements.extend(imu.into_iter().map(Measurement::Imu));
+        measurements.extend(attitude.into_iter().map(Measurement::Attitude));
+        measurements.extend(gnss.into_iter().map(Measurement::Gnss));
+        measurements.extend(heading.into_iter().map(Measurement::Heading));
+        Ok(())
+    })?;
+    let whole = |message: String| {
+        let error = LogError::Whole {
+            origin: origin.into(),
+            message,
+        };
+        Refused(error.to_string())
+    };
+    if measurements.is_empty() {
+        return Err(whole("holds no measurement of a vessel".into()));
+    }
+    if measurements.len() > MOST_MEASUREMENTS {
+        return Err(whole(format!("more than {MOST_MEASUREMENTS} measurements")));
+    }
+    let recorded = Recorded {
+        format: "MCAP",
+        measurements,
+        decoded,
+        notes: Vec::new(),
+    };
+    Ok((recorded, config))
+}

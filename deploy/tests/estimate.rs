@@ -1,0 +1,139 @@
+//! `alight estimate` as a person meets it: reports of what is read, exit code 2 and a reason for what is
+//! not.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "common/program.rs"]
+mod program;
+
+use program::{alight, json, scratch, stderr};
+
+/// Two minutes of a boat in a swell of 5 s as a motion sensor and a receiver tell it at 5 Hz.
+fn nmea() -> String {
+    let sentence = |body: String| {
+        let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
+        format!("${body}*{sum:02X}\r\n")
+    };
+    let mut text = String::new();
+    for k in 0..900_u32 {
+        let t = 0.2 * f64::from(k);
+        let w = core::f64::consts::TAU / 5.0 * t;
+        let time = format!("12{:02}{:02}.{}0", k / 300, (k / 5) % 60, 2 * (k % 5));
+        text += &sentence(format!(
+            "PASHR,{time},10.0,T,{:.2},{:.2},{:.3},0.1,0.1,0.3,2,1",
+            3.0 * w.sin(),
+            2.0 * w.cos(),
+            0.4 * (w + 0.4).sin()
+        ));
+        text += &sentence(format!(
+            "GPGGA,{time},5000.0000,N,01430.0000,E,4,12,0.8,{:.3},M,45.0,M,1.0,0001",
+            210.0 + 0.4 * (w + 0.4).sin()
+        ));
+        text += &sentence("GPVTG,10.0,T,,M,0.0,N,0.0,K,D".into());
+    }
+    text
+}
+
+#[test]
+fn a_log_of_sentences_is_reported_for_people_and_for_machines() {
+    let log = scratch("boat.nmea");
+    std::fs::write(&log, nmea() + "$GPGGA,12").unwrap();
+    let name = log.display().to_string();
+    let o = alight(&["estimate", &name]);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let text = String::from_utf8_lossy(&o.stdout).into_owned();
+    for says in ["NMEA 0183, 179.8 s", "attitude 0", "Hs", "mean NIS", "at 0.5 s"] {
+        assert!(text.contains(says), "{says} is missing in:\n{text}");
+    }
+    assert!(text.lines().all(|l| l.chars().count() <= 100), "{text}");
+    let o = alight(&["estimate", &name, "--json"]);
+    let v = json(&o);
+    assert_eq!(
+        (&v["decoded"]["good"], &v["decoded"]["corrupted"]),
+        (&2700.into(), &1.into())
+    );
+    let period = v["sea"]["peak_period_s"].as_f64().unwrap();
+    assert!((period - 5.0).abs() < 0.1, "{period}");
+    let height = v["sea"]["significant_height_m"].as_f64().unwrap();
+    assert!(
+        (height / (4.0 * 0.4 / 2.0_f64.sqrt()) - 1.0).abs() < 0.2,
+        "{height}"
+    );
+    let roll = v["predictions"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|p| p["what"] == "roll")
+        .unwrap();
+    assert!(roll["rms"][2].as_f64() < roll["hold_rms"][2].as_f64(), "{roll}");
+}
+
+#[test]
+fn an_own_recording_is_estimated_with_its_own_configuration() {
+    let (file, scenario) = (scratch("own.mcap"), scratch("own.toml"));
+    std::fs::write(&scenario, "[start]\nwarm_up_s = 40.0\n").unwrap();
+    let name = file.display().to_string();
+    let o = alight(&[
+        "trial",
+        "--seed",
+        "104",
+        "--json",
+        "--scenario",
+        &scenario.display().to_string(),
+        "--record",
+        &name,
+    ]);
+    assert!(o.status.code().is_some_and(|c| c < 2), "{}", stderr(&o));
+    let o = alight(&["estimate", &name, "--json"]);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let v = json(&o);
+    assert_eq!((&v["format"], &v["restarts"]), (&"MCAP".into(), &0.into()));
+    assert_eq!(v["innovations"][0]["channel"], "gyro");
+    assert!(v["estimates"].as_u64().unwrap() > 1000);
+}
+
+#[test]
+fn what_cannot_be_read_is_refused_with_code_2_and_a_reason() {
+    let write = |name: &str, bytes: &[u8]| {
+        let path = scratch(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.display().to_string()
+    };
+    let half = nmea().into_bytes();
+    let config = write("bad-vessel.toml", b"[sensor]\nsauces = []\n");
+    let good = write("good.nmea", &half);
+    let sources = write("sources.toml", b"[[sensor.sources]]\nname = \"mast\"\n");
+    let cases: &[(&[&str], &str)] = &[
+        (&["/nonexistent/boat.csv"], "/nonexistent/boat.csv"),
+        (&[&write("empty.log", b"")], "empty"),
+        (&[&write("noise.bin", &[7; 5000])], "no kind of recording"),
+        (&[&write("bad-column.csv", b"t_s,rol_deg\n0,1\n")], "rol_deg"),
+        (
+            &[&write("bad-rows.csv", b"t_s,roll_deg,pitch_deg\n0,x,1\n")],
+            "line 2",
+        ),
+        (&[&write("short.nmea", &half[..2000])], "too few"),
+        (&[&write("cut.ulg", b"ULog\x01\x12\x35\x01")], "too few"),
+        (&[&write("cut.mcap", b"\x89MCAP0\r\n\x01")], "damaged"),
+        (&[&good, "--config", &config], "sauces"),
+        (&[&good, "--config", &sources, "--source", "keel"], "mast"),
+        (
+            &[&write(
+                "still.csv",
+                b"t_s,heading_deg\n0,1\n1,1\n2,1\n3,1\n4,1\n5,1\n6,1\n7,1\n8,1\n9,1\n10,1\n",
+            )],
+            "never started",
+        ),
+    ];
+    for (args, says) in cases {
+        let mut all = vec!["estimate"];
+        all.extend(*args);
+        let o = alight(&all);
+        assert_eq!(o.status.code(), Some(2), "{args:?}: {}", stderr(&o));
+        assert!(
+            stderr(&o).contains(says),
+            "{args:?} does not say {says}: {}",
+            stderr(&o)
+        );
+        assert!(!stderr(&o).contains("panicked"), "{args:?}");
+    }
+}

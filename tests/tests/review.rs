@@ -1,0 +1,198 @@
+//! `alight_usv::review` over recordings whose truth is known: what it reports is what was there.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use std::path::Path;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::time::{Time, TrueTime};
+use alight_sim::deck_motion::DeckCarrier;
+use alight_sim::scenario::Scenario;
+use alight_sim::sea::Sea;
+use alight_sim::sensors::Sensors;
+use alight_sim::streams::Streams;
+use alight_sim::world::TICK;
+use alight_usv::VesselNodeConfig;
+use alight_usv::estimator::Channel;
+use alight_usv::log::{self, Recorded};
+use alight_usv::review::{Review, review};
+use alight_usv::sensors::{Measurement, Mount};
+
+/// What the vessel's sensors recorded, what a motion sensor at 10 Hz would have, and the standard
+/// deviations of the true heave (m), roll and pitch (rad), and the period of the highest wave (s).
+fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recorded, Recorded, [f64; 4]) {
+    let scenario = Scenario {
+        sea: sea.parse().unwrap(),
+        ..Scenario::default()
+    };
+    let streams = Streams::new(seed);
+    let sea = Sea::new(&scenario.sea, &streams);
+    let mut carrier = DeckCarrier::new(&scenario.vessel, None, &scenario.deck, &sea, &streams).unwrap();
+    let mut sensors = Sensors::new(&scenario.sensors, &scenario.airframe, &scenario.deck, &streams);
+    let (mut real, mut motion) = (Recorded::default(), Recorded::default());
+    let mut truth = Vec::new();
+    for k in 0..100 * seconds {
+        let t = Time::<TrueTime>::EPOCH + TICK * k as i64;
+        let state = carrier.state();
+        let readings = sensors.vessel(t, &state);
+        let all = &mut real.measurements;
+        all.extend(readings.imu.into_iter().map(Measurement::Imu));
+        all.extend(readings.gnss.into_iter().map(Measurement::Gnss));
+        all.extend(readings.heading.into_iter().map(Measurement::Heading));
+        let (roll, pitch, yaw) = state.attitude.euler();
+        truth.push([state.position.0.z, roll, pitch]);
+        if k % 10 == 0 {
+            let header = Header::new(1, 0, 1, k as u32, sensors.clocks.vessel_time(t));
+            // A repeatable error of the size that the sensor is told to have.
+            let error = |n: f64| (0.7 * n * k as f64).sin() * 2.0_f64.sqrt();
+            let sd = 0.003;
+            motion.measurements.push(Measurement::Attitude(AttitudeFix {
+                header,
+                tilt: [roll + sd * error(1.1), pitch + sd * error(1.7)],
+                tilt_sd: sd,
+                heave: Some(state.position.0.z + 0.03 * error(2.3)),
+                heave_sd: 0.03,
+                ..AttitudeFix::default()
+            }));
+            motion.measurements.push(Measurement::Gnss(GnssFix {
+                header,
+                position: state.position.0.into(),
+                position_sd: [0.3, 0.3, NOT_MEASURED_SD],
+                velocity_sd: [NOT_MEASURED_SD; 3],
+                arm: Some([0.0; 3]),
+                ..GnssFix::default()
+            }));
+            motion.measurements.push(Measurement::Heading(HeadingFix {
+                header,
+                heading: wrap_angle(yaw),
+                heading_sd: 0.01,
+                ..HeadingFix::default()
+            }));
+        }
+        carrier.step(t, TICK.secs(), &sea);
+    }
+    let n = truth.len() as f64;
+    let sd = [0, 1, 2].map(|c| {
+        let mean = truth.iter().map(|v| v[c]).sum::<f64>() / n;
+        (truth.iter().map(|v| (v[c] - mean).powi(2)).sum::<f64>() / n).sqrt()
+    });
+    let highest = sea
+        .components()
+        .iter()
+        .max_by(|a, b| a.amplitude_m.total_cmp(&b.amplitude_m))
+        .unwrap();
+    let period = core::f64::consts::TAU / highest.frequency;
+    (real, motion, [sd[0], sd[1], sd[2], period])
+}
+
+fn assert_near(what: &str, got: f64, want: f64, share: f64) {
+    assert!((got / want - 1.0).abs() < share, "{what}: {got}, not {want}");
+}
+
+fn assert_sea(r: &Review, sd: [f64; 4]) {
+    let tilt = r.motion_sd[1].unwrap().hypot(r.motion_sd[2].unwrap());
+    assert_near("heave", r.motion_sd[0].unwrap(), sd[0], 0.25);
+    assert_near("tilt", tilt, sd[1].hypot(sd[2]).to_degrees(), 0.15);
+    assert_near("Hs", r.sea.significant_height_m.unwrap(), 4.0 * sd[0], 0.25);
+    assert_near("peak period", r.sea.peak_period_s.unwrap(), sd[3], 0.1);
+    assert!(r.sea.identified_share > 0.8, "{}", r.sea.identified_share);
+    for p in r
+        .predictions
+        .iter()
+        .filter(|p| ["heave", "roll", "pitch"].contains(&p.what))
+    {
+        // At 2 s, 0.4 of a period, an estimate that stands still is as wrong as can be.
+        assert!(
+            p.rms[2] < 0.35 * p.hold_rms[2],
+            "{}: {:?} {:?}",
+            p.what,
+            p.rms,
+            p.hold_rms
+        );
+        assert!(p.count > 150, "{}", p.count);
+    }
+}
+
+#[test]
+fn a_simulated_recording_is_reported_as_it_was() {
+    let (real, motion, sd) = recorded("0.5,5", 101, 240);
+    let config = VesselNodeConfig::default();
+    let r = review(&config, &real);
+    assert_sea(&r, sd);
+    for f in &r.innovations {
+        assert!(f.nis_mean < 2.5 && f.inside_95 > 0.85, "{f:?}");
+    }
+    assert_eq!((r.restarts, r.notes.len()), (0, 0));
+
+    // A motion sensor alone: no inertial sensor.
+    let r = review(&config, &motion);
+    assert_sea(&r, sd);
+    let channels: Vec<Channel> = r.innovations.iter().map(|f| f.channel).collect();
+    assert_eq!(
+        channels,
+        [Channel::Position, Channel::Heading, Channel::Tilt, Channel::Heave]
+    );
+}
+
+#[test]
+fn repeated_reordered_and_far_dated_measurements_are_counted_and_change_little() {
+    let (real, _, _) = recorded("0.5,5", 103, 150);
+    let config = VesselNodeConfig::default();
+    let clean = review(&config, &real);
+    let mut bad = real.clone();
+    bad.measurements.clear();
+    for (k, m) in real.measurements.iter().enumerate() {
+        bad.measurements.push(*m);
+        if k % 50 == 7 {
+            bad.measurements.push(*m);
+        }
+        if k % 400 == 11 {
+            // Dated a day ahead.
+            let ahead = m.at() + alight_shared::time::Span::from_secs(86_400.0);
+            bad.measurements.push(m.of(m.source(), ahead));
+        }
+    }
+    for k in (100..bad.measurements.len() - 1).step_by(97) {
+        bad.measurements.swap(k, k + 1);
+    }
+    let r = review(&config, &bad);
+    let counted: u64 = r.sources.iter().map(|s| s.out_of_order).sum();
+    assert!(counted as usize >= real.measurements.len() / 50, "{counted}");
+    assert!(
+        r.outliers_in_time as usize >= real.measurements.len() / 400 - 2,
+        "{}",
+        r.outliers_in_time
+    );
+    assert_eq!(r.restarts, 0);
+    for (a, b) in r.predictions.iter().zip(&clean.predictions) {
+        assert!(
+            a.rms[1] < 1.5 * b.rms[1] + 1e-3,
+            "{}: {:?} {:?}",
+            a.what,
+            a.rms,
+            b.rms
+        );
+    }
+}
+
+#[test]
+fn a_recorded_platform_is_followed_and_its_prediction_not_overrated() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
+    if !file.exists() {
+        eprintln!("skipped: {} is missing", file.display());
+        return;
+    }
+    let bytes = std::fs::read(&file).unwrap();
+    let recorded = log::read(&bytes, "tank", &Mount::default()).unwrap();
+    assert_eq!((recorded.decoded.good, recorded.decoded.corrupted), (6461, 0));
+    let r = review(&VesselNodeConfig::default(), &recorded);
+    assert_eq!(r.restarts, 0);
+    assert!(r.sea.significant_height_m.is_none(), "it has no heave");
+    let [roll, pitch] = ["roll", "pitch"].map(|w| r.predictions.iter().find(|p| p.what == w).unwrap());
+    for p in [roll, pitch] {
+        // It rocks at 1.4 Hz, which no wave does: the prediction is of little use, and says so.
+        assert!(p.rms[1] < p.hold_rms[1], "{p:?}");
+        assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
+    }
+}

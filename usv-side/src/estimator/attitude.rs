@@ -1,0 +1,103 @@
+//! An attitude sensor in place of the inertial one: it carries the filter from fix to fix by the model
+//! and is compared with the state at its own time.
+
+use alight_shared::kalman::Update;
+use alight_shared::msg::AttitudeFix;
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt};
+use nalgebra::Vector3;
+
+use super::{Channel, Filter, LONGEST_GAP_S, STEP_S};
+use crate::sea_state::MotionSample;
+
+/// Gate on the normalised innovation squared (5 standard deviations).
+const GATE: f64 = 25.0;
+/// After so many attitudes in a row with a refusal the covariance is opened (1 s at 10 Hz).
+const PATIENCE: u32 = 10;
+/// An inertial sensor that is silent for this long is stood in for, s.
+const SILENT_S: f64 = 0.5;
+/// White noise of the rates that come with an attitude, rad/s (ours: an INS gives them without bias,
+/// smoothed over tens of milliseconds).
+const RATE_SD: f64 = 0.02;
+
+impl Filter {
+    /// The inertial sensor speaks at `at`.
+    pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
+        self.inertial && (at - self.last_imu).secs() < SILENT_S
+    }
+
+    /// Carries the state to within half a step of `to` by the model alone.
+    pub(super) fn glide(&mut self, to: Time<VesselClock>) {
+        self.pending = Default::default();
+        let ahead = (to - self.at).secs();
+        let steps = (ahead / STEP_S).round().clamp(0.0, LONGEST_GAP_S / STEP_S) as u32;
+        for _ in 0..steps {
+            self.belief.propagate(&self.step);
+            self.at += Span::from_secs(STEP_S);
+            self.follow_heading();
+            self.hold_against_predictions();
+        }
+    }
+
+    /// Fuses an attitude; returns the number of its components that were refused.
+    pub(super) fn fuse_attitude(&mut self, fix: &AttitudeFix) -> u64 {
+        let late = (self.at - fix.header.at).secs();
+        let since = self.last_attitude.map_or(STEP_S, |t| (fix.header.at - t).secs());
+        self.last_attitude = Some(fix.header.at);
+        let gate = if self.refused_attitudes > PATIENCE {
+            self.open();
+            self.refused_attitudes = 0;
+            f64::INFINITY
+        } else {
+            GATE
+        };
+        let mut refused = 0;
+        // The same normal at the reference heading.
+        let heading = self.tilt().heading - late * self.belief.get(YAW, NU);
+        let (roll, pitch) = turn_tilt(fix.tilt[0], fix.tilt[1], -heading);
+        let measured = [
+            (Channel::Tilt, ROLL, Some(roll), fix.tilt_sd),
+            (Channel::Tilt, PITCH, Some(pitch), fix.tilt_sd),
+            (Channel::Heave, HEAVE, fix.heave, fix.heave_sd),
+        ];
+        for (channel, dof, z, sd) in measured {
+            let Some(z) = z else { continue };
+            let row = [Term::new(dof, ETA, 1.0), Term::new(dof, NU, -late)];
+            let innovation = z - self.belief.predicted(&row);
+            let update = self.belief.update(&row, innovation, sd * sd, gate);
+            self.consistency.observe(channel, update);
+            refused += u64::from(!update.fused());
+            if let Update::Fused { nis } | Update::Gated { nis } = update {
+                self.unexplained.observe(dof, nis.min(GATE), since);
+            }
+        }
+        if let Some(rates) = fix.rates {
+            let measured = self.tilt().rates_from_gyro(Vector3::from(rates));
+            for (dof, z) in [(ROLL, measured[0]), (PITCH, measured[1]), (YAW, measured[2])] {
+                let predicted = self.belief.get(dof, NU) - late * self.belief.acceleration(&self.model, dof);
+                let row = [Term::new(dof, NU, 1.0)];
+                let update = self.belief.update(&row, z - predicted, RATE_SD * RATE_SD, gate);
+                self.consistency.observe(Channel::Rate, update);
+                refused += u64::from(!update.fused());
+            }
+        }
+        self.refused_attitudes = if refused > 0 {
+            self.refused_attitudes + 1
+        } else {
+            0
+        };
+        refused
+    }
+
+    /// The motion for the identification, as the attitudes have made it.
+    pub(super) fn motion_of_attitude(&self) -> MotionSample {
+        let up = -(self.tilt().rotation() * Vector3::z());
+        let (s, c) = self.reference.sin_cos();
+        MotionSample {
+            at: self.at,
+            mean_velocity: [self.mean_velocity.x, self.mean_velocity.y],
+            normal: [c * up.x - s * up.y, s * up.x + c * up.y],
+            acceleration_up: -self.belief.acceleration(&self.model, HEAVE),
+        }
+    }
+}

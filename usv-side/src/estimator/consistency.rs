@@ -1,0 +1,118 @@
+//! How measurements have fitted what the filter expected of them: for a filter whose figures are right
+//! the normalised innovation squared of a scalar is chi-square distributed with one degree of freedom,
+//! 1 on average and below 3.84 in 95 of 100 (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
+
+use alight_shared::kalman::Update;
+use serde::Serialize;
+
+/// 95 % point of the chi-square distribution with one degree of freedom.
+const INSIDE: f64 = 3.841;
+
+/// What was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Channel {
+    /// Gyroscope.
+    Gyro,
+    /// Accelerometer.
+    Accelerometer,
+    /// Components of a position.
+    Position,
+    /// Components of a velocity.
+    Velocity,
+    /// Heading.
+    Heading,
+    /// Roll and pitch of an attitude sensor.
+    Tilt,
+    /// Its angular rates.
+    Rate,
+    /// Its heave.
+    Heave,
+}
+
+impl Channel {
+    /// All, in the order of the table.
+    pub const ALL: [Channel; 8] = [
+        Channel::Gyro,
+        Channel::Accelerometer,
+        Channel::Position,
+        Channel::Velocity,
+        Channel::Heading,
+        Channel::Tilt,
+        Channel::Rate,
+        Channel::Heave,
+    ];
+    /// Its name in a table.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Channel::Gyro => "gyroscope",
+            Channel::Accelerometer => "accelerometer",
+            Channel::Position => "position",
+            Channel::Velocity => "velocity",
+            Channel::Heading => "heading",
+            Channel::Tilt => "roll, pitch",
+            Channel::Rate => "rates",
+            Channel::Heave => "heave",
+        }
+    }
+}
+
+/// Innovations of one channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fit {
+    /// Scalars fused.
+    pub fused: u64,
+    /// Sum of their normalised innovations squared.
+    pub sum: f64,
+    /// Scalars inside the 95 % point.
+    pub inside: u64,
+    /// Scalars that the gate refused.
+    pub gated: u64,
+}
+
+impl Fit {
+    /// Mean normalised innovation squared of what was fused; 1 when the filter's figures are right.
+    pub fn mean(&self) -> Option<f64> {
+        (self.fused > 0).then(|| self.sum / self.fused as f64)
+    }
+    /// Share of all scalars inside the 95 % point; 0.95 when the figures are right.
+    pub fn share_inside(&self) -> Option<f64> {
+        let all = self.fused + self.gated;
+        (all > 0).then(|| self.inside as f64 / all as f64)
+    }
+}
+
+/// Innovations of all channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Consistency([Fit; Channel::ALL.len()]);
+
+impl Consistency {
+    /// One channel's.
+    pub fn of(&self, channel: Channel) -> Fit {
+        self.0.get(channel as usize).copied().unwrap_or_default()
+    }
+    pub(crate) fn observe(&mut self, channel: Channel, update: Update) {
+        let Some(fit) = self.0.get_mut(channel as usize) else {
+            return;
+        };
+        match update {
+            Update::Fused { nis } => {
+                fit.fused += 1;
+                fit.sum += nis;
+                fit.inside += u64::from(nis <= INSIDE);
+            }
+            Update::Gated { .. } | Update::Invalid => fit.gated += 1,
+        }
+    }
+    /// Both together.
+    pub(crate) fn and(&self, other: &Consistency) -> Consistency {
+        let mut all = *self;
+        for (a, b) in all.0.iter_mut().zip(&other.0) {
+            a.fused += b.fused;
+            a.sum += b.sum;
+            a.inside += b.inside;
+            a.gated += b.gated;
+        }
+        all
+    }
+}

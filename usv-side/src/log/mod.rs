@@ -1,0 +1,247 @@
+//! Recordings of a boat's sensors: bytes in, measurements out, in the order in which they were
+//! recorded and dated by the sensors' own time.
+
+mod csv;
+mod ulog;
+
+use alight_shared::msg::{Header, ImuSample};
+use alight_shared::time::{Time, VesselClock};
+use thiserror::Error;
+
+use crate::sensors::{Average, Decoded, Heard, Measurement, Mount, Mounting, NmeaDecoder};
+
+/// Most measurements that a recording may hold.
+pub const MOST_MEASUREMENTS: usize = 2_000_000;
+
+/// Why a recording was refused.
+#[derive(Debug, Error)]
+pub enum LogError {
+    /// Not a recording of any kind that is read.
+    #[error(
+        "{origin}: {message}; NMEA 0183 text, CSV (a first line of columns), PX4 ULog and Alight's own MCAP are read"
+    )]
+    Kind {
+        /// The file.
+        origin: String,
+        /// What it looks like.
+        message: String,
+    },
+    /// A line that makes the rest useless.
+    #[error("{origin}, line {line}: {message}")]
+    Line {
+        /// The file.
+        origin: String,
+        /// Its line, counted from 1.
+        line: u64,
+        /// What is wrong, and what to do.
+        message: String,
+    },
+    /// Usable, but not as a whole.
+    #[error("{origin}: {message}")]
+    Whole {
+        /// The file.
+        origin: String,
+        /// What is wrong, and what to do.
+        message: String,
+    },
+}
+
+/// What a recording holds.
+#[derive(Clone, Debug, Default)]
+pub struct Recorded {
+    /// What kind of file it is.
+    pub format: &'static str,
+    /// Its measurements in their order, on a clock that begins near zero.
+    pub measurements: Vec<Measurement>,
+    /// What its decoder made of the bytes.
+    pub decoded: Decoded,
+    /// What a reader should know of how it was read.
+    pub notes: Vec<String>,
+}
+
+/// Gathers measurements of one recording.
+#[derive(Debug, Default)]
+struct Gather {
+    first_ns: Option<i64>,
+    measurements: Vec<Measurement>,
+    average: [Average; 2],
+    overflowed: bool,
+}
+
+impl Gather {
+    /// A measurement of a source's time; inertial samples are averaged to the filter's rate.
+    fn push(&mut self, heard: Heard, source: u8) {
+        let first = *self.first_ns.get_or_insert(heard.at_ns);
+        match heard.measurement {
+            Measurement::Imu(m) => {
+                let sample = ImuSample { source, ..m };
+                let k = usize::from(source).min(1);
+                let mean = self.average.get_mut(k).and_then(|a| a.push(heard.at_ns, &sample));
+                if let Some((at_ns, m)) = mean {
+                    self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
+                }
+            }
+            other => self.add(heard.at_ns.saturating_sub(first), other, source),
+        }
+    }
+    fn add(&mut self, at_ns: i64, measurement: Measurement, source: u8) {
+        if self.measurements.len() >= MOST_MEASUREMENTS {
+            self.overflowed = true;
+            return;
+        }
+        let at: Time<VesselClock> = Time::from_nanos(at_ns);
+        self.measurements.push(measurement.of(source, at));
+    }
+    /// All of them, or why they are of no use.
+    fn finish(mut self, origin: &str) -> Result<Vec<Measurement>, LogError> {
+        let first = self.first_ns.unwrap_or_default();
+        for k in 0..self.average.len() {
+            let rest = self.average.get_mut(k).and_then(Average::finish);
+            if let Some((at_ns, m)) = rest {
+                let source = m.source;
+                self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
+            }
+        }
+        let whole = |message: String| LogError::Whole {
+            origin: origin.into(),
+            message,
+        };
+        if self.overflowed {
+            return Err(whole(format!(
+                "more than {MOST_MEASUREMENTS} measurements; cut the recording into parts"
+            )));
+        }
+        let times = || self.measurements.iter().map(Measurement::at);
+        let span = times()
+            .max()
+            .zip(times().min())
+            .map_or(0.0, |(b, a)| (b - a).secs());
+        if self.measurements.len() < 10 || span < 5.0 {
+            return Err(whole(format!(
+                "{} measurements over {span:.1} s are too few; give at least a minute",
+                self.measurements.len()
+            )));
+        }
+        for (k, m) in self.measurements.iter_mut().enumerate() {
+            let header = Header::new(1, 0, 1, k as u32, m.at());
+            *m = m.headed(m.source(), header);
+        }
+        Ok(self.measurements)
+    }
+}
+
+/// Reads a recording; `origin` names it in errors, `mount` says how its sensors are mounted.
+pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded, LogError> {
+    let kind = |message: &str| LogError::Kind {
+        origin: origin.into(),
+        message: message.into(),
+    };
+    if bytes.is_empty() {
+        return Err(kind("the file is empty"));
+    }
+    let head = bytes.get(..bytes.len().min(4096)).unwrap_or_default();
+    let first = head
+        .split(|b| *b == b'\n')
+        .map(|l| l.trim_ascii())
+        .find(|l| !l.is_empty())
+        .unwrap_or_default();
+    let first = first.strip_prefix(b"\xef\xbb\xbf").unwrap_or(first);
+    if first.split(|b| *b == b',').any(|c| c.trim_ascii() == b"t_s") {
+        return csv::read(bytes, origin, mount);
+    }
+    if bytes.starts_with(ulog::MAGIC) {
+        return ulog::read(bytes, origin, mount);
+    }
+    if looks_like_nmea(head) {
+        return nmea(bytes, origin, mount);
+    }
+    Err(kind("no kind of recording begins like this"))
+}
+
+/// Some sentence begins in it: a dollar, an address of capitals, a comma.
+fn looks_like_nmea(head: &[u8]) -> bool {
+    head.split(|b| *b == b'$').skip(1).any(|rest| {
+        let address = rest.iter().take_while(|b| b.is_ascii_uppercase()).count();
+        (5..=6).contains(&address) && rest.get(address) == Some(&b',')
+    })
+}
+
+/// NMEA 0183 text, with or without a logger's own words before each sentence.
+fn nmea(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded, LogError> {
+    let mut decoder = NmeaDecoder::new(&Mounting::new(mount));
+    let (mut gather, mut heard) = (Gather::default(), Vec::new());
+    for part in bytes.chunks(1 << 16) {
+        decoder.push(part, &mut heard);
+        heard.drain(..).for_each(|h| gather.push(h, 0));
+    }
+    decoder.finish(&mut heard);
+    heard.drain(..).for_each(|h| gather.push(h, 0));
+    Ok(Recorded {
+        format: "NMEA 0183",
+        measurements: gather.finish(origin)?,
+        decoded: decoder.decoded(),
+        notes: Vec::new(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A table and a log of sentences of 20 s.
+    fn good() -> [Vec<u8>; 2] {
+        let mut table =
+            String::from("t_s,roll_deg,pitch_deg,heave_m,latitude_deg,longitude_deg,altitude_m\n");
+        let mut sentences = String::new();
+        for k in 0..200 {
+            table += &format!("{:.1},1.5,-2,0.25,50.0,14.5,255\n", 0.1 * f64::from(k));
+            let body = format!(
+                "PASHR,1200{:02}.{}0,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,2,1",
+                k / 10,
+                k % 10
+            );
+            let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
+            sentences += &format!("2026-05-20 ${body}*{sum:02X}\r\n");
+        }
+        [table.into_bytes(), sentences.into_bytes()]
+    }
+
+    #[test]
+    fn what_a_logger_writes_before_a_sentence_is_passed_over() {
+        let [_, sentences] = good();
+        let r = read(&sentences, "log", &Mount::default()).unwrap();
+        assert_eq!(
+            (r.format, r.decoded.good, r.decoded.corrupted),
+            ("NMEA 0183", 200, 0)
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
+            let _read = read(&bytes, "log", &Mount::default());
+            let _table = read(&[b"t_s,roll_deg,pitch_deg\n", &bytes[..]].concat(), "log", &Mount::default());
+        }
+
+        #[test]
+        fn damaged_recordings_are_read_or_refused(
+            which in 0_usize..2,
+            changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..100),
+            cut in any::<prop::sample::Index>(),
+        ) {
+            let mut bytes = good()[which].clone();
+            for (at, to) in changes {
+                let k = at.index(bytes.len());
+                bytes[k] = to;
+            }
+            bytes.truncate(cut.index(bytes.len()));
+            if let Ok(r) = read(&bytes, "log", &Mount::default()) {
+                prop_assert!(r.measurements.len() <= 2 * 3 * 200);
+                for m in r.measurements {
+                    prop_assert!(m.at().secs().abs() < 2e10);
+                }
+            }
+        }
+    }
+}

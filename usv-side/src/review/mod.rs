@@ -1,0 +1,476 @@
+//! A recording through the vessel's own node, and how the node fared: what a user does first with
+//! their own boat.
+//!
+//! Nobody knows the truth of a recording. What can be known is whether measurements fit what the
+//! filter expected of them (innovations), and whether the node's predictions fit what it said itself
+//! when the time had come.
+
+mod foretold;
+
+use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveComponent};
+use alight_shared::node::Node;
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
+use serde::Serialize;
+
+use crate::estimator::{Channel, Consistency};
+use crate::log::Recorded;
+use crate::node::{KINDS, SourceCounts, VesselIn, VesselNode};
+use crate::sensors::{Decoded, Measurement};
+use crate::{VesselNodeConfig, estimator::Fit};
+use foretold::Foretold;
+pub use foretold::{HORIZONS_S, PredictionReview};
+
+/// The node's step, as in the vessel's process.
+const TICK: Span = Span::from_millis(10);
+/// A silence of all sources that is jumped over instead of stepped through, s.
+const JUMP_S: f64 = 5.0;
+/// Measurements after one that lies far ahead, of which one must be back for it to be an outlier.
+const LOOK_AHEAD: usize = 20;
+/// What is judged begins after this long, or after a third of a shorter recording, s: the length of the
+/// record that the sea is identified from.
+const SETTLE_S: f64 = 60.0;
+/// A source's gap is where this many of its usual steps are missing, and at least the time below.
+const GAP_STEPS: f64 = 5.0;
+/// Shortest gap, s.
+const GAP_S: f64 = 0.3;
+/// Position and velocity that stand in for a receiver that a recording lacks, m, m/s: a boat that keeps
+/// to a place.
+const STANDING_SD: [f64; 2] = [5.0, 1.0];
+/// Heading that stands in for a sensor that it lacks, rad.
+const UNKNOWN_HEADING_SD: f64 = 0.2;
+
+/// One source.
+#[derive(Clone, Debug, Serialize)]
+pub struct SourceReview {
+    /// Kind of measurement, of [`KINDS`].
+    pub kind: &'static str,
+    /// Which of its kind.
+    pub source: usize,
+    /// Measurements recorded.
+    pub samples: u64,
+    /// Their usual rate (median step), Hz.
+    pub rate_hz: f64,
+    /// Silences longer than five usual steps and 0.3 s.
+    pub gaps: u64,
+    /// The longest silence, s.
+    pub longest_gap_s: f64,
+    /// Given to the filter.
+    pub taken: u64,
+    /// Of those, with a component that the gate refused.
+    pub gated: u64,
+    /// Not newer than the one before: out of order or repeated.
+    pub out_of_order: u64,
+    /// Too old, from the future or absurd.
+    pub refused: u64,
+    /// Not needed beside another source.
+    pub spare: u64,
+}
+
+/// The sea.
+#[derive(Clone, Debug, Serialize)]
+pub struct SeaReview {
+    /// Median of the significant height, 4 standard deviations of heave, m; none where nothing tells
+    /// of heave.
+    pub significant_height_m: Option<f64>,
+    /// Median of the period of the strongest component, s.
+    pub peak_period_s: Option<f64>,
+    /// Share of the time in which the sea was identified, 0 to 1.
+    pub identified_share: f64,
+    /// Mean confidence while it was, 0 to 1.
+    pub confidence: f64,
+    /// The components at the end, strongest first.
+    pub components: Vec<ComponentReview>,
+}
+
+/// A wave component at the end of the recording.
+#[derive(Clone, Debug, Serialize)]
+pub struct ComponentReview {
+    /// Period in the earth's frame, s.
+    pub period_s: f64,
+    /// Period of encounter, s.
+    pub encounter_period_s: f64,
+    /// Direction it travels to, deg from north; none when unknown.
+    pub direction_deg: Option<f64>,
+    /// Amplitude of the heave now, m; none where nothing tells of heave.
+    pub heave_m: Option<f64>,
+    /// Amplitude of the tilt now, deg.
+    pub tilt_deg: f64,
+}
+
+/// Innovations of one channel.
+#[derive(Clone, Debug, Serialize)]
+pub struct FitReview {
+    /// What was measured.
+    pub channel: Channel,
+    /// Scalars fused.
+    pub fused: u64,
+    /// Scalars that the gate refused.
+    pub gated: u64,
+    /// Mean normalised innovation squared; 1 when the filter's figures are right.
+    pub nis_mean: f64,
+    /// Share inside the 95 % point.
+    pub inside_95: f64,
+}
+
+/// How a recording went.
+#[derive(Clone, Debug, Serialize)]
+pub struct Review {
+    /// Kind of file.
+    pub format: &'static str,
+    /// From the first measurement to the last, s.
+    pub duration_s: f64,
+    /// Innovations and predictions are judged from here on, s after the first measurement.
+    pub judged_from_s: f64,
+    /// What the decoder made of the bytes.
+    pub decoded: Decoded,
+    /// Measurements dated far ahead of those after them.
+    pub outliers_in_time: u64,
+    /// Its sources.
+    pub sources: Vec<SourceReview>,
+    /// Times that the estimator began anew.
+    pub restarts: u64,
+    /// Estimates given.
+    pub estimates: u64,
+    /// Standard deviation of heave (m), roll and pitch (deg) of the estimates.
+    pub motion_sd: [Option<f64>; 3],
+    /// The sea.
+    pub sea: SeaReview,
+    /// Innovations.
+    pub innovations: Vec<FitReview>,
+    /// Predictions against later estimates.
+    pub predictions: Vec<PredictionReview>,
+    /// What was assumed or left out.
+    pub notes: Vec<String>,
+}
+
+/// Passes a recording through the node.
+pub fn review(config: &VesselNodeConfig, recorded: &Recorded) -> Review {
+    let all = without_outliers(&recorded.measurements);
+    let first = all.first().map(|m| m.at()).unwrap_or_default();
+    let last = all.iter().map(|m| m.at()).max().unwrap_or_default();
+    let mut notes = recorded.notes.clone();
+    let has = |kind: usize| all.iter().any(|m| m.kind() == kind);
+    let (no_place, no_heading) = (!has(1), !has(2));
+    if no_place {
+        notes.push("no position recorded: the boat is taken to keep to a place, within 5 m".into());
+    }
+    if no_heading {
+        notes.push("no heading recorded: it is taken to head north".into());
+    }
+    let mut feed = Feed {
+        node: VesselNode::new(config, 1, 1),
+        judged: Judged::new(last - first, first, tells_heave(&all)),
+    };
+    let mut now = first;
+    let mut standing = Standing {
+        next: first,
+        place: no_place,
+        heading: no_heading,
+    };
+    let mut coming = all.iter().peekable();
+    while let Some(next) = coming.peek() {
+        if (next.at() - now).secs() > JUMP_S {
+            now = next.at();
+        }
+        let mut input = VesselIn::default();
+        while let Some(m) = coming.next_if(|m| m.at() <= now) {
+            match m {
+                Measurement::Imu(m) => input.imu.push(*m),
+                Measurement::Gnss(m) => input.gnss.push(*m),
+                Measurement::Heading(m) => input.heading.push(*m),
+                Measurement::Attitude(m) => input.attitude.push(*m),
+            }
+        }
+        standing.add(now, &mut input);
+        feed.step(now, &input);
+        now += TICK;
+    }
+    let Feed { node, judged } = feed;
+    Review {
+        format: recorded.format,
+        duration_s: (last - first).secs(),
+        judged_from_s: (judged.from - first).secs(),
+        decoded: recorded.decoded,
+        outliers_in_time: (recorded.measurements.len() - all.len()) as u64,
+        sources: sources(&all, &node),
+        restarts: node.gated().restarts,
+        estimates: judged.estimates,
+        motion_sd: judged.motion_sd(),
+        sea: judged.sea(),
+        innovations: judged.innovations(&node.estimator().consistency()),
+        predictions: judged.foretold.reviews(),
+        notes,
+    }
+}
+
+/// All measurements but those that are dated far ahead of what follows them.
+fn without_outliers(all: &[Measurement]) -> Vec<&Measurement> {
+    let mut newest: Option<Time<VesselClock>> = None;
+    let mut out = Vec::with_capacity(all.len());
+    for (k, m) in all.iter().enumerate() {
+        if newest.is_none_or(|n| (m.at() - n).secs() > JUMP_S) {
+            let coming = all.get(k + 1..(k + 1 + LOOK_AHEAD).min(all.len()));
+            let back = |later: &Measurement| {
+                let known = newest.is_none_or(|n| (n - later.at()).secs() < JUMP_S);
+                known && (m.at() - later.at()).secs() > JUMP_S
+            };
+            if coming.unwrap_or_default().iter().any(back) {
+                continue;
+            }
+        }
+        newest = Some(newest.map_or(m.at(), |n| n.max(m.at())));
+        out.push(m);
+    }
+    out
+}
+
+/// Something in it tells of heave.
+fn tells_heave(all: &[&Measurement]) -> bool {
+    all.iter().any(|m| match m {
+        Measurement::Imu(_) => true,
+        Measurement::Gnss(g) => g.position_sd[2] < NOT_MEASURED_SD,
+        Measurement::Attitude(a) => a.heave.is_some(),
+        Measurement::Heading(_) => false,
+    })
+}
+
+/// Stands in for what a recording lacks.
+struct Standing {
+    next: Time<VesselClock>,
+    place: bool,
+    heading: bool,
+}
+
+impl Standing {
+    fn add(&mut self, now: Time<VesselClock>, input: &mut VesselIn) {
+        if now < self.next || !(self.place || self.heading) {
+            return;
+        }
+        self.next = now + Span::from_secs(0.5);
+        let header = alight_shared::msg::Header::new(1, 0, 1, 0, now);
+        if self.place {
+            let [place, velocity] = STANDING_SD;
+            input.gnss.push(GnssFix {
+                header,
+                position_sd: [place, place, NOT_MEASURED_SD],
+                velocity_sd: [velocity, velocity, NOT_MEASURED_SD],
+                arm: Some([0.0; 3]),
+                ..GnssFix::default()
+            });
+        }
+        if self.heading {
+            input.heading.push(HeadingFix {
+                header,
+                heading: 0.0,
+                heading_sd: UNKNOWN_HEADING_SD,
+                ..HeadingFix::default()
+            });
+        }
+    }
+}
+
+/// The node at work on a recording.
+struct Feed {
+    node: VesselNode,
+    judged: Judged,
+}
+
+impl Feed {
+    fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) {
+        let out = self.node.step(now, input);
+        let judged = &mut self.judged;
+        let counted = now >= judged.from;
+        if counted && judged.before.is_none() {
+            judged.before = Some(self.node.estimator().consistency());
+        }
+        if let Some(estimate) = &out.estimate {
+            judged.estimates += 1;
+            judged.foretold.compare(estimate);
+            if counted {
+                judged
+                    .motion
+                    .add([estimate.eta[2], estimate.eta[3], estimate.eta[4]]);
+            }
+        }
+        if let Some(prediction) = out.prediction.as_ref().filter(|_| counted) {
+            judged.foretold.foretell(prediction);
+        }
+        if let Some(wave) = out.wave.as_ref().filter(|_| counted) {
+            let strongest = strongest(&wave.components, judged.heave);
+            judged.waves += 1;
+            if wave.confidence > 0.0 {
+                judged.confidence += f64::from(wave.confidence);
+                judged.heights.push(f64::from(wave.significant_height_m));
+                judged.periods.extend(strongest.map(period));
+            }
+            judged.components = wave.components.iter().copied().collect();
+            judged.identified = wave.confidence > 0.0;
+        }
+    }
+}
+
+fn period(c: &WaveComponent) -> f64 {
+    core::f64::consts::TAU / f64::from(c.omega)
+}
+/// Amplitude of an oscillator now: `sqrt(value² + (rate / omega)²)`.
+fn amplitude(c: &WaveComponent, dof: usize) -> f64 {
+    let [value, rate] = c.state.get(dof).copied().unwrap_or_default().map(f64::from);
+    value.hypot(rate / f64::from(c.omega_encounter))
+}
+fn tilt(c: &WaveComponent) -> f64 {
+    amplitude(c, ROLL).hypot(amplitude(c, PITCH))
+}
+fn strongest(components: &[WaveComponent], heave: bool) -> Option<&WaveComponent> {
+    let size = |c: &WaveComponent| if heave { amplitude(c, HEAVE) } else { tilt(c) };
+    components.iter().max_by(|a, b| size(a).total_cmp(&size(b)))
+}
+
+/// Mean and variance of three figures, by Welford (1962).
+#[derive(Default)]
+struct Spread {
+    n: f64,
+    mean: [f64; 3],
+    sum: [f64; 3],
+}
+
+impl Spread {
+    fn add(&mut self, v: [f64; 3]) {
+        self.n += 1.0;
+        for k in 0..3 {
+            let off = v[k] - self.mean[k];
+            self.mean[k] += off / self.n;
+            self.sum[k] += off * (v[k] - self.mean[k]);
+        }
+    }
+}
+
+/// What is judged.
+struct Judged {
+    from: Time<VesselClock>,
+    heave: bool,
+    before: Option<Consistency>,
+    estimates: u64,
+    motion: Spread,
+    foretold: Foretold,
+    waves: u64,
+    confidence: f64,
+    heights: Vec<f64>,
+    periods: Vec<f64>,
+    components: Vec<WaveComponent>,
+    identified: bool,
+}
+
+impl Judged {
+    fn new(duration: Span, first: Time<VesselClock>, heave: bool) -> Self {
+        Judged {
+            from: first + Span::from_secs(SETTLE_S.min(duration.secs() / 3.0)),
+            heave,
+            before: None,
+            estimates: 0,
+            motion: Spread::default(),
+            foretold: Foretold::new(heave),
+            waves: 0,
+            confidence: 0.0,
+            heights: Vec::new(),
+            periods: Vec::new(),
+            components: Vec::new(),
+            identified: false,
+        }
+    }
+    fn motion_sd(&self) -> [Option<f64>; 3] {
+        let sd = |k: usize| (self.motion.n > 1.0).then(|| (self.motion.sum[k] / self.motion.n).sqrt());
+        [
+            sd(0).filter(|_| self.heave),
+            sd(1).map(f64::to_degrees),
+            sd(2).map(f64::to_degrees),
+        ]
+    }
+    fn sea(&self) -> SeaReview {
+        let identified = self.heights.len() as f64;
+        let components = self.components.iter().filter(|_| self.identified);
+        SeaReview {
+            significant_height_m: median(&self.heights).filter(|_| self.heave),
+            peak_period_s: median(&self.periods),
+            identified_share: identified / self.waves.max(1) as f64,
+            confidence: self.confidence / identified.max(1.0),
+            components: components
+                .map(|c| ComponentReview {
+                    period_s: period(c),
+                    encounter_period_s: core::f64::consts::TAU / f64::from(c.omega_encounter),
+                    direction_deg: (c.direction_sd < 1.0)
+                        .then(|| f64::from(c.direction).to_degrees().rem_euclid(360.0)),
+                    heave_m: self.heave.then(|| amplitude(c, HEAVE)),
+                    tilt_deg: tilt(c).to_degrees(),
+                })
+                .collect(),
+        }
+    }
+    fn innovations(&self, all: &Consistency) -> Vec<FitReview> {
+        let before = self.before.unwrap_or_default();
+        let rows = Channel::ALL.map(|channel| {
+            let (a, b) = (all.of(channel), before.of(channel));
+            let fit = Fit {
+                fused: a.fused - b.fused,
+                sum: a.sum - b.sum,
+                inside: a.inside - b.inside,
+                gated: a.gated - b.gated,
+            };
+            Some(FitReview {
+                channel,
+                fused: fit.fused,
+                gated: fit.gated,
+                nis_mean: fit.mean()?,
+                inside_95: fit.share_inside()?,
+            })
+        });
+        rows.into_iter().flatten().collect()
+    }
+}
+
+/// The middle one.
+fn median(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied()
+}
+
+/// Rates and gaps of every source, and what the node made of it.
+fn sources(all: &[&Measurement], node: &VesselNode) -> Vec<SourceReview> {
+    let mut out = Vec::new();
+    for (kind, name) in KINDS.iter().enumerate() {
+        for source in 0..MAX_SOURCES {
+            let own = all
+                .iter()
+                .filter(|m| m.kind() == kind && usize::from(m.source()) == source);
+            let times: Vec<f64> = own.map(|m| m.at().secs()).collect();
+            if times.is_empty() {
+                continue;
+            }
+            let steps: Vec<f64> = times
+                .windows(2)
+                .filter_map(|w| w.first().zip(w.last()).map(|(a, b)| b - a))
+                .filter(|d| *d > 0.0)
+                .collect();
+            let usual = median(&steps).unwrap_or_default();
+            let counts: SourceCounts = node.source(kind, source);
+            out.push(SourceReview {
+                kind: name,
+                source,
+                samples: times.len() as u64,
+                rate_hz: if usual > 0.0 { 1.0 / usual } else { 0.0 },
+                gaps: steps
+                    .iter()
+                    .filter(|d| **d > (GAP_STEPS * usual).max(GAP_S))
+                    .count() as u64,
+                longest_gap_s: steps.iter().copied().fold(0.0, f64::max),
+                taken: counts.taken,
+                gated: counts.gated,
+                out_of_order: counts.order,
+                refused: counts.refused,
+                spare: counts.spare,
+            });
+        }
+    }
+    out
+}

@@ -1,0 +1,127 @@
+//! Inertial samples at the rate that the filter is made for.
+
+use alight_shared::msg::ImuSample;
+
+/// Longest time that is averaged over, ns: 100 Hz.
+const WINDOW_NS: i64 = 10_000_000;
+/// Samples in a window, at most: a sensor that repeats its time must not be summed for ever.
+const MOST: u32 = 1000;
+
+/// Means of inertial samples over a hundredth of a second; what comes slower passes as it is.
+#[derive(Clone, Debug, Default)]
+pub struct Average {
+    open: Option<Window>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    first_ns: i64,
+    last_ns: i64,
+    /// Sum of times since the first, ns.
+    times: i64,
+    gyro: [f64; 3],
+    accelerometer: [f64; 3],
+    count: u32,
+    like: ImuSample,
+}
+
+impl Window {
+    fn new(at_ns: i64, sample: &ImuSample) -> Self {
+        Window {
+            first_ns: at_ns,
+            last_ns: at_ns,
+            times: 0,
+            gyro: sample.gyro,
+            accelerometer: sample.accelerometer,
+            count: 1,
+            like: *sample,
+        }
+    }
+    fn mean(&self) -> (i64, ImuSample) {
+        let n = f64::from(self.count);
+        let sample = ImuSample {
+            gyro: self.gyro.map(|v| v / n),
+            accelerometer: self.accelerometer.map(|v| v / n),
+            ..self.like
+        };
+        (self.first_ns + self.times / i64::from(self.count), sample)
+    }
+}
+
+impl Average {
+    /// Takes a sample of the source's time `at_ns`; gives a mean when one is complete. A sample that is
+    /// not newer than the one before passes at once: whoever admits samples counts it.
+    pub fn push(&mut self, at_ns: i64, sample: &ImuSample) -> Option<(i64, ImuSample)> {
+        let Some(w) = &mut self.open else {
+            self.open = Some(Window::new(at_ns, sample));
+            return None;
+        };
+        if at_ns <= w.last_ns && w.last_ns.saturating_sub(at_ns) < 1_000_000_000 {
+            return Some((at_ns, *sample));
+        }
+        let since = at_ns.saturating_sub(w.first_ns);
+        if (0..WINDOW_NS * 95 / 100).contains(&since) && w.count < MOST {
+            w.last_ns = at_ns;
+            w.times += since;
+            w.count += 1;
+            for k in 0..3 {
+                w.gyro[k] += sample.gyro[k];
+                w.accelerometer[k] += sample.accelerometer[k];
+            }
+            return None;
+        }
+        let mean = w.mean();
+        self.open = Some(Window::new(at_ns, sample));
+        Some(mean)
+    }
+    /// What is open at the end.
+    pub fn finish(&mut self) -> Option<(i64, ImuSample)> {
+        self.open.take().map(|w| w.mean())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(x: f64) -> ImuSample {
+        ImuSample {
+            gyro: [x, 0.0, 0.0],
+            accelerometer: [0.0, 0.0, -x],
+            ..ImuSample::default()
+        }
+    }
+
+    #[test]
+    fn a_fast_sensor_is_averaged_and_a_slow_one_is_not() {
+        let mut a = Average::default();
+        // 500 Hz for a second: means of five, dated at their middle.
+        let out: Vec<_> = (0..500)
+            .filter_map(|k| a.push(k * 2_000_000, &sample(k as f64)))
+            .collect();
+        assert_eq!(out.len(), 99);
+        let (at, mean) = out[3];
+        assert_eq!((at, mean.gyro[0]), (34_000_000, 17.0));
+        let mut a = Average::default();
+        let out: Vec<_> = (0..50)
+            .filter_map(|k| a.push(k * 20_000_000, &sample(k as f64)))
+            .collect();
+        assert_eq!(out.len(), 49);
+        assert!(
+            out.iter()
+                .enumerate()
+                .all(|(k, (at, s))| *at == k as i64 * 20_000_000 && s.gyro[0] == k as f64)
+        );
+        assert_eq!(a.finish().unwrap().0, 49 * 20_000_000);
+    }
+
+    #[test]
+    fn a_repeated_time_passes_and_does_not_pile_up() {
+        let mut a = Average::default();
+        a.push(0, &sample(1.0));
+        for _ in 0..10 {
+            assert_eq!(a.push(0, &sample(2.0)), Some((0, sample(2.0))));
+        }
+        assert_eq!(a.finish(), Some((0, sample(1.0))));
+    }
+}

@@ -1,0 +1,112 @@
+//! A source's clock against the vessel's. Nobody answers questions here, so what is known is that no
+//! measurement arrives before it is made: the least of arrival less source time is the offset plus the
+//! least time on the way. Of that the configuration may take off what is known of the sensor.
+//! Measurements keep the intervals that their source gives them, however they were delayed.
+
+use alight_shared::time::{Span, Time, VesselClock};
+
+/// Drift between two crystals, s/s.
+const DRIFT: f64 = 1e-4;
+/// Further off than this, s, it is not delay: the time is wrong, or the source's clock has begun anew.
+const APART_S: f64 = 2.0;
+/// So many in a row that agree among themselves: it has begun anew.
+const AGREE: u32 = 10;
+
+/// What is known of a source's clock.
+#[derive(Clone, Debug, Default)]
+pub struct SourceClock {
+    /// Vessel's less source's, ns, and when it was last looked at.
+    offset: Option<(i64, Time<VesselClock>)>,
+    /// Another offset that has been seen of late, and how often in a row.
+    other: Option<(i64, u32)>,
+    restarts: u64,
+}
+
+impl SourceClock {
+    /// The vessel's time of a measurement that its source dates at `at_ns` and that arrives at `now`,
+    /// `least` after it was made at the earliest. None when that time cannot be right.
+    pub fn vessel_time(
+        &mut self,
+        now: Time<VesselClock>,
+        at_ns: i64,
+        least: Span,
+    ) -> Option<Time<VesselClock>> {
+        let seen = now.nanos().saturating_sub(at_ns);
+        let apart_ns = Span::from_secs(APART_S).nanos();
+        let Some((offset, looked)) = self.offset else {
+            self.offset = Some((seen, now));
+            return Some(now - least);
+        };
+        // The least seen, made larger by what the clocks may drift apart meanwhile.
+        let drifted = offset.saturating_add(((now - looked).nanos() as f64 * DRIFT) as i64);
+        if seen.saturating_sub(drifted).saturating_abs() > apart_ns {
+            let (other, count) = self.other.unwrap_or((seen, 0));
+            let agrees = seen.saturating_sub(other).saturating_abs() < apart_ns;
+            let (other, count) = if agrees {
+                (other.min(seen), count + 1)
+            } else {
+                (seen, 1)
+            };
+            if count < AGREE {
+                self.other = Some((other, count));
+                return None;
+            }
+            self.restarts += 1;
+            self.offset = Some((other, now));
+            self.other = None;
+        } else {
+            self.other = None;
+            self.offset = Some((drifted.min(seen), now));
+        }
+        let (offset, _) = self.offset?;
+        Some(Time::from_nanos(at_ns.saturating_add(offset)) - least)
+    }
+    /// Times that it began anew.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const APART_NS: i64 = -77_000_000_000;
+
+    #[test]
+    fn jitter_of_the_arrival_does_not_reach_the_measurement() {
+        let mut c = SourceClock::default();
+        let least = Span::from_millis(5);
+        let mut errors = Vec::new();
+        for k in 0..600_i64 {
+            let made = Time::<VesselClock>::from_secs(100.0 + 0.1 * k as f64);
+            let delay = Span::from_millis(5 + (k * 37) % 60);
+            let at = c
+                .vessel_time(made + delay, made.nanos() + APART_NS, least)
+                .unwrap();
+            errors.push((at - made).secs());
+        }
+        assert!(errors[..60].iter().all(|e| (0.0..0.06).contains(e)));
+        assert!(errors[60..].iter().all(|e| e.abs() < 1e-3), "{:?}", errors.last());
+    }
+
+    #[test]
+    fn a_wrong_time_is_refused_and_a_clock_that_began_anew_is_followed() {
+        let mut c = SourceClock::default();
+        let step = |c: &mut SourceClock, k: i64, source_ns: i64| {
+            c.vessel_time(Time::from_secs(100.0 + 0.1 * k as f64), source_ns, Span::ZERO)
+        };
+        for k in 0..20 {
+            assert!(step(&mut c, k, k * 100_000_000).is_some());
+        }
+        for wild in [i64::MAX, i64::MIN, 86_400_000_000_000] {
+            assert!(step(&mut c, 20, wild).is_none());
+        }
+        assert!(step(&mut c, 21, 2_100_000_000).is_some());
+        let again = |k: i64| (k - 22) * 100_000_000;
+        let taken = (22..60).filter(|k| step(&mut c, *k, again(*k)).is_some()).count();
+        assert_eq!((taken, c.restarts()), (29, 1));
+        let at = step(&mut c, 60, again(60)).unwrap();
+        assert!((at.secs() - 106.0).abs() < 0.01, "{at:?}");
+    }
+}

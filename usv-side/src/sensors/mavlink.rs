@@ -1,0 +1,482 @@
+//! MAVLink of a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT,
+//! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place). Frames and their checksums are the MAVLink
+//! crate's; payloads are read by their place in the message definition (common.xml), extension fields
+//! and left-out zeros included.
+
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind, Read};
+
+use alight_shared::frames::Datum;
+use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
+use mavlink::dialects::common as m;
+use mavlink::error::MessageReadError;
+use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::{Decoded, Heard, Measurement, Mounting};
+
+/// Bytes that wait to be decoded, at most; what comes beyond is lost, and counted as damage.
+const MOST_WAITING: usize = 1 << 14;
+/// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
+const MILLI_G: f64 = 9.806_65e-3;
+/// Headings of an autopilot's own filter are taken this far apart, ns: those in between are the same
+/// opinion.
+const HEADING_STEP_NS: i64 = 200_000_000;
+/// What changes within a minute of the error that a receiver tells (ours), and the error of one that
+/// tells none, across and down, m.
+const FAST_SHARE: f64 = 0.3;
+const PLACE_SD: [f64; 2] = [2.0, 4.0];
+/// Velocity of a receiver that tells no accuracy, m/s.
+const VELOCITY_SD: f64 = 0.3;
+
+/// Messages that are asked for, and their interval, us.
+const WANTED: [(u32, f32); 4] = [(31, 40_000.0), (105, 10_000.0), (24, 200_000.0), (124, 200_000.0)];
+/// Our own address: an onboard computer's, of the system that is asked.
+const COMPANION: u8 = 191;
+const AUTOPILOT: u8 = 1;
+
+/// What is there to read; `WouldBlock` when nothing is.
+#[derive(Debug, Default)]
+struct Waiting(VecDeque<u8>);
+
+impl Read for Waiting {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        // One at a time: the reader then holds nothing back after a whole frame, and what lies between
+        // two frames can be counted.
+        match (buffer.first_mut(), self.0.pop_front()) {
+            (Some(to), Some(byte)) => {
+                *to = byte;
+                Ok(1)
+            }
+            _ => Err(ErrorKind::WouldBlock.into()),
+        }
+    }
+}
+
+/// Bytes to measurements.
+pub struct MavlinkDecoder {
+    mounting: Mounting,
+    reader: MavlinkReader<Waiting>,
+    /// Bytes taken in and bytes of whole frames: what lies between is damage.
+    taken: u64,
+    whole: u64,
+    decoded: Decoded,
+    system: Option<u8>,
+    sequence: u8,
+    origin: Option<Datum>,
+    heading_ns: i64,
+    gps_heading: bool,
+    asked: u32,
+}
+
+/// A payload; zero where MAVLink 2 left out zeros.
+struct Payload<'a>(&'a [u8]);
+
+impl Payload<'_> {
+    fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
+        core::array::from_fn(|k| self.0.get(at + k).copied().unwrap_or(0))
+    }
+    fn u64(&self, at: usize) -> u64 {
+        u64::from_le_bytes(self.bytes(at))
+    }
+    fn u32(&self, at: usize) -> u32 {
+        u32::from_le_bytes(self.bytes(at))
+    }
+    fn i32(&self, at: usize) -> f64 {
+        i32::from_le_bytes(self.bytes(at)).into()
+    }
+    fn u16(&self, at: usize) -> u16 {
+        u16::from_le_bytes(self.bytes(at))
+    }
+    fn i16(&self, at: usize) -> f64 {
+        i16::from_le_bytes(self.bytes(at)).into()
+    }
+    fn u8(&self, at: usize) -> u8 {
+        let [b] = self.bytes(at);
+        b
+    }
+    fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
+        core::array::from_fn(|k| f32::from_le_bytes(self.bytes(at + 4 * k)).into())
+    }
+    /// Millimetres that are zero when they are not told, as m.
+    fn told_mm(&self, at: usize) -> Option<f64> {
+        Some(self.u32(at)).filter(|v| *v > 0).map(|v| f64::from(v) * 1e-3)
+    }
+}
+
+fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
+    v.iter().all(|x| x.is_finite()).then_some(v)
+}
+
+/// Roll, pitch, yaw of w, x, y, z.
+fn euler(q: [f64; 4]) -> Option<[f64; 3]> {
+    let [w, x, y, z] = finite(q)?;
+    let q = Quaternion::new(w, x, y, z);
+    (0.5..2.0).contains(&q.norm()).then(|| {
+        let (roll, pitch, yaw) = UnitQuaternion::from_quaternion(q).euler_angles();
+        [roll, pitch, yaw]
+    })
+}
+
+impl MavlinkDecoder {
+    /// Of a source so mounted.
+    pub fn new(mounting: &Mounting) -> Self {
+        MavlinkDecoder {
+            mounting: mounting.clone(),
+            reader: MavlinkReader::new(Waiting::default()),
+            taken: 0,
+            whole: 0,
+            decoded: Decoded::default(),
+            system: None,
+            sequence: 0,
+            origin: None,
+            heading_ns: i64::MIN,
+            gps_heading: false,
+            asked: 0,
+        }
+    }
+    /// What became of what it was given.
+    pub fn decoded(&self) -> Decoded {
+        self.decoded
+    }
+
+    /// Takes bytes, however they are cut.
+    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<Heard>) {
+        for part in bytes.chunks(MOST_WAITING / 4) {
+            let waiting = &mut self.reader.get_mut().0;
+            if waiting.len() + part.len() > MOST_WAITING {
+                self.decoded.corrupted += 1;
+                continue;
+            }
+            waiting.extend(part);
+            self.taken += part.len() as u64;
+            self.drain(out);
+        }
+    }
+
+    fn drain(&mut self, out: &mut Vec<Heard>) {
+        loop {
+            match self.reader.read_any_raw_message::<m::MavMessage>() {
+                Ok(raw) => {
+                    let length = match &raw {
+                        MAVLinkMessageRaw::V1(r) => r.raw_bytes().len(),
+                        MAVLinkMessageRaw::V2(r) => r.raw_bytes().len(),
+                    };
+                    self.whole += length as u64;
+                    let gone = self.taken - self.reader.get_ref().0.len() as u64;
+                    if gone > self.whole {
+                        // Bytes before it that were no frame: one stretch of damage.
+                        self.decoded.corrupted += 1;
+                        self.whole = gone;
+                    }
+                    let (system, id) = (raw.system_id(), raw.message_id());
+                    let payload = raw.payload().to_vec();
+                    if raw.component_id() == AUTOPILOT {
+                        self.system = u8::try_from(system).ok();
+                    }
+                    self.take(id, &Payload(&payload), out);
+                }
+                Err(MessageReadError::Parse(_)) => self.decoded.corrupted += 1,
+                Err(MessageReadError::Io(_)) => return,
+            }
+        }
+    }
+
+    fn take(&mut self, id: u32, p: &Payload<'_>, out: &mut Vec<Heard>) {
+        let boot_ms = |at: usize| i64::from(p.u32(at)) * 1_000_000;
+        let time_us = |at: usize| i64::try_from(p.u64(at).saturating_mul(1000)).unwrap_or(i64::MAX);
+        let before = out.len();
+        let understood = match id {
+            31 => self.attitude(boot_ms(0), p.floats(4), Some(p.floats(20)), out),
+            // Its accelerometers and gyroscopes are those of this message.
+            105 if p.u16(60) & 0x3f == 0x3f => self.imu(time_us(0), p.floats(8), p.floats(20), 0, out),
+            105 => Some(()),
+            27 => {
+                let three = |at: usize| core::array::from_fn(|k| p.i16(at + 2 * k));
+                let force: [f64; 3] = three(8);
+                let gyro: [f64; 3] = three(14);
+                self.imu(
+                    time_us(0),
+                    force.map(|a| a * MILLI_G),
+                    gyro.map(|w| w * 1e-3),
+                    1,
+                    out,
+                )
+            }
+            24 => self.gps(time_us(0), p, &FIRST, 0, out),
+            124 => self.gps(time_us(0), p, &SECOND, 1, out),
+            49 => {
+                self.origin = Some(Datum {
+                    latitude_deg: p.i32(0) * 1e-7,
+                    longitude_deg: p.i32(4) * 1e-7,
+                    height_m: p.i32(8) * 1e-3,
+                });
+                Some(())
+            }
+            331 => self.odometry(time_us(0), p, out),
+            _ => {
+                self.decoded.ignored += 1;
+                return;
+            }
+        };
+        match understood {
+            Some(()) => self.decoded.good += 1,
+            None => {
+                out.truncate(before);
+                self.decoded.corrupted += 1;
+            }
+        }
+    }
+
+    fn imu(
+        &self,
+        at_ns: i64,
+        force: [f64; 3],
+        gyro: [f64; 3],
+        source: u8,
+        out: &mut Vec<Heard>,
+    ) -> Option<()> {
+        let sample = ImuSample {
+            gyro: self.mounting.vector(finite(gyro)?),
+            accelerometer: self.mounting.vector(finite(force)?),
+            source,
+            arm: Some(self.mounting.mount.lever_arm_m),
+            ..ImuSample::default()
+        };
+        out.push(Heard {
+            at_ns,
+            measurement: Measurement::Imu(sample),
+        });
+        Some(())
+    }
+
+    fn attitude(
+        &mut self,
+        at_ns: i64,
+        q: [f64; 4],
+        rates: Option<[f64; 3]>,
+        out: &mut Vec<Heard>,
+    ) -> Option<()> {
+        let [roll, pitch, yaw] = self.mounting.attitude(euler(q)?);
+        let rates = rates.and_then(finite).map(|r| self.mounting.vector(r));
+        out.push(Heard {
+            at_ns,
+            measurement: Measurement::Attitude(AttitudeFix {
+                tilt: [roll, pitch],
+                tilt_sd: self.mounting.tilt_sd(),
+                rates,
+                ..AttitudeFix::default()
+            }),
+        });
+        if !self.gps_heading && at_ns.saturating_sub(self.heading_ns).saturating_abs() >= HEADING_STEP_NS {
+            self.heading_ns = at_ns;
+            out.push(Heard {
+                at_ns,
+                measurement: Measurement::Heading(HeadingFix {
+                    heading: yaw,
+                    heading_sd: self.mounting.heading_sd(),
+                    ..HeadingFix::default()
+                }),
+            });
+        }
+        Some(())
+    }
+
+    fn gps(
+        &mut self,
+        at_ns: i64,
+        p: &Payload<'_>,
+        at: &Receiver,
+        source: u8,
+        out: &mut Vec<Heard>,
+    ) -> Option<()> {
+        let kind = p.u8(at.fix_type);
+        let (latitude_deg, longitude_deg) = (p.i32(8) * 1e-7, p.i32(12) * 1e-7);
+        if latitude_deg.abs() > 90.0 || longitude_deg.abs() > 180.0 {
+            return None;
+        }
+        // Above the ellipsoid where it is told.
+        let height_m = match p.i32(at.ellipsoid) {
+            0.0 => p.i32(16),
+            told => told,
+        } * 1e-3;
+        let across = p.told_mm(at.accuracy).unwrap_or(PLACE_SD[0]) * FAST_SHARE;
+        let down = p.told_mm(at.accuracy + 4).unwrap_or(PLACE_SD[1]) * FAST_SHARE;
+        let (speed, course) = (p.u16(at.speed), p.u16(at.speed + 2));
+        let told = speed != u16::MAX && course != u16::MAX;
+        let (speed, course) = (f64::from(speed) * 0.01, (f64::from(course) * 0.01).to_radians());
+        let velocity_sd = if told {
+            p.told_mm(at.accuracy + 8).unwrap_or(VELOCITY_SD).max(0.02)
+        } else {
+            NOT_MEASURED_SD
+        };
+        let arm = match source {
+            0 => self.mounting.mount.antenna_m,
+            _ => self.mounting.mount.second_antenna_m,
+        };
+        if kind >= 2 {
+            let down = if kind >= 3 {
+                down.max(0.005)
+            } else {
+                NOT_MEASURED_SD
+            };
+            let across = across.max(0.005);
+            out.push(Heard {
+                at_ns,
+                measurement: Measurement::Gnss(GnssFix {
+                    datum: Datum {
+                        latitude_deg,
+                        longitude_deg,
+                        height_m,
+                    },
+                    velocity: if told {
+                        [speed * course.cos(), speed * course.sin(), 0.0]
+                    } else {
+                        [0.0; 3]
+                    },
+                    position_sd: self.mounting.position_sd([across, across, down]),
+                    velocity_sd: self
+                        .mounting
+                        .velocity_sd([velocity_sd, velocity_sd, NOT_MEASURED_SD]),
+                    source,
+                    arm: Some(arm),
+                    ..GnssFix::default()
+                }),
+            });
+        }
+        // Of two antennas: 0 is none, 65535 not now, 36000 north.
+        let yaw = p.u16(at.yaw);
+        if (1..=36_000).contains(&yaw) {
+            self.gps_heading = true;
+            out.push(Heard {
+                at_ns,
+                measurement: Measurement::Heading(HeadingFix {
+                    heading: self.mounting.heading((f64::from(yaw) * 0.01).to_radians()),
+                    heading_sd: self.mounting.heading_sd(),
+                    source,
+                    ..HeadingFix::default()
+                }),
+            });
+        }
+        Some(())
+    }
+
+    fn odometry(&mut self, at_ns: i64, p: &Payload<'_>, out: &mut Vec<Heard>) -> Option<()> {
+        // Position, attitude, velocity, rates, two covariances, frames. NED, velocity in the body.
+        let (frame, child) = (p.u8(228), p.u8(229));
+        let (position, q, velocity): ([f64; 3], [f64; 4], [f64; 3]) =
+            (p.floats(8), p.floats(20), p.floats(36));
+        if frame != m::MavFrame::MAV_FRAME_LOCAL_NED as u8 {
+            return Some(());
+        }
+        self.attitude(at_ns, q, Some(p.floats(48)), out)?;
+        let Some(datum) = self.origin else { return Some(()) };
+        let [w, x, y, z] = q;
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let told = finite(velocity).map(Vector3::from);
+        let velocity = match child {
+            c if c == m::MavFrame::MAV_FRAME_LOCAL_NED as u8 => told,
+            c if c == m::MavFrame::MAV_FRAME_BODY_FRD as u8 => told.map(|v| turn * v),
+            _ => None,
+        };
+        // Upper triangle of 6 x 6, row by row; the first is no number when nothing is told.
+        let sd = |at: usize, k: usize, otherwise: f64| {
+            let [v]: [f64; 1] = p.floats(at + 4 * k);
+            if v.is_finite() && v > 0.0 {
+                v.sqrt().clamp(0.005, 100.0)
+            } else {
+                otherwise
+            }
+        };
+        let position_sd = [sd(60, 0, 0.5), sd(60, 6, 0.5), sd(60, 11, 1.0)];
+        let velocity_sd = match velocity {
+            Some(_) => [
+                sd(144, 0, VELOCITY_SD),
+                sd(144, 6, VELOCITY_SD),
+                sd(144, 11, VELOCITY_SD),
+            ],
+            None => [NOT_MEASURED_SD; 3],
+        };
+        out.push(Heard {
+            at_ns,
+            measurement: Measurement::Gnss(GnssFix {
+                datum,
+                position: finite(position)?,
+                velocity: velocity.unwrap_or_default().into(),
+                position_sd: self.mounting.position_sd(position_sd),
+                velocity_sd: self.mounting.velocity_sd(velocity_sd),
+                source: 2,
+                // The place of the autopilot itself.
+                arm: Some(self.mounting.mount.lever_arm_m),
+                ..GnssFix::default()
+            }),
+        });
+        Some(())
+    }
+
+    /// Once a second: who we are, and every fifth time what we want to hear.
+    pub fn ask(&mut self) -> Vec<u8> {
+        let system = self.system.unwrap_or(1);
+        let mut bytes = self.frame(&m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
+            mavtype: m::MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+            autopilot: m::MavAutopilot::MAV_AUTOPILOT_INVALID,
+            system_status: m::MavState::MAV_STATE_ACTIVE,
+            mavlink_version: 3,
+            ..m::HEARTBEAT_DATA::DEFAULT
+        }));
+        if self.system.is_some() && self.asked.is_multiple_of(5) {
+            for (id, interval_us) in WANTED {
+                let wanted = m::COMMAND_LONG_DATA {
+                    target_system: system,
+                    target_component: AUTOPILOT,
+                    command: m::MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+                    param1: id as f32,
+                    param2: interval_us,
+                    ..m::COMMAND_LONG_DATA::DEFAULT
+                };
+                bytes.extend(self.frame(&m::MavMessage::COMMAND_LONG(wanted)));
+            }
+        }
+        self.asked = self.asked.wrapping_add(1);
+        bytes
+    }
+    fn frame(&mut self, message: &m::MavMessage) -> Vec<u8> {
+        let header = MavHeader {
+            system_id: self.system.unwrap_or(1).into(),
+            component_id: COMPANION,
+            sequence: self.sequence,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message(header, message);
+        raw.raw_bytes().to_vec()
+    }
+}
+
+/// Places of fields in the messages of the two receivers.
+struct Receiver {
+    speed: usize,
+    fix_type: usize,
+    ellipsoid: usize,
+    accuracy: usize,
+    yaw: usize,
+}
+/// `GPS_RAW_INT`.
+const FIRST: Receiver = Receiver {
+    speed: 24,
+    fix_type: 28,
+    ellipsoid: 30,
+    accuracy: 34,
+    yaw: 50,
+};
+/// `GPS2_RAW`.
+const SECOND: Receiver = Receiver {
+    speed: 28,
+    fix_type: 32,
+    ellipsoid: 37,
+    accuracy: 41,
+    yaw: 35,
+};
+
+#[cfg(test)]
+mod tests;

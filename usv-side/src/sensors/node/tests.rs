@@ -1,0 +1,192 @@
+use super::*;
+use proptest::prelude::*;
+
+fn nmea(body: &str) -> String {
+    let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
+    format!("${body}*{sum:02X}\r\n")
+}
+fn node(sources: usize) -> SensorNode {
+    let config = SourcesConfig {
+        sources: vec![SourceConfig::default(); sources],
+    };
+    SensorNode::new(&config, 1, 9)
+}
+/// What a motion sensor and a receiver send at step `k` of 100 ms.
+fn said(k: i64) -> String {
+    let (s, tenth) = (k / 10, k % 10);
+    let t = format!("12{:02}{:02}.{tenth}0", s / 60, s % 60);
+    nmea(&format!(
+        "PASHR,{t},90.0,T,{:.2},1.00,0.10,0.1,0.1,0.2,1,1",
+        (0.1 * k as f64).sin()
+    )) + &nmea(&format!(
+        "GPGGA,{t},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,,"
+    ))
+}
+fn at(k: i64) -> Time<VesselClock> {
+    Time::from_nanos(7_000_000_000 + k * 100_000_000)
+}
+
+#[test]
+fn two_sources_keep_their_names_and_their_own_times() {
+    let mut n = node(2);
+    let (mut imu, mut times) = (0, Vec::new());
+    for k in 0..50 {
+        // The second arrives 30 ms later, at times more.
+        let late = Span::from_millis(30 + 20 * (k % 3));
+        let first = n.step(
+            at(k),
+            &SensorsIn {
+                bytes: vec![said(k).into(), vec![]],
+            },
+        );
+        let second = n.step(
+            at(k) + late,
+            &SensorsIn {
+                bytes: vec![vec![], said(k).into()],
+            },
+        );
+        imu += first.readings.imu.len();
+        assert!(first.readings.attitude.iter().all(|a| a.source == 0));
+        assert!(second.readings.gnss.iter().all(|g| g.source == 2));
+        times.extend(second.readings.attitude.iter().map(|a| a.header.at));
+    }
+    assert_eq!(imu, 0);
+    let steps: Vec<f64> = times.windows(2).skip(5).map(|w| (w[1] - w[0]).secs()).collect();
+    assert!(steps.iter().all(|s| (s - 0.1).abs() < 1e-3), "jitter: {steps:?}");
+    let status = n.status();
+    assert_eq!((status[0].given, status[0].duplicated), ([0, 50, 50, 50], 0));
+}
+
+#[test]
+fn repeated_and_reordered_messages_are_counted_and_not_given_on() {
+    let mut n = node(1);
+    let mut given = 0;
+    for k in 0..40 {
+        let mut text = said(k);
+        if k % 10 == 5 {
+            text = text.clone() + &text;
+        }
+        if k % 10 == 9 {
+            text += &said(k - 3);
+        }
+        let out = n.step(
+            at(k),
+            &SensorsIn {
+                bytes: vec![text.into()],
+            },
+        );
+        given += out.readings.attitude.len();
+    }
+    let s = n.status()[0];
+    assert_eq!(given, 40);
+    assert!(s.duplicated >= 4 && s.out_of_order >= 8, "{s:?}");
+    assert_eq!(s.decoded.corrupted, 0);
+}
+
+#[test]
+fn a_flood_is_cut_off() {
+    let mut n = node(1);
+    let out = n.step(
+        at(0),
+        &SensorsIn {
+            bytes: vec![vec![b'x'; 3 * MOST_BYTES]],
+        },
+    );
+    assert!(out.readings.is_empty());
+    assert_eq!(n.status()[0].lost_bytes, 2 * MOST_BYTES as u64);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn any_bytes_give_measurements_of_now_or_before(parts in prop::collection::vec(
+        (0_usize..3, prop::collection::vec(any::<u8>(), 0..300), any::<bool>()), 1..60
+    )) {
+        let formats = [Format::Nmea, Format::Ubx, Format::Mavlink];
+        let sources = formats.map(|format| SourceConfig { format, ..SourceConfig::default() });
+        let mut n = SensorNode::new(&SourcesConfig { sources: sources.into() }, 1, 9);
+        for (k, (which, bytes, good)) in parts.into_iter().enumerate() {
+            let mut all = vec![Vec::new(); 3];
+            all[which] = if good { said(k as i64).into_bytes() } else { bytes };
+            let now = at(k as i64);
+            let out = n.step(now, &SensorsIn { bytes: all });
+            for a in &out.readings.attitude {
+                prop_assert!(a.header.at <= now && usize::from(a.source) < 6);
+            }
+        }
+    }
+}
+
+/// What happens to a message on its way.
+#[derive(Clone, Copy, Debug)]
+enum Fate {
+    Repeated,
+    Lost,
+    Late(i64),
+    Cut(usize),
+    Flipped(usize),
+}
+
+fn fate() -> impl Strategy<Value = Fate> {
+    prop_oneof![
+        Just(Fate::Repeated),
+        Just(Fate::Lost),
+        (1_i64..4).prop_map(Fate::Late),
+        (0_usize..120).prop_map(Fate::Cut),
+        (0_usize..960).prop_map(Fate::Flipped),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+    #[test]
+    fn the_estimate_stays_with_the_boat_whatever_happens_to_its_messages(
+        fates in prop::collection::vec((50_i64..580, fate()), 0..120)
+    ) {
+        let mut sensors = node(1);
+        let mut vessel = crate::VesselNode::new(&crate::VesselNodeConfig::default(), 1, 9);
+        let mut late: Vec<(i64, Vec<u8>)> = Vec::new();
+        let mut last = None;
+        for k in 0..620_i64 {
+            let mut bytes = said(k).into_bytes();
+            for (_, fate) in fates.iter().filter(|(at, _)| *at == k) {
+                match fate {
+                    Fate::Repeated => bytes = [&bytes[..], &bytes].concat(),
+                    Fate::Lost => bytes.clear(),
+                    Fate::Late(by) => late.push((k + by, core::mem::take(&mut bytes))),
+                    Fate::Cut(at) => {
+                        bytes.drain(..(*at).min(bytes.len()));
+                    }
+                    Fate::Flipped(bit) => {
+                        if let Some(b) = bytes.get_mut(bit / 8) {
+                            *b ^= 1 << (bit % 8);
+                        }
+                    }
+                }
+            }
+            late.retain(|(due, b)| {
+                if *due == k {
+                    bytes.extend_from_slice(b);
+                }
+                *due > k
+            });
+            let now = at(k) + Span::from_millis(20);
+            let readings = sensors.step(now, &SensorsIn { bytes: vec![bytes] }).readings;
+            let input = crate::VesselIn {
+                gnss: readings.gnss,
+                heading: readings.heading,
+                attitude: readings.attitude,
+                ..crate::VesselIn::default()
+            };
+            last = vessel.step(now, &input).estimate.map(|e| (k, e)).or(last);
+        }
+        let (k, e) = last.unwrap();
+        prop_assert!(k >= 610, "silent since {k}");
+        let roll = (0.1 * k as f64).sin().to_radians();
+        prop_assert!((e.eta[3] - roll).abs() < 0.01, "roll {} {roll}", e.eta[3]);
+        prop_assert!((e.eta[4] - 1_f64.to_radians()).abs() < 0.01, "pitch {}", e.eta[4]);
+        prop_assert!((e.eta[5] - core::f64::consts::FRAC_PI_2).abs() < 0.02, "heading {}", e.eta[5]);
+        prop_assert!(e.eta[0].abs() < 0.3 && e.eta[1].abs() < 0.3, "{:?}", e.eta);
+        prop_assert_eq!(vessel.gated().restarts, 0);
+    }
+}
