@@ -113,7 +113,7 @@ fn what_cannot_be_read_is_refused_with_code_2_and_a_reason() {
         ),
         (&[&write("short.nmea", &half[..2000])], "too few"),
         (&[&write("cut.ulg", b"ULog\x01\x12\x35\x01")], "too few"),
-        (&[&write("cut.mcap", b"\x89MCAP0\r\n\x01")], "damaged"),
+        (&[&write("cut.mcap", b"\x89MCAP0\r\n\x01")], "cut off"),
         (&[&good, "--config", &config], "sauces"),
         (&[&good, "--config", &sources, "--source", "keel"], "mast"),
         (
