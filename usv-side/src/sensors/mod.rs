@@ -6,7 +6,7 @@
 mod average;
 mod clock;
 mod config;
-mod mavlink;
+mod mav;
 mod nmea;
 mod node;
 mod ubx;
@@ -14,7 +14,7 @@ mod ubx;
 pub use average::Average;
 pub use clock::SourceClock;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
-pub use mavlink::MavlinkDecoder;
+pub use mav::MavlinkDecoder;
 pub use nmea::NmeaDecoder;
 pub use node::{MOST_BYTES, SensorNode, SensorsIn, SensorsOut, SourceStatus};
 pub use ubx::UbxDecoder;
