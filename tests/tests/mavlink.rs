@@ -165,15 +165,15 @@ fn lands(firmware: modes::Firmware, wire_s: f64) {
 }
 
 #[test]
-fn px4s_mavlink_lands_at_moderate_with_5_to_80_ms_on_the_wire() {
-    for wire_s in [0.005, 0.03, 0.08] {
+fn px4s_mavlink_lands_at_moderate_with_5_to_40_ms_on_the_wire() {
+    for wire_s in [0.005, 0.02, 0.04] {
         lands(modes::Firmware::Px4, wire_s);
     }
 }
 
 #[test]
-fn arducopters_mavlink_lands_at_moderate_with_5_to_80_ms_on_the_wire() {
-    for wire_s in [0.005, 0.03, 0.08] {
+fn arducopters_mavlink_lands_at_moderate_with_5_to_40_ms_on_the_wire() {
+    for wire_s in [0.005, 0.02, 0.04] {
         lands(modes::Firmware::ArduCopter, wire_s);
     }
 }

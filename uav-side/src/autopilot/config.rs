@@ -92,7 +92,7 @@ impl Default for AutopilotLinkConfig {
             odometry_loss_s: 0.2,          // topics::DRONE_STATE
             quiet_s: 2.0,                  // ours
             timesync_hz: 5.0,              // ours
-            timesync_limit_s: 0.25,        // ours: 0.08 s each way is still flown (tests/tests/mavlink.rs)
+            timesync_limit_s: 0.25,        // ours: 0.06 s each way is still flown (tests/tests/mavlink.rs)
             send_rates: true,              // measured: ArduCopter uses them
             thrust_curve: 0.0,             // the autopilot's own correction
             hover_thrust: 0.4,             // ours

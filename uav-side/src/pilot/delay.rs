@@ -7,7 +7,8 @@
 //! of loops with dead time"; the model is led anew from each odometry, not run beside it).
 //!
 //! Simulated over MAVLink at Moderate (`tests/tests/mavlink.rs`), 40 ms each way: without it none of 3 flights
-//! landed well (23 contacts that were too hard), with it 32 of 32, 0.033 m off on average. Over an autopilot in
+//! landed well (23 contacts that were too hard), with it 32 of 32, 0.033 m off on average. At 80 ms 94 of 100: thrust
+//! taken away on the deck is felt 160 ms later, and the contact is doubted meanwhile. Over an autopilot in
 //! the same computer the dead time is below [`DelayConfig::least_s`] and nothing changes.
 
 use std::collections::VecDeque;
