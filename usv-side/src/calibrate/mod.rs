@@ -294,11 +294,12 @@ mod tests {
     #[test]
     fn the_antenna_is_found_where_it_is_and_waves_tell_nothing_of_the_decay() {
         let antenna = Vector3::new(-1.1, 0.35, -1.6);
-        // The floor of 5 % in the stated error leaves 0.1 m to 0.15 rad of rocking.
-        let found = rocked(0.15, antenna).found(&VesselNodeConfig::default());
+        let found = rocked(0.12, antenna).found(&VesselNodeConfig::default());
+        // The stated error is at least 5 % of the distance.
+        let most = 0.05 * antenna.norm() + 0.02;
         for (f, truth) in found.antenna_m.unwrap().iter().zip(antenna.iter()) {
             assert!(
-                (f.value - truth).abs() < 3.0 * f.sd && f.sd < 0.1,
+                (f.value - truth).abs() < 3.0 * f.sd && f.sd < most,
                 "{f:?} {truth}"
             );
         }
