@@ -348,10 +348,9 @@ fn the_shipped_configurations_land_at_moderate_over_mutual_tls() {
     println!("{outcome}");
 }
 
-#[test]
-fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
-    let mut all = Installed::prepare("restart", 104, |_, drone| {
-        // Long enough above the deck for a restart.
+/// A drone that follows the vessel for long enough for a restart, and does so now.
+fn following(name: &str, seed: u64) -> Installed {
+    let mut all = Installed::prepare(name, seed, |_, drone| {
         let mission = table(table(drone, "drone"), "mission");
         mission.insert("steady_s".into(), 6.0.into());
     });
@@ -360,6 +359,12 @@ fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
     all.start_world();
     all.land();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    all
+}
+
+#[test]
+fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
+    let mut all = following("restart", 104);
     all.stop("vessel");
     all.start_vessel();
     let outcome = all.outcome();
@@ -368,15 +373,7 @@ fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
 
 #[test]
 fn a_drone_whose_computer_restarts_while_it_follows_holds_and_lands_when_it_is_told_again() {
-    let mut all = Installed::prepare("reboot", 106, |_, drone| {
-        let mission = table(table(drone, "drone"), "mission");
-        mission.insert("steady_s".into(), 6.0.into());
-    });
-    all.start_vessel();
-    all.start_drone();
-    all.start_world();
-    all.land();
-    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    let mut all = following("reboot", 106);
     let before = all.status();
     all.stop("drone");
     all.start_drone();

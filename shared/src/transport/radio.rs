@@ -29,8 +29,9 @@ const DATAGRAM_OPEN_MS: u32 = 1000;
 /// attempts of 1 s; with 3 s one in four succeeds and a session came back after up to 30 s).
 const STREAM_OPEN_MS: u32 = 8000;
 
-/// What an endpoint of QUIC is given beside its address, if the other side can too: one connection with a stream for what must arrive
-/// (handshake, declarations) and datagrams for what we publish, where only the newest counts.
+/// What an endpoint of QUIC is given beside its address: if the other side can too, one connection has a
+/// stream for what must arrive (handshake, declarations) and datagrams for what we publish, where only the
+/// newest counts.
 const QUIC_METADATA: &str = "?mixed_rel=auto";
 
 /// Largest batch of the middleware: with the headers of IPv6 and TCP it fits into one packet.
@@ -318,6 +319,10 @@ impl Radio {
         outlets: Vec<Outlet>,
         subscriptions: Vec<String>,
     ) -> Result<Radio, TransportError> {
+        // Whoever opens it, also an operator's command: what cannot work is told before it is tried.
+        config
+            .check(&Keys::ROOT)
+            .map_err(|e| TransportError::because("checking the radio's configuration", e))?;
         let (sender, inbox) = sync_channel(INBOX);
         let mut radio = Radio {
             config: config.clone(),

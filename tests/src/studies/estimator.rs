@@ -201,22 +201,10 @@ pub struct PredictionError {
     pub growth: f64,
 }
 
-/// What the broadcast prediction says of `dof` `horizon_s` ahead, from its origin: cubic between
-/// stages, by value and rate, as a receiver would.
+/// What the broadcast prediction says of `dof` `horizon_s` ahead, from its origin.
 pub fn said(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) -> Option<f64> {
-    let h = f64::from(p.step_s);
-    let x = horizon_s / h;
-    let (i, f) = (x.floor() as usize, x.fract());
-    let a = p.stages.get(i)?;
-    let b = p.stages.get(i + 1).unwrap_or(a);
-    let (pa, va, vb) = (
-        f64::from(a.eta[dof]),
-        f64::from(a.eta_dot[dof]),
-        f64::from(b.eta_dot[dof]),
-    );
-    let step = difference(dof, f64::from(b.eta[dof]), pa);
-    let (f2, f3) = (f * f, f * f * f);
-    Some(pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h)
+    let (eta, _sd) = p.at(horizon_s)?;
+    Some(eta.get(dof)? - p.origin.get(dof).copied().unwrap_or(0.0))
 }
 
 /// RMSE of the prediction in `dof`, `horizon_s` ahead, over the predictions that `keep` keeps (by

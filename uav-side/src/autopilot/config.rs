@@ -87,7 +87,7 @@ impl Default for AutopilotLinkConfig {
             odometry_hz: 100.0,            // what predictor and pilot are laid out for
             heartbeat_hz: 20.0,            // ours: take-over within 100 ms
             range_hz: 50.0,                // topics::RANGE
-            set_point_hz: 100.0,           // topics::SET_POINT; issue: 50 or more
+            set_point_hz: 100.0,           // topics::SET_POINT; 50 at least is flown
             heartbeat_loss_s: 1.5,         // ours: one of the usual 1 Hz may be missed in part
             odometry_loss_s: 0.2,          // topics::DRONE_STATE
             quiet_s: 2.0,                  // ours

@@ -293,13 +293,12 @@ mod tests {
 
     #[test]
     fn the_antenna_is_found_where_it_is_and_waves_tell_nothing_of_the_decay() {
-        let antenna = Vector3::new(-1.1, 0.35, -1.6);
+        // The stated error is at least 5 % of the distance: 1.6 m, so that 0.1 m can be asked for.
+        let antenna = Vector3::new(-0.9, 0.35, -1.3);
         let found = rocked(0.12, antenna).found(&VesselNodeConfig::default());
-        // The stated error is at least 5 % of the distance.
-        let most = 0.05 * antenna.norm() + 0.02;
         for (f, truth) in found.antenna_m.unwrap().iter().zip(antenna.iter()) {
             assert!(
-                (f.value - truth).abs() < 3.0 * f.sd && f.sd < most,
+                (f.value - truth).abs() < 3.0 * f.sd && f.sd < 0.1,
                 "{f:?} {truth}"
             );
         }
