@@ -39,6 +39,10 @@ const ORIGIN: Datum = Datum {
 };
 /// Declination of the plant's magnetic field, rad: atan2(0.019, 0.235).
 const FIELD_DECLINATION: f64 = 0.0807;
+/// ArduCopter arms when its gyroscopes are read at least this often, Hz: 1.8 times in each of its loops.
+const GYROSCOPES_HZ: f64 = 1.8 * 400.0;
+/// PX4 answers every so many samples, as it does with its own IMU_GYRO_RATEMAX.
+const PX4_ANSWERS: u32 = 2;
 /// Height above its pad that the person takes off to, m.
 const TAKE_OFF_M: f64 = 8.0;
 
@@ -99,6 +103,7 @@ struct Flown {
     a: StandIn,
     link: Link,
     pad: Option<Vector3<f64>>,
+    slice_s: Option<f64>,
 }
 
 impl Flown {
@@ -106,7 +111,12 @@ impl Flown {
         let mut a = StandIn::new(firmware, 0.0);
         a.fly_plant();
         (a.origin, a.armed) = (ORIGIN, false);
-        Flown { a, link, pad: None }
+        Flown {
+            a,
+            link,
+            pad: None,
+            slice_s: None,
+        }
     }
     /// One slice: rotor outputs.
     fn step(&mut self, f: &Felt) -> [f64; 4] {
@@ -114,7 +124,9 @@ impl Flown {
         a.feels(f.position, f.velocity, f.attitude, f.rates, f.force);
         // The person: arms, takes off, and gives the drone once it is up.
         let pad = *self.pad.get_or_insert(f.position);
-        if f.t_s > 3.0 && a.persons_place.is_none() {
+        let hz = 1.0 / (f.t_s - self.slice_s.replace(f.t_s).unwrap_or(0.0));
+        let armable = a.firmware == Firmware::Px4 || hz >= GYROSCOPES_HZ;
+        if f.t_s > 3.0 && armable && a.persons_place.is_none() {
             a.armed = true;
             a.persons_place = Some(pad - Vector3::z() * TAKE_OFF_M);
         }
@@ -170,7 +182,7 @@ fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
 /// PX4's simulator API, until `end`: with an estimator of its own, because there are sensors only.
 fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
     let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<Felt>);
-    let mut stream = None::<TcpStream>;
+    let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
     while !end.load(Ordering::Relaxed) {
         let Some(link) = &mut stream else {
             // The world may not be there yet.
@@ -226,6 +238,10 @@ fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
                     let u = flown.step(b);
                     let mut controls = [0.0; 16];
                     controls.iter_mut().zip(u).for_each(|(c, u)| *c = u);
+                    sample += 1;
+                    if !sample.is_multiple_of(PX4_ANSWERS) {
+                        continue;
+                    }
                     let answer = Message::HilActuators {
                         time_us: s.time_us,
                         controls,

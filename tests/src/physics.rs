@@ -25,7 +25,7 @@ use crate::trial::SetupError;
 pub const TICK: Span = Span::from_millis(10);
 /// The autopilot tells its state every so many ticks.
 const AUTOPILOT_TICKS: u64 = 10;
-/// A firmware and the drone under it exchange this often in a tick: 400 Hz.
+/// A firmware and the drone under it exchange this often in a tick, if it wants no other rate: 400 Hz.
 pub const SLICES: u32 = 4;
 /// Identity of the simulated vessel.
 pub const VESSEL_ID: u32 = 1;
@@ -229,18 +229,19 @@ impl Physics {
         });
     }
 
-    /// The same with the drone under a firmware, in [`SLICES`] slices: `fly` tells it what the drone
-    /// feels at the beginning of each and gives its motors, as shares of a rotor's greatest thrust;
-    /// None with all off.
-    pub fn advance_under(&mut self, mut fly: impl FnMut(&Felt) -> Option<[f64; ROTORS]>) {
+    /// The same with the drone under a firmware, in so many slices ([`SLICES`]), one at least: `fly` tells
+    /// it what the drone feels at the beginning of each and gives its motors, as shares of a rotor's
+    /// greatest thrust; None with all off.
+    pub fn advance_under(&mut self, slices: u32, mut fly: impl FnMut(&Felt) -> Option<[f64; ROTORS]>) {
         let t = self.t;
+        let slices = slices.max(1);
         self.moved(|drone, before, after, water_z| {
-            let length = TICK / i64::from(SLICES);
-            (0..SLICES)
+            let length = TICK / i64::from(slices);
+            (0..slices)
                 .map(|k| {
                     let at = t + length * i64::from(k);
                     let motors = fly(&Felt::of(drone, at));
-                    let share = |k: u32| f64::from(k) / f64::from(SLICES);
+                    let share = |k: u32| f64::from(k) / f64::from(slices);
                     let deck = [share(k), share(k + 1)].map(|s| between(before, after, s));
                     let motors = motors.as_ref();
                     drone.step_under(at.secs(), length.secs(), [&deck[0], &deck[1]], water_z, motors)
@@ -366,7 +367,8 @@ impl Physics {
                 .clamp(-1.0, 1.0)
                 .acos(),
             horizontal_m: offset.xy().norm(),
-            motors_on: self.motors_on,
+            // Motors that were never started were not stopped.
+            motors_on: self.motors_on || self.drone.as_ref().is_some_and(DroneWorld::stands_on_pad),
             descending: matches!(mission.state, State::Descent | State::Flare),
             attempts: mission.attempts,
             gave_up: mission.state == State::GaveUp,

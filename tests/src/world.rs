@@ -27,7 +27,7 @@ use crate::drone::ROTORS;
 use crate::outcome::Observation;
 pub use crate::physics::TICK;
 pub use crate::physics::{BOOT, DRONE_ID, VESSEL_ID};
-use crate::physics::{Felt, Flight, Physics};
+use crate::physics::{Felt, Flight, Physics, SLICES};
 use crate::radio::{ChannelCounts, Session};
 use crate::scenario::{NodeConfigs, Scenario, StateOutage};
 use crate::sensors::delay::DelayLine;
@@ -40,7 +40,7 @@ const PLANS: usize = 64;
 
 /// A firmware and the link to it, in the place of the simulated autopilot.
 pub trait Firmware {
-    /// Rotor outputs for what the drone feels, [`crate::physics::SLICES`] times a tick; None: all off.
+    /// Rotor outputs for what the drone feels, [`SLICES`] times a tick; None: all off.
     fn motors(&mut self, felt: &Felt) -> Option<[f64; ROTORS]>;
     /// Once a tick: what came over the link until now, as the drone's computer has it.
     fn heard(&mut self, now: Time<DroneClock>) -> FirmwareWord;
@@ -308,7 +308,7 @@ impl World {
     fn advance(&mut self, drone_now: Time<DroneClock>, words: NodeWords) {
         if let Some(firmware) = &mut self.firmware {
             firmware.told(drone_now, &words);
-            self.physics.advance_under(|felt| firmware.motors(felt));
+            self.physics.advance_under(SLICES, |felt| firmware.motors(felt));
             return;
         }
         if let Some(set_point) = &words.set_point {

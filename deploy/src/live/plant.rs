@@ -11,7 +11,7 @@ use alight_shared::transport::memory::Memory;
 use alight_sim::drone::ROTORS;
 use alight_sim::firmware::px4::Px4Plant;
 use alight_sim::firmware::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
-use alight_sim::physics::{Felt, Physics, SLICES, TICK};
+use alight_sim::physics::{Felt, Physics, TICK};
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
@@ -63,10 +63,22 @@ enum Link {
     },
 }
 
+/// What came of one slice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    Answered,
+    /// The firmware does not answer each sample, and this one is not its turn.
+    NoneDue,
+    /// Not in time.
+    Unanswered,
+}
+
 /// A plant for a firmware.
 pub struct Plant {
     link: Link,
     config: FirmwareConfig,
+    /// Exchanges in a tick.
+    slices: u32,
     heard_ns: i64,
     late: u64,
 }
@@ -78,10 +90,10 @@ impl Plant {
         config: &FirmwareConfig,
         sensors: FirmwareSensors,
     ) -> Result<Option<Plant>, Refused> {
-        let usual = match kind {
+        let (usual, hz) = match kind {
             AutopilotKind::Internal => return Ok(None),
-            AutopilotKind::Px4 => px4::PORT,
-            AutopilotKind::Ardupilot => ardupilot::PORT,
+            AutopilotKind::Px4 => (px4::PORT, px4::EXCHANGE_HZ),
+            AutopilotKind::Ardupilot => (ardupilot::PORT, ardupilot::EXCHANGE_HZ),
         };
         let port = if config.port == 0 { usual } else { config.port };
         let doing = || format!("listening for the firmware on port {port}");
@@ -111,6 +123,7 @@ impl Plant {
         Ok(Some(Plant {
             link,
             config: config.clone(),
+            slices: config.slices(hz),
             heard_ns: 0,
             late: 0,
         }))
@@ -121,7 +134,7 @@ impl Plant {
     }
     /// Moves the world on by one tick, each slice when the clock has come to it.
     pub fn advance(&mut self, physics: &mut Physics, memory: &Memory, clock: &ProcessClock) {
-        physics.advance_under(|felt| {
+        physics.advance_under(self.slices, |felt| {
             wait_until(memory, clock, felt.at);
             self.exchange(felt)
         });
@@ -134,8 +147,8 @@ impl Plant {
         // Who was not heard lately is not waited for.
         let present = now - self.heard_ns < GONE_NS;
         let until = now + if present { patience_ns } else { 0 };
-        let rate_hz = f64::from(SLICES) / TICK.secs();
-        let (answered, motors) = match &mut self.link {
+        let rate_hz = f64::from(self.slices) / TICK.secs();
+        let (turn, motors) = match &mut self.link {
             Link::Px4 { door, stream, plant } => {
                 if stream.is_none()
                     && let Ok((new, from)) = door.accept()
@@ -155,7 +168,11 @@ impl Plant {
                     *stream = None;
                     plant.lost();
                 }
-                (matches!(answered, Some(Ok(true))), plant.motors())
+                let turn = match answered {
+                    Some(Ok(turn)) => turn,
+                    Some(Err(())) | None => Turn::Unanswered,
+                };
+                (turn, plant.motors())
             }
             Link::Ardupilot {
                 socket,
@@ -168,33 +185,40 @@ impl Plant {
                     let _lost = socket.send_to(answer.as_bytes(), *to);
                 }
                 let heard = ardupilot_turn(socket, asker, &answer, until);
-                let answered = heard.is_some();
-                if let Some(servos) = heard {
-                    *motors = ardupilot::rotors(&self.config, &servos);
-                }
-                if !answered && now - self.heard_ns > GONE_NS {
+                let turn = match heard {
+                    Some(servos) => {
+                        *motors = ardupilot::rotors(&self.config, &servos);
+                        Turn::Answered
+                    }
+                    None => Turn::Unanswered,
+                };
+                if turn == Turn::Unanswered && now - self.heard_ns > GONE_NS {
                     (*motors, *asker) = (None, None);
                 }
-                (answered, *motors)
+                (turn, *motors)
             }
         };
-        if answered {
-            self.heard_ns = now;
-        } else if present {
-            self.late += 1;
+        match turn {
+            Turn::Answered => self.heard_ns = now,
+            Turn::NoneDue => {}
+            Turn::Unanswered => self.late += u64::from(present),
         }
         motors
     }
 }
 
-/// Sends what the sensors say and reads until the motors came or it is `until`. Err: the link is gone.
-fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, said: &[u8], until: i64) -> Result<bool, ()> {
+/// Sends what the sensors say and, where motors are due, reads until they came or it is `until`. Err: the
+/// link is gone.
+fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, said: &[u8], until: i64) -> Result<Turn, ()> {
     stream.write_all(said).map_err(|_| ())?;
+    if !plant.due() {
+        return Ok(Turn::NoneDue);
+    }
     let mut buffer = [0_u8; 2048];
     for _ in 0..MOST_READS {
         match stream.read(&mut buffer) {
             Ok(0) => return Err(()),
-            Ok(n) if plant.hear(buffer.get(..n).unwrap_or_default()) => return Ok(true),
+            Ok(n) if plant.hear(buffer.get(..n).unwrap_or_default()) => return Ok(Turn::Answered),
             Ok(_) => {}
             Err(e)
                 if matches!(
@@ -207,7 +231,7 @@ fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, said: &[u8], until: i6
             break;
         }
     }
-    Ok(false)
+    Ok(Turn::Unanswered)
 }
 
 /// Waits until `until` for a new packet; one that comes again is answered again.

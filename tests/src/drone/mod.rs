@@ -238,6 +238,10 @@ impl DroneWorld {
         report
     }
 
+    /// It has not been flown off its pad yet.
+    pub fn stands_on_pad(&self) -> bool {
+        self.pad.is_some()
+    }
     /// The pad carries what has not taken off: level and at rest. It is gone once the drone is above.
     fn rest_on_pad(&mut self) {
         const LEFT_M: f64 = 0.5;

@@ -9,6 +9,9 @@ use crate::physics::Felt;
 
 /// Where ArduPilot looks for a simulator.
 pub const PORT: u16 = 9002;
+/// Exchanges a second. ArduCopter does not arm unless its gyroscopes are read 1.8 times in each of its 400
+/// loops a second, and reads them once an exchange.
+pub const EXCHANGE_HZ: u32 = 800;
 /// First word of a packet with 16 and with 32 outputs.
 const MAGIC: [(u16, usize); 2] = [(18458, 16), (29569, 32)];
 /// Outputs begin here.

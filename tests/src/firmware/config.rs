@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::drone::ROTORS;
 
+/// Ticks of the world a second.
+const TICKS_HZ: u32 = 100;
+
 /// Motors and sensors between a firmware and the simulated drone. Position, sense and strength of the
 /// rotors are the drone's own (`airframe`): four in an X, numbered as PX4 and ArduPilot number them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -12,6 +15,8 @@ use crate::drone::ROTORS;
 pub struct FirmwareConfig {
     /// Where the firmware finds its simulator; 0: the usual port (PX4 TCP 4560, ArduPilot UDP 9002).
     pub port: u16,
+    /// Exchanges a second, a multiple of 100; 0: the firmware's usual (PX4 400, ArduPilot 800).
+    pub exchange_hz: u32,
     /// Which of the firmware's outputs turns which rotor: front right, rear left, front left, rear right.
     pub outputs: [usize; ROTORS],
     /// Share of the square in thrust over output.
@@ -34,6 +39,7 @@ impl Default for FirmwareConfig {
     fn default() -> Self {
         FirmwareConfig {
             port: 0,
+            exchange_hz: 0,
             outputs: [0, 1, 2, 3],    // both number an X quadrotor so
             thrust_curve: 0.0,        // PX4's THR_MDL_FAC 0; ArduPilot: MOT_THST_EXPO 0
             off_below: 0.01,          // ours
@@ -46,8 +52,25 @@ impl Default for FirmwareConfig {
         }
     }
 }
+impl FirmwareConfig {
+    /// Exchanges in a tick of the world, for a firmware that usually wants `usual_hz`.
+    pub fn slices(&self, usual_hz: u32) -> u32 {
+        let hz = if self.exchange_hz == 0 {
+            usual_hz
+        } else {
+            self.exchange_hz
+        };
+        (hz / TICKS_HZ).max(1)
+    }
+}
 impl Check for FirmwareConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.require(
+            self.exchange_hz.is_multiple_of(TICKS_HZ) && self.exchange_hz <= 1000,
+            "exchange_hz",
+            self.exchange_hz,
+            "0, or a multiple of 100 to 1000",
+        )?;
         for k in self.outputs {
             at.require(k < 16, "outputs", k, "0 to 15")?;
         }

@@ -1,5 +1,6 @@
 //! PX4's simulator API: PX4 is the TCP client of port 4560; the plant sends `HIL_SENSOR` and `HIL_GPS`,
-//! PX4 answers each `HIL_SENSOR` with `HIL_ACTUATOR_CONTROLS` and waits for the next (lock-step).
+//! PX4 answers with `HIL_ACTUATOR_CONTROLS` and waits for the next (lock-step). It answers where its rate
+//! loop ran: each sample, or every second or third, as its IMU_GYRO_RATEMAX has it.
 
 use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::wire::{Decoder, encode};
@@ -10,6 +11,10 @@ use crate::physics::Felt;
 
 /// Where PX4 looks for a simulator.
 pub const PORT: u16 = 4560;
+/// Exchanges a second.
+pub const EXCHANGE_HZ: u32 = 400;
+/// It answers at least every so many samples.
+const RAREST: u64 = 4;
 /// What PX4's simulators call themselves.
 const US: Address = Address {
     system: 1,
@@ -26,6 +31,12 @@ pub struct Px4Plant {
     sequence: u8,
     outputs: Option<[f64; 16]>,
     answers: u64,
+    /// Time of the newest sample, us, and after the one before.
+    said_us: u64,
+    period_us: u64,
+    /// Time of the sample that was answered last, us, and after the answered one before.
+    answered_us: u64,
+    every_us: u64,
 }
 
 impl Px4Plant {
@@ -38,13 +49,20 @@ impl Px4Plant {
             sequence: 0,
             outputs: None,
             answers: 0,
+            said_us: 0,
+            period_us: 0,
+            answered_us: 0,
+            every_us: 0,
         }
     }
     /// What the sensors say, `rate_hz` times a second: the GNSS first, for the sample that follows is
     /// what PX4 goes on with.
     pub fn say(&mut self, felt: &Felt, rate_hz: f64) -> Vec<u8> {
         let fix = self.sensors.fix(felt).map(Message::HilGps);
-        let sample = Message::HilSensor(self.sensors.sample(felt, rate_hz));
+        let sample = self.sensors.sample(felt, rate_hz);
+        self.period_us = sample.time_us.saturating_sub(self.said_us);
+        self.said_us = sample.time_us;
+        let sample = Message::HilSensor(sample);
         let mut bytes = Vec::new();
         for message in fix.iter().chain([&sample]) {
             self.sequence = self.sequence.wrapping_add(1);
@@ -57,12 +75,26 @@ impl Px4Plant {
         self.decoder.push(bytes);
         let before = self.answers;
         while let Some(frame) = self.decoder.next_frame() {
-            if let Message::HilActuators { controls, mode, .. } = frame.message {
+            if let Message::HilActuators {
+                controls,
+                mode,
+                time_us,
+            } = frame.message
+            {
                 self.answers += 1;
+                self.every_us = match self.answered_us {
+                    0 => 0,
+                    before => time_us.saturating_sub(before).min(RAREST * self.period_us),
+                };
+                self.answered_us = time_us.min(self.said_us);
                 self.outputs = (mode & ARMED != 0).then_some(controls);
             }
         }
         self.answers > before
+    }
+    /// An answer to the newest sample is to be waited for: as many went without one as before the last.
+    pub fn due(&self) -> bool {
+        self.said_us.saturating_sub(self.answered_us) >= self.every_us
     }
     /// Motors as heard last.
     pub fn motors(&self) -> Option<[f64; ROTORS]> {
@@ -72,6 +104,7 @@ impl Px4Plant {
     pub fn lost(&mut self) {
         self.outputs = None;
         self.decoder = Decoder::default();
+        (self.answered_us, self.every_us) = (0, 0);
     }
     /// Answers so far.
     pub fn answers(&self) -> u64 {

@@ -97,7 +97,7 @@ fn fly(
     for tick in 0..3500_u32 {
         let t_s = TICK.secs() * f64::from(tick);
         let deck = physics.deck().position.0;
-        physics.advance_under(|felt| exchange(felt, t_s, &start, &deck));
+        physics.advance_under(SLICES, |felt| exchange(felt, t_s, &start, &deck));
         let drone = physics.drone().unwrap_or_default().position.0;
         if (14.0..18.0).contains(&t_s) {
             hover = hover.max((drone - (deck - Vector3::z() * 4.0)).norm());
@@ -248,15 +248,76 @@ fn without_a_firmware_the_drone_stands_and_the_sea_goes_on() {
     let before = physics.drone().unwrap_or_default().position.0;
     let mut slices = 0;
     for _ in 0..500 {
-        physics.advance_under(|felt| {
+        physics.advance_under(SLICES, |felt| {
             slices += 1;
             assert!((felt.specific_force - Vector3::new(0.0, 0.0, -GRAVITY)).norm() < 1e-6);
             None
         });
     }
     assert_eq!(slices, 500 * SLICES);
+    // It was not flown, which is not to say that its motors were stopped above the deck.
+    let mission = alight_shared::msg::MissionState::default();
+    assert!(physics.observation(&mission).motors_on);
     assert!((physics.drone().unwrap_or_default().position.0 - before).norm() < 1e-9);
     assert!((physics.now().secs() - 5.0).abs() < 1e-9);
+}
+
+#[test]
+fn px4_is_waited_for_where_it_answers_and_not_in_between() {
+    let config = FirmwareConfig::default();
+    let streams = crate::streams::Streams::new(1);
+    let sensors = FirmwareSensors::new(
+        &config,
+        &NavigationConfig::default(),
+        Default::default(),
+        &streams,
+    );
+    let mut plant = Px4Plant::new(&config, sensors);
+    let mut physics = Physics::new(&calm(), 4).expect("a world");
+    physics.place_drone_standing();
+    // As seen of PX4: at first each sample, then, where its rate loop runs half as often, every second.
+    let (mut slice, mut waits) = (0_u32, Vec::new());
+    for _ in 0..100 {
+        physics.advance_under(SLICES, |felt| {
+            plant.say(felt, RATE_HZ);
+            let every = if slice < 200 { 1 } else { 2 };
+            slice += 1;
+            let answers = slice.is_multiple_of(every);
+            waits.push((plant.due(), answers));
+            if answers {
+                let answer = Message::HilActuators {
+                    time_us: 1_000_000 + (felt.at.nanos() / 1000).unsigned_abs(),
+                    controls: [0.0; 16],
+                    mode: 1,
+                };
+                let px4 = Address {
+                    system: 1,
+                    component: 1,
+                };
+                assert!(plant.hear(&encode(px4, 0, &answer).expect("bytes")));
+            }
+            None
+        });
+    }
+    // No answer is missed, and in vain it waited once: when the rate changed.
+    assert!(waits.iter().all(|(due, answers)| *due || !answers), "{waits:?}");
+    assert_eq!(waits.iter().filter(|(due, answers)| *due && !answers).count(), 1);
+}
+
+#[test]
+fn a_firmware_has_the_rate_of_exchange_that_it_needs() {
+    let hz = |exchange_hz| FirmwareConfig {
+        exchange_hz,
+        ..FirmwareConfig::default()
+    };
+    // ArduCopter does not arm below 1.8 readings of its gyroscopes in each of 400 loops a second.
+    assert!(f64::from(hz(0).slices(ardupilot::EXCHANGE_HZ)) / TICK.secs() > 1.8 * 400.0);
+    assert_eq!(hz(0).slices(400), SLICES);
+    assert_eq!(hz(1000).slices(400), 10);
+    for wrong in [50, 250, 1100] {
+        let text = format!("exchange_hz = {wrong}");
+        assert!(alight_shared::config::parse::<FirmwareConfig>(&text, "a file").is_err());
+    }
 }
 
 #[test]
