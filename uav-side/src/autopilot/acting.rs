@@ -228,11 +228,12 @@ impl AutopilotLink {
     fn spoken(&self, to: Address, s: &SetPoint) -> Message {
         let s = self.in_its_frame(s);
         if s.kind == SetPointKind::Attitude {
+            let upright = self.peer.as_ref().map_or(1.0, |p| p.upright(s.attitude));
             return Message::AttitudeThrust(AttitudeTarget {
                 to,
                 attitude: s.attitude,
                 rates: self.config.send_rates.then_some(s.rates),
-                thrust: thrust::command(s.thrust, self.config.thrust_curve),
+                thrust: upright * thrust::command(s.thrust, self.config.thrust_curve),
             });
         }
         Message::Position(PositionTarget {

@@ -48,7 +48,8 @@ pub struct AutopilotLinkConfig {
     pub timesync_hz: f64,
     /// Answers to them that took longer are not used, s.
     pub timesync_limit_s: f64,
-    /// Body rates go with attitude set-points (ArduCopter uses them, PX4 drops them).
+    /// Body rates go with attitude set-points. PX4 drops them; ArduCopter 4.6 and 4.7 turn them by the
+    /// attitude once too often, so that at a heading of 180 deg they work against it.
     pub send_rates: bool,
     /// Share of the square in the autopilot's thrust curve `T = f u² + (1 - f) u` that it does not
     /// make up for itself (PX4: THR_MDL_FAC is its own correction, then 0).
@@ -93,7 +94,7 @@ impl Default for AutopilotLinkConfig {
             quiet_s: 2.0,                  // ours
             timesync_hz: 5.0,              // ours
             timesync_limit_s: 0.25,        // ours: 0.06 s each way is still flown (tests/tests/mavlink.rs)
-            send_rates: true,              // measured: ArduCopter uses them
+            send_rates: false,             // measured: with ArduCopter 4.7 0 of 2 landed with them
             thrust_curve: 0.0,             // the autopilot's own correction
             hover_thrust: 0.4,             // ours
             hover_thrust_s: 2.0,           // ours: settles as PX4's hover thrust estimator does

@@ -123,13 +123,8 @@ impl AutopilotLink {
             }
             Message::ThrustNow { thrust } => {
                 peer.streams.heard(message::id::ATTITUDE_TARGET);
-                peer.thrust(now, *thrust);
-            }
-            Message::Throttle { thrust } => {
-                peer.streams.heard(message::id::VFR_HUD);
-                if peer.firmware == Firmware::ArduCopter {
-                    peer.thrust(now, *thrust);
-                }
+                let attitude = self.state.map(|s| s.attitude);
+                peer.thrust(now, *thrust / attitude.map_or(1.0, |a| peer.upright(a)));
             }
             Message::Parameter { name, value } => peer.parameter(name, *value),
             Message::Origin(told) => self.place(told),

@@ -39,8 +39,6 @@ pub mod id {
     pub const ATTITUDE_QUATERNION: u32 = 31;
     /// `LOCAL_POSITION_NED`.
     pub const LOCAL_POSITION_NED: u32 = 32;
-    /// `VFR_HUD`.
-    pub const VFR_HUD: u32 = 74;
     /// `ATTITUDE_TARGET`.
     pub const ATTITUDE_TARGET: u32 = 83;
     /// `HIGHRES_IMU`.
@@ -243,11 +241,6 @@ pub enum Message {
     },
     /// `ATTITUDE_TARGET`: what the autopilot's attitude loop is told now.
     ThrustNow {
-        /// Collective, 0 to 1.
-        thrust: f64,
-    },
-    /// `VFR_HUD`: throttle.
-    Throttle {
         /// Collective, 0 to 1.
         thrust: f64,
     },

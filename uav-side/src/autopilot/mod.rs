@@ -8,7 +8,7 @@
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
 //! COM_OF_LOSS_T for the failsafe that COM_OBL_RC_ACT names; ArduCopter stops after GUID_TIMEOUT and
-//! holds in GUIDED (attitude set-points: level, no climb, after 1 s).
+//! holds in GUIDED (after one of attitude: level, no climb).
 
 mod acting;
 pub mod authority;

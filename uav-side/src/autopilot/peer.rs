@@ -84,6 +84,15 @@ impl Peer {
             self.thrust = Some((now, thrust));
         }
     }
+    /// What a leaning drone's thrust is divided by before it is applied: ArduCopter holds up what leans
+    /// (ATC_ANGLE_BOOST), `T / cos` of the tilt, and tells `T`.
+    pub(crate) fn upright(&self, attitude: [f64; 4]) -> f64 {
+        let [_, x, y, _] = attitude;
+        match self.firmware {
+            Firmware::Px4 => 1.0,
+            Firmware::ArduCopter => (1.0 - 2.0 * (x * x + y * y)).clamp(0.1, 1.0),
+        }
+    }
     /// Thrust that it applies now, its own measure.
     pub(crate) fn thrust_now(&self, now: Instant) -> Option<f64> {
         self.thrust

@@ -39,22 +39,19 @@ impl Streams {
     /// What this firmware can say of what landing needs.
     pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: Time<DroneClock>) -> Streams {
         let own: &[(u32, f64)] = match firmware {
-            Firmware::Px4 => &[
-                (id::ODOMETRY, c.odometry_hz),
-                (id::HIGHRES_IMU, c.odometry_hz),
-                (id::ATTITUDE_TARGET, 50.0),
-            ],
-            // ArduCopter has no ODOMETRY, and tells its throttle in VFR_HUD.
+            Firmware::Px4 => &[(id::ODOMETRY, c.odometry_hz), (id::HIGHRES_IMU, c.odometry_hz)],
+            // ArduCopter has no ODOMETRY.
             Firmware::ArduCopter => &[
                 (id::ATTITUDE_QUATERNION, c.odometry_hz),
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
-                (id::VFR_HUD, 20.0),
             ],
         };
         let both = [
             (id::HEARTBEAT, c.heartbeat_hz),
             (id::EXTENDED_SYS_STATE, 10.0),
+            // The thrust in force. (ArduCopter has it in VFR_HUD too, cut to whole percents.)
+            (id::ATTITUDE_TARGET, 50.0),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
         ];

@@ -95,7 +95,6 @@ fn message() -> impl Strategy<Value = Message> {
             remaining: Some(r)
         }),
         number().prop_map(|thrust| Message::ThrustNow { thrust }),
-        number().prop_map(|thrust| Message::Throttle { thrust }),
         ("[A-Z_]{0,20}", number()).prop_map(|(name, value)| Message::Parameter { name, value }),
         number().prop_map(|value| Message::Parameter {
             name: "GUID_OPTIONS".into(),

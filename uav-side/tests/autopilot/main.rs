@@ -4,6 +4,7 @@
 
 mod arbitrary;
 mod disarm;
+mod firmwares;
 mod pair;
 mod standin;
 

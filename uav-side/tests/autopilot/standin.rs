@@ -251,6 +251,13 @@ impl StandIn {
                 self.attitudes += 1;
                 let [w, x, y, z] = a.attitude;
                 let q = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+                // PX4 drops the rates. ArduCopter 4.6 and 4.7 lead the attitude by them, but turn them by it
+                // once too often.
+                let ahead = match (self.firmware, a.rates) {
+                    (Firmware::ArduCopter, Some(r)) => q * Vector3::from(r) * LAG_S,
+                    (Firmware::ArduCopter, None) | (Firmware::Px4, _) => Vector3::zeros(),
+                };
+                let q = q * UnitQuaternion::from_scaled_axis(ahead);
                 self.target = Some(Target::Attitude(q, a.thrust));
             }
             _ => {}
@@ -267,15 +274,10 @@ impl StandIn {
         let p = c.parameters;
         match c.command {
             command::MESSAGE_INTERVAL => {
-                let unknown = match self.firmware {
-                    Firmware::Px4 => p[0] as u32 == id::SCALED_IMU,
-                    // ArduCopter has no ODOMETRY, and refuses what it does not know as failed.
-                    Firmware::ArduCopter => {
-                        matches!(p[0] as u32, id::ODOMETRY | id::HIGHRES_IMU | id::ATTITUDE_TARGET)
-                    }
-                };
-                if unknown {
-                    return Taken::Failed;
+                match (self.firmware, p[0] as u32) {
+                    (Firmware::Px4, id::SCALED_IMU) => return Taken::Failed,
+                    (Firmware::ArduCopter, id::ODOMETRY) => return Taken::Denied,
+                    (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }
                 self.streams.insert(p[0] as u32, 1e6 / p[1]);
                 Taken::Accepted
@@ -320,11 +322,18 @@ impl StandIn {
         }
     }
 
+    /// ArduCopter raises the thrust of what leans by one over this, and tells it as before.
+    fn upright(&self, q: &UnitQuaternion<f64>) -> f64 {
+        match self.firmware {
+            Firmware::Px4 => 1.0,
+            Firmware::ArduCopter => (q * Vector3::z()).z.clamp(0.1, 1.0),
+        }
+    }
     /// Attitude and share of thrust that its loops want now.
     pub fn wanted(&self) -> (UnitQuaternion<f64>, f64) {
         let heading = self.attitude.euler_angles().2;
         let ([p, v, a], yaw) = match self.target.filter(|_| self.ours_now()) {
-            Some(Target::Attitude(q, thrust)) => return (q, thrust),
+            Some(Target::Attitude(q, thrust)) => return (q, thrust / self.upright(&q)),
             Some(Target::Place(place, yaw)) => (place, yaw),
             None => {
                 let place = self.persons_place.unwrap_or(self.position);
@@ -484,8 +493,9 @@ impl StandIn {
                 number: 0,
                 remaining: Some(self.battery),
             },
-            id::ATTITUDE_TARGET => Message::ThrustNow { thrust: self.thrust },
-            id::VFR_HUD => Message::Throttle { thrust: self.thrust },
+            id::ATTITUDE_TARGET => Message::ThrustNow {
+                thrust: self.thrust * self.upright(&self.attitude),
+            },
             _ => return None,
         })
     }

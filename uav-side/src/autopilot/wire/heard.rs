@@ -75,9 +75,6 @@ pub(super) fn understood(message: m::MavMessage, payload: &[u8]) -> Option<Messa
         M::ATTITUDE_TARGET(d) => Message::ThrustNow {
             thrust: d.thrust.into(),
         },
-        M::VFR_HUD(d) => Message::Throttle {
-            thrust: f64::from(d.throttle) * 0.01,
-        },
         M::PARAM_REQUEST_READ(d) => Message::ParameterRequest {
             to: to(d.target_system, d.target_component),
             name: text(&d.param_id),

@@ -108,10 +108,6 @@ pub(super) fn said(message: &Message) -> Option<m::MavMessage> {
             thrust: *thrust as f32,
             ..m::ATTITUDE_TARGET_DATA::DEFAULT
         }),
-        Message::Throttle { thrust } => M::VFR_HUD(m::VFR_HUD_DATA {
-            throttle: (thrust * 100.0).round() as u16,
-            ..m::VFR_HUD_DATA::DEFAULT
-        }),
         Message::ParameterRequest { to, name } => M::PARAM_REQUEST_READ(m::PARAM_REQUEST_READ_DATA {
             target_system: to.system,
             target_component: to.component,
