@@ -1,0 +1,385 @@
+//! One landing at Moderate with the makers' own firmware at the controls of the simulated drone, where its
+//! program is on this computer: `ALIGHT_ARDUCOPTER=/path/to/arducopter`, `ALIGHT_PX4=/path/to/bin/px4` (with
+//! its `etc` beside `bin`). Without, the test says so and is passed over. `firmware.rs` flies the same plant
+//! with a firmware of the tests' own.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use alight_uav::autopilot::message::{ARMED, Address, CUSTOM_MODE, CommandLong, Message, command, id};
+use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use alight_uav::autopilot::wire::{Decoder, encode};
+
+/// A ground station, as MAVLink numbers them.
+const PERSON: Address = Address {
+    system: 255,
+    component: 190,
+};
+/// `MAV_CMD_NAV_TAKEOFF`.
+const TAKE_OFF: u16 = 22;
+/// Height above its pad to which the person takes off, m.
+const TAKE_OFF_M: f64 = 8.0;
+/// Higher than this above its pad it flies, m.
+const FLIES_M: f64 = 2.0;
+/// The firmware's estimator needs so long from its start, s.
+const WARM_UP_S: &str = "80";
+/// Parameters of the makers' simulators, as deploy/README.md has them; the last ones stand for what a
+/// calibrated vehicle has.
+const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM 0.02\nMOT_SPIN_MIN 0.02\n\
+                      MOT_SPIN_MAX 1\nGUID_OPTIONS 8\nFS_THR_ENABLE 0\nBATT_MONITOR 4\nCOMPASS_OFS_X 5\n\
+                      COMPASS_OFS_Y 13\nCOMPASS_OFS_Z -18\nCOMPASS_OFS2_X 5\nCOMPASS_OFS2_Y 13\n\
+                      COMPASS_OFS2_Z -18\nCOMPASS_OFS3_X 5\nCOMPASS_OFS3_Y 13\nCOMPASS_OFS3_Z -18\n\
+                      INS_ACCOFFS_X 0.001\nINS_ACCOFFS_Y 0.001\nINS_ACCOFFS_Z 0.001\nINS_ACCSCAL_X 1.001\n\
+                      INS_ACCSCAL_Y 1.001\nINS_ACCSCAL_Z 1.001\nINS_ACC2OFFS_X 0.001\nINS_ACC2OFFS_Y 0.001\n\
+                      INS_ACC2OFFS_Z 0.001\nINS_ACC2SCAL_X 1.001\nINS_ACC2SCAL_Y 1.001\nINS_ACC2SCAL_Z 1.001\n";
+
+/// The program that a variable names; None, said aloud, when there is none.
+fn program(variable: &str) -> Option<PathBuf> {
+    let path = std::env::var_os(variable).map(PathBuf::from);
+    if path.is_none() {
+        // Past the harness, which keeps what a test prints.
+        let _unseen = writeln!(
+            std::io::stderr(),
+            "skipped: {variable} is not set to the firmware's program"
+        );
+    }
+    path
+}
+
+/// The firmware's second MAVLink, for a ground station.
+enum Link {
+    Tcp(u16, Option<TcpStream>),
+    Udp(UdpSocket),
+}
+
+impl Link {
+    fn hear(&mut self) -> Vec<u8> {
+        let mut buffer = [0_u8; 4096];
+        let got = match self {
+            Link::Tcp(port, stream) => {
+                if stream.is_none() {
+                    *stream = TcpStream::connect(("127.0.0.1", *port)).ok();
+                    let wait = Some(Duration::from_millis(100));
+                    stream.iter().for_each(|s| s.set_read_timeout(wait).unwrap());
+                }
+                stream.as_mut().and_then(|s| s.read(&mut buffer).ok())
+            }
+            Link::Udp(socket) => socket.recv(&mut buffer).ok(),
+        };
+        let Some(n) = got.filter(|n| *n > 0) else {
+            std::thread::sleep(Duration::from_millis(20));
+            return Vec::new();
+        };
+        buffer[..n].to_vec()
+    }
+    fn say(&mut self, bytes: &[u8]) {
+        // It may not be there yet.
+        let _lost = match self {
+            Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
+            Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
+        };
+    }
+}
+
+/// A person with a ground station: arms, takes off and gives the drone, as the firmware lets it.
+struct Person {
+    firmware: Firmware,
+    link: Link,
+    decoder: Decoder,
+    sequence: u8,
+    /// Heartbeats of the firmware: one a second.
+    beats: u32,
+    mode: u32,
+    armed: bool,
+    height_m: f64,
+    aloft: u32,
+    texts: Vec<String>,
+}
+
+impl Person {
+    fn new(firmware: Firmware, link: Link) -> Person {
+        Person {
+            firmware,
+            link,
+            decoder: Decoder::default(),
+            sequence: 0,
+            beats: 0,
+            mode: 0,
+            armed: false,
+            height_m: 0.0,
+            aloft: 0,
+            texts: Vec::new(),
+        }
+    }
+    fn say(&mut self, message: &Message) {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.link.say(&encode(PERSON, self.sequence, message).unwrap());
+    }
+    fn command(&mut self, command: u16, parameters: [f64; 7]) {
+        let to = Address {
+            system: self.system(),
+            component: 1,
+        };
+        self.say(&Message::Command(CommandLong {
+            to,
+            command,
+            confirmation: 0,
+            parameters,
+        }));
+    }
+    /// Number that the firmware has: PX4 counts its instances.
+    fn system(&self) -> u8 {
+        match self.firmware {
+            Firmware::Px4 => PX4_INSTANCE + 1,
+            Firmware::ArduCopter => 1,
+        }
+    }
+    fn give_mode(&mut self, main: f64, sub: f64) {
+        self.command(
+            command::SET_MODE,
+            [f64::from(CUSTOM_MODE), main, sub, 0.0, 0.0, 0.0, 0.0],
+        );
+    }
+    /// What a person does next, once a heartbeat.
+    fn act(&mut self) {
+        self.say(&Message::Heartbeat {
+            autopilot: 8,
+            vehicle: 6,
+            base_mode: 0,
+            custom_mode: 0,
+        });
+        if self.beats <= 3 {
+            let position = f64::from(id::LOCAL_POSITION_NED);
+            self.command(
+                command::MESSAGE_INTERVAL,
+                [position, 200_000.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            );
+            return;
+        }
+        self.aloft += u32::from(self.armed && self.height_m > FLIES_M);
+        if self.aloft > 0 && self.mode == self.ours() {
+            return;
+        }
+        let arm = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        match self.firmware {
+            Firmware::ArduCopter if self.mode != self.ours() => self.give_mode(4.0, 0.0),
+            Firmware::ArduCopter if !self.armed => self.command(command::ARM_DISARM, arm),
+            Firmware::ArduCopter => {
+                self.command(TAKE_OFF, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, TAKE_OFF_M]);
+            }
+            Firmware::Px4 if !self.armed && self.aloft == 0 => self.command(command::ARM_DISARM, arm),
+            // Its take-off and then its hold.
+            Firmware::Px4 if self.aloft == 0 => self.give_mode(4.0, 2.0),
+            Firmware::Px4 if self.aloft > 8 && self.armed => self.give_mode(6.0, 0.0),
+            Firmware::Px4 => {}
+        }
+    }
+    /// The mode that takes set-points.
+    fn ours(&self) -> u32 {
+        match self.firmware {
+            Firmware::Px4 => px4_mode(6, 0),
+            Firmware::ArduCopter => 4,
+        }
+    }
+    /// Until `end`.
+    fn fly(mut self, end: &AtomicBool) -> Person {
+        // PX4 speaks to whom it has heard.
+        self.act();
+        while !end.load(Ordering::Relaxed) {
+            let bytes = self.link.hear();
+            if bytes.is_empty() && self.beats == 0 {
+                self.act();
+            }
+            self.decoder.push(&bytes);
+            while let Some(frame) = self.decoder.next_frame() {
+                match frame.message {
+                    Message::Heartbeat {
+                        autopilot: 3 | 12,
+                        base_mode,
+                        custom_mode,
+                        ..
+                    } => {
+                        (self.mode, self.armed) = (custom_mode, base_mode & ARMED != 0);
+                        self.beats += 1;
+                        self.act();
+                    }
+                    Message::LocalPosition { position, .. } => self.height_m = -position[2],
+                    Message::Text { text, .. } => self.texts.push(text),
+                    _ => {}
+                }
+            }
+        }
+        self
+    }
+}
+
+/// Which of several PX4 on this computer: its ports are counted from it.
+const PX4_INSTANCE: u8 = 7;
+
+/// A process that ends with the test.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ended = self.0.kill();
+        let _ended = self.0.wait();
+    }
+}
+
+fn start(command: &mut Command, directory: &Path) -> Running {
+    let log = std::fs::File::create(directory.join("firmware.txt")).unwrap();
+    let running = command
+        .current_dir(directory)
+        .stdin(Stdio::null())
+        .stderr(log.try_clone().unwrap())
+        .stdout(log)
+        .spawn();
+    Running(running.expect("the firmware's program starts"))
+}
+
+/// Three ports that follow one another, the first and the third free.
+fn ports() -> u16 {
+    let free = |p: u16| TcpListener::bind(("127.0.0.1", p)).is_ok();
+    (20_000..30_000)
+        .step_by(10)
+        .find(|p| free(*p) && free(p + 2))
+        .expect("free ports")
+}
+
+/// One flight; whether it was a successful landing.
+fn flight(firmware: Firmware, program: &Path) -> bool {
+    let name = format!("own-{}-{}", firmware.name().to_lowercase(), std::process::id());
+    let directory = std::env::temp_dir().join(&name);
+    std::fs::create_dir_all(&directory).unwrap();
+    let plant = match firmware {
+        Firmware::ArduCopter => UdpSocket::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+            .port(),
+        Firmware::Px4 => 4560 + u16::from(PX4_INSTANCE),
+    };
+    let config = directory.join("plant.toml");
+    std::fs::write(&config, format!("port = {plant}\n")).unwrap();
+    let (kind, running, link, connect) = match firmware {
+        Firmware::ArduCopter => {
+            let (base, parameters) = (ports(), directory.join("copter.parm"));
+            std::fs::write(&parameters, COPTER).unwrap();
+            let mut command = Command::new(program);
+            command
+                .args(["--model", "JSON:127.0.0.1", "--home", "43.5,16.3,0,0", "--wipe"])
+                .args(["--speedup", "10", "--base-port", &base.to_string()])
+                .args(["--sim-port-out", &plant.to_string(), "--defaults"])
+                .arg(&parameters);
+            let connect = format!("tcpout://127.0.0.1:{base}");
+            (
+                "ardupilot",
+                start(&mut command, &directory),
+                Link::Tcp(base + 2, None),
+                connect,
+            )
+        }
+        Firmware::Px4 => {
+            let mut command = Command::new(program);
+            command
+                .args(["-d", "-i", &PX4_INSTANCE.to_string(), "-w"])
+                .arg(&directory)
+                .arg(program.parent().and_then(Path::parent).unwrap().join("etc"))
+                .env("PX4_SIM_MODEL", "none_iris");
+            for (key, value) in [
+                ("THR_MDL_FAC", "0"),
+                ("MC_ROLL_P", "12"),
+                ("MC_PITCH_P", "12"),
+                ("MIS_TAKEOFF_ALT", "8"),
+            ] {
+                command.env(format!("PX4_PARAM_{key}"), value);
+            }
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket
+                .connect(("127.0.0.1", 18570 + u16::from(PX4_INSTANCE)))
+                .unwrap();
+            socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+            let connect = format!("udpin://127.0.0.1:{}", 14540 + u16::from(PX4_INSTANCE));
+            ("px4", start(&mut command, &directory), Link::Udp(socket), connect)
+        }
+    };
+    let end = Arc::new(AtomicBool::new(false));
+    let person = {
+        let end = Arc::clone(&end);
+        std::thread::spawn(move || Person::new(firmware, link).fly(&end))
+    };
+    let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args([
+            "land",
+            "--autopilot",
+            kind,
+            "--connect",
+            &connect,
+            "--sea",
+            "moderate",
+        ])
+        .args([
+            "--warm-up",
+            WARM_UP_S,
+            "--seed",
+            "1",
+            "--json",
+            "--instance",
+            &name,
+            "--firmware",
+        ])
+        .arg(&config)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    end.store(true, Ordering::Relaxed);
+    let person = person.join().unwrap();
+    drop(running);
+    let said = String::from_utf8_lossy(&out.stderr);
+    let text = String::from_utf8_lossy(&out.stdout);
+    let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
+    // For a person, with --nocapture.
+    println!("{outcome}");
+    let success = outcome["outcome"] == "success";
+    if !success {
+        println!("{said}\n{:#?}", person.texts);
+    }
+    assert!(person.aloft > 0, "it never flew: {:#?}\n{said}", person.texts);
+    if success {
+        assert!(!person.armed, "it was not disarmed: {:#?}", person.texts);
+    }
+    let _removed = std::fs::remove_dir_all(&directory);
+    success
+}
+
+/// A successful landing in one of two flights: computers that are busy are no hard real time.
+fn land(firmware: Firmware, variable: &str) {
+    // One after the other: they fly in real time.
+    static ONE: Mutex<()> = Mutex::new(());
+    let Some(program) = program(variable) else { return };
+    let _turn = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+    if !flight(firmware, &program) {
+        assert!(flight(firmware, &program), "neither of two flights was a success");
+    }
+}
+
+#[test]
+fn ardu_copter_itself_is_taken_off_handed_over_landed_and_stopped() {
+    land(Firmware::ArduCopter, "ALIGHT_ARDUCOPTER");
+}
+
+#[test]
+fn px4_itself_is_taken_off_handed_over_landed_and_stopped() {
+    land(Firmware::Px4, "ALIGHT_PX4");
+}
