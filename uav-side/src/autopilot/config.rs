@@ -32,7 +32,8 @@ pub struct AutopilotLinkConfig {
     pub component: u8,
     /// Odometry, attitude and inertial samples asked for, Hz.
     pub odometry_hz: f64,
-    /// Heartbeats asked for, Hz: a change of mode is known within their period.
+    /// Heartbeats asked of ArduCopter, Hz: a change of mode is known within their period. (PX4 keeps to
+    /// 1 Hz, and tells a change of mode in `CURRENT_MODE`.)
     pub heartbeat_hz: f64,
     /// Rangefinder asked for, Hz.
     pub range_hz: f64,

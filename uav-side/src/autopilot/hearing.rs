@@ -18,7 +18,7 @@ const FORCE_S: f64 = 0.03;
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
-    /// A frame of the link. Gives whether it was a heartbeat of the autopilot.
+    /// A frame of the link. Gives whether it was the autopilot's word on its mode: a heartbeat, mostly.
     pub(super) fn hear(&mut self, now: Instant, frame: &Frame, out: &mut AutopilotOut) -> bool {
         if let Message::Heartbeat {
             autopilot,
@@ -113,6 +113,12 @@ impl AutopilotLink {
                     out.ranges.push(sample);
                 }
             }
+            Message::Mode { custom_mode } => {
+                peer.streams.heard(message::id::CURRENT_MODE);
+                peer.mode = peer.firmware.mode(*custom_mode);
+                // As good a word on the mode as a heartbeat.
+                return true;
+            }
             Message::Landed { state } => {
                 peer.streams.heard(message::id::EXTENDED_SYS_STATE);
                 peer.landed(*state);
@@ -131,6 +137,12 @@ impl AutopilotLink {
             Message::Acknowledged { command, taken } => {
                 if *command == command::MESSAGE_INTERVAL {
                     peer.streams.answered(now, *taken);
+                } else if *command == command::ARM_DISARM
+                    && *taken == Taken::Accepted
+                    && self.disarm.sent() > 0
+                {
+                    // PX4's next heartbeat may be a second away.
+                    peer.armed = false;
                 } else if matches!(*command, command::ARM_DISARM | command::SET_MODE)
                     && !matches!(taken, Taken::Accepted | Taken::InProgress)
                 {

@@ -53,6 +53,8 @@ pub mod id {
     pub const EXTENDED_SYS_STATE: u32 = 245;
     /// `ODOMETRY`.
     pub const ODOMETRY: u32 = 331;
+    /// `CURRENT_MODE`.
+    pub const CURRENT_MODE: u32 = 436;
 }
 
 /// Numbers of commands.
@@ -226,6 +228,11 @@ pub enum Message {
         limits_m: [f64; 2],
         /// m²; None when not known.
         variance: Option<f64>,
+    },
+    /// `CURRENT_MODE`: the mode in force, told when it changes.
+    Mode {
+        /// As in the heartbeat.
+        custom_mode: u32,
     },
     /// `EXTENDED_SYS_STATE`: `MAV_LANDED_STATE`.
     Landed {

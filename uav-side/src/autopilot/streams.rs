@@ -10,6 +10,8 @@ use super::modes::Firmware;
 const PACE_S: f64 = 0.02;
 /// A stream is looked after this often, s.
 const REVIEW_S: f64 = 2.0;
+/// A change of mode is told within this many times a second.
+const MODE_HZ: f64 = 50.0;
 /// Below this share of the rate it is asked for again.
 const ENOUGH: f64 = 0.7;
 /// A refused stream is let be for this long, s.
@@ -21,6 +23,8 @@ const REFUSALS: u32 = 3;
 struct Stream {
     id: u32,
     hz: f64,
+    /// Asked for again below this rate, Hz.
+    least_hz: f64,
     heard: u32,
     review_at: Time<DroneClock>,
     refusals: u32,
@@ -39,16 +43,22 @@ impl Streams {
     /// What this firmware can say of what landing needs.
     pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: Time<DroneClock>) -> Streams {
         let own: &[(u32, f64)] = match firmware {
-            Firmware::Px4 => &[(id::ODOMETRY, c.odometry_hz), (id::HIGHRES_IMU, c.odometry_hz)],
+            Firmware::Px4 => &[
+                (id::ODOMETRY, c.odometry_hz),
+                (id::HIGHRES_IMU, c.odometry_hz),
+                // Its heartbeats keep to 1 Hz whatever is asked; this comes when the mode changes, and twice
+                // a second.
+                (id::CURRENT_MODE, MODE_HZ),
+            ],
             // ArduCopter has no ODOMETRY.
             Firmware::ArduCopter => &[
+                (id::HEARTBEAT, c.heartbeat_hz),
                 (id::ATTITUDE_QUATERNION, c.odometry_hz),
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
             ],
         };
         let both = [
-            (id::HEARTBEAT, c.heartbeat_hz),
             (id::EXTENDED_SYS_STATE, 10.0),
             // The thrust in force. (ArduCopter has it in VFR_HUD too, cut to whole percents.)
             (id::ATTITUDE_TARGET, 50.0),
@@ -62,6 +72,7 @@ impl Streams {
                 .map(|&(id, hz)| Stream {
                     id,
                     hz,
+                    least_hz: if id == id::CURRENT_MODE { 1.0 } else { ENOUGH * hz },
                     heard: 0,
                     review_at: now,
                     refusals: 0,
@@ -101,7 +112,7 @@ impl Streams {
         for s in &mut self.list {
             if now >= s.review_at {
                 // The first review finds nothing heard, and so asks.
-                s.wanted = f64::from(s.heard) < ENOUGH * s.hz * REVIEW_S;
+                s.wanted = f64::from(s.heard) < s.least_hz * REVIEW_S;
                 if !s.wanted {
                     s.refusals = 0;
                 }

@@ -95,6 +95,7 @@ fn message() -> impl Strategy<Value = Message> {
             remaining: Some(r)
         }),
         number().prop_map(|thrust| Message::ThrustNow { thrust }),
+        any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),
         ("[A-Z_]{0,20}", number()).prop_map(|(name, value)| Message::Parameter { name, value }),
         number().prop_map(|value| Message::Parameter {
             name: "GUID_OPTIONS".into(),

@@ -70,7 +70,7 @@ fn px4_takes_offboard_only_after_set_points_were_offered() {
     assert!(!p.autopilot.choose(PX4_OFFBOARD), "accepted too early");
     p.run(1.5);
     assert!(p.autopilot.choose(PX4_OFFBOARD), "refused after an offer");
-    p.run(0.3);
+    p.run(0.6);
     assert!(p.link.standing().commands());
     let from = p.t_s;
     p.run(2.0);
@@ -137,7 +137,7 @@ fn a_new_permission_is_the_persons() {
         assert_eq!(p.said.len(), quiet, "offered too early");
         p.run(4.0);
         assert!(p.autopilot.choose(StandIn::ours(firmware)));
-        p.run(0.3);
+        p.run(0.6);
         assert!(p.link.standing().commands(), "{}", p.link.standing());
     }
 }

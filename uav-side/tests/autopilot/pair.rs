@@ -133,7 +133,7 @@ impl Pair {
             "the mode was refused: {}",
             p.link.standing()
         );
-        p.run(0.5);
+        p.run(1.0);
         assert!(p.link.standing().commands(), "{}", p.link.standing());
         p
     }

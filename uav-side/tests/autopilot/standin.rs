@@ -80,6 +80,8 @@ pub struct StandIn {
     pub rates: Vector3<f64>,
     pub force: Vector3<f64>,
     target: Option<Target>,
+    /// The mode told last in CURRENT_MODE, and when.
+    told_mode: (f64, u32),
     streams: BTreeMap<u32, f64>,
     due: BTreeMap<u32, f64>,
     now_s: f64,
@@ -128,6 +130,7 @@ impl StandIn {
             rates: Vector3::zeros(),
             force: Vector3::new(0.0, 0.0, -GRAVITY),
             target: None,
+            told_mode: (f64::NEG_INFINITY, 0),
             // What an onboard link sends without being asked.
             streams: BTreeMap::from([(id::HEARTBEAT, 1.0)]),
             due: BTreeMap::new(),
@@ -277,6 +280,8 @@ impl StandIn {
                 match (self.firmware, p[0] as u32) {
                     (Firmware::Px4, id::SCALED_IMU) => return Taken::Failed,
                     (Firmware::ArduCopter, id::ODOMETRY) => return Taken::Denied,
+                    // Its heartbeats have a rate of their own, and it says so to nobody.
+                    (Firmware::Px4, id::HEARTBEAT) => return Taken::Accepted,
                     (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }
                 self.streams.insert(p[0] as u32, 1e6 / p[1]);
@@ -434,6 +439,14 @@ impl StandIn {
             let period = 1.0 / self.streams[&id];
             let last = self.due.get(&id).copied().unwrap_or(self.now_s);
             self.due.insert(id, (last + period).max(self.now_s));
+            if id == id::CURRENT_MODE {
+                // When it changes, and with the vehicle's state twice a second.
+                let (at, mode) = self.told_mode;
+                if mode == self.mode && self.now_s - at < 0.5 {
+                    continue;
+                }
+                self.told_mode = (self.now_s, self.mode);
+            }
             say.extend(self.said(id));
         }
     }
@@ -451,6 +464,9 @@ impl StandIn {
                 },
                 vehicle: 2,
                 base_mode: CUSTOM_MODE | if self.armed { ARMED } else { 0 },
+                custom_mode: self.mode,
+            },
+            id::CURRENT_MODE => Message::Mode {
                 custom_mode: self.mode,
             },
             id::ODOMETRY => Message::Odometry(OdometryReport {

@@ -63,6 +63,9 @@ pub(super) fn understood(message: m::MavMessage, payload: &[u8]) -> Option<Messa
                     .map(|c| f64::from(c) * 1e-4),
             }
         }
+        M::CURRENT_MODE(d) => Message::Mode {
+            custom_mode: d.custom_mode,
+        },
         M::EXTENDED_SYS_STATE(d) => Message::Landed {
             state: d.landed_state as u8,
         },

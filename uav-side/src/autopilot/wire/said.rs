@@ -95,6 +95,11 @@ pub(super) fn said(message: &Message) -> Option<m::MavMessage> {
                 ..m::DISTANCE_SENSOR_DATA::DEFAULT
             })
         }
+        Message::Mode { custom_mode } => M::CURRENT_MODE(m::CURRENT_MODE_DATA {
+            custom_mode: *custom_mode,
+            intended_custom_mode: *custom_mode,
+            ..m::CURRENT_MODE_DATA::DEFAULT
+        }),
         Message::Landed { state } => M::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
             landed_state: m::MavLandedState::from_u8(*state)?,
             ..m::EXTENDED_SYS_STATE_DATA::DEFAULT
