@@ -31,6 +31,13 @@ impl Owned {
         let directory = instance.directory();
         let doing = || format!("preparing {}", directory.display());
         std::fs::create_dir_all(&directory).map_err(|e| Refused::because(doing(), e))?;
+        // Its files are going to be removed: nobody sends us to another directory's.
+        if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
+            return Err(Refused(format!(
+                "{}: a link leads elsewhere; remove it",
+                directory.display()
+            )));
+        }
         let lock = File::create(directory.join(LOCK)).map_err(|e| Refused::because(doing(), e))?;
         // A former owner's child that is just being born holds the lock for some milliseconds more.
         let mut tries = 0;
@@ -52,8 +59,9 @@ impl Owned {
             }
             Err(TryLockError::Error(e)) => return Err(Refused::because(doing(), e)),
         }
-        // A former owner that was killed left its mark.
+        // A former owner that was killed left its files: the mark first, so that nobody joins.
         let _none = std::fs::remove_file(directory.join(READY));
+        empty(&directory).map_err(|e| Refused::because(doing(), e))?;
         instance.wipe().map_err(|e| Refused::because(doing(), e))?;
         Ok(Owned {
             instance,
@@ -84,6 +92,23 @@ impl Drop for Owned {
         let _left = self.instance.wipe();
         let _left = std::fs::remove_dir_all(self.instance.directory());
     }
+}
+
+/// Removes what is in a former owner's directory, but not the lock that we hold.
+fn empty(directory: &Path) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(directory)? {
+        let entry = entry?;
+        if entry.file_name() == LOCK {
+            continue;
+        }
+        // A link is removed and not what it leads to.
+        if entry.file_type()?.is_dir() {
+            std::fs::remove_dir_all(entry.path())?;
+        } else {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 /// Process number of the owner who said that all services are there, while it lives.
@@ -122,5 +147,43 @@ mod tests {
         drop(owned);
         assert!(!instance.directory().exists() && !runs(&instance));
         assert!(Instance::new("No/such name").is_err());
+    }
+
+    #[test]
+    fn what_a_killed_owner_left_is_gone_before_the_next_begins() {
+        let name = format!("test-left-{}", std::process::id());
+        let directory = Instance::new(&name).unwrap().directory();
+        let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
+        std::fs::create_dir_all(directory.join("log/old")).unwrap();
+        std::fs::write(directory.join("pilot.err"), "an old complaint").unwrap();
+        std::fs::write(directory.join(READY), std::process::id().to_string()).unwrap();
+        std::fs::write(directory.join("log/old/pilot.log"), "old").unwrap();
+        std::fs::write(&elsewhere, "somebody else's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, directory.join("link")).unwrap();
+        let owned = Owned::take(&name).unwrap();
+        let left: Vec<_> = std::fs::read_dir(&directory)
+            .unwrap()
+            .map(|e| e.unwrap().file_name())
+            .collect();
+        assert_eq!(left, [LOCK]);
+        assert!(elsewhere.exists() && !runs(owned.instance()));
+        std::fs::remove_file(elsewhere).unwrap();
+    }
+
+    #[test]
+    fn a_link_in_the_directorys_place_is_refused_and_nothing_removed() {
+        let name = format!("test-link-{}", std::process::id());
+        let directory = Instance::new(&name).unwrap().directory();
+        let elsewhere = directory.with_extension("elsewhere");
+        std::fs::create_dir_all(&elsewhere).unwrap();
+        std::fs::write(elsewhere.join("file"), "somebody else's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &directory).unwrap();
+        let Err(refused) = Owned::take(&name) else {
+            panic!("taken through a link")
+        };
+        assert!(refused.0.contains("a link leads elsewhere"), "{refused}");
+        assert!(elsewhere.join("file").exists());
+        std::fs::remove_file(&directory).unwrap();
+        std::fs::remove_dir_all(elsewhere).unwrap();
     }
 }
