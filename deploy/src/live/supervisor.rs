@@ -6,7 +6,7 @@
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::CommandExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
@@ -50,6 +50,8 @@ pub struct Supervisor {
     log: Option<PathBuf>,
     /// Processes write errors where the supervisor does, not into files.
     to_journal: bool,
+    /// Processes run at the supervisor's own priority.
+    as_nice: bool,
     lines: (Sender<String>, Receiver<String>),
 }
 
@@ -68,12 +70,18 @@ impl Supervisor {
             directory,
             log,
             to_journal: false,
+            as_nice: false,
             lines: channel(),
         }
     }
     /// Processes write errors where the supervisor does: a service's journal keeps and rotates them.
     pub fn journalled(mut self) -> Supervisor {
         self.to_journal = true;
+        self
+    }
+    /// Processes run at the supervisor's own priority: it has the one that they want.
+    pub fn as_nice(mut self) -> Supervisor {
+        self.as_nice = true;
         self
     }
     /// Starts a process; `enter` stands before its command.
@@ -96,7 +104,7 @@ impl Supervisor {
     fn spawn(&self, ward: &mut Ward) -> Result<(), Refused> {
         let name = ward.kind.name();
         let doing = || format!("starting the process {name}");
-        let program = std::env::current_exe().map_err(|e| Refused::because(doing(), e))?;
+        let program = own_program().map_err(|e| Refused::because(doing(), e))?;
         let errors = if self.to_journal {
             Stdio::inherit()
         } else {
@@ -107,15 +115,16 @@ impl Supervisor {
                 .map_err(|e| Refused::because(doing(), e))?
                 .into()
         };
-        let mut words = ward
-            .enter
-            .iter()
-            .map(String::as_str)
-            .chain(["nice", "-n", NICENESS]);
-        let mut command = Command::new(words.next().unwrap_or("nice"));
+        let nice: &[&str] = if self.as_nice {
+            &[]
+        } else {
+            &["nice", "-n", NICENESS]
+        };
+        let before = ward.enter.iter().map(String::as_str).chain(nice.iter().copied());
+        let mut words = before.map(Path::new).chain([program.as_path()]);
+        let mut command = Command::new(words.next().unwrap_or(&program));
         command
             .args(words)
-            .arg(program)
             .arg(name)
             .arg("--config")
             .arg(&ward.config)
@@ -149,6 +158,7 @@ impl Supervisor {
     /// Looks after all: what ended is started again after a pause.
     pub fn tend(&mut self) -> Result<Vec<Event>, Refused> {
         let mut events = Vec::new();
+        let mut failed = None;
         let now = steady_ns();
         let mut wards = std::mem::take(&mut self.wards);
         for ward in &mut wards {
@@ -165,11 +175,11 @@ impl Supervisor {
             }
             // A world that ended has lost the truth: nothing starts it again.
             if ward.child.is_none() && ward.kind != ProcessKind::World && now >= ward.start_at_ns {
-                self.spawn(ward)?;
+                failed = self.spawn(ward).err().or(failed);
             }
         }
         self.wards = wards;
-        Ok(events)
+        failed.map_or(Ok(events), Err)
     }
     /// Lines that processes wrote to standard output since the last call.
     pub fn said(&self) -> Vec<String> {
@@ -200,6 +210,11 @@ impl Supervisor {
     pub fn began_ns(&self, kind: ProcessKind) -> Option<i64> {
         let ward = self.wards.iter().find(|w| w.kind == kind)?;
         ward.child.as_ref().map(|_| ward.began_ns)
+    }
+    /// The number of a process that lives.
+    pub fn pid(&self, kind: ProcessKind) -> Option<u32> {
+        let ward = self.wards.iter().find(|w| w.kind == kind)?;
+        ward.child.as_ref().map(Child::id)
     }
     /// Kills a process; looking after it starts it again.
     pub fn kill(&mut self, kind: ProcessKind) {
@@ -260,6 +275,17 @@ impl Drop for Supervisor {
     fn drop(&mut self) {
         self.stop(pause);
     }
+}
+
+/// This process's own program, whatever has become of its file. An upgrade puts a new file in its place:
+/// the processes of one supervisor stay of one version, and the kernel keeps the old one for as long as it runs.
+fn own_program() -> std::io::Result<PathBuf> {
+    let file = std::env::current_exe()?;
+    Ok(if file.exists() {
+        file
+    } else {
+        format!("/proc/{}/exe", std::process::id()).into()
+    })
 }
 
 /// A moment's pause of the supervisor.
