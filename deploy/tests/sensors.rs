@@ -9,11 +9,14 @@
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use alight_shared::wire;
 use alight_usv::sensors::Readings;
+use serde_json::Value;
 
 struct Program(Child);
 
@@ -110,6 +113,110 @@ fn sentences_over_udp_and_tcp_become_measurements_of_their_own_times() {
             >= 2
     );
     assert!(status("receiver")["status"]["given"][1].as_u64().unwrap() >= 20);
+    std::fs::remove_file(config).unwrap();
+}
+
+/// What `alight status` says on the vessel once it says what `wanted` waits for.
+fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    let mut last = Value::Null;
+    for _ in 0..400 {
+        let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+            .args(["status", "--json", "--config"])
+            .arg(config)
+            .output()
+            .expect("the program runs");
+        last = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
+        if wanted(&last["word"]) {
+            return last;
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    panic!("{what}: not within its time: {last}");
+}
+
+#[test]
+fn the_vessels_process_runs_its_sensors_and_status_shows_each() {
+    let (udp, vessel, radio) = (free_udp(), free_udp(), free_udp());
+    let config = std::env::temp_dir().join(format!("alight-sensors-vessel-{}.toml", std::process::id()));
+    let text = format!(
+        "sensors = \"{vessel}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[[sensor.sources]]\nname = \"mast\"\n\
+         connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n"
+    );
+    std::fs::write(&config, text).unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args(["vessel", "--supervised", "--config"])
+        .arg(&config)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the program runs");
+    let program = Program(child);
+    // A mast that never falls silent, and damages one sentence in ten.
+    let (end, ended) = std::sync::mpsc::channel::<()>();
+    let to = udp.clone();
+    let mast = std::thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let mut k = 0;
+        while ended.recv_timeout(Duration::from_millis(50)) == Err(RecvTimeoutError::Timeout) {
+            let time = format!("12{:02}{:02}.{:02}", k / 1200, (k / 20) % 60, 5 * (k % 20));
+            let all = sentence(&format!("PASHR,{time},90.0,T,2.00,-1.00,0.25,0.1,0.1,0.2,2,1"))
+                + &sentence(&format!(
+                    "GPGGA,{time},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,1.0,0001"
+                ))
+                + if k % 10 == 0 { "$PASHR,damaged*00\r\n" } else { "" };
+            // Nobody listens while the process is started again.
+            let _missed = socket.send_to(all.as_bytes(), &to);
+            k += 1;
+        }
+    });
+    let young = |s: &Value| s["age_s"].as_f64().is_some_and(|age| age < 1.0);
+    let status = status_when(&config, "the mast's measurements are used", |word| {
+        let s = &word["sources"][0];
+        s["used"].as_u64() > Some(20) && s["corrupted"].as_u64() > Some(1) && young(s)
+    });
+    let sources = &status["word"]["sources"];
+    assert_eq!(
+        (&sources[0]["name"], &sources[1]["name"]),
+        (&"mast".into(), &"spare".into())
+    );
+    assert!(sources[0]["good"].as_u64() > Some(20), "{sources}");
+    assert!(
+        sources[1]["why"]
+            .as_str()
+            .is_some_and(|w| w.contains("/dev/none")),
+        "{sources}"
+    );
+    let findings = status["findings"].as_array().unwrap();
+    let of = |name: &str| {
+        let found = |f: &&Value| f["found"].as_str().is_some_and(|t| t.starts_with(name));
+        findings
+            .iter()
+            .find(found)
+            .unwrap_or_else(|| panic!("{name}: {status}"))
+    };
+    assert_eq!(
+        (&of("mast: ")["level"], &of("spare: ")["level"]),
+        (&"fine".into(), &"warning".into())
+    );
+    // One that stands still is killed and started again.
+    let pid = status["word"]["sensors_pid"].as_u64().expect("it runs");
+    let stopped = Command::new("kill").args(["-STOP", &pid.to_string()]).status();
+    assert!(stopped.expect("kill runs").success());
+    status_when(&config, "another process reads the mast", |word| {
+        word["sensors_pid"].as_u64().is_some_and(|now| now != pid) && young(&word["sources"][0])
+    });
+    // With the vessel's process its sensors' ends too.
+    drop(program);
+    assert!(
+        (0..100).any(|_| {
+            std::thread::sleep(Duration::from_millis(50));
+            UdpSocket::bind(&udp).is_ok()
+        }),
+        "the sensors' process is left"
+    );
+    end.send(()).unwrap();
+    mast.join().unwrap();
     std::fs::remove_file(config).unwrap();
 }
 

@@ -146,7 +146,7 @@ impl Air {
     /// vehicles are on the vessel's network, where its sensors are.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
         let side = match kind {
-            ProcessKind::Vessel | ProcessKind::World | ProcessKind::Link => 0,
+            ProcessKind::Vessel | ProcessKind::Sensors | ProcessKind::World | ProcessKind::Link => 0,
             ProcessKind::Bridge
             | ProcessKind::Predictor
             | ProcessKind::Mission

@@ -58,7 +58,7 @@ pub enum LiveVerb {
     Planner(ProcessArgs),
     /// Process of the drone: the set-points.
     Pilot(ProcessArgs),
-    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink).
+    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink), which it starts.
     Sensors(SensorsArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
     Autopilot(AutopilotArgs),

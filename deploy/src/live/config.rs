@@ -49,7 +49,7 @@ pub struct VesselComputer {
     pub vessel_id: u32,
     /// Where the sensors' datagrams come in.
     pub sensors: String,
-    /// Its real sensors, for `alight sensors`.
+    /// Its real sensors; where there are some, the vessel's process starts `alight sensors`.
     pub sensor: SourcesConfig,
     /// Its clock.
     pub clock: ProcessClock,

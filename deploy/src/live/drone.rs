@@ -89,7 +89,8 @@ impl Supervision {
             | ProcessKind::Bridge
             | ProcessKind::Predictor
             | ProcessKind::Mission
-            | ProcessKind::Link => return Vec::new(),
+            | ProcessKind::Link
+            | ProcessKind::Sensors => return Vec::new(),
         };
         let mut words = Vec::new();
         if !self.processors.is_empty() {

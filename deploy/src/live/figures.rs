@@ -89,9 +89,11 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
             }
             all
         }
-        ProcessKind::Predictor | ProcessKind::Mission | ProcessKind::Planner | ProcessKind::Link => {
-            Vec::new()
-        }
+        ProcessKind::Predictor
+        | ProcessKind::Mission
+        | ProcessKind::Planner
+        | ProcessKind::Link
+        | ProcessKind::Sensors => Vec::new(),
     }
 }
 

@@ -378,7 +378,7 @@ impl<'a> Landing<'a> {
         plan.air.start(&mut supervisor)?;
         for kind in ProcessKind::ALL {
             let config = match kind {
-                ProcessKind::Link | ProcessKind::Autopilot => continue,
+                ProcessKind::Link | ProcessKind::Autopilot | ProcessKind::Sensors => continue,
                 ProcessKind::Vessel => &plan.vessel_file,
                 ProcessKind::World => &plan.world,
                 ProcessKind::Bridge

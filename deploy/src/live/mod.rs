@@ -69,6 +69,7 @@ mod relay;
 pub mod replay;
 #[cfg(feature = "live")]
 mod report;
+mod sensor_ward;
 mod shell;
 mod sources;
 mod status;

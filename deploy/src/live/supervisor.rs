@@ -51,7 +51,7 @@ pub struct Supervisor {
     /// Processes write errors where the supervisor does, not into files.
     to_journal: bool,
     /// Processes run at the supervisor's own priority.
-    as_nice: bool,
+    unraised: bool,
     lines: (Sender<String>, Receiver<String>),
 }
 
@@ -70,7 +70,7 @@ impl Supervisor {
             directory,
             log,
             to_journal: false,
-            as_nice: false,
+            unraised: false,
             lines: channel(),
         }
     }
@@ -80,8 +80,8 @@ impl Supervisor {
         self
     }
     /// Processes run at the supervisor's own priority: it has the one that they want.
-    pub fn as_nice(mut self) -> Supervisor {
-        self.as_nice = true;
+    pub fn unraised(mut self) -> Supervisor {
+        self.unraised = true;
         self
     }
     /// Starts a process; `enter` stands before its command.
@@ -115,7 +115,7 @@ impl Supervisor {
                 .map_err(|e| Refused::because(doing(), e))?
                 .into()
         };
-        let nice: &[&str] = if self.as_nice {
+        let nice: &[&str] = if self.unraised {
             &[]
         } else {
             &["nice", "-n", NICENESS]

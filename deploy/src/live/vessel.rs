@@ -24,6 +24,7 @@ use super::interface::sensors::Sensors;
 use super::link::{Impaired, STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key};
 use super::notify::Notify;
 use super::process::Process;
+use super::sensor_ward::SensorWard;
 use super::vessel_word::Teller;
 use crate::{End, Refused, say};
 
@@ -106,6 +107,8 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut undecoded = 0_u64;
     let mut teller = Teller::new(&computer);
 
+    // The last to start: what refuses to start has left nothing behind.
+    let mut ward = SensorWard::start(&computer, args, steady_ns())?;
     let mut notify = Notify::from_environment();
     notify.ready();
     let mut flows = Flows::of(&OUTLETS);
@@ -231,8 +234,11 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             flows: flows.since(&radio, said.at_ns),
             ..said
         });
+        for line in ward.tend(steady_ns()) {
+            say::line(line);
+        }
         if let Some(said) = &said {
-            teller.tell(&computer, process.node(), said, keeper.holder(), &told);
+            teller.tell(&computer, process.node(), said, keeper.holder(), &told, &ward);
         }
         notify.alive(steady_ns(), || {
             let words = drone.figures(steady_ns());

@@ -12,7 +12,7 @@ use super::config::VesselComputer;
 use super::display::time;
 use super::keys::SOON_DAYS;
 use super::supervisor::pause;
-use super::vessel_word::{self, CertificateWord, EstimatorWord, VesselWord};
+use super::vessel_word::{self, CertificateWord, EstimatorWord, SourceSaid, VesselWord};
 use crate::{End, Refused, say};
 
 /// A word older than this is a dead process's or one that stands still, s: six of its periods.
@@ -74,6 +74,7 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
 /// What the word means at `now_ns` of the steady clock.
 fn judge(word: &VesselWord, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(word, now_ns)];
+    all.extend(word.sources.iter().map(source));
     all.extend(estimator(&word.estimator));
     all.push(certificate(&word.certificate));
     all.push(strangers(word));
@@ -102,9 +103,46 @@ fn process(word: &VesselWord, now_ns: i64) -> Finding {
     )
 }
 
+/// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
+fn source(s: &SourceSaid) -> Finding {
+    const TOPIC: &str = "source";
+    let counts = format!(
+        "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} refused",
+        s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.refused
+    );
+    let silent = match (s.age_s, &s.why) {
+        (Some(age_s), _) if age_s <= MISSING_S => None,
+        (_, Some(why)) => Some(why.clone()),
+        (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
+        (None, None) => Some("no measurement yet".into()),
+    };
+    match silent {
+        Some(why) => Finding::warning(
+            TOPIC,
+            format!("{counts}; {why}"),
+            "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
+        ),
+        None if s.pulses_apart > 0 => Finding::warning(
+            TOPIC,
+            format!(
+                "{counts}; {} time pulses of another time base than its fixes",
+                s.pulses_apart
+            ),
+            "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
+        ),
+        None => Finding::fine(
+            TOPIC,
+            format!("{counts}; {} old", time(s.age_s.unwrap_or_default())),
+        ),
+    }
+}
+
 fn estimator(e: &EstimatorWord) -> Vec<Finding> {
     let mut all = Vec::new();
-    for (k, name) in ["inertial sensor", "GNSS", "heading"].iter().enumerate() {
+    for (k, name) in ["inertial or attitude sensor", "GNSS", "heading"]
+        .iter()
+        .enumerate()
+    {
         let found = match e.sensors_s.get(k).copied().flatten() {
             Some(s) if s <= MISSING_S => continue,
             Some(s) => format!("{name}: nothing for {s:.0} s"),
@@ -276,6 +314,14 @@ mod tests {
                 restarts: 0,
                 refused: 0,
             },
+            sensors_pid: Some(7),
+            sources: vec![SourceSaid {
+                name: "receiver".into(),
+                age_s: Some(0.1),
+                good: 900,
+                used: 880,
+                ..SourceSaid::default()
+            }],
         }
     }
 
@@ -301,12 +347,19 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 7] = [
+        let cases: [(Change<'_>, Level, &str); 10] = [
             (
                 &|w| w.estimator.sensors_s[1] = Some(9.0),
                 Level::Broken,
                 "sensors",
             ),
+            (&|w| w.sources[0].age_s = Some(4.0), Level::Warning, "source"),
+            (
+                &|w| (w.sources[0].age_s, w.sources[0].why) = (None, Some("no such device".into())),
+                Level::Warning,
+                "source",
+            ),
+            (&|w| w.sources[0].pulses_apart = 1, Level::Warning, "source"),
             (&|w| w.estimator.said_s = None, Level::Broken, "estimator"),
             (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
             (&|w| w.certificate = held(10), Level::Warning, "certificate"),

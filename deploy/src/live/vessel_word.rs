@@ -11,11 +11,12 @@ use alight_shared::msg::{DeckGrant, DroneStatus, MESSAGE_VERSION, Message};
 use alight_shared::time::VesselClock;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::refusals::{Refusal, Refusals};
-use alight_usv::{VesselIn, VesselNode, VesselOut};
+use alight_usv::{KINDS, VesselIn, VesselNode, VesselOut};
 use serde::{Deserialize, Serialize};
 
 use super::config::VesselComputer;
 use super::keys;
+use super::sensor_ward::{SensorWard, SourceWord};
 
 /// Directory of the installed service.
 const SERVICE: &str = "/run/alight";
@@ -60,7 +61,7 @@ pub enum CertificateWord {
 /// The estimator's health.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorWord {
-    /// Since the newest sample of inertial sensor, GNSS and heading, s; None before the first.
+    /// Since the newest sample of inertial or attitude sensor, GNSS and heading, s; None before the first.
     pub sensors_s: [Option<f64>; 3],
     /// Since the newest estimate that it let out, s; None before the first.
     pub said_s: Option<f64>,
@@ -74,6 +75,61 @@ pub struct EstimatorWord {
     pub restarts: u64,
     /// Inputs refused at its door.
     pub refused: u64,
+}
+
+/// A real sensor.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SourceSaid {
+    /// Its name.
+    pub name: String,
+    /// Age of its newest measurement, s; None before the first.
+    pub age_s: Option<f64>,
+    /// Why nothing can come, if that is so.
+    pub why: Option<String>,
+    /// Whole messages of a kind that is used.
+    pub good: u64,
+    /// Damaged ones.
+    pub corrupted: u64,
+    /// Measurements without a time, or of one that cannot be right.
+    pub undated: u64,
+    /// Measurements older than the one before, on either side of the socket between the processes.
+    pub out_of_order: u64,
+    /// Time pulses of another time base than the fixes.
+    pub pulses_apart: u64,
+    /// Measurements given to the filter.
+    pub used: u64,
+    /// Of those, refused by its gates.
+    pub gated: u64,
+    /// Refused at the node's door: too old, from the future, absurd.
+    pub refused: u64,
+}
+
+impl SourceSaid {
+    fn of(word: &SourceWord, since_s: f64, node: &VesselNode) -> SourceSaid {
+        let (s, d) = (&word.status, &word.status.decoded);
+        let mut said = SourceSaid {
+            name: word.source.clone(),
+            age_s: word.age_s.map(|age| finite(age + since_s)),
+            why: word.why.clone(),
+            good: d.good,
+            corrupted: d.corrupted,
+            undated: d.undated + s.misdated,
+            out_of_order: s.out_of_order,
+            pulses_apart: d.pulses_apart,
+            ..SourceSaid::default()
+        };
+        // A source of bytes is two sources of measurements.
+        for kind in 0..KINDS.len() {
+            for number in [2 * word.number, 2 * word.number + 1] {
+                let c = node.source(kind, number);
+                said.out_of_order += c.order;
+                said.used += c.taken;
+                said.gated += c.gated;
+                said.refused += c.refused;
+            }
+        }
+        said
+    }
 }
 
 /// The process.
@@ -129,6 +185,10 @@ pub struct VesselWord {
     pub drones: Vec<HeardFrom>,
     /// The estimator.
     pub estimator: EstimatorWord,
+    /// The process that reads the real sensors, while it runs.
+    pub sensors_pid: Option<u32>,
+    /// The real sensors.
+    pub sources: Vec<SourceSaid>,
 }
 
 /// Where the word of the computer with these sensors is, for who writes it.
@@ -205,7 +265,8 @@ impl Teller {
     /// A step of the node at `now_ns` of the steady clock.
     pub fn stepped(&mut self, now_ns: i64, input: &VesselIn, out: &VesselOut) {
         let came = [
-            !input.imu.is_empty(),
+            // An attitude sensor stands in where there is no inertial one.
+            !(input.imu.is_empty() && input.attitude.is_empty()),
             !input.gnss.is_empty(),
             !input.heading.is_empty(),
         ];
@@ -229,6 +290,7 @@ impl Teller {
         process: &ProcessState,
         holder: Option<u32>,
         refusals: &Refusals,
+        ward: &SensorWard,
     ) {
         let now = process.at_ns;
         let since = |t: &Option<i64>| t.map(|t| (now - t).max(0) as f64 * 1e-9);
@@ -286,6 +348,11 @@ impl Teller {
                     + refused.other_vessel
                     + refused.withheld,
             },
+            sensors_pid: ward.pid(),
+            sources: ward
+                .words(now)
+                .map(|(since_s, word)| SourceSaid::of(word, since_s, node))
+                .collect(),
         };
         let new = self.place.with_extension("new");
         // A reader sees the old word or the new one, never half of one.

@@ -65,6 +65,8 @@ pub enum ProcessKind {
     Link,
     /// The link to a real autopilot, in place of the simulated one.
     Autopilot,
+    /// The vessel's real sensors.
+    Sensors,
 }
 
 impl ProcessKind {
@@ -98,6 +100,7 @@ impl ProcessKind {
             ProcessKind::Pilot => "pilot",
             ProcessKind::Link => "link",
             ProcessKind::Autopilot => "autopilot",
+            ProcessKind::Sensors => "sensors",
         }
     }
 }

@@ -154,7 +154,7 @@ pub struct Heard {
 }
 
 /// What a decoder made of what it was given.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Decoded {
     /// Whole messages of a kind that is used.
     pub good: u64,
@@ -164,4 +164,8 @@ pub struct Decoded {
     pub ignored: u64,
     /// Measurements that the source has given no time.
     pub undated: u64,
+    /// Time pulses announced (UBX TIM-TP).
+    pub pulses: u64,
+    /// Of those, at a time that cannot be the next pulse's after the fix before: another time base.
+    pub pulses_apart: u64,
 }

@@ -38,7 +38,7 @@ pub struct SensorsOut {
 }
 
 /// What became of a source's bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SourceStatus {
     /// Messages, as its decoder counts them.
     pub decoded: Decoded,

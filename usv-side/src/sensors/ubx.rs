@@ -1,5 +1,6 @@
 //! u-blox's UBX: NAV-PVT to a fix, NAV-RELPOSNED of a moving base to a heading. TIM-TP announces the
-//! time of the next pulse; without the pulse's edge it is only counted.
+//! time of the next pulse. Without the pulse's edge it dates nothing; it tells whether pulse and fixes
+//! count the same time, which is what a computer that takes its clock from the pulse relies on.
 
 use alight_shared::frames::Datum;
 use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
@@ -13,6 +14,9 @@ const MOST_WAITING: usize = 2048;
 /// Bytes given to the parser at a time.
 const PART: usize = 512;
 const WEEK_NS: i64 = 7 * 86_400_000_000_000;
+/// The pulse that is announced comes within its period of 1 s (the receivers' default) after the fix
+/// before; a message in between may be late by as much. UTC and GPS time are whole seconds apart, 18 since 2017.
+const PULSE_NS: i64 = 2_000_000_000;
 /// What changes within a minute of the error that a receiver tells (ours).
 const FAST_SHARE: f64 = 0.3;
 
@@ -21,7 +25,6 @@ pub struct UbxDecoder {
     mounting: Mounting,
     parser: Parser<FixedBuffer<MOST_WAITING>, Proto27>,
     decoded: Decoded,
-    pulses: u64,
     week: i64,
     last_ns: Option<i64>,
 }
@@ -30,7 +33,7 @@ pub struct UbxDecoder {
 enum Said {
     Fix(u32, Option<GnssFix>),
     Heading(u32, Option<HeadingFix>),
-    Pulse,
+    Pulse(u32),
     Other,
 }
 
@@ -41,7 +44,6 @@ impl UbxDecoder {
             mounting: mounting.clone(),
             parser: Parser::with_fixed_buffer(),
             decoded: Decoded::default(),
-            pulses: 0,
             week: 0,
             last_ns: None,
         }
@@ -49,10 +51,6 @@ impl UbxDecoder {
     /// What became of what it was given.
     pub fn decoded(&self) -> Decoded {
         self.decoded
-    }
-    /// Time pulses announced.
-    pub fn pulses(&self) -> u64 {
-        self.pulses
     }
 
     /// Takes bytes, however they are cut.
@@ -74,15 +72,26 @@ impl UbxDecoder {
         }
     }
 
+    /// A pulse is announced for this time of week, ms.
+    fn pulse(&mut self, of_week_ms: u32) {
+        let of_week = i64::from(of_week_ms) * 1_000_000;
+        if of_week >= WEEK_NS {
+            self.decoded.corrupted += 1;
+            return;
+        }
+        self.decoded.good += 1;
+        self.decoded.pulses += 1;
+        let apart = self
+            .last_ns
+            .is_some_and(|last| after(of_week, last).abs() > PULSE_NS);
+        self.decoded.pulses_apart += u64::from(apart);
+    }
+
     fn take(&mut self, said: Said, out: &mut Vec<Heard>) {
         let (of_week_ms, measurement) = match said {
             Said::Fix(t, fix) => (t, fix.map(Measurement::Gnss)),
             Said::Heading(t, heading) => (t, heading.map(Measurement::Heading)),
-            Said::Pulse => {
-                self.pulses += 1;
-                self.decoded.good += 1;
-                return;
-            }
+            Said::Pulse(t) => return self.pulse(t),
             Said::Other => {
                 self.decoded.ignored += 1;
                 return;
@@ -107,6 +116,11 @@ impl UbxDecoder {
         self.last_ns = Some(at_ns);
         out.extend(measurement.map(|measurement| Heard { at_ns, measurement }));
     }
+}
+
+/// What one time of week is after another, ns, by the shorter way round the week.
+fn after(of_week_ns: i64, than_ns: i64) -> i64 {
+    (of_week_ns - than_ns + WEEK_NS / 2).rem_euclid(WEEK_NS) - WEEK_NS / 2
 }
 
 fn said(packet: &PacketRef<'_>, mounting: &Mounting) -> Said {
@@ -149,7 +163,7 @@ fn said(packet: &PacketRef<'_>, mounting: &Mounting) -> Said {
             });
             Said::Heading(p.itow(), heading)
         }
-        PacketRef::TimTp(_) => Said::Pulse,
+        PacketRef::TimTp(p) => Said::Pulse(p.tow_ms()),
         _ => Said::Other,
     }
 }
@@ -185,6 +199,11 @@ mod tests {
         put(&mut p, 68, &100_u32.to_le_bytes());
         message(1, 7, &p)
     }
+    fn pulse(tow_ms: u32) -> Vec<u8> {
+        let mut p = [0; 16];
+        put(&mut p, 0, &tow_ms.to_le_bytes());
+        message(0x0d, 1, &p)
+    }
     fn relative(tow_ms: u32, valid: bool) -> Vec<u8> {
         let mut p = [0; 64];
         p[0] = 1;
@@ -211,14 +230,15 @@ mod tests {
         let bytes = [
             pvt(week_ms - 200),
             relative(week_ms - 200, true),
-            message(0x0d, 1, &[0; 16]),
+            pulse(0),
             message(1, 0x35, &[0; 8]),
             relative(0, false),
             pvt(0),
         ]
         .concat();
         let (all, d) = decode(&bytes, 7);
-        assert_eq!((d.decoded().good, d.decoded().corrupted, d.pulses()), (5, 0, 1));
+        let n = d.decoded();
+        assert_eq!((n.good, n.corrupted, n.pulses, n.pulses_apart), (5, 0, 1, 0));
         let times: Vec<i64> = all.iter().map(|h| h.at_ns - all[0].at_ns).collect();
         assert_eq!(times, [0, 0, 200_000_000], "a new week");
         let (Measurement::Gnss(g), Measurement::Heading(h)) = (all[0].measurement, all[1].measurement) else {
@@ -227,6 +247,26 @@ mod tests {
         assert!((g.datum.latitude_deg - 50.0).abs() < 1e-9 && (g.datum.height_m - 255.0).abs() < 1e-9);
         assert!((g.velocity[1] + 1.5).abs() < 1e-9 && (g.position_sd[0] - 0.3).abs() < 1e-9);
         assert!(h.heading.abs() < 1e-9 && (h.heading_sd - 0.5_f64.to_radians()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_pulse_of_another_time_base_is_told_from_the_next_one() {
+        let before_any_fix = pulse(77_000);
+        // The next second; the one that just passed, late; the next one of UTC, 18 s behind; a new week.
+        let bytes = [
+            before_any_fix,
+            pvt(20_200),
+            pulse(21_000),
+            pulse(19_000),
+            pulse(3_000),
+            pvt(604_799_800),
+            pulse(0),
+            message(0x0d, 1, &u32::MAX.to_le_bytes().repeat(4)),
+        ]
+        .concat();
+        let (_, d) = decode(&bytes, 9);
+        let n = d.decoded();
+        assert_eq!((n.pulses, n.pulses_apart, n.corrupted), (5, 1, 1));
     }
 
     #[test]

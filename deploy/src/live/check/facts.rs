@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use alight_usv::sensors::SourceStatus;
+
 use crate::live::config::{DroneComputer, VesselComputer};
 
 /// Which computer this is.
@@ -102,6 +104,17 @@ pub struct SensorsHeard {
     pub refused: u64,
 }
 
+/// A real sensor, listened to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceFound {
+    /// Its name.
+    pub name: String,
+    /// Where it is.
+    pub connect: String,
+    /// Bytes that came and what became of them, or why none can come.
+    pub heard: Result<(usize, SourceStatus), String>,
+}
+
 /// The place for shared memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharedMemory {
@@ -138,6 +151,8 @@ pub struct Facts {
     pub autopilot: Option<(String, Result<Reach, String>)>,
     /// What the sensors sent; None when it was not listened to.
     pub sensors: Option<SensorsHeard>,
+    /// The vessel's real sensors; None when they are the running process's.
+    pub sources: Option<Vec<SourceFound>>,
     /// How the frequency of each processor is chosen; empty without frequency scaling.
     pub governors: Vec<String>,
     /// This user may ask for real-time priority.

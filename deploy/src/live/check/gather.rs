@@ -15,6 +15,7 @@ use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use super::facts::{
     ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
 };
+use super::sources;
 use crate::Refused;
 use crate::live::autopilot_url::AutopilotUrl;
 use crate::live::config::{DroneComputer, VesselComputer};
@@ -44,6 +45,7 @@ pub fn gather(path: &Path) -> Facts {
         dialled: Vec::new(),
         autopilot: None,
         sensors: None,
+        sources: None,
         governors: governors(),
         realtime: drone::permitted(&drone::REALTIME),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
@@ -66,6 +68,9 @@ pub fn gather(path: &Path) -> Facts {
                 Err(e) => port.state = refusal(&e),
             }
             facts.ports.push(port);
+            facts.sources = (!facts.running).then(|| sources::listen(v));
+            // The service starts what would send to that port.
+            facts.sensors = facts.sensors.filter(|_| v.sensor.sources.is_empty());
         }
         Ok(Computer::Drone(d)) => {
             let instance = Instance::new(&d.instance);

@@ -4,6 +4,7 @@
 pub mod facts;
 pub mod gather;
 pub mod rules;
+mod sources;
 #[cfg(test)]
 mod tests;
 

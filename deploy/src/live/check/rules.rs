@@ -3,7 +3,9 @@
 use alight_shared::transport::radio::RadioConfig;
 use serde::Serialize;
 
-use super::facts::{Certificate, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory};
+use super::facts::{
+    Certificate, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceFound,
+};
 use crate::live::keys::{SOON_DAYS, common_name};
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
@@ -103,6 +105,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts.running)));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
+        all.extend(facts.sources.iter().flatten().map(source));
     }
     all.extend(processors(facts, matches!(computer, Computer::Drone(_))));
     all
@@ -281,7 +284,7 @@ fn port(port: &Port, running: bool) -> Finding {
         PortState::Untried => Finding::warning(
             TOPIC,
             format!("{what} cannot be tried"),
-            "write it as PROTOCOL/ADDRESS:PORT with udp, tcp or tls",
+            "write it as PROTOCOL/ADDRESS:PORT with udp, tcp or quic",
         ),
     }
 }
@@ -391,6 +394,40 @@ fn sensors(facts: &Facts) -> Option<Finding> {
             "start the sensors' driver, and look where it sends to",
         )
     })
+}
+
+fn source(found: &SourceFound) -> Finding {
+    const TOPIC: &str = "sensors";
+    let who = format!("{} ({})", found.name, found.connect);
+    match &found.heard {
+        Err(why) => Finding::warning(
+            TOPIC,
+            format!("{who}: {why}"),
+            "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
+        ),
+        Ok((0, _)) => Finding::warning(
+            TOPIC,
+            format!("{who}: nothing came while listening"),
+            "is it powered and plugged in, and does it send there?",
+        ),
+        Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) => Finding::warning(
+            TOPIC,
+            format!(
+                "{who}: {bytes} bytes and no measurement: {} messages good, {} corrupted, {} of other kinds, {} \
+                 without a time",
+                s.decoded.good, s.decoded.corrupted, s.decoded.ignored, s.decoded.undated
+            ),
+            "see to its rate and format in vessel.toml, and to the messages that it is set to send",
+        ),
+        Ok((_, s)) => Finding::fine(
+            TOPIC,
+            format!(
+                "{who}: {} measurements, {} messages corrupted while listening",
+                s.given.iter().sum::<u64>(),
+                s.decoded.corrupted
+            ),
+        ),
+    }
 }
 
 fn processors(facts: &Facts, drone: bool) -> Vec<Finding> {

@@ -1,14 +1,17 @@
 //! Rules on made-up computers, and the gatherer on this one.
 
+use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
 use alight_shared::transport::radio::TlsConfig;
+use alight_usv::sensors::{SourceConfig, SourceStatus};
 
 use super::facts::{
     Certificate, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
+    SourceFound,
 };
 use super::rules::{Finding, Level, judge};
-use super::{CheckArgs, gather, run};
+use super::{CheckArgs, gather, run, sources};
 use crate::End;
 use crate::live::config::{DroneComputer, VesselComputer};
 use crate::live::keys;
@@ -67,6 +70,7 @@ fn vessel() -> Facts {
             heading: 20,
             refused: 0,
         }),
+        sources: Some(Vec::new()),
         governors: vec!["performance".into(); 4],
         realtime: true,
         processors: 4,
@@ -89,6 +93,7 @@ fn drone() -> Facts {
     facts.dialled = vec![("quic/192.168.7.1:7447".into(), Reach::Answers)];
     facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
     facts.sensors = None;
+    facts.sources = None;
     facts
 }
 
@@ -116,7 +121,14 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
     fn shared(f: &mut Facts) -> &mut SharedMemory {
         f.memory.as_mut().unwrap()
     }
-    let wrongs: [Wrong; 28] = [
+    fn source(f: &mut Facts, heard: Result<(usize, SourceStatus), String>) {
+        f.sources = Some(vec![SourceFound {
+            name: "compass".into(),
+            connect: "serial:///dev/ttyUSB0:115200".into(),
+            heard,
+        }]);
+    }
+    let wrongs: [Wrong; 31] = [
         (vessel, |f| f.clock_s = 40, Level::Broken, "never set"),
         (vessel, |f| f.sync = None, Level::Warning, "nobody says"),
         (
@@ -209,6 +221,24 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
             |f| f.sensors.as_mut().unwrap().refused = 4,
             Level::Warning,
             "4 datagrams",
+        ),
+        (
+            vessel,
+            |f| source(f, Err("no such device".into())),
+            Level::Warning,
+            "no such device",
+        ),
+        (
+            vessel,
+            |f| source(f, Ok((0, SourceStatus::default()))),
+            Level::Warning,
+            "nothing came",
+        ),
+        (
+            vessel,
+            |f| source(f, Ok((900, SourceStatus::default()))),
+            Level::Warning,
+            "900 bytes",
         ),
         (
             vessel,
@@ -347,6 +377,55 @@ fn on_this_computer_a_swapped_key_and_a_foreign_authority_are_found() {
     };
     assert_eq!(written(&foreign).of_authority, Some(false));
     std::fs::remove_dir_all(&directory).unwrap();
+}
+
+#[test]
+fn a_source_that_speaks_is_told_from_silence_and_from_none() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let (speaks, silent) = (free(), free());
+    let mut computer = VesselComputer::default();
+    computer.sensor.sources = ["speaks", "silent", "taken", "none", "wrong"]
+        .into_iter()
+        .zip([
+            format!("udpin://{speaks}"),
+            format!("udpin://{silent}"),
+            format!("udpin://{}", socket.local_addr().unwrap()),
+            "serial:///dev/none:9600".into(),
+            "nmea://mast".into(),
+        ])
+        .map(|(name, connect)| SourceConfig {
+            name: name.into(),
+            connect,
+            ..SourceConfig::default()
+        })
+        .collect();
+    let (end, ended) = std::sync::mpsc::channel::<()>();
+    let speaker = std::thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let mut k = 0;
+        while ended.recv_timeout(std::time::Duration::from_millis(20)).is_err() {
+            let time = format!("1200{:02}.{:02}", k / 50, 2 * (k % 50));
+            for part in [format!("GPZDA,{time},01,01,2026,00,00"), "GPHDT,90.0,T".into()] {
+                let sum = part.bytes().fold(0_u8, |a, b| a ^ b);
+                let _missed = socket.send_to(format!("${part}*{sum:02X}\r\n").as_bytes(), speaks);
+            }
+            k += 1;
+        }
+    });
+    let found = sources::listen(&computer);
+    end.send(()).unwrap();
+    speaker.join().unwrap();
+    let heard = |k: usize| found[k].heard.as_ref().map(|(bytes, s)| (*bytes, s.decoded.good));
+    assert!(
+        heard(0).is_ok_and(|(bytes, good)| bytes > 100 && good > 2),
+        "{found:?}"
+    );
+    assert_eq!(heard(1), Ok((0, 0)), "{found:?}");
+    assert!(heard(2).is_err_and(|e| e.contains("udpin://")), "{found:?}");
+    assert!(heard(3).is_err_and(|e| e.contains("/dev/none")), "{found:?}");
+    assert!(heard(4).is_err_and(|e| e.contains("nmea://mast")), "{found:?}");
+    assert!(sources::listen(&VesselComputer::default()).is_empty());
 }
 
 #[test]
