@@ -32,6 +32,10 @@ use instant::{Instant, aligned_acceleration};
 use profile::{Height, Profile};
 use wind::Wind;
 
+/// The deck's plane is followed this far from its centre, m: half the way across the default deck, and
+/// a little.
+const BESIDE_M: f64 = 1.0;
+
 /// Writes the references and weights of a landing.
 #[derive(Clone, Debug)]
 pub struct Rendezvous {
@@ -96,7 +100,10 @@ impl Rendezvous {
         let here = aim.deck.first()?;
         let start = problem.state;
         let wind = &Wind::carried(wind, &self.config.wind);
-        let contact = self.contact_z(here);
+        // Steep decks are met beside their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
+        // below it than the centre says, and would stay above the deck that much longer.
+        let beside = self.beside(&start, here);
+        let contact = self.contact_z(here, &beside);
         // Height over the surface that the profile follows at this height.
         let over =
             |share: f64| aim.mean_z + share * (here.position[2] - aim.mean_z) + (contact - here.position[2]);
@@ -157,7 +164,7 @@ impl Rendezvous {
             } else {
                 wanted
             };
-            self.stage(k, time, &height, deck, &way, aim.mean_z, wind, problem);
+            self.stage(k, time, &height, deck, &beside, &way, aim.mean_z, wind, problem);
         }
         permitted.then_some(way.left)
     }
@@ -170,9 +177,20 @@ impl Rendezvous {
         s * s * (3.0 - 2.0 * s)
     }
 
-    /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck, m.
-    fn contact_z(&self, deck: &DeckStage) -> f64 {
-        deck.position[2] + self.feet * deck.normal().z
+    /// Horizontal place of an aligned drone's feet relative to the deck's centre (NED, m), not further
+    /// than the deck reaches.
+    fn beside(&self, state: &State, deck: &DeckStage) -> Vector2<f64> {
+        let n = deck.normal();
+        let o = Vector2::from_fn(|i, _| state[i] - deck.position[i] - self.feet * n[i]);
+        o * (BESIDE_M / o.norm().max(BESIDE_M))
+    }
+
+    /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck `beside` its
+    /// centre, m: `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the
+    /// feet's distance `l`.
+    fn contact_z(&self, deck: &DeckStage, beside: &Vector2<f64>) -> f64 {
+        let n = deck.normal();
+        deck.position[2] + n.xy().dot(beside) / (-n.z).max(0.3) + self.feet * n.z
     }
 
     /// The height that the profile has `time` from now, where it can be followed.
@@ -213,6 +231,7 @@ impl Rendezvous {
         time: f64,
         h: &Height,
         deck: &DeckStage,
+        beside: &Vector2<f64>,
         way: &Way,
         mean_z: f64,
         wind: &Vector2<f64>,
@@ -227,7 +246,7 @@ impl Rendezvous {
         let spin =
             deck.rotation() * body_rates(deck.euler[0], deck.euler[1], Vector3::from(deck.euler_rates));
         let turn = spin.cross(&n) * self.feet;
-        let contact = self.contact_z(deck);
+        let contact = self.contact_z(deck, beside);
         let (tilt, gain) = if c.true_tilt {
             let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
             (aligned_acceleration(deck) / GRAVITY, gain)
