@@ -53,16 +53,16 @@ pub struct ProfileConfig {
 }
 
 impl Default for ProfileConfig {
-    /// Ours, after a prototype: 2.5 m/s, then 0.25 m/s for the last 0.4 s.
+    /// Ours, after a prototype: 2.5 m/s, then 0.3 m/s for the last 0.35 s.
     fn default() -> Self {
         ProfileConfig {
             sink_mps: 2.5,
             braking_mps2: 2.5,
             acceleration_mps2: 3.0,
             hurry_mps: 0.5,
-            touch_mps: 0.28,
+            touch_mps: 0.30,
             soft_s: 0.35,
-            press_m: 0.5,
+            press_m: 1.0,
             mean_above_m: 4.5,
             heave_below_m: 1.5,
         }
@@ -102,6 +102,9 @@ pub struct InstantConfig {
     pub hysteresis: f64,
     /// When late, the contact may be meant to come this much sooner than the profile has it, s.
     pub hurry_s: f64,
+    /// In the flare the contact comes at most this much later than the profile has it, s: low over the deck
+    /// the tag is out of view, and a drone that waits there drifts off or is left behind.
+    pub linger_s: f64,
 }
 
 impl Default for InstantConfig {
@@ -116,6 +119,7 @@ impl Default for InstantConfig {
             waiting_per_s: 0.3,
             hysteresis: 0.2,
             hurry_s: 0.15,
+            linger_s: 0.05,
         }
     }
 }
@@ -128,7 +132,8 @@ impl Check for InstantConfig {
         at.range("tilt_rate_dps", self.tilt_rate_dps, 0.1, 1e3)?;
         at.range("waiting_per_s", self.waiting_per_s, 0.0, 100.0)?;
         at.range("hysteresis", self.hysteresis, 0.0, 100.0)?;
-        at.range("hurry_s", self.hurry_s, 0.0, 1.0)
+        at.range("hurry_s", self.hurry_s, 0.0, 1.0)?;
+        at.range("linger_s", self.linger_s, 0.0, 10.0)
     }
 }
 
@@ -190,6 +195,9 @@ pub struct RendezvousConfig {
     pub distance: FaaDistance,
     /// A landing begins from the measured state; else from the plan that was followed.
     pub begins_measured: bool,
+    /// In the flare the plan begins at the measured height and vertical speed; else where the plan before
+    /// it is.
+    pub flare_measured: bool,
     /// Height over the deck at which a stage counts as contact by exp(-1), m.
     pub near_m: f64,
     /// Stages this long after the contact count by exp(-1), s.
@@ -222,6 +230,7 @@ impl Default for RendezvousConfig {
             true_tilt: true,
             distance: FaaDistance::PerStage,
             begins_measured: true,
+            flare_measured: true,
             near_m: 0.1,
             after_s: 0.3,
             horizontal: meeting(40.0, 1500.0),

@@ -45,7 +45,7 @@ impl Instant {
     }
 
     /// Time until the contact (s), chosen anew while it is far. `least` is the earliest possible,
-    /// `left` what the profile says for the present height.
+    /// `left` what the profile says for the present height; in a `flare` it is not waited for.
     pub fn choose(
         &mut self,
         now: Time<DroneClock>,
@@ -53,6 +53,7 @@ impl Instant {
         wind: &Vector2<f64>,
         least: f64,
         left: f64,
+        flare: bool,
         c: &InstantConfig,
     ) -> f64 {
         let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
@@ -87,6 +88,9 @@ impl Instant {
         // Late: a little faster than the profile, not at any speed.
         let soonest = now + Span::from_secs((left - c.hurry_s * left.max(1.0)).max(-10.0));
         chosen = chosen.max(soonest);
+        if flare {
+            chosen = chosen.min(now + Span::from_secs(left + c.linger_s));
+        }
         self.at = Some(chosen);
         (chosen - now).secs()
     }
@@ -126,15 +130,18 @@ mod tests {
         let f = rocking(0.0);
         let mut i = Instant::default();
         // Level at pi / 1.3 = 2.42 s.
-        let t = i.choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, &c);
+        let t = i.choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((t - 2.42).abs() < 0.1, "{t}");
         // Frozen: the same instant although the sea now looks otherwise.
         let now = Time::from_secs(1.5);
-        let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, &c);
+        let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, false, &c);
         assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
         // Late by half a second: put off, less the hurry.
-        let late = i.choose(now, &f, &STILL, 1.5, 1.5, &c);
+        let late = i.choose(now, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((late - 1.275).abs() < 1e-6, "{late}");
+        // Early, low over the deck: not waited for.
+        let early = i.choose(now, &f, &STILL, 0.3, 0.3, true, &c);
+        assert!((early - 0.3 - c.linger_s).abs() < 1e-6, "{early}");
     }
 
     #[test]
@@ -143,7 +150,7 @@ mod tests {
             waiting_per_s: 1e3,
             ..InstantConfig::default()
         };
-        let t = Instant::default().choose(Time::EPOCH, &rocking(0.7), &STILL, 1.6, 1.6, &c);
+        let t = Instant::default().choose(Time::EPOCH, &rocking(0.7), &STILL, 1.6, 1.6, false, &c);
         assert!((t - 1.6).abs() < 1e-9);
     }
 

@@ -119,8 +119,8 @@ impl Rendezvous {
                 .least(clearance, start[8] - here.velocity[2] * self.share(clearance));
             let left = self.profile.left(clearance);
             // Low over the deck the tag is out of view: waiting there drifts off.
-            let window_s = match mission.state {
-                Mode::Flare => 0.0,
+            let flare = match mission.state {
+                Mode::Flare => true,
                 Mode::Idle
                 | Mode::GetAltitude
                 | Mode::Approach
@@ -129,13 +129,16 @@ impl Rendezvous {
                 | Mode::Descent
                 | Mode::Landed
                 | Mode::Hold
-                | Mode::GaveUp => self.config.instant.window_s,
+                | Mode::GaveUp => false,
             };
+            let window_s = if flare { 0.0 } else { self.config.instant.window_s };
             let instant = InstantConfig {
                 window_s,
                 ..self.config.instant
             };
-            let left = self.instant.choose(now, forecast, wind, least, left, &instant);
+            let left = self
+                .instant
+                .choose(now, forecast, wind, least, left, flare, &instant);
             Way {
                 left,
                 ceiling: clearance,
