@@ -106,6 +106,7 @@ fn wave_model_and_prediction_come_through() {
             damping: 0.05,
             ..Default::default()
         }]),
+        slopes: Seq::filled([20, 10]),
     };
     let prediction = VesselPrediction::<VesselClock> {
         header: Header::new(1, 0, 1, 0, vessel(now - 0.1)),
@@ -122,6 +123,7 @@ fn wave_model_and_prediction_come_through() {
         ],
     );
     assert_eq!(out.wave.unwrap().components, wave.components);
+    assert_eq!(out.wave.unwrap().slopes, wave.slopes);
     assert_eq!(out.prediction.unwrap().stages, prediction.stages);
 }
 

@@ -126,6 +126,7 @@ fn sound() -> Vec<Vec<u8>> {
         significant_height_m: 1.0,
         confidence: 1.0,
         components: Seq::filled([WaveComponent::default(); 6]),
+        slopes: Seq::filled([10; 60]),
     };
     let prediction = VesselPrediction::<VesselClock> {
         header: Header::default(),

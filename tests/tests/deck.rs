@@ -74,6 +74,7 @@ impl Drone {
                 wave_confidence: 1.0,
                 mean_heading: 0.0,
                 stages: Seq::filled((0..41).map(|_| stage)),
+                slopes: Seq::new(),
             }),
             drone: Some(DroneState {
                 header,

@@ -9,6 +9,7 @@ pub mod commands;
 pub mod config;
 pub mod deck;
 pub mod estimator;
+pub mod felt;
 pub mod log;
 pub mod node;
 pub mod review;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
 use crate::estimator::{Estimator, Gated};
+use crate::felt::{self, Felt};
 use crate::throttle::Throttle;
 
 /// Most measurements of one sensor that one step takes; the rest is counted as refused.
@@ -157,6 +158,7 @@ pub struct VesselNode {
     wave: (Pace, u32),
     prediction: (Pace, u32),
     replies: u32,
+    felt: (Pace, Felt),
     throttle: Throttle,
 }
 
@@ -176,6 +178,7 @@ impl VesselNode {
             wave: (Pace::new(b.wave_hz), 0),
             prediction: (Pace::new(b.prediction_hz), 0),
             replies: 0,
+            felt: (Pace::new(felt::RATE_HZ), Felt::default()),
             throttle: Throttle::new(&b.throttle),
         }
     }
@@ -354,8 +357,14 @@ impl Node for VesselNode {
             let m = filter.estimate(&self.config, header(self.estimate.1));
             out.estimate = checked(m, &mut self.estimate.1, &mut self.refused);
         }
+        if self.felt.0.due(now, 1.0) {
+            self.felt.1.hear(&filter.estimate(&self.config, header(0)));
+        }
         if self.wave.0.due(now, self.throttle.of_models()) {
-            let m = filter.wave_model(header(self.wave.1));
+            let m = WaveModel {
+                slopes: self.felt.1.slopes(now),
+                ..filter.wave_model(header(self.wave.1))
+            };
             out.wave = checked(m, &mut self.wave.1, &mut self.refused);
         }
         if self.prediction.0.due(now, self.throttle.of_models()) {

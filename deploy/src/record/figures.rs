@@ -45,6 +45,7 @@ pub const WAVE: Flat = Flat {
         ("omega_radps", Numbers),
         ("direction_rad", Numbers),
         ("omega_encounter_radps", Numbers),
+        ("felt_slopes", Numbers),
     ],
 };
 /// The vessel's inertial sensor.

@@ -2,7 +2,9 @@
 
 use alight_bridge::BridgeOut;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
-use alight_shared::msg::{DeckForecast, DroneState, Motors, Plan, ReasonCode, SetPointKind, State};
+use alight_shared::msg::{
+    DeckForecast, DroneState, Motors, Plan, ReasonCode, SLOPE_STEP, SetPointKind, State,
+};
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_sim::body::RigidState;
 use alight_sim::scenario::Scenario;
@@ -313,12 +315,14 @@ impl Show {
             let of = |f: fn(&alight_shared::msg::WaveComponent) -> f32| -> Vec<f64> {
                 w.components.iter().map(|c| f64::from(f(c))).collect()
             };
+            let slopes: Vec<f64> = w.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect();
             let values = [
                 N(f64::from(w.significant_height_m)),
                 N(f64::from(w.confidence)),
                 V(&of(|c| c.omega)),
                 V(&of(|c| c.direction)),
                 V(&of(|c| c.omega_encounter)),
+                V(&slopes),
             ];
             self.wave.put(sink, t, &values);
         }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within};
+use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, SLOPES, within};
 use crate::seq::Seq;
 use crate::time::{DroneClock, Span};
 
@@ -162,6 +162,9 @@ pub struct DeckForecast {
     pub mean_heading: f64,
     /// The trajectory.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
+    /// How steep the deck felt of late, as the vessel told it ([`super::WaveModel::slopes`]); empty while
+    /// nothing recent is known.
+    pub slopes: Seq<u8, SLOPES>,
 }
 
 impl DeckForecast {

@@ -22,8 +22,8 @@ pub use mission::{
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use vessel::{
-    MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
-    VesselPrediction, WaveComponent, WaveModel,
+    MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, SLOPE_SPAN_S, SLOPE_STEP, SLOPES, TimeReply,
+    TimeRequest, VesselEstimate, VesselPrediction, WaveComponent, WaveModel,
 };
 
 use serde::{Deserialize, Serialize};
@@ -31,7 +31,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver refuses any other.
-pub const MESSAGE_VERSION: u16 = 3;
+pub const MESSAGE_VERSION: u16 = 4;
 
 /// Identity, order and time of validity of a message.
 #[derive(Debug, Serialize, Deserialize)]

@@ -25,7 +25,7 @@
 //! | 230..238 | mean velocity north, east, m/s (2 x f32) |
 //! | 238..246 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (42 + 164 n B, n <= 6 components, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (50 + 164 n + m B, n <= 6 components, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
@@ -34,6 +34,8 @@
 //! | + 20..68 | oscillator state per degree of freedom: value, rate (6 x 2 x f32) |
 //! | + 68..140 | its covariance block (6 x 3 x f32) |
 //! | + 140..164 | spectral density of its drive (6 x f32) |
+//! | then 0..8 | m (u64) |
+//! | + 0..1 | steepest felt slope, newest first, 0.01 (u8) |
 //!
 //! | bytes | prediction (62 + 72 n B, n <= 15 stages, 2 Hz, bound 1200 B) |
 //! |---|---|
@@ -54,6 +56,12 @@ use crate::time::{Clock, Time, VesselClock};
 
 /// Most wave components that a wave model carries.
 pub const MAX_COMPONENTS: usize = 6;
+/// Spans of time that [`WaveModel::slopes`] looks back over.
+pub const SLOPES: usize = 60;
+/// Length of each of these spans, s; together two minutes.
+pub const SLOPE_SPAN_S: f64 = 2.0;
+/// One step of a slope; the largest one stands for all above it.
+pub const SLOPE_STEP: f64 = 0.01;
 /// Stages of the vessel's own prediction.
 pub const PREDICTION_STAGES: usize = 15;
 
@@ -121,6 +129,11 @@ pub struct WaveModel<C: Clock> {
     pub confidence: f32,
     /// Components, strongest first.
     pub components: Seq<WaveComponent, MAX_COMPONENTS>,
+    /// The steepest slope that something standing on the deck felt in each span of [`SLOPE_SPAN_S`], the
+    /// present one first, in steps of [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second.
+    /// Above the coefficient of friction it slides. What no sum of waves foretells (a hull that leaves the
+    /// water over a steep crest) comes again as it came before.
+    pub slopes: Seq<u8, SLOPES>,
 }
 
 /// One stage of the vessel's prediction.
@@ -206,6 +219,7 @@ impl<C: Clock> PartialEq for WaveModel<C> {
             && self.significant_height_m == o.significant_height_m
             && self.confidence == o.confidence
             && self.components == o.components
+            && self.slopes == o.slopes
     }
 }
 impl<C: Clock> PartialEq for VesselPrediction<C> {
@@ -249,6 +263,7 @@ impl<C: Clock> WaveModel<C> {
             significant_height_m: self.significant_height_m,
             confidence: self.confidence,
             components: self.components,
+            slopes: self.slopes,
         }
     }
 }

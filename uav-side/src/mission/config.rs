@@ -97,6 +97,15 @@ pub struct MissionConfig {
     pub wind_peak_mps2: f64,
     /// Coefficient of friction between feet and deck, wet.
     pub friction: f64,
+    /// A slope felt by what stands on the deck that sheds it: tan of the angle between the deck's normal
+    /// and the specific force, over a second.
+    pub shed_slope: f64,
+    /// A group of waves is over when the deck has shed nothing for this long, s.
+    pub shed_over_s: f64,
+    /// From the beginning of a descent to rest on the deck, s: so long before the next group it begins.
+    pub shed_need_s: f64,
+    /// The calm between two groups, before two were felt, s.
+    pub shed_calm_s: f64,
     /// No descent begins when that push is larger than the grip which the deck's motion of late leaves
     /// and this, m/s².
     pub slip_mps2: f64,
@@ -202,6 +211,12 @@ impl Default for MissionConfig {
             // without this limit: 10 m/s (mean push 2.8) 13 of 20 landed and 5 slid off, 12 m/s 5.
             wind_peak_mps2: 2.8,
             friction: 0.4,
+            // Friction of 0.4, and a tenth more: a slope of 0.45 for a second moves a drone by 25 cm.
+            shed_slope: 0.45,
+            shed_over_s: 4.0,
+            // Down in 4 to 6 s, at rest 4 s later.
+            shed_need_s: 10.0,
+            shed_calm_s: 20.0,
             // Half a second of it moves the feet by 6 cm.
             slip_mps2: 0.5,
             // With two, the descents that begin in 8 and 10 m/s are those in a lull: of 80 trials (seeds
@@ -287,6 +302,10 @@ impl Check for MissionConfig {
             ("wind_peak_mps2", self.wind_peak_mps2, 50.0),
             ("friction", self.friction, 2.0),
             ("slip_mps2", self.slip_mps2, 50.0),
+            ("shed_slope", self.shed_slope, 100.0),
+            ("shed_over_s", self.shed_over_s, 60.0),
+            ("shed_need_s", self.shed_need_s, 60.0),
+            ("shed_calm_s", self.shed_calm_s, 120.0),
             ("wind_memory_s", self.wind_memory_s, 3600.0),
         ] {
             at.range(key, value, 0.01, high)?;

@@ -4,6 +4,7 @@
 //! looks at). This file keeps the inputs and gives the output its shape.
 
 pub mod config;
+pub mod felt;
 mod rows;
 pub mod situation;
 pub mod transition;
@@ -31,6 +32,7 @@ use alight_shared::{config::Check, topics};
 use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
+use felt::FeltSlope;
 use rows::blind_limit;
 use situation::{Deck, Flight, Own, Reservation, Situation};
 use transition::{Decision, HoldCause, Progress, decide};
@@ -313,6 +315,7 @@ impl Mission {
             wind_peak_mps2: self.wind.peak(c),
             wind_mps2: self.wind.now(),
             steepest_rad: 0.0,
+            felt: FeltSlope::of(self.forecast.get().map_or(&[], |f| &f.slopes), c.shed_slope),
             grip_taken_mps2: 0.0,
             water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
             forecast_age_s: self.forecast.age_s(now),

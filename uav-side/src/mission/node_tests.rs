@@ -42,6 +42,7 @@ fn forecast(n: u32, t: Instant, position: [f64; 3]) -> DeckForecast {
             position,
             ..DeckStage::default()
         })),
+        slopes: Seq::new(),
     }
 }
 fn fresh_input(n: u32, t: Instant, position: [f64; 3]) -> MissionIn {

@@ -162,6 +162,10 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         .or_else(|| unfit(deck, c, 1.0))
         .or_else(|| exceeds(ReasonCode::Infeasible, deck.turn_radps, c.deck_turn_radps))
         .or_else(|| exceeds(ReasonCode::TooSteep, s.steepest_rad, c.steepest_rad))
+        .or_else(|| {
+            let (since, limit) = s.felt.refusal(c)?;
+            Some(Reason::new(ReasonCode::TooSteep, since, limit))
+        })
         .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, c.wind_peak_mps2))
         .or_else(|| {
             let left = c.friction * GRAVITY - s.grip_taken_mps2 + c.slip_mps2;

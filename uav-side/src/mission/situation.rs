@@ -10,6 +10,7 @@ use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
 use super::config::MissionConfig;
+use super::felt::FeltSlope;
 
 /// Whether the drone flies and listens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -274,6 +275,8 @@ pub struct Situation {
     pub grip_taken_mps2: f64,
     /// The deck's steepest tilt of late, rad.
     pub steepest_rad: f64,
+    /// How steep the deck felt of late.
+    pub felt: FeltSlope,
     /// The push of the wind to be expected on the deck, m/s²; 0 before it is known.
     pub wind_peak_mps2: f64,
     /// The push of the wind now, m/s².

@@ -57,6 +57,7 @@ pub(super) fn fair() -> Situation {
         wind_mps2: 0.0,
         grip_taken_mps2: 0.0,
         steepest_rad: 0.0,
+        felt: FeltSlope::default(),
         water_z: 0.0,
         forecast_age_s: 0.01,
         forecast_limit_s: 0.3,
@@ -283,6 +284,14 @@ fn tracking_stable_names_each_refusal_to_descend() {
         (
             Situation {
                 steepest_rad: 0.41,
+                ..fair()
+            },
+            ReasonCode::TooSteep,
+        ),
+        // The deck shed what stood there a moment ago.
+        (
+            Situation {
+                felt: FeltSlope::of(&[10, 60], 0.45),
                 ..fair()
             },
             ReasonCode::TooSteep,

@@ -2,10 +2,11 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LinkState, Message, RangeSample, Source, TagPose, UvdarFix,
-    VesselEstimate, VesselPrediction, WaveModel,
+    DeckForecast, DroneState, Header, LinkState, Message, RangeSample, SLOPE_SPAN_S, SLOPES, Source, TagPose,
+    UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
+use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -123,6 +124,8 @@ pub struct Predictor {
     vision_at: Option<Time<DroneClock>>,
     tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
+    /// How steep the deck felt of late, and when the vessel said so.
+    slopes: Option<(Time<DroneClock>, Seq<u8, SLOPES>)>,
     next: Option<Time<DroneClock>>,
     rejections: Rejections,
 }
@@ -149,6 +152,7 @@ impl Predictor {
             vision_at: None,
             tag_at: None,
             range_at: None,
+            slopes: None,
             next: None,
             rejections: Rejections::default(),
         }
@@ -206,6 +210,7 @@ impl Predictor {
 
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), Rejection> {
         Self::sane(now, m)?;
+        self.slopes = Some((m.header.at, m.slopes));
         let known = self.waves.are_named();
         let filter = &mut self.filter;
         self.waves.receive(now, m, -self.arm.z, |change, oscillators| {
@@ -404,6 +409,10 @@ impl Predictor {
             wave_confidence: self.waves.confidence,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             stages,
+            slopes: match self.slopes {
+                Some((at, slopes)) if (now - at).secs() < SLOPE_SPAN_S => slopes,
+                Some(_) | None => Seq::new(),
+            },
         };
         if f.check().is_err() {
             self.rejections.count(Rejection::Diverged);

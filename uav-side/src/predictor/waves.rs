@@ -392,6 +392,7 @@ mod tests {
                 damping: 0.01,
                 ..Default::default()
             })),
+            slopes: Seq::new(),
         }
     }
 

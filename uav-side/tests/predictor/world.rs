@@ -344,6 +344,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
         header: header(k, now),
         significant_height_m: 2.0,
         confidence: 0.9,
+        slopes: Seq::filled([10]),
         components: Seq::filled(v.waves.iter().map(|w| {
             let slope = w.omega * w.omega / 9.81 * w.amplitude;
             let sd = [

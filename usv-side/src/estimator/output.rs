@@ -98,6 +98,7 @@ impl Filter {
             significant_height_m: self.sea.significant_height_m.clamp(0.0, 50.0) as f32,
             confidence: self.sea.confidence.clamp(0.0, 1.0) as f32,
             components: self.belief.wave_message(self.reference),
+            slopes: Seq::new(),
         }
     }
 

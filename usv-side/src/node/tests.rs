@@ -150,16 +150,18 @@ fn a_time_request_gets_the_four_stamps_and_another_vessels_does_not() {
 
 #[test]
 fn what_it_says_survives_the_wire() {
-    let mut n = node();
+    let (mut n, mut told) = (node(), 0);
     for k in 0..200 {
         let out = n.step(time(k), &rest(k));
         if let Some(w) = out.wave {
             assert_eq!(decode::<WaveModel<VesselClock>>(&encode(&w).unwrap()).unwrap(), w);
+            told = w.slopes.len();
         }
         if let Some(p) = out.prediction {
             assert!(encode(&p).unwrap().len() <= 1200);
         }
     }
+    assert!(told > 0, "it says how steep its deck felt");
 }
 
 fn wild() -> impl Strategy<Value = f64> {
