@@ -2,12 +2,13 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LinkState, Message, RangeSample, SLOPE_SPAN_S, SLOPES, Source, TagPose,
-    UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
+    DeckForecast, DroneState, Header, LinkState, Message, RangeSample, SLOPES, Source, TagPose, UvdarFix,
+    VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::topics;
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -410,7 +411,7 @@ impl Predictor {
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             stages,
             slopes: match self.slopes {
-                Some((at, slopes)) if (now - at).secs() < SLOPE_SPAN_S => slopes,
+                Some((at, slopes)) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,
                 Some(_) | None => Seq::new(),
             },
         };
