@@ -27,7 +27,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotState, DeckForecast, DroneState, Header, MESSAGE_VERSION, Message, MissionState, Phase, Plan,
-    PlanStage, Solve, State as MissionMode,
+    PlanStage, Solve,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -194,7 +194,7 @@ impl Planner {
     }
 
     /// Where the plan starts: the last plan now, or the measured state. None without odometry.
-    fn start(&mut self, now: Time<DroneClock>, mode: MissionMode) -> Option<(State, [f64; INPUTS])> {
+    fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
         let drone = self
             .drone
             .filter(|d| young(now, d.header.at, self.config.odometry_age_s))?;
@@ -215,16 +215,7 @@ impl Planner {
                 && gap[8].abs() <= r.vertical_mps
                 && wrap_angle(gap[5]).abs() <= r.yaw_deg.to_radians();
             if near {
-                let (mut state, input) = self.at(flight, now);
-                let c = &self.config;
-                // What the pilot leaves of a height error decides between contact and hanging over a
-                // deck that falls away.
-                if mode == MissionMode::Flare && c.kind == PlannerKind::Alight && c.rendezvous.flare_measured
-                {
-                    state[2] += gap[2];
-                    state[8] += gap[8];
-                }
-                return Some((state, input));
+                return Some(self.at(flight, now));
             }
         }
         self.flight = None;
@@ -290,7 +281,7 @@ impl Planner {
         if let Some(plan) = self.own_law(now, mission) {
             return Some(plan);
         }
-        let (state, input) = self.start(now, mission.state)?;
+        let (state, input) = self.start(now)?;
         let forecast = self
             .forecast
             .filter(|f| young(now, f.header.at, self.config.forecast_age_s));
@@ -353,7 +344,7 @@ impl Planner {
         if let (Some(forecast), true) = (fresh, MpcNe::flies(mission.state)) {
             let drone = self.drone.map(|d| (d.header.at, measured_state(&d)));
             if !ne.goes_on(now, drone.as_ref(), &self.config.reset)
-                && let Some((state, input)) = self.start(now, mission.state)
+                && let Some((state, input)) = self.start(now)
             {
                 ne.begin(now, &state, self.mpc.model().vertical * input[0]);
             }

@@ -53,16 +53,16 @@ pub struct ProfileConfig {
 }
 
 impl Default for ProfileConfig {
-    /// Ours, after a prototype: 2.5 m/s, then 0.3 m/s for the last 0.35 s.
+    /// Ours, after a prototype: 2.5 m/s, then 0.28 m/s for the last 0.35 s.
     fn default() -> Self {
         ProfileConfig {
             sink_mps: 2.5,
             braking_mps2: 2.5,
             acceleration_mps2: 3.0,
             hurry_mps: 0.5,
-            touch_mps: 0.30,
+            touch_mps: 0.28,
             soft_s: 0.35,
-            press_m: 1.0,
+            press_m: 0.5,
             mean_above_m: 4.5,
             heave_below_m: 1.5,
         }
@@ -195,9 +195,6 @@ pub struct RendezvousConfig {
     pub distance: FaaDistance,
     /// A landing begins from the measured state; else from the plan that was followed.
     pub begins_measured: bool,
-    /// In the flare the plan begins at the measured height and vertical speed; else where the plan before
-    /// it is.
-    pub flare_measured: bool,
     /// Height over the deck at which a stage counts as contact by exp(-1), m.
     pub near_m: f64,
     /// Stages this long after the contact count by exp(-1), s.
@@ -230,7 +227,6 @@ impl Default for RendezvousConfig {
             true_tilt: true,
             distance: FaaDistance::PerStage,
             begins_measured: true,
-            flare_measured: true,
             near_m: 0.1,
             after_s: 0.3,
             horizontal: meeting(40.0, 1500.0),

@@ -97,7 +97,7 @@ mod tests {
         }
         assert_eq!(p.at(0.0).clearance, 0.0);
         assert!((p.at(4.0).sinking - 2.5).abs() < 1e-12);
-        assert!((p.at(0.1).sinking - 0.30).abs() < 1e-12);
+        assert!((p.at(0.1).sinking - 0.28).abs() < 1e-12);
     }
 
     #[test]
