@@ -1,6 +1,7 @@
-//! The drone's side of Alight: predictor, mission, planner, pilot, link to the autopilot.
+//! The drone's side of Alight: camera, predictor, mission, planner, pilot, link to the autopilot.
 pub mod autopilot;
 pub mod calibrate;
+pub mod camera;
 pub mod disturbance;
 mod latest;
 pub mod mission;

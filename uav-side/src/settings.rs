@@ -4,13 +4,14 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use serde::{Deserialize, Serialize};
 
+use crate::camera::CameraSettings;
 use crate::mission::MissionConfig;
 use crate::odometry::OdometryConfig;
 use crate::pilot::PilotConfig;
 use crate::planner::PlannerConfig;
 use crate::predictor::PredictorConfig;
 
-/// Everything that the drone's predictor, mission, planner and pilot need to know.
+/// Everything that the drone's camera, predictor, mission, planner and pilot need to know.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DroneSettings {
@@ -20,6 +21,8 @@ pub struct DroneSettings {
     pub deck: DeckGeometry,
     /// Odometry.
     pub odometry: OdometryConfig,
+    /// Camera.
+    pub camera: CameraSettings,
     /// Predictor.
     pub predictor: PredictorConfig,
     /// Mission.
@@ -50,6 +53,7 @@ impl Check for DroneSettings {
         self.airframe.check(&at.table("airframe"))?;
         self.deck.check(&at.table("deck"))?;
         self.odometry.check(&at.table("odometry"))?;
+        self.camera.check(&at.table("camera"))?;
         self.predictor.check(&at.table("predictor"))?;
         self.mission.check(&at.table("mission"))?;
         self.planner.check(&at.table("planner"))?;

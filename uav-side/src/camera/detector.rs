@@ -1,0 +1,252 @@
+//! The tag in an image: the AprilTag library of the family's authors (Wang and Olson 2016), family
+//! 36h11, and what is asked of a detection before it counts.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use apriltag::{Detector, DetectorBuilder, Family, Image};
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use super::image::Grey;
+
+/// Most detections of one image that are looked at.
+const MOST: usize = 64;
+
+/// What is looked for, and what counts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TagSettings {
+    /// Number of the deck's tag in the family 36h11.
+    pub id: u16,
+    /// Most wrong bits of 36 that are corrected.
+    pub bits_corrected: u8,
+    /// Least decision margin: mean contrast of the bits against their threshold, grey levels.
+    pub min_margin: f64,
+    /// Shortest side in the image, px.
+    pub min_side_px: f64,
+    /// The image is searched at this fraction of its resolution (1: whole, 2: half); corners are refined at
+    /// whole resolution.
+    pub decimate: f64,
+    /// Standard deviation of each coordinate of each corner, px.
+    pub corner_sd_px: f64,
+    /// The same as a share of the tag's side in the image: what blur and lens leave.
+    pub corner_sd_share: f64,
+    /// Largest sum of squared reprojection errors, in variances of a corner.
+    pub max_misfit: f64,
+}
+
+impl Default for TagSettings {
+    fn default() -> Self {
+        TagSettings {
+            id: 0,
+            bits_corrected: 1,
+            min_margin: 20.0,
+            min_side_px: 10.0,
+            // Ours: whole, 640 x 480 takes twice the time and the tag is seen 3 m further.
+            decimate: 1.5,
+            // Twice what rendered images give, for what is left of a real lens after its calibration.
+            corner_sd_px: 0.2,
+            corner_sd_share: 0.0,
+            max_misfit: 40.0,
+        }
+    }
+}
+
+impl Check for TagSettings {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        // Codes of the family.
+        at.range("id", f64::from(self.id), 0.0, 586.0)?;
+        // Three bits make the library's table of codes 40 MB.
+        at.range("bits_corrected", f64::from(self.bits_corrected), 0.0, 2.0)?;
+        at.range("min_margin", self.min_margin, 0.0, 255.0)?;
+        at.range("min_side_px", self.min_side_px, 5.0, 1e4)?;
+        at.range("decimate", self.decimate, 1.0, 4.0)?;
+        at.range("corner_sd_px", self.corner_sd_px, 0.01, 20.0)?;
+        at.range("corner_sd_share", self.corner_sd_share, 0.0, 0.2)?;
+        at.range("max_misfit", self.max_misfit, 1.0, 1e6)
+    }
+}
+
+/// A tag in the image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// Its corners, px, in the order of [`super::square_pose::corners`], the tag's upper edge being its
+    /// forward one.
+    pub corners: [Vector2<f64>; 4],
+    /// Wrong bits.
+    pub wrong_bits: usize,
+    /// Decision margin, grey levels.
+    pub margin: f64,
+}
+
+/// Why a detection of the library did not count, or how often none did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TagCounts {
+    /// Images that were searched.
+    pub images: u64,
+    /// Images whose sighting counted.
+    pub seen: u64,
+    /// Tags of the family with another number.
+    pub other_tags: u64,
+    /// Too little contrast.
+    pub faint: u64,
+    /// Too small, or mirrored, or not convex.
+    pub misshapen: u64,
+    /// No pose explains the corners.
+    pub misfit: u64,
+    /// Images whose size is not the lens's.
+    pub wrong_size: u64,
+}
+
+/// The detector with its working memory.
+pub struct TagDetector {
+    settings: TagSettings,
+    library: Option<Detector>,
+    buffer: Option<Image>,
+    /// What became of detections.
+    pub counts: TagCounts,
+}
+
+impl TagDetector {
+    /// A detector of the tag in `settings`.
+    pub fn new(settings: &TagSettings) -> TagDetector {
+        let builder =
+            DetectorBuilder::new().add_family_bits(Family::tag_36h11(), usize::from(settings.bits_corrected));
+        // It fails only without memory, and then no image is searched.
+        let mut library = builder.build().ok();
+        if let Some(library) = &mut library {
+            library.set_thread_number(1);
+            library.set_decimation(settings.decimate as f32);
+        }
+        TagDetector {
+            settings: settings.clone(),
+            library,
+            buffer: None,
+            counts: TagCounts::default(),
+        }
+    }
+    /// The deck's tag in the image: of several, the one with the most contrast.
+    pub fn find(&mut self, image: &Grey) -> Option<Sighting> {
+        self.counts.images += 1;
+        let (width, height) = (image.width(), image.height());
+        let fits = |b: &Image| b.width() == width && b.height() == height;
+        if !self.buffer.as_ref().is_some_and(fits) {
+            self.buffer = Image::zeros_with_stride(width, height, width).ok();
+        }
+        let (library, buffer) = (self.library.as_mut()?, self.buffer.as_mut()?);
+        if buffer.as_mut().len() != image.pixels().len() {
+            return None;
+        }
+        buffer.as_mut().copy_from_slice(image.pixels());
+        let mut best: Option<Sighting> = None;
+        for found in library.detect(buffer).iter().take(MOST) {
+            let sighting = Sighting {
+                corners: in_order(found.corners()),
+                wrong_bits: found.hamming(),
+                margin: f64::from(found.decision_margin()),
+            };
+            if found.id() != usize::from(self.settings.id) {
+                self.counts.other_tags += 1;
+            } else if !(sighting.margin >= self.settings.min_margin) {
+                self.counts.faint += 1;
+            } else if !well_shaped(&sighting.corners, self.settings.min_side_px) {
+                self.counts.misshapen += 1;
+            } else if best.is_none_or(|b| sighting.margin > b.margin) {
+                best = Some(sighting);
+            }
+        }
+        best
+    }
+}
+
+/// The library goes round the tag from its lower left corner, counter-clockwise as the tag is read, and
+/// counts pixels from the image's corner; we from its lower left clockwise, and from the first pixel's
+/// middle.
+fn in_order(p: [[f64; 2]; 4]) -> [Vector2<f64>; 4] {
+    let [left_low, right_low, right_high, left_high] = p.map(|[x, y]| Vector2::new(x - 0.5, y - 0.5));
+    [left_low, left_high, right_high, right_low]
+}
+
+/// Convex, not mirrored, no side shorter than `least`.
+fn well_shaped(p: &[Vector2<f64>; 4], least: f64) -> bool {
+    (0..4).all(|k| {
+        let (a, b, c) = (p[k], p[(k + 1) % 4], p[(k + 2) % 4]);
+        (b - a).norm() >= least && (b - a).perp(&(c - b)) > 0.0
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The first code of the family 36h11, rows from the top, most significant bit first, 1 white.
+    const CODE_0: u64 = 0xd_5d62_8584;
+
+    /// A tag seen from straight ahead: its upper left corner at `at`, cells of `cell` px.
+    fn front(size: [usize; 2], at: [usize; 2], cell: usize) -> Grey {
+        let mut pixels = vec![200_u8; size[0] * size[1]];
+        for v in 0..8 * cell {
+            for u in 0..8 * cell {
+                let (column, row) = (u / cell, v / cell);
+                let inside = (1..7).contains(&column) && (1..7).contains(&row);
+                let bit = 35_usize.saturating_sub((row.wrapping_sub(1)) * 6 + column.wrapping_sub(1));
+                let white = inside && (CODE_0 >> bit) & 1 == 1;
+                pixels[(at[1] + v) * size[0] + at[0] + u] = if white { 200 } else { 20 };
+            }
+        }
+        Grey::new(size[0], size[1], pixels).unwrap()
+    }
+
+    #[test]
+    fn corners_of_an_upright_tag_are_where_they_are_and_in_our_order() {
+        let mut detector = TagDetector::new(&TagSettings::default());
+        let found = detector.find(&front([200, 160], [40, 30], 10)).expect("seen");
+        // Edges lie between pixels: 40 px are pixels 40 to 119, whose outer edges are 39.5 and 119.5.
+        let expected = [[39.5, 109.5], [39.5, 29.5], [119.5, 29.5], [119.5, 109.5]];
+        for (p, e) in found.corners.iter().zip(expected) {
+            assert!((p - Vector2::from(e)).norm() < 0.1, "{p} {e:?}");
+        }
+        assert_eq!(found.wrong_bits, 0);
+    }
+
+    #[test]
+    fn another_number_does_not_count() {
+        let mut detector = TagDetector::new(&TagSettings {
+            id: 7,
+            ..TagSettings::default()
+        });
+        assert_eq!(detector.find(&front([200, 160], [40, 30], 10)), None);
+        assert_eq!(detector.counts.other_tags, 1);
+    }
+
+    #[test]
+    fn a_mirrored_or_small_square_is_misshapen() {
+        let p = [[0.0, 9.0], [0.0, 0.0], [9.0, 0.0], [9.0, 9.0]].map(Vector2::from);
+        assert!(well_shaped(&p, 8.0));
+        assert!(!well_shaped(&p, 10.0));
+        assert!(!well_shaped(&[p[0], p[3], p[2], p[1]], 8.0));
+        assert!(!well_shaped(&[p[0], p[2], p[1], p[3]], 8.0));
+        assert!(!well_shaped(&[Vector2::new(f64::NAN, 0.0); 4], 8.0));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn images_of_any_content_and_size_neither_panic_nor_show_a_tag(
+            sizes in prop::collection::vec((32_usize..150, 32_usize..150), 1..4),
+            seed in any::<u32>(), levels in 1_u32..256,
+        ) {
+            let mut detector = TagDetector::new(&TagSettings::default());
+            let mut x = seed | 1;
+            for (w, h) in sizes {
+                let pixels = (0..w * h).map(|_| {
+                    x ^= x << 13;
+                    x ^= x >> 17;
+                    x ^= x << 5;
+                    (x % levels * (255 / levels)) as u8
+                }).collect();
+                prop_assert_eq!(detector.find(&Grey::new(w, h, pixels).unwrap()), None);
+            }
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! A grey image of bounded size, and the simplest file that holds one.
+
+use alight_shared::time::{DroneClock, Time};
+use thiserror::Error;
+
+/// Shortest side that is looked at, px: a tag of 10 cells does not fit into fewer, and the detector's
+/// tiles need them.
+pub const LEAST_SIDE_PX: usize = 32;
+/// Longest side, px.
+pub const LONGEST_SIDE_PX: usize = 8192;
+/// Most pixels of an image.
+pub const MOST_PIXELS: usize = 12 * 1024 * 1024;
+
+/// Why bytes are not an image.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum ImageError {
+    /// Too small, too large, or another number of pixels than its size says.
+    #[error(
+        "an image of {width} x {height} px with {pixels} bytes is refused: allowed are 32 to 8192 px a side, \
+         12.6 million in all, one byte for each"
+    )]
+    Size {
+        /// Width, px.
+        width: usize,
+        /// Height, px.
+        height: usize,
+        /// Bytes that came.
+        pixels: usize,
+    },
+    /// Not a grey binary PGM.
+    #[error("not a grey image as PGM (P5, 8 bit): {0}")]
+    Pgm(&'static str),
+}
+
+/// An 8-bit grey image, rows from the top, without padding.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Grey {
+    width: usize,
+    height: usize,
+    pixels: Vec<u8>,
+}
+
+impl Grey {
+    /// Whether an image of this size is taken.
+    pub fn accepts(width: usize, height: usize) -> bool {
+        let side = LEAST_SIDE_PX..=LONGEST_SIDE_PX;
+        side.contains(&width) && side.contains(&height) && width * height <= MOST_PIXELS
+    }
+    /// An image from its rows.
+    pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Result<Grey, ImageError> {
+        if !Grey::accepts(width, height) || width * height != pixels.len() {
+            let pixels = pixels.len();
+            return Err(ImageError::Size {
+                width,
+                height,
+                pixels,
+            });
+        }
+        Ok(Grey {
+            width,
+            height,
+            pixels,
+        })
+    }
+    /// A binary PGM: `P5`, width, height and 255, comments from `#` to the line's end, one blank, rows.
+    pub fn from_pgm(bytes: &[u8]) -> Result<Grey, ImageError> {
+        let rest = bytes.strip_prefix(b"P5").ok_or(ImageError::Pgm("no P5"))?;
+        let (width, rest) = number(rest)?;
+        let (height, rest) = number(rest)?;
+        let (depth, rest) = number(rest)?;
+        if depth != 255 {
+            return Err(ImageError::Pgm("its greatest value is not 255"));
+        }
+        let rows = rest.get(1..).ok_or(ImageError::Pgm("no pixels"))?;
+        // What a file holds beyond the first image is another one.
+        let length = width.checked_mul(height).unwrap_or(usize::MAX);
+        let rows = rows.get(..length).unwrap_or(rows);
+        if !Grey::accepts(width, height) {
+            let pixels = rows.len();
+            return Err(ImageError::Size {
+                width,
+                height,
+                pixels,
+            });
+        }
+        Grey::new(width, height, rows.to_vec())
+    }
+    /// The same as a file.
+    pub fn to_pgm(&self) -> Vec<u8> {
+        let mut bytes = format!("P5\n{} {}\n255\n", self.width, self.height).into_bytes();
+        bytes.extend_from_slice(&self.pixels);
+        bytes
+    }
+    /// Width, px.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+    /// Height, px.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+    /// Its rows.
+    pub fn pixels(&self) -> &[u8] {
+        &self.pixels
+    }
+    /// Its rows, to be used again.
+    pub fn into_pixels(self) -> Vec<u8> {
+        self.pixels
+    }
+}
+
+/// The next decimal number of a PGM's head, and what follows it.
+fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
+    let mut rest = bytes;
+    loop {
+        match rest {
+            [b'#', ..] => {
+                let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
+                rest = rest.get(end..).unwrap_or_default();
+            }
+            [b, tail @ ..] if b.is_ascii_whitespace() => rest = tail,
+            _ => break,
+        }
+    }
+    let digits = rest.iter().take_while(|b| b.is_ascii_digit()).count();
+    // Six digits are more than any size that is taken.
+    if digits == 0 || digits > 6 {
+        return Err(ImageError::Pgm("its size is no number"));
+    }
+    let (word, rest) = rest.split_at(digits);
+    let value = word.iter().fold(0, |n, b| n * 10 + usize::from(b - b'0'));
+    Ok((value, rest))
+}
+
+/// An image and when it was taken.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// Middle of the exposure.
+    pub at: Time<DroneClock>,
+    /// What was seen.
+    pub image: Grey,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_pgm_reads_back_and_comments_are_skipped() {
+        let image = Grey::new(40, 33, (0..40 * 33).map(|k| k as u8).collect()).unwrap();
+        assert_eq!(Grey::from_pgm(&image.to_pgm()), Ok(image.clone()));
+        let text = b"P5 # made by a person\n# 7\n40\t33 255\n";
+        let bytes = [&text[..], image.pixels()].concat();
+        assert_eq!(Grey::from_pgm(&bytes), Ok(image));
+    }
+
+    #[test]
+    fn sizes_out_of_bounds_are_refused_before_anything_is_allocated() {
+        for (w, h) in [(31, 40), (40, 0), (8193, 40), (8192, 8192), (usize::MAX, 2)] {
+            assert!(!Grey::accepts(w, h), "{w} x {h}");
+        }
+        assert!(Grey::from_pgm(b"P5 999999 999999 255\n").is_err());
+        assert!(Grey::from_pgm(b"P5 99999999999999999999 40 255\n").is_err());
+        assert!(Grey::from_pgm(b"P5 40 40 65535\n").is_err());
+        assert!(Grey::from_pgm(b"P5 40 40 255\nshort").is_err());
+        assert!(Grey::new(40, 40, vec![0; 1599]).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_the_reader_panic(head in "P5[ #0-9\n]{0,40}", bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+            let _either = Grey::from_pgm(&[head.as_bytes(), &bytes].concat());
+            let _either = Grey::from_pgm(&bytes);
+        }
+    }
+}

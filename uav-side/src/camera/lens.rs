@@ -1,0 +1,196 @@
+//! Which direction a pixel looks in: a pinhole with the radial and tangential distortion that
+//! calibration programs write (Brown 1966; OpenCV's five numbers k1 k2 p1 p2 k3, ROS's `plumb_bob`).
+//!
+//! Camera axes: x right in the image, y down in it, z along the optical axis. Pixel (0, 0) is the middle
+//! of the first one.
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use nalgebra::{Matrix2, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::image::Grey;
+
+/// Bound on the steps of Newton's method.
+const MOST_STEPS: usize = 20;
+/// It has converged when a step is smaller than this, at unit distance.
+const CONVERGED: f64 = 1e-9;
+/// Points further off the axis than this are not looked for, at unit distance: 81 deg.
+const FURTHEST: f64 = 6.5;
+
+/// A lens with its image.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Lens {
+    /// Width of the image, px.
+    pub width_px: u32,
+    /// Height of the image, px.
+    pub height_px: u32,
+    /// Focal lengths fx and fy, px.
+    pub focal_px: [f64; 2],
+    /// Principal point cx and cy, px.
+    pub centre_px: [f64; 2],
+    /// Distortion k1, k2, p1, p2, k3.
+    pub distortion: [f64; 5],
+}
+
+impl Default for Lens {
+    /// 640 x 480 over 90 deg: the camera of the simulated drone.
+    fn default() -> Self {
+        Lens {
+            width_px: 640,
+            height_px: 480,
+            focal_px: [320.0, 320.0],
+            centre_px: [319.5, 239.5],
+            distortion: [0.0; 5],
+        }
+    }
+}
+
+impl Check for Lens {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.require(
+            Grey::accepts(self.width_px as usize, self.height_px as usize),
+            "width_px, height_px",
+            format!("{} x {}", self.width_px, self.height_px),
+            "32 to 8192 each, 12.6 million pixels at most",
+        )?;
+        at.ranges("focal_px", &self.focal_px, 10.0, 1e5)?;
+        at.ranges("centre_px", &self.centre_px, 0.0, 1e4)?;
+        at.ranges("distortion", &self.distortion, -20.0, 20.0)?;
+        let corners = [0.0, 1.0].map(|x| {
+            [0.0, 1.0].map(|y| {
+                let size = Vector2::new(f64::from(self.width_px), f64::from(self.height_px));
+                self.normalised(Vector2::new(x, y).component_mul(&size)).is_some()
+            })
+        });
+        at.require(
+            corners.as_flattened().iter().all(|seen| *seen),
+            "distortion",
+            format!("{:?}", self.distortion),
+            "numbers by which every corner of the image has a direction (k1 k2 p1 p2 k3 of a calibration of \
+             this size)",
+        )
+    }
+}
+
+impl Lens {
+    /// Where distortion moves a point at unit distance, and its derivative.
+    fn distorted(&self, n: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let [k1, k2, p1, p2, k3] = self.distortion;
+        let (x, y) = (n.x, n.y);
+        let r2 = n.norm_squared();
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        // d radial / d r2.
+        let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let moved = n * radial
+            + Vector2::new(
+                2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            );
+        let cross = 2.0 * x * y * slope + 2.0 * (p1 * x + p2 * y);
+        let derivative = Matrix2::new(
+            radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+            cross,
+            cross,
+            radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+        );
+        (moved, derivative)
+    }
+    fn at_unit(&self, px: Vector2<f64>) -> Vector2<f64> {
+        (px - Vector2::from(self.centre_px)).component_div(&Vector2::from(self.focal_px))
+    }
+    /// Pixel of a point in camera coordinates; None behind the camera.
+    pub fn project(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
+        (p.z > 1e-3).then(|| {
+            let (moved, _) = self.distorted(p.xy() / p.z);
+            moved.component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px)
+        })
+    }
+    /// Direction of a pixel, at unit distance: Newton's method on the distortion. None where the
+    /// distortion's polynomial folds the image over, so that no lens can be meant.
+    pub fn normalised(&self, px: Vector2<f64>) -> Option<Vector2<f64>> {
+        let goal = self.at_unit(px);
+        let mut n = goal;
+        for _ in 0..MOST_STEPS {
+            let (moved, derivative) = self.distorted(n);
+            if !(derivative.determinant() > 0.0) {
+                return None;
+            }
+            let step = derivative.try_inverse()? * (goal - moved);
+            // A long step may jump over the fold.
+            n += step * (0.5 / step.norm()).min(1.0);
+            if !(n.norm() < FURTHEST) {
+                return None;
+            }
+            if step.norm() < CONVERGED {
+                return Some(n);
+            }
+        }
+        None
+    }
+    /// Size at unit distance of a pixel there: root of the mean square over directions.
+    pub fn pixel_size(&self, n: Vector2<f64>) -> Option<f64> {
+        let (_, derivative) = self.distorted(n);
+        let to_px = Matrix2::from_diagonal(&Vector2::from(self.focal_px)) * derivative;
+        let size = to_px.try_inverse()?.norm() * core::f64::consts::FRAC_1_SQRT_2;
+        size.is_finite().then_some(size)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn wide() -> Lens {
+        Lens {
+            focal_px: [330.0, 326.0],
+            centre_px: [312.0, 247.0],
+            distortion: [-0.11, 0.02, 0.001, -0.0007, -0.001],
+            ..Lens::default()
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_pixels_direction_projects_back_to_it(u in 0.0..640.0_f64, v in 0.0..480.0_f64, z in 0.1..50.0_f64) {
+            for lens in [Lens::default(), wide()] {
+                let n = lens.normalised(Vector2::new(u, v)).unwrap();
+                let px = lens.project(&Vector3::new(n.x * z, n.y * z, z)).unwrap();
+                prop_assert!((px - Vector2::new(u, v)).norm() < 1e-5, "{px}");
+            }
+        }
+        #[test]
+        fn no_lens_makes_it_panic_or_run_on(
+            d in prop::array::uniform5(-20.0..20.0_f64), u in -1e4..1e4_f64, v in -1e4..1e4_f64,
+        ) {
+            let lens = Lens { distortion: d, ..Lens::default() };
+            if let Some(n) = lens.normalised(Vector2::new(u, v)) {
+                let px = lens.project(&n.push(1.0)).unwrap();
+                prop_assert!((px - Vector2::new(u, v)).norm() < 1e-3, "{n} {px}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_pixels_size_is_the_derivative_of_its_direction() {
+        let lens = wide();
+        let at = Vector2::new(600.0, 30.0);
+        let n = |du, dv| lens.normalised(at + Vector2::new(du, dv)).unwrap();
+        let (u, v) = (n(0.5, 0.0) - n(-0.5, 0.0), n(0.0, 0.5) - n(0.0, -0.5));
+        let expected = ((u.norm_squared() + v.norm_squared()) / 2.0).sqrt();
+        let size = lens.pixel_size(n(0.0, 0.0)).unwrap();
+        assert!((size / expected - 1.0).abs() < 1e-4, "{size} {expected}");
+    }
+
+    #[test]
+    fn a_distortion_that_folds_the_image_is_refused() {
+        let lens = Lens {
+            distortion: [-0.9, 0.0, 0.0, 0.0, 0.0],
+            ..Lens::default()
+        };
+        let e = lens.check(&Keys::ROOT).unwrap_err().to_string();
+        assert!(e.contains("distortion"), "{e}");
+        assert!(wide().check(&Keys::ROOT).is_ok());
+    }
+}

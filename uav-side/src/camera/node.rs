@@ -1,0 +1,159 @@
+//! The camera node: image -> corners -> pose of the tag with its covariance.
+
+use alight_shared::msg::{Header, TagPose};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use super::detector::{Sighting, TagCounts, TagDetector};
+use super::image::{Frame, Grey};
+use super::square_pose::solve;
+use super::{CameraSettings, Lens};
+
+/// Whose camera it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Names {
+    /// The vessel whose deck is looked for.
+    pub vessel: u32,
+    /// The drone.
+    pub drone: u32,
+    /// The start of this process.
+    pub boot: u32,
+}
+
+/// What the camera took since the last step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CameraIn {
+    /// Images.
+    pub frames: Vec<Frame>,
+}
+
+/// What was seen in them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CameraOut {
+    /// Sightings of the tag.
+    pub tags: Vec<TagPose>,
+}
+
+/// The camera node.
+pub struct CameraNode {
+    lens: Lens,
+    /// Rotation of the designed camera from the mounted one.
+    mount: nalgebra::UnitQuaternion<f64>,
+    side_m: f64,
+    corner_sd_px: f64,
+    corner_sd_share: f64,
+    max_misfit: f64,
+    detector: TagDetector,
+    names: Names,
+    sequence: u32,
+    last: Option<Time<DroneClock>>,
+}
+
+impl CameraNode {
+    /// A camera that looks for a tag of `side_m`.
+    pub fn new(settings: &CameraSettings, side_m: f64, names: Names) -> CameraNode {
+        CameraNode {
+            lens: settings.lens,
+            mount: settings.mount().0,
+            side_m,
+            corner_sd_px: settings.tag.corner_sd_px,
+            corner_sd_share: settings.tag.corner_sd_share,
+            max_misfit: settings.tag.max_misfit,
+            detector: TagDetector::new(&settings.tag),
+            names,
+            sequence: 0,
+            last: None,
+        }
+    }
+    /// What became of images and detections.
+    pub fn counts(&self) -> TagCounts {
+        self.detector.counts
+    }
+    /// The tag in one image.
+    pub fn look(&mut self, image: &Grey) -> Option<TagPose> {
+        let size = [image.width(), image.height()];
+        if size != [self.lens.width_px as usize, self.lens.height_px as usize] {
+            self.detector.counts.wrong_size += 1;
+            return None;
+        }
+        let sighting = self.detector.find(image)?;
+        self.judge(&sighting)
+    }
+    /// The corners of the tag in one image.
+    pub fn find(&mut self, image: &Grey) -> Option<Sighting> {
+        self.detector.find(image)
+    }
+    /// The tag's pose from its corners, if one explains them.
+    pub fn judge(&mut self, sighting: &Sighting) -> Option<TagPose> {
+        let pose = self.pose(sighting);
+        if pose.is_some() {
+            self.detector.counts.seen += 1;
+        } else {
+            self.detector.counts.misfit += 1;
+        }
+        pose
+    }
+    fn pose(&self, sighting: &Sighting) -> Option<TagPose> {
+        let mut image = [Vector2::zeros(); 4];
+        // Every corner counts the same: the largest pixel at unit distance stands for all.
+        let mut pixel = 0.0_f64;
+        for (n, px) in image.iter_mut().zip(&sighting.corners) {
+            *n = self.lens.normalised(*px)?;
+            pixel = pixel.max(self.lens.pixel_size(*n)?);
+        }
+        let side_px = (0..4)
+            .map(|k| (sighting.corners[(k + 1) % 4] - sighting.corners[k]).norm())
+            .fold(0.0, f64::max);
+        let sd_px = self.corner_sd_px.hypot(self.corner_sd_share * side_px);
+        let s = solve(self.side_m, &image, sd_px * pixel)?;
+        if !(s.misfit <= self.max_misfit) {
+            return None;
+        }
+        // Corners that fit worse than they should, by glare or motion, say that all of them are worse: eight
+        // coordinates less six of the pose leave two.
+        let doubt = (0.5 * s.misfit).max(1.0);
+        let variance = s.variance * doubt;
+        let position = self.mount * s.position;
+        let attitude = self.mount * s.attitude;
+        let turn = self.mount.to_rotation_matrix().into_inner();
+        let turned = |v: Vector3<f64>| squares(&turn) * v;
+        let moved = turned(variance.fixed_rows::<3>(0).into_owned());
+        let leaned = turned(variance.fixed_rows::<3>(3).into_owned());
+        Some(TagPose {
+            position: position.into(),
+            attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
+            variance: [moved.x, moved.y, moved.z, leaned.x, leaned.y, leaned.z],
+            ..TagPose::default()
+        })
+    }
+}
+
+/// Variances along turned axes: the squares of the rotation's components.
+fn squares(r: &Matrix3<f64>) -> Matrix3<f64> {
+    r.component_mul(r)
+}
+
+impl Node for CameraNode {
+    type Clock = DroneClock;
+    type In = CameraIn;
+    type Out = CameraOut;
+
+    /// Every image once, in the order of exposure; an older one than the last is not looked at.
+    fn step(&mut self, now: Time<DroneClock>, input: &CameraIn) -> CameraOut {
+        let mut out = CameraOut::default();
+        for frame in &input.frames {
+            if frame.at > now || self.last.is_some_and(|last| frame.at <= last) {
+                continue;
+            }
+            self.last = Some(frame.at);
+            if let Some(pose) = self.look(&frame.image) {
+                let Names { vessel, drone, boot } = self.names;
+                let header = Header::new(vessel, drone, boot, self.sequence, frame.at);
+                self.sequence = self.sequence.wrapping_add(1);
+                out.tags.push(TagPose { header, ..pose });
+            }
+        }
+        out
+    }
+}

@@ -1,0 +1,298 @@
+//! Which marker a bright spot is, by how it blinks (Walter et al. 2019, section IV): spots are followed
+//! from image to image, dark ones at the place where they should be, and the last images of each are
+//! compared with the markers' codes in every phase.
+
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::Vector2;
+
+use super::blobs::Blob;
+
+/// Images that a code has, and markers that there are, at most.
+pub const MOST_BITS: usize = 32;
+/// Spots that are followed at a time.
+const MOST_TRACKS: usize = 64;
+
+/// A marker's code: bits, the first one the lowest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Code {
+    bits: u32,
+    length: usize,
+}
+
+impl Code {
+    /// From a text of 0 and 1, 4 to 32 of them; None for any other.
+    pub fn parse(text: &str) -> Option<Code> {
+        let length = text.len();
+        if !(4..=MOST_BITS).contains(&length) || !text.bytes().all(|b| b == b'0' || b == b'1') {
+            return None;
+        }
+        let bits = text
+            .bytes()
+            .enumerate()
+            .fold(0, |bits, (k, b)| bits | (u32::from(b == b'1') << k));
+        Some(Code { bits, length })
+    }
+    /// Whether the marker is lit in its `k`-th image.
+    pub fn lit(&self, k: u64) -> bool {
+        (self.bits >> (k % self.length as u64)) & 1 == 1
+    }
+    /// Its length, images.
+    pub fn images(&self) -> usize {
+        self.length
+    }
+    /// Longest time in the dark, images, across the code's end too.
+    pub fn longest_dark(&self) -> usize {
+        let mut longest = 0;
+        let mut dark = 0;
+        for k in 0..2 * self.length as u64 {
+            dark = if self.lit(k) { 0 } else { dark + 1 };
+            longest = longest.max(dark);
+        }
+        longest
+    }
+    /// Fewest bits in which the last images, the newest lowest, differ from the code in any phase.
+    fn distance(&self, seen: u32) -> u32 {
+        let mask = u32::MAX >> (32 - self.length as u32);
+        (0..self.length)
+            .map(|phase| {
+                let turned = (0..self.length).fold(0_u32, |word, k| {
+                    // Backwards in time from the newest.
+                    let at = (phase + self.length - k) % self.length;
+                    word | (((self.bits >> at) & 1) << k)
+                });
+                ((turned ^ seen) & mask).count_ones()
+            })
+            .min()
+            .unwrap_or(u32::MAX)
+    }
+    /// Fewest bits in which two codes of the same length differ in any phase.
+    pub fn apart(&self, other: &Code) -> u32 {
+        let backwards = (0..other.length).fold(0_u32, |word, k| {
+            word | (((other.bits >> (other.length - 1 - k)) & 1) << k)
+        });
+        self.distance(backwards)
+    }
+}
+
+/// A spot that is followed.
+#[derive(Clone, Debug)]
+struct Track {
+    at: Vector2<f64>,
+    /// Pixels per second.
+    velocity: Vector2<f64>,
+    last: Time<DroneClock>,
+    /// The last images, the newest in the lowest bit.
+    seen: u32,
+    images: u32,
+    dark: usize,
+    lit_now: bool,
+}
+
+/// A spot that is a marker.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// Which marker.
+    pub marker: usize,
+    /// Where, px.
+    pub at: Vector2<f64>,
+}
+
+/// Follows spots and knows the markers among them.
+#[derive(Clone, Debug)]
+pub struct Tracker {
+    codes: Vec<Code>,
+    wrong_bits: u32,
+    gate_px: f64,
+    period: Span,
+    longest_dark: usize,
+    tracks: Vec<Track>,
+    last: Option<Time<DroneClock>>,
+}
+
+impl Tracker {
+    /// A tracker of markers with these codes at an image every `period`; a spot moves at most `gate_px`
+    /// between images other than it did before.
+    pub fn new(codes: Vec<Code>, wrong_bits: u32, gate_px: f64, period: Span) -> Tracker {
+        Tracker {
+            longest_dark: codes.iter().map(Code::longest_dark).max().unwrap_or(0),
+            codes,
+            wrong_bits,
+            gate_px,
+            period,
+            tracks: Vec::new(),
+            last: None,
+        }
+    }
+    /// Takes one image's spots; says which of them are markers.
+    pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<Known> {
+        // Images that were lost are bits that are not known: everything begins anew.
+        let gap = self
+            .last
+            .map_or(f64::INFINITY, |last| (at - last).secs() / self.period.secs());
+        if !(0.5..1.5).contains(&gap) {
+            self.tracks.clear();
+        }
+        self.last = Some(at);
+        let mut taken = vec![false; blobs.len()];
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (t, track) in self.tracks.iter().enumerate() {
+            let age = (at - track.last).secs();
+            let place = track.at + track.velocity * age;
+            let gate = self.gate_px * (1.0 + track.dark as f64).sqrt();
+            for (b, blob) in blobs.iter().enumerate() {
+                let distance = (blob.at - place).norm();
+                if distance <= gate {
+                    pairs.push((distance, t, b));
+                }
+            }
+        }
+        // The nearest pairs first.
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for track in &mut self.tracks {
+            track.lit_now = false;
+        }
+        for (_, t, b) in pairs {
+            let (Some(track), Some(used), Some(blob)) =
+                (self.tracks.get_mut(t), taken.get_mut(b), blobs.get(b))
+            else {
+                continue;
+            };
+            if track.lit_now || *used {
+                continue;
+            }
+            *used = true;
+            let age = (at - track.last).secs().max(1e-6);
+            let velocity = (blob.at - track.at) / age;
+            // The first difference is the velocity, later ones are averaged.
+            let gain = if track.images < 2 { 1.0 } else { 0.4 };
+            track.velocity += (velocity - track.velocity) * gain;
+            track.at = blob.at;
+            track.last = at;
+            track.lit_now = true;
+        }
+        for track in &mut self.tracks {
+            track.seen = (track.seen << 1) | u32::from(track.lit_now);
+            track.images = track.images.saturating_add(1);
+            track.dark = if track.lit_now { 0 } else { track.dark + 1 };
+        }
+        let longest = self.longest_dark + 1;
+        self.tracks.retain(|t| t.dark <= longest);
+        for (blob, used) in blobs.iter().zip(&taken) {
+            if !used && self.tracks.len() < MOST_TRACKS {
+                self.tracks.push(Track {
+                    at: blob.at,
+                    velocity: Vector2::zeros(),
+                    last: at,
+                    seen: 1,
+                    images: 1,
+                    dark: 0,
+                    lit_now: true,
+                });
+            }
+        }
+        self.known()
+    }
+    /// Spots that are lit now and blink like one marker; a marker that two spots claim is none of them.
+    fn known(&self) -> Vec<Known> {
+        let mut claims: Vec<(u32, Known)> = Vec::new();
+        for track in self.tracks.iter().filter(|t| t.lit_now) {
+            let fit = |(marker, code): (usize, &Code)| {
+                (track.images as usize >= code.images()).then(|| (code.distance(track.seen), marker))
+            };
+            let mut fits: Vec<(u32, usize)> = self.codes.iter().enumerate().filter_map(fit).collect();
+            fits.sort_unstable();
+            let Some((wrong, marker)) = fits.first().copied() else {
+                continue;
+            };
+            let next = fits.get(1).map_or(u32::MAX, |f| f.0);
+            if wrong <= self.wrong_bits && next > wrong {
+                claims.push((wrong, Known { marker, at: track.at }));
+            }
+        }
+        let alone = |(wrong, known): &(u32, Known)| {
+            !claims
+                .iter()
+                .any(|(w, k)| k.marker == known.marker && k.at != known.at && w <= wrong)
+        };
+        claims
+            .iter()
+            .filter(|c| alone(c))
+            .map(|(_, known)| *known)
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CODES: [&str; 4] = ["001001001011", "001001100101", "001010101111", "001100110111"];
+
+    fn codes() -> Vec<Code> {
+        CODES.iter().map(|c| Code::parse(c).unwrap()).collect()
+    }
+    fn tracker() -> Tracker {
+        Tracker::new(codes(), 1, 6.0, Span::from_millis(50))
+    }
+    fn blob(x: f64, y: f64) -> Blob {
+        Blob {
+            at: Vector2::new(x, y),
+            light: 500.0,
+        }
+    }
+
+    #[test]
+    fn codes_are_bits_of_bounded_number() {
+        assert!(Code::parse("101").is_none() && Code::parse("10x1").is_none());
+        assert!(Code::parse(&"01".repeat(17)).is_none());
+        let code = Code::parse("0011").unwrap();
+        assert_eq!((code.lit(0), code.lit(2), code.lit(7)), (false, true, true));
+        assert_eq!(code.longest_dark(), 2);
+        assert_eq!(
+            code.apart(&Code::parse("1001").unwrap()),
+            0,
+            "the same in another phase"
+        );
+        assert_eq!(code.apart(&Code::parse("0101").unwrap()), 2);
+    }
+
+    #[test]
+    fn moving_markers_in_any_phase_are_known_and_a_steady_light_is_not() {
+        let mut tracker = tracker();
+        let mut known = Vec::new();
+        for k in 0..40_u64 {
+            let drift = 2.0 * k as f64;
+            let mut blobs = vec![blob(300.0, 20.0)];
+            for (m, code) in codes().iter().enumerate() {
+                if code.lit(k + 5 * m as u64) {
+                    blobs.push(blob(100.0 + 15.0 * m as f64 + drift, 200.0 + drift));
+                }
+            }
+            known = tracker.step(Time::from_nanos(k as i64 * 50_000_000), &blobs);
+            assert!(k >= 11 || known.is_empty(), "a whole code first");
+            for seen in &known {
+                let place = Vector2::new(100.0 + 15.0 * seen.marker as f64 + drift, 200.0 + drift);
+                assert!((seen.at - place).norm() < 1e-9, "{k}: {seen:?}");
+            }
+        }
+        assert!(!known.is_empty());
+    }
+
+    #[test]
+    fn a_wrong_bit_is_forgiven_and_a_gap_in_time_begins_anew() {
+        let code = codes()[2];
+        let mut tracker = tracker();
+        let mut seen = 0;
+        for k in 0..48_u64 {
+            // One image in twelve shows nothing.
+            let lit = code.lit(k) && k % 12 != 5;
+            let blobs: Vec<Blob> = lit.then(|| blob(50.0, 60.0)).into_iter().collect();
+            let known = tracker.step(Time::from_nanos(k as i64 * 50_000_000), &blobs);
+            assert!(known.iter().all(|m| m.marker == 2));
+            seen += known.len();
+        }
+        assert!(seen > 10, "{seen}");
+        let late = Time::from_nanos(49 * 50_000_000 + 1_000_000_000);
+        assert!(tracker.step(late, &[blob(50.0, 60.0)]).is_empty());
+    }
+}

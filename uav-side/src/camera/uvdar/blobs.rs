@@ -1,0 +1,209 @@
+//! Bright spots of an image, with their places.
+
+use nalgebra::Vector2;
+
+use crate::camera::image::Grey;
+
+/// Most spots of an image; the brightest count.
+pub const MOST: usize = 64;
+
+/// An image with more runs of bright pixels than this shows no spots but glare or noise: none is found.
+const MOST_RUNS: usize = 4000;
+
+/// A bright spot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Blob {
+    /// Centre of its light above the threshold, px.
+    pub at: Vector2<f64>,
+    /// That light, grey levels times pixels.
+    pub light: f64,
+}
+
+/// What a spot must be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spot {
+    /// Least grey level of its middle.
+    pub threshold: u8,
+    /// Most pixels above the threshold: a marker is small, the sun and its image are not.
+    pub most_pixels: usize,
+}
+
+/// Spots of the image: pixels above the threshold that touch, in rows from the top. Bounded: a row's runs
+/// are joined with those of the row above, and an image with too many spots gives the brightest.
+pub fn find(image: &Grey, spot: &Spot) -> Vec<Blob> {
+    let mut open: Vec<(usize, usize, usize)> = Vec::new();
+    let mut groups = Groups::default();
+    for (row, pixels) in image.pixels().chunks(image.width()).enumerate() {
+        if groups.parent.len() > MOST_RUNS {
+            return Vec::new();
+        }
+        let mut runs = Vec::new();
+        let mut from = 0;
+        while let Some(start) = pixels
+            .get(from..)
+            .and_then(|rest| rest.iter().position(|p| *p >= spot.threshold))
+        {
+            let start = from + start;
+            let rest = pixels.get(start..).unwrap_or_default();
+            let length = rest
+                .iter()
+                .position(|p| *p < spot.threshold)
+                .unwrap_or(rest.len());
+            let end = start + length;
+            let group = groups.new_run(row, start, rest.get(..length).unwrap_or_default(), spot.threshold);
+            runs.push((start, end, group));
+            from = end;
+        }
+        // Runs of both rows from the left; those that touch are one spot.
+        let mut above = open.iter().peekable();
+        for (start, end, group) in &runs {
+            while let Some((_, right, _)) = above.peek()
+                && right < start
+            {
+                above.next();
+            }
+            let mut touching = above.clone();
+            while let Some((left, _, other)) = touching.next()
+                && left <= end
+            {
+                groups.join(*other, *group);
+            }
+        }
+        open = runs;
+    }
+    groups.blobs(spot.most_pixels)
+}
+
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    light: f64,
+    moment: Vector2<f64>,
+    pixels: usize,
+}
+
+/// Disjoint sets of runs.
+#[derive(Default)]
+struct Groups {
+    parent: Vec<usize>,
+    sums: Vec<Sum>,
+}
+
+impl Groups {
+    fn new_run(&mut self, row: usize, start: usize, pixels: &[u8], threshold: u8) -> usize {
+        let mut sum = Sum::default();
+        for (k, p) in pixels.iter().enumerate() {
+            let light = f64::from(p - threshold) + 1.0;
+            sum.light += light;
+            sum.moment += Vector2::new((start + k) as f64, row as f64) * light;
+            sum.pixels += 1;
+        }
+        self.parent.push(self.parent.len());
+        self.sums.push(sum);
+        self.parent.len() - 1
+    }
+    fn root(&self, mut k: usize) -> usize {
+        while let Some(parent) = self.parent.get(k)
+            && *parent != k
+        {
+            k = *parent;
+        }
+        k
+    }
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        if a == b {
+            return;
+        }
+        // The later run's root hangs below the earlier one's, whose sum takes it in.
+        let (low, high) = (a.min(b), a.max(b));
+        let add = self.sums.get(high).copied().unwrap_or_default();
+        if let (Some(parent), Some(sum)) = (self.parent.get_mut(high), self.sums.get_mut(low)) {
+            *parent = low;
+            sum.light += add.light;
+            sum.moment += add.moment;
+            sum.pixels += add.pixels;
+        }
+    }
+    fn blobs(&self, most_pixels: usize) -> Vec<Blob> {
+        let mut all: Vec<Blob> = self
+            .parent
+            .iter()
+            .zip(&self.sums)
+            .enumerate()
+            .filter(|(k, (parent, sum))| *parent == k && sum.pixels <= most_pixels)
+            .map(|(_, (_, sum))| Blob {
+                at: sum.moment / sum.light,
+                light: sum.light,
+            })
+            .collect();
+        all.sort_by(|a, b| b.light.total_cmp(&a.light));
+        all.truncate(MOST);
+        all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const SPOT: Spot = Spot {
+        threshold: 100,
+        most_pixels: 30,
+    };
+
+    fn image(bright: &[(usize, usize, u8)]) -> Grey {
+        let mut pixels = vec![10_u8; 64 * 48];
+        for (x, y, level) in bright {
+            pixels[y * 64 + x] = *level;
+        }
+        Grey::new(64, 48, pixels).unwrap()
+    }
+
+    #[test]
+    fn touching_pixels_are_one_spot_whose_place_is_weighted() {
+        // A "U", whose arms meet in the last row only, and a pixel that touches by a corner.
+        let u = [
+            (10, 10, 150),
+            (12, 10, 150),
+            (10, 11, 150),
+            (12, 11, 150),
+            (10, 12, 150),
+            (11, 12, 150),
+            (12, 12, 150),
+            (13, 13, 150),
+        ];
+        let blobs = find(&image(&u), &SPOT);
+        assert_eq!(blobs.len(), 1, "{blobs:?}");
+        let two = find(&image(&[(5, 5, 200), (6, 5, 150), (40, 30, 255)]), &SPOT);
+        assert_eq!(two.len(), 2);
+        // 101 and 51 of light: the place is a third of the way.
+        let left = two.iter().find(|b| b.at.x < 20.0).unwrap();
+        assert!((left.at.x - (5.0 + 51.0 / 152.0)).abs() < 1e-9 && (left.at.y - 5.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_large_or_too_many_is_left_out() {
+        let square: Vec<_> = (0..6)
+            .flat_map(|y| (0..6).map(move |x| (20 + x, 20 + y, 255)))
+            .collect();
+        assert!(find(&image(&square), &SPOT).is_empty());
+        let many: Vec<_> = (0..24)
+            .flat_map(|y| (0..32).map(move |x| (2 * x, 2 * y, 120 + y as u8)))
+            .collect();
+        let found = find(&image(&many), &SPOT);
+        assert_eq!(found.len(), MOST);
+        assert!(found.iter().all(|b| b.light >= 40.0), "the brightest");
+    }
+
+    proptest! {
+        #[test]
+        fn every_pixel_of_light_is_in_one_spot(pixels in prop::collection::vec(any::<u8>(), 32 * 32)) {
+            let grey = Grey::new(32, 32, pixels.clone()).unwrap();
+            let all = find(&grey, &Spot { threshold: 250, most_pixels: usize::MAX });
+            let light: f64 = pixels.iter().filter(|p| **p >= 250).map(|p| f64::from(p - 250) + 1.0).sum();
+            let found: f64 = all.iter().map(|b| b.light).sum();
+            prop_assert!(all.len() == MOST || (light - found).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! A wide lens: the angle from the optical axis gives the distance from the image's centre (equidistant
+//! projection with the polynomial of Kannala and Brandt 2006, as OpenCV's fisheye model writes it).
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::camera::image::Grey;
+
+/// Bound on the steps of Newton's method.
+const MOST_STEPS: usize = 20;
+
+/// A wide lens with its image.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Fisheye {
+    /// Width of the image, px.
+    pub width_px: u32,
+    /// Height of the image, px.
+    pub height_px: u32,
+    /// Scale in the image's two directions, px/rad.
+    pub focal_px: [f64; 2],
+    /// Principal point, px.
+    pub centre_px: [f64; 2],
+    /// Coefficients k1 to k4 of the angle's third, fifth, seventh and ninth power.
+    pub distortion: [f64; 4],
+    /// Full cone that the lens sees, deg.
+    pub cone_deg: f64,
+}
+
+impl Default for Fisheye {
+    /// 180 deg on 640 x 480 px, the circle as high as the image.
+    fn default() -> Self {
+        Fisheye {
+            width_px: 640,
+            height_px: 480,
+            focal_px: [152.0, 152.0],
+            centre_px: [319.5, 239.5],
+            distortion: [0.0; 4],
+            cone_deg: 180.0,
+        }
+    }
+}
+
+impl Check for Fisheye {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.require(
+            Grey::accepts(self.width_px as usize, self.height_px as usize),
+            "width_px, height_px",
+            format!("{} x {}", self.width_px, self.height_px),
+            "32 to 8192 each, 12.6 million pixels at most",
+        )?;
+        at.ranges("focal_px", &self.focal_px, 10.0, 1e5)?;
+        at.ranges("centre_px", &self.centre_px, 0.0, 1e4)?;
+        at.ranges("distortion", &self.distortion, -2.0, 2.0)?;
+        at.range("cone_deg", self.cone_deg, 10.0, 240.0)?;
+        let rim = 0.5 * self.cone_deg.to_radians();
+        let grows = (0..=100).all(|k| self.bent(rim * f64::from(k) / 100.0).1 > 0.0);
+        at.require(
+            grows,
+            "distortion",
+            format!("{:?}", self.distortion),
+            "coefficients by which the angle in the image grows with the true one over the whole cone",
+        )
+    }
+}
+
+impl Fisheye {
+    /// The angle in the image, and its derivative.
+    fn bent(&self, angle: f64) -> (f64, f64) {
+        let [k1, k2, k3, k4] = self.distortion;
+        let a2 = angle * angle;
+        let value = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
+        let slope = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)));
+        (value, slope)
+    }
+    /// Pixel of a direction in camera coordinates; None outside the cone.
+    pub fn project(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
+        let across = p.xy().norm();
+        let angle = across.atan2(p.z);
+        if !(angle <= 0.5 * self.cone_deg.to_radians()) {
+            return None;
+        }
+        let scale = if across > 1e-12 {
+            self.bent(angle).0 / across
+        } else {
+            0.0
+        };
+        let px =
+            (p.xy() * scale).component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px);
+        Some(px)
+    }
+    /// Direction of a pixel, a unit vector; None outside the cone.
+    pub fn direction(&self, px: Vector2<f64>) -> Option<Vector3<f64>> {
+        let at = (px - Vector2::from(self.centre_px)).component_div(&Vector2::from(self.focal_px));
+        let goal = at.norm();
+        let rim = 0.5 * self.cone_deg.to_radians();
+        let mut angle = goal.min(rim);
+        for _ in 0..MOST_STEPS {
+            let (value, slope) = self.bent(angle);
+            let step = (goal - value) / slope;
+            if !step.is_finite() {
+                return None;
+            }
+            angle = (angle + step).clamp(0.0, 4.0);
+            if step.abs() < 1e-12 {
+                break;
+            }
+        }
+        if !(angle <= rim) || (self.bent(angle).0 - goal).abs() > 1e-9 {
+            return None;
+        }
+        let (sin, cos) = angle.sin_cos();
+        let across = if goal > 1e-12 {
+            at * (sin / goal)
+        } else {
+            Vector2::zeros()
+        };
+        Some(across.push(cos))
+    }
+    /// Size of a pixel, rad.
+    pub fn pixel_rad(&self) -> f64 {
+        2.0 / (self.focal_px[0] + self.focal_px[1])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_pixels_direction_projects_back_to_it(u in 100.0..540.0_f64, v in 20.0..460.0_f64) {
+            for distortion in [[0.0; 4], [-0.02, 0.003, 0.0, 0.0]] {
+                let lens = Fisheye { distortion, ..Fisheye::default() };
+                if let Some(d) = lens.direction(Vector2::new(u, v)) {
+                    prop_assert!((d.norm() - 1.0).abs() < 1e-9);
+                    let px = lens.project(&(d * 7.0)).unwrap();
+                    prop_assert!((px - Vector2::new(u, v)).norm() < 1e-6, "{px}");
+                }
+            }
+        }
+        #[test]
+        fn no_pixel_makes_it_panic(u in -1e6..1e6_f64, v in -1e6..1e6_f64, k in prop::array::uniform4(-2.0..2.0_f64)) {
+            let lens = Fisheye { distortion: k, ..Fisheye::default() };
+            let _direction = lens.direction(Vector2::new(u, v));
+            let _none = lens.direction(Vector2::new(f64::NAN, v));
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"):
+//! bright spots of a wide, dark image, known by how they blink, give the deck's place from further away than
+//! the tag.
+//!
+//! Read in this order: [`blobs`], [`blink`], [`fisheye`], [`pose`].
+
+pub mod blink;
+pub mod blobs;
+pub mod fisheye;
+pub mod pose;
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::msg::{Header, UvdarFix};
+use alight_shared::node::Node;
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::image::{Frame, Grey};
+use super::node::{CameraIn, Names};
+use blink::{Code, Tracker};
+use blobs::Spot;
+pub use fisheye::Fisheye;
+use pose::{Known, Seen, solve};
+
+/// Most markers of a deck.
+pub const MOST_MARKERS: usize = 16;
+/// Fewest bits in which two codes have to differ.
+const LEAST_APART: u32 = 3;
+
+/// The ultraviolet camera and the deck's markers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UvdarSettings {
+    /// Its lens.
+    pub lens: Fisheye,
+    /// Its axis below the body's forward axis, deg.
+    pub tilt_down_deg: f64,
+    /// Its optical centre from the belly camera's, in that one's axes (right, aft, down), m.
+    pub offset_m: [f64; 3],
+    /// Images per second, which is the markers' bits per second.
+    pub rate_hz: f64,
+    /// Least grey level of a marker.
+    pub threshold: u8,
+    /// Most pixels of a marker.
+    pub most_pixels: u16,
+    /// Markers in the deck's frame, m.
+    pub markers_m: Vec<[f64; 3]>,
+    /// Their codes, one bit an image, 1 lit.
+    pub codes: Vec<String>,
+    /// Wrong bits that are forgiven.
+    pub wrong_bits: u32,
+    /// A spot moves at most so far between images, other than it did before, px.
+    pub gate_px: f64,
+    /// Standard deviation of a spot's place, each coordinate, px.
+    pub spot_sd_px: f64,
+    /// Standard deviation of the deck's tilt against the drone's, each axis, deg.
+    pub tilt_sd_deg: f64,
+    /// Largest sum of squared residuals.
+    pub max_misfit: f64,
+}
+
+impl Default for UvdarSettings {
+    fn default() -> Self {
+        UvdarSettings {
+            lens: Fisheye::default(),
+            tilt_down_deg: 45.0,
+            offset_m: [0.0; 3],
+            rate_hz: 20.0,
+            threshold: 80,
+            most_pixels: 200,
+            // Ours: the corners of the deck.
+            markers_m: vec![
+                [1.25, -0.85, 0.0],
+                [1.25, 0.85, 0.0],
+                [-1.25, 0.85, 0.0],
+                [-1.25, -0.85, 0.0],
+            ],
+            // Ours: twelve bits, never dark for more than two, any two codes four bits apart in any phase.
+            codes: ["001001001011", "001001100101", "001010101111", "001100110111"]
+                .map(String::from)
+                .to_vec(),
+            wrong_bits: 1,
+            gate_px: 6.0,
+            spot_sd_px: 0.15,
+            tilt_sd_deg: 12.0,
+            max_misfit: 40.0,
+        }
+    }
+}
+
+impl UvdarSettings {
+    /// The codes, of those that are some.
+    pub fn parsed(&self) -> Vec<Code> {
+        self.codes.iter().filter_map(|c| Code::parse(c)).collect()
+    }
+    /// Rotation of the belly camera from the ultraviolet one: about the common x axis.
+    pub fn belly_from_uv(&self) -> UnitQuaternion<f64> {
+        let turn = core::f64::consts::FRAC_PI_2 - self.tilt_down_deg.to_radians();
+        UnitQuaternion::from_axis_angle(&Vector3::x_axis(), turn)
+    }
+}
+
+impl Check for UvdarSettings {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.lens.check(&at.table("lens"))?;
+        at.range("tilt_down_deg", self.tilt_down_deg, -90.0, 90.0)?;
+        at.ranges("offset_m", &self.offset_m, -5.0, 5.0)?;
+        at.range("rate_hz", self.rate_hz, 1.0, 200.0)?;
+        at.range("threshold", f64::from(self.threshold), 5.0, 255.0)?;
+        at.range("most_pixels", f64::from(self.most_pixels), 1.0, 1e4)?;
+        at.require(
+            (2..=MOST_MARKERS).contains(&self.markers_m.len()) && self.markers_m.len() == self.codes.len(),
+            "markers_m, codes",
+            format!("{} and {}", self.markers_m.len(), self.codes.len()),
+            "2 to 16 markers, a code for each",
+        )?;
+        for marker in &self.markers_m {
+            at.ranges("markers_m", marker, -50.0, 50.0)?;
+        }
+        let codes = self.parsed();
+        let length = codes.first().map_or(0, Code::images);
+        let apart = |(k, a): (usize, &Code)| codes.iter().skip(k + 1).all(|b| a.apart(b) >= LEAST_APART);
+        at.require(
+            codes.len() == self.codes.len()
+                && codes.iter().all(|c| c.images() == length)
+                && codes.iter().enumerate().all(apart),
+            "codes",
+            format!("{:?}", self.codes),
+            "4 to 32 bits 0 and 1 each, all of one length, any two at least 3 bits apart in every phase",
+        )?;
+        at.range("wrong_bits", f64::from(self.wrong_bits), 0.0, 3.0)?;
+        at.range("gate_px", self.gate_px, 0.5, 100.0)?;
+        at.range("spot_sd_px", self.spot_sd_px, 0.01, 10.0)?;
+        at.range("tilt_sd_deg", self.tilt_sd_deg, 0.5, 60.0)?;
+        at.range("max_misfit", self.max_misfit, 1.0, 1e6)
+    }
+}
+
+/// What became of images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct UvdarCounts {
+    /// Images.
+    pub images: u64,
+    /// Images that gave a place.
+    pub fixes: u64,
+    /// Spots that were known as markers.
+    pub markers: u64,
+    /// Images with one known marker only: a direction without a distance, which says too little.
+    pub single: u64,
+    /// Images whose markers fit no place.
+    pub misfit: u64,
+    /// Images of another size than the lens's.
+    pub wrong_size: u64,
+}
+
+/// The node of the ultraviolet camera.
+pub struct UvdarNode {
+    settings: UvdarSettings,
+    tracker: Tracker,
+    belly_from_uv: UnitQuaternion<f64>,
+    known: Known,
+    names: Names,
+    sequence: u32,
+    last: Option<Time<DroneClock>>,
+    /// What became of images.
+    pub counts: UvdarCounts,
+}
+
+/// What it says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct UvdarOut {
+    /// Places of the deck.
+    pub fixes: Vec<UvdarFix>,
+}
+
+impl UvdarNode {
+    /// A node that looks for the markers in `settings`.
+    pub fn new(settings: &UvdarSettings, names: Names) -> UvdarNode {
+        let period = Span::from_secs(1.0 / settings.rate_hz);
+        let belly_from_uv = settings.belly_from_uv();
+        UvdarNode {
+            tracker: Tracker::new(settings.parsed(), settings.wrong_bits, settings.gate_px, period),
+            known: Known {
+                bearing_sd: settings.spot_sd_px * settings.lens.pixel_rad(),
+                down: belly_from_uv.inverse() * Vector3::z(),
+                tilt_sd: settings.tilt_sd_deg.to_radians(),
+            },
+            belly_from_uv,
+            settings: settings.clone(),
+            names,
+            sequence: 0,
+            last: None,
+            counts: UvdarCounts::default(),
+        }
+    }
+    /// The deck's place by one image, which follows those before it.
+    pub fn look(&mut self, at: Time<DroneClock>, image: &Grey) -> Option<UvdarFix> {
+        self.counts.images += 1;
+        let s = &self.settings;
+        if [image.width(), image.height()] != [s.lens.width_px as usize, s.lens.height_px as usize] {
+            self.counts.wrong_size += 1;
+            return None;
+        }
+        let spot = Spot {
+            threshold: s.threshold,
+            most_pixels: usize::from(s.most_pixels),
+        };
+        let known = self.tracker.step(at, &blobs::find(image, &spot));
+        self.counts.markers += known.len() as u64;
+        let seen: Vec<Seen> = known
+            .iter()
+            .filter_map(|k| {
+                Some(Seen {
+                    marker: Vector3::from(*s.markers_m.get(k.marker)?),
+                    direction: s.lens.direction(k.at)?,
+                })
+            })
+            .collect();
+        if seen.len() < 2 {
+            self.counts.single += u64::from(seen.len() == 1);
+            return None;
+        }
+        let Some(pose) = solve(&seen, &self.known).filter(|p| p.misfit <= s.max_misfit) else {
+            self.counts.misfit += 1;
+            return None;
+        };
+        self.counts.fixes += 1;
+        let position = self.belly_from_uv * pose.position + Vector3::from(s.offset_m);
+        let turn = self.belly_from_uv.to_rotation_matrix().into_inner();
+        let variance = (turn * pose.covariance * turn.transpose()).diagonal();
+        Some(UvdarFix {
+            position: position.into(),
+            variance: variance.into(),
+            ..UvdarFix::default()
+        })
+    }
+}
+
+impl Node for UvdarNode {
+    type Clock = DroneClock;
+    type In = CameraIn;
+    type Out = UvdarOut;
+
+    /// Every image once, in the order of exposure.
+    fn step(&mut self, now: Time<DroneClock>, input: &CameraIn) -> UvdarOut {
+        let mut out = UvdarOut::default();
+        for Frame { at, image } in &input.frames {
+            if *at > now || self.last.is_some_and(|last| *at <= last) {
+                continue;
+            }
+            self.last = Some(*at);
+            if let Some(fix) = self.look(*at, image) {
+                let Names { vessel, drone, boot } = self.names;
+                let header = Header::new(vessel, drone, boot, self.sequence, *at);
+                self.sequence = self.sequence.wrapping_add(1);
+                out.fixes.push(UvdarFix { header, ..fix });
+            }
+        }
+        out
+    }
+}

@@ -1,0 +1,262 @@
+//! Where the deck is from the directions of known markers: least squares on the sphere.
+//!
+//! Unknown are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's
+//! axes is seen along `p = R m + t`; its residual is the angle to the measured direction, in two axes, over
+//! the bearing's standard deviation. Two further residuals say that the deck is level to so much as drone and
+//! deck lean, which picks the right one of the two tilts that a small square allows, and makes two markers
+//! enough.
+
+use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2, Vector3, Vector6};
+
+/// Headings that are tried as a start.
+const STARTS: usize = 8;
+/// Bound on refinement steps.
+const MOST_STEPS: usize = 25;
+
+/// A marker and where it is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// Its place in the deck's axes, m.
+    pub marker: Vector3<f64>,
+    /// Its direction in the camera's axes, a unit vector.
+    pub direction: Vector3<f64>,
+}
+
+/// What is known beside the directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// Standard deviation of a direction, each of two axes, rad.
+    pub bearing_sd: f64,
+    /// Down in the camera's axes for a level drone, a unit vector.
+    pub down: Vector3<f64>,
+    /// Standard deviation of the deck's normal against it, each of two axes, rad.
+    pub tilt_sd: f64,
+}
+
+/// The deck as the markers show it.
+#[derive(Clone, Copy, Debug)]
+pub struct MarkerPose {
+    /// Its centre in the camera's axes, m.
+    pub position: Vector3<f64>,
+    /// Covariance of the same, m².
+    pub covariance: Matrix3<f64>,
+    /// Rotation camera from deck.
+    pub attitude: UnitQuaternion<f64>,
+    /// Sum of squared residuals.
+    pub misfit: f64,
+}
+
+#[derive(Clone, Copy)]
+struct State {
+    t: Vector3<f64>,
+    r: UnitQuaternion<f64>,
+}
+
+/// Two unit vectors across `v`.
+fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
+    let other = if v.x.abs() < 0.7 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let a = v.cross(&other).try_normalize(1e-9)?;
+    let b = v.cross(&a).try_normalize(1e-9)?;
+    Some(Matrix2x3::from_rows(&[a.transpose(), b.transpose()]))
+}
+
+/// Gauss-Newton matrix, gradient and cost at `s`; the perturbation is (translation, rotation about the
+/// camera's axes).
+fn equations(s: &State, seen: &[Seen], known: &Known) -> Option<(Matrix6<f64>, Vector6<f64>, f64)> {
+    let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
+    let mut add = |residual: Vector2<f64>, moved: Matrix2x3<f64>, turned: Matrix2x3<f64>, sd: f64| {
+        for i in 0..2 {
+            let e = residual[i] / sd;
+            cost += e * e;
+            let j = Vector6::new(
+                moved[(i, 0)],
+                moved[(i, 1)],
+                moved[(i, 2)],
+                turned[(i, 0)],
+                turned[(i, 1)],
+                turned[(i, 2)],
+            ) / sd;
+            a.ger(1.0, &j, &j, 1.0);
+            b.axpy(-e, &j, 1.0);
+        }
+    };
+    for one in seen {
+        let arm = s.r * one.marker;
+        let p = arm + s.t;
+        let range = p.norm();
+        if !(range > 0.1) {
+            return None;
+        }
+        let unit = p / range;
+        let plane = across(&one.direction)?;
+        // One behind the camera's measured direction would be a mirror solution.
+        if !(unit.dot(&one.direction) > 0.0) {
+            return None;
+        }
+        let slope = plane * (Matrix3::identity() - unit * unit.transpose()) / range;
+        add(plane * unit, slope, slope * -arm.cross_matrix(), known.bearing_sd);
+    }
+    let plane = across(&known.down)?;
+    let normal = s.r * Vector3::z();
+    add(
+        plane * normal,
+        Matrix2x3::zeros(),
+        plane * -normal.cross_matrix(),
+        known.tilt_sd,
+    );
+    cost.is_finite().then_some((a, b, cost))
+}
+
+/// Levenberg-Marquardt.
+fn refine(start: State, seen: &[Seen], known: &Known) -> Option<(State, f64)> {
+    let mut at = start;
+    let (mut a, mut b, mut cost) = equations(&at, seen, known)?;
+    let mut damping = 1e-3;
+    for _ in 0..MOST_STEPS {
+        let mut damped = a;
+        for i in 0..6 {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let step = damped.cholesky()?.solve(&b);
+        let to = State {
+            t: at.t + step.fixed_rows::<3>(0),
+            r: UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned()) * at.r,
+        };
+        match equations(&to, seen, known) {
+            Some((a2, b2, c2)) if c2 <= cost => {
+                let gain = cost - c2;
+                (at, a, b, cost) = (to, a2, b2, c2);
+                damping = f64::max(0.1 * damping, 1e-9);
+                if gain <= 1e-6 * cost + 1e-12 {
+                    break;
+                }
+            }
+            Some(_) | None => damping *= 10.0,
+        }
+    }
+    Some((at, cost))
+}
+
+/// Solves from two markers or more; None when nothing fits.
+pub fn solve(seen: &[Seen], known: &Known) -> Option<MarkerPose> {
+    if seen.len() < 2 {
+        return None;
+    }
+    let mut range: f64 = 0.0;
+    let mut middle = Vector3::zeros();
+    let mut centre = Vector3::zeros();
+    for (k, a) in seen.iter().enumerate() {
+        middle += a.direction / seen.len() as f64;
+        centre += a.marker / seen.len() as f64;
+        for b in seen.iter().skip(k + 1) {
+            let angle = a.direction.cross(&b.direction).norm().max(1e-4);
+            range = range.max((a.marker - b.marker).norm() / angle);
+        }
+    }
+    let direction = middle.try_normalize(1e-6)?;
+    let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down)?;
+    let mut best: Option<(State, f64)> = None;
+    for k in 0..STARTS {
+        let heading = core::f64::consts::TAU * k as f64 / STARTS as f64;
+        let turn = UnitQuaternion::from_axis_angle(&UnitVector3::new_normalize(known.down), heading);
+        let r = turn * level;
+        // Seen aslant, markers are nearer than their distance from each other says.
+        for share in [1.0, 0.5] {
+            let t = direction * (range * share).clamp(0.5, 500.0) - r * centre;
+            let found = refine(State { t, r }, seen, known);
+            if let Some((state, cost)) = found
+                && best.is_none_or(|(_, least)| cost < least)
+            {
+                best = Some((state, cost));
+            }
+        }
+    }
+    let (state, misfit) = best?;
+    let (a, _, _) = equations(&state, seen, known)?;
+    let all = a.cholesky()?.inverse();
+    let covariance = all.fixed_view::<3, 3>(0, 0).into_owned();
+    covariance.iter().all(|v| v.is_finite()).then_some(MarkerPose {
+        position: state.t,
+        covariance,
+        attitude: state.r,
+        misfit,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CORNERS: [[f64; 3]; 4] = [
+        [1.25, -0.85, 0.0],
+        [1.25, 0.85, 0.0],
+        [-1.25, 0.85, 0.0],
+        [-1.25, -0.85, 0.0],
+    ];
+
+    fn known() -> Known {
+        let slope = 45_f64.to_radians();
+        Known {
+            bearing_sd: 0.002,
+            down: Vector3::new(0.0, slope.cos(), slope.sin()),
+            tilt_sd: 0.2,
+        }
+    }
+    fn seen(t: Vector3<f64>, r: UnitQuaternion<f64>, markers: usize) -> Vec<Seen> {
+        CORNERS
+            .iter()
+            .take(markers)
+            .map(|m| {
+                let marker = Vector3::from(*m);
+                Seen {
+                    marker,
+                    direction: (r * marker + t).normalize(),
+                }
+            })
+            .collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(128))]
+        #[test]
+        fn exact_directions_of_a_nearly_level_deck_give_it_back(
+            range in 3.0..30.0_f64, side in -0.6..0.6_f64, up in -0.5..0.5_f64, heading in -3.1..3.1_f64,
+            lean in prop::array::uniform2(-0.1..0.1_f64),
+        ) {
+            let known = known();
+            let t = Vector3::new(side, up, 1.0).normalize() * range;
+            let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down).unwrap();
+            let r = level * UnitQuaternion::from_euler_angles(lean[0], lean[1], heading);
+            let pose = solve(&seen(t, r, 4), &known).unwrap();
+            // What leans is drawn towards level, by less than the stated doubt.
+            let e = pose.position - t;
+            let off = e.dot(&pose.covariance.cholesky().unwrap().solve(&e));
+            prop_assert!(off < 3.0, "{off}: {} {t}", pose.position);
+            prop_assert!(pose.misfit < 1.0);
+            let two = solve(&seen(t, r, 2), &known).unwrap();
+            prop_assert!(two.covariance.trace() > pose.covariance.trace());
+        }
+        #[test]
+        fn no_directions_make_it_panic_or_lie(d in prop::collection::vec(-1.0..1.0_f64, 12)) {
+            let seen: Vec<Seen> = CORNERS.iter().zip(d.chunks(3)).map(|(m, d)| Seen {
+                marker: Vector3::from(*m),
+                direction: Vector3::new(d[0], d[1], d[2]).try_normalize(1e-9).unwrap_or(Vector3::z()),
+            }).collect();
+            if let Some(pose) = solve(&seen, &known()) {
+                prop_assert!(pose.position.iter().chain(pose.covariance.iter()).all(|v| v.is_finite()));
+                prop_assert!((0..3).all(|i| pose.covariance[(i, i)] >= 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn one_marker_gives_no_distance_and_no_pose() {
+        let r = UnitQuaternion::identity();
+        assert!(solve(&seen(Vector3::new(0.0, 0.0, 5.0), r, 1), &known()).is_none());
+    }
+}
