@@ -152,6 +152,9 @@ pub struct SceneArgs {
     /// Where in the recording the trial begins, s [default: 0]
     #[arg(long, value_name = "S", requires = "deck_motion")]
     pub motion_start: Option<f64>,
+    /// Render the belly camera's images and find the tag in them, in the place of its measurement model
+    #[arg(long)]
+    pub pixels: bool,
     /// Keep the recording's mean tilt instead of removing it
     #[arg(long, requires = "deck_motion")]
     pub keep_mean: bool,
@@ -231,6 +234,8 @@ pub enum Study {
     Sensors,
     /// Loss, delay and outages of the radio.
     Link,
+    /// The camera node on rendered images, beside its measurement model: range, incidence, blur, glare.
+    Camera,
     /// The vessel's estimator against the truth: state errors, consistency, prediction.
     Estimator,
     /// The deck's prediction against horizon and sea: error, consistency, against told waves.

@@ -116,6 +116,10 @@ impl Scene {
             }
             scenario.deck_motion = Some(motion);
         }
+        if args.pixels {
+            flags.push("--pixels".into());
+            scenario.sensors.render.on = true;
+        }
         scenario.check(&Keys::ROOT).map_err(|e| Refused(e.to_string()))?;
         Ok(Scene {
             scenario,

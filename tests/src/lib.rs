@@ -6,6 +6,7 @@ pub mod age;
 pub mod body;
 pub mod deck_motion;
 pub mod drone;
+pub mod eye;
 pub mod firmware;
 pub mod outcome;
 pub mod paired;

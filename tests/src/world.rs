@@ -14,6 +14,7 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
+use alight_uav::camera::node::Names;
 use alight_uav::mission::{Mission, MissionIn};
 use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
@@ -24,6 +25,7 @@ use serde::Serialize;
 
 use crate::body::RigidState;
 use crate::drone::ROTORS;
+use crate::eye::Eye;
 use crate::outcome::Observation;
 pub use crate::physics::TICK;
 pub use crate::physics::{BOOT, DRONE_ID, VESSEL_ID};
@@ -78,6 +80,7 @@ pub struct World {
     radio: Session<Packet, TimeRequest<DroneClock>>,
     // The drone's computer.
     bridge: Bridge,
+    eye: Option<Eye>,
     odometry: Odometry,
     predictor: Predictor,
     mission: Mission,
@@ -100,10 +103,16 @@ impl World {
         let physics = Physics::new(scenario, seed)?;
         let streams = physics.streams();
         let drone = &nodes.drone;
+        let names = Names {
+            vessel: VESSEL_ID,
+            drone: DRONE_ID,
+            boot: BOOT,
+        };
         Ok(World {
             vessel_node: VesselNode::new(&nodes.vessel, VESSEL_ID, BOOT),
             radio: Session::new(&scenario.radio, streams),
             bridge: Bridge::new(&nodes.bridge, BOOT),
+            eye: Eye::new(scenario, &drone.camera, &drone.deck, names, streams),
             odometry: Odometry::new(&drone.odometry),
             predictor: Predictor::new(&drone.predictor(), BOOT),
             mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, DRONE_ID, BOOT),
@@ -220,7 +229,7 @@ impl World {
         let Some(Flight {
             odometry,
             autopilot,
-            seen,
+            mut seen,
         }) = self.physics.flight()
         else {
             self.physics.advance();
@@ -233,6 +242,9 @@ impl World {
                 (word.odometry, word.state)
             }
         };
+        if let Some(eye) = &mut self.eye {
+            eye.step(t, drone_now, &mut seen);
+        }
         let input = PredictorIn {
             estimate: heard.estimate,
             wave: heard.wave,

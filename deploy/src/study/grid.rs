@@ -128,7 +128,12 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
             .collect(),
         Study::Sensors => sensors(&row),
         Study::Link => link::rows(&row),
-        Study::Estimator | Study::Prediction | Study::Airborne | Study::Merge | Study::Search => Vec::new(),
+        Study::Camera
+        | Study::Estimator
+        | Study::Prediction
+        | Study::Airborne
+        | Study::Merge
+        | Study::Search => Vec::new(),
     };
     Ok(rows)
 }

@@ -1,6 +1,7 @@
 //! `alight study` and `alight response`: one thing measured over many seeds.
 
 mod ablation;
+mod camera;
 mod flown;
 mod grid;
 pub mod link;
@@ -43,6 +44,7 @@ pub fn run(args: &StudyArgs) -> Result<End, Refused> {
     }
     let value = match args.name {
         Study::Airborne => airborne_hours(args)?,
+        Study::Camera => camera::run(args)?,
         Study::Estimator => estimator(args)?,
         Study::Prediction => prediction::run(args)?,
         Study::Merge => merge(args)?,

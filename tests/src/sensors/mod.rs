@@ -14,6 +14,7 @@ pub mod heading;
 pub mod imu;
 pub mod noise;
 pub mod rangefinder;
+pub mod render;
 pub mod square_pose;
 pub mod tag;
 pub mod uvdar;
@@ -54,6 +55,8 @@ pub struct SensorConfig {
     pub clocks: clocks::ClockConfig,
     /// What the camera's mount is wrong by.
     pub camera_mount: camera::CameraMountConfig,
+    /// Images of the belly camera.
+    pub render: render::RenderConfig,
 }
 
 impl Check for SensorConfig {
@@ -65,7 +68,8 @@ impl Check for SensorConfig {
         self.uvdar.check(&at.table("uvdar"))?;
         self.rangefinder.check(&at.table("rangefinder"))?;
         self.clocks.check(&at.table("clocks"))?;
-        self.camera_mount.check(&at.table("camera_mount"))
+        self.camera_mount.check(&at.table("camera_mount"))?;
+        self.render.check(&at.table("render"))
     }
 }
 
@@ -106,6 +110,10 @@ pub struct VesselReadings {
 pub struct DroneReadings {
     /// Tag sightings.
     pub tags: Vec<TagPose>,
+    /// Images that were begun, where they take the sightings' place.
+    pub shots: Vec<render::Shot>,
+    /// The same of the ultraviolet camera.
+    pub uv_shots: Vec<render::Shot>,
     /// UVDAR fixes.
     pub uvdar: Vec<UvdarFix>,
     /// Rangefinder readings.
@@ -124,6 +132,8 @@ pub struct Sensors {
     gnss: gnss::VesselGnss,
     heading: heading::VesselHeading,
     tag: tag::TagDetector,
+    shutter: Option<render::Shutter>,
+    uv_shutter: Option<render::Shutter>,
     uvdar: uvdar::Uvdar,
     rangefinder: rangefinder::Rangefinder,
 }
@@ -140,6 +150,14 @@ impl Sensors {
             gnss: gnss::VesselGnss::new(&config.vessel_gnss, streams),
             heading: heading::VesselHeading::new(&config.vessel_heading, streams),
             tag: tag::TagDetector::new(&config.tag, deck, streams),
+            shutter: config
+                .render
+                .on
+                .then(|| render::Shutter::new(config.tag.rate_hz, config.tag.exposure_s)),
+            uv_shutter: config
+                .render
+                .markers
+                .then(|| render::Shutter::new(config.uvdar.rate_hz, config.tag.exposure_s)),
             uvdar: uvdar::Uvdar::new(&config.uvdar, &mount, streams),
             rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, streams),
         }
@@ -177,9 +195,19 @@ impl Sensors {
     ) -> DroneReadings {
         let (id, clocks) = (&self.identity, &self.clocks);
         let view = self.mount.view(drone);
+        let (tags, shots) = match &mut self.shutter {
+            None => (self.tag.step(t, &view, deck, id, clocks), Vec::new()),
+            Some(shutter) => (Vec::new(), shutter.step(t, &view, deck, clocks)),
+        };
+        let (uvdar, uv_shots) = match &mut self.uv_shutter {
+            None => (self.uvdar.step(t, &view, deck, id, clocks), Vec::new()),
+            Some(shutter) => (Vec::new(), shutter.step(t, &view, deck, clocks)),
+        };
         DroneReadings {
-            tags: self.tag.step(t, &view, deck, id, clocks),
-            uvdar: self.uvdar.step(t, &view, deck, id, clocks),
+            tags,
+            shots,
+            uvdar,
+            uv_shots,
             ranges: self.rangefinder.step(t, drone, deck, water, id, clocks),
         }
     }

@@ -93,7 +93,7 @@ impl Check for TagConfig {
 
 /// The tag detector at work.
 #[derive(Clone, Debug)]
-pub(super) struct TagDetector {
+pub(crate) struct TagDetector {
     config: TagConfig,
     lens: Lens,
     side: f64,
@@ -106,7 +106,7 @@ pub(super) struct TagDetector {
 }
 
 impl TagDetector {
-    pub(super) fn new(config: &TagConfig, deck: &DeckGeometry, streams: &Streams) -> Self {
+    pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, streams: &Streams) -> Self {
         TagDetector {
             lens: Lens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
             side: deck.tag_side_m,
@@ -128,18 +128,7 @@ impl TagDetector {
         clocks: &Clocks,
     ) -> Vec<TagPose> {
         if self.schedule.due(t).is_some() {
-            // The noise of a frame is drawn whether the tag is seen or not: two planners meet the
-            // same noise at the same time.
-            let noise: [Vector2<f64>; 4] =
-                core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
-            let missed = self.miss.chance(self.config.miss);
-            let tag = deck.at::<Tag>(self.centre);
-            if let (false, false, Some(pixels)) = (
-                missed,
-                covers(&self.config.outages_s, t),
-                self.visible(view, &tag),
-            ) && let Some(pose) = self.measure(&pixels, &noise)
-            {
+            if let Some(pose) = self.sight(t, view, deck) {
                 let sighting = TagPose {
                     header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
                     ..pose
@@ -150,6 +139,24 @@ impl TagDetector {
             }
         }
         self.line.arrived(t)
+    }
+    /// One image's sighting.
+    pub(crate) fn sight(
+        &mut self,
+        t: Time<TrueTime>,
+        view: &View,
+        deck: &RigidState<Deck>,
+    ) -> Option<TagPose> {
+        // The noise of a frame is drawn whether the tag is seen or not: two planners meet the same
+        // noise at the same time.
+        let noise: [Vector2<f64>; 4] =
+            core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
+        let missed = self.miss.chance(self.config.miss);
+        if missed || covers(&self.config.outages_s, t) {
+            return None;
+        }
+        let tag = deck.at::<Tag>(self.centre);
+        self.measure(&self.visible(view, &tag)?, &noise)
     }
     /// The corners' true pixels, when the tag can be decoded.
     fn visible(&self, view: &View, tag: &RigidState<Tag>) -> Option<[Vector2<f64>; 4]> {

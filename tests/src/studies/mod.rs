@@ -1,5 +1,7 @@
 //! Measurements over many seeds that are not landings.
 
 pub mod airborne;
+pub mod camera;
 pub mod estimator;
 pub mod prediction;
+pub mod uvdar;

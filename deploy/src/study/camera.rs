@@ -1,0 +1,190 @@
+//! `alight study camera`: what the camera node sees in rendered images, beside the measurement model of
+//! lock-step.
+
+use alight_sim::studies::camera::{Bench, Condition, Row};
+use alight_sim::studies::uvdar;
+use serde_json::{Value, json};
+
+use crate::Refused;
+use crate::args::StudyArgs;
+use crate::say::note;
+use crate::scene::{Scene, stopwatch};
+
+const RANGES_M: [f64; 14] = [
+    0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0, 23.0, 26.0, 30.0,
+];
+const INCIDENCES_DEG: [f64; 7] = [0.0, 15.0, 30.0, 45.0, 60.0, 70.0, 75.0];
+const INCIDENCE_RANGES_M: [f64; 3] = [3.0, 7.0, 13.0];
+const BLURS_PX: [f64; 7] = [0.0, 1.0, 2.0, 4.0, 6.0, 9.0, 13.0];
+const BLUR_RANGES_M: [f64; 2] = [4.0, 10.0];
+const GLARES: [f64; 6] = [0.0, 0.3, 1.0, 3.0, 10.0, 30.0];
+const UV_RANGES_M: [f64; 9] = [1.5, 3.0, 5.0, 8.0, 12.0, 16.0, 22.0, 28.0, 34.0];
+/// Images without a tag for each trial asked for.
+const EMPTY_PER_TRIAL: usize = 20;
+/// Frames of an hour at 30 Hz.
+const FRAMES_PER_HOUR: f64 = 108_000.0;
+
+/// Runs it: `--trials` images a cell.
+pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
+    let scene = Scene::of(&args.scene)?;
+    let images = args.trials as usize;
+    let (sensors, settings) = (&scene.scenario.sensors, &scene.nodes.drone.camera);
+    let mut bench = Bench::new(sensors, settings, &scene.scenario.deck, args.seed0);
+    let say = |line: String| note(args.json, line);
+    let cell = Condition::default();
+    say(format!(
+        "{images} rendered images a row, seed {}; in brackets the measurement model of lock-step",
+        args.seed0
+    ));
+    let mut table = |title: &str, conditions: Vec<Condition>| -> Vec<Row> {
+        say(title.into());
+        say(format!(
+            "  {:>5}{:>5}{:>5}{:>6} {:>11} {:>15} {:>7} {:>13} {:>11} {:>7}",
+            "m", "deg", "px", "glare", "seen %", "position mm", "p95", "attitude deg", "NEES", "corner"
+        ));
+        conditions
+            .iter()
+            .map(|c| {
+                let row = bench.row(c, images);
+                say(line(&row));
+                row
+            })
+            .collect()
+    };
+    let range = table(
+        "Range, incidence 20 deg",
+        RANGES_M.map(|range_m| Condition { range_m, ..cell }).to_vec(),
+    );
+    let across = |ranges: &[f64], each: &dyn Fn(f64) -> Vec<Condition>| -> Vec<Condition> {
+        ranges.iter().flat_map(|r| each(*r)).collect()
+    };
+    let incidence = table(
+        "Incidence",
+        across(&INCIDENCE_RANGES_M, &|range_m| {
+            let at = |incidence_deg| Condition {
+                range_m,
+                incidence_deg,
+                ..cell
+            };
+            INCIDENCES_DEG.map(at).to_vec()
+        }),
+    );
+    let blur = table(
+        "Motion during the exposure",
+        across(&BLUR_RANGES_M, &|range_m| {
+            let at = |blur_px| Condition {
+                range_m,
+                blur_px,
+                ..cell
+            };
+            BLURS_PX.map(at).to_vec()
+        }),
+    );
+    let glare = table(
+        "Glare near the tag",
+        GLARES.map(|glare| Condition { glare, ..cell }).to_vec(),
+    );
+    let empty = images * EMPTY_PER_TRIAL;
+    let false_sightings = bench.false_sightings(empty);
+    let hours = empty as f64 / FRAMES_PER_HOUR;
+    // No event in n trials: below 3/n with 95 % (the rule of three).
+    let most = if false_sightings == 0 {
+        3.0
+    } else {
+        false_sightings as f64
+    };
+    say(format!(
+        "False sightings: {false_sightings} in {empty} images of sea and bare deck, {hours:.2} h at 30 Hz: {} \
+         {:.1} per hour",
+        if false_sightings == 0 { "below" } else { "about" },
+        most / hours
+    ));
+    let glints = sensors.render.glints as usize;
+    let flights = images.div_ceil(10);
+    say(format!(
+        "UV markers, {flights} flights of 3 s a row, {glints} glints an image; the model: {:.1} deg, {:.3} of the distance",
+        sensors.uvdar.bearing_sd_deg, sensors.uvdar.distance_sd
+    ));
+    say(format!(
+        "  {:>5}{:>9}{:>13}{:>11}{:>9}{:>7}{:>7}",
+        "m", "fixes %", "bearing deg", "distance", "bias", "NEES", "wild"
+    ));
+    let markers: Vec<uvdar::UvdarRow> = UV_RANGES_M
+        .iter()
+        .map(|range_m| {
+            let row = uvdar::row(&settings.uvdar, *range_m, glints, flights, args.seed0);
+            say(format!(
+                "  {:>5.1}{:>9.0}{:>13.2}{:>11.3}{:>9.3}{:>7.2}{:>7}",
+                row.range_m,
+                100.0 * row.rate,
+                row.bearing_deg,
+                row.distance,
+                row.distance_bias,
+                row.nees,
+                row.wild
+            ));
+            row
+        })
+        .collect();
+    let (drawn_ms, looked_ms) = times(&mut bench, images.clamp(20, 300));
+    say(format!(
+        "Time of an image on one core, mean and p99: drawn in {:.1} and {:.1} ms, searched in {:.1} and {:.1} ms \
+         (limit 15: {:.2} of it)",
+        drawn_ms[0],
+        drawn_ms[1],
+        looked_ms[0],
+        looked_ms[1],
+        looked_ms[0] / 15.0
+    ));
+    Ok(json!({
+        "range": range, "incidence": incidence, "blur": blur, "glare": glare,
+        "markers": markers, "empty_images": empty, "false_sightings": false_sightings,
+        "draw_ms": drawn_ms, "search_ms": looked_ms,
+    }))
+}
+
+fn line(row: &Row) -> String {
+    let (c, p, m) = (&row.condition, &row.pixels, &row.model);
+    let both = |a: f64, b: f64, digits: usize| format!("{a:.digits$} ({b:.digits$})");
+    format!(
+        "  {:>5.1}{:>5.0}{:>5.1}{:>6.1} {:>11} {:>15} {:>7.0} {:>13} {:>11} {:>7.2}",
+        c.range_m,
+        c.incidence_deg,
+        c.blur_px,
+        c.glare,
+        both(100.0 * p.rate, 100.0 * m.rate, 0),
+        both(1e3 * p.position_m, 1e3 * m.position_m, 0),
+        1e3 * p.position_p95_m,
+        both(p.attitude_deg, m.attitude_deg, 1),
+        format!("{:.1} {:.1}", p.nees_position, p.nees_attitude),
+        row.corner_rms_px,
+    )
+}
+
+/// Mean and 99 % quantile of the time to draw an image and to search it, ms.
+fn times(bench: &mut Bench, images: usize) -> ([f64; 2], [f64; 2]) {
+    let (mut drawn, mut looked) = (Vec::new(), Vec::new());
+    for k in 0..images {
+        let range_m = 1.5 + 13.5 * k as f64 / images as f64;
+        let shot = bench.shot(&Condition {
+            range_m,
+            ..Condition::default()
+        });
+        let watch = stopwatch();
+        let Some(image) = bench.image(&shot) else { continue };
+        drawn.push(1e3 * watch());
+        let watch = stopwatch();
+        let _pose = bench.node().look(&image);
+        looked.push(1e3 * watch());
+    }
+    let figures = |mut v: Vec<f64>| {
+        v.sort_by(f64::total_cmp);
+        let mean = v.iter().sum::<f64>() / v.len().max(1) as f64;
+        let last = (0.99 * v.len() as f64) as usize;
+        [
+            mean,
+            v.get(last.min(v.len().saturating_sub(1))).copied().unwrap_or(0.0),
+        ]
+    };
+    (figures(drawn), figures(looked))
+}

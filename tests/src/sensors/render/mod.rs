@@ -1,0 +1,421 @@
+//! Images of the deck as the belly camera would take them: perspective, lens distortion, the optics'
+//! blur, motion during the exposure, glare of the sun, noise of the sensor, the sea around.
+//!
+//! A pixel is the mean of rays through it, spread as its area and the optics spread light, each at its
+//! own instant of the exposure. Nothing here is shared with the node that looks at the images, but the
+//! lens's numbers.
+
+mod paint;
+mod rays;
+pub mod ultraviolet;
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::frames::{Deck, TrueNed, Vector};
+use alight_shared::geometry::DeckGeometry;
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_uav::camera::{Grey, Lens};
+use nalgebra::{Rotation3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::camera::View;
+use super::clocks::Clocks;
+use super::noise::{Noise, Schedule};
+use crate::body::RigidState;
+use crate::streams::Streams;
+use paint::{DeckPaint, Sea};
+use rays::{Pattern, Rays};
+
+/// The camera and the light, as they are.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RenderConfig {
+    /// Images take the place of the tag's measurement model.
+    pub on: bool,
+    /// The same of the UV markers.
+    pub markers: bool,
+    /// Glints of the sun in an ultraviolet image.
+    pub glints: u32,
+    /// The lens as it is; the node has what its calibration says.
+    pub lens: Lens,
+    /// Grey level of a white surface in the light; above 255 is clipped.
+    pub white: f64,
+    /// Standard deviation of the optics' blur, px.
+    pub optics_sd_px: f64,
+    /// Standard deviation of the sensor's noise in the dark, grey levels.
+    pub dark_sd: f64,
+    /// Variance of the photons' noise per grey level, grey levels.
+    pub shot: f64,
+    /// The sun's mirror image on a wet deck, as a share of white; 0: a dry one.
+    pub glare: f64,
+    /// Width of that image (standard deviation), deg.
+    pub glare_sd_deg: f64,
+    /// Height of the sun above the horizon, deg; its bearing is drawn per seed.
+    pub sun_height_deg: f64,
+}
+
+impl Default for RenderConfig {
+    fn default() -> Self {
+        RenderConfig {
+            on: false,
+            markers: false,
+            glints: 10,
+            lens: Lens::default(),
+            // Ours: a usual machine-vision sensor and a lens of moderate quality in daylight.
+            white: 210.0,
+            optics_sd_px: 0.6,
+            dark_sd: 2.0,
+            shot: 0.05,
+            glare: 0.0,
+            glare_sd_deg: 8.0,
+            sun_height_deg: 50.0,
+        }
+    }
+}
+
+impl Check for RenderConfig {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.lens.check(&at.table("lens"))?;
+        at.range("glints", f64::from(self.glints), 0.0, 1e4)?;
+        at.range("white", self.white, 1.0, 1e4)?;
+        at.range("optics_sd_px", self.optics_sd_px, 0.0, 5.0)?;
+        at.range("dark_sd", self.dark_sd, 0.0, 50.0)?;
+        at.range("shot", self.shot, 0.0, 10.0)?;
+        at.range("glare", self.glare, 0.0, 100.0)?;
+        at.range("glare_sd_deg", self.glare_sd_deg, 0.5, 90.0)?;
+        at.range("sun_height_deg", self.sun_height_deg, 0.0, 90.0)
+    }
+}
+
+/// What an image is made from.
+#[derive(Clone, Copy)]
+pub struct Shot {
+    /// Middle of the exposure, true.
+    pub t: Time<TrueTime>,
+    /// The same on the drone's clock.
+    pub at: Time<DroneClock>,
+    /// Length of the exposure, s.
+    pub exposure_s: f64,
+    /// The camera at that time.
+    pub view: View,
+    /// The deck at that time.
+    pub deck: RigidState<Deck>,
+}
+
+/// Of one world: the same instant is the same shot.
+impl PartialEq for Shot {
+    fn eq(&self, o: &Shot) -> bool {
+        self.t == o.t
+    }
+}
+impl core::fmt::Debug for Shot {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "Shot({:?})", self.t)
+    }
+}
+
+/// Begins an image each period.
+#[derive(Clone, Debug)]
+pub(super) struct Shutter {
+    schedule: Schedule,
+    exposure_s: f64,
+}
+
+impl Shutter {
+    pub(super) fn new(rate_hz: f64, exposure_s: f64) -> Shutter {
+        Shutter {
+            schedule: Schedule::new(rate_hz),
+            exposure_s,
+        }
+    }
+    pub(super) fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        view: &View,
+        deck: &RigidState<Deck>,
+        clocks: &Clocks,
+    ) -> Vec<Shot> {
+        let shot = |_| Shot {
+            t,
+            at: clocks.drone_time(t),
+            exposure_s: self.exposure_s,
+            view: *view,
+            deck: *deck,
+        };
+        self.schedule.due(t).map(shot).into_iter().collect()
+    }
+}
+
+/// Draws that the sensor's noise is taken from again and again, in another order each time.
+const DRAWS: usize = 1 << 14;
+
+/// The camera at work.
+#[derive(Clone, Debug)]
+pub struct Renderer {
+    config: RenderConfig,
+    rays: Rays,
+    patterns: Vec<Pattern>,
+    paint: DeckPaint,
+    sea: Sea,
+    sun: Vector<TrueNed>,
+    normals: Vec<f32>,
+    noise: Noise,
+}
+
+/// What is seen, in the camera's axes.
+struct Seen {
+    /// Deck's centre, m, and its axes.
+    at: Vector3<f64>,
+    axes: Rotation3<f64>,
+    /// Velocity of the centre, m/s, and rate of turn, rad/s, as the camera sees them.
+    drift: Vector3<f64>,
+    turn: Vector3<f64>,
+}
+
+impl Seen {
+    fn new(view: &View, deck: &RigidState<Deck>) -> Seen {
+        let at = view.sees(deck.position);
+        let axes = view.camera_from_world * deck.attitude;
+        Seen {
+            at,
+            drift: view.drift(at, deck.velocity),
+            turn: (axes * deck.rates).0 - view.rates.0,
+            axes: axes.0.to_rotation_matrix(),
+        }
+    }
+    /// Deck's centre and axes `s` seconds from the middle of the exposure.
+    fn after(&self, s: f64) -> (Vector3<f64>, Rotation3<f64>) {
+        (
+            self.at + self.drift * s,
+            Rotation3::from_scaled_axis(self.turn * s) * self.axes,
+        )
+    }
+}
+
+/// The homography from directions at unit distance to the deck's plane, as rows: a ray `d` meets the
+/// plane at `x = (X . d) / (Z . d)`, `y = (Y . d) / (Z . d)` where `Z . d > 0`.
+#[derive(Clone, Copy)]
+struct ToDeck {
+    x: [f32; 3],
+    y: [f32; 3],
+    z: [f32; 3],
+}
+
+impl ToDeck {
+    /// None when the camera is not above the deck.
+    fn new(at: &Vector3<f64>, axes: &Rotation3<f64>) -> Option<ToDeck> {
+        let m = axes.matrix();
+        let [a, b, c] = [0, 1, 2].map(|k| m.column(k).into_owned());
+        let height = c.dot(at);
+        let row = |v: Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
+        (height > 1e-3).then(|| ToDeck {
+            x: row(a * height - c * a.dot(at)),
+            y: row(b * height - c * b.dot(at)),
+            z: row(c),
+        })
+    }
+    fn meet(&self, u: f32, v: f32) -> Option<[f32; 2]> {
+        let dot = |r: &[f32; 3]| r[0] * u + r[1] * v + r[2];
+        let z = dot(&self.z);
+        (z > 1e-4).then(|| [dot(&self.x) / z, dot(&self.y) / z])
+    }
+}
+
+impl Renderer {
+    /// The camera of this seed.
+    pub fn new(config: &RenderConfig, deck: &DeckGeometry, streams: &Streams) -> Renderer {
+        let mut noise = Noise::new(streams, "drone.camera.pixels");
+        let normals = (0..DRAWS).map(|_| noise.normal() as f32).collect();
+        let mut light = Noise::new(streams, "light");
+        let (sin, cos) = config.sun_height_deg.to_radians().sin_cos();
+        let (east, north) = (core::f64::consts::TAU * light.uniform()).sin_cos();
+        Renderer {
+            rays: Rays::new(&config.lens),
+            patterns: (2..=5)
+                .map(|n| Pattern::new(n, config.optics_sd_px, &mut light))
+                .collect(),
+            paint: DeckPaint::new(deck),
+            sea: Sea::new(&mut light),
+            sun: Vector::new(cos * north, cos * east, -sin),
+            normals,
+            noise,
+            config: config.clone(),
+        }
+    }
+
+    /// The sun's mirror image on the deck from now on, as a share of white.
+    pub fn set_glare(&mut self, glare: f64) {
+        self.config.glare = glare;
+    }
+    /// The sun's direction from now on, as a unit vector.
+    pub fn lit_from(&mut self, sun: Vector<TrueNed>) {
+        self.sun = sun;
+    }
+
+    /// The image. None for a size that the configuration's check refuses.
+    pub fn image(&mut self, shot: &Shot) -> Option<Grey> {
+        let Shot {
+            t,
+            exposure_s,
+            ref view,
+            ref deck,
+            ..
+        } = *shot;
+        let lens = &self.config.lens;
+        let (width, height) = (lens.width_px as usize, lens.height_px as usize);
+        let mut light = vec![0.0_f32; width * height];
+        self.sea
+            .draw(&mut light, &self.rays, view, self.sun, t.secs() as f32, width);
+        self.draw_deck(&mut light, view, deck, exposure_s, width);
+        let pixels = self.expose(&light);
+        Grey::new(width, height, pixels).ok()
+    }
+
+    fn draw_deck(
+        &self,
+        light: &mut [f32],
+        view: &View,
+        deck: &RigidState<Deck>,
+        exposure_s: f64,
+        width: usize,
+    ) {
+        let seen = Seen::new(view, deck);
+        let focal = self.config.lens.focal_px[0];
+        let distance = seen.at.norm().max(0.1);
+        let cell_px = focal * self.paint.cell_m() / distance;
+        let speed = seen.drift.norm() / distance + seen.turn.norm();
+        let blur_px = speed * exposure_s * focal;
+        // Enough rays for cells of few pixels, and for every half pixel of a smear.
+        let side = if cell_px > 16.0 {
+            2
+        } else if cell_px > 5.0 {
+            3
+        } else {
+            4
+        };
+        let side = side.max((2.0 * blur_px).sqrt().ceil().min(5.0) as usize);
+        let Some(pattern) = self.patterns.iter().find(|p| p.side >= side) else {
+            return;
+        };
+        let maps: Option<Vec<ToDeck>> = pattern
+            .rays
+            .iter()
+            .map(|ray| {
+                let (at, axes) = seen.after(ray.time * exposure_s);
+                ToDeck::new(&at, &axes)
+            })
+            .collect();
+        let Some(maps) = maps else { return };
+        let Some([left, top, right, bottom]) = self.bounds(&seen, exposure_s, blur_px) else {
+            return;
+        };
+        let glare = self.glare_on(view, &seen);
+        let share = 1.0 / maps.len() as f32;
+        for row in top..=bottom {
+            for column in left..=right {
+                let k = row * width + column;
+                let (Some(ray), Some(out)) = (self.rays.all.get(k), light.get_mut(k)) else {
+                    continue;
+                };
+                let (mut sum, mut hits) = (0.0_f32, 0.0_f32);
+                for (map, sample) in maps.iter().zip(&pattern.rays) {
+                    let [u, v] = ray.moved(sample.right, sample.down);
+                    if let Some(bright) = map.meet(u, v).and_then(|[x, y]| self.paint.at(x, y)) {
+                        sum += bright;
+                        hits += 1.0;
+                    }
+                }
+                if hits > 0.0 {
+                    let shine = glare.as_ref().map_or(0.0, |g| g.at(ray.at)) * hits * share;
+                    *out = *out * (1.0 - hits * share) + sum * share + shine;
+                }
+            }
+        }
+    }
+
+    /// Pixels that may show the deck: left, top, right, bottom.
+    fn bounds(&self, seen: &Seen, exposure_s: f64, blur_px: f64) -> Option<[usize; 4]> {
+        let lens = &self.config.lens;
+        let whole = [0, 0, lens.width_px as usize - 1, lens.height_px as usize - 1];
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        for s in [-0.5, 0.5] {
+            let (at, axes) = seen.after(s * exposure_s);
+            for edge in self.paint.outline() {
+                let p = axes * edge + at;
+                if p.z < 0.05 {
+                    return Some(whole);
+                }
+                let px = self.rays.pixel(lens, p.x / p.z, p.y / p.z);
+                for i in 0..2 {
+                    low[i] = low[i].min(px[i]);
+                    high[i] = high[i].max(px[i]);
+                }
+            }
+        }
+        let margin = 4.0 + blur_px.min(50.0);
+        let (right, bottom) = (whole[2] as f64, whole[3] as f64);
+        if high[0] < -margin || high[1] < -margin || low[0] > right + margin || low[1] > bottom + margin {
+            return None;
+        }
+        let within = |v: f64, most: f64| v.clamp(0.0, most) as usize;
+        Some([
+            within(low[0] - margin, right),
+            within(low[1] - margin, bottom),
+            within(high[0] + margin, right),
+            within(high[1] + margin, bottom),
+        ])
+    }
+
+    /// The sun in the deck as a mirror; None when it is dry.
+    fn glare_on(&self, view: &View, seen: &Seen) -> Option<Glare> {
+        if !(self.config.glare > 0.0) {
+            return None;
+        }
+        let normal = seen.axes * Vector3::z();
+        let sun = (view.camera_from_world * self.sun).0;
+        // The direction that the mirror turns into the sun's.
+        let from = sun - normal * (2.0 * sun.dot(&normal));
+        Some(Glare {
+            from: [from.x as f32, from.y as f32, from.z as f32],
+            peak: self.config.glare as f32,
+            width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
+        })
+    }
+
+    /// Grey levels from light as a share of white.
+    fn expose(&mut self, light: &[f32]) -> Vec<u8> {
+        let white = self.config.white as f32;
+        let dark = (self.config.dark_sd * self.config.dark_sd) as f32;
+        let shot = self.config.shot as f32;
+        // Another walk through the draws for each image: an odd stride visits all of them.
+        let mut place = (self.noise.uniform() * DRAWS as f64) as usize;
+        let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
+        light
+            .iter()
+            .map(|l| {
+                place = (place + stride) & (DRAWS - 1);
+                let grey = (l * white).max(0.0);
+                let noise = self.normals.get(place).copied().unwrap_or(0.0);
+                (grey + noise * (dark + shot * grey).sqrt() + 0.5).clamp(0.0, 255.0) as u8
+            })
+            .collect()
+    }
+}
+
+struct Glare {
+    from: [f32; 3],
+    peak: f32,
+    width: f32,
+}
+
+impl Glare {
+    /// Light added along a direction at unit distance: a Gaussian of the angle from the mirror image.
+    fn at(&self, [u, v]: [f32; 2]) -> f32 {
+        let length = (u * u + v * v + 1.0).sqrt();
+        let cos = (self.from[0] * u + self.from[1] * v + self.from[2]) / length;
+        self.peak * ((cos - 1.0) / self.width).exp()
+    }
+}
+
+#[cfg(test)]
+mod tests;

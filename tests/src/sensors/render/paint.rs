@@ -1,0 +1,154 @@
+//! What the camera looks at: the deck's paint with its tag, and the sea around it. Light as a share of
+//! that from a white surface.
+
+use alight_shared::frames::{TrueNed, Vector};
+use alight_shared::geometry::DeckGeometry;
+use nalgebra::Vector3;
+
+use super::super::camera::View;
+use super::rays::Rays;
+use crate::sensors::noise::Noise;
+
+/// The first code of the family tag36h11 (Wang and Olson 2016): 6 x 6 cells, rows from the top, most
+/// significant bit first, 1 white.
+pub const TAG_CODE: u64 = 0xd_5d62_8584;
+/// Cells across the black square.
+const CELLS: f32 = 8.0;
+const BLACK: f32 = 0.06;
+const WHITE: f32 = 0.95;
+/// Width of the deck's planks, m.
+const PLANK_M: f32 = 0.14;
+
+/// The deck's upper surface.
+#[derive(Clone, Debug)]
+pub(super) struct DeckPaint {
+    half: [f32; 2],
+    centre: [f32; 2],
+    side: f32,
+    /// 10 x 10: the tag's cells within a white margin.
+    cells: [f32; 100],
+}
+
+impl DeckPaint {
+    pub(super) fn new(deck: &DeckGeometry) -> DeckPaint {
+        let mut cells = [WHITE; 100];
+        for row in 0..8_usize {
+            for column in 0..8_usize {
+                let edge = [row, column].iter().any(|k| *k == 0 || *k == 7);
+                let bit = 35 - (row.saturating_sub(1).min(5) * 6 + column.saturating_sub(1).min(5));
+                if edge || (TAG_CODE >> bit) & 1 == 0 {
+                    cells[(row + 1) * 10 + column + 1] = BLACK;
+                }
+            }
+        }
+        DeckPaint {
+            half: [deck.length_m, deck.width_m].map(|v| (0.5 * v) as f32),
+            centre: [deck.tag_centre_m[0], deck.tag_centre_m[1]].map(|v| v as f32),
+            side: deck.tag_side_m as f32,
+            cells,
+        }
+    }
+    /// Side of one of the tag's cells, m.
+    pub(super) fn cell_m(&self) -> f64 {
+        f64::from(self.side / CELLS)
+    }
+    /// Light from the point `x` forward and `y` to starboard, m; None beside the deck.
+    #[inline]
+    pub(super) fn at(&self, x: f32, y: f32) -> Option<f32> {
+        if !(x.abs() <= self.half[0] && y.abs() <= self.half[1]) {
+            return None;
+        }
+        // Cells from the upper left corner of the white margin; the tag's upper edge is forward.
+        let column = ((y - self.centre[1]) / self.side + 0.5) * CELLS + 1.0;
+        let row = (0.5 - (x - self.centre[0]) / self.side) * CELLS + 1.0;
+        if column >= 0.0 && column < CELLS + 2.0 && row >= 0.0 && row < CELLS + 2.0 {
+            return self.cells.get(row as usize * 10 + column as usize).copied();
+        }
+        let plank = (y / PLANK_M).floor() as i32;
+        Some(if plank % 2 == 0 { 0.42 } else { 0.50 })
+    }
+    /// Points along the deck's edge, in its own axes, m.
+    pub(super) fn outline(&self) -> impl Iterator<Item = Vector3<f64>> {
+        let [x, y] = self.half.map(f64::from);
+        (0..16).flat_map(move |k| {
+            let s = f64::from(k) / 8.0 - 1.0;
+            [
+                Vector3::new(s * x, -y, 0.0),
+                Vector3::new(x, s * y, 0.0),
+                Vector3::new(-s * x, y, 0.0),
+                Vector3::new(-x, -s * y, 0.0),
+            ]
+        })
+    }
+}
+
+/// Side of the square of noise that the sea is painted with, points.
+const TILE: usize = 128;
+
+/// The sea: patches of light and dark that move, glitter towards the sun, haze far away.
+#[derive(Clone, Debug)]
+pub(super) struct Sea {
+    tile: Vec<f32>,
+}
+
+impl Sea {
+    pub(super) fn new(draw: &mut Noise) -> Sea {
+        let rough: Vec<f32> = (0..TILE * TILE).map(|_| draw.normal() as f32).collect();
+        // Smooth over three points, round the edges.
+        let at = |x: usize, y: usize| rough.get((y % TILE) * TILE + x % TILE).copied().unwrap_or(0.0);
+        let tile = (0..TILE * TILE).map(|k| {
+            let (x, y) = (k % TILE + TILE, k / TILE + TILE);
+            let cross = at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1);
+            0.4 * (at(x, y) + 0.5 * cross)
+        });
+        Sea { tile: tile.collect() }
+    }
+    fn noise(&self, x: f32, y: f32) -> f32 {
+        let (column, row) = (x.floor() as i64, y.floor() as i64);
+        let k = (row.rem_euclid(TILE as i64) as usize) * TILE + column.rem_euclid(TILE as i64) as usize;
+        self.tile.get(k).copied().unwrap_or(0.0)
+    }
+    /// Paints all pixels: sea below the horizon, sky above.
+    pub(super) fn draw(
+        &self,
+        light: &mut [f32],
+        rays: &Rays,
+        view: &View,
+        sun: Vector<TrueNed>,
+        t_s: f32,
+        width: usize,
+    ) {
+        let world = view.camera_from_world.inverse().0.to_rotation_matrix();
+        let m = world.matrix().map(|v| v as f32);
+        let centre = view.centre.0.map(|v| v as f32);
+        let height = (-centre.z).max(0.3);
+        let mirrored = [sun.0.x as f32, sun.0.y as f32, -sun.0.z as f32];
+        let rows = light.chunks_mut(width).zip(rays.all.chunks(width));
+        for (pixels, rays) in rows {
+            for (out, ray) in pixels.iter_mut().zip(rays) {
+                let [u, v] = ray.at;
+                let d = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)]);
+                let down = d[2];
+                if down <= 0.02 {
+                    *out = 0.85;
+                    continue;
+                }
+                let reach = height / down;
+                let (north, east) = (centre.x + d[0] * reach, centre.y + d[1] * reach);
+                // Swell of some metres, ripples of a few decimetres that haze swallows.
+                let swell = self.noise(0.45 * north + 0.9 * t_s, 0.45 * east);
+                let ripple = self.noise(5.0 * north + 4.0 * t_s, 5.0 * east - 3.0 * t_s);
+                let near = 1.0 / (1.0 + 0.05 * reach);
+                let cos = (d[0] * mirrored[0] + d[1] * mirrored[1] + down * mirrored[2])
+                    / (d[0] * d[0] + d[1] * d[1] + down * down).sqrt();
+                // Facets that happen to mirror the sun: more of them towards its image.
+                let glitter = if ripple > 1.6 - 1.3 * cos.max(0.0).powi(8) {
+                    1.2
+                } else {
+                    0.0
+                };
+                *out = (0.24 + near * (0.04 * swell + 0.05 * ripple + glitter)).max(0.05);
+            }
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! Directions of pixels, and how rays are spread over a pixel.
+
+use alight_uav::camera::Lens;
+
+use crate::sensors::noise::Noise;
+
+/// Direction at unit distance of a pixel's middle, and what a step of one pixel to the right and down
+/// adds to it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ray {
+    pub(super) at: [f32; 2],
+    right: [f32; 2],
+    down: [f32; 2],
+}
+
+impl Ray {
+    /// The direction some pixels away.
+    pub(super) fn moved(&self, right: f32, down: f32) -> [f32; 2] {
+        [
+            self.at[0] + self.right[0] * right + self.down[0] * down,
+            self.at[1] + self.right[1] * right + self.down[1] * down,
+        ]
+    }
+}
+
+/// Those of all pixels, rows from the top.
+#[derive(Clone, Debug)]
+pub(super) struct Rays {
+    pub(super) all: Vec<Ray>,
+    /// Furthest from the axis, at unit distance.
+    furthest: f64,
+}
+
+/// Where the distortion moves a point at unit distance.
+fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
+    let [k1, k2, p1, p2, k3] = lens.distortion;
+    let r2 = x * x + y * y;
+    let radial = 1.0 + k1 * r2 + k2 * r2.powi(2) + k3 * r2.powi(3);
+    [
+        x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+        y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+    ]
+}
+
+/// Its inverse by fixed-point iteration, damped.
+fn straight(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
+    let mut n = [x, y];
+    for _ in 0..60 {
+        let d = distort(lens, n[0], n[1]);
+        n = [n[0] + 0.7 * (x - d[0]), n[1] + 0.7 * (y - d[1])];
+    }
+    n
+}
+
+impl Rays {
+    pub(super) fn new(lens: &Lens) -> Rays {
+        let (width, height) = (lens.width_px as usize, lens.height_px as usize);
+        let direction = |u: f64, v: f64| {
+            straight(
+                lens,
+                (u - lens.centre_px[0]) / lens.focal_px[0],
+                (v - lens.centre_px[1]) / lens.focal_px[1],
+            )
+        };
+        let mut furthest = 0.0_f64;
+        let all = (0..width * height)
+            .map(|k| {
+                let (u, v) = ((k % width) as f64, (k / width) as f64);
+                let at = direction(u, v);
+                furthest = furthest.max(at[0].hypot(at[1]));
+                let (a, b) = (direction(u + 0.5, v), direction(u - 0.5, v));
+                let (c, d) = (direction(u, v + 0.5), direction(u, v - 0.5));
+                let single = |v: [f64; 2]| v.map(|x| x as f32);
+                Ray {
+                    at: single(at),
+                    right: single([a[0] - b[0], a[1] - b[1]]),
+                    down: single([c[0] - d[0], c[1] - d[1]]),
+                }
+            })
+            .collect();
+        Rays { all, furthest }
+    }
+    /// Pixel of a direction at unit distance. One outside the image is first brought near to it, where
+    /// the distortion still means something.
+    pub(super) fn pixel(&self, lens: &Lens, x: f64, y: f64) -> [f64; 2] {
+        let most = 1.05 * self.furthest;
+        let scale = (most / x.hypot(y).max(1e-12)).min(1.0);
+        let d = distort(lens, x * scale, y * scale);
+        [
+            d[0] * lens.focal_px[0] + lens.centre_px[0],
+            d[1] * lens.focal_px[1] + lens.centre_px[1],
+        ]
+    }
+}
+
+/// One ray of a pixel: where in it, px, and when, as a share of the exposure from its middle.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    pub(super) right: f32,
+    pub(super) down: f32,
+    pub(super) time: f64,
+}
+
+/// `side` x `side` rays spread like a Gaussian with the variance of the pixel's area and the optics.
+#[derive(Clone, Debug)]
+pub(super) struct Pattern {
+    pub(super) side: usize,
+    pub(super) rays: Vec<Sample>,
+}
+
+impl Pattern {
+    pub(super) fn new(side: usize, optics_sd_px: f64, draw: &mut Noise) -> Pattern {
+        // Variance of a pixel's area is 1/12 px².
+        let sd = (1.0 / 12.0 + optics_sd_px * optics_sd_px).sqrt();
+        let place = |k: usize| normal_quantile((k as f64 + 0.5) / side as f64);
+        let spread = ((0..side).map(|k| place(k).powi(2)).sum::<f64>() / side as f64).sqrt();
+        let count = side * side;
+        let at = |k: usize| [k % side, k / side].map(|i| place(i) * sd / spread.max(1e-9));
+        // When each ray is: an order in which time goes with neither direction, or a moving edge would
+        // be sharper on one side.
+        let mut best: (f64, Vec<usize>) = (f64::INFINITY, (0..count).collect());
+        for _ in 0..400 {
+            let mut order: Vec<usize> = (0..count).collect();
+            for k in (1..count).rev() {
+                order.swap(k, ((k + 1) as f64 * draw.uniform()) as usize % (k + 1));
+            }
+            let along = |axis: usize| -> f64 {
+                let pairs = order.iter().enumerate();
+                pairs.map(|(k, t)| at(k)[axis] * time(*t, count)).sum()
+            };
+            let tilt = along(0).abs() + along(1).abs();
+            if tilt < best.0 {
+                best = (tilt, order);
+            }
+        }
+        let rays = best.1.iter().enumerate();
+        Pattern {
+            side,
+            rays: rays
+                .map(|(k, t)| Sample {
+                    right: at(k)[0] as f32,
+                    down: at(k)[1] as f32,
+                    time: time(*t, count),
+                })
+                .collect(),
+        }
+    }
+}
+
+/// The middle of the `k`-th of `count` parts of the exposure.
+fn time(k: usize, count: usize) -> f64 {
+    (k as f64 + 0.5) / count as f64 - 0.5
+}
+
+/// The standard normal distribution's quantile (Abramowitz and Stegun 1964, 26.2.23; error below 5e-4).
+fn normal_quantile(p: f64) -> f64 {
+    let q = p.min(1.0 - p).max(1e-9);
+    let t = (-2.0 * q.ln()).sqrt();
+    let top = 2.515_517 + t * (0.802_853 + t * 0.010_328);
+    let bottom = 1.0 + t * (1.432_788 + t * (0.189_269 + t * 0.001_308));
+    (t - top / bottom) * if p < 0.5 { -1.0 } else { 1.0 }
+}

@@ -1,0 +1,196 @@
+//! The node sees in a rendered image what was put there.
+
+use alight_shared::frames::{Camera, DroneBody, Point, Rotation};
+use alight_shared::msg::TagPose;
+use alight_uav::camera::node::Names;
+use alight_uav::camera::{CameraNode, CameraSettings};
+use nalgebra::{Quaternion, UnitQuaternion};
+
+use super::*;
+use crate::sensors::camera::{CameraMount, body_from_camera};
+
+fn shot(view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Shot {
+    Shot {
+        t: Time::EPOCH,
+        at: Time::EPOCH,
+        exposure_s,
+        view: *view,
+        deck: *deck,
+    }
+}
+
+const NAMES: Names = Names {
+    vessel: 1,
+    drone: 1,
+    boot: 1,
+};
+
+fn distorted() -> Lens {
+    Lens {
+        focal_px: [330.0, 326.0],
+        centre_px: [312.0, 247.0],
+        distortion: [-0.11, 0.02, 0.001, -0.0007, -0.001],
+        ..Lens::default()
+    }
+}
+
+/// A camera at `up` m above the origin, `aside` m north of it, on a drone with these angles.
+fn view(up: f64, aside: f64, euler: [f64; 3], rates: [f64; 3]) -> View {
+    let mount = CameraMount {
+        position: Vector3::zeros(),
+        attitude: body_from_camera(),
+    };
+    mount.view(&RigidState::<DroneBody> {
+        position: Point::new(aside, 0.0, -up),
+        attitude: Rotation::from_euler(euler[0], euler[1], euler[2]),
+        rates: Vector::from(Vector3::from(rates)),
+        ..Default::default()
+    })
+}
+
+fn deck(euler: [f64; 3]) -> RigidState<Deck> {
+    RigidState {
+        attitude: Rotation::from_euler(euler[0], euler[1], euler[2]),
+        ..Default::default()
+    }
+}
+
+struct Setup {
+    renderer: Renderer,
+    node: CameraNode,
+}
+
+fn setup(change: impl FnOnce(&mut RenderConfig)) -> Setup {
+    let mut config = RenderConfig::default();
+    change(&mut config);
+    let settings = CameraSettings {
+        lens: config.lens,
+        ..CameraSettings::default()
+    };
+    Setup {
+        renderer: Renderer::new(&config, &DeckGeometry::default(), &Streams::new(1)),
+        node: CameraNode::new(&settings, 1.0, NAMES),
+    }
+}
+
+/// Errors of a sighting: position, m, and attitude, rad.
+fn errors(pose: &TagPose, view: &View, deck: &RigidState<Deck>) -> (f64, f64) {
+    let [w, x, y, z] = pose.attitude;
+    let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+    let truth: Rotation<Camera, Deck> = view.camera_from_world * deck.attitude;
+    let at = view.sees(deck.position);
+    (
+        (Vector3::from(pose.position) - at).norm(),
+        seen.angle_to(&truth.0),
+    )
+}
+
+#[test]
+fn the_node_finds_the_deck_where_it_was_drawn_through_any_lens() {
+    for lens in [Lens::default(), distorted()] {
+        let mut setup = setup(|c| c.lens = lens);
+        for (up, aside, drone, level) in [
+            (1.6, 0.05, [0.02, -0.03, 0.0], [0.05, 0.08, 0.4]),
+            (3.0, 0.5, [0.05, 0.02, 1.0], [-0.15, 0.1, -2.0]),
+            (7.0, -1.0, [-0.03, 0.04, -2.0], [0.1, 0.2, 0.7]),
+        ] {
+            let (view, deck) = (view(up, aside, drone, [0.0; 3]), deck(level));
+            let image = setup
+                .renderer
+                .image(&shot(&view, &deck, 0.004))
+                .expect("an image");
+            let pose = setup.node.look(&image).expect("seen");
+            let (moved, turned) = errors(&pose, &view, &deck);
+            assert!(moved < 0.01 * up, "{moved} m at {up} m");
+            assert!(turned < 0.012 * up, "{turned} rad at {up} m");
+        }
+    }
+}
+
+#[test]
+fn a_camera_that_is_mounted_otherwise_says_the_same() {
+    let mut config = RenderConfig::default();
+    config.lens.centre_px = [300.0, 250.0];
+    let turned_deg = [4.0, -6.0, 90.0];
+    let settings = CameraSettings {
+        lens: config.lens,
+        turned_deg,
+        ..CameraSettings::default()
+    };
+    let mount = CameraMount {
+        position: Vector3::zeros(),
+        attitude: body_from_camera() * settings.mount(),
+    };
+    let drone = RigidState::<DroneBody> {
+        position: Point::new(0.2, 0.1, -3.0),
+        ..Default::default()
+    };
+    let designed = view(3.0, 0.2, [0.0; 3], [0.0; 3]);
+    let deck = deck([0.1, -0.05, 0.3]);
+    let mut renderer = Renderer::new(&config, &DeckGeometry::default(), &Streams::new(1));
+    let image = renderer
+        .image(&shot(&mount.view(&drone), &deck, 0.004))
+        .expect("an image");
+    let pose = CameraNode::new(&settings, 1.0, NAMES).look(&image).expect("seen");
+    let shifted = View {
+        centre: drone.position,
+        ..designed
+    };
+    let (moved, turned) = errors(&pose, &shifted, &deck);
+    assert!(moved < 0.02 && turned < 0.02, "{moved} {turned}");
+}
+
+#[test]
+fn motion_in_the_exposure_smears_about_its_middle() {
+    let mut setup = setup(|c| c.dark_sd = 0.0);
+    // 4 ms at 2 rad/s: 2.6 px.
+    let (view, deck) = (view(3.0, 0.0, [0.0; 3], [0.0, 2.0, 0.0]), deck([0.0; 3]));
+    let image = setup
+        .renderer
+        .image(&shot(&view, &deck, 0.004))
+        .expect("an image");
+    let pose = setup.node.look(&image).expect("seen");
+    let (moved, _) = errors(&pose, &view, &deck);
+    assert!(moved < 0.01, "{moved}");
+    let smeared = setup.renderer.image(&shot(&view, &deck, 0.08)).expect("an image");
+    assert_eq!(setup.node.look(&smeared), None, "51 px of smear");
+}
+
+#[test]
+fn glare_partial_view_and_the_sea_alone_show_no_tag() {
+    let mut setup = setup(|c| c.glare = 0.0);
+    let level = deck([0.0; 3]);
+    for view in [
+        view(0.6, 0.0, [0.0; 3], [0.0; 3]),
+        view(3.0, 3.0, [0.0; 3], [0.0; 3]),
+        view(10.0, 40.0, [0.0; 3], [0.0; 3]),
+    ] {
+        let image = setup
+            .renderer
+            .image(&shot(&view, &level, 0.004))
+            .expect("an image");
+        assert_eq!(setup.node.look(&image), None);
+    }
+    // A mirror that shows the sun to the camera: the sun is behind the drone.
+    let sun = Vector3::new(0.5, 0.0, -0.75_f64.sqrt());
+    setup.renderer.lit_from(Vector::from(sun));
+    let from_sun = view_along(&sun);
+    setup.renderer.config.glare = 40.0;
+    setup.renderer.config.glare_sd_deg = 20.0;
+    let image = setup
+        .renderer
+        .image(&shot(&from_sun, &level, 0.004))
+        .expect("an image");
+    let shining = image.pixels().iter().filter(|p| **p == 255).count();
+    assert!(shining > 3000, "{shining}");
+    assert_eq!(setup.node.look(&image), None);
+}
+
+/// A camera that looks straight down from where the deck mirrors the sun.
+fn view_along(sun: &Vector3<f64>) -> View {
+    let height = 4.0;
+    let away = -sun.xy() / -sun.z * height;
+    let mut v = view(height, 0.0, [0.0; 3], [0.0; 3]);
+    v.centre = Point::new(away.x, away.y, -height);
+    v
+}

@@ -1,0 +1,117 @@
+//! Images of the ultraviolet camera: dark, but for the deck's blinking markers and glints on the water.
+
+use alight_uav::camera::Grey;
+use alight_uav::camera::uvdar::UvdarSettings;
+use alight_uav::camera::uvdar::blink::Code;
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+
+use super::Shot;
+use crate::sensors::noise::Noise;
+use crate::streams::Streams;
+
+/// Light of a marker at 1 m, grey levels times pixels (ours: seen to 35 m above the threshold).
+const LIGHT: f64 = 6e5;
+/// Standard deviation of a spot, px.
+const SPOT_SD_PX: f64 = 1.0;
+/// Furthest pixel that a spot's light reaches.
+const REACH_PX: i64 = 6;
+/// The sensor's noise, grey levels.
+const NOISE_SD: f64 = 3.0;
+/// Its black level.
+const BLACK: f64 = 8.0;
+
+/// The camera and the markers as they are.
+#[derive(Clone, Debug)]
+pub struct Ultraviolet {
+    settings: UvdarSettings,
+    codes: Vec<Code>,
+    uv_from_belly: UnitQuaternion<f64>,
+    /// The markers' clock against the camera's, bits; and how much faster it runs.
+    phase: f64,
+    faster: f64,
+    /// Glints in an image.
+    glints: usize,
+    noise: Noise,
+    normals: Vec<f32>,
+}
+
+impl Ultraviolet {
+    /// Those of a seed, with so many glints an image.
+    pub fn new(settings: &UvdarSettings, glints: usize, streams: &Streams) -> Ultraviolet {
+        let mut noise = Noise::new(streams, "drone.ultraviolet");
+        Ultraviolet {
+            codes: settings.parsed(),
+            uv_from_belly: settings.belly_from_uv().inverse(),
+            phase: 1000.0 * noise.uniform(),
+            faster: 1e-5 * noise.normal(),
+            glints,
+            normals: (0..super::DRAWS).map(|_| noise.normal() as f32).collect(),
+            noise,
+            settings: settings.clone(),
+        }
+    }
+    /// Share of the exposure in which the marker `k` is lit.
+    fn lit(&self, k: usize, shot: &Shot) -> f64 {
+        let Some(code) = self.codes.get(k) else { return 0.0 };
+        let bits = |s: f64| (shot.t.secs() + s) * self.settings.rate_hz * (1.0 + self.faster) + self.phase;
+        let parts = 4;
+        let lit = |i: i32| {
+            let s = ((f64::from(i) + 0.5) / f64::from(parts) - 0.5) * shot.exposure_s;
+            f64::from(u8::from(code.lit(bits(s).max(0.0) as u64)))
+        };
+        (0..parts).map(lit).sum::<f64>() / f64::from(parts)
+    }
+    /// The image; None for a size that the configuration's check refuses.
+    pub fn image(&mut self, shot: &Shot) -> Option<Grey> {
+        let lens = &self.settings.lens;
+        let (width, height) = (lens.width_px as usize, lens.height_px as usize);
+        let mut light = vec![0.0_f32; width * height];
+        let centre = shot.view.sees(shot.deck.position);
+        let axes = shot.view.camera_from_world * shot.deck.attitude;
+        let above = axes.down().0.dot(&centre) > 0.0;
+        for (k, marker) in self.settings.markers_m.iter().enumerate() {
+            let belly = axes.0 * Vector3::from(*marker) + centre - Vector3::from(self.settings.offset_m);
+            let seen = self.uv_from_belly * belly;
+            let range = seen.norm().max(0.3);
+            if let (true, Some(px)) = (above, lens.project(&seen)) {
+                spot(&mut light, width, px, LIGHT / (range * range) * self.lit(k, shot));
+            }
+        }
+        for _ in 0..self.glints {
+            let place = Vector2::new(
+                self.noise.uniform() * width as f64,
+                self.noise.uniform() * height as f64,
+            );
+            let strength = 3000.0 * self.noise.uniform().powi(3);
+            spot(&mut light, width, place, strength);
+        }
+        let mut at = (self.noise.uniform() * super::DRAWS as f64) as usize;
+        let stride = 2 * (self.noise.uniform() * (super::DRAWS / 2) as f64) as usize + 1;
+        let pixels = light.iter().map(|l| {
+            at = (at + stride) & (super::DRAWS - 1);
+            let noise = self.normals.get(at).copied().unwrap_or(0.0) * NOISE_SD as f32;
+            (l + BLACK as f32 + noise).clamp(0.0, 255.0) as u8
+        });
+        Grey::new(width, height, pixels.collect()).ok()
+    }
+}
+
+/// Adds a Gaussian spot.
+fn spot(light: &mut [f32], width: usize, px: Vector2<f64>, strength: f64) {
+    let (column, row) = (px.x.round() as i64, px.y.round() as i64);
+    let norm = strength / (core::f64::consts::TAU * SPOT_SD_PX * SPOT_SD_PX);
+    for y in row - REACH_PX..=row + REACH_PX {
+        for x in column - REACH_PX..=column + REACH_PX {
+            let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else {
+                continue;
+            };
+            if x >= width {
+                continue;
+            }
+            if let Some(out) = light.get_mut(y * width + x) {
+                let d2 = (x as f64 - px.x).powi(2) + (y as f64 - px.y).powi(2);
+                *out += (norm * (-0.5 * d2 / (SPOT_SD_PX * SPOT_SD_PX)).exp()) as f32;
+            }
+        }
+    }
+}

@@ -1,0 +1,329 @@
+//! What the belly camera sees of the tag in rendered images, beside the measurement model that stands
+//! for it in lock-step: range, incidence, blur, glare, false sightings.
+
+use alight_shared::frames::{Camera, Deck, Point, Rotation, TrueNed, Vector};
+use alight_shared::geometry::DeckGeometry;
+use alight_shared::msg::TagPose;
+use alight_shared::time::Time;
+use alight_uav::camera::node::Names;
+use alight_uav::camera::{CameraNode, CameraSettings, Grey};
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
+use serde::Serialize;
+
+use crate::body::RigidState;
+use crate::sensors::SensorConfig;
+use crate::sensors::camera::View;
+use crate::sensors::noise::Noise;
+use crate::sensors::render::{Renderer, Shot};
+use crate::sensors::square_pose::corners;
+use crate::sensors::tag::TagDetector;
+use crate::streams::Streams;
+
+/// One cell of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Condition {
+    /// From the camera to the tag's centre, m.
+    pub range_m: f64,
+    /// Between the line of sight and the tag's normal, deg.
+    pub incidence_deg: f64,
+    /// Motion in the image during the exposure, px.
+    pub blur_px: f64,
+    /// The sun's mirror image, as a share of white.
+    pub glare: f64,
+}
+
+impl Default for Condition {
+    /// The easiest one.
+    fn default() -> Self {
+        Condition {
+            range_m: 4.0,
+            incidence_deg: 20.0,
+            blur_px: 0.5,
+            glare: 0.0,
+        }
+    }
+}
+
+/// How well poses were measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Quality {
+    /// Share of the images in which the tag was seen.
+    pub rate: f64,
+    /// Mean position error, m.
+    pub position_m: f64,
+    /// 95 % of position errors are smaller, m.
+    pub position_p95_m: f64,
+    /// Mean error of the distance, m; positive: too far.
+    pub range_bias_m: f64,
+    /// Mean attitude error, deg.
+    pub attitude_deg: f64,
+    /// 95 % of attitude errors are smaller, deg.
+    pub attitude_p95_deg: f64,
+    /// Squared error over stated variance, mean of the three axes of position; 1 when consistent.
+    pub nees_position: f64,
+    /// The same of attitude.
+    pub nees_attitude: f64,
+}
+
+/// One row: what was seen in pixels, and what the model says.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Where.
+    pub condition: Condition,
+    /// Images.
+    pub images: usize,
+    /// The node on rendered images.
+    pub pixels: Quality,
+    /// The measurement model.
+    pub model: Quality,
+    /// Root mean square error of a corner's coordinate in the images, px.
+    pub corner_rms_px: f64,
+    /// Mean of corners' errors, px: right, down.
+    pub corner_bias_px: [f64; 2],
+}
+
+/// The camera, its node and its model.
+pub struct Bench {
+    renderer: Renderer,
+    node: CameraNode,
+    model: TagDetector,
+    sensors: SensorConfig,
+    deck: DeckGeometry,
+    draw: Noise,
+}
+
+impl Bench {
+    /// Everything of one seed; `sensors` is the camera as it is.
+    pub fn new(sensors: &SensorConfig, settings: &CameraSettings, deck: &DeckGeometry, seed: u64) -> Bench {
+        let streams = Streams::new(seed);
+        let names = Names {
+            vessel: 1,
+            drone: 1,
+            boot: 1,
+        };
+        Bench {
+            renderer: Renderer::new(&sensors.render, deck, &streams),
+            node: CameraNode::new(settings, deck.tag_side_m, names),
+            model: TagDetector::new(&sensors.tag, deck, &streams),
+            sensors: sensors.clone(),
+            deck: *deck,
+            draw: Noise::new(&streams, "study.camera"),
+        }
+    }
+
+    fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.draw.uniform()
+    }
+
+    /// A camera that looks at the tag, up to 10 deg off its axis but wholly in the image where it fits,
+    /// from anywhere around it.
+    pub fn shot(&mut self, c: &Condition) -> Shot {
+        let turn = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
+        let yaw = self.within(-3.1, 3.1);
+        let tilt_about = self.within(-3.1, 3.1);
+        let tilt = self.within(0.0, 0.2);
+        let deck = RigidState::<Deck> {
+            position: Point::new(0.0, 0.0, -1.3),
+            attitude: Rotation::from(
+                turn(Vector3::new(tilt_about.cos(), tilt_about.sin(), 0.0), tilt) * turn(Vector3::z(), yaw),
+            ),
+            ..Default::default()
+        };
+        let centre = deck.at::<Deck>(Vector3::from(self.deck.tag_centre_m)).position;
+        // From the tag to the camera: its upward normal, leaned by the incidence.
+        let about = self.within(-3.1, 3.1);
+        let lean = turn(
+            Vector3::new(about.cos(), about.sin(), 0.0),
+            c.incidence_deg.to_radians(),
+        );
+        let away = (deck.attitude * Vector::<Deck>::from(lean * -Vector3::z())).0;
+        let from = centre.0 + away * c.range_m;
+        // The optical axis at the tag, then a little off, and any side up.
+        let axis = -away;
+        let side = axis.cross(&Vector3::new(0.3, 0.9, 0.1)).normalize();
+        let world_from_camera = Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&[
+            side,
+            axis.cross(&side),
+            axis,
+        ]));
+        let roll = turn(Vector3::z(), self.within(-3.1, 3.1));
+        // Half the image's height less half the tag, as an angle.
+        let half = 0.5 * self.sensors.tag.height_px / self.sensors.render.lens.focal_px[1];
+        let room = (half - 0.75 * self.deck.tag_side_m / c.range_m).clamp(0.0, 0.17);
+        let off = turn(
+            Vector3::new(self.within(-room, room), self.within(-room, room), 0.0),
+            1.0,
+        );
+        let camera_from_world =
+            off * roll * UnitQuaternion::from_rotation_matrix(&world_from_camera.inverse());
+        let exposure_s = self.sensors.tag.exposure_s;
+        let heading = self.within(-3.1, 3.1);
+        let rate = c.blur_px / (exposure_s.max(1e-6) * self.sensors.render.lens.focal_px[0]);
+        self.renderer_light(c, &deck, away);
+        let t = Time::from_nanos((self.within(0.0, 600.0) * 1e9) as i64);
+        Shot {
+            t,
+            at: Time::from_nanos(t.nanos()),
+            exposure_s,
+            view: View {
+                centre: Point::from(from),
+                velocity: Vector::zero(),
+                camera_from_world: Rotation::from(camera_from_world),
+                rates: Vector::new(rate * heading.cos(), rate * heading.sin(), 0.0),
+            },
+            deck,
+        }
+    }
+
+    /// A sun whose mirror image in the deck is near the tag as the camera sees it.
+    fn renderer_light(&mut self, c: &Condition, deck: &RigidState<Deck>, away: Vector3<f64>) {
+        if !(c.glare > 0.0) {
+            return;
+        }
+        let normal = deck.attitude.down().0;
+        // The ray to the camera, mirrored: where light has to come from.
+        let from = -(away - normal * (2.0 * away.dot(&normal)));
+        let off = Vector3::new(self.draw.normal(), self.draw.normal(), self.draw.normal()) * 0.1;
+        let sun = UnitQuaternion::from_scaled_axis(off) * from;
+        self.renderer.lit_from(Vector::<TrueNed>::from(sun));
+    }
+
+    /// The rendered image.
+    pub fn image(&mut self, shot: &Shot) -> Option<Grey> {
+        self.renderer.image(shot)
+    }
+    /// The node.
+    pub fn node(&mut self) -> &mut CameraNode {
+        &mut self.node
+    }
+
+    /// `images` of a condition.
+    pub fn row(&mut self, condition: &Condition, images: usize) -> Row {
+        self.renderer.set_glare(condition.glare);
+        let (mut pixels, mut model) = (Tally::default(), Tally::default());
+        let (mut square, mut sum, mut count) = (0.0, Vector2::zeros(), 0.0);
+        for _ in 0..images {
+            let shot = self.shot(condition);
+            let truth = Truth::of(&shot, &self.deck);
+            let sighting = self.image(&shot).and_then(|image| self.node.find(&image));
+            if let Some(seen) = &sighting {
+                for (corner, at) in seen.corners.iter().zip(corners(self.deck.tag_side_m)) {
+                    let p = truth.attitude.0 * at + truth.position;
+                    if let Some(px) = self.sensors.render.lens.project(&p) {
+                        let e = corner - px;
+                        square += 0.5 * e.norm_squared();
+                        sum += e;
+                        count += 1.0;
+                    }
+                }
+            }
+            let pose = sighting.and_then(|s| self.node.judge(&s));
+            pixels.add(pose.as_ref(), &truth);
+            let modelled = self.model.sight(shot.t, &shot.view, &shot.deck);
+            model.add(modelled.as_ref(), &truth);
+        }
+        Row {
+            condition: *condition,
+            images,
+            pixels: pixels.quality(),
+            model: model.quality(),
+            corner_rms_px: (square / f64::max(count, 1.0)).sqrt(),
+            corner_bias_px: (sum / f64::max(count, 1.0)).into(),
+        }
+    }
+
+    /// Sightings in images without a tag, over as many images of the sea and of a bare deck.
+    pub fn false_sightings(&mut self, images: usize) -> usize {
+        let bare = DeckGeometry {
+            tag_side_m: 0.02,
+            ..self.deck
+        };
+        let streams = Streams::new(self.draw.uniform().to_bits());
+        let mut renderer = Renderer::new(&self.sensors.render, &bare, &streams);
+        let mut found = 0;
+        for k in 0..images {
+            let condition = Condition {
+                range_m: self.within(1.5, 30.0),
+                incidence_deg: self.within(0.0, 60.0),
+                blur_px: self.within(0.0, 2.0),
+                glare: 0.0,
+            };
+            let mut shot = self.shot(&condition);
+            if k % 2 == 0 {
+                // The deck far away: the sea alone.
+                shot.deck.position = Point::new(1e4, 1e4, -1.3);
+            }
+            if let Some(image) = renderer.image(&shot) {
+                found += usize::from(self.node.look(&image).is_some());
+            }
+        }
+        found
+    }
+}
+
+struct Truth {
+    position: Vector3<f64>,
+    attitude: Rotation<Camera, Deck>,
+}
+
+impl Truth {
+    fn of(shot: &Shot, deck: &DeckGeometry) -> Truth {
+        let centre = shot.deck.at::<Deck>(Vector3::from(deck.tag_centre_m)).position;
+        Truth {
+            position: shot.view.sees(centre),
+            attitude: shot.view.camera_from_world * shot.deck.attitude,
+        }
+    }
+}
+
+#[derive(Default)]
+struct Tally {
+    images: usize,
+    position: Vec<f64>,
+    attitude: Vec<f64>,
+    bias: f64,
+    nees: [f64; 2],
+}
+
+impl Tally {
+    fn add(&mut self, pose: Option<&TagPose>, truth: &Truth) {
+        self.images += 1;
+        let Some(pose) = pose else { return };
+        let [w, x, y, z] = pose.attitude;
+        let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+        let moved = Vector3::from(pose.position) - truth.position;
+        let turned = (seen * truth.attitude.0.inverse()).scaled_axis();
+        self.position.push(moved.norm());
+        self.attitude.push(turned.norm().to_degrees());
+        self.bias += moved.dot(&truth.position.normalize());
+        for i in 0..3 {
+            self.nees[0] += moved[i].powi(2) / pose.variance[i] / 3.0;
+            self.nees[1] += turned[i].powi(2) / pose.variance[i + 3] / 3.0;
+        }
+    }
+    fn quality(mut self) -> Quality {
+        let seen = self.position.len();
+        if seen == 0 {
+            return Quality::default();
+        }
+        let n = seen as f64;
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / n;
+        let (position_m, attitude_deg) = (mean(&self.position), mean(&self.attitude));
+        let p95 = |v: &mut Vec<f64>| {
+            v.sort_by(f64::total_cmp);
+            v.get(((0.95 * n).ceil() as usize).clamp(1, seen) - 1)
+                .copied()
+                .unwrap_or(f64::NAN)
+        };
+        Quality {
+            rate: n / self.images as f64,
+            position_m,
+            position_p95_m: p95(&mut self.position),
+            range_bias_m: self.bias / n,
+            attitude_deg,
+            attitude_p95_deg: p95(&mut self.attitude),
+            nees_position: self.nees[0] / n,
+            nees_attitude: self.nees[1] / n,
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! What the ultraviolet camera's node makes of rendered markers on a rocking deck, by range.
+
+use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
+use alight_shared::time::Time;
+use alight_uav::camera::node::Names;
+use alight_uav::camera::uvdar::{UvdarNode, UvdarSettings};
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::body::RigidState;
+use crate::sensors::camera::{CameraMount, body_from_camera};
+use crate::sensors::noise::Noise;
+use crate::sensors::render::Shot;
+use crate::sensors::render::ultraviolet::Ultraviolet;
+use crate::streams::Streams;
+
+/// Images of one flight: 4 s at 20 Hz.
+const IMAGES: usize = 80;
+/// The first of them, in which codes are still being read, do not count.
+const FIRST: usize = 20;
+/// A fix that is further off than this share of the range was made from wrong markers.
+const WILD: f64 = 0.5;
+
+/// One row.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct UvdarRow {
+    /// From the camera to the deck's centre, m.
+    pub range_m: f64,
+    /// Images that count.
+    pub images: usize,
+    /// Share of them with a fix.
+    pub rate: f64,
+    /// Root mean square error of the direction, each of two axes, deg.
+    pub bearing_deg: f64,
+    /// Root mean square error of the distance, as a share of it.
+    pub distance: f64,
+    /// Mean of the same: positive is too far.
+    pub distance_bias: f64,
+    /// Squared error over stated variance, mean of three axes; 1 when consistent.
+    pub nees: f64,
+    /// Fixes off by more than half the range.
+    pub wild: usize,
+}
+
+/// `flights` past a deck at `range_m`, with so many glints in each image.
+pub fn row(settings: &UvdarSettings, range_m: f64, glints: usize, flights: usize, seed: u64) -> UvdarRow {
+    let names = Names {
+        vessel: 1,
+        drone: 1,
+        boot: 1,
+    };
+    let mount = CameraMount {
+        position: Vector3::zeros(),
+        attitude: body_from_camera(),
+    };
+    let mut draw = Noise::new(&Streams::new(seed), "study.uvdar");
+    let (mut fixes, mut sums, mut row) = (0.0, [0.0; 4], UvdarRow::default());
+    for flight in 0..flights {
+        let streams = Streams::new(seed.wrapping_mul(1000).wrapping_add(flight as u64));
+        let mut camera = Ultraviolet::new(settings, glints, &streams);
+        let mut node = UvdarNode::new(settings, names);
+        let mut between = |low: f64, high: f64| low + (high - low) * draw.uniform();
+        // Between 20 and 75 deg above the horizon as the deck sees it, ahead of the drone.
+        let up = between(0.35, 1.3);
+        let (bearing, heading, phase) = (between(-3.1, 3.1), between(-3.1, 3.1), between(0.0, 6.2));
+        let [speed, rock] = [between(0.0, 2.0), between(0.02, 0.12)];
+        let begin = between(0.0, 600.0);
+        for k in 0..IMAGES {
+            let s = k as f64 / settings.rate_hz;
+            let wave = |shift: f64, period: f64| (core::f64::consts::TAU * s / period + phase + shift).sin();
+            let deck = RigidState::<Deck> {
+                position: Point::new(0.0, 0.0, -1.3 + 0.3 * wave(1.0, 5.0)),
+                attitude: Rotation::from_euler(rock * wave(0.0, 5.0), rock * wave(2.0, 4.0), heading),
+                ..Default::default()
+            };
+            let along = Vector3::new(bearing.cos(), bearing.sin(), 0.0);
+            let side = Vector3::new(-bearing.sin(), bearing.cos(), 0.0);
+            let from = -along * (range_m * up.cos()) - Vector3::z() * (range_m * up.sin())
+                + side * (speed * (s - 2.0));
+            let drone = RigidState::<DroneBody> {
+                position: Point::from(from + Vector3::new(0.0, 0.0, -1.3)),
+                velocity: Vector::from(side * speed),
+                attitude: Rotation::from_euler(0.05 * wave(0.5, 2.0), 0.05 * wave(1.5, 2.3), bearing),
+                ..Default::default()
+            };
+            let t = Time::from_nanos(((begin + s) * 1e9) as i64);
+            let at = Time::from_nanos(t.nanos());
+            let view = mount.view(&drone);
+            let shot = Shot {
+                t,
+                at,
+                exposure_s: 0.004,
+                view,
+                deck,
+            };
+            let fix = camera.image(&shot).and_then(|image| node.look(at, &image));
+            if k < FIRST {
+                continue;
+            }
+            row.images += 1;
+            let Some(fix) = fix else { continue };
+            let truth = view.sees(deck.position);
+            let e = Vector3::from(fix.position) - truth;
+            if e.norm() > WILD * truth.norm() {
+                row.wild += 1;
+                continue;
+            }
+            fixes += 1.0;
+            let along = truth.normalize();
+            let far = e.dot(&along) / truth.norm();
+            let aside = (e - along * e.dot(&along)).norm_squared() / truth.norm_squared();
+            sums[0] += 0.5 * aside;
+            sums[1] += far * far;
+            sums[2] += far;
+            sums[3] += (0..3).map(|i| e[i].powi(2) / fix.variance[i]).sum::<f64>() / 3.0;
+        }
+    }
+    let n = f64::max(fixes, 1.0);
+    UvdarRow {
+        range_m,
+        rate: fixes / row.images.max(1) as f64,
+        bearing_deg: (sums[0] / n).sqrt().to_degrees(),
+        distance: (sums[1] / n).sqrt(),
+        distance_bias: sums[2] / n,
+        nees: sums[3] / n,
+        ..row
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn markers_are_known_among_glints_and_the_deck_is_where_it_is() {
+        let row = row(&UvdarSettings::default(), 12.0, 10, 4, 3);
+        assert!(row.rate > 0.5, "{row:?}");
+        assert!(row.bearing_deg < 0.5 && row.distance < 0.15, "{row:?}");
+        assert_eq!(row.wild, 0, "{row:?}");
+    }
+
+    #[test]
+    fn glints_alone_are_no_deck() {
+        // A camera that looks up.
+        let lost = UvdarSettings {
+            tilt_down_deg: -90.0,
+            ..UvdarSettings::default()
+        };
+        let row = row(&lost, 20.0, 60, 4, 5);
+        assert_eq!((row.rate, row.wild), (0.0, 0), "{row:?}");
+    }
+}
