@@ -152,7 +152,8 @@ impl Air {
             | ProcessKind::Mission
             | ProcessKind::Planner
             | ProcessKind::Pilot
-            | ProcessKind::Autopilot => 1,
+            | ProcessKind::Autopilot
+            | ProcessKind::Camera => 1,
         };
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }

@@ -62,6 +62,8 @@ pub enum LiveVerb {
     Sensors(SensorsArgs),
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
     Autopilot(AutopilotArgs),
+    /// Process of the drone: the belly camera's images, and the tag in them.
+    Camera(CameraArgs),
     /// Process of the simulation: both vehicles, in real time.
     #[cfg(feature = "live")]
     World(WorldArgs),
@@ -282,6 +284,20 @@ pub struct ProcessArgs {
     /// End when standard input closes: a supervisor that dies takes its processes with it
     #[arg(long, hide = true)]
     pub supervised: bool,
+}
+
+/// The drone's camera.
+#[derive(Args, Debug)]
+pub struct CameraArgs {
+    /// The process.
+    #[command(flatten)]
+    pub process: ProcessArgs,
+    /// Where images come from, in the place of the configuration's camera.source
+    #[arg(long, value_name = "SOURCE")]
+    pub source: Option<String>,
+    /// Look at what the source has without the drone's other processes, and print each sighting (JSON)
+    #[arg(long)]
+    pub print: bool,
 }
 
 /// The vessel's real sensors.

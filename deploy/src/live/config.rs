@@ -21,6 +21,7 @@ use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
 
+use super::camera_source::CameraSource;
 use super::drone::Supervision;
 use super::link::Impaired;
 #[cfg(feature = "live")]
@@ -135,6 +136,8 @@ pub struct DroneComputer {
     pub autopilot: AutopilotLinkConfig,
     /// Its bridge.
     pub bridge: BridgeConfig,
+    /// Where its camera's images come from.
+    pub camera: CameraSource,
     /// How its processes are run.
     pub supervision: Supervision,
     /// Its other nodes.
@@ -156,6 +159,7 @@ impl Default for DroneComputer {
             relay: None,
             autopilot: AutopilotLinkConfig::default(),
             bridge: BridgeConfig::default(),
+            camera: CameraSource::default(),
             supervision: Supervision::default(),
             drone: DroneSettings::default(),
         }
@@ -182,6 +186,7 @@ impl Check for DroneComputer {
         }
         self.autopilot.check(&at.table("autopilot"))?;
         self.bridge.check(&at.table("bridge"))?;
+        self.camera.check(&at.table("camera"))?;
         self.supervision.check(&at.table("supervision"))?;
         self.drone.check(&at.table("drone"))
     }

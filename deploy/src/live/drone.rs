@@ -89,6 +89,7 @@ impl Supervision {
             | ProcessKind::Bridge
             | ProcessKind::Predictor
             | ProcessKind::Mission
+            | ProcessKind::Camera
             | ProcessKind::Link
             | ProcessKind::Sensors => return Vec::new(),
         };
@@ -139,7 +140,10 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     owned.ready()?;
     let mut onlooker = Onlooker::join(&memory)?;
     let mut supervisor = Supervisor::new(owned.instance().directory(), args.log.clone()).journalled();
-    let kinds = computer.supervision.processes();
+    let mut kinds = computer.supervision.processes();
+    if computer.camera.is_there() {
+        kinds.push(ProcessKind::Camera);
+    }
     for &kind in &kinds {
         let before = computer.supervision.before(kind, realtime);
         supervisor.start(kind, args.config.clone(), before)?;

@@ -62,11 +62,25 @@ const AUTOPILOT: [(&str, Unit); 6] = [
     ("set-points sent", Unit::Count),
     ("link opened again", Unit::Count),
 ];
-const WORLD: [(&str, Unit); 4] = [
+/// Of the camera, in the order of its process.
+const CAMERA: [(&str, Unit); 10] = [
+    ("images", Unit::Count),
+    ("with the tag", Unit::Count),
+    ("other tags", Unit::Count),
+    ("too faint", Unit::Count),
+    ("misshapen", Unit::Count),
+    ("without a pose", Unit::Count),
+    ("of another size", Unit::Count),
+    ("exposure to sighting p50", Unit::Time),
+    ("exposure to sighting p99", Unit::Time),
+    ("source opened again", Unit::Count),
+];
+const WORLD: [(&str, Unit); 5] = [
     ("latest tick", Unit::Time),
     ("late ticks", Unit::Count),
     ("time since the start", Unit::Time),
     ("slices left unanswered", Unit::Count),
+    ("images never rendered", Unit::Count),
 ];
 
 fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
@@ -76,6 +90,7 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
         ProcessKind::Pilot => own(&PILOT),
         ProcessKind::World => own(&WORLD),
         ProcessKind::Autopilot => own(&AUTOPILOT),
+        ProcessKind::Camera => own(&CAMERA),
         ProcessKind::Bridge => {
             let mut all: Vec<(String, Unit)> = own(&BRIDGE);
             all.extend(

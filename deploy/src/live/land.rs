@@ -26,6 +26,7 @@ use serde::Serialize;
 
 use super::air::{Air, Watch};
 use super::args::LandArgs;
+use super::camera_source::CameraSource;
 use super::config::{DroneComputer, SimulatedWorld, VesselComputer};
 use super::drone::Supervision;
 use super::fault::Fault;
@@ -280,6 +281,7 @@ impl Arrangement {
                 ..AutopilotLinkConfig::default()
             },
             bridge: scene.nodes.bridge.clone(),
+            camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
             supervision: Supervision::default(),
             drone: scene.nodes.drone.clone(),
         };
@@ -378,7 +380,9 @@ impl<'a> Landing<'a> {
         plan.air.start(&mut supervisor)?;
         for kind in ProcessKind::ALL {
             let config = match kind {
-                ProcessKind::Link | ProcessKind::Autopilot | ProcessKind::Sensors => continue,
+                ProcessKind::Link | ProcessKind::Autopilot | ProcessKind::Sensors | ProcessKind::Camera => {
+                    continue;
+                }
                 ProcessKind::Vessel => &plan.vessel_file,
                 ProcessKind::World => &plan.world,
                 ProcessKind::Bridge
@@ -388,6 +392,10 @@ impl<'a> Landing<'a> {
                 | ProcessKind::Pilot => &plan.drone_file,
             };
             supervisor.start(kind, config.clone(), plan.air.enter(kind))?;
+        }
+        if plan.drone.camera.is_there() {
+            let kind = ProcessKind::Camera;
+            supervisor.start(kind, plan.drone_file.clone(), plan.air.enter(kind))?;
         }
         if args.autopilot != AutopilotKind::Internal {
             let kind = ProcessKind::Autopilot;

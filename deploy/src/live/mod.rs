@@ -17,6 +17,8 @@ mod autopilot_url;
 mod autopilot_wire;
 mod bridge;
 mod calibrate;
+mod camera;
+mod camera_source;
 mod check;
 mod command;
 #[cfg(feature = "live")]
@@ -53,6 +55,8 @@ mod namespaces;
 mod notify;
 #[cfg(feature = "live")]
 mod packets;
+#[cfg(feature = "live")]
+mod painter;
 mod pilot;
 mod planner;
 #[cfg(feature = "live")]
@@ -115,6 +119,7 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::Pilot(a) => shell::run::<pilot::PilotShell>(a),
         LiveVerb::Autopilot(a) => autopilot::run(a),
         LiveVerb::Sensors(a) => sources::run(a),
+        LiveVerb::Camera(a) => camera::run(a),
         #[cfg(feature = "live")]
         LiveVerb::World(a) => world::run(a),
         #[cfg(feature = "live")]

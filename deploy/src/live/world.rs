@@ -23,6 +23,7 @@ use super::follow::Followed;
 use super::instance::owner;
 use super::interface::autopilot::SimulatedAutopilot;
 use super::interface::sensors::{Readings, SimulatedSensors};
+use super::painter::Painter;
 use super::plant::Plant;
 use super::process::{Life, draw_boot, recorder};
 use super::truth::Truth;
@@ -98,6 +99,7 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
             mission,
             forecasts,
             state,
+            painter,
             ..
         } = &mut computer;
         // The truth at `t` is made and measured when the computer's clock reads `t`.
@@ -134,6 +136,9 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
         });
         if let Some(flight) = physics.flight() {
             autopilot.say_seen(&flight.seen);
+            if let Some(painter) = painter {
+                painter.take(&flight.seen.shots);
+            }
             if plant.is_none() {
                 autopilot.say(&flight);
             }
@@ -155,7 +160,8 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
         phase = mission.newest(drone_ns).unwrap_or(phase);
         let unanswered = plant.as_ref().map_or(0, Plant::late) as f64;
         let t_s = physics.time_since_start().secs();
-        life.figures = Seq::filled([latest_s, f64::from(late_ticks), t_s, unanswered]);
+        let lost = painter.as_ref().map_or(0, Painter::lost) as f64;
+        life.figures = Seq::filled([latest_s, f64::from(late_ticks), t_s, unanswered, lost]);
         history.see(&physics, t_s, &phase);
         followed.see(t_s, TICK.secs(), phase.state);
         if world.follow_s.is_some_and(|f| t_s >= f) {
@@ -219,6 +225,8 @@ struct DroneSide {
     mission: Subscriber<MissionState>,
     forecasts: Subscriber<DeckForecast>,
     state: Publisher<ProcessState>,
+    /// The simulated camera, where images are rendered.
+    painter: Option<Painter>,
 }
 
 impl DroneSide {
@@ -235,6 +243,7 @@ impl DroneSide {
             mission: memory.subscriber()?,
             forecasts: memory.subscriber()?,
             state: memory.publisher()?,
+            painter: Painter::of(instance, &world.scenario, world.seed)?,
             memory,
         })
     }

@@ -20,6 +20,7 @@ use crate::msg::{self, MESSAGE_VERSION};
 use crate::time::DroneClock;
 use crate::topics::Topic;
 use crate::transport::TransportError;
+use crate::transport::images::{self, ImagePublisher, ImageSubscriber};
 use crate::transport::intake::Intake;
 use crate::transport::plain::Plain;
 use crate::transport::process::ProcessState;
@@ -126,7 +127,10 @@ pub struct Memory {
 /// A name that only processes of the same program share: the version of the messages' layout and of
 /// the package are part of it.
 fn service_name(topic: &Topic) -> Result<ServiceName, TransportError> {
-    let name = format!("{}/m{MESSAGE_VERSION}/{}", topic.name, env!("CARGO_PKG_VERSION"));
+    named(topic.name)
+}
+fn named(name: &str) -> Result<ServiceName, TransportError> {
+    let name = format!("{name}/m{MESSAGE_VERSION}/{}", env!("CARGO_PKG_VERSION"));
     ServiceName::new(&name).map_err(|e| TransportError::because(format!("naming the service {name}"), e))
 }
 
@@ -235,6 +239,14 @@ impl Memory {
             intake: Intake::new(T::TOPIC),
         })
     }
+    /// A publisher of images of at most `pixels`.
+    pub fn image_publisher(&self, pixels: usize) -> Result<ImagePublisher, TransportError> {
+        ImagePublisher::open(&self.node, &named(images::NAME)?, pixels)
+    }
+    /// A subscriber to images.
+    pub fn image_subscriber(&self) -> Result<ImageSubscriber, TransportError> {
+        ImageSubscriber::open(&self.node, &named(images::NAME)?)
+    }
     /// Wakes up when a message `T` is published.
     pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
         let doing = || format!("listening for {}", T::TOPIC.name);
@@ -258,12 +270,17 @@ type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 /// All services of an instance, held open by the one process that creates them.
 pub struct Services {
     held: Vec<Held>,
+    /// That of images, which are no messages.
+    _images: images::Held,
 }
 
 impl Services {
     /// Creates the service of every topic of shared memory.
     pub fn create(memory: &Memory) -> Result<Services, TransportError> {
-        let mut services = Services { held: Vec::new() };
+        let mut services = Services {
+            held: Vec::new(),
+            _images: images::Held::create(&memory.node, &named(images::NAME)?)?,
+        };
         macro_rules! each {
             ($($ty:ty),* $(,)?) => { $(services.add::<$ty>(memory)?;)* };
         }

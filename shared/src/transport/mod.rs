@@ -3,10 +3,11 @@
 //! either middleware, and nothing else of Alight holds `unsafe` code.
 //!
 //! Read in this order: [`clock`], [`plain`] (what may lie in shared memory, and on which topic),
-//! [`memory`], [`wake`], [`process`] (what a process says about itself), [`radio`], [`relay`] (plain sockets beside both).
+//! [`memory`], [`images`], [`wake`], [`process`] (what a process says about itself), [`radio`], [`relay`] (plain sockets beside both).
 
 pub mod access;
 pub mod clock;
+pub mod images;
 pub mod intake;
 pub mod memory;
 pub mod plain;

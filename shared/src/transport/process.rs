@@ -67,6 +67,8 @@ pub enum ProcessKind {
     Autopilot,
     /// The vessel's real sensors.
     Sensors,
+    /// The belly camera's images.
+    Camera,
 }
 
 impl ProcessKind {
@@ -101,6 +103,7 @@ impl ProcessKind {
             ProcessKind::Link => "link",
             ProcessKind::Autopilot => "autopilot",
             ProcessKind::Sensors => "sensors",
+            ProcessKind::Camera => "camera",
         }
     }
 }

@@ -149,6 +149,9 @@ pub struct Facts {
     pub dialled: Vec<(String, Reach)>,
     /// The autopilot's link as configured, and whether it can be had; None where none is.
     pub autopilot: Option<(String, Result<Reach, String>)>,
+    /// The camera's source as configured, whether it can be read, and whether its lens was calibrated;
+    /// None where none is.
+    pub camera: Option<(String, Result<(), String>, bool)>,
     /// What the sensors sent; None when it was not listened to.
     pub sensors: Option<SensorsHeard>,
     /// The vessel's real sensors; None when they are the running process's.

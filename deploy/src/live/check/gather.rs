@@ -3,7 +3,7 @@
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -11,6 +11,7 @@ use std::time::Duration;
 use alight_shared::config;
 use alight_shared::transport::memory::Instance;
 use alight_shared::transport::radio::{RadioConfig, TlsConfig};
+use alight_uav::camera::Lens;
 
 use super::facts::{
     ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
@@ -44,6 +45,7 @@ pub fn gather(path: &Path) -> Facts {
         ports: Vec::new(),
         dialled: Vec::new(),
         autopilot: None,
+        camera: None,
         sensors: None,
         sources: None,
         governors: governors(),
@@ -81,12 +83,30 @@ pub fn gather(path: &Path) -> Facts {
                 let reach = name.parse().map(|url| autopilot(&url));
                 (name, reach)
             });
+            facts.camera = d.camera.is_there().then(|| {
+                let name = d.camera.source.clone();
+                let there = if d.camera.is_simulation() {
+                    Ok(())
+                } else {
+                    readable(&name)
+                };
+                (name, there, d.drone.camera.lens != Lens::default())
+            });
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
         Err(_) => {}
     }
     facts.computer = computer;
     facts
+}
+
+/// Whether a camera's source is there and may be read. Looked at only: a pipe without a writer would block.
+fn readable(name: &str) -> Result<(), String> {
+    let meta = fs::metadata(name).map_err(|e| e.to_string())?;
+    if meta.file_type().is_fifo() {
+        return Ok(());
+    }
+    fs::File::open(name).map(drop).map_err(|e| e.to_string())
 }
 
 /// Reads a vessel's or a drone's configuration, told apart by the keys that only one of them has.

@@ -103,6 +103,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts.running)));
+    all.extend(facts.camera.as_ref().map(camera));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
         all.extend(facts.sources.iter().flatten().map(source));
@@ -322,6 +323,24 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> F
             "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
         ),
         Err(why) => Finding::broken(TOPIC, why, "correct autopilot.connect"),
+    }
+}
+
+fn camera((source, there, calibrated): &(String, Result<(), String>, bool)) -> Finding {
+    const TOPIC: &str = "camera";
+    match there {
+        Err(why) => Finding::broken(
+            TOPIC,
+            format!("{source}: {why}"),
+            "is it plugged in (v4l2-ctl --list-devices), may the user alight open it (group video)? Else correct \
+             camera.source",
+        ),
+        Ok(()) if !calibrated => Finding::warning(
+            TOPIC,
+            format!("{source} is there, its lens is the simulated camera's"),
+            "calibrate it and write focal_px, centre_px and distortion into [drone.camera.lens] (README, A camera)",
+        ),
+        Ok(()) => Finding::fine(TOPIC, format!("{source} is there")),
     }
 }
 

@@ -64,6 +64,7 @@ fn vessel() -> Facts {
         }],
         dialled: Vec::new(),
         autopilot: None,
+        camera: None,
         sensors: Some(SensorsHeard {
             imu: 300,
             gnss: 10,
@@ -281,6 +282,18 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
             |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),
             Level::Broken,
             "no kind of link",
+        ),
+        (
+            drone,
+            |f| f.camera = Some(("/dev/video9".into(), Err("no such file".into()), true)),
+            Level::Broken,
+            "no such file",
+        ),
+        (
+            drone,
+            |f| f.camera = Some(("/dev/video0".into(), Ok(()), false)),
+            Level::Warning,
+            "simulated camera's",
         ),
         (drone, |f| f.realtime = false, Level::Warning, "real-time"),
         (drone, |f| f.processors = 1, Level::Warning, "one processor"),

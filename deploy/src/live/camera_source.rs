@@ -1,0 +1,321 @@
+//! Where the camera's images come from: the simulated camera, a V4L2 device, files, a pipe of raw images.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_uav::camera::{Frame, Grey, Lens};
+use serde::{Deserialize, Serialize};
+
+use crate::Refused;
+
+/// The source's name of images that the simulated world renders.
+const SIMULATION: &str = "simulation";
+/// Most files of a directory.
+const MOST_FILES: usize = 100_000;
+/// Largest file that is read, bytes.
+const MOST_BYTES: u64 = 16 << 20;
+
+/// Where images come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CameraSource {
+    /// A V4L2 device (/dev/video0), a PGM file or a directory of them, a named pipe of raw grey images,
+    /// "simulation"; empty: no camera process, another program publishes sightings.
+    pub source: String,
+    /// Pixel format that a V4L2 device is asked for: GREY, YUYV, NV12 or YU12.
+    pub format: String,
+    /// Images per second that a device is asked for, and at which files are shown.
+    pub rate_hz: f64,
+    /// From the middle of the exposure to the image's time stamp (V4L2: the driver's, else: the
+    /// arrival), s.
+    pub delay_s: f64,
+}
+
+impl Default for CameraSource {
+    fn default() -> Self {
+        CameraSource {
+            source: String::new(),
+            // What most USB cameras speak.
+            format: "YUYV".into(),
+            rate_hz: 30.0,
+            // Ours: half an exposure and the transfer of a USB camera.
+            delay_s: 0.02,
+        }
+    }
+}
+
+impl Check for CameraSource {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.require(
+            ["GREY", "YUYV", "NV12", "YU12"].contains(&self.format.as_str()),
+            "format",
+            &self.format,
+            "GREY, YUYV, NV12 or YU12",
+        )?;
+        at.range("rate_hz", self.rate_hz, 1.0, 120.0)?;
+        at.range("delay_s", self.delay_s, 0.0, 1.0)
+    }
+}
+
+impl CameraSource {
+    /// Whether there is a camera process.
+    pub fn is_there(&self) -> bool {
+        !self.source.is_empty()
+    }
+    /// Whether the simulated world renders its images.
+    pub fn is_simulation(&self) -> bool {
+        self.source == SIMULATION
+    }
+    /// The simulated camera, if it is on.
+    #[cfg(feature = "live")]
+    pub fn of_simulation(on: bool) -> CameraSource {
+        CameraSource {
+            source: if on { SIMULATION.into() } else { String::new() },
+            ..CameraSource::default()
+        }
+    }
+}
+
+/// A source of images that is not the simulation's.
+pub enum Images {
+    /// A device.
+    Device(Device),
+    /// Files, in the order of their names.
+    Files(Files),
+    /// A pipe.
+    Pipe(Pipe),
+}
+
+impl Images {
+    /// Opens what `config` names.
+    pub fn open(config: &CameraSource, lens: &Lens) -> Result<Images, Refused> {
+        let path = Path::new(&config.source);
+        let doing = || format!("opening the camera's source {}", config.source);
+        let meta = std::fs::metadata(path).map_err(|e| {
+            Refused(format!(
+                "{}: {e}; camera.source is a V4L2 device, a PGM file or a directory of them, or a named pipe",
+                doing()
+            ))
+        })?;
+        if meta.is_dir() || meta.is_file() {
+            return Ok(Images::Files(Files::open(path, config.rate_hz)?));
+        }
+        use std::os::unix::fs::FileTypeExt;
+        if meta.file_type().is_fifo() {
+            // For writing too: so it opens without waiting for a writer, and stays open when one ends.
+            let file = File::options().read(true).write(true).open(path);
+            let file = file.map_err(|e| Refused::because(doing(), e))?;
+            return Ok(Images::Pipe(Pipe {
+                file,
+                delay: Span::from_secs(config.delay_s),
+                size: size(lens),
+            }));
+        }
+        Ok(Images::Device(Device::open(config, lens)?))
+    }
+    /// The next image; waits for it. None: there are no more.
+    pub fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, Refused> {
+        match self {
+            Images::Device(device) => device.next_frame(clock).map(Some),
+            Images::Files(files) => files.next_frame(clock),
+            Images::Pipe(pipe) => pipe.next_frame(clock),
+        }
+    }
+}
+
+fn size(lens: &Lens) -> [usize; 2] {
+    [lens.width_px as usize, lens.height_px as usize]
+}
+
+/// Files shown one after the other.
+pub struct Files {
+    paths: std::vec::IntoIter<PathBuf>,
+    period_ns: i64,
+    next_ns: i64,
+}
+
+impl Files {
+    fn open(path: &Path, rate_hz: f64) -> Result<Files, Refused> {
+        let mut paths = Vec::new();
+        if path.is_dir() {
+            let entries = std::fs::read_dir(path)
+                .map_err(|e| Refused::because(format!("reading the directory {}", path.display()), e))?;
+            for entry in entries.flatten().take(MOST_FILES) {
+                let path = entry.path();
+                if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pgm")) {
+                    paths.push(path);
+                }
+            }
+            paths.sort();
+            if paths.is_empty() {
+                return Err(Refused(format!(
+                    "{}: no .pgm file in it; convert images with: ffmpeg -i IMAGE -pix_fmt gray IMAGE.pgm",
+                    path.display()
+                )));
+            }
+        } else {
+            paths.push(path.into());
+        }
+        Ok(Files {
+            paths: paths.into_iter(),
+            period_ns: (1e9 / rate_hz) as i64,
+            next_ns: steady_ns(),
+        })
+    }
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, Refused> {
+        let Some(path) = self.paths.next() else {
+            return Ok(None);
+        };
+        let image = read_pgm(&path)?;
+        let early_ns = self.next_ns - steady_ns();
+        if early_ns > 0 {
+            super::supervisor::pause(std::time::Duration::from_nanos(early_ns.unsigned_abs()));
+        }
+        self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - self.period_ns);
+        Ok(Some(Frame {
+            at: clock.now(),
+            image,
+        }))
+    }
+}
+
+/// A PGM file of bounded size.
+fn read_pgm(path: &Path) -> Result<Grey, Refused> {
+    let doing = || format!("reading the image {}", path.display());
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|e| Refused::because(doing(), e))?;
+    let read = file.take(MOST_BYTES).read_to_end(&mut bytes);
+    read.map_err(|e| Refused::because(doing(), e))?;
+    Grey::from_pgm(&bytes).map_err(|e| Refused::because(doing(), e))
+}
+
+/// Raw grey images one after the other, each as many bytes as the lens has pixels.
+pub struct Pipe {
+    file: File,
+    delay: Span,
+    size: [usize; 2],
+}
+
+impl Pipe {
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, Refused> {
+        let [width, height] = self.size;
+        let mut pixels = vec![0; width * height];
+        match self.file.read_exact(&mut pixels) {
+            Ok(()) => {}
+            Err(e) => return Err(Refused::because("reading images from a pipe", e)),
+        }
+        let now: Time<DroneClock> = clock.now();
+        let image = Grey::new(width, height, pixels).map_err(|e| Refused::because("reading a pipe", e))?;
+        Ok(Some(Frame {
+            at: now - self.delay,
+            image,
+        }))
+    }
+}
+
+/// A V4L2 device.
+pub struct Device {
+    camera: rscam::Camera,
+    name: String,
+    size: [usize; 2],
+    /// Every so many bytes one of brightness.
+    stride: usize,
+    delay: Span,
+}
+
+impl Device {
+    fn open(config: &CameraSource, lens: &Lens) -> Result<Device, Refused> {
+        let doing = || format!("opening the camera {}", config.source);
+        let mut camera = rscam::new(&config.source).map_err(|e| Refused::because(doing(), e))?;
+        let rate = (config.rate_hz.round() as u32).max(1);
+        camera
+            .start(&rscam::Config {
+                interval: (1, rate),
+                resolution: (lens.width_px, lens.height_px),
+                format: config.format.as_bytes(),
+                ..Default::default()
+            })
+            .map_err(|e| {
+                Refused(format!(
+                    "{} with {} x {} px, {}, {rate} Hz: {e}; v4l2-ctl --list-formats-ext says what it has",
+                    doing(),
+                    lens.width_px,
+                    lens.height_px,
+                    config.format
+                ))
+            })?;
+        Ok(Device {
+            camera,
+            name: config.source.clone(),
+            size: size(lens),
+            // The others begin with a plane of brightness.
+            stride: if config.format == "YUYV" { 2 } else { 1 },
+            delay: Span::from_secs(config.delay_s),
+        })
+    }
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Frame, Refused> {
+        let doing = || format!("reading the camera {}", self.name);
+        let [width, height] = self.size;
+        let frame = self.camera.capture().map_err(|e| Refused::because(doing(), e))?;
+        // The driver stamps with the system's steady clock; one that does not is dated by its arrival.
+        let now_ns = steady_ns();
+        let stamped_ns = i64::try_from(frame.get_timestamp())
+            .unwrap_or(0)
+            .saturating_mul(1000);
+        let fresh = (0..1_000_000_000).contains(&(now_ns - stamped_ns));
+        let at: Time<DroneClock> = clock.read(if fresh { stamped_ns } else { now_ns });
+        let bytes: &[u8] = &frame;
+        let pixels: Vec<u8> = bytes
+            .iter()
+            .step_by(self.stride)
+            .take(width * height)
+            .copied()
+            .collect();
+        let image = Grey::new(width, height, pixels).map_err(|e| Refused::because(doing(), e))?;
+        Ok(Frame {
+            at: at - self.delay,
+            image,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(name: &Path) -> CameraSource {
+        CameraSource {
+            source: name.display().to_string(),
+            rate_hz: 120.0,
+            ..CameraSource::default()
+        }
+    }
+
+    #[test]
+    fn files_are_shown_by_name_and_what_is_none_is_refused_with_advice() {
+        let directory = std::env::temp_dir().join(format!("alight-images-{}", std::process::id()));
+        std::fs::create_dir_all(&directory).unwrap();
+        let (lens, clock) = (Lens::default(), ProcessClock::default());
+        let told = |e: Result<Images, Refused>| e.err().unwrap().to_string();
+        assert!(told(Images::open(&source(&directory), &lens)).contains("no .pgm file"));
+        for (name, level) in [("b.pgm", 20), ("a.pgm", 10)] {
+            let image = Grey::new(40, 32, vec![level; 40 * 32]).unwrap();
+            std::fs::write(directory.join(name), image.to_pgm()).unwrap();
+        }
+        let mut images = Images::open(&source(&directory), &lens).unwrap();
+        let levels: Vec<u8> = core::iter::from_fn(|| images.next_frame(&clock).unwrap())
+            .map(|f| f.image.pixels()[0])
+            .collect();
+        assert_eq!(levels, [10, 20]);
+        std::fs::write(directory.join("a.pgm"), b"P5 40 40 255\nshort").unwrap();
+        let mut images = Images::open(&source(&directory), &lens).unwrap();
+        assert!(images.next_frame(&clock).is_err());
+        std::fs::remove_dir_all(&directory).unwrap();
+        assert!(told(Images::open(&source(Path::new("/dev/video99")), &lens)).contains("V4L2"));
+        assert!(Images::open(&source(Path::new("/dev/null")), &lens).is_err());
+    }
+}
