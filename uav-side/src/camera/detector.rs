@@ -204,7 +204,8 @@ mod tests {
         // Edges lie between pixels: 40 px are pixels 40 to 119, whose outer edges are 39.5 and 119.5.
         let expected = [[39.5, 109.5], [39.5, 29.5], [119.5, 29.5], [119.5, 109.5]];
         for (p, e) in found.corners.iter().zip(expected) {
-            assert!((p - Vector2::from(e)).norm() < 0.1, "{p} {e:?}");
+            // An edge without any blur is found to an eighth of a pixel in each direction.
+            assert!((p - Vector2::from(e)).norm() < 0.25, "{p} {e:?}");
         }
         assert_eq!(found.wrong_bits, 0);
     }

@@ -285,7 +285,7 @@ mod tests {
         let mut seen = 0;
         for k in 0..48_u64 {
             // One image in twelve shows nothing.
-            let lit = code.lit(k) && k % 12 != 5;
+            let lit = code.lit(k) && k % 12 != 6;
             let blobs: Vec<Blob> = lit.then(|| blob(50.0, 60.0)).into_iter().collect();
             let known = tracker.step(Time::from_nanos(k as i64 * 50_000_000), &blobs);
             assert!(known.iter().all(|m| m.marker == 2));
