@@ -127,16 +127,16 @@ impl TagDetector {
         id: &Identity,
         clocks: &Clocks,
     ) -> Vec<TagPose> {
-        if self.schedule.due(t).is_some() {
-            if let Some(pose) = self.sight(t, view, deck) {
-                let sighting = TagPose {
-                    header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
-                    ..pose
-                };
-                self.sequence = self.sequence.wrapping_add(1);
-                self.line
-                    .push(t + Span::from_secs(self.config.latency_s), sighting);
-            }
+        if self.schedule.due(t).is_some()
+            && let Some(pose) = self.sight(t, view, deck)
+        {
+            let sighting = TagPose {
+                header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
+                ..pose
+            };
+            self.sequence = self.sequence.wrapping_add(1);
+            self.line
+                .push(t + Span::from_secs(self.config.latency_s), sighting);
         }
         self.line.arrived(t)
     }

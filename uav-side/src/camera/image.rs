@@ -73,7 +73,7 @@ impl Grey {
         }
         let rows = rest.get(1..).ok_or(ImageError::Pgm("no pixels"))?;
         // What a file holds beyond the first image is another one.
-        let length = width.checked_mul(height).unwrap_or(usize::MAX);
+        let length = width.saturating_mul(height);
         let rows = rows.get(..length).unwrap_or(rows);
         if !Grey::accepts(width, height) {
             let pixels = rows.len();

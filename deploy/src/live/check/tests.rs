@@ -129,7 +129,7 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
             heard,
         }]);
     }
-    let wrongs: [Wrong; 31] = [
+    let wrongs: [Wrong; 33] = [
         (vessel, |f| f.clock_s = 40, Level::Broken, "never set"),
         (vessel, |f| f.sync = None, Level::Warning, "nobody says"),
         (

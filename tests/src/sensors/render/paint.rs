@@ -61,7 +61,8 @@ impl DeckPaint {
         // Cells from the upper left corner of the white margin; the tag's upper edge is forward.
         let column = ((y - self.centre[1]) / self.side + 0.5) * CELLS + 1.0;
         let row = (0.5 - (x - self.centre[0]) / self.side) * CELLS + 1.0;
-        if column >= 0.0 && column < CELLS + 2.0 && row >= 0.0 && row < CELLS + 2.0 {
+        let across = 0.0..CELLS + 2.0;
+        if across.contains(&column) && across.contains(&row) {
             return self.cells.get(row as usize * 10 + column as usize).copied();
         }
         let plank = (y / PLANK_M).floor() as i32;
