@@ -2,7 +2,7 @@
 //!
 //! A landed drone with stopped motors stays only while the deck holds it. In steep short seas without the
 //! water's sideways motion a light hull leaves the water: its deck tilts and falls as no sum of waves
-//! foretells, in groups that come again after 45 to 105 s. The vessel has watched its deck for longer than
+//! foretells, in groups 15 to 45 s apart. The vessel has watched its deck for longer than
 //! any drone that has just arrived, so it says what it saw.
 
 use std::collections::VecDeque;

@@ -361,10 +361,7 @@ impl Node for VesselNode {
             self.felt.1.hear(&filter.estimate(&self.config, header(0)));
         }
         if self.wave.0.due(now, self.throttle.of_models()) {
-            let m = WaveModel {
-                slopes: self.felt.1.slopes(now),
-                ..filter.wave_model(header(self.wave.1))
-            };
+            let m = filter.wave_model(header(self.wave.1), self.felt.1.slopes(now));
             out.wave = checked(m, &mut self.wave.1, &mut self.refused);
         }
         if self.prediction.0.due(now, self.throttle.of_models()) {

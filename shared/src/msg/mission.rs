@@ -138,6 +138,9 @@ pub enum ReasonCode {
     DeckTaken,
     /// The vessel has not said lately whose its deck is, s.
     DeckUnknown,
+    /// Waves that would shed a landed drone were felt that long ago, s: too lately, or so long ago that the
+    /// next are due.
+    DeckSheds,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -206,6 +209,15 @@ impl fmt::Display for Reason {
             ReasonCode::DeckTaken if v == 0.0 => write!(f, "the deck is nobody's yet"),
             ReasonCode::DeckTaken => write!(f, "the deck is drone {v:.0}'s"),
             ReasonCode::DeckUnknown => write!(f, "whose the deck is was said {v:.1} s ago (limit {l:.1})"),
+            ReasonCode::DeckSheds if v < l => {
+                write!(f, "waves that shed a drone {v:.0} s ago (calm after {l:.0})")
+            }
+            ReasonCode::DeckSheds => {
+                write!(
+                    f,
+                    "waves that shed a drone {v:.0} s ago, the next are due (limit {l:.0})"
+                )
+            }
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }

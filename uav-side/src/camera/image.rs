@@ -1,5 +1,6 @@
 //! A grey image of bounded size, and the simplest file that holds one.
 
+use alight_shared::config::{ConfigError, Keys};
 use alight_shared::time::{DroneClock, Time};
 use thiserror::Error;
 
@@ -38,6 +39,24 @@ pub struct Grey {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
+}
+
+/// Refuses figures of a lens of any kind for an image that is not taken: its size (width and height, px), its
+/// scale and its principal point.
+pub(super) fn check_image(
+    at: &Keys<'_>,
+    [width_px, height_px]: [u32; 2],
+    focal_px: &[f64; 2],
+    centre_px: &[f64; 2],
+) -> Result<(), ConfigError> {
+    at.require(
+        Grey::accepts(width_px as usize, height_px as usize),
+        "width_px, height_px",
+        format!("{width_px} x {height_px}"),
+        "32 to 8192 each, 12.6 million pixels at most",
+    )?;
+    at.ranges("focal_px", focal_px, 10.0, 1e5)?;
+    at.ranges("centre_px", centre_px, 0.0, 1e4)
 }
 
 impl Grey {

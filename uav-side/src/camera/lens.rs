@@ -8,7 +8,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::image::Grey;
+use super::image::check_image;
 
 /// Bound on the steps of Newton's method.
 const MOST_STEPS: usize = 20;
@@ -48,14 +48,12 @@ impl Default for Lens {
 
 impl Check for Lens {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.require(
-            Grey::accepts(self.width_px as usize, self.height_px as usize),
-            "width_px, height_px",
-            format!("{} x {}", self.width_px, self.height_px),
-            "32 to 8192 each, 12.6 million pixels at most",
+        check_image(
+            at,
+            [self.width_px, self.height_px],
+            &self.focal_px,
+            &self.centre_px,
         )?;
-        at.ranges("focal_px", &self.focal_px, 10.0, 1e5)?;
-        at.ranges("centre_px", &self.centre_px, 0.0, 1e4)?;
         at.ranges("distortion", &self.distortion, -20.0, 20.0)?;
         let corners = [0.0, 1.0].map(|x| {
             [0.0, 1.0].map(|y| {

@@ -164,7 +164,7 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         .or_else(|| exceeds(ReasonCode::TooSteep, s.steepest_rad, c.steepest_rad))
         .or_else(|| {
             let (since, limit) = s.felt.refusal(c)?;
-            Some(Reason::new(ReasonCode::TooSteep, since, limit))
+            Some(Reason::new(ReasonCode::DeckSheds, since, limit))
         })
         .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, c.wind_peak_mps2))
         .or_else(|| {

@@ -294,7 +294,7 @@ fn tracking_stable_names_each_refusal_to_descend() {
                 felt: FeltSlope::of(&[10, 60], 0.45),
                 ..fair()
             },
-            ReasonCode::TooSteep,
+            ReasonCode::DeckSheds,
         ),
         (
             Situation {

@@ -2,7 +2,7 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{
-    Header, PREDICTION_STAGES, PredictedStage, VesselEstimate, VesselPrediction, WaveModel,
+    Header, PREDICTION_STAGES, PredictedStage, SLOPES, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::seq::Seq;
 use alight_shared::time::{Span, Time, VesselClock};
@@ -88,8 +88,12 @@ impl Filter {
         )
     }
 
-    /// The wave model, valid at the state's own time.
-    pub(crate) fn wave_model(&self, header: Header<VesselClock>) -> WaveModel<VesselClock> {
+    /// The wave model, valid at the state's own time, with the slopes felt of late.
+    pub(crate) fn wave_model(
+        &self,
+        header: Header<VesselClock>,
+        slopes: Seq<u8, SLOPES>,
+    ) -> WaveModel<VesselClock> {
         WaveModel {
             header: Header {
                 at: self.at,
@@ -98,7 +102,7 @@ impl Filter {
             significant_height_m: self.sea.significant_height_m.clamp(0.0, 50.0) as f32,
             confidence: self.sea.confidence.clamp(0.0, 1.0) as f32,
             components: self.belief.wave_message(self.reference),
-            slopes: Seq::new(),
+            slopes,
         }
     }
 

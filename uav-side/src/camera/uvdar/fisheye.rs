@@ -5,7 +5,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::camera::image::Grey;
+use crate::camera::image::check_image;
 
 /// Bound on the steps of Newton's method.
 const MOST_STEPS: usize = 20;
@@ -44,14 +44,12 @@ impl Default for Fisheye {
 
 impl Check for Fisheye {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.require(
-            Grey::accepts(self.width_px as usize, self.height_px as usize),
-            "width_px, height_px",
-            format!("{} x {}", self.width_px, self.height_px),
-            "32 to 8192 each, 12.6 million pixels at most",
+        check_image(
+            at,
+            [self.width_px, self.height_px],
+            &self.focal_px,
+            &self.centre_px,
         )?;
-        at.ranges("focal_px", &self.focal_px, 10.0, 1e5)?;
-        at.ranges("centre_px", &self.centre_px, 0.0, 1e4)?;
         at.ranges("distortion", &self.distortion, -2.0, 2.0)?;
         at.range("cone_deg", self.cone_deg, 10.0, 240.0)?;
         let rim = 0.5 * self.cone_deg.to_radians();
