@@ -107,6 +107,8 @@ pub(crate) struct Filter {
     decimate: u32,
     refused_imu: u32,
     refused_fixes: u32,
+    /// Refusals in a row of place and velocity, an axis each.
+    refused_rows: [[u32; 3]; 2],
     refused_attitudes: u32,
     row: Vec<Term>,
 }
@@ -393,6 +395,7 @@ impl Filter {
             decimate: 0,
             refused_imu: 0,
             refused_fixes: 0,
+            refused_rows: [[0; 3]; 2],
             refused_attitudes: 0,
             row: Vec::with_capacity(64),
         }

@@ -14,6 +14,10 @@ const GATE: f64 = 25.0;
 const RATE_SD: f64 = 0.02;
 /// After this many refused fixes in a row the position starts anew (2 s at 10 Hz).
 const PATIENCE: u32 = 20;
+/// After this many refused velocities of one axis in a row they are believed (0.5 s at 10 Hz): a hull that
+/// slams is pushed aside faster than the inertial gate lets through, and a velocity from Doppler shifts has no
+/// memory of what it said before. Places may be led astray together for seconds: their patience is longer.
+const PATIENCE_VELOCITY: u32 = 5;
 
 impl Filter {
     /// Fuses a fix; returns the number of its components that were refused.
@@ -63,7 +67,9 @@ impl Filter {
             }
             let innovation = position[axis] - (p - late * v + 0.5 * late * late * a);
             let r = fix.position_sd[axis].powi(2);
-            let update = self.belief.update(&row, innovation, r, GATE);
+            let gate = self.patience(axis, ETA, PATIENCE, innovation);
+            let update = self.belief.update(&row, innovation, r, gate);
+            self.count(axis, ETA, update.fused());
             // What a receiver does not measure says nothing of how well it fits.
             if fix.position_sd[axis] < NOT_MEASURED_SD {
                 self.consistency.observe(Channel::Position, update);
@@ -78,7 +84,9 @@ impl Filter {
             }
             let innovation = velocity[axis] - (v - late * a);
             let r = fix.velocity_sd[axis].powi(2);
-            let update = self.belief.update(&row, innovation, r, GATE);
+            let gate = self.patience(axis, NU, PATIENCE_VELOCITY, innovation);
+            let update = self.belief.update(&row, innovation, r, gate);
+            self.count(axis, NU, update.fused());
             if fix.velocity_sd[axis] < NOT_MEASURED_SD {
                 self.consistency.observe(Channel::Velocity, update);
             }
@@ -103,6 +111,20 @@ impl Filter {
             self.belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
         }
         refused
+    }
+
+    /// The gate of an axis' place ([`ETA`]) or velocity ([`NU`]): open when it was refused `patience` times in
+    /// a row, and the state then known no better than it is off.
+    fn patience(&mut self, axis: usize, slot: usize, patience: u32, innovation: f64) -> f64 {
+        if self.refused_rows[slot][axis] < patience {
+            return GATE;
+        }
+        self.belief.inflate(axis, slot, innovation * innovation);
+        f64::INFINITY
+    }
+    fn count(&mut self, axis: usize, slot: usize, fused: bool) {
+        let n = &mut self.refused_rows[slot][axis];
+        *n = if fused { 0 } else { *n + 1 };
     }
 
     /// Fuses a heading; false when it was refused.

@@ -78,6 +78,28 @@ fn a_vessel_at_rest_is_found_at_rest() {
     assert_eq!(n.refused(), Refused::default());
 }
 
+/// A hull that slams is pushed aside by 2 m/s, and the inertial sensor, refused at first, says nothing of it.
+/// The estimator once went on for minutes, tens of metres away: two rows of six refused were too few to doubt.
+#[test]
+fn a_push_that_only_the_receiver_saw_is_believed_within_two_seconds() {
+    let mut n = node();
+    let (begins, speed) = (2000, 2.0);
+    let mut last = None;
+    for k in 0..begins + 200 {
+        let mut input = rest(k);
+        let since = 0.01 * (k - begins).max(0) as f64;
+        for fix in input.gnss.iter_mut().filter(|_| since > 0.0) {
+            fix.position[1] += speed * since;
+            fix.velocity[1] = speed;
+        }
+        last = n.step(time(k), &input).estimate.or(last);
+    }
+    let e = last.unwrap();
+    assert!((e.eta[1] - 20.0 - 4.0).abs() < 0.5, "place {:?}", e.eta);
+    assert!((f64::from(e.eta_dot[1]) - speed).abs() < 0.3, "velocity {:?}", e.eta_dot);
+    assert_eq!(n.estimator.gated().restarts, 0);
+}
+
 #[test]
 fn nothing_is_said_before_all_sensors_have_spoken_nor_after_the_imu_has_gone() {
     let mut n = node();
