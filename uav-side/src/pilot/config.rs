@@ -124,13 +124,15 @@ impl Default for TrackingConfig {
         // Ours throughout. Horizontal: poles of place, velocity and attitude together; with an
         // attitude lag of 0.2 s, 0.05 s of the rate loop and 0.025 s of delay the loop crosses over at
         // 5.0 rad/s with a margin of 65 deg and a largest sensitivity of 1.33 (lag 0.4 s: 45 deg,
-        // 1.4). Vertical: thrust follows in 0.05 s, so it can be stiffer.
+        // 1.4). Vertical: thrust follows in 0.05 s, so it can be stiffer: with 0.025 s of delay it crosses
+        // over at 7.0 rad/s with a margin of 43 deg. At 2 rad/s (4 and 3.5) a gap of 0.1 m took a second to
+        // close, which is how long a deck that falls away takes to leave the drone behind.
         TrackingConfig {
             horizontal_kp: 6.0,
             horizontal_kv: 5.5,
             attitude_gain: 1.2,
-            vertical_kp: 4.0,
-            vertical_kv: 3.5,
+            vertical_kp: 16.0,
+            vertical_kv: 7.0,
             ki: 0.1,
             integral_limit_mps2: 0.8,
             integral_within_m: 0.5,

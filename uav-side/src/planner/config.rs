@@ -236,6 +236,10 @@ pub struct Reset {
     pub yaw_deg: f64,
     /// Age of the last plan, s.
     pub age_s: f64,
+    /// In a landing the drone may be lower than the plan by this; the plan begins no higher above it, m.
+    pub ahead_m: f64,
+    /// ... and may sink faster by this; the plan begins sinking no slower, m/s.
+    pub ahead_mps: f64,
 }
 impl Default for Reset {
     /// Ours: well above what a tracker leaves in gusts, below what would look like a jump.
@@ -247,6 +251,8 @@ impl Default for Reset {
             vertical_mps: 1.5,
             yaw_deg: 30.0,
             age_s: 0.5,
+            ahead_m: 0.0,
+            ahead_mps: 0.1,
         }
     }
 }
@@ -257,7 +263,9 @@ impl Check for Reset {
         at.range("vertical_m", self.vertical_m, 0.05, 100.0)?;
         at.range("vertical_mps", self.vertical_mps, 0.05, 100.0)?;
         at.range("yaw_deg", self.yaw_deg, 1.0, 180.0)?;
-        at.range("age_s", self.age_s, 0.05, 10.0)
+        at.range("age_s", self.age_s, 0.05, 10.0)?;
+        at.range("ahead_m", self.ahead_m, 0.0, 100.0)?;
+        at.range("ahead_mps", self.ahead_mps, 0.0, 100.0)
     }
 }
 

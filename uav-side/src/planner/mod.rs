@@ -7,7 +7,8 @@
 //! A plan starts from the previous plan sampled at now, not from the measured state: the pilot's
 //! tracker closes the loop, and a lagging drone does not bend its own plan. It starts from the
 //! measured state when there is no plan, when the last is old, when the drone is further from it
-//! than [`config::Reset`] allows, and when the autopilot's position estimate jumped.
+//! than [`config::Reset`] allows, and when the autopilot's position estimate jumped. In a landing of
+//! `alight` it starts no higher above the drone, and sinking no slower, than that is.
 
 pub mod baselines;
 mod carrot;
@@ -215,7 +216,15 @@ impl Planner {
                 && gap[8].abs() <= r.vertical_mps
                 && wrap_angle(gap[5]).abs() <= r.yaw_deg.to_radians();
             if near {
-                return Some(self.at(flight, now));
+                let (mut state, input) = self.at(flight, now);
+                if self.ours() {
+                    // A drone that is lower than its plan meets the deck sooner and faster than the plan
+                    // believes. One that is higher keeps the plan: the gap is what presses it down.
+                    for (i, most) in [(2, r.ahead_m), (8, r.ahead_mps)] {
+                        state[i] += (gap[i] - most).max(0.0);
+                    }
+                }
+                return Some((state, input));
             }
         }
         self.flight = None;
@@ -223,6 +232,12 @@ impl Planner {
         self.counters.resets += 1;
         // Limits are soft except those of the inputs, and hover is inside these.
         Some((measured, [0.0; INPUTS]))
+    }
+
+    /// Whether the rendezvous planner is landing.
+    fn ours(&self) -> bool {
+        let landing = self.last_solve.is_some_and(|(_, p)| p == Phase::Landing);
+        landing && self.config.kind == PlannerKind::Alight
     }
 
     /// A flight's state and input at a time, exactly: whole stages from the solver's states, the
