@@ -8,6 +8,10 @@
 #[path = "common/program.rs"]
 mod program;
 
+use std::path::Path;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use alight_shared::config::{self, Check};
 use alight_shared::frames::Datum;
 use alight_shared::msg::{
@@ -22,6 +26,7 @@ use alight_sim::scenario::Scenario;
 use alight_uav::settings::DroneSettings;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 use proptest::prelude::*;
+use proptest::test_runner::TestRunner;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -218,29 +223,159 @@ proptest! {
     }
 }
 
-proptest! {
-    // Each case is a run of the program.
-    #![proptest_config(ProptestConfig {
-        cases: std::env::var("PROPTEST_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(24),
+/// The program's runs are slower than a call: so many unless PROPTEST_CASES says otherwise.
+fn runs() -> ProptestConfig {
+    ProptestConfig {
+        cases: std::env::var("PROPTEST_CASES")
+            .ok()
+            .and_then(|n| n.parse().ok())
+            .unwrap_or(24),
         max_shrink_iters: 0,
         ..ProptestConfig::default()
-    })]
+    }
+}
+
+/// A recording of a flight, made once.
+fn recorded() -> &'static [u8] {
+    static RECORDED: OnceLock<Vec<u8>> = OnceLock::new();
+    RECORDED.get_or_init(|| {
+        let path = program::scratch("fuzz.mcap");
+        let scenario = program::scratch("fuzz.toml");
+        std::fs::write(&scenario, "[start]\nwarm_up_s = 2.0\nhover_s = 1.0\n").unwrap();
+        let name = path.display().to_string();
+        let scenario = scenario.display().to_string();
+        let out = program::alight(&["trial", "--json", "--scenario", &scenario, "--record", &name]);
+        assert!(
+            out.status.code().is_some_and(|c| c < 2),
+            "{}",
+            program::stderr(&out)
+        );
+        assert!(program::json(&out)["success"].is_boolean());
+        std::fs::read(&path).unwrap()
+    })
+}
+
+/// Its steps of the nodes, in their order.
+fn steps() -> &'static [mcap::Message<'static>] {
+    static STEPS: OnceLock<Vec<mcap::Message<'static>>> = OnceLock::new();
+    STEPS.get_or_init(|| {
+        mcap::MessageStream::new(recorded())
+            .unwrap()
+            .map(Result::unwrap)
+            .filter(|m| m.channel.topic.starts_with("/node/"))
+            .collect()
+    })
+}
+
+/// Other bytes in a step's input, as many as before: what a decoder takes rather than refuses.
+#[derive(Clone, Debug)]
+enum Wrong {
+    Bytes(Damage),
+    Number(usize, f64),
+}
+
+fn wrong() -> impl Strategy<Value = Wrong> {
+    let special = [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::MAX,
+        -1e9,
+        0.0,
+        5e-324,
+    ];
+    prop_oneof![
+        (any::<usize>(), any::<u8>()).prop_map(|(at, to)| Wrong::Bytes(Damage::Set(at, to))),
+        (any::<usize>(), 0_u8..8).prop_map(|(at, bit)| Wrong::Bytes(Damage::Flip(at, bit))),
+        (any::<usize>(), prop::sample::select(special.to_vec())).prop_map(|(at, to)| Wrong::Number(at, to)),
+    ]
+}
+
+fn made_wrong(mut bytes: Vec<u8>, how: &Wrong) -> Vec<u8> {
+    match how {
+        Wrong::Bytes(damage) => damaged(bytes, std::slice::from_ref(damage)),
+        Wrong::Number(at, to) => {
+            let last = bytes.len().saturating_sub(8);
+            let at = at % (last + 1);
+            for (byte, of) in bytes.iter_mut().skip(at).zip(to.to_le_bytes()) {
+                *byte = of;
+            }
+            bytes
+        }
+    }
+}
+
+/// Steps that the replay goes on after the last wrong one: what it left in a node has time to do harm.
+const FOLLOWED: usize = 3000;
+
+/// A whole file, its checksums right, with wrong bytes in some steps.
+fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::McapError> {
+    let good = recorded();
+    let summary = mcap::Summary::read(good)?.expect("a summary");
+    let mut writer = mcap::WriteOptions::new()
+        .compression(None)
+        .create(std::io::BufWriter::new(std::fs::File::create(path)?))?;
+    for index in &summary.attachment_indexes {
+        writer.attach(&mcap::read::attachment(good, index)?)?;
+    }
+    for index in &summary.metadata_indexes {
+        writer.write_metadata(&mcap::read::metadata(good, index)?)?;
+    }
+    let place = |at: usize| at % steps().len();
+    let last = all.iter().map(|(at, _)| place(*at)).max().unwrap_or(0);
+    for (k, step) in steps().iter().enumerate().take(last + FOLLOWED) {
+        let mut step = step.clone();
+        for (_, how) in all.iter().filter(|(at, _)| place(*at) == k) {
+            step.data = made_wrong(step.data.into_owned(), how).into();
+        }
+        writer.write(&step)?;
+    }
+    writer.finish()?;
+    Ok(())
+}
+
+/// A checksum of the file's refuses other bytes before a step is read (310 of 313 files with damaged bytes);
+/// here the nodes get them.
+#[test]
+fn wrong_bytes_in_the_steps_of_a_sound_recording_harm_no_node() {
+    let reached = AtomicU32::new(0);
+    let config = ProptestConfig {
+        // What failed is printed; the runner knows no file to keep it in.
+        failure_persistence: None,
+        ..runs()
+    };
+    let cases = config.cases;
+    let wrongs = prop::collection::vec((any::<usize>(), wrong()), 1..4);
+    let done = TestRunner::new(config).run(&wrongs, |all| {
+        let path = program::scratch("steps.mcap");
+        with_wrong_steps(&path, &all).unwrap();
+        let out = program::alight(&["replay", &path.display().to_string()]);
+        let said = program::stderr(&out);
+        let code = out.status.code();
+        prop_assert!(matches!(code, Some(0..=2)), "{:?}: {said}", out.status);
+        // Replay contains a panic and says this of it; of what the decoder refuses it names the step.
+        prop_assert!(
+            !said.contains("the recording is damaged; record it again"),
+            "{said}"
+        );
+        prop_assert!(code != Some(2) || said.contains("the step of"), "{said}");
+        reached.fetch_add(u32::from(code != Some(2)), Ordering::Relaxed);
+        Ok(())
+    });
+    let reached = reached.into_inner();
+    println!("{reached} of {cases} recordings were decoded to the end: the nodes got all their wrong bytes");
+    done.unwrap();
+    // Half of them do.
+    assert!(8 * reached >= cases, "only {reached} of {cases} reached a node");
+}
+
+proptest! {
+    // Each case is a run of the program.
+    #![proptest_config(runs())]
     #[test]
     fn damaged_recordings_are_replayed_or_refused(all in prop::collection::vec(damage(), 1..4)) {
-        static RECORDED: std::sync::OnceLock<Vec<u8>> = std::sync::OnceLock::new();
-        let good = RECORDED.get_or_init(|| {
-            let path = program::scratch("fuzz.mcap");
-            let scenario = program::scratch("fuzz.toml");
-            std::fs::write(&scenario, "[start]\nwarm_up_s = 2.0\nhover_s = 1.0\n").unwrap();
-            let name = path.display().to_string();
-            let scenario = scenario.display().to_string();
-            let out = program::alight(&["trial", "--json", "--scenario", &scenario, "--record", &name]);
-            assert!(out.status.code().is_some_and(|c| c < 2), "{}", program::stderr(&out));
-            assert!(program::json(&out)["success"].is_boolean());
-            std::fs::read(&path).unwrap()
-        });
         let path = program::scratch("damaged.mcap");
-        std::fs::write(&path, damaged(good.clone(), &all)).unwrap();
+        std::fs::write(&path, damaged(recorded().to_vec(), &all)).unwrap();
         let out = program::alight(&["replay", &path.display().to_string()]);
         prop_assert!(matches!(out.status.code(), Some(0..=2)), "{:?}: {}", out.status, program::stderr(&out));
     }
