@@ -285,6 +285,30 @@ fn a_recording_that_ends_on_the_deck_calibrates_and_one_that_does_not_is_refused
         said.contains("roll   not observable") && said.contains("GNSS antenna"),
         "{said}"
     );
+    // A weight that lies in waves tells no more.
+    let vessel = alight(&[
+        "calibrate",
+        "vessel",
+        &file,
+        "--weighed",
+        &file,
+        "--weight",
+        "60,1.4,0.9",
+    ]);
+    let said = String::from_utf8_lossy(&vessel.stdout).into_owned();
+    assert!(said.contains("roll   under the weight: leans by 0.00"), "{said}");
+    for weight in ["60,1.4", "0,1,1", "60,x,1,2", "-5,1,1"] {
+        let refused = alight(&[
+            "calibrate",
+            "vessel",
+            &file,
+            "--weighed",
+            &file,
+            "--weight",
+            weight,
+        ]);
+        assert_eq!(refused.status.code(), Some(2), "{weight}");
+    }
     let nothing = scratch("poses.csv");
     std::fs::write(&nothing, "t_s,roll_deg\n0,1\n1,x\n").unwrap();
     for (what, why) in [

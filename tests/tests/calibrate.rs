@@ -12,7 +12,8 @@ use alight_sim::vessel::{Push, VesselConfig, hull::Hull};
 use alight_sim::world::World;
 use alight_uav::calibrate::{DeckCalibration, Figure, Found, NotFound, Stand, USABLE_M};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::calibrate::{NAMES, Record, Unknown};
+use alight_usv::calibrate::incline::{inertia, stiffness};
+use alight_usv::calibrate::{NAMES, Record, Unknown, Weight};
 use alight_usv::{VesselIn, VesselOut};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
@@ -245,6 +246,42 @@ fn damping_stiffness_and_the_antenna_are_found_back_from_pushes() {
         println!("{antenna:?}");
         for (f, truth) in antenna.iter().zip(scenario.sensors.vessel_gnss.antenna_m) {
             assert!((f.value - truth).abs() < 3.0 * f.sd, "{f:?} {truth}");
+        }
+    }
+}
+
+#[test]
+fn a_known_weight_tells_mass_and_stiffness_in_roll_and_pitch() {
+    let scenario = pushed(1.0);
+    let weight = Weight {
+        mass_kg: 60.0,
+        at_m: [1.4, 0.9],
+    };
+    let mut weighed = pushed(0.0);
+    let newton = weight.mass_kg * alight_shared::geometry::GRAVITY;
+    let [x, y] = weight.at_m;
+    weighed.vessel.pushes = vec![Push {
+        at_s: 0.0,
+        for_s: 1000.0,
+        by_n_nm: [0.0, 0.0, newton, newton * y, -newton * x, 0.0],
+    }];
+    let v = &scenario.vessel;
+    let truth = Hull::new(v, alight_shared::geometry::GRAVITY).stiffness;
+    for seed in [1, 2, 3] {
+        let (without, with) = (recorded(&scenario, seed, 140.0), recorded(&weighed, seed, 60.0));
+        let found = stiffness(&weight, &without.level, &with.level);
+        for (k, dof) in [ROLL, PITCH].into_iter().enumerate() {
+            let g = found[k].unwrap_or_else(|e| panic!("{}: {e:?}", NAMES[dof]));
+            let m = inertia(&g, &without.decays[dof].unwrap()).unwrap();
+            let true_m = truth[k + 1] / linear(v)[dof][1];
+            println!(
+                "{} G {g:?} truth {:.0}, M {m:?} truth {true_m:.0}",
+                NAMES[dof],
+                truth[k + 1]
+            );
+            // The hull is no linear model: 5 % are its own.
+            assert!((g.value - truth[k + 1]).abs() <= 3.0 * g.sd + 0.05 * truth[k + 1]);
+            assert!((m.value - true_m).abs() <= 3.0 * m.sd + 0.05 * true_m);
         }
     }
 }

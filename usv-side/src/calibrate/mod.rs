@@ -2,14 +2,16 @@
 //!
 //! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses one side, the
 //! bow, the whole vessel down and lets go, tows it and lets go, turns it and lets go, with rests between.
-//! What moves freely tells `D/M` and `G/M` and nothing of M itself, which takes a known force; the model
-//! needs no more than the two ratios, so M stays as configured and D and G follow it.
+//! What moves freely tells `D/M` and `G/M` and nothing of M itself, which takes a known force: in roll and
+//! pitch a known weight ([`incline`]). The model needs no more than the two ratios, so elsewhere M stays as
+//! configured and D and G follow it.
 //!
 //! The GNSS antenna's place comes from any motion that turns the vessel, waves included ([`lever`]),
 //! relative to the inertial sensor: where the reference point lies is a choice, so the inertial sensor's
 //! own place stays as configured.
 
 pub mod decay;
+pub mod incline;
 pub mod lever;
 
 use alight_shared::frames::wrap_angle;
@@ -20,6 +22,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::VesselNodeConfig;
 pub use decay::{Decay, Figure, Order, Signal, Unknown};
+pub use incline::{Level, Stiffness, Weight};
 use lever::{Lever, Moment};
 
 /// Names of the degrees of freedom.
@@ -50,6 +53,8 @@ pub struct Found {
     pub seconds: f64,
     /// Each degree of freedom.
     pub decays: [Result<Decay, Unknown>; DOFS],
+    /// Roll and pitch at rest.
+    pub level: Level,
     /// GNSS antenna in the vessel's body, m; None without fixes or motion.
     pub antenna_m: Option<[Figure; 3]>,
 }
@@ -105,8 +110,22 @@ impl Record {
         Found {
             seconds,
             decays: identify(&signals),
+            level: self.level(),
             antenna_m,
         }
+    }
+
+    /// Roll and pitch at rest, by what the accelerometer feels.
+    fn level(&self) -> Level {
+        let mut signals: [Signal; 2] = Default::default();
+        for m in &self.imu {
+            let [x, y, z] = m.accelerometer;
+            for (signal, tilt) in signals.iter_mut().zip([(-y).atan2(-z), x.atan2(y.hypot(z))]) {
+                signal.t_s.push(m.header.at.secs());
+                signal.y.push(tilt);
+            }
+        }
+        signals.each_ref().map(incline::level)
     }
 
     /// The gyroscope's bias: a vessel that floats turns over by nothing, and about down by what its

@@ -3,8 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use alight_shared::config;
-use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, VesselModelConfig, YAW};
-use alight_usv::calibrate::{Decay, Figure, Found, NAMES, Record, Signal, Unknown, identify};
+use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_usv::calibrate::incline::{inertia, level, stiffness};
+use alight_usv::calibrate::{
+    Decay, Figure, Found, NAMES, Record, Signal, Stiffness, Unknown, Weight, identify,
+};
 use alight_usv::{VesselIn, VesselNodeConfig};
 use clap::Args;
 use serde_json::{Value, json};
@@ -25,6 +28,7 @@ const MAX_TABLE_BYTES: u64 = 256 << 20;
     after_help = "On calm water, engines off: press one side down and let go, then the bow, then let somebody heavy \
 step off; push her forward, sideways, and turn her, and let go. Three times each, and let her come to rest between, \
 for longer than she moves. For the antenna's place rock her for two minutes, or take a recording in waves.\n\
+For M in roll and pitch lay a known weight off the middle and record her at rest for a minute (--weighed, --weight).\n\
 Record with: alight vessel --config /etc/alight/vessel.toml --log DIR (its vessel-*.log)\n\
 Exit codes: 0 something was found, 1 nothing is observable, 2 bad input."
 )]
@@ -36,10 +40,30 @@ pub struct VesselArgs {
     /// Configuration of the vessel's computer (TOML) [default: the recording's, else the program's defaults]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// A recording of her at rest with a known weight on board, of any of these kinds
+    #[arg(long, value_name = "FILE", requires = "weight")]
+    pub weighed: Option<PathBuf>,
+    /// That weight: its mass (kg) and its place from the vessel's reference point (m)
+    #[arg(long, value_name = "KG,FORWARD,RIGHT", requires = "weighed", value_parser = weight, allow_hyphen_values = true)]
+    pub weight: Option<Weight>,
     /// Print as one JSON object
     #[arg(long)]
     pub json: bool,
 }
+
+fn weight(text: &str) -> Result<Weight, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.unwrap_or_default().as_slice() {
+        [mass_kg, x, y] if *mass_kg > 0.0 && *mass_kg < 1e6 && x.abs() < 1e3 && y.abs() < 1e3 => Ok(Weight {
+            mass_kg: *mass_kg,
+            at_m: [*x, *y],
+        }),
+        _ => Err("three numbers: kg, m forward, m right, as in 80,0.5,0.9".into()),
+    }
+}
+
+/// What a known weight told: stiffness in roll and pitch.
+type Weighed = Option<Stiffness>;
 
 /// Identifies and tells.
 pub fn run(args: &VesselArgs) -> Result<End, Refused> {
@@ -50,25 +74,33 @@ pub fn run(args: &VesselArgs) -> Result<End, Refused> {
         }
         None => None,
     };
-    let ending = args.recording.extension().and_then(|e| e.to_str());
-    let (config, found) = match ending {
-        Some("mcap") => recorded(&args.recording, named)?,
-        Some("csv") => table(&args.recording, named.unwrap_or_default())?,
-        Some("log") => logged(&args.recording, named)?,
-        Some(_) | None => {
-            return Err(Refused(format!(
-                "{}: neither FILE.mcap, FILE.log nor FILE.csv",
-                args.recording.display()
-            )));
+    let (config, found) = read(&args.recording, named.clone())?;
+    let weighed = match (&args.weighed, &args.weight) {
+        (Some(path), Some(weight)) => {
+            let (_, with) = read(path, named)?;
+            Some(stiffness(weight, &found.level, &with.level))
         }
+        (_, _) => None,
     };
     if args.json {
-        say::line(object(&found));
+        say::line(object(&found, &weighed));
     } else {
-        tell(&found, &config);
+        tell(&found, &weighed, &config);
     }
     let some = found.decays.iter().any(Result::is_ok) || antenna(&found).is_some();
     Ok(if some { End::Success } else { End::Failed })
+}
+
+fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), Refused> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("mcap") => recorded(path, named),
+        Some("csv") => table(path, named.unwrap_or_default()),
+        Some("log") => logged(path, named),
+        Some(_) | None => Err(Refused(format!(
+            "{}: neither FILE.mcap, FILE.log nor FILE.csv",
+            path.display()
+        ))),
+    }
 }
 
 fn take(record: &mut Record, input: &VesselIn) {
@@ -215,6 +247,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Fou
     let found = Found {
         seconds: seconds[1] - seconds[0],
         decays: identify(&signals),
+        level: [ROLL, PITCH].map(|dof| signals.get(dof).and_then(level)),
         antenna_m: None,
     };
     Ok((config, found))
@@ -240,26 +273,38 @@ fn why(unknown: &Unknown) -> String {
     }
 }
 
-/// Damping and stiffness as the model has them, with their errors: M as configured.
-fn scaled(model: &VesselModelConfig, dof: usize, decay: &Decay) -> [Figure; 2] {
-    let m = model.inertia_kg_kgm2[dof];
+/// M where a weight has told it.
+fn mass(dof: usize, decay: &Decay, weighed: &Weighed) -> Option<Figure> {
+    let [roll, pitch] = weighed.as_ref()?;
+    let of = match dof {
+        ROLL => roll,
+        PITCH => pitch,
+        _ => return None,
+    };
+    inertia(of.as_ref().ok()?, decay)
+}
+
+/// Damping and stiffness as the model has them, with their errors: M as configured or found.
+fn scaled(m: f64, decay: &Decay) -> [Figure; 2] {
     [decay.damping, decay.stiffness].map(|f| Figure {
         value: m * f.value,
         sd: m * f.sd,
     })
 }
 
-fn object(found: &Found) -> Value {
+fn object(found: &Found, weighed: &Weighed) -> Value {
     let figure = |f: &Figure| json!({ "value": f.value, "sd": f.sd });
     let decays: serde_json::Map<String, Value> = NAMES
         .iter()
         .zip(&found.decays)
-        .map(|(name, decay)| {
+        .enumerate()
+        .map(|(dof, (name, decay))| {
             let of = match decay {
                 Ok(d) => json!({
                     "damping_per_mass": figure(&d.damping),
                     "stiffness_per_mass": figure(&d.stiffness),
                     "pushes": d.pushes,
+                    "mass": mass(dof, d, weighed).as_ref().map(figure),
                 }),
                 Err(unknown) => json!({ "not_observable": why(unknown) }),
             };
@@ -273,14 +318,41 @@ fn object(found: &Found) -> Value {
     })
 }
 
-fn tell(found: &Found, config: &VesselNodeConfig) {
+/// What a weight told of roll and pitch.
+fn tell_weighed(weighed: &Stiffness) {
+    for (name, of) in ["roll", "pitch"].iter().zip(weighed) {
+        let text = match of {
+            Ok(g) => format!("G {:.0} +- {:.0}", g.value, g.sd),
+            Err(Some(lean)) => format!(
+                "leans by {:.2} +- {:.2} deg, which tells too little or is the wrong way: a heavier weight, farther \
+                 from the middle, on calm water",
+                lean.value.to_degrees(),
+                lean.sd.to_degrees()
+            ),
+            Err(None) => "no attitude for 20 s with and without it".into(),
+        };
+        say::line(format_args!("{name:<6} under the weight: {text}"));
+    }
+}
+
+fn tell(found: &Found, weighed: &Weighed, config: &VesselNodeConfig) {
     let model = &config.model;
     say::line(format_args!("{:.0} s recorded", found.seconds));
+    weighed.iter().for_each(tell_weighed);
     let (mut damping, mut stiffness) = (model.damping_npmps_nmpradps, model.stiffness_npm_nmprad);
+    let mut inertia = model.inertia_kg_kgm2;
     for (dof, (name, decay)) in NAMES.iter().zip(&found.decays).enumerate() {
         match decay {
             Ok(d) => {
-                let [dd, gg] = scaled(model, dof, d);
+                let m = mass(dof, d, weighed);
+                if let Some(m) = &m {
+                    say::line(format_args!(
+                        "{name:<6} M {:.0} +- {:.0} (configured {:.0})",
+                        m.value, m.sd, inertia[dof]
+                    ));
+                    inertia[dof] = m.value;
+                }
+                let [dd, gg] = scaled(inertia[dof], d);
                 say::line(format_args!(
                     "{name:<6} D {:.0} +- {:.0} (configured {:.0}), G {:.0} +- {:.0} (configured {:.0}), {} pushes",
                     dd.value, dd.sd, damping[dof], gg.value, gg.sd, stiffness[dof], d.pushes
@@ -294,9 +366,9 @@ fn tell(found: &Found, config: &VesselNodeConfig) {
         }
     }
     say::line(
-        "M is not observable without a known force and left as configured: D and G are in its proportion, which is \
-         all that the model uses; the inertial sensor's own place is where the reference point is reckoned from, and \
-         left",
+        "M is not observable from free motion and elsewhere left as configured (a known weight tells it in roll and \
+         pitch: --weighed): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
+         place is where the reference point is reckoned from, and left",
     );
     let mut place = config.gnss.antenna_m;
     match &found.antenna_m {
@@ -322,10 +394,11 @@ fn tell(found: &Found, config: &VesselNodeConfig) {
         }
         None => say::line("GNSS antenna not observable, left: no fixes with motion between them"),
     }
+    let m = list("inertia_kg_kgm2", &inertia, 0);
     let d = list("damping_npmps_nmpradps", &damping, 0);
     let g = list("stiffness_npm_nmprad", &stiffness, 0);
     let a = list("antenna_m", &place, 3);
     say::line(format_args!(
-        "\n# vessel.toml\n[vessel.model]\n{d}\n{g}\n[vessel.gnss]\n{a}\n\n# drone.toml\n[drone.predictor.vessel]\n{d}\n{g}"
+        "\n# vessel.toml\n[vessel.model]\n{m}\n{d}\n{g}\n[vessel.gnss]\n{a}\n\n# drone.toml\n[drone.predictor.vessel]\n{m}\n{d}\n{g}"
     ));
 }
