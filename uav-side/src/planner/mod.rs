@@ -22,6 +22,8 @@ pub mod rendezvous;
 pub mod weights;
 
 #[cfg(test)]
+mod start_tests;
+#[cfg(test)]
 mod tests;
 
 use alight_shared::frames::wrap_angle;
@@ -207,8 +209,7 @@ impl Planner {
         if let Some(flight) = &self.flight
             && young(now, flight.at, r.age_s)
         {
-            // Compared at the time of the odometry.
-            let (then, _) = self.at(flight, drone.header.at);
+            let (then, _) = self.at(flight, drone.header.at); // compared at the odometry's time
             let gap: [f64; 12] = core::array::from_fn(|i| measured[i] - then[i]);
             let near = gap[0].hypot(gap[1]) <= r.horizontal_m
                 && gap[6].hypot(gap[7]) <= r.horizontal_mps

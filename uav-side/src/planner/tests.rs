@@ -12,7 +12,7 @@ use super::*;
 use crate::planner;
 
 #[path = "../../benches/approach/mod.rs"]
-mod approach;
+pub(super) mod approach;
 #[path = "../../benches/naive/mod.rs"]
 mod naive;
 

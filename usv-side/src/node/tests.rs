@@ -96,7 +96,11 @@ fn a_push_that_only_the_receiver_saw_is_believed_within_two_seconds() {
     }
     let e = last.unwrap();
     assert!((e.eta[1] - 20.0 - 4.0).abs() < 0.5, "place {:?}", e.eta);
-    assert!((f64::from(e.eta_dot[1]) - speed).abs() < 0.3, "velocity {:?}", e.eta_dot);
+    assert!(
+        (f64::from(e.eta_dot[1]) - speed).abs() < 0.3,
+        "velocity {:?}",
+        e.eta_dot
+    );
     assert_eq!(n.estimator.gated().restarts, 0);
 }
 
