@@ -197,6 +197,9 @@ fn report() {
             let all: Vec<Outcome> = (seed0..seed0 + trials)
                 .map(|s| fly(firmware, wire_s, s))
                 .collect();
+            for (o, seed) in all.iter().zip(seed0..).filter(|(o, _)| !o.success) {
+                println!("seed {seed}: {o:?}");
+            }
             let down: Vec<f64> = all.iter().filter_map(|o| o.position_error_m).collect();
             let times: Vec<f64> = all.iter().filter_map(|o| o.landing_time_s).collect();
             let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
