@@ -35,22 +35,29 @@ fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
     }
 }
 
-/// A client that obeys no rule of ours: it dials `endpoint` and says `text` on `key`, again and again.
+/// A client that obeys no rule of ours: it dials `endpoint`, or is dialled there, and says what it is told on
+/// `key`, again and again.
 struct Stranger(zenoh::Session, String);
 
 impl Stranger {
     fn dial(endpoint: &str, files: &[(&str, PathBuf)], key: &str) -> Stranger {
+        Stranger::open(&format!("[{endpoint:?}]"), "[]", files, key)
+    }
+    fn listen(endpoint: &str, files: &[(&str, PathBuf)], key: &str) -> Stranger {
+        Stranger::open("[]", &format!("[{endpoint:?}]"), files, key)
+    }
+    fn open(connect: &str, listen: &str, files: &[(&str, PathBuf)], key: &str) -> Stranger {
         let mut config = zenoh::Config::default();
         let mut set = |key: &str, value: String| config.insert_json5(key, &value).expect("a setting");
         set("mode", r#""peer""#.into());
-        set("connect/endpoints", format!("[{endpoint:?}]"));
+        set("connect/endpoints", connect.into());
         set("connect/timeout_ms", "-1".into());
         set("connect/exit_on_failure", "false".into());
         set(
             "connect/retry",
             r#"{ "period_init_ms": 50, "period_max_ms": 100 }"#.into(),
         );
-        set("listen/endpoints", "[]".into());
+        set("listen/endpoints", listen.into());
         set("scouting/multicast/enabled", "false".into());
         set("scouting/gossip/enabled", "false".into());
         for (key, file) in files {
@@ -59,7 +66,10 @@ impl Stranger {
                 format!("{:?}", file.display().to_string()),
             );
         }
-        if files.iter().any(|(key, _)| *key == "connect_certificate") {
+        if files
+            .iter()
+            .any(|(key, _)| key.ends_with("_certificate") && *key != "root_ca_certificate")
+        {
             set("transport/link/tls/enable_mtls", "true".into());
         }
         Stranger(zenoh::open(config).wait().expect("opens"), key.into())
@@ -206,6 +216,54 @@ fn an_admitted_name_on_somebody_elses_key_is_not_heard() {
             .into()
     }));
     noticed(Refusal::Key);
+}
+
+#[test]
+fn the_vessels_name_on_a_key_outside_its_rule_is_not_heard() {
+    refusals::listen();
+    let keys = common::certificates("vessel-key");
+    let own = keys.join("vessel-1");
+    let files = [
+        ("root_ca_certificate", own.join("authority.pem")),
+        ("listen_certificate", own.join("certificate.pem")),
+        ("listen_private_key", own.join("key.pem")),
+    ];
+    let address = port();
+    // Whoever holds the vessel's key may say the vessel's words, and no others.
+    let mut vessel = Stranger::listen(&format!("quic/{address}"), &files, "alight/vessel-1/estimate");
+    let dial = RadioConfig {
+        connect: vec![format!("quic/{address}")],
+        tls: tls(&keys.join("drone-1"), &["vessel-1"]),
+        ..RadioConfig::default()
+    };
+    let status = Outlet {
+        key: STATUS.into(),
+        urgency: Urgency::State,
+    };
+    let mut drone = Radio::open(&dial, vec![status], vec!["alight/**".to_owned()]).expect("opens");
+    let mut friend = 0;
+    for _ in 0..2000 {
+        for key in [
+            "alight/vessel-2/estimate",
+            "alight/drone-2/status",
+            "alight/estimate",
+        ] {
+            vessel.1 = key.into();
+            vessel.says(b"stranger");
+        }
+        vessel.1 = "alight/vessel-1/estimate".into();
+        vessel.says(b"friend");
+        while let Some(heard) = drone.receive(Duration::from_millis(5)) {
+            assert_eq!(heard.bytes, b"friend");
+            friend += 1;
+        }
+        if friend >= 200 {
+            break;
+        }
+    }
+    assert!(friend >= 200, "the vessel's own word was heard {friend} times");
+    noticed(Refusal::Key);
+    std::fs::remove_dir_all(&keys).expect("removed");
 }
 
 #[test]
