@@ -116,13 +116,22 @@ impl Pattern {
         let spread = ((0..side).map(|k| place(k).powi(2)).sum::<f64>() / side as f64).sqrt();
         let count = side * side;
         let at = |k: usize| [k % side, k / side].map(|i| place(i) * sd / spread.max(1e-9));
-        // When each ray is: an order in which time goes with neither direction, or a moving edge would
-        // be sharper on one side.
+        // When each ray is: an order in which time goes with neither direction, and a ray's mirror image in
+        // the pixel's middle is as long before the middle of the exposure as the ray is after it. Without
+        // the first a moving edge would be sharper on one side, without the second all edges of a smear of
+        // 9 px would be moved by 0.3 px the same way (the odd moments of place and time together).
         let mut best: (f64, Vec<usize>) = (f64::INFINITY, (0..count).collect());
         for _ in 0..400 {
             let mut order: Vec<usize> = (0..count).collect();
-            for k in (1..count).rev() {
+            let half = count / 2;
+            for k in (1..half).rev() {
                 order.swap(k, ((k + 1) as f64 * draw.uniform()) as usize % (k + 1));
+            }
+            for k in 0..half {
+                if draw.uniform() < 0.5 {
+                    order[k] = count - 1 - order[k];
+                }
+                order[count - 1 - k] = count - 1 - order[k];
             }
             let along = |axis: usize| -> f64 {
                 let pairs = order.iter().enumerate();

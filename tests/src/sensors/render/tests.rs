@@ -144,7 +144,8 @@ fn a_camera_that_is_mounted_otherwise_says_the_same() {
 fn motion_in_the_exposure_smears_about_its_middle() {
     let mut setup = setup(|c| c.dark_sd = 0.0);
     // 4 ms at 2 rad/s: 2.6 px.
-    let (view, deck) = (view(3.0, 0.0, [0.0; 3], [0.0, 2.0, 0.0]), deck([0.0; 3]));
+    let view_of = |rates| view(3.0, 0.0, [0.0; 3], rates);
+    let (view, deck) = (view_of([0.0, 2.0, 0.0]), deck([0.0; 3]));
     let image = setup
         .renderer
         .image(&shot(&view, &deck, 0.004))
@@ -152,6 +153,20 @@ fn motion_in_the_exposure_smears_about_its_middle() {
     let pose = setup.node.look(&image).expect("seen");
     let (moved, _) = errors(&pose, &view, &deck);
     assert!(moved < 0.01, "{moved}");
+    // 9 px in any direction: whatever way the edges are shifted together is an error of the drawing.
+    let mut sum = Vector3::zeros();
+    for k in 0..12 {
+        let (sin, cos) = (core::f64::consts::TAU * f64::from(k) / 12.0).sin_cos();
+        let turning = view_of([7.0 * cos, 7.0 * sin, 0.0]);
+        let image = setup
+            .renderer
+            .image(&shot(&turning, &deck, 0.004))
+            .expect("an image");
+        let pose = setup.node.look(&image).expect("seen");
+        sum += (Vector3::from(pose.position) - turning.sees(deck.position)) / 12.0;
+    }
+    // A fifth of a pixel.
+    assert!(sum.xy().norm() < 0.002, "{sum}");
     let smeared = setup.renderer.image(&shot(&view, &deck, 0.08)).expect("an image");
     assert_eq!(setup.node.look(&smeared), None, "51 px of smear");
 }
