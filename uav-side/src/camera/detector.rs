@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::image::Grey;
+use super::smear::smear_px2;
 
 /// Most detections of one image that are looked at.
 const MOST: usize = 64;
@@ -26,10 +27,17 @@ pub struct TagSettings {
     /// The image is searched at this fraction of its resolution (1: whole, 2: half); corners are refined at
     /// whole resolution.
     pub decimate: f64,
-    /// Standard deviation of each coordinate of each corner, px.
+    /// Standard deviation of each coordinate of each corner of a large, sharp tag, px.
     pub corner_sd_px: f64,
-    /// The same as a share of the tag's side in the image: what blur and lens leave.
+    /// The same as a share of the tag's side in the image: what a lens leaves after its calibration.
     pub corner_sd_share: f64,
+    /// What is added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
+    pub small_sd_px: f64,
+    /// Width of the tag in the image from which on that falls with the fourth power of the width, px.
+    pub small_width_px: f64,
+    /// What motion during the exposure adds, as a share of its square over the tag's width; the edges tell
+    /// the motion.
+    pub smear_sd: f64,
     /// Largest sum of squared reprojection errors, in variances of a corner.
     pub max_misfit: f64,
 }
@@ -44,8 +52,12 @@ impl Default for TagSettings {
             // Ours: whole, 640 x 480 takes twice the time and the tag is seen 3 m further.
             decimate: 1.5,
             // Twice what rendered images give, for what is left of a real lens after its calibration.
-            corner_sd_px: 0.2,
+            corner_sd_px: 0.15,
             corner_sd_share: 0.0,
+            // Rendered images give 0.23, 16 and 0.2.
+            small_sd_px: 0.3,
+            small_width_px: 16.0,
+            smear_sd: 0.25,
             max_misfit: 40.0,
         }
     }
@@ -62,6 +74,9 @@ impl Check for TagSettings {
         at.range("decimate", self.decimate, 1.0, 4.0)?;
         at.range("corner_sd_px", self.corner_sd_px, 0.01, 20.0)?;
         at.range("corner_sd_share", self.corner_sd_share, 0.0, 0.2)?;
+        at.range("small_sd_px", self.small_sd_px, 0.0, 20.0)?;
+        at.range("small_width_px", self.small_width_px, 1.0, 1e4)?;
+        at.range("smear_sd", self.smear_sd, 0.0, 20.0)?;
         at.range("max_misfit", self.max_misfit, 1.0, 1e6)
     }
 }
@@ -76,6 +91,8 @@ pub struct Sighting {
     pub wrong_bits: usize,
     /// Decision margin, grey levels.
     pub margin: f64,
+    /// Square of the motion during the exposure that its edges tell, px².
+    pub smear_px2: f64,
 }
 
 /// Why a detection of the library did not count, or how often none did.
@@ -143,6 +160,7 @@ impl TagDetector {
                 corners: in_order(found.corners()),
                 wrong_bits: found.hamming(),
                 margin: f64::from(found.decision_margin()),
+                smear_px2: 0.0,
             };
             if found.id() != usize::from(self.settings.id) {
                 self.counts.other_tags += 1;
@@ -154,7 +172,10 @@ impl TagDetector {
                 best = Some(sighting);
             }
         }
-        best
+        best.map(|b| Sighting {
+            smear_px2: smear_px2(image, &b.corners),
+            ..b
+        })
     }
 }
 

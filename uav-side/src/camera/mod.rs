@@ -1,12 +1,13 @@
 //! The belly camera: images in, sightings of the deck out.
 //!
 //! Read in this order: [`image`] (what an image is), [`lens`] (which direction a pixel looks in),
-//! [`detector`] (the tag's corners), [`square_pose`] (its pose and covariance), [`node`]; then [`uvdar`], the second camera.
+//! [`detector`] (the tag's corners), [`smear`] (how far they were smeared), [`square_pose`] (its pose and covariance), [`node`]; then [`uvdar`], the second camera.
 
 pub mod detector;
 pub mod image;
 pub mod lens;
 pub mod node;
+pub mod smear;
 pub mod square_pose;
 pub mod uvdar;
 

@@ -5,8 +5,9 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::detector::{Sighting, TagCounts, TagDetector};
+use super::detector::{Sighting, TagCounts, TagDetector, TagSettings};
 use super::image::{Frame, Grey};
+use super::smear::width_px;
 use super::square_pose::solve;
 use super::{CameraSettings, Lens};
 
@@ -41,9 +42,7 @@ pub struct CameraNode {
     /// Rotation of the designed camera from the mounted one.
     mount: nalgebra::UnitQuaternion<f64>,
     side_m: f64,
-    corner_sd_px: f64,
-    corner_sd_share: f64,
-    max_misfit: f64,
+    tag: TagSettings,
     detector: TagDetector,
     names: Names,
     sequence: u32,
@@ -57,9 +56,7 @@ impl CameraNode {
             lens: settings.lens,
             mount: settings.mount().0,
             side_m,
-            corner_sd_px: settings.tag.corner_sd_px,
-            corner_sd_share: settings.tag.corner_sd_share,
-            max_misfit: settings.tag.max_misfit,
+            tag: settings.tag.clone(),
             detector: TagDetector::new(&settings.tag),
             names,
             sequence: 0,
@@ -102,12 +99,9 @@ impl CameraNode {
             *n = self.lens.normalised(*px)?;
             pixel = pixel.max(self.lens.pixel_size(*n)?);
         }
-        let side_px = (0..4)
-            .map(|k| (sighting.corners[(k + 1) % 4] - sighting.corners[k]).norm())
-            .fold(0.0, f64::max);
-        let sd_px = self.corner_sd_px.hypot(self.corner_sd_share * side_px);
+        let sd_px = corner_sd_px(&self.tag, sighting);
         let s = solve(self.side_m, &image, sd_px * pixel)?;
-        if !(s.misfit <= self.max_misfit) {
+        if !(s.misfit <= self.tag.max_misfit) {
             return None;
         }
         // Corners that fit worse than they should, by glare or motion, say that all of them are worse: eight
@@ -127,6 +121,24 @@ impl CameraNode {
             ..TagPose::default()
         })
     }
+}
+
+/// Standard deviation of each coordinate of each corner, px:
+/// `sd² = corner² + (share side)² + (small min(1, (w1/w)⁴))² + (k b²/w)²`, with the tag's longest side, its
+/// narrowest width `w` and the smear `b` of its edges in the image, px. The form is that of corners in rendered
+/// images over range, incidence and motion.
+fn corner_sd_px(tag: &TagSettings, sighting: &Sighting) -> f64 {
+    let [a, b, c, d] = sighting.corners;
+    let side = [b - a, c - b, d - c, a - d]
+        .iter()
+        .fold(0.0, |most: f64, side| most.max(side.norm()));
+    let width = width_px(&sighting.corners).max(1.0);
+    let small = tag.small_sd_px * (tag.small_width_px / width).powi(4).min(1.0);
+    let smear = tag.smear_sd * sighting.smear_px2 / width;
+    tag.corner_sd_px
+        .hypot(tag.corner_sd_share * side)
+        .hypot(small)
+        .hypot(smear)
 }
 
 /// Variances along turned axes: the squares of the rotation's components.
@@ -155,5 +167,33 @@ impl Node for CameraNode {
             }
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_of_a_small_or_smeared_tag_are_known_less_well() {
+        let tag = TagSettings::default();
+        let sd = |side: f64, smear_px2: f64| {
+            let corners = [[0.0, side], [0.0, 0.0], [side, 0.0], [side, side]].map(Vector2::from);
+            let (wrong_bits, margin) = (0, 100.0);
+            corner_sd_px(
+                &tag,
+                &Sighting {
+                    corners,
+                    wrong_bits,
+                    margin,
+                    smear_px2,
+                },
+            )
+        };
+        assert!((sd(100.0, 0.0) / tag.corner_sd_px - 1.0).abs() < 0.01);
+        assert!(sd(14.0, 0.0) > 2.0 * sd(40.0, 0.0));
+        // 10 px of motion over 80 px of tag.
+        assert!((0.3..0.4).contains(&sd(80.0, 100.0)), "{}", sd(80.0, 100.0));
+        assert!(sd(40.0, 100.0) > 1.5 * sd(80.0, 100.0));
     }
 }
