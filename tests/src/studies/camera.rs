@@ -232,32 +232,12 @@ impl Bench {
         }
     }
 
-    /// Sightings in images without a tag, over as many images of the sea and of a bare deck.
-    pub fn false_sightings(&mut self, images: usize) -> usize {
-        let bare = DeckGeometry {
-            tag_side_m: 0.02,
-            ..self.deck
-        };
-        let streams = Streams::new(self.draw.uniform().to_bits());
-        let mut renderer = Renderer::new(&self.sensors.render, &bare, &streams);
-        let mut found = 0;
-        for k in 0..images {
-            let condition = Condition {
-                range_m: self.within(1.5, 30.0),
-                incidence_deg: self.within(0.0, 60.0),
-                blur_px: self.within(0.0, 2.0),
-                glare: 0.0,
-            };
-            let mut shot = self.shot(&condition);
-            if k % 2 == 0 {
-                // The deck far away: the sea alone.
-                shot.deck.position = Point::new(1e4, 1e4, -1.3);
-            }
-            if let Some(image) = renderer.image(&shot) {
-                found += usize::from(self.node.look(&image).is_some());
-            }
-        }
-        found
+    /// Where the tag's centre is in an image, px, and the length of its side there.
+    pub fn tag_px(&self, shot: &Shot) -> Option<([f64; 2], f64)> {
+        let truth = Truth::of(shot, &self.deck);
+        let px = self.sensors.render.lens.project(&truth.position)?;
+        let side = self.deck.tag_side_m * self.sensors.render.lens.focal_px[0] / truth.position.norm();
+        Some((px.into(), side))
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod airborne;
 pub mod camera;
+pub mod empty;
 pub mod estimator;
 pub mod prediction;
 pub mod uvdar;
