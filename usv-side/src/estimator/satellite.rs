@@ -114,12 +114,18 @@ impl Filter {
     }
 
     /// The gate of an axis' place ([`ETA`]) or velocity ([`NU`]): open when it was refused `patience` times in
-    /// a row, and the state then known no better than it is off.
+    /// a row, and the state then known no better than it is off. A height that jumps is the receiver's, not the
+    /// hull's, which the water holds.
     fn patience(&mut self, axis: usize, slot: usize, patience: u32, innovation: f64) -> f64 {
         if self.refused_rows[slot][axis] < patience {
             return GATE;
         }
-        self.belief.inflate(axis, slot, innovation * innovation);
+        let state = if (axis, slot) == (HEAVE, ETA) {
+            GNSS_BIAS
+        } else {
+            slot
+        };
+        self.belief.inflate(axis, state, innovation * innovation);
         f64::INFINITY
     }
     fn count(&mut self, axis: usize, slot: usize, fused: bool) {
