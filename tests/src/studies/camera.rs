@@ -80,6 +80,62 @@ pub struct Row {
     pub corner_rms_px: f64,
     /// Mean of corners' errors, px: right, down.
     pub corner_bias_px: [f64; 2],
+    /// What the model says of corners in images in which it would see the tag, px.
+    pub model_corner_px: f64,
+    /// Share of the images in which the model would see it, but for misses that are not modelled.
+    pub model_rate: f64,
+}
+
+/// How well the model fits rows of rendered images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Misfit {
+    /// Root mean square difference of the share of images in which the tag is seen.
+    pub rate: f64,
+    /// Geometric mean of the model's corner noise over that in the images; rows where both see the tag
+    /// in a fifth of the images at least.
+    pub corner: f64,
+    /// Factor that holds two thirds of the rows' ratios about that mean.
+    pub corner_spread: f64,
+    /// The same two of the mean position error.
+    pub position: f64,
+    /// Its spread.
+    pub position_spread: f64,
+    /// Rows that were compared so.
+    pub rows: usize,
+}
+
+impl Misfit {
+    /// Over rows; those with glare are left out, of which the model knows nothing.
+    pub fn of(rows: &[Row]) -> Misfit {
+        let dry: Vec<&Row> = rows.iter().filter(|r| r.condition.glare <= 0.0).collect();
+        let n = dry.len().max(1) as f64;
+        let rate = dry
+            .iter()
+            .map(|r| (r.model_rate - r.pixels.rate).powi(2))
+            .sum::<f64>()
+            / n;
+        let both: Vec<&&Row> = dry
+            .iter()
+            .filter(|r| r.pixels.rate.min(r.model.rate) >= 0.2)
+            .collect();
+        let spread = |of: &dyn Fn(&Row) -> f64| {
+            let m = both.len().max(1) as f64;
+            let logs: Vec<f64> = both.iter().map(|r| of(r).max(1e-9).ln()).collect();
+            let mean = logs.iter().sum::<f64>() / m;
+            let var = logs.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / m;
+            (mean.exp(), var.sqrt().exp())
+        };
+        let (corner, corner_spread) = spread(&|r| r.model_corner_px / r.corner_rms_px.max(1e-9));
+        let (position, position_spread) = spread(&|r| r.model.position_m / r.pixels.position_m.max(1e-9));
+        Misfit {
+            rate: rate.sqrt(),
+            corner,
+            corner_spread,
+            position,
+            position_spread,
+            rows: both.len(),
+        }
+    }
 }
 
 /// The camera, its node and its model.
@@ -202,6 +258,7 @@ impl Bench {
         self.renderer.set_glare(condition.glare);
         let (mut pixels, mut model) = (Tally::default(), Tally::default());
         let (mut square, mut sum, mut count) = (0.0, Vector2::zeros(), 0.0);
+        let (mut expected, mut chance) = (0.0, 0.0);
         for _ in 0..images {
             let shot = self.shot(condition);
             let truth = Truth::of(&shot, &self.deck);
@@ -219,6 +276,10 @@ impl Bench {
             }
             let pose = sighting.and_then(|s| self.node.judge(&s));
             pixels.add(pose.as_ref(), &truth);
+            if let Some(said) = self.model.image(&shot.view, &shot.deck) {
+                expected += said.chance * said.sd_px.powi(2);
+                chance += said.chance;
+            }
             let modelled = self.model.sight(shot.t, &shot.view, &shot.deck);
             model.add(modelled.as_ref(), &truth);
         }
@@ -229,6 +290,8 @@ impl Bench {
             model: model.quality(),
             corner_rms_px: (square / f64::max(count, 1.0)).sqrt(),
             corner_bias_px: (sum / f64::max(count, 1.0)).into(),
+            model_corner_px: (expected / f64::max(chance, 1e-9)).sqrt(),
+            model_rate: chance / images.max(1) as f64,
         }
     }
 

@@ -37,6 +37,10 @@ fn ideal() -> SensorConfig {
     heading.bias_sd_deg = 0.0;
     heading.dropout = 0.0;
     c.tag.corner_sd_px = 1e-6;
+    c.tag.stated_sd_px = 1e-6;
+    c.tag.small_sd_px = 0.0;
+    c.tag.blur_sd = 0.0;
+    c.tag.width_spread = 0.0;
     c.tag.miss = 0.0;
     c.uvdar.miss = 0.0;
     c.rangefinder.white_sd_m = 0.0;
