@@ -100,23 +100,23 @@ pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
     let glints = sensors.render.glints as usize;
     let flights = images.div_ceil(10);
     say(format!(
-        "UV markers, {flights} flights of 3 s a row, {glints} glints an image; the model: {:.1} deg, {:.3} of the distance",
-        sensors.uvdar.bearing_sd_deg, sensors.uvdar.distance_sd
+        "UV markers, {flights} flights of 3 s a row, {glints} glints an image; in brackets the model"
     ));
     say(format!(
-        "  {:>5}{:>9}{:>13}{:>11}{:>9}{:>7}{:>7}",
+        "  {:>5}{:>11}{:>14}{:>16}{:>9}{:>7}{:>7}",
         "m", "fixes %", "bearing deg", "distance", "bias", "NEES", "wild"
     ));
     let markers: Vec<uvdar::UvdarRow> = UV_RANGES_M
         .iter()
         .map(|range_m| {
-            let row = uvdar::row(&settings.uvdar, *range_m, glints, flights, args.seed0);
+            let fast = (&settings.uvdar, &sensors.uvdar);
+            let row = uvdar::row(fast, *range_m, glints, flights, args.seed0);
             say(format!(
-                "  {:>5.1}{:>9.0}{:>13.2}{:>11.3}{:>9.3}{:>7.2}{:>7}",
+                "  {:>5.1}{:>11}{:>14}{:>16}{:>9.3}{:>7.2}{:>7}",
                 row.range_m,
-                100.0 * row.rate,
-                row.bearing_deg,
-                row.distance,
+                both(100.0 * row.rate, 100.0 * row.model_rate, 0),
+                both(row.bearing_deg, row.model_bearing_deg, 2),
+                both(row.distance, row.model_distance, 3),
                 row.distance_bias,
                 row.nees,
                 row.wild
@@ -170,9 +170,13 @@ fn without_a_tag(scene: &Scene, args: &StudyArgs, say: &dyn Fn(String)) -> Vec<E
     rows
 }
 
+/// Images and, in brackets, the model.
+fn both(a: f64, b: f64, digits: usize) -> String {
+    format!("{a:.digits$} ({b:.digits$})")
+}
+
 fn line(row: &Row) -> String {
     let (c, p, m) = (&row.condition, &row.pixels, &row.model);
-    let both = |a: f64, b: f64, digits: usize| format!("{a:.digits$} ({b:.digits$})");
     format!(
         "  {:>5.1}{:>5.0}{:>5.1}{:>6.1} {:>10} {:>12} {:>5.0} {:>13} {:>8} {:>14}",
         c.range_m,

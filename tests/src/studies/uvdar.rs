@@ -12,6 +12,7 @@ use crate::sensors::camera::{CameraMount, body_from_camera};
 use crate::sensors::noise::Noise;
 use crate::sensors::render::Shot;
 use crate::sensors::render::ultraviolet::Ultraviolet;
+use crate::sensors::uvdar::UvdarConfig;
 use crate::streams::Streams;
 
 /// Images of one flight: 4 s at 20 Hz.
@@ -40,10 +41,23 @@ pub struct UvdarRow {
     pub nees: f64,
     /// Fixes off by more than half the range.
     pub wild: usize,
+    /// Share of images with a fix as the measurement model has it.
+    pub model_rate: f64,
+    /// Its bearing, deg.
+    pub model_bearing_deg: f64,
+    /// Its distance.
+    pub model_distance: f64,
 }
 
-/// `flights` past a deck at `range_m`, with so many glints in each image.
-pub fn row(settings: &UvdarSettings, range_m: f64, glints: usize, flights: usize, seed: u64) -> UvdarRow {
+/// `flights` past a deck at `range_m`, with so many glints in each image, beside what the measurement
+/// model says.
+pub fn row(
+    (settings, model): (&UvdarSettings, &UvdarConfig),
+    range_m: f64,
+    glints: usize,
+    flights: usize,
+    seed: u64,
+) -> UvdarRow {
     let names = Names {
         vessel: 1,
         drone: 1,
@@ -116,8 +130,13 @@ pub fn row(settings: &UvdarSettings, range_m: f64, glints: usize, flights: usize
         }
     }
     let n = f64::max(fixes, 1.0);
+    let [model_bearing, model_distance] = model.sd(range_m);
+    let within = (model.min_range_m..=model.max_range_m).contains(&range_m);
     UvdarRow {
         range_m,
+        model_rate: if within { 1.0 - model.miss } else { 0.0 },
+        model_bearing_deg: model_bearing.to_degrees(),
+        model_distance,
         rate: fixes / row.images.max(1) as f64,
         bearing_deg: (sums[0] / n).sqrt().to_degrees(),
         distance: (sums[1] / n).sqrt(),
@@ -133,10 +152,26 @@ mod tests {
 
     #[test]
     fn markers_are_known_among_glints_and_the_deck_is_where_it_is() {
-        let row = row(&UvdarSettings::default(), 12.0, 10, 4, 3);
+        let row = row(
+            (&UvdarSettings::default(), &UvdarConfig::default()),
+            12.0,
+            10,
+            4,
+            3,
+        );
         assert!(row.rate > 0.5, "{row:?}");
         assert!(row.bearing_deg < 0.5 && row.distance < 0.15, "{row:?}");
         assert_eq!(row.wild, 0, "{row:?}");
+        // The model was fitted to it.
+        assert!((row.model_rate - row.rate).abs() < 0.1, "{row:?}");
+        assert!(
+            (0.6..1.7).contains(&(row.model_bearing_deg / row.bearing_deg)),
+            "{row:?}"
+        );
+        assert!(
+            (0.6..1.7).contains(&(row.model_distance / row.distance)),
+            "{row:?}"
+        );
     }
 
     #[test]
@@ -146,7 +181,7 @@ mod tests {
             tilt_down_deg: -90.0,
             ..UvdarSettings::default()
         };
-        let row = row(&lost, 20.0, 60, 4, 5);
+        let row = row((&lost, &UvdarConfig::default()), 20.0, 60, 4, 5);
         assert_eq!((row.rate, row.wild), (0.0, 0), "{row:?}");
     }
 }
