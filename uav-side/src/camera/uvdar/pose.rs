@@ -4,7 +4,8 @@
 //! axes is seen along `p = R m + t`; its residual is the angle to the measured direction, in two axes, over
 //! the bearing's standard deviation. Two further residuals say that the deck is level to so much as drone and
 //! deck lean, which picks the right one of the two tilts that a small square allows, and makes two markers
-//! enough.
+//! enough. Two alone are seen alike from two sides, a deck's width apart; then the solution counts that goes
+//! on from the one before, or none.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2, Vector3, Vector6};
 
@@ -12,6 +13,14 @@ use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2
 const STARTS: usize = 8;
 /// Bound on refinement steps.
 const MOST_STEPS: usize = 25;
+/// A solution whose sum of squared residuals is larger by less than this (3 standard deviations) is a rival.
+const RIVAL: f64 = 9.0;
+/// Solutions nearer to each other than this share of the distance are one.
+const SAME_SHARE: f64 = 0.02;
+/// A deck goes on from the one before when it has turned by less than this, rad, and each rival by more
+/// than that many times as much.
+const GOES_ON_RAD: f64 = 0.5;
+const RIVAL_TURNS: f64 = 2.0;
 
 /// A marker and where it is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,8 +150,27 @@ fn refine(start: State, seen: &[Seen], known: &Known) -> Option<(State, f64)> {
     Some((at, cost))
 }
 
-/// Solves from two markers or more; None when nothing fits.
-pub fn solve(seen: &[Seen], known: &Known) -> Option<MarkerPose> {
+/// Of solutions that fit alike, the first of them best, the one that goes on from the attitude `last`; None
+/// when none does, or more than one.
+fn which<'a>(rivals: &[&'a (State, f64)], last: Option<&UnitQuaternion<f64>>) -> Option<&'a (State, f64)> {
+    if let [alone] = rivals {
+        return Some(alone);
+    }
+    let last = last?;
+    let mut turned: Vec<(f64, &(State, f64))> = rivals
+        .iter()
+        .map(|found| (found.0.r.angle_to(last), *found))
+        .collect();
+    turned.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let [(least, found), (next, _), ..] = turned.as_slice() else {
+        return None;
+    };
+    (*least < GOES_ON_RAD && *next > RIVAL_TURNS * least).then_some(found)
+}
+
+/// Solves from two markers or more; None when nothing fits, or when several places fit alike and not just one
+/// of them goes on from the attitude `last`.
+pub fn solve(seen: &[Seen], known: &Known, last: Option<&UnitQuaternion<f64>>) -> Option<MarkerPose> {
     if seen.len() < 2 {
         return None;
     }
@@ -159,7 +187,7 @@ pub fn solve(seen: &[Seen], known: &Known) -> Option<MarkerPose> {
     }
     let direction = middle.try_normalize(1e-6)?;
     let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down)?;
-    let mut best: Option<(State, f64)> = None;
+    let mut all: Vec<(State, f64)> = Vec::with_capacity(2 * STARTS);
     for k in 0..STARTS {
         let heading = core::f64::consts::TAU * k as f64 / STARTS as f64;
         let turn = UnitQuaternion::from_axis_angle(&UnitVector3::new_normalize(known.down), heading);
@@ -167,15 +195,19 @@ pub fn solve(seen: &[Seen], known: &Known) -> Option<MarkerPose> {
         // Seen aslant, markers are nearer than their distance from each other says.
         for share in [1.0, 0.5] {
             let t = direction * (range * share).clamp(0.5, 500.0) - r * centre;
-            let found = refine(State { t, r }, seen, known);
-            if let Some((state, cost)) = found
-                && best.is_none_or(|(_, least)| cost < least)
-            {
-                best = Some((state, cost));
-            }
+            all.extend(refine(State { t, r }, seen, known));
         }
     }
-    let (state, misfit) = best?;
+    all.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let least = all.first()?.1;
+    let mut rivals: Vec<&(State, f64)> = Vec::new();
+    for found in all.iter().take_while(|(_, cost)| *cost < least + RIVAL) {
+        let apart = |other: &&(State, f64)| (other.0.t - found.0.t).norm() > SAME_SHARE * found.0.t.norm();
+        if rivals.iter().all(|r| apart(r)) {
+            rivals.push(found);
+        }
+    }
+    let (state, misfit) = *which(&rivals, last)?;
     let (a, _, _) = equations(&state, seen, known)?;
     let all = a.cholesky()?.inverse();
     let covariance = all.fixed_view::<3, 3>(0, 0).into_owned();
@@ -232,14 +264,20 @@ mod tests {
             let t = Vector3::new(side, up, 1.0).normalize() * range;
             let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down).unwrap();
             let r = level * UnitQuaternion::from_euler_angles(lean[0], lean[1], heading);
-            let pose = solve(&seen(t, r, 4), &known).unwrap();
+            let pose = solve(&seen(t, r, 4), &known, None).unwrap();
             // What leans is drawn towards level, by less than the stated doubt.
             let e = pose.position - t;
             let off = e.dot(&pose.covariance.cholesky().unwrap().solve(&e));
             prop_assert!(off < 3.0, "{off}: {} {t}", pose.position);
             prop_assert!(pose.misfit < 1.0);
-            let two = solve(&seen(t, r, 2), &known).unwrap();
-            prop_assert!(two.covariance.trace() > pose.covariance.trace());
+            // Two are enough for one who knows how the deck lay a moment ago.
+            let before = UnitQuaternion::from_euler_angles(0.02, -0.02, 0.03) * r;
+            if let Some(two) = solve(&seen(t, r, 2), &known, Some(&before)) {
+                prop_assert!(two.covariance.trace() > pose.covariance.trace());
+                let e = two.position - t;
+                let off = e.dot(&two.covariance.cholesky().unwrap().solve(&e));
+                prop_assert!(off < 12.0, "{off}: {} {t}", two.position);
+            }
         }
         #[test]
         fn no_directions_make_it_panic_or_lie(d in prop::collection::vec(-1.0..1.0_f64, 12)) {
@@ -247,7 +285,7 @@ mod tests {
                 marker: Vector3::from(*m),
                 direction: Vector3::new(d[0], d[1], d[2]).try_normalize(1e-9).unwrap_or(Vector3::z()),
             }).collect();
-            if let Some(pose) = solve(&seen, &known()) {
+            if let Some(pose) = solve(&seen, &known(), None) {
                 prop_assert!(pose.position.iter().chain(pose.covariance.iter()).all(|v| v.is_finite()));
                 prop_assert!((0..3).all(|i| pose.covariance[(i, i)] >= 0.0));
             }
@@ -257,6 +295,6 @@ mod tests {
     #[test]
     fn one_marker_gives_no_distance_and_no_pose() {
         let r = UnitQuaternion::identity();
-        assert!(solve(&seen(Vector3::new(0.0, 0.0, 5.0), r, 1), &known()).is_none());
+        assert!(solve(&seen(Vector3::new(0.0, 0.0, 5.0), r, 1), &known(), None).is_none());
     }
 }
