@@ -153,7 +153,8 @@ impl Air {
             | ProcessKind::Planner
             | ProcessKind::Pilot
             | ProcessKind::Autopilot
-            | ProcessKind::Camera => 1,
+            | ProcessKind::Camera
+            | ProcessKind::Uvdar => 1,
         };
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }

@@ -64,6 +64,8 @@ pub enum LiveVerb {
     Autopilot(AutopilotArgs),
     /// Process of the drone: the belly camera's images, and the tag in them.
     Camera(CameraArgs),
+    /// Process of the drone: the ultraviolet camera's images, and the markers in them.
+    Uvdar(CameraArgs),
     /// Process of the simulation: both vehicles, in real time.
     #[cfg(feature = "live")]
     World(WorldArgs),
@@ -286,13 +288,13 @@ pub struct ProcessArgs {
     pub supervised: bool,
 }
 
-/// The drone's camera.
+/// One of the drone's cameras.
 #[derive(Args, Debug)]
 pub struct CameraArgs {
     /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Where images come from, in the place of the configuration's camera.source
+    /// Where images come from, in the place of camera.source or uvdar.source
     #[arg(long, value_name = "SOURCE")]
     pub source: Option<String>,
     /// Look at what the source has without the drone's other processes, and print each sighting (JSON)

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
-use alight_uav::camera::{Frame, Grey, Lens};
+use alight_uav::camera::{Frame, Grey};
 use serde::{Deserialize, Serialize};
 
 use crate::Refused;
@@ -16,6 +16,8 @@ use crate::Refused;
 const SIMULATION: &str = "simulation";
 /// Most files of a directory.
 const MOST_FILES: usize = 100_000;
+/// Files shown this late, ns, are shown later from then on.
+const LATEST_NS: i64 = 1_000_000_000;
 /// Largest file that is read, bytes.
 const MOST_BYTES: u64 = 16 << 20;
 
@@ -80,6 +82,55 @@ impl CameraSource {
     }
 }
 
+/// Where an ultraviolet camera's images come from; their rate is that of the markers' bits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct UltravioletSource {
+    /// As [`CameraSource::source`]; not the simulation, which renders markers in lock-step only.
+    pub source: String,
+    /// As [`CameraSource::format`].
+    pub format: String,
+    /// As [`CameraSource::delay_s`].
+    pub delay_s: f64,
+}
+
+impl Default for UltravioletSource {
+    fn default() -> Self {
+        UltravioletSource {
+            source: String::new(),
+            // One channel behind a filter.
+            format: "GREY".into(),
+            delay_s: CameraSource::default().delay_s,
+        }
+    }
+}
+
+impl Check for UltravioletSource {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        let images = self.at_rate(CameraSource::default().rate_hz);
+        images.check(at)?;
+        at.require(
+            !images.is_simulation(),
+            "source",
+            &self.source,
+            "a V4L2 device, PGM files or a named pipe: the simulation renders markers in lock-step only (a \
+             scenario's [sensors.render] markers)",
+        )
+    }
+}
+
+impl UltravioletSource {
+    /// With the rate of the markers' bits.
+    pub fn at_rate(&self, rate_hz: f64) -> CameraSource {
+        CameraSource {
+            source: self.source.clone(),
+            format: self.format.clone(),
+            rate_hz,
+            delay_s: self.delay_s,
+        }
+    }
+}
+
 /// A source of images that is not the simulation's.
 pub enum Images {
     /// A device.
@@ -91,13 +142,13 @@ pub enum Images {
 }
 
 impl Images {
-    /// Opens what `config` names.
-    pub fn open(config: &CameraSource, lens: &Lens) -> Result<Images, Refused> {
+    /// Opens what `config` names, for images of `size` (width, height), px.
+    pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, Refused> {
         let path = Path::new(&config.source);
         let doing = || format!("opening the camera's source {}", config.source);
         let meta = std::fs::metadata(path).map_err(|e| {
             Refused(format!(
-                "{}: {e}; camera.source is a V4L2 device, a PGM file or a directory of them, or a named pipe",
+                "{}: {e}; a camera's source is a V4L2 device, a PGM file or a directory of them, or a named pipe",
                 doing()
             ))
         })?;
@@ -112,10 +163,10 @@ impl Images {
             return Ok(Images::Pipe(Pipe {
                 file,
                 delay: Span::from_secs(config.delay_s),
-                size: size(lens),
+                size,
             }));
         }
-        Ok(Images::Device(Device::open(config, lens)?))
+        Ok(Images::Device(Device::open(config, size)?))
     }
     /// The next image; waits for it. None: there are no more.
     pub fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, Refused> {
@@ -125,10 +176,6 @@ impl Images {
             Images::Pipe(pipe) => pipe.next_frame(clock),
         }
     }
-}
-
-fn size(lens: &Lens) -> [usize; 2] {
-    [lens.width_px as usize, lens.height_px as usize]
 }
 
 /// Files shown one after the other.
@@ -175,11 +222,10 @@ impl Files {
         if early_ns > 0 {
             super::supervisor::pause(std::time::Duration::from_nanos(early_ns.unsigned_abs()));
         }
-        self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - self.period_ns);
-        Ok(Some(Frame {
-            at: clock.now(),
-            image,
-        }))
+        // Images come at the rate's instants also when this computer is late for one: markers blink by them.
+        let at = clock.read(self.next_ns);
+        self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - LATEST_NS);
+        Ok(Some(Frame { at, image }))
     }
 }
 
@@ -228,30 +274,29 @@ pub struct Device {
 }
 
 impl Device {
-    fn open(config: &CameraSource, lens: &Lens) -> Result<Device, Refused> {
+    fn open(config: &CameraSource, size: [usize; 2]) -> Result<Device, Refused> {
+        let [width, height] = size.map(|s| s as u32);
         let doing = || format!("opening the camera {}", config.source);
         let mut camera = rscam::new(&config.source).map_err(|e| Refused::because(doing(), e))?;
         let rate = (config.rate_hz.round() as u32).max(1);
         camera
             .start(&rscam::Config {
                 interval: (1, rate),
-                resolution: (lens.width_px, lens.height_px),
+                resolution: (width, height),
                 format: config.format.as_bytes(),
                 ..Default::default()
             })
             .map_err(|e| {
                 Refused(format!(
-                    "{} with {} x {} px, {}, {rate} Hz: {e}; v4l2-ctl --list-formats-ext says what it has",
+                    "{} with {width} x {height} px, {}, {rate} Hz: {e}; v4l2-ctl --list-formats-ext says what it has",
                     doing(),
-                    lens.width_px,
-                    lens.height_px,
                     config.format
                 ))
             })?;
         Ok(Device {
             camera,
             name: config.source.clone(),
-            size: size(lens),
+            size,
             // The others begin with a plane of brightness.
             stride: if config.format == "YUYV" { 2 } else { 1 },
             delay: Span::from_secs(config.delay_s),
@@ -299,23 +344,23 @@ mod tests {
     fn files_are_shown_by_name_and_what_is_none_is_refused_with_advice() {
         let directory = std::env::temp_dir().join(format!("alight-images-{}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
-        let (lens, clock) = (Lens::default(), ProcessClock::default());
+        let (size, clock) = ([40, 32], ProcessClock::default());
         let told = |e: Result<Images, Refused>| e.err().unwrap().to_string();
-        assert!(told(Images::open(&source(&directory), &lens)).contains("no .pgm file"));
+        assert!(told(Images::open(&source(&directory), size)).contains("no .pgm file"));
         for (name, level) in [("b.pgm", 20), ("a.pgm", 10)] {
             let image = Grey::new(40, 32, vec![level; 40 * 32]).unwrap();
             std::fs::write(directory.join(name), image.to_pgm()).unwrap();
         }
-        let mut images = Images::open(&source(&directory), &lens).unwrap();
+        let mut images = Images::open(&source(&directory), size).unwrap();
         let levels: Vec<u8> = core::iter::from_fn(|| images.next_frame(&clock).unwrap())
             .map(|f| f.image.pixels()[0])
             .collect();
         assert_eq!(levels, [10, 20]);
         std::fs::write(directory.join("a.pgm"), b"P5 40 40 255\nshort").unwrap();
-        let mut images = Images::open(&source(&directory), &lens).unwrap();
+        let mut images = Images::open(&source(&directory), size).unwrap();
         assert!(images.next_frame(&clock).is_err());
         std::fs::remove_dir_all(&directory).unwrap();
-        assert!(told(Images::open(&source(Path::new("/dev/video99")), &lens)).contains("V4L2"));
-        assert!(Images::open(&source(Path::new("/dev/null")), &lens).is_err());
+        assert!(told(Images::open(&source(Path::new("/dev/video99")), size)).contains("V4L2"));
+        assert!(Images::open(&source(Path::new("/dev/null")), size).is_err());
     }
 }

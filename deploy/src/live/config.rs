@@ -21,7 +21,7 @@ use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
 
-use super::camera_source::CameraSource;
+use super::camera_source::{CameraSource, UltravioletSource};
 use super::drone::Supervision;
 use super::link::Impaired;
 #[cfg(feature = "live")]
@@ -138,6 +138,8 @@ pub struct DroneComputer {
     pub bridge: BridgeConfig,
     /// Where its camera's images come from.
     pub camera: CameraSource,
+    /// Where its ultraviolet camera's images come from.
+    pub uvdar: UltravioletSource,
     /// How its processes are run.
     pub supervision: Supervision,
     /// Its other nodes.
@@ -160,6 +162,7 @@ impl Default for DroneComputer {
             autopilot: AutopilotLinkConfig::default(),
             bridge: BridgeConfig::default(),
             camera: CameraSource::default(),
+            uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
             drone: DroneSettings::default(),
         }
@@ -167,6 +170,10 @@ impl Default for DroneComputer {
 }
 
 impl DroneComputer {
+    /// Where the ultraviolet camera's images come from, at the rate of the markers' bits.
+    pub fn ultraviolet(&self) -> CameraSource {
+        self.uvdar.at_rate(self.drone.camera.uvdar.rate_hz)
+    }
     /// What comes over the radio, as a trial impairs it.
     pub fn heard<T: Clone>(&self) -> Impaired<T> {
         #[cfg(feature = "live")]
@@ -187,6 +194,7 @@ impl Check for DroneComputer {
         self.autopilot.check(&at.table("autopilot"))?;
         self.bridge.check(&at.table("bridge"))?;
         self.camera.check(&at.table("camera"))?;
+        self.uvdar.check(&at.table("uvdar"))?;
         self.supervision.check(&at.table("supervision"))?;
         self.drone.check(&at.table("drone"))
     }

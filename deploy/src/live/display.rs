@@ -64,8 +64,8 @@ impl Picture {
             "  {:<10}{:>8}{:>8}{:>9}{:>10}{:>12}{:>12}{:>9}\n",
             "process", "pid", "CPU %", "MB", "steps", "step p50", "step p99", "up"
         );
-        // The link to a real autopilot and the camera's images stand beside those of a trial.
-        let real = [ProcessKind::Autopilot, ProcessKind::Camera]
+        // The link to a real autopilot and the cameras' images stand beside those of a trial.
+        let real = [ProcessKind::Autopilot, ProcessKind::Camera, ProcessKind::Uvdar]
             .into_iter()
             .filter(|kind| self.processes.contains_key(kind));
         for kind in ProcessKind::ALL.into_iter().chain(real) {

@@ -90,6 +90,7 @@ impl Supervision {
             | ProcessKind::Predictor
             | ProcessKind::Mission
             | ProcessKind::Camera
+            | ProcessKind::Uvdar
             | ProcessKind::Link
             | ProcessKind::Sensors => return Vec::new(),
         };
@@ -141,9 +142,16 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut onlooker = Onlooker::join(&memory)?;
     let mut supervisor = Supervisor::new(owned.instance().directory(), args.log.clone()).journalled();
     let mut kinds = computer.supervision.processes();
-    if computer.camera.is_there() {
-        kinds.push(ProcessKind::Camera);
-    }
+    let cameras = [
+        (ProcessKind::Camera, computer.camera.clone()),
+        (ProcessKind::Uvdar, computer.ultraviolet()),
+    ];
+    kinds.extend(
+        cameras
+            .iter()
+            .filter(|(_, source)| source.is_there())
+            .map(|(kind, _)| *kind),
+    );
     for &kind in &kinds {
         let before = computer.supervision.before(kind, realtime);
         supervisor.start(kind, args.config.clone(), before)?;

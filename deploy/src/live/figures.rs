@@ -75,6 +75,18 @@ const CAMERA: [(&str, Unit); 10] = [
     ("exposure to sighting p99", Unit::Time),
     ("source opened again", Unit::Count),
 ];
+/// Of the ultraviolet camera, in the order of its process.
+const ULTRAVIOLET: [(&str, Unit); 9] = [
+    ("images", Unit::Count),
+    ("with a place of the deck", Unit::Count),
+    ("markers known", Unit::Count),
+    ("with one marker only", Unit::Count),
+    ("without a place", Unit::Count),
+    ("of another size", Unit::Count),
+    ("exposure to fix p50", Unit::Time),
+    ("exposure to fix p99", Unit::Time),
+    ("source opened again", Unit::Count),
+];
 const WORLD: [(&str, Unit); 5] = [
     ("latest tick", Unit::Time),
     ("late ticks", Unit::Count),
@@ -91,6 +103,7 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
         ProcessKind::World => own(&WORLD),
         ProcessKind::Autopilot => own(&AUTOPILOT),
         ProcessKind::Camera => own(&CAMERA),
+        ProcessKind::Uvdar => own(&ULTRAVIOLET),
         ProcessKind::Bridge => {
             let mut all: Vec<(String, Unit)> = own(&BRIDGE);
             all.extend(

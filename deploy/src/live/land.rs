@@ -26,7 +26,7 @@ use serde::Serialize;
 
 use super::air::{Air, Watch};
 use super::args::LandArgs;
-use super::camera_source::CameraSource;
+use super::camera_source::{CameraSource, UltravioletSource};
 use super::config::{DroneComputer, SimulatedWorld, VesselComputer};
 use super::drone::Supervision;
 use super::fault::Fault;
@@ -282,6 +282,7 @@ impl Arrangement {
             },
             bridge: scene.nodes.bridge.clone(),
             camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
+            uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
             drone: scene.nodes.drone.clone(),
         };
@@ -380,9 +381,11 @@ impl<'a> Landing<'a> {
         plan.air.start(&mut supervisor)?;
         for kind in ProcessKind::ALL {
             let config = match kind {
-                ProcessKind::Link | ProcessKind::Autopilot | ProcessKind::Sensors | ProcessKind::Camera => {
-                    continue;
-                }
+                ProcessKind::Link
+                | ProcessKind::Autopilot
+                | ProcessKind::Sensors
+                | ProcessKind::Camera
+                | ProcessKind::Uvdar => continue,
                 ProcessKind::Vessel => &plan.vessel_file,
                 ProcessKind::World => &plan.world,
                 ProcessKind::Bridge

@@ -89,6 +89,7 @@ mod vessel_word;
 mod world;
 
 use alight_shared::transport::TransportError;
+use alight_shared::transport::process::ProcessKind;
 
 use crate::{End, Refused};
 use args::LiveVerb;
@@ -119,7 +120,8 @@ pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
         LiveVerb::Pilot(a) => shell::run::<pilot::PilotShell>(a),
         LiveVerb::Autopilot(a) => autopilot::run(a),
         LiveVerb::Sensors(a) => sources::run(a),
-        LiveVerb::Camera(a) => camera::run(a),
+        LiveVerb::Camera(a) => camera::run(a, ProcessKind::Camera),
+        LiveVerb::Uvdar(a) => camera::run(a, ProcessKind::Uvdar),
         #[cfg(feature = "live")]
         LiveVerb::World(a) => world::run(a),
         #[cfg(feature = "live")]

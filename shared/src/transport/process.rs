@@ -69,6 +69,8 @@ pub enum ProcessKind {
     Sensors,
     /// The belly camera's images.
     Camera,
+    /// The ultraviolet camera's images.
+    Uvdar,
 }
 
 impl ProcessKind {
@@ -104,6 +106,7 @@ impl ProcessKind {
             ProcessKind::Autopilot => "autopilot",
             ProcessKind::Sensors => "sensors",
             ProcessKind::Camera => "camera",
+            ProcessKind::Uvdar => "uvdar",
         }
     }
 }

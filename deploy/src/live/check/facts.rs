@@ -126,6 +126,21 @@ pub struct SharedMemory {
     pub directory: Result<PathBuf, String>,
 }
 
+/// One of the drone's cameras.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CameraFound {
+    /// Its table in the configuration.
+    pub key: &'static str,
+    /// The table of its lens.
+    pub lens: &'static str,
+    /// Its source as configured.
+    pub source: String,
+    /// Whether that can be read.
+    pub there: Result<(), String>,
+    /// Whether the lens was calibrated.
+    pub calibrated: bool,
+}
+
 /// Everything that was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Facts {
@@ -149,9 +164,8 @@ pub struct Facts {
     pub dialled: Vec<(String, Reach)>,
     /// The autopilot's link as configured, and whether it can be had; None where none is.
     pub autopilot: Option<(String, Result<Reach, String>)>,
-    /// The camera's source as configured, whether it can be read, and whether its lens was calibrated;
-    /// None where none is.
-    pub camera: Option<(String, Result<(), String>, bool)>,
+    /// Each camera that is configured.
+    pub cameras: Vec<CameraFound>,
     /// What the sensors sent; None when it was not listened to.
     pub sensors: Option<SensorsHeard>,
     /// The vessel's real sensors; None when they are the running process's.

@@ -12,9 +12,10 @@ use alight_shared::config;
 use alight_shared::transport::memory::Instance;
 use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::camera::Lens;
+use alight_uav::camera::uvdar::Fisheye;
 
 use super::facts::{
-    ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
+    CameraFound, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
 };
 use super::sources;
 use crate::Refused;
@@ -45,7 +46,7 @@ pub fn gather(path: &Path) -> Facts {
         ports: Vec::new(),
         dialled: Vec::new(),
         autopilot: None,
-        camera: None,
+        cameras: Vec::new(),
         sensors: None,
         sources: None,
         governors: governors(),
@@ -83,15 +84,35 @@ pub fn gather(path: &Path) -> Facts {
                 let reach = name.parse().map(|url| autopilot(&url));
                 (name, reach)
             });
-            facts.camera = d.camera.is_there().then(|| {
-                let name = d.camera.source.clone();
-                let there = if d.camera.is_simulation() {
-                    Ok(())
-                } else {
-                    readable(&name)
-                };
-                (name, there, d.drone.camera.lens != Lens::default())
-            });
+            let eyes = &d.drone.camera;
+            let ultraviolet = d.ultraviolet();
+            let cameras = [
+                (
+                    "camera",
+                    "drone.camera.lens",
+                    &d.camera,
+                    eyes.lens != Lens::default(),
+                ),
+                (
+                    "uvdar",
+                    "drone.camera.uvdar.lens",
+                    &ultraviolet,
+                    eyes.uvdar.lens != Fisheye::default(),
+                ),
+            ];
+            for (key, lens, config, calibrated) in cameras.into_iter().filter(|(_, _, c, _)| c.is_there()) {
+                facts.cameras.push(CameraFound {
+                    key,
+                    lens,
+                    source: config.source.clone(),
+                    there: if config.is_simulation() {
+                        Ok(())
+                    } else {
+                        readable(&config.source)
+                    },
+                    calibrated,
+                });
+            }
             facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
         }
         Err(_) => {}

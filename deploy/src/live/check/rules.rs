@@ -4,7 +4,7 @@ use alight_shared::transport::radio::RadioConfig;
 use serde::Serialize;
 
 use super::facts::{
-    Certificate, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceFound,
+    CameraFound, Certificate, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceFound,
 };
 use crate::live::keys::{SOON_DAYS, common_name};
 
@@ -103,7 +103,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts.running)));
-    all.extend(facts.camera.as_ref().map(camera));
+    all.extend(facts.cameras.iter().map(camera));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
         all.extend(facts.sources.iter().flatten().map(source));
@@ -326,21 +326,26 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> F
     }
 }
 
-fn camera((source, there, calibrated): &(String, Result<(), String>, bool)) -> Finding {
-    const TOPIC: &str = "camera";
-    match there {
+fn camera(found: &CameraFound) -> Finding {
+    let CameraFound { key, source, .. } = found;
+    match &found.there {
         Err(why) => Finding::broken(
-            TOPIC,
+            key,
             format!("{source}: {why}"),
-            "is it plugged in (v4l2-ctl --list-devices), may the user alight open it (group video)? Else correct \
-             camera.source",
+            format!(
+                "is it plugged in (v4l2-ctl --list-devices), may the user alight open it (group video)? Else \
+                 correct {key}.source"
+            ),
         ),
-        Ok(()) if !calibrated => Finding::warning(
-            TOPIC,
+        Ok(()) if !found.calibrated => Finding::warning(
+            key,
             format!("{source} is there, its lens is the simulated camera's"),
-            "calibrate it and write focal_px, centre_px and distortion into [drone.camera.lens] (README, A camera)",
+            format!(
+                "calibrate it and write focal_px, centre_px and distortion into [{}] (README, A camera)",
+                found.lens
+            ),
         ),
-        Ok(()) => Finding::fine(TOPIC, format!("{source} is there")),
+        Ok(()) => Finding::fine(key, format!("{source} is there")),
     }
 }
 

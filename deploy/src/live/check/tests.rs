@@ -7,8 +7,8 @@ use alight_shared::transport::radio::TlsConfig;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
 use super::facts::{
-    Certificate, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
-    SourceFound,
+    CameraFound, Certificate, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard,
+    SharedMemory, SourceFound,
 };
 use super::rules::{Finding, Level, judge};
 use super::{CheckArgs, gather, run, sources};
@@ -64,7 +64,7 @@ fn vessel() -> Facts {
         }],
         dialled: Vec::new(),
         autopilot: None,
-        camera: None,
+        cameras: Vec::new(),
         sensors: Some(SensorsHeard {
             imu: 300,
             gnss: 10,
@@ -100,6 +100,16 @@ fn drone() -> Facts {
 
 fn worst(findings: &[Finding]) -> Level {
     findings.iter().map(|f| f.level).max().unwrap()
+}
+
+fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraFound {
+    CameraFound {
+        key: "camera",
+        lens: "drone.camera.lens",
+        source: source.into(),
+        there,
+        calibrated,
+    }
 }
 
 #[test]
@@ -285,13 +295,16 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
         ),
         (
             drone,
-            |f| f.camera = Some(("/dev/video9".into(), Err("no such file".into()), true)),
+            |f| {
+                f.cameras
+                    .push(camera("/dev/video9", Err("no such file".into()), true))
+            },
             Level::Broken,
             "no such file",
         ),
         (
             drone,
-            |f| f.camera = Some(("/dev/video0".into(), Ok(()), false)),
+            |f| f.cameras.push(camera("/dev/video0", Ok(()), false)),
             Level::Warning,
             "simulated camera's",
         ),

@@ -203,7 +203,7 @@ pub fn solve(seen: &[Seen], known: &Known, last: Option<&UnitQuaternion<f64>>) -
     let mut rivals: Vec<&(State, f64)> = Vec::new();
     for found in all.iter().take_while(|(_, cost)| *cost < least + RIVAL) {
         let apart = |other: &&(State, f64)| (other.0.t - found.0.t).norm() > SAME_SHARE * found.0.t.norm();
-        if rivals.iter().all(|r| apart(r)) {
+        if rivals.iter().all(apart) {
             rivals.push(found);
         }
     }

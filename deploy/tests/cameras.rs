@@ -1,0 +1,155 @@
+//! `alight camera` and `alight uvdar` as processes that look at images in files: the deck rendered, written as
+//! PGM, and found where it is.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use alight_shared::frames::{Deck, DroneBody, Point};
+use alight_shared::time::Time;
+use alight_sim::body::RigidState;
+use alight_sim::scenario::Scenario;
+use alight_sim::sensors::camera::{CameraMount, body_from_camera};
+use alight_sim::sensors::render::ultraviolet::Ultraviolet;
+use alight_sim::sensors::render::{Renderer, Shot};
+use alight_sim::streams::Streams;
+use alight_uav::camera::Grey;
+use alight_uav::camera::uvdar::UvdarSettings;
+use nalgebra::Vector3;
+use serde_json::Value;
+
+/// A directory that goes with the test.
+struct Directory(PathBuf);
+
+impl Directory {
+    fn new(name: &str) -> Directory {
+        let path = std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Directory(path)
+    }
+    fn write(&self, k: usize, image: &Grey) {
+        std::fs::write(self.0.join(format!("{k:03}.pgm")), image.to_pgm()).unwrap();
+    }
+    fn configuration(&self, text: &str) -> PathBuf {
+        let path = self.0.join("drone.toml");
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+}
+
+impl Drop for Directory {
+    fn drop(&mut self) {
+        let _gone = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// What the camera of a drone at rest takes, `k / rate_hz` after the start: the deck `below` it in the
+/// camera's axes (right, aft, down), m.
+fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
+    let mount = CameraMount {
+        position: Vector3::zeros(),
+        attitude: body_from_camera(),
+    };
+    let view = mount.view(&RigidState::<DroneBody>::default());
+    let at = mount.attitude.0 * below;
+    let deck = RigidState::<Deck> {
+        position: Point::from(at),
+        ..Default::default()
+    };
+    let ns = (k as f64 / rate_hz * 1e9) as i64;
+    let shot = Shot {
+        t: Time::from_nanos(ns),
+        at: Time::from_nanos(ns),
+        exposure_s: 0.004,
+        view,
+        deck,
+    };
+    (shot, shot.view.sees(deck.position))
+}
+
+fn run(verb: &str, config: &Path, more: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_alight"))
+        .args([verb, "--config"])
+        .arg(config)
+        .args(more)
+        .output()
+        .unwrap()
+}
+
+/// Distances of the printed places from `truth`, and the counts of the last line.
+fn places(out: &Output, truth: &Vector3<f64>) -> (Vec<f64>, Value) {
+    let text = String::from_utf8_lossy(&out.stdout);
+    assert!(
+        out.status.success(),
+        "{text}{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
+    let lines: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    let off = |line: &Value| {
+        let p: [f64; 3] = serde_json::from_value(line["position_m"].clone()).ok()?;
+        Some((Vector3::from(p) - truth).norm())
+    };
+    let counts = lines.last().unwrap()["counts"].clone();
+    (lines.iter().filter_map(off).collect(), counts)
+}
+
+#[test]
+fn blinking_markers_in_files_are_known_by_their_process() {
+    let directory = Directory::new("uvdar");
+    let settings = UvdarSettings::default();
+    let mut camera = Ultraviolet::new(&settings, 10, &Streams::new(5));
+    let mut truth = Vector3::zeros();
+    for k in 0..48 {
+        // Ahead of the drone and below: where the camera looks.
+        let (shot, seen) = shot(k, settings.rate_hz, Vector3::new(1.0, -6.0, 8.0));
+        truth = seen;
+        directory.write(k, &camera.image(&shot).unwrap());
+    }
+    let source = directory.0.to_str().unwrap().to_string();
+    let config = directory.configuration(&format!("[uvdar]\nsource = \"{source}\"\n"));
+    let (off, counts) = places(&run("uvdar", &config, &["--print"]), &truth);
+    assert_eq!(counts["images"], 48, "{counts}");
+    // The first code is read before anything is known.
+    assert!(off.len() > 12, "{counts}");
+    assert!(off.iter().all(|e| *e < 1.0), "{off:?}");
+}
+
+#[test]
+fn the_tag_in_files_is_found_by_its_process() {
+    let directory = Directory::new("camera");
+    let scenario = Scenario::default();
+    let mut camera = Renderer::new(&scenario.sensors.render, &scenario.deck, &Streams::new(5));
+    let mut truth = Vector3::zeros();
+    for k in 0..6 {
+        let (shot, seen) = shot(k, 30.0, Vector3::new(0.3, -0.4, 4.0));
+        truth = seen;
+        directory.write(k, &camera.image(&shot).unwrap());
+    }
+    let source = directory.0.to_str().unwrap().to_string();
+    let config = directory.configuration("");
+    let (off, counts) = places(&run("camera", &config, &["--print", "--source", &source]), &truth);
+    assert_eq!((off.len(), counts["seen"].as_u64()), (6, Some(6)), "{counts}");
+    assert!(off.iter().all(|e| *e < 0.03), "{off:?}");
+}
+
+#[test]
+fn cameras_that_cannot_be_are_refused_with_what_to_do() {
+    let directory = Directory::new("cameras");
+    for (verb, text, advice) in [
+        ("uvdar", "", "set source in [uvdar]"),
+        ("camera", "", "set source in [camera]"),
+        ("uvdar", "[uvdar]\nsource = \"simulation\"\n", "uvdar.source"),
+        ("uvdar", "[uvdar]\nformat = \"MJPG\"\n", "uvdar.format"),
+        ("uvdar", "[uvdar]\nsource = \"/nowhere\"\n", "/nowhere"),
+    ] {
+        let out = run(verb, &directory.configuration(text), &["--print"]);
+        let said = String::from_utf8_lossy(&out.stderr).to_string();
+        assert_eq!(out.status.code(), Some(2), "{verb} {text:?}: {said}");
+        assert!(said.contains(advice), "{verb} {text:?}: {said}");
+    }
+}
