@@ -20,6 +20,9 @@ const BLURS_PX: [f64; 7] = [0.0, 1.0, 2.0, 4.0, 6.0, 9.0, 13.0];
 const BLUR_RANGES_M: [f64; 2] = [4.0, 10.0];
 const GLARES: [f64; 6] = [0.0, 0.3, 1.0, 3.0, 10.0, 30.0];
 const UV_RANGES_M: [f64; 9] = [1.5, 3.0, 5.0, 8.0, 12.0, 16.0, 22.0, 28.0, 34.0];
+const UV_INCIDENCES_DEG: [f64; 6] = [5.0, 30.0, 45.0, 60.0, 70.0, 80.0];
+const UV_INCIDENCE_M: f64 = 12.0;
+const UV_GLINTS: [usize; 3] = [10, 30, 60];
 /// Images of each kind without the deck's whole tag for each trial asked for: 40 trials are 24 000 images.
 const EMPTY_PER_TRIAL: usize = 100;
 /// Frames of an hour at 30 Hz.
@@ -102,26 +105,15 @@ pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
     say(format!(
         "UV markers, {flights} flights of 3 s a row, {glints} glints an image; in brackets the model"
     ));
-    say(format!(
-        "  {:>5}{:>11}{:>14}{:>16}{:>9}{:>7}{:>7}",
-        "m", "fixes %", "bearing deg", "distance", "bias", "NEES", "wild"
-    ));
-    let markers: Vec<uvdar::UvdarRow> = UV_RANGES_M
+    let markers = with_markers(&scene, flights, args.seed0, &say);
+    let dark: Vec<Value> = UV_GLINTS
         .iter()
-        .map(|range_m| {
-            let fast = (&settings.uvdar, &sensors.uvdar);
-            let row = uvdar::row(fast, *range_m, glints, flights, args.seed0);
+        .map(|glints| {
+            let (seen, fixes) = uvdar::without_markers(&settings.uvdar, *glints, images, args.seed0);
             say(format!(
-                "  {:>5.1}{:>11}{:>14}{:>16}{:>9.3}{:>7.2}{:>7}",
-                row.range_m,
-                both(100.0 * row.rate, 100.0 * row.model_rate, 0),
-                both(row.bearing_deg, row.model_bearing_deg, 2),
-                both(row.distance, row.model_distance, 3),
-                row.distance_bias,
-                row.nees,
-                row.wild
+                "Without a marker, {glints} glints an image: {fixes} fixes in {seen} images"
             ));
-            row
+            json!({"glints": glints, "images": seen, "fixes": fixes})
         })
         .collect();
     let (drawn_ms, looked_ms) = times(&mut bench, images.clamp(20, 300));
@@ -137,9 +129,40 @@ pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
     Ok(json!({
         "range": range, "incidence": incidence, "blur": blur, "glare": glare,
         "misfit": misfit,
-        "markers": markers, "empty": empty,
+        "markers": markers, "without_markers": dark, "empty": empty,
         "draw_ms": drawn_ms, "search_ms": looked_ms,
     }))
+}
+
+/// The ultraviolet camera's rows: range, then incidence.
+fn with_markers(scene: &Scene, flights: usize, seed: u64, say: &dyn Fn(String)) -> Vec<uvdar::UvdarRow> {
+    let sensors = &scene.scenario.sensors;
+    let fast = (&scene.nodes.drone.camera.uvdar, &sensors.uvdar);
+    say(format!(
+        "  {:>5}{:>5}{:>11}{:>14}{:>16}{:>9}{:>7}{:>7}",
+        "m", "deg", "fixes %", "bearing deg", "distance", "bias", "NEES", "wild"
+    ));
+    let aslant = UV_INCIDENCES_DEG.map(|deg| (UV_INCIDENCE_M, Some(deg)));
+    UV_RANGES_M
+        .map(|range_m| (range_m, None))
+        .into_iter()
+        .chain(aslant)
+        .map(|place| {
+            let row = uvdar::row(fast, place, sensors.render.glints as usize, flights, seed);
+            say(format!(
+                "  {:>5.1}{:>5}{:>11}{:>14}{:>16}{:>9.3}{:>7.2}{:>7}",
+                row.range_m,
+                row.incidence_deg.map_or(String::new(), |deg| format!("{deg:.0}")),
+                both(100.0 * row.rate, 100.0 * row.model_rate, 0),
+                both(row.bearing_deg, row.model_bearing_deg, 2),
+                both(row.distance, row.model_distance, 3),
+                row.distance_bias,
+                row.nees,
+                row.wild
+            ));
+            row
+        })
+        .collect()
 }
 
 /// Images in which the deck's tag is not, or not whole: the last row is all of them.

@@ -27,6 +27,8 @@ const WILD: f64 = 0.5;
 pub struct UvdarRow {
     /// From the camera to the deck's centre, m.
     pub range_m: f64,
+    /// Angle between the line of sight and the level deck's normal, deg; None: 15 to 70, drawn.
+    pub incidence_deg: Option<f64>,
     /// Images that count.
     pub images: usize,
     /// Share of them with a fix.
@@ -49,11 +51,24 @@ pub struct UvdarRow {
     pub model_distance: f64,
 }
 
-/// `flights` past a deck at `range_m`, with so many glints in each image, beside what the measurement
-/// model says.
+/// Fixes in images without a marker: a camera that looks up, with so many glints in each. How many images,
+/// and how many of them gave a fix.
+pub fn without_markers(settings: &UvdarSettings, glints: usize, flights: usize, seed: u64) -> (usize, usize) {
+    let up = UvdarSettings {
+        tilt_down_deg: -90.0,
+        ..settings.clone()
+    };
+    let model = UvdarConfig::default();
+    let row = row((&up, &model), (20.0, None), glints, flights, seed);
+    let fixes = (row.rate * row.images as f64).round() as usize;
+    (row.images, fixes + row.wild)
+}
+
+/// `flights` past a deck at a range in metres and an incidence in degrees, with so many glints in each
+/// image, beside what the measurement model says.
 pub fn row(
     (settings, model): (&UvdarSettings, &UvdarConfig),
-    range_m: f64,
+    (range_m, incidence_deg): (f64, Option<f64>),
     glints: usize,
     flights: usize,
     seed: u64,
@@ -74,8 +89,9 @@ pub fn row(
         let mut camera = Ultraviolet::new(settings, glints, &streams);
         let mut node = UvdarNode::new(settings, names);
         let mut between = |low: f64, high: f64| low + (high - low) * draw.uniform();
-        // Between 20 and 75 deg above the horizon as the deck sees it, ahead of the drone.
-        let up = between(0.35, 1.3);
+        // As the deck sees it above the horizon, ahead of the drone.
+        let drawn = between(0.35, 1.3);
+        let up = incidence_deg.map_or(drawn, |deg| (90.0 - deg).to_radians());
         let (bearing, heading, phase) = (between(-3.1, 3.1), between(-3.1, 3.1), between(0.0, 6.2));
         let [speed, rock] = [between(0.0, 2.0), between(0.02, 0.12)];
         let begin = between(0.0, 600.0);
@@ -134,6 +150,7 @@ pub fn row(
     let within = (model.min_range_m..=model.max_range_m).contains(&range_m);
     UvdarRow {
         range_m,
+        incidence_deg,
         model_rate: if within { 1.0 - model.miss } else { 0.0 },
         model_bearing_deg: model_bearing.to_degrees(),
         model_distance,
@@ -154,7 +171,7 @@ mod tests {
     fn markers_are_known_among_glints_and_the_deck_is_where_it_is() {
         let row = row(
             (&UvdarSettings::default(), &UvdarConfig::default()),
-            12.0,
+            (12.0, None),
             10,
             4,
             3,
@@ -176,12 +193,7 @@ mod tests {
 
     #[test]
     fn glints_alone_are_no_deck() {
-        // A camera that looks up.
-        let lost = UvdarSettings {
-            tilt_down_deg: -90.0,
-            ..UvdarSettings::default()
-        };
-        let row = row((&lost, &UvdarConfig::default()), 20.0, 60, 4, 5);
-        assert_eq!((row.rate, row.wild), (0.0, 0), "{row:?}");
+        let (images, fixes) = without_markers(&UvdarSettings::default(), 60, 4, 5);
+        assert_eq!((images, fixes), (240, 0));
     }
 }
