@@ -167,23 +167,40 @@ fn airborne_hours(args: &StudyArgs) -> Result<Value, Refused> {
     for name in AIRBORNE_SEAS {
         let scene = Scene::of(&sea(&args.scene, name)?)?;
         let progress = bar(seeds.len() as u64, name);
-        let reports: Result<Vec<Airborne>, Refused> = pool(args.jobs)?.install(|| {
+        let reports: Result<Vec<(u64, Airborne)>, Refused> = pool(args.jobs)?.install(|| {
             seeds
                 .par_iter()
                 .progress_with(progress.clone())
                 .map(|&seed| {
                     airborne::session(&scene.scenario, &scene.nodes, seed, SESSION_S)
+                        .map(|report| (seed, report))
                         .map_err(|e| Refused::because(format!("setting up the session of seed {seed}"), e))
                 })
                 .collect()
         });
         progress.finish_and_clear();
-        let sum = reports?.into_iter().reduce(Airborne::and).unwrap_or_default();
+        let reports = reports?;
+        // By their seeds they can be flown again.
+        let of = |bad: fn(&Airborne) -> bool| -> Vec<u64> {
+            reports
+                .iter()
+                .filter(|(_, r)| bad(r))
+                .map(|(seed, _)| *seed)
+                .collect()
+        };
+        let (stopped, drowned) = (of(|r| r.false_stops > 0), of(|r| r.water > 0));
+        let all = reports.iter().map(|(_, report)| *report);
+        let sum = all.reduce(Airborne::and).unwrap_or_default();
         say(format!(
             "{name:<12}{:>7.2} h in the air, {} false stops, {} aborts, {} contacts, {} in water, lowest {:.2} m",
             sum.hours, sum.false_stops, sum.aborts, sum.contacts, sum.water, sum.lowest_m
         ));
-        rows.push(json!({ "sea": name, "report": sum }));
+        if !stopped.is_empty() || !drowned.is_empty() {
+            say(format!(
+                "  stopped in the air: seeds {stopped:?}; in water: seeds {drowned:?}"
+            ));
+        }
+        rows.push(json!({ "sea": name, "report": sum, "stopped": stopped, "in_water": drowned }));
         total = total.and(sum);
     }
     say(format!(
