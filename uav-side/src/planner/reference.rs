@@ -15,6 +15,9 @@ use super::mpc_faa::Problem;
 use super::qp::NO_CEILING;
 use super::weights::{FaaDistance, Weights};
 
+/// A sink that is called off is braked by this, m/s².
+const CALLED_OFF_MPS2: f64 = 6.0;
+
 /// What the references amount to.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Aim {
@@ -290,9 +293,12 @@ impl Guide {
                 };
                 let z = z.min(-mission.minimum_altitude_m);
                 let s = self.config.shaping;
+                // A person may call a descent off at any height over a deck that comes up: the sink is
+                // braked as hard as a descent brakes, only the climb is gentle.
+                let sinks = matches!(wish, Wish::Hold) && start[8] > 0.3 && start[2] > z - 1.0;
                 let pace = Pace {
                     speed: s.vertical_mps,
-                    acceleration: s.vertical_mps2,
+                    acceleration: if sinks { CALLED_OFF_MPS2 } else { s.vertical_mps2 },
                     settle_s: s.settle_s,
                 };
                 self.vertical.meet(
