@@ -15,12 +15,14 @@
 //! Usage: [`Identifier::push`] every sample, [`Identifier::update`] every tick; `update` works only
 //! when it is due (once in `update_period_s`) and within a fixed number of iterations.
 
+mod choice;
 mod config;
 mod course;
+mod direction;
 mod fit;
-mod identifier;
 mod record;
 mod spectrum;
+mod tracker;
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
@@ -28,8 +30,8 @@ use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
 use nalgebra::Complex;
 
+pub use choice::Identifier;
 pub use config::SeaStateConfig;
-pub use identifier::Identifier;
 
 /// Slower than this a vessel is taken to drift, without a helmsman who changes its course, m/s.
 const DRIFT_MPS: f64 = 0.8;

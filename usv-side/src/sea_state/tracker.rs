@@ -10,10 +10,11 @@ use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
 use nalgebra::Complex;
 
+use super::direction::{direction_of, from_encounter};
 use super::fit::{DirectionPrior, Fitter, Solution, Wave};
 use super::record::{CHANNELS, Record, smoothing};
 use super::spectrum::{Peak, Spectrum};
-use super::{MotionSample, SeaComponent, SeaState, SeaStateConfig, Verdict};
+use super::{SeaComponent, SeaState, SeaStateConfig, Verdict};
 
 /// Passes over the record to follow known components.
 const TRACK_PASSES: usize = 2;
@@ -21,16 +22,21 @@ const TRACK_PASSES: usize = 2;
 const TRIAL_PASSES: usize = 6;
 /// New hypotheses per update: one at the residual's peak, one split.
 const TRIALS: u64 = 2;
+/// Surprise is felt over this time, s.
+const SURPRISE_S: f64 = 4.0;
+/// Foretelling is judged over this time, s.
+const MEMORY_S: f64 = 10.0;
+/// Components that leave more of the motion unexplained are doubted as a whole.
+const STUCK: f64 = 0.25;
 /// Half the way in the record from which a vessel is under way, m.
 const UNDER_WAY_M: f64 = 15.0;
 /// A state older than this is not given out any more, s.
 const STALE_S: f64 = 5.0;
 
-/// Identifies the sea from the vessel's own motion.
+/// The components that describe one part of the record, the newest.
 #[derive(Clone)]
-pub struct Identifier {
+pub(super) struct Tracker {
     config: SeaStateConfig,
-    record: Record,
     fitter: Fitter,
     spectrum: Spectrum,
     residuals: [Vec<f64>; CHANNELS],
@@ -38,44 +44,49 @@ pub struct Identifier {
     /// The components where they are told and not found, for studies.
     told: Option<Vec<Wave>>,
     rounds: u64,
-    worked_at: Option<Time<VesselClock>>,
     state: Option<SeaState>,
     window_s: f64,
+    /// Mean squared error of what the last states foretold, relative to the motion.
     surprise: f64,
+    /// The same over [`MEMORY_S`].
+    lately: f64,
     /// Residual variances not worth a component, per channel.
     negligible: [f64; CHANNELS],
     drift: [f64; 2],
+    /// Variance of each channel about its trend.
+    variance: [f64; CHANNELS],
 }
 
-impl fmt::Debug for Identifier {
+impl fmt::Debug for Tracker {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Identifier")
+        f.debug_struct("Tracker")
             .field("config", &self.config)
+            .field("window_s", &self.window_s)
             .field("waves", &self.waves)
             .field("state", &self.state)
             .finish_non_exhaustive()
     }
 }
 
-impl Identifier {
-    /// An identifier without a record.
+impl Tracker {
+    /// A tracker that has seen nothing.
     pub fn new(config: &SeaStateConfig) -> Self {
         let bins = (config.window_s / config.bin_s).ceil().clamp(16.0, 2048.0) as usize;
-        Identifier {
+        Tracker {
             config: config.clone(),
-            record: Record::new(config.window_s, config.bin_s),
             fitter: Fitter::default(),
             spectrum: Spectrum::new(bins + 1, config.bin_s),
             residuals: Default::default(),
             waves: Vec::with_capacity(MAX_COMPONENTS + 1),
             told: None,
             rounds: 0,
-            worked_at: None,
             state: None,
             window_s: config.window_s,
             surprise: 0.0,
+            lately: 1.0,
             negligible: [0.0; CHANNELS],
             drift: [0.0; 2],
+            variance: [0.0; CHANNELS],
         }
     }
 
@@ -84,67 +95,57 @@ impl Identifier {
     /// configuration leads here.
     pub fn told(config: &SeaStateConfig, components: &[(f64, f64)]) -> Self {
         let wave = |&(omega, direction): &(f64, f64)| Wave { omega, direction };
-        Identifier {
+        Tracker {
             told: Some(components.iter().take(MAX_COMPONENTS).map(wave).collect()),
             ..Self::new(config)
         }
     }
 
-    /// Takes a sample; a sample that is not finite, absurd, repeated or older than the newest is
-    /// counted and dropped.
-    pub fn push(&mut self, sample: &MotionSample) {
-        self.record.push(sample);
-    }
-
-    /// Samples dropped so far.
-    pub fn rejected(&self) -> u64 {
-        self.record.rejected()
-    }
-
-    /// Does the work that is due at `now`, at most once in `update_period_s`, and returns the
-    /// newest state: `None` before `min_window_s` of record and when the record has gone stale.
-    pub fn update(&mut self, now: Time<VesselClock>) -> Option<&SeaState> {
-        let due = self
-            .worked_at
-            .is_none_or(|t| (now - t).secs().abs() >= self.config.update_period_s * 0.999);
-        if due {
-            self.worked_at = Some(now);
-            self.work(now);
-        }
+    /// The newest state.
+    pub fn state(&self) -> Option<&SeaState> {
         self.state.as_ref()
     }
+    /// Mean squared error of what its states foretold of the tilt of late, relative to the motion, 0 to 2.
+    pub fn lately(&self) -> f64 {
+        self.lately
+    }
+    /// It uses the longest record there may be.
+    pub fn uses_all(&self) -> bool {
+        self.window_s >= self.config.window_s
+    }
 
-    fn work(&mut self, now: Time<VesselClock>) {
-        let Some(newest) = self.record.newest() else {
+    /// Identifies anew from the `whole` record or from as much of it as has foretold well; no state
+    /// before `min_window_s` of record and when the record has gone stale.
+    pub fn work(&mut self, record: &Record, now: Time<VesselClock>, whole: bool) {
+        let Some(newest) = record.newest() else {
             self.state = None;
             return;
         };
-        if self.record.span_s() < self.config.min_window_s
-            || (self.record.elapsed(now) - newest).abs() > STALE_S
-        {
+        if record.span_s() < self.config.min_window_s || (record.elapsed(now) - newest).abs() > STALE_S {
             self.state = None;
             return;
         }
-        self.adapt_window();
-        self.fitter
-            .rows
-            .load(self.record.bins(), self.window_s, &self.waves);
-        self.state = self.identify();
+        self.adapt_window(record);
+        if whole {
+            self.window_s = self.config.window_s;
+        }
+        self.fitter.rows.load(record.bins(), self.window_s, &self.waves);
+        self.state = self.identify(record);
         self.rounds += 1;
     }
 
     /// The record that is used grows while the last state has foretold what came since, and shrinks
     /// when it has not: a changed or a broad sea is described by its newest part only.
-    fn adapt_window(&mut self) {
+    fn adapt_window(&mut self, record: &Record) {
         let Some(state) = &self.state else {
             self.window_s = self.config.window_s;
-            self.surprise = 0.0;
+            (self.surprise, self.lately) = (0.0, 1.0);
             return;
         };
-        let from = self.record.elapsed(state.at);
+        let from = record.elapsed(state.at);
         let velocity = self.fitter.rows.velocity_at_end();
         let (mut error, mut signal, mut n) = (0.0, 0.0, 0);
-        for bin in self.record.bins().filter(|b| b.t > from) {
+        for bin in record.bins().filter(|b| b.t > from) {
             let mut tilt = self.drift;
             for c in state.components.iter() {
                 let turn = Complex::from_polar(1.0, c.encounter(velocity) * (bin.t - from));
@@ -162,11 +163,12 @@ impl Identifier {
         let floor = self.config.tilt_noise_rad.powi(2);
         if n > 0 {
             let ratio = error / f64::from(n) / (signal + 10.0 * floor);
-            let share = (self.config.update_period_s / 4.0).min(1.0);
-            self.surprise += share * (ratio.min(2.0) - self.surprise);
+            let share = |memory_s: f64| (self.config.update_period_s / memory_s).min(1.0);
+            self.surprise += share(SURPRISE_S) * (ratio.min(2.0) - self.surprise);
+            self.lately += share(MEMORY_S) * (ratio.min(2.0) - self.lately);
         }
         let period = self.config.update_period_s;
-        let span = self.record.span_s();
+        let span = record.span_s();
         self.window_s = if self.surprise > 0.15 {
             (self.window_s.min(span) - 4.0 * period).max(self.config.short_window_s)
         } else if self.surprise < 0.05 {
@@ -182,13 +184,14 @@ impl Identifier {
         [self.config.acceleration_noise_mps2.powi(2), tilt, tilt]
     }
 
-    fn identify(&mut self) -> Option<SeaState> {
+    fn identify(&mut self, record: &Record) -> Option<SeaState> {
         let n = self.fitter.rows.len() as f64;
         let floors = self.floors();
         self.fitter.weights = floors.map(|v| 1.0 / v);
         self.fitter.ridge = 0.0;
         let still = self.fitter.solve(&[], &[])?;
         let variance = still.residual.map(|r| r / n);
+        self.variance = variance;
         self.negligible = core::array::from_fn(|c| floors[c] + self.config.negligible * variance[c]);
         let gate = [
             self.config.calm_acceleration_mps2.powi(2),
@@ -198,7 +201,7 @@ impl Identifier {
         if (0..CHANNELS).all(|c| variance[c] < gate[c]) {
             self.waves.clear();
             self.drift = [still.level_at_end(1), still.level_at_end(2)];
-            return Some(self.report(&still, &[], variance, Verdict::Calm));
+            return Some(self.report(record, &still, &[], Verdict::Calm));
         }
 
         if let Some(told) = self.told.clone() {
@@ -208,7 +211,7 @@ impl Identifier {
             let priors = self.priors(&best);
             self.drift = [best.level_at_end(1), best.level_at_end(2)];
             self.waves = told;
-            return Some(self.report(&best, &priors, variance, Verdict::Identified));
+            return Some(self.report(record, &best, &priors, Verdict::Identified));
         }
 
         // Start from what was known; the weights follow from what it leaves unexplained.
@@ -224,10 +227,11 @@ impl Identifier {
         for attempt in 0..TRIALS {
             self.explore(&mut best, &mut priors, self.rounds * TRIALS + attempt);
         }
+        self.start_anew(&mut best, &mut priors);
         self.settle_directions(&mut best);
         self.drift = [best.level_at_end(1), best.level_at_end(2)];
         self.waves.clone_from(&best.waves);
-        Some(self.report(&best, &priors, variance, Verdict::Identified))
+        Some(self.report(record, &best, &priors, Verdict::Identified))
     }
 
     fn limits(&self) -> (f64, f64) {
@@ -392,6 +396,46 @@ impl Identifier {
         true
     }
 
+    /// Components that were found one after the other in a short record may be none of the sea's, and no
+    /// single step leads away from them. While much is left unexplained all are looked for anew, the
+    /// strongest first, and taken when they explain more.
+    fn start_anew(&mut self, best: &mut Solution, priors: &mut Vec<DirectionPrior>) {
+        if self.unexplained(best) < STUCK {
+            return;
+        }
+        let Some(mut trial) = self.fitter.solve(&[], &[]) else {
+            return;
+        };
+        let mut trial_priors: Vec<DirectionPrior> = Vec::with_capacity(MAX_COMPONENTS);
+        for _ in 0..MAX_COMPONENTS {
+            self.fitter.residuals(&trial, &mut self.residuals);
+            let (slots, weights, limits) = (&self.fitter.rows.slot, &self.fitter.weights, self.limits());
+            let Some(peak) = self.spectrum.peak(&self.residuals, slots, weights, limits) else {
+                break;
+            };
+            let wave = self.earth_frame(&peak);
+            let mut waves = trial.waves.clone();
+            waves.push(wave);
+            trial_priors.push(DirectionPrior {
+                mean: wave.direction,
+                sd: 1.0,
+            });
+            let Some(start) = self.fitter.solve(&waves, &trial_priors) else {
+                break;
+            };
+            trial = self
+                .fitter
+                .refine(start, &trial_priors, self.limits(), TRIAL_PASSES);
+        }
+        trial_priors.truncate(trial.waves.len());
+        let extra = trial.waves.len() as f64 - best.waves.len() as f64;
+        if self.better(best, &trial, extra) {
+            *best = trial;
+            *priors = trial_priors;
+            self.prune(best, priors);
+        }
+    }
+
     /// The earth-frame wave of a peak: direction from the phasors, frequency from
     /// `omega_e = omega - omega^2 u / g` solved for the branch that tends to `omega_e` at `u = 0`.
     fn earth_frame(&self, peak: &Peak) -> Wave {
@@ -428,17 +472,23 @@ impl Identifier {
         }
     }
 
-    fn report(
-        &self,
-        s: &Solution,
-        priors: &[DirectionPrior],
-        variance: [f64; CHANNELS],
-        verdict: Verdict,
-    ) -> SeaState {
-        let n = self.fitter.rows.len() as f64;
-        let floors = self.floors();
-        let newest = self.record.newest().unwrap_or(0.0);
-        let at = self.record.instant(newest);
+    /// Share of the motion's variance that a fit leaves unexplained, 0 to 1; channels with signal only.
+    fn unexplained(&self, s: &Solution) -> f64 {
+        let (n, floors) = (self.fitter.rows.len() as f64, self.floors());
+        let (mut left, mut all) = (0.0, 0.0);
+        for c in 0..CHANNELS {
+            all += self.variance[c] / floors[c];
+            left += (s.residual[c] / n / floors[c] - 1.0).max(0.0);
+        }
+        if s.waves.is_empty() {
+            return 1.0;
+        }
+        (left / all.max(1e-9)).clamp(0.0, 1.0)
+    }
+
+    fn report(&self, record: &Record, s: &Solution, priors: &[DirectionPrior], verdict: Verdict) -> SeaState {
+        let newest = record.newest().unwrap_or(0.0);
+        let at = record.instant(newest);
         let [north, east] = self.fitter.rows.end();
         let u = self.fitter.rows.velocity_at_end();
         let deviations = self.fitter.deviations(s, priors);
@@ -485,20 +535,12 @@ impl Identifier {
             (b.amplitude_tilt_rad + 0.1 * b.amplitude_heave_m)
                 .total_cmp(&(a.amplitude_tilt_rad + 0.1 * a.amplitude_heave_m))
         });
-        // Unexplained share, channels with signal only.
-        let (mut left, mut all) = (0.0, 0.0);
-        for c in 0..CHANNELS {
-            let signal = variance[c] / floors[c];
-            all += signal;
-            left += (s.residual[c] / n / floors[c] - 1.0).max(0.0);
-        }
-        let residual_fraction = if k == 0 {
-            1.0
-        } else {
-            (left / all.max(1e-9)).clamp(0.0, 1.0)
-        };
+        let residual_fraction = self.unexplained(s);
         let maturity = ((self.fitter.rows.span_s - 10.0) / 30.0).clamp(0.0, 1.0);
-        let confidence = maturity * (1.0 - residual_fraction / 0.6).clamp(0.0, 1.0);
+        // A hull that slams leaves half of its vertical acceleration unexplained while its tilt comes as
+        // foretold: what has come true counts as much as what has been explained.
+        let doubt = residual_fraction.min(self.lately);
+        let confidence = maturity * (1.0 - doubt / 0.6).clamp(0.0, 1.0);
         let heave_variance: f64 = components.iter().map(|c| 0.5 * c.amplitude_heave_m.powi(2)).sum();
         SeaState {
             at,
@@ -519,44 +561,5 @@ impl Identifier {
                 Verdict::Broad | Verdict::Identified => residual_fraction,
             },
         }
-    }
-}
-
-/// Frequency in the earth frame from that of encounter at `along = U . d`, rad/s.
-fn from_encounter(encounter: f64, along: f64) -> f64 {
-    let b = along / GRAVITY;
-    let root = 1.0 - 4.0 * b * encounter;
-    if b.abs() < 1e-6 || root <= 0.0 {
-        return encounter;
-    }
-    (1.0 - root.sqrt()) / (2.0 * b)
-}
-
-/// Direction of travel from the channels' phasors (up acceleration, normal) and their variances.
-fn direction_of(p: [Complex<f64>; CHANNELS], variance: [f64; CHANNELS]) -> DirectionPrior {
-    // zeta is proportional to -a_up; i zeta has the phase of n along d.
-    let reference = p[0] * -Complex::<f64>::i();
-    let size = reference.norm();
-    if size <= 0.0 {
-        return DirectionPrior { mean: 0.0, sd: PI };
-    }
-    let unit = reference.conj() / size;
-    let (north, east) = (p[1] * unit, p[2] * unit);
-    let along = north.re.hypot(east.re);
-    if along <= 0.0 {
-        return DirectionPrior { mean: 0.0, sd: PI };
-    }
-    let mean = east.re.atan2(north.re);
-    // What contradicts one plane wave: noise, and tilt in phase with the heave.
-    let (d_n, d_e) = (north.re / along, east.re / along);
-    let across = (-d_e * north.im + d_n * east.im).abs();
-    let heave_phase = variance[0].sqrt() / size;
-    let noise = (0.5 * (variance[1] + variance[2])).sqrt();
-    let sd = ((noise / along).powi(2) + (across / along).powi(2)).sqrt();
-    // A heave lost in noise leaves the sign open.
-    let sd = if heave_phase > 0.7 { PI } else { sd };
-    DirectionPrior {
-        mean,
-        sd: sd.clamp(0.02, PI),
     }
 }
