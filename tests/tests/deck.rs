@@ -75,6 +75,7 @@ impl Drone {
                 mean_heading: 0.0,
                 stages: Seq::filled((0..41).map(|_| stage)),
                 slopes: Seq::new(),
+                foretold: Seq::new(),
             }),
             drone: Some(DroneState {
                 header,

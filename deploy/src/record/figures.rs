@@ -107,6 +107,7 @@ pub const FORECAST: Flat = Flat {
         ("ahead_1s_heave_m", Number),
         ("ahead_1s_roll_deg", Number),
         ("ahead_1s_pitch_deg", Number),
+        ("foretold_slopes", Numbers),
     ],
 };
 /// The mission.

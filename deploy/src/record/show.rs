@@ -415,6 +415,7 @@ impl Show {
         );
         put(sink, self.forecast_path, t, &path);
         let source = format!("{:?}", f.source);
+        let foretold: Vec<f64> = f.foretold.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect();
         let none = [f64::NAN; 3];
         let now = f.stages.first();
         let ahead = f.at(f.header.at + alight_shared::time::Span::from_secs(1.0));
@@ -431,6 +432,7 @@ impl Show {
             N(ahead_is(|s| -s.position[2])),
             N(ahead_is(|s| s.euler[0].to_degrees())),
             N(ahead_is(|s| s.euler[1].to_degrees())),
+            V(&foretold),
         ];
         self.forecast.put(sink, t, &values);
     }

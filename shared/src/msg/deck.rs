@@ -10,6 +10,11 @@ use crate::time::{DroneClock, Span};
 /// Stages of a deck forecast.
 pub const FORECAST_STAGES: usize = 41;
 
+/// Moments that [`DeckForecast::foretold`] tells of.
+pub const FORETOLD: usize = 48;
+/// Time between two of them, s; together twelve seconds.
+pub const FORETOLD_STEP_S: f64 = 0.25;
+
 /// A 6-DOF sighting of the deck's fiducial tag.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
@@ -165,6 +170,9 @@ pub struct DeckForecast {
     /// How steep the deck felt of late, as the vessel told it ([`super::WaveModel::slopes`]); empty while
     /// nothing recent is known.
     pub slopes: Seq<u8, SLOPES>,
+    /// How steep the deck is foretold to feel, every [`FORETOLD_STEP_S`] from now on, in steps of
+    /// [`super::SLOPE_STEP`]; empty while no wave is named with confidence.
+    pub foretold: Seq<u8, FORETOLD>,
 }
 
 impl DeckForecast {

@@ -141,6 +141,8 @@ pub enum ReasonCode {
     /// Waves that would shed a landed drone were felt that long ago, s: too lately, or so long ago that the
     /// next are due.
     DeckSheds,
+    /// The deck is foretold to feel this steep before the drone would be at rest, tan of the angle.
+    DeckSteepens,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -217,6 +219,9 @@ impl fmt::Display for Reason {
                     f,
                     "waves that shed a drone {v:.0} s ago, the next are due (limit {l:.0})"
                 )
+            }
+            ReasonCode::DeckSteepens => {
+                write!(f, "waves to come tilt the deck by {v:.2} (limit {l:.2})")
             }
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }

@@ -11,7 +11,10 @@ mod mission;
 mod sensors;
 pub mod vessel;
 
-pub use deck::{DeckForecast, DeckStage, FORECAST_STAGES, LinkState, RangeSample, Source, TagPose, UvdarFix};
+pub use deck::{
+    DeckForecast, DeckStage, FORECAST_STAGES, FORETOLD, FORETOLD_STEP_S, LinkState, RangeSample, Source,
+    TagPose, UvdarFix,
+};
 pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, Motors, PLAN_STAGES, Plan, PlanStage, SetPoint,
     SetPointKind, Solve,
@@ -31,7 +34,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver refuses any other.
-pub const MESSAGE_VERSION: u16 = 4;
+pub const MESSAGE_VERSION: u16 = 5;
 
 /// Identity, order and time of validity of a message.
 #[derive(Debug, Serialize, Deserialize)]

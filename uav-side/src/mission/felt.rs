@@ -42,11 +42,17 @@ impl FeltSlope {
         felt
     }
 
+    /// The deck has shed a moment ago: the time since, and how long that counts, s.
+    pub fn just_now(&self, c: &MissionConfig) -> Option<(f64, f64)> {
+        let since = self.since_s.filter(|t| *t < c.shed_over_s)?;
+        Some((since, c.shed_over_s))
+    }
+
     /// Why no descent may begin: the time since the last wave that shed, and the limit that it breaks, s.
     pub fn refusal(&self, c: &MissionConfig) -> Option<(f64, f64)> {
         let since = self.since_s?;
-        if since < c.shed_over_s {
-            return Some((since, c.shed_over_s));
+        if let Some(refused) = self.just_now(c) {
+            return Some(refused);
         }
         let calm = self.calm_s.unwrap_or(c.shed_calm_s);
         // Right after a group is the best that such a sea offers.

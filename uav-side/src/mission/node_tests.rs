@@ -43,6 +43,7 @@ fn forecast(n: u32, t: Instant, position: [f64; 3]) -> DeckForecast {
             ..DeckStage::default()
         })),
         slopes: Seq::new(),
+        foretold: Seq::new(),
     }
 }
 fn fresh_input(n: u32, t: Instant, position: [f64; 3]) -> MissionIn {

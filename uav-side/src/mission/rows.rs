@@ -162,13 +162,11 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         .or_else(|| unfit(deck, c, 1.0))
         .or_else(|| exceeds(ReasonCode::Infeasible, deck.turn_radps, c.deck_turn_radps))
         .or_else(|| exceeds(ReasonCode::TooSteep, s.steepest_rad, c.steepest_rad))
-        .or_else(|| {
-            let (since, limit) = s.felt.refusal(c)?;
-            Some(Reason::new(ReasonCode::DeckSheds, since, limit))
-        })
+        .or_else(|| sheds(deck, s, c))
         .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, c.wind_peak_mps2))
         .or_else(|| {
-            let left = c.friction * GRAVITY - s.grip_taken_mps2 + c.slip_mps2;
+            let taken = deck.foretold.map_or(s.grip_taken_mps2, |slope| slope * GRAVITY);
+            let left = c.friction * GRAVITY - taken + c.slip_mps2;
             exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, left)
         })
         .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s));
@@ -186,6 +184,18 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         },
         Reason::new(ReasonCode::Reached, deck.distance_m, c.descent_distance_m),
     )
+}
+
+/// Why a drone that went down now would be shed: a slope foretold before it has come to rest, or felt a
+/// moment ago, when no wave foretold it; while nothing is foretold, the next group of waves like the last.
+fn sheds(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let refused = |(since, limit)| Reason::new(ReasonCode::DeckSheds, since, limit);
+    match deck.foretold {
+        Some(slope) => {
+            exceeds(ReasonCode::DeckSteepens, slope, c.hold_slope).or_else(|| s.felt.just_now(c).map(refused))
+        }
+        None => s.felt.refusal(c).map(refused),
+    }
 }
 
 /// What makes the predicted deck unfit for a landing: uncertainty, motion or tilt.

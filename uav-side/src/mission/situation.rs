@@ -2,8 +2,8 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState, Reason,
-    ReasonCode,
+    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, FORETOLD_STEP_S,
+    LandedState, Reason, ReasonCode, SLOPE_STEP,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
@@ -163,6 +163,9 @@ pub struct Deck {
     pub grip_taken_mps2: f64,
     /// Mean rate of its heading over the next second, rad/s, without a sign.
     pub turn_radps: f64,
+    /// The steepest slope that the deck is foretold to feel until a drone that goes down now is at rest; None
+    /// while nothing is foretold.
+    pub foretold: Option<f64>,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
 }
@@ -228,6 +231,7 @@ impl Deck {
             tilt_rad: tilt,
             grip_taken_mps2: grip_taken,
             turn_radps: turn,
+            foretold: steepest(forecast, config),
             mean_z: sum / forecast.stages.len().max(1) as f64,
         })
     }
@@ -238,6 +242,13 @@ impl Deck {
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
         along.max(across)
     }
+}
+
+/// The steepest slope foretold from now until a drone that goes down now is at rest.
+fn steepest(forecast: &DeckForecast, c: &MissionConfig) -> Option<f64> {
+    let until = (c.shed_need_s / FORETOLD_STEP_S) as usize;
+    let slopes = forecast.foretold.iter().take(until + 1);
+    slopes.copied().max().map(|s| f64::from(s) * SLOPE_STEP)
 }
 
 /// What slope and motion of the deck take of the grip `mu g` of feet at rest on it, m/s²: with

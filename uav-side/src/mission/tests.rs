@@ -51,6 +51,7 @@ pub(super) fn fair() -> Situation {
             tilt_rad: 0.1,
             grip_taken_mps2: 1.0,
             mean_z: -1.3,
+            foretold: None,
         }),
         mean_deck_z: Some(-1.3),
         wind_peak_mps2: 0.0,
@@ -288,7 +289,17 @@ fn tracking_stable_names_each_refusal_to_descend() {
             },
             ReasonCode::TooSteep,
         ),
-        // The deck shed what stood there a moment ago.
+        // Waves to come will tilt the deck before the drone is at rest, or have shed what stood there a
+        // moment ago as nothing had foretold.
+        (with_deck(|d| d.foretold = Some(0.3)), ReasonCode::DeckSteepens),
+        (
+            Situation {
+                felt: FeltSlope::of(&[10, 60], 0.45),
+                ..with_deck(|d| d.foretold = Some(0.1))
+            },
+            ReasonCode::DeckSheds,
+        ),
+        // Nothing is foretold, and the deck shed what stood there a moment ago.
         (
             Situation {
                 felt: FeltSlope::of(&[10, 60], 0.45),

@@ -1,6 +1,7 @@
 //! From the filters' state now to the deck's motion over the horizon.
 
-use alight_shared::msg::{DeckStage, FORECAST_STAGES};
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::{DeckStage, FORECAST_STAGES, FORETOLD, SLOPE_STEP};
 use alight_shared::seq::Seq;
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::Vector3;
@@ -11,6 +12,10 @@ use super::waves::{AXES, Oscillator};
 
 /// Stages at which the variance is computed; between them it is interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
+/// Less normal force than this holds nothing, m/s².
+const LEAST_MPS2: f64 = 0.5;
+/// Steps of the mean over a second that something standing on the deck feels, before and after.
+const FELT_STEPS: usize = 2;
 /// Below this speed a turn does not bend the path, m/s.
 pub(super) const STEERAGE_MPS: f64 = 0.3;
 
@@ -81,6 +86,34 @@ impl Horizon {
                 arm,
             );
             if out.push(stage).is_err() {
+                break;
+            }
+        }
+        out
+    }
+
+    /// How steep the deck will feel, stage by stage from now on: `|f_xy| / |f_z|` with the specific force
+    /// `f = R^T (a - g)` in the deck's axes, in steps of [`SLOPE_STEP`].
+    pub fn slopes(
+        &self,
+        axes: &[Axis; AXES],
+        noise: &[AxisNoise; AXES],
+        arm: &Vector3<f64>,
+    ) -> Seq<u8, FORETOLD> {
+        let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
+        let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
+        let mut forces = [Vector3::zeros(); FORETOLD + 2 * FELT_STEPS];
+        for force in &mut forces {
+            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, arm);
+            *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
+            self.advance(&mut mean, &heads);
+        }
+        let mut out = Seq::new();
+        for felt in forces.windows(2 * FELT_STEPS + 1) {
+            let f = felt.iter().sum::<Vector3<f64>>() / felt.len() as f64;
+            let slope = f.xy().norm() / (-f.z).max(LEAST_MPS2);
+            // A cast of a number too large gives the largest.
+            if out.push((slope / SLOPE_STEP).round() as u8).is_err() {
                 break;
             }
         }

@@ -2,8 +2,8 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LinkState, Message, RangeSample, SLOPES, Source, TagPose, UvdarFix,
-    VesselEstimate, VesselPrediction, WaveModel,
+    DeckForecast, DroneState, FORETOLD_STEP_S, Header, LinkState, Message, RangeSample, SLOPES, Source,
+    TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::seq::Seq;
@@ -111,6 +111,8 @@ pub struct Predictor {
     waves: Waves,
     filter: Option<Filter>,
     horizon: Horizon,
+    /// The same further ahead, in longer steps.
+    far: Horizon,
     track: Track,
     clock_sd_s: f64,
     /// Variances that the vessel states (value, rate), from its newest estimate.
@@ -137,6 +139,7 @@ impl Predictor {
         let waves = Waves::new(config);
         Predictor {
             horizon: Horizon::new(waves.oscillators(), config.stage_s),
+            far: Horizon::new(waves.oscillators(), FORETOLD_STEP_S),
             config: config.clone(),
             boot,
             sequence: 0,
@@ -398,6 +401,13 @@ impl Predictor {
         let stages = self
             .horizon
             .stages(&axes, &filter.noise(&axes), &common, clock_var, &self.arm);
+        let named = self.waves.confidence > 0.0 && self.waves.are_named();
+        let foretold = if named {
+            self.far.refresh(self.waves.oscillators());
+            self.far.slopes(&axes, &filter.noise(&axes), &self.arm)
+        } else {
+            Seq::new()
+        };
         let header = Header::new(0, 0, self.boot, self.sequence, now);
         self.sequence = self.sequence.wrapping_add(1);
         let f = DeckForecast {
@@ -414,6 +424,7 @@ impl Predictor {
                 Some((at, slopes)) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,
                 Some(_) | None => Seq::new(),
             },
+            foretold,
         };
         if f.check().is_err() {
             self.rejections.count(Rejection::Diverged);

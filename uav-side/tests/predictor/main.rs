@@ -7,7 +7,7 @@ mod garbage;
 mod kernels;
 mod world;
 
-use alight_shared::msg::Source;
+use alight_shared::msg::{FORETOLD, FORETOLD_STEP_S, SLOPE_STEP, Source};
 use alight_uav::predictor::{PredictorConfig, Rejection};
 
 use world::*;
@@ -65,6 +65,35 @@ fn the_sight_finds_the_offset_between_the_two_frames() {
             .source
     };
     assert_eq!((source(9.9), source(39.9)), (Source::Radio, Source::Both));
+}
+
+#[test]
+fn how_steep_the_deck_will_feel_is_foretold_ten_seconds_ahead() {
+    let mut steepest = [0.0_f64; 2];
+    for (sway, steepest) in [0.0, 0.8].into_iter().zip(&mut steepest) {
+        let v = Vessel {
+            sway,
+            ..Vessel::moderate()
+        };
+        let r = run(&v, &Setup::default(), 40.0, &PredictorConfig::default());
+        let (mut squares, mut n) = (0.0, 0.0);
+        for s in r.samples.iter().filter(|s| s.now > 20.0).step_by(10) {
+            assert_eq!(s.forecast.foretold.len(), FORETOLD);
+            for (k, slope) in s.forecast.foretold.iter().enumerate().take(40) {
+                let felt = v.felt(s.now + FORETOLD_STEP_S * k as f64 + 0.5);
+                squares += (f64::from(*slope) * SLOPE_STEP - felt).powi(2);
+                n += 1.0;
+                *steepest = steepest.max(felt);
+            }
+        }
+        let rms = f64::sqrt(squares / n);
+        assert!(rms < 0.03, "sway {sway}: wrong by {rms}");
+    }
+    // A deck that is carried along by the water feels level, however it tilts.
+    assert!(
+        steepest[0] > 0.15 && steepest[1] < 0.4 * steepest[0],
+        "{steepest:?}"
+    );
 }
 
 #[test]

@@ -36,6 +36,8 @@ pub struct Wave {
 #[derive(Clone)]
 pub struct Vessel {
     pub waves: Vec<Wave>,
+    /// Share of the water's sideways motion that it follows.
+    pub sway: f64,
     pub speed: f64,
     pub heading: f64,
 }
@@ -54,6 +56,7 @@ impl Vessel {
                 wave(0.42, 1.38, 0.8, 1.9),
                 wave(0.6, 1.15, 0.0, 4.0),
             ],
+            sway: 0.8,
             speed: 0.2,
             heading: 0.7,
         }
@@ -66,8 +69,8 @@ impl Vessel {
             let (s, c) = (w.omega * t + w.phase).sin_cos();
             let (ds, dc) = w.direction.sin_cos();
             p += Vector3::new(
-                0.8 * w.amplitude * s * dc,
-                0.8 * w.amplitude * s * ds,
+                self.sway * w.amplitude * s * dc,
+                self.sway * w.amplitude * s * ds,
                 w.amplitude * c,
             );
             let slope = w.omega * w.omega / 9.81 * w.amplitude * s;
@@ -87,6 +90,18 @@ impl Vessel {
         let h = 1e-3;
         let (a, b) = (self.rates(t - h), self.rates(t + h));
         ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
+    }
+    /// The slope that something standing on the deck feels over the second about `t`: tan of the angle
+    /// between the deck's normal and the mean specific force.
+    pub fn felt(&self, t: f64) -> f64 {
+        let h = 1e-2;
+        let force = |t: f64| {
+            let [a, b, c] = [t - h, t, t + h].map(|t| self.deck(t));
+            let turn = Rotation3::from_euler_angles(b.1.x, b.1.y, b.1.z);
+            turn.inverse() * ((a.0 - 2.0 * b.0 + c.0) / (h * h) - Vector3::z() * 9.81)
+        };
+        let f: Vector3<f64> = (0..=20).map(|k| force(t - 0.5 + 0.05 * f64::from(k))).sum();
+        f.xy().norm() / -f.z
     }
     /// Deck centre and its attitude.
     pub fn deck(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {

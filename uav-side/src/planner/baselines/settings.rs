@@ -88,6 +88,7 @@ impl PlannerKind {
 fn unwarned(base: MissionConfig) -> MissionConfig {
     MissionConfig {
         shed_slope: 100.0,
+        hold_slope: 100.0,
         ..base
     }
 }
