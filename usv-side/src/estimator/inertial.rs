@@ -2,7 +2,7 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::kalman::Update;
-use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
+use alight_shared::vessel_model::{DISTURBANCE, ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::Vector3;
 
 use super::{Channel, Filter, STEP_S};
@@ -18,8 +18,22 @@ const FORCE_MODEL_SD: f64 = 0.03;
 
 /// Largest innovation that counts as possibly true, rad/s, m/s².
 const MOST_MISSED: f64 = 50.0;
+/// Largest fluctuation of the specific force along the vertical that is used to tell tilt from bias, m/s².
+const MOST_LIFT: f64 = 1.0;
+/// Share of a jolt's velocity that is in doubt.
+const JOLT_DOUBT: f64 = 0.3;
+/// Largest innovation of a rate and of a specific force that a hull that slams explains, rad/s, m/s².
+const MOST_JOLT: [f64; 2] = [3.0, 40.0];
+/// The same where the model's rest has jumped a step ago.
+const MOST_SHIFT: [f64; 2] = [10.0, 200.0];
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
+
+/// Whether an innovation that the gate refused is motion: the two samples of the step agree about it, which
+/// one wild sample of the two would not (it makes their difference twice the innovation of their mean).
+fn is_jolt(innovation: f64, apart: f64, most: f64) -> bool {
+    innovation.abs() < most && apart.abs() < innovation.abs()
+}
 
 impl Filter {
     fn gyro_bias(&self) -> Vector3<f64> {
@@ -55,13 +69,36 @@ impl Filter {
         refused
     }
 
+    /// Takes an acceleration that the model lacked over the last step for a disturbance, with what it did to
+    /// place and velocity since: no spread of disturbances that lets a hull leave the water tells the waves
+    /// of one that does not.
+    fn jolt(&mut self, dof: usize, acceleration: f64, eta: f64, nu: f64) {
+        let gain = self.model.acceleration_row(dof, dof)[DISTURBANCE];
+        if gain > 0.0 {
+            let d = self.belief.get(dof, DISTURBANCE) + acceleration / gain;
+            self.belief.set(dof, DISTURBANCE, d);
+            self.belief
+                .inflate(dof, DISTURBANCE, (JOLT_DOUBT * acceleration / gain).powi(2));
+        }
+        let (e, v) = (self.belief.get(dof, ETA), self.belief.get(dof, NU));
+        self.belief.set(dof, ETA, e + eta);
+        self.belief.set(dof, NU, v + nu);
+        self.belief.inflate(dof, NU, (JOLT_DOUBT * nu).powi(2));
+    }
+
+    /// Tells the account of a jolt.
+    fn felt(&mut self, channel: Channel, dof: usize, update: Update) {
+        self.consistency.observe(channel, update);
+        self.unexplained.observe(dof, GATE, STEP_S);
+    }
+
     /// Fuses the mean of `n` samples, taken `offset` seconds after the state's time. Returns the
     /// number of channels refused.
     pub(super) fn fuse_inertial(
         &mut self,
         config: &VesselNodeConfig,
-        gyro: Vector3<f64>,
-        force: Vector3<f64>,
+        (gyro, force): (Vector3<f64>, Vector3<f64>),
+        apart: (Vector3<f64>, Vector3<f64>),
         n: f64,
         offset: f64,
     ) -> u64 {
@@ -77,11 +114,21 @@ impl Filter {
         let r = config.imu.gyro_sd_radps.powi(2) / n;
         let tilt = self.tilt();
         let measured = tilt.rates_from_gyro(gyro - self.gyro_bias());
-        for (dof, z) in [(ROLL, measured[0]), (PITCH, measured[1]), (YAW, measured[2])] {
+        let differ = tilt.rates_from_gyro(apart.0);
+        for (k, dof) in [ROLL, PITCH, YAW].into_iter().enumerate() {
+            let z = measured[k];
             let predicted = self.belief.get(dof, NU) + offset * self.belief.acceleration(&self.model, dof);
             let row = [Term::new(dof, NU, 1.0), Term::new(dof, HEAD, 1.0)];
             let innovation = z - predicted;
             let update = self.belief.update(&row, innovation, r, gate);
+            let shifted = self.remodelled && innovation.abs() < MOST_SHIFT[0];
+            if matches!(update, Update::Gated { .. })
+                && (shifted || is_jolt(innovation, differ[k], MOST_JOLT[0]))
+            {
+                self.jolt(dof, innovation / STEP_S, 0.5 * innovation * STEP_S, innovation);
+                self.felt(Channel::Gyro, dof, update);
+                continue;
+            }
             refused += self.account(Channel::Gyro, dof, update, innovation, 1.0);
         }
         // Accelerometer: f = R' (a + lever arm - g), all in the reference-parallel frame.
@@ -99,9 +146,10 @@ impl Filter {
             // Specific force along the vertical, which a tilt error leaks into the horizontal. Its
             // fluctuation tells tilt from bias, as long as the horizontal force has no fluctuation
             // of its own that goes with it: on a platform that turns about a point away from the
-            // sensor it has, and led the tilt 0.1 rad astray.
+            // sensor it has, and led the tilt 0.1 rad astray. What a hull feels that leaves the water and
+            // slams goes with such a force, too (0.02 rad).
             let known = self.unexplained.factor(SURGE).max(self.unexplained.factor(SWAY));
-            let lift = GRAVITY - (f.z + GRAVITY) / (known * known);
+            let lift = GRAVITY - (f.z + GRAVITY).clamp(-MOST_LIFT, MOST_LIFT) / (known * known);
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
             // What changes fast is also sampled at the wrong instant.
             let fast = self.unexplained.spread(&config.model, axis);
@@ -124,9 +172,23 @@ impl Filter {
                 _ => {}
             }
             let update = self.belief.update(&row, z, r, gate);
-            refused += self.account(Channel::Accelerometer, axis, update, z, STEP_S);
             self.row = row;
+            let differ = (rotation * apart.1)[axis];
+            if matches!(update, Update::Gated { .. }) && self.remodelled && z.abs() < MOST_SHIFT[1] {
+                // Not the hull has jumped but what the model takes for its rest, a step ago.
+                self.jolt(axis, z, 0.5 * z * STEP_S * STEP_S, z * STEP_S);
+                self.felt(Channel::Accelerometer, axis, update);
+                continue;
+            }
+            if matches!(update, Update::Gated { .. }) && is_jolt(z, differ, MOST_JOLT[1]) {
+                // It has grown over the step.
+                self.jolt(axis, z, 0.0, 0.5 * z * STEP_S);
+                self.felt(Channel::Accelerometer, axis, update);
+                continue;
+            }
+            refused += self.account(Channel::Accelerometer, axis, update, z, STEP_S);
         }
+        self.remodelled = false;
         self.refused_imu = if refused > 0 { self.refused_imu + 1 } else { 0 };
         refused
     }

@@ -12,6 +12,7 @@ mod consistency;
 mod growth;
 mod inertial;
 mod output;
+mod past;
 mod satellite;
 mod sea;
 mod tilt;
@@ -97,6 +98,11 @@ pub(crate) struct Filter {
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
+    /// The first of them.
+    first: (Vector3<f64>, Vector3<f64>),
+    past: past::Past,
+    /// The model has changed since the last inertial sample.
+    remodelled: bool,
     /// Place of the inertial sensor in the vessel's body frame, m.
     imu_arm: Vector3<f64>,
     last_imu: Time<VesselClock>,
@@ -166,6 +172,9 @@ impl Estimator {
         f.last_imu = sample.header.at;
         f.inertial = true;
         f.imu_arm = Vector3::from(sample.arm.unwrap_or(self.config.imu.lever_arm_m));
+        if f.pending.3 == 0 {
+            f.first = (Vector3::from(sample.gyro), Vector3::from(sample.accelerometer));
+        }
         let p = &mut f.pending;
         p.0 += Vector3::from(sample.gyro);
         p.1 += Vector3::from(sample.accelerometer);
@@ -182,7 +191,9 @@ impl Estimator {
             let from = f.at;
             f.advance(ahead);
             let offset = ahead - (f.at - from).secs();
-            self.gated.imu += f.fuse_inertial(&self.config, gyro, force, n, offset);
+            let apart = (2.0 * (gyro - f.first.0), 2.0 * (force - f.first.1));
+            self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
+            f.remember();
             f.follow_heading();
             f.hold_against_predictions();
             f.decimate += 1;
@@ -387,6 +398,9 @@ impl Filter {
             growth: growth::Growth::new(at),
             step,
             pending: Default::default(),
+            first: Default::default(),
+            past: past::Past::default(),
+            remodelled: false,
             imu_arm: Vector3::from(config.imu.lever_arm_m),
             last_imu: at,
             inertial: false,
@@ -460,6 +474,7 @@ impl Filter {
         let off = wrap_angle(self.mean_heading - self.reference);
         if off.abs() > TURN_RAD {
             self.belief.turn(off);
+            self.past.clear();
             self.reference = self.mean_heading;
         }
     }
@@ -483,6 +498,7 @@ impl Filter {
             alight_shared::msg::PREDICTION_STAGES - 1,
         );
         self.model = model;
+        self.remodelled = true;
     }
 
     /// Opens the covariance of what moves fast, after too many refusals.

@@ -34,22 +34,17 @@ impl Filter {
         let arm_body = Vector3::from(fix.arm.unwrap_or(config.gnss.antenna_m));
         let mut refused = 0;
         for axis in [SURGE, SWAY, HEAVE] {
-            let tilt = self.tilt();
-            let rotation = tilt.rotation();
-            let arm = rotation * arm_body;
-            let spin = rotation * tilt.body_rates();
-            let acceleration = self.accelerations();
-            let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
-            let arm_rate = spin.cross(&arm);
-            let arm_second = turning.cross(&arm) + spin.cross(&arm_rate);
-            let v = self.belief.get(axis, NU) + arm_rate[axis];
-            let a = acceleration[axis] + arm_second[axis];
+            let before = [ETA, NU].map(|slot| self.belief.get(axis, slot));
+            let then = self.then(fix.header.at);
+            let arm = then.tilt.rotation() * arm_body;
+            let spin = then.tilt.rotation() * then.tilt.body_rates();
+            let v = then.nu[axis] + spin.cross(&arm)[axis];
             let level = if axis == HEAVE {
                 self.belief.get(HEAVE, GNSS_BIAS)
             } else {
                 0.0
             };
-            let p = self.belief.get(axis, ETA) + level + arm[axis];
+            let p = then.eta[axis] + level + arm[axis];
             // (tilt that moves the antenna along this axis, metres per radian)
             let lever = match axis {
                 SURGE => Some((PITCH, arm.z)),
@@ -65,7 +60,7 @@ impl Filter {
             if axis == HEAVE {
                 row.push(Term::new(HEAVE, GNSS_BIAS, 1.0));
             }
-            let innovation = position[axis] - (p - late * v + 0.5 * late * late * a);
+            let innovation = position[axis] - p;
             let r = fix.position_sd[axis].powi(2);
             let gate = self.patience(axis, ETA, PATIENCE, innovation);
             let update = self.belief.update(&row, innovation, r, gate);
@@ -82,7 +77,7 @@ impl Filter {
             if let Some((tilt, arm)) = lever {
                 row.push(Term::new(tilt, NU, arm));
             }
-            let innovation = velocity[axis] - (v - late * a);
+            let innovation = velocity[axis] - v;
             let r = fix.velocity_sd[axis].powi(2);
             let gate = self.patience(axis, NU, PATIENCE_VELOCITY, innovation);
             let update = self.belief.update(&row, innovation, r, gate);
@@ -92,11 +87,14 @@ impl Filter {
             }
             refused += u64::from(!update.fused());
             self.row = row;
+            let [eta, nu] = [ETA, NU].map(|slot| self.belief.get(axis, slot));
+            self.correct_past(axis, eta - before[0], nu - before[1]);
         }
         self.refused_fixes = if refused > 2 { self.refused_fixes + 1 } else { 0 };
         if self.refused_fixes > PATIENCE {
             // The receiver insists: its frame has jumped, or we have gone astray.
             self.refused_fixes = 0;
+            self.past.clear();
             let arm = self.tilt().rotation() * arm_body;
             for axis in [SURGE, SWAY] {
                 self.belief.set(axis, ETA, position[axis] - arm[axis]);
