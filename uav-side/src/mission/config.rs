@@ -215,8 +215,8 @@ impl Default for MissionConfig {
             wind_peak_mps2: 2.8,
             friction: 0.4,
             // Friction of 0.4, and what is foretold is wrong by 0.08 (rms) some seconds ahead. 0.8 m, 5 s without
-            // sideways coupling, seeds 300-499: 200 landed and 15.5 s over the deck; 0.30: 198, 13.1 s;
-            // 0.33: 195, 12.1 s.
+            // sideways coupling, seeds 300-699: 400 landed and 15.5 s over the deck; 0.28 and 9.5 s ahead: 399,
+            // 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394, 11.9 s.
             hold_slope: 0.25,
             // Friction of 0.4 less what a second's mean hides. As above: 0.45 lets the drone go down where the
             // waves have just been too steep for any forecast.

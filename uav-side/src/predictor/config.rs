@@ -142,7 +142,7 @@ impl Default for PredictorConfig {
             way_walk: 0.08,
             turn_walk_s: 0.6,
             rate_time_s: [100.0, 100.0, 1.0, 1.0, 1.0, 5.0],
-            // Ours.
+            // Ours; a tilt that turns otherwise than foretold is given more ([`super::surprise`]).
             residual_sd_m_rad: [0.005, 0.005, 0.012, deg(0.35), deg(0.35), deg(0.2)],
             residual_omega_radps: 3.0,
             residual_damping: 0.5,

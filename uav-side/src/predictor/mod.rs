@@ -21,6 +21,7 @@ mod node;
 pub mod observation;
 pub mod rocking;
 pub mod sag;
+mod surprise;
 pub mod track;
 pub mod waves;
 

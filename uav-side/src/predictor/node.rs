@@ -20,6 +20,7 @@ use super::forecast::Horizon;
 use super::observation::{self, Mount, Observation, Plane};
 use super::rocking::Rocking;
 use super::sag::sag;
+use super::surprise::Surprise;
 use super::track::Track;
 use super::waves::{AXES, Waves};
 
@@ -120,6 +121,7 @@ pub struct Predictor {
     /// Deck's centre in the vessel's body frame, m.
     arm: Vector3<f64>,
     rocking: Rocking,
+    surprise: Surprise,
     /// Mean velocity that the frequencies of encounter belong to: north, east, m/s.
     met: [f64; 2],
     radio_at: Option<Time<DroneClock>>,
@@ -147,6 +149,7 @@ impl Predictor {
             filter: None,
             track: Track::default(),
             rocking: Rocking::default(),
+            surprise: Surprise::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
             arm: config.deck.centre(),
@@ -257,6 +260,14 @@ impl Predictor {
             return Err(Rejection::Duplicate);
         }
         let o = observation::estimate(e, &origin, self.clock_sd_s, &self.config);
+        match &self.filter {
+            Some(f) if self.waves.are_named() && self.waves.confidence >= CONFIDENT => {
+                self.surprise.hear(&o, &f.at(&self.waves, o.at));
+            }
+            // What nobody has foretold surprises nobody.
+            Some(_) | None => self.surprise = Surprise::default(),
+        }
+        self.waves.surprise(self.surprise.tilt_sd());
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);

@@ -90,6 +90,8 @@ pub struct Waves {
     bank_height: f64,
     /// Spread (rad) and frequency (rad/s) of the tilt as observed.
     rocking: Option<(f64, f64)>,
+    /// Spread (rad) of the tilt that turns otherwise than foretold.
+    surprise: f64,
 }
 
 impl Waves {
@@ -126,6 +128,7 @@ impl Waves {
             confidence: 0.0,
             residual,
             rocking: None,
+            surprise: 0.0,
         }
     }
 
@@ -223,18 +226,21 @@ impl Waves {
         self.rocking = rocking.or(self.rocking);
     }
 
+    /// Tilt has lately turned otherwise than foretold; `sd` is the spread (rad) that the residual needs.
+    pub fn surprise(&mut self, sd: f64) {
+        self.surprise = sd;
+    }
+
     /// The share of the tilt that the identification does not claim to explain goes to the residual
-    /// oscillator, at the frequency with which the deck rocks.
+    /// oscillator, at the frequency with which the deck rocks; so does what turns otherwise than foretold.
     fn follow_rocking(&mut self, apply: &mut impl FnMut(Change, &[Oscillator])) {
-        let Some((sd, omega)) = self.rocking else {
-            return;
-        };
+        let (sd, omega) = self.rocking.unwrap_or((0.0, self.residual.omega));
         let share = 1.0 - self.confidence;
         let mut wanted = self.residual;
         wanted.omega += share * (omega - wanted.omega);
         wanted.earth_omega = wanted.omega;
         for axis in [3, 4] {
-            wanted.sd[axis] = wanted.sd[axis].max(share * sd);
+            wanted.sd[axis] = wanted.sd[axis].max(share * sd).max(self.surprise);
         }
         let Some(o) = self.oscillators.first_mut() else {
             return;

@@ -87,7 +87,8 @@ fn how_steep_the_deck_will_feel_is_foretold_ten_seconds_ahead() {
             }
         }
         let rms = f64::sqrt(squares / n);
-        assert!(rms < 0.03, "sway {sway}: wrong by {rms}");
+        // The mission leaves 0.15 between what it permits and what holds by friction.
+        assert!(rms < 0.05, "sway {sway}: wrong by {rms}");
     }
     // A deck that is carried along by the water feels level, however it tilts.
     assert!(

@@ -29,7 +29,8 @@ pub fn cost(deck: &DeckStage, wind: &Vector2<f64>, c: &InstantConfig) -> f64 {
     let n = deck.normal();
     let tilt = n.x.hypot(n.y).min(1.0).asin().to_degrees() / c.tilt_deg;
     let rate = deck.euler_rates[0].hypot(deck.euler_rates[1]).to_degrees() / c.tilt_rate_dps;
-    mismatch * mismatch + 0.5 * tilt * tilt + 0.5 * rate * rate
+    let rising = (-deck.velocity[2]).max(0.0) / c.rising_mps;
+    mismatch * mismatch + 0.5 * (tilt * tilt + rate * rate + rising * rising)
 }
 
 /// The chosen instant.
