@@ -51,22 +51,30 @@ impl Filter {
         )
     }
 
-    /// Tells the account of unexplained motion; 1 when the channel was refused. What was refused may
-    /// have been true: the rate (by `doubt` per unit of innovation) is that much less certain, or a
-    /// real jolt that is refused by halves leaves a velocity that GNSS is not believed about.
-    fn account(&mut self, channel: Channel, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
+    /// Tells the accounts how a channel has fitted.
+    fn note(&mut self, channel: Channel, dof: usize, update: Update) {
         self.consistency.observe(channel, update);
-        let (nis, refused) = match update {
-            Update::Fused { nis } => (nis, 0),
-            Update::Gated { nis } => (nis, 1),
-            Update::Invalid => return 1,
-        };
-        if refused > 0 {
-            let missed = doubt * innovation.abs().min(MOST_MISSED);
-            self.belief.inflate(dof, NU, missed * missed);
+        match update {
+            Update::Fused { nis } | Update::Gated { nis } => {
+                self.unexplained.observe(dof, nis.min(GATE), STEP_S);
+            }
+            Update::Invalid => {}
         }
-        self.unexplained.observe(dof, nis.min(GATE), STEP_S);
-        refused
+    }
+
+    /// What becomes of a channel that was neither fused nor felt as a jolt: 1 when it was refused. It may have
+    /// been true: the rate (by `doubt` per unit of innovation) is that much less certain, or a real jolt that is
+    /// refused by halves leaves a velocity that GNSS is not believed about.
+    fn refuse(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
+        match update {
+            Update::Fused { .. } => return 0,
+            Update::Gated { .. } => {
+                let missed = doubt * innovation.abs().min(MOST_MISSED);
+                self.belief.inflate(dof, NU, missed * missed);
+            }
+            Update::Invalid => {}
+        }
+        1
     }
 
     /// Takes an acceleration that the model lacked over the last step for a disturbance, with what it did to
@@ -84,12 +92,6 @@ impl Filter {
         self.belief.set(dof, ETA, e + eta);
         self.belief.set(dof, NU, v + nu);
         self.belief.inflate(dof, NU, (JOLT_DOUBT * nu).powi(2));
-    }
-
-    /// Tells the account of a jolt.
-    fn felt(&mut self, channel: Channel, dof: usize, update: Update) {
-        self.consistency.observe(channel, update);
-        self.unexplained.observe(dof, GATE, STEP_S);
     }
 
     /// Fuses the mean of `n` samples, taken `offset` seconds after the state's time. Returns the
@@ -121,15 +123,14 @@ impl Filter {
             let row = [Term::new(dof, NU, 1.0), Term::new(dof, HEAD, 1.0)];
             let innovation = z - predicted;
             let update = self.belief.update(&row, innovation, r, gate);
+            self.note(Channel::Gyro, dof, update);
             let shifted = self.remodelled && innovation.abs() < MOST_SHIFT[0];
-            if matches!(update, Update::Gated { .. })
-                && (shifted || is_jolt(innovation, differ[k], MOST_JOLT[0]))
-            {
+            let jolt = shifted || is_jolt(innovation, differ[k], MOST_JOLT[0]);
+            if jolt && matches!(update, Update::Gated { .. }) {
                 self.jolt(dof, innovation / STEP_S, 0.5 * innovation * STEP_S, innovation);
-                self.felt(Channel::Gyro, dof, update);
-                continue;
+            } else {
+                refused += self.refuse(dof, update, innovation, 1.0);
             }
-            refused += self.account(Channel::Gyro, dof, update, innovation, 1.0);
         }
         // Accelerometer: f = R' (a + lever arm - g), all in the reference-parallel frame.
         let white = config.imu.accelerometer_sd_mps2.powi(2) / n + FORCE_MODEL_SD.powi(2);
@@ -173,20 +174,17 @@ impl Filter {
             }
             let update = self.belief.update(&row, z, r, gate);
             self.row = row;
-            let differ = (rotation * apart.1)[axis];
-            if matches!(update, Update::Gated { .. }) && self.remodelled && z.abs() < MOST_SHIFT[1] {
+            self.note(Channel::Accelerometer, axis, update);
+            let gated = matches!(update, Update::Gated { .. });
+            if gated && self.remodelled && z.abs() < MOST_SHIFT[1] {
                 // Not the hull has jumped but what the model takes for its rest, a step ago.
                 self.jolt(axis, z, 0.5 * z * STEP_S * STEP_S, z * STEP_S);
-                self.felt(Channel::Accelerometer, axis, update);
-                continue;
-            }
-            if matches!(update, Update::Gated { .. }) && is_jolt(z, differ, MOST_JOLT[1]) {
+            } else if gated && is_jolt(z, (rotation * apart.1)[axis], MOST_JOLT[1]) {
                 // It has grown over the step.
                 self.jolt(axis, z, 0.0, 0.5 * z * STEP_S);
-                self.felt(Channel::Accelerometer, axis, update);
-                continue;
+            } else {
+                refused += self.refuse(axis, update, z, STEP_S);
             }
-            refused += self.account(Channel::Accelerometer, axis, update, z, STEP_S);
         }
         self.remodelled = false;
         self.refused_imu = if refused > 0 { self.refused_imu + 1 } else { 0 };
@@ -212,5 +210,20 @@ impl Filter {
             normal: [c * up.x - s * up.y, s * up.x + c * up.y],
             acceleration_up: -(f.z + GRAVITY - lever.z),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wild_sample_is_no_jolt_and_a_growing_rate_is_one() {
+        // The second of two samples is wild by 2 rad/s: their mean by 1, their difference by 2.
+        assert!(!is_jolt(1.0, 2.0, MOST_JOLT[0]));
+        // A rate that grows by 20 rad/s² is off by 0.4 after a step and differs by 0.2 between its samples.
+        assert!(is_jolt(0.4, 0.2, MOST_JOLT[0]) && is_jolt(-0.4, -0.2, MOST_JOLT[0]));
+        assert!(!is_jolt(5.0, 0.1, MOST_JOLT[0]), "no hull turns like that");
+        assert!(!is_jolt(f64::NAN, 0.0, MOST_JOLT[0]) && !is_jolt(1.0, f64::NAN, MOST_JOLT[0]));
     }
 }

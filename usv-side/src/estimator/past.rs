@@ -104,3 +104,31 @@ impl Filter {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_past_is_told_between_two_steps_and_not_outside() {
+        let step = |k: u32| Then {
+            at: Time::from_secs(0.02 * f64::from(k)),
+            // A velocity that jumps at the third step, as no acceleration now would tell.
+            eta: [f64::from(k); 3],
+            nu: [if k < 3 { 0.0 } else { 5.0 }; 3],
+            tilt: Tilt::default(),
+        };
+        let past = Past((0..5).map(step).collect());
+        let then = past.at(Time::from_secs(0.03)).map(|s| (s.eta[0], s.nu[0]));
+        assert!(
+            then.is_some_and(|(e, v)| (e - 1.5).abs() < 1e-6 && v == 0.0),
+            "{then:?}"
+        );
+        assert!(
+            past.at(Time::from_secs(0.05))
+                .is_some_and(|s| (s.nu[2] - 2.5).abs() < 1e-6)
+        );
+        assert!(past.at(Time::from_secs(-0.01)).is_none() && past.at(Time::from_secs(0.09)).is_none());
+        assert!(Past::default().at(Time::EPOCH).is_none());
+    }
+}
