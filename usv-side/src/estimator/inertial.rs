@@ -62,9 +62,9 @@ impl Filter {
         }
     }
 
-    /// What becomes of a channel that was neither fused nor felt as a jolt: 1 when it was refused. It may have
-    /// been true: the rate (by `doubt` per unit of innovation) is that much less certain, or a real jolt that is
-    /// refused by halves leaves a velocity that GNSS is not believed about.
+    /// 1 when the channel was refused, not fused. What was refused may have been true: the rate (by `doubt` per
+    /// unit of innovation) is that much less certain, or a real jolt that is refused by halves leaves a velocity
+    /// that GNSS is not believed about.
     fn refuse(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
         match update {
             Update::Fused { .. } => return 0,
