@@ -100,6 +100,7 @@ fn wave_model_and_prediction_come_through() {
         header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
         significant_height_m: 1.0,
         confidence: 0.5,
+        orbital_slip: 0.0,
         components: Seq::filled([WaveComponent {
             omega: 1.2,
             omega_encounter: 1.3,

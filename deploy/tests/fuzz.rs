@@ -130,6 +130,7 @@ fn sound() -> Vec<Vec<u8>> {
         header: Header::default(),
         significant_height_m: 1.0,
         confidence: 1.0,
+        orbital_slip: 0.5,
         components: Seq::filled([WaveComponent::default(); 6]),
         slopes: Seq::filled([10; 60]),
     };

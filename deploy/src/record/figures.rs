@@ -42,6 +42,7 @@ pub const WAVE: Flat = Flat {
     fields: &[
         ("significant_height_m", Number),
         ("confidence", Number),
+        ("orbital_slip", Number),
         ("omega_radps", Numbers),
         ("direction_rad", Numbers),
         ("omega_encounter_radps", Numbers),
@@ -101,6 +102,7 @@ pub const FORECAST: Flat = Flat {
         ("vision_age_s", Number),
         ("tag_age_s", Number),
         ("wave_confidence", Number),
+        ("orbital_slip", Number),
         ("position_sd_m", Numbers),
         ("euler_sd_rad", Numbers),
         ("ahead_1s_position_sd_m", Numbers),

@@ -319,6 +319,7 @@ impl Show {
             let values = [
                 N(f64::from(w.significant_height_m)),
                 N(f64::from(w.confidence)),
+                N(f64::from(w.orbital_slip)),
                 V(&of(|c| c.omega)),
                 V(&of(|c| c.direction)),
                 V(&of(|c| c.omega_encounter)),
@@ -426,6 +427,7 @@ impl Show {
             N(f.vision_age_s),
             N(f.tag_age_s),
             N(f.wave_confidence),
+            N(f.orbital_slip),
             V(now.map_or(&none, |s| &s.position_sd)),
             V(now.map_or(&none, |s| &s.euler_sd)),
             V(ahead.as_ref().map_or(&none, |s| &s.position_sd)),

@@ -163,6 +163,9 @@ pub struct DeckForecast {
     pub tag_age_s: f64,
     /// Confidence in the wave model, 0 (broad default) to 1.
     pub wave_confidence: f64,
+    /// Share of the water's orbital motion that passes under the hull, whose crests the trajectory holds
+    /// ([`super::WaveModel::orbital_slip`]).
+    pub orbital_slip: f64,
     /// The deck's mean heading without the waves' share, rad.
     pub mean_heading: f64,
     /// The trajectory.
@@ -256,6 +259,9 @@ message!(LinkState, |m| {
 message!(DeckForecast, |m| {
     if m.step <= Span::ZERO {
         return Err("step");
+    }
+    if !(0.0..=1.0).contains(&m.orbital_slip) {
+        return Err("orbital_slip");
     }
     for s in m.stages.iter() {
         if !within(&s.position, MAX_POSITION_M)

@@ -25,11 +25,12 @@
 //! | 230..238 | mean velocity north, east, m/s (2 x f32) |
 //! | 238..246 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (50 + 164 n + m B, n <= 6 components, m <= 60 slopes, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (54 + 164 n + m B, n <= 6 components, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
-//! | 34..42 | n (u64) |
+//! | 34..38 | orbital slip (f32) |
+//! | 38..46 | n (u64) |
 //! | + 0..20 | omega, direction, its sd, omega of encounter, damping (5 x f32) |
 //! | + 20..68 | oscillator state per degree of freedom: value, rate (6 x 2 x f32) |
 //! | + 68..140 | its covariance block (6 x 3 x f32) |
@@ -127,6 +128,10 @@ pub struct WaveModel<C: Clock> {
     pub significant_height_m: f32,
     /// 0 while the broad default model is in use, 1 when the identification is fully trusted.
     pub confidence: f32,
+    /// Share of the water's horizontal orbital motion that passes under the hull: 0 when it is carried along
+    /// (a light free hull), 1 when it stands. Above 0 its motion is not the plain sum of the components
+    /// (`alight_shared::vessel_model::bound`).
+    pub orbital_slip: f32,
     /// Components, strongest first.
     pub components: Seq<WaveComponent, MAX_COMPONENTS>,
     /// The steepest slope that something standing on the deck felt in each span of [`SLOPE_SPAN_S`], the
@@ -218,6 +223,7 @@ impl<C: Clock> PartialEq for WaveModel<C> {
         self.header == o.header
             && self.significant_height_m == o.significant_height_m
             && self.confidence == o.confidence
+            && self.orbital_slip == o.orbital_slip
             && self.components == o.components
             && self.slopes == o.slopes
     }
@@ -262,6 +268,7 @@ impl<C: Clock> WaveModel<C> {
             header: self.header.restamped(at),
             significant_height_m: self.significant_height_m,
             confidence: self.confidence,
+            orbital_slip: self.orbital_slip,
             components: self.components,
             slopes: self.slopes,
         }
@@ -358,6 +365,9 @@ impl<C: Clock> Message for WaveModel<C> {
         }
         if !(0.0..=1.0).contains(&self.confidence) {
             return Err("confidence");
+        }
+        if !(0.0..=1.0).contains(&self.orbital_slip) {
+            return Err("orbital_slip");
         }
         for c in self.components.iter() {
             if !(0.01..=20.0).contains(&c.omega) || !(0.01..=20.0).contains(&c.omega_encounter) {

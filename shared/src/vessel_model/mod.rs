@@ -31,6 +31,7 @@
 
 mod belief;
 mod config;
+mod crests;
 mod expm;
 mod horizon;
 mod messages;
@@ -40,6 +41,7 @@ mod tests;
 
 pub use belief::{Belief, BeliefSpec, Extra, Layout, Step, Term};
 pub use config::{Coupling, VesselModelConfig};
+pub use crests::{Bound, Felt, bound, bound_motion};
 pub use expm::{expm, van_loan};
 pub use horizon::Horizon;
 pub use model::{Component, Discrete, VesselModel, encounter_frequency, turn_tilt};

@@ -191,9 +191,9 @@ impl Filter {
         refused
     }
 
-    /// The motion for the identification: tilt as the gyroscope carries it, vertical acceleration
-    /// as measured.
-    pub(super) fn motion_sample(&self, force: Vector3<f64>) -> MotionSample {
+    /// Specific force at the sensor as measured and what the lever to it adds to that of the reference point,
+    /// in the reference-parallel frame, m/s².
+    fn measured(&self, force: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let tilt = self.tilt();
         let rotation = tilt.rotation();
         let f = rotation * (force - self.force_bias());
@@ -201,8 +201,16 @@ impl Filter {
         let spin = rotation * tilt.body_rates();
         let acceleration = self.accelerations();
         let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
-        let lever = turning.cross(&arm) + spin.cross(&spin.cross(&arm));
-        let up = -(rotation * Vector3::z());
+        (f, turning.cross(&arm) + spin.cross(&spin.cross(&arm)))
+    }
+
+    /// The motion for the identification: tilt as the gyroscope carries it, vertical acceleration
+    /// as measured. Tells the crests what the hull does on its slopes.
+    pub(super) fn motion_sample(&mut self, force: Vector3<f64>) -> MotionSample {
+        let (f, lever) = self.measured(force);
+        let tilt = self.tilt();
+        self.crests.watch(self.at, tilt.angles, (f - lever).into());
+        let up = -(tilt.rotation() * Vector3::z());
         let (s, c) = self.reference.sin_cos();
         MotionSample {
             at: self.at,

@@ -9,6 +9,7 @@
 
 mod attitude;
 mod consistency;
+mod crests;
 mod growth;
 mod inertial;
 mod output;
@@ -95,6 +96,7 @@ pub(crate) struct Filter {
     pub(crate) mean_heading_rate: f64,
     pub(crate) unexplained: unexplained::Unexplained,
     pub(crate) growth: growth::Growth,
+    pub(crate) crests: crests::Crests,
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
@@ -274,7 +276,8 @@ impl Estimator {
     /// Once per tick, after the measurements: bridges a silence of the inertial sensor and lets the
     /// identified sea into the model.
     pub fn tick(&mut self, now: Time<VesselClock>) {
-        let state = self.identifier.update(now);
+        let slip = self.filter.as_ref().map_or(0.0, |f| f.crests.slip());
+        let state = self.identifier.update(now, slip);
         let Some(f) = self.filter.as_mut() else { return };
         f.take_sea(&self.config, state);
         f.adapt(&self.config);
@@ -396,6 +399,7 @@ impl Filter {
             mean_heading_rate: 0.0,
             unexplained: unexplained::Unexplained::new(at),
             growth: growth::Growth::new(at),
+            crests: crests::Crests::default(),
             step,
             pending: Default::default(),
             first: Default::default(),
@@ -419,8 +423,10 @@ impl Filter {
     fn advance(&mut self, ahead: f64) {
         let steps = (ahead / STEP_S).round().clamp(0.0, LONGEST_GAP_S / STEP_S) as u32;
         for _ in 0..steps {
+            self.unbind();
             self.belief.propagate(&self.step);
             self.at += Span::from_secs(STEP_S);
+            self.rebind();
         }
     }
 
@@ -474,6 +480,7 @@ impl Filter {
         let off = wrap_angle(self.mean_heading - self.reference);
         if off.abs() > TURN_RAD {
             self.belief.turn(off);
+            self.crests.turn(off);
             self.past.clear();
             self.reference = self.mean_heading;
         }
@@ -481,7 +488,12 @@ impl Filter {
 
     /// Gives the model the disturbances that the innovations call for.
     fn adapt(&mut self, config: &VesselNodeConfig) {
-        if self.unexplained.judge(self.at) {
+        let slip = if self.sea.identified {
+            self.crests.slip()
+        } else {
+            0.0
+        };
+        if self.unexplained.judge(self.at, slip) {
             let figures = self.unexplained.figures(&config.model);
             let components = self.model.components().to_vec();
             self.set_model(config, VesselModel::new(&figures, &components));
@@ -498,6 +510,7 @@ impl Filter {
             alight_shared::msg::PREDICTION_STAGES - 1,
         );
         self.model = model;
+        self.hand_over();
         self.remodelled = true;
     }
 

@@ -101,6 +101,7 @@ impl Filter {
             },
             significant_height_m: self.sea.significant_height_m.clamp(0.0, 50.0) as f32,
             confidence: self.sea.confidence.clamp(0.0, 1.0) as f32,
+            orbital_slip: self.crests.slip() as f32,
             components: self.belief.wave_message(self.reference),
             slopes,
         }
@@ -119,8 +120,9 @@ impl Filter {
         let (with_eta, _, own) = self.level_covariance();
         let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
         let ahead: [[f64; PREDICTION_STAGES]; 6] = core::array::from_fn(|d| self.variances_ahead(d));
+        let unbound = self.unbound();
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
-            let m: [[f64; 3]; 6] = core::array::from_fn(|d| self.horizon.mean(b, d, k));
+            let m = self.foretold(&unbound, k);
             let var: [f64; 6] = core::array::from_fn(|d| ahead[d][k]);
             let tilt = Tilt {
                 angles: [m[ROLL][0], m[PITCH][0]],
@@ -219,10 +221,11 @@ impl Filter {
             .compare(self.at, self.reference, now, Span::from_secs(0.5 * STEP_S));
         let Some(k) = self.compared_stage() else { return };
         if self.growth.is_due(self.at) {
+            let mean = self.foretold(&self.unbound(), k);
             let foretold = COMPARED.map(|d| {
                 let (waves, disturbance) = self.growth_ahead(d, k);
                 Foretold {
-                    mean: self.horizon.mean(&self.belief, d, k)[0],
+                    mean: mean[d][0],
                     waves: waves.max(0.0),
                     disturbance,
                 }

@@ -65,14 +65,15 @@ impl Identifier {
     }
 
     /// Does the work that is due at `now`, at most once in `update_period_s`, and returns the
-    /// newest state: `None` before `min_window_s` of record and when the record has gone stale.
-    pub fn update(&mut self, now: Time<VesselClock>) -> Option<&SeaState> {
+    /// newest state: `None` before `min_window_s` of record and when the record has gone stale. `slip` is the
+    /// share of the water's orbital motion that passes under the hull.
+    pub fn update(&mut self, now: Time<VesselClock>, slip: f64) -> Option<&SeaState> {
         let due = self
             .worked_at
             .is_none_or(|t| (now - t).secs().abs() >= self.period_s * 0.999);
         if due {
             self.worked_at = Some(now);
-            self.work(now);
+            self.work(now, slip);
         }
         if self.takes_whole {
             self.whole.state()
@@ -81,14 +82,14 @@ impl Identifier {
         }
     }
 
-    fn work(&mut self, now: Time<VesselClock>) {
-        self.adaptive.work(&self.record, now, false);
+    fn work(&mut self, now: Time<VesselClock>, slip: f64) {
+        self.adaptive.work(&self.record, now, false, slip);
         if self.adaptive.uses_all() {
             self.whole = self.adaptive.clone();
             self.takes_whole = true;
             return;
         }
-        self.whole.work(&self.record, now, true);
+        self.whole.work(&self.record, now, true, slip);
         let (adaptive, whole) = (self.adaptive.lately(), self.whole.lately());
         let clearly = if self.takes_whole { CLEARLY } else { 1.0 };
         self.takes_whole = self.whole.state().is_some() && adaptive >= clearly * whole;

@@ -63,6 +63,8 @@ pub(super) struct Rows {
     pub adrift: bool,
     /// Farthest from the path's middle along north or east, m.
     pub reach_m: f64,
+    /// Channels as measured.
+    raw: [Vec<f64>; CHANNELS],
     square: [f64; CHANNELS],
 }
 
@@ -115,7 +117,22 @@ impl Rows {
             self.smooth_course(&phases);
         }
         self.reach_m = self.straighten();
+        self.raw.clone_from(&self.y);
         self.square = core::array::from_fn(|c| dot(&self.y[c], &self.y[c]));
+    }
+    /// Fits to what the channels as measured leave of `known`, per row.
+    pub fn less(&mut self, known: &[[f64; CHANNELS]]) {
+        for c in 0..CHANNELS {
+            for ((y, raw), known) in self.y[c].iter_mut().zip(&self.raw[c]).zip(known) {
+                *y = raw - known[c];
+            }
+        }
+        self.square = core::array::from_fn(|c| dot(&self.y[c], &self.y[c]));
+    }
+    /// Phase of a wave in row `i`, rad.
+    pub fn phase(&self, w: &Wave, i: usize) -> f64 {
+        let (sin, cos) = w.direction.sin_cos();
+        w.omega * self.t[i] - w.omega * w.omega / GRAVITY * (cos * self.path[0][i] + sin * self.path[1][i])
     }
     /// On a vessel that drifts straight on at constant speed a wave has one frequency of encounter,
     /// and nothing in its phase tells frequency from direction: what bends the path is orbital

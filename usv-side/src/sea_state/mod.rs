@@ -18,6 +18,7 @@
 mod choice;
 mod config;
 mod course;
+mod crests;
 mod direction;
 mod fit;
 mod record;
@@ -28,6 +29,7 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
 use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
+use alight_shared::vessel_model::{Bound, Felt, bound_motion};
 use nalgebra::Complex;
 
 pub use choice::Identifier;
@@ -116,6 +118,30 @@ impl SeaComponent {
     pub fn encounter(&self, mean_velocity: [f64; 2]) -> f64 {
         let (sin, cos) = self.direction.sin_cos();
         self.omega - self.omega * self.omega / GRAVITY * (mean_velocity[0] * cos + mean_velocity[1] * sin)
+    }
+}
+
+impl SeaState {
+    /// What heave (down), roll and pitch of a hull that heads north differ by from the components' sum, `t`
+    /// seconds after the state's time, when the share `slip` of the orbital motion passes under it and it
+    /// goes at this mean velocity (north, east, m/s).
+    pub fn bound(&self, slip: f64, mean_velocity: [f64; 2], t: f64) -> Bound {
+        if !(slip > 0.0) {
+            return Bound::default();
+        }
+        let waves: Vec<Felt> = self
+            .components
+            .iter()
+            .map(|c| {
+                Felt::new(
+                    [-c.heave, c.normal[1], -c.normal[0]],
+                    (c.omega, c.encounter(mean_velocity)),
+                    (c.direction, c.direction_sd),
+                    mean_velocity,
+                )
+            })
+            .collect();
+        bound_motion(&waves, slip, t)
     }
 }
 

@@ -12,7 +12,7 @@ use nalgebra::Complex;
 
 use super::direction::{direction_of, from_encounter};
 use super::fit::{DirectionPrior, Fitter, Solution, Wave};
-use super::record::{CHANNELS, Record, smoothing};
+use super::record::{CHANNELS, Record};
 use super::spectrum::{Peak, Spectrum};
 use super::{SeaComponent, SeaState, SeaStateConfig, Verdict};
 
@@ -36,11 +36,11 @@ const STALE_S: f64 = 5.0;
 /// The components that describe one part of the record, the newest.
 #[derive(Clone)]
 pub(super) struct Tracker {
-    config: SeaStateConfig,
-    fitter: Fitter,
+    pub(super) config: SeaStateConfig,
+    pub(super) fitter: Fitter,
     spectrum: Spectrum,
     residuals: [Vec<f64>; CHANNELS],
-    waves: Vec<Wave>,
+    pub(super) waves: Vec<Wave>,
     /// The components where they are told and not found, for studies.
     told: Option<Vec<Wave>>,
     rounds: u64,
@@ -55,6 +55,8 @@ pub(super) struct Tracker {
     drift: [f64; 2],
     /// Variance of each channel about its trend.
     variance: [f64; CHANNELS],
+    /// Share of the water's orbital motion that passes under the hull.
+    pub(super) slip: f64,
 }
 
 impl fmt::Debug for Tracker {
@@ -87,6 +89,7 @@ impl Tracker {
             negligible: [0.0; CHANNELS],
             drift: [0.0; 2],
             variance: [0.0; CHANNELS],
+            slip: 0.0,
         }
     }
 
@@ -116,7 +119,7 @@ impl Tracker {
 
     /// Identifies anew from the `whole` record or from as much of it as has foretold well; no state
     /// before `min_window_s` of record and when the record has gone stale.
-    pub fn work(&mut self, record: &Record, now: Time<VesselClock>, whole: bool) {
+    pub fn work(&mut self, record: &Record, now: Time<VesselClock>, whole: bool, slip: f64) {
         let Some(newest) = record.newest() else {
             self.state = None;
             return;
@@ -125,6 +128,7 @@ impl Tracker {
             self.state = None;
             return;
         }
+        self.slip = slip;
         self.adapt_window(record);
         if whole {
             self.window_s = self.config.window_s;
@@ -152,6 +156,9 @@ impl Tracker {
                 tilt[0] += (c.normal[0] * turn).re;
                 tilt[1] += (c.normal[1] * turn).re;
             }
+            let [_, roll, pitch] = state.bound(self.slip, velocity, bin.t - from).value;
+            tilt[0] -= pitch;
+            tilt[1] += roll;
             for i in 0..2 {
                 error += (bin.y[1 + i] - tilt[i]).powi(2);
             }
@@ -219,6 +226,7 @@ impl Tracker {
             Some(s) => s,
             None => still.clone(),
         };
+        self.take_out_crests(&mut best);
         self.reweigh(&best, variance);
         let mut priors = self.priors(&best);
         self.fitter.rescore(&mut best, &priors);
@@ -506,17 +514,7 @@ impl Tracker {
                 direction: w.direction,
                 ..SeaComponent::default()
             };
-            let encounter = component.encounter(u);
-            // On a moving vessel the column holds the change from omega to the encounter.
-            let square = if self.fitter.rows.moving {
-                w.omega
-            } else {
-                encounter
-            }
-            .powi(2);
-            let left = smoothing(encounter, self.config.bin_s).max(0.1);
-            component.heave = -s.phasor(0, j) * turn / (left * square.max(0.01));
-            component.normal = [s.phasor(1, j) * turn, s.phasor(2, j) * turn];
+            (component.heave, component.normal) = self.phasors(s, (j, w), turn, u);
             component.amplitude_heave_m = component.heave.norm();
             component.amplitude_tilt_rad = component.normal[0].norm().hypot(component.normal[1].norm());
             component.omega_sd = deviations

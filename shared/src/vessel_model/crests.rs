@@ -1,0 +1,270 @@
+//! What a hull sees of linear waves that does not go along with the water: sharper crests, flatter troughs.
+//!
+//! A wave of small amplitude is linear in a frame that moves with the water's particles (Gerstner 1802;
+//! as a model of the sea: Nouguier, Guérin and Chapron 2009, the "choppy wave model"). A particle with the
+//! place at rest `x0` is at `x = x0 - sum d A sin(theta)`, `theta = k d.x0 - omega t + phi`, and at the
+//! height `sum A cos(theta)`. A light free hull is carried along and feels the oscillators' plain sum. One
+//! that stands still over the orbital motion, or takes only a share of it, asks what is at its *place*: it
+//! meets the particle `x0 = slip sum d A sin(theta(x0))`. At a steepness `sum k A` of 0.4 that moves heave
+//! by 0.16 m and slope by 0.04 (rms): multiples and sums of the waves' frequencies, bound to them, that
+//! no further oscillator follows in phase.
+//!
+//! Phasors `q` turn with `exp(i omega t)`: of an oscillator, `value - i rate / omega`. A label further along
+//! the direction of travel is later in phase, `q(x0) = q exp(-i k d.x0)`.
+
+use core::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Complex, Matrix2, Vector2};
+
+use crate::geometry::GRAVITY;
+
+/// Waves that are looked at, more than a message holds.
+const MAX_WAVES: usize = 8;
+/// Newton steps for the label; the last changes heave by less than 1 mm at a steepness of 0.5.
+const STEPS: usize = 4;
+/// Greatest `slip sum k A`: at 1 the surface begins to fold, and what is steeper is taken for an error.
+const STEEPEST: f64 = 0.8;
+/// Half of the step of the differences that give rate and acceleration, s.
+const HALF_S: f64 = 0.05;
+
+/// One wave as the hull feels it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Felt {
+    /// Phasors of heave (m, down), and of roll and pitch (rad) of a hull that heads along the first axis.
+    pub phasors: [Complex<f64>; 3],
+    /// Direction of travel in the frame of the phasors times how surely it is known (0 to 1).
+    pub direction: Vector2<f64>,
+    /// Wave number, rad/m; negative for a wave that the hull overtakes.
+    pub wave_number: f64,
+    /// Angular frequency of encounter, rad/s.
+    pub omega: f64,
+}
+
+impl Felt {
+    const STILL: Felt = Felt {
+        phasors: [Complex::new(0.0, 0.0); 3],
+        direction: Vector2::new(0.0, 0.0),
+        wave_number: 0.0,
+        omega: 0.0,
+    };
+    /// A wave of earth-frame frequency `omega` (rad/s) that travels to `direction` (rad from the first axis,
+    /// standard deviation `direction_sd`), met at `omega_encounter` by a hull of the mean velocity given.
+    /// Deep water: `k = omega² / g`.
+    pub fn new(
+        phasors: [Complex<f64>; 3],
+        (omega, omega_encounter): (f64, f64),
+        (direction, direction_sd): (f64, f64),
+        mean_velocity: [f64; 2],
+    ) -> Self {
+        let (s, c) = direction.sin_cos();
+        let k = omega * omega / GRAVITY;
+        // The phasor of a wave that the hull overtakes turns the other way, unless its frequency says so.
+        let overtaken = omega_encounter > 0.0 && k * (mean_velocity[0] * c + mean_velocity[1] * s) > omega;
+        // The mean of a direction that is spread normally; one that nobody knows shifts nothing.
+        let known = if direction_sd < FRAC_PI_2 {
+            (-0.5 * direction_sd * direction_sd).exp()
+        } else {
+            0.0
+        };
+        Felt {
+            phasors,
+            direction: Vector2::new(c, s) * known,
+            wave_number: if overtaken { -k } else { k },
+            omega: omega_encounter,
+        }
+    }
+    /// How much later in phase the particle of this label is.
+    fn turn(&self, label: &Vector2<f64>) -> Complex<f64> {
+        let (s, c) = (self.wave_number * self.direction.dot(label)).sin_cos();
+        Complex::new(c, -s)
+    }
+    /// The phasors after `t` seconds.
+    fn after(mut self, t: f64) -> Self {
+        let turn = Complex::from_polar(1.0, self.omega * t);
+        self.phasors = self.phasors.map(|q| q * turn);
+        self
+    }
+}
+
+/// Heave (m, down), roll and pitch (rad) less the sum of the oscillators, with first and second derivative.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Bound {
+    /// m, rad.
+    pub value: [f64; 3],
+    /// m/s, rad/s.
+    pub rate: [f64; 3],
+    /// m/s², rad/s².
+    pub acceleration: [f64; 3],
+}
+
+/// The share of the water's orbital motion that passes under the hull (0: carried along; 1: it stands) and
+/// the waves: what heave, roll and pitch differ by from the oscillators' sum, m, rad.
+pub fn bound(waves: &[Felt], slip: f64) -> [f64; 3] {
+    let (_, value) = solve(waves, slip, 0.0, (Vector2::zeros(), STEPS));
+    value
+}
+
+/// The same `t` seconds later, by `steps` Newton steps from a guess of the label; the label with it.
+fn solve(
+    waves: &[Felt],
+    slip: f64,
+    t: f64,
+    (guess, steps): (Vector2<f64>, usize),
+) -> (Vector2<f64>, [f64; 3]) {
+    let mut now = [Felt::STILL; MAX_WAVES];
+    let mut steepness = 0.0;
+    let mut n = 0;
+    // Waves of no known direction are the same in either sum.
+    for w in waves
+        .iter()
+        .filter(|w| w.direction != Vector2::zeros())
+        .take(MAX_WAVES)
+    {
+        now[n] = if t == 0.0 { *w } else { w.after(t) };
+        steepness += w.wave_number.abs() * w.direction.norm() * w.phasors[0].norm();
+        n += 1;
+    }
+    let now = &now[..n];
+    let slip = slip.min(STEEPEST / steepness.max(STEEPEST));
+    let mut label = guess;
+    let mut stretch = Matrix2::identity();
+    for step in 0..=steps {
+        let mut displaced = Vector2::zeros();
+        stretch = Matrix2::identity();
+        for w in now {
+            let q = w.phasors[0] * w.turn(&label);
+            displaced += w.direction * (q.im * w.wave_number.signum());
+            stretch += w.direction * w.direction.transpose() * (slip * w.wave_number.abs() * q.re);
+        }
+        if step < steps
+            && let Some(inverse) = stretch.try_inverse()
+        {
+            label -= inverse * (label - displaced * slip);
+        }
+    }
+    let (mut shifted, mut sum) = ([0.0; 3], [0.0; 3]);
+    for w in now {
+        let turn = w.turn(&label);
+        for (i, q) in w.phasors.iter().enumerate() {
+            shifted[i] += (q * turn).re;
+            sum[i] += q.re;
+        }
+    }
+    // Heights along the two axes per metre of label, then per metre of place.
+    let slope = Vector2::new(shifted[2], -shifted[1]);
+    let slope = stretch
+        .try_inverse()
+        .map_or(slope, |inverse| inverse.transpose() * slope);
+    let extra = slope - Vector2::new(sum[2], -sum[1]);
+    (label, [shifted[0] - sum[0], -extra.y, extra.x])
+}
+
+/// The same with its derivatives, `ahead` seconds from now.
+pub fn bound_motion(waves: &[Felt], slip: f64, ahead: f64) -> Bound {
+    if !(slip > 0.0) || waves.is_empty() {
+        return Bound::default();
+    }
+    let (label, b) = solve(waves, slip, ahead, (Vector2::zeros(), STEPS));
+    let (_, a) = solve(waves, slip, ahead - HALF_S, (label, 2));
+    let (_, c) = solve(waves, slip, ahead + HALF_S, (label, 2));
+    Bound {
+        value: b,
+        rate: core::array::from_fn(|i| (c[i] - a[i]) / (2.0 * HALF_S)),
+        acceleration: core::array::from_fn(|i| (c[i] - 2.0 * b[i] + a[i]) / (HALF_S * HALF_S)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three waves (amplitude, omega, direction, phase) of the steepest sea of Table II.
+    const SEA: [[f64; 4]; 3] = [
+        [0.66, 1.379, 1.74, 3.2],
+        [0.8, 1.257, 2.14, 4.4],
+        [0.96, 1.145, 2.54, 2.1],
+    ];
+
+    /// Height (up) and slope at the origin by brute force, from the particles' parametric surface.
+    fn surface(t: f64, place: Vector2<f64>) -> f64 {
+        let mut x0 = place;
+        for _ in 0..200 {
+            let mut x = Vector2::zeros();
+            for [a, w, d, p] in SEA {
+                let dir = Vector2::new(d.cos(), d.sin());
+                x += dir * a * (w * w / GRAVITY * dir.dot(&x0) - w * t + p).sin();
+            }
+            x0 = place + x;
+        }
+        SEA.iter()
+            .map(|[a, w, d, p]| {
+                let dir = Vector2::new(d.cos(), d.sin());
+                a * (w * w / GRAVITY * dir.dot(&x0) - w * t + p).cos()
+            })
+            .sum()
+    }
+    fn waves() -> Vec<Felt> {
+        SEA.iter()
+            .map(|&[a, w, d, p]| {
+                let k = w * w / GRAVITY;
+                // Height A cos(p - w t) is Re(A exp(-i p) exp(i w t)); its gradient -k d A sin.
+                let up = Complex::from_polar(a, -p);
+                let slope = up * Complex::new(0.0, -1.0) * k;
+                let phasors = [-up, -slope * d.sin(), slope * d.cos()];
+                Felt::new(phasors, (w, w), (d, 0.0), [0.0; 2])
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_hull_that_stands_sees_the_particles_surface() {
+        let waves = waves();
+        let mut largest = 0.0_f64;
+        for i in 0..80 {
+            let t = 0.25 * f64::from(i);
+            let then: Vec<Felt> = waves.iter().map(|w| w.after(t)).collect();
+            let extra = bound(&then, 1.0);
+            let linear: [f64; 3] = core::array::from_fn(|k| then.iter().map(|w| w.phasors[k].re).sum());
+            let height = surface(t, Vector2::zeros());
+            assert!((linear[0] + extra[0] + height).abs() < 2e-3, "{t}");
+            let h = 1e-3;
+            let gradient = |d: Vector2<f64>| (surface(t, d * h) - surface(t, -d * h)) / (2.0 * h);
+            let (ahead, right) = (gradient(Vector2::x()), gradient(Vector2::y()));
+            assert!((linear[2] + extra[2] - ahead).abs() < 2e-3, "{t}");
+            assert!((linear[1] + extra[1] + right).abs() < 2e-3, "{t}");
+            largest = largest.max(extra[0].abs());
+        }
+        assert!(largest > 0.2, "a steep sea is not linear: {largest}");
+    }
+
+    #[test]
+    fn its_rate_and_acceleration_are_its_derivatives_and_none_is_added_to_a_hull_that_goes_along() {
+        let waves = waves();
+        let value = |t: f64| bound_motion(&waves, 0.6, t).value;
+        for t in [0.3, 2.1, 5.7] {
+            let b = bound_motion(&waves, 0.6, t);
+            for i in 0..3 {
+                let h = 0.02;
+                let rate = (value(t + h)[i] - value(t - h)[i]) / (2.0 * h);
+                assert!((b.rate[i] - rate).abs() < 0.02 * rate.abs() + 5e-3);
+            }
+        }
+        assert_eq!(bound_motion(&waves, 0.0, 1.0), Bound::default());
+        assert_eq!(bound_motion(&[], 1.0, 1.0), Bound::default());
+    }
+
+    #[test]
+    fn waves_of_no_known_direction_and_a_surface_that_folds_are_left_alone() {
+        let mut waves = waves();
+        let [a, w, d, _] = SEA[0];
+        waves.truncate(1);
+        let q = waves[0].phasors;
+        waves[0] = Felt::new(q, (w, w), (d, core::f64::consts::PI), [0.0; 2]);
+        assert_eq!(bound(&waves, 1.0), [0.0; 3]);
+        waves[0] = Felt::new(q.map(|q| q * (10.0 / a)), (w, w), (d, 0.0), [0.0; 2]);
+        for i in 0..40 {
+            let then: Vec<Felt> = waves.iter().map(|w| w.after(0.1 * f64::from(i))).collect();
+            assert!(bound(&then, 1.0).iter().all(|v| v.is_finite() && v.abs() < 20.0));
+        }
+    }
+}
