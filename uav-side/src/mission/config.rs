@@ -100,6 +100,13 @@ pub struct MissionConfig {
     /// No descent begins when the deck is foretold to feel steeper than this before the drone is at rest on it
     /// (`shed_need_s`): tan of the angle between the deck's normal and the specific force, over a second.
     pub hold_slope: f64,
+    /// The same where the forecast reckons with crests, whatever was felt a moment ago.
+    pub crest_slope: f64,
+    /// The forecast reckons with crests from this share of the water's orbital motion on that passes under
+    /// the hull.
+    pub crest_slip: f64,
+    /// No drone that goes down now stands on the deck before this, s: until then no crest sheds it.
+    pub crest_from_s: f64,
     /// A slope felt by what stands on the deck that sheds it: tan of the angle between the deck's normal
     /// and the specific force, over a second.
     pub shed_slope: f64,
@@ -218,6 +225,9 @@ impl Default for MissionConfig {
             // sideways coupling, seeds 300-699: 400 landed and 15.5 s over the deck; 0.28 and 9.5 s ahead: 399,
             // 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394, 11.9 s.
             hold_slope: 0.25,
+            crest_slope: 0.34,
+            crest_slip: 0.2,
+            crest_from_s: 2.5,
             // Friction of 0.4 less what a second's mean hides. As above: 0.45 lets the drone go down where the
             // waves have just been too steep for any forecast.
             shed_slope: 0.35,
@@ -311,6 +321,9 @@ impl Check for MissionConfig {
             ("friction", self.friction, 2.0),
             ("slip_mps2", self.slip_mps2, 50.0),
             ("hold_slope", self.hold_slope, 100.0),
+            ("crest_slope", self.crest_slope, 100.0),
+            ("crest_slip", self.crest_slip, 1.0),
+            ("crest_from_s", self.crest_from_s, 60.0),
             ("shed_slope", self.shed_slope, 100.0),
             ("shed_over_s", self.shed_over_s, 60.0),
             ("shed_need_s", self.shed_need_s, 60.0),

@@ -37,6 +37,7 @@ fn forecast(n: u32, t: Instant, position: [f64; 3]) -> DeckForecast {
         vision_age_s: 0.05,
         tag_age_s: 0.05,
         wave_confidence: 1.0,
+        orbital_slip: 0.0,
         mean_heading: 0.0,
         stages: Seq::filled((0..41).map(|_| DeckStage {
             position,

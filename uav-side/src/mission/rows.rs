@@ -186,11 +186,15 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
     )
 }
 
-/// Why a drone that went down now would be shed: a slope foretold before it has come to rest, or felt a
-/// moment ago, when no wave foretold it; while nothing is foretold, the next group of waves like the last.
+/// Why a drone that went down now would be shed: a slope foretold before it has come to rest. Where that is
+/// the waves' plain sum, also one felt a moment ago, when no wave foretold it; while nothing is foretold,
+/// the next group of waves like the last.
 fn sheds(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let refused = |(since, limit)| Reason::new(ReasonCode::DeckSheds, since, limit);
     match deck.foretold {
+        Some(slope) if deck.orbital_slip >= c.crest_slip => {
+            exceeds(ReasonCode::DeckSteepens, slope, c.crest_slope)
+        }
         Some(slope) => {
             exceeds(ReasonCode::DeckSteepens, slope, c.hold_slope).or_else(|| s.felt.just_now(c).map(refused))
         }

@@ -166,6 +166,8 @@ pub struct Deck {
     /// The steepest slope that the deck is foretold to feel until a drone that goes down now is at rest; None
     /// while nothing is foretold.
     pub foretold: Option<f64>,
+    /// Share of the water's orbital motion that passes under the hull, 0 to 1: its crests are foretold.
+    pub orbital_slip: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
 }
@@ -232,6 +234,7 @@ impl Deck {
             grip_taken_mps2: grip_taken,
             turn_radps: turn,
             foretold: steepest(forecast, config),
+            orbital_slip: forecast.orbital_slip,
             mean_z: sum / forecast.stages.len().max(1) as f64,
         })
     }
@@ -244,10 +247,16 @@ impl Deck {
     }
 }
 
-/// The steepest slope foretold from now until a drone that goes down now is at rest.
+/// The steepest slope foretold from now, or where crests are reckoned with from the earliest contact, until a
+/// drone that goes down now is at rest.
 fn steepest(forecast: &DeckForecast, c: &MissionConfig) -> Option<f64> {
-    let until = (c.shed_need_s / FORETOLD_STEP_S) as usize;
-    let slopes = forecast.foretold.iter().take(until + 1);
+    let stage = |t: f64| (t / FORETOLD_STEP_S) as usize;
+    let from = if forecast.orbital_slip >= c.crest_slip {
+        stage(c.crest_from_s)
+    } else {
+        0
+    };
+    let slopes = forecast.foretold.iter().take(stage(c.shed_need_s) + 1).skip(from);
     slopes.copied().max().map(|s| f64::from(s) * SLOPE_STEP)
 }
 

@@ -52,6 +52,7 @@ pub(super) fn fair() -> Situation {
             grip_taken_mps2: 1.0,
             mean_z: -1.3,
             foretold: None,
+            orbital_slip: 0.0,
         }),
         mean_deck_z: Some(-1.3),
         wind_peak_mps2: 0.0,
@@ -298,6 +299,11 @@ fn tracking_stable_names_each_refusal_to_descend() {
                 ..with_deck(|d| d.foretold = Some(0.1))
             },
             ReasonCode::DeckSheds,
+        ),
+        // Where crests are reckoned with, their slope is known better.
+        (
+            with_deck(|d| (d.foretold, d.orbital_slip) = (Some(0.36), 1.0)),
+            ReasonCode::DeckSteepens,
         ),
         // Nothing is foretold, and the deck shed what stood there a moment ago.
         (

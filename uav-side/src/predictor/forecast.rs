@@ -7,6 +7,7 @@ use alight_shared::vessel_model::turn_tilt;
 use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
+use super::crests::Crests;
 use super::sag::sag;
 use super::waves::{AXES, Oscillator};
 
@@ -49,7 +50,8 @@ impl Horizon {
     }
 
     /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
-    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `arm` is where the deck is on the vessel, m.
+    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `arm` is where the deck is
+    /// on the vessel, m, `slip` the share of the water's orbital motion that passes under it.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
@@ -57,6 +59,7 @@ impl Horizon {
         common: &[(f64, f64); AXES],
         clock_var: f64,
         arm: &Vector3<f64>,
+        slip: f64,
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
@@ -84,6 +87,7 @@ impl Horizon {
                 },
                 clock_var,
                 arm,
+                slip,
             );
             if out.push(stage).is_err() {
                 break;
@@ -99,12 +103,13 @@ impl Horizon {
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
         arm: &Vector3<f64>,
+        slip: f64,
     ) -> Seq<u8, FORETOLD> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
         let mut forces = [Vector3::zeros(); FORETOLD + 2 * FELT_STEPS];
         for force in &mut forces {
-            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, arm);
+            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, arm, slip);
             *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
             self.advance(&mut mean, &heads);
         }
@@ -196,6 +201,7 @@ impl Horizon {
         var: impl Fn(usize) -> (f64, f64),
         clock_var: f64,
         arm: &Vector3<f64>,
+        slip: f64,
     ) -> DeckStage {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
@@ -208,6 +214,12 @@ impl Horizon {
                 r[i] += x[j + 1];
                 a[i] -= o.omega * o.omega * x[j] + 2.0 * o.damping * o.omega * x[j + 1];
             }
+        }
+        let crests = Crests::at(mean, &self.oscillators, slip, arm);
+        for i in 0..AXES {
+            v[i] += crests.value[i];
+            r[i] += crests.rate[i];
+            a[i] += crests.acceleration[i];
         }
         let yaw = alight_shared::frames::wrap_angle(v[5]);
         let (s, c) = yaw.sin_cos();

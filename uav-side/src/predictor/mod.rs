@@ -15,6 +15,7 @@
 
 pub mod axis;
 mod config;
+mod crests;
 pub mod filter;
 pub mod forecast;
 mod node;

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::axis::{Axis, AxisNoise, MEAN, RATE, Row, VISION};
 use super::config::PredictorConfig;
+use super::crests::Crests;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::observation::{self, Mount, Observation, Plane};
@@ -184,7 +185,13 @@ impl Predictor {
         let filter = self
             .filter
             .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
-        match filter.fuse(waves, o) {
+        let o = if waves.slip > 0.0 && o.kind != observation::Kind::Waves {
+            let axes = filter.at(waves, o.at);
+            Crests::of(&axes, waves.oscillators(), waves.slip, &self.arm).taken_from(o)
+        } else {
+            *o
+        };
+        match filter.fuse(waves, &o) {
             Fused::All => Ok(()),
             // Part of it was good: it counts as used, and as an outlier.
             Fused::Gated(n) if n < 3 && o.kind != observation::Kind::Range => {
@@ -262,7 +269,9 @@ impl Predictor {
         let o = observation::estimate(e, &origin, self.clock_sd_s, &self.config);
         match &self.filter {
             Some(f) if self.waves.are_named() && self.waves.confidence >= CONFIDENT => {
-                self.surprise.hear(&o, &f.at(&self.waves, o.at));
+                let expected = f.at(&self.waves, o.at);
+                let crests = Crests::of(&expected, self.waves.oscillators(), self.waves.slip, &self.arm);
+                self.surprise.hear(&crests.taken_from(&o), &expected);
             }
             // What nobody has foretold surprises nobody.
             Some(_) | None => self.surprise = Surprise::default(),
@@ -314,7 +323,7 @@ impl Predictor {
         let pose = self.track.at(at).ok_or(Rejection::NoDroneState)?;
         let seen = observe(&pose, &self.mount(), &self.config);
         let sag_m = match &self.filter {
-            Some(f) => plane(&f.at(&self.waves, at), &self.arm).1,
+            Some(f) => self.plane(&f.at(&self.waves, at)).1,
             None => 0.0,
         };
         let o = seen.levelled(sag_m);
@@ -341,7 +350,7 @@ impl Predictor {
             return Ok(());
         };
         let axes = f.at(&self.waves, at);
-        let (deck, sag_m) = plane(&axes, &self.arm);
+        let (deck, sag_m) = self.plane(&axes);
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
@@ -409,13 +418,14 @@ impl Predictor {
             // Sight has no part in the clocks' offset.
             Source::Vision | Source::None => 0.0,
         };
+        let slip = self.waves.slip;
         let stages = self
             .horizon
-            .stages(&axes, &filter.noise(&axes), &common, clock_var, &self.arm);
+            .stages(&axes, &filter.noise(&axes), &common, clock_var, &self.arm, slip);
         let named = self.waves.confidence > 0.0 && self.waves.are_named();
         let foretold = if named {
             self.far.refresh(self.waves.oscillators());
-            self.far.slopes(&axes, &filter.noise(&axes), &self.arm)
+            self.far.slopes(&axes, &filter.noise(&axes), &self.arm, slip)
         } else {
             Seq::new()
         };
@@ -429,6 +439,7 @@ impl Predictor {
             vision_age_s,
             tag_age_s: age(self.tag_at),
             wave_confidence: self.waves.confidence,
+            orbital_slip: self.waves.slip,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             stages,
             slopes: match self.slopes {
@@ -472,20 +483,26 @@ impl Predictor {
     }
 }
 
-/// The deck as a state of the filters says it, and what its height owes to the tilt, m.
-fn plane(axes: &[Axis; AXES], arm: &Vector3<f64>) -> (Plane, f64) {
-    let at = |i: usize, row: Row| axes[i].project(row);
-    let (n, e, d) = (at(0, Row::Vision), at(1, Row::Vision), at(2, Row::Vision));
-    let (tn, te, yaw) = (at(3, Row::Level), at(4, Row::Level), at(5, Row::Vision));
-    let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
-    let [sag_m, ..] = sag(arm, [roll, pitch], [0.0; 2], [0.0; 2]);
-    let plane = Plane {
-        centre: Vector3::new(n.0, e.0, d.0 + sag_m),
-        rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
-        position_sd: n.1.max(e.1).sqrt(),
-        tilt_sd: tn.1.max(te.1).sqrt(),
-    };
-    (plane, sag_m)
+impl Predictor {
+    /// The deck as a state of the filters says it, and what its height owes to the tilt, m.
+    fn plane(&self, axes: &[Axis; AXES]) -> (Plane, f64) {
+        let crests = Crests::of(axes, self.waves.oscillators(), self.waves.slip, &self.arm);
+        let at = |i: usize, row: Row| {
+            let (value, variance) = axes[i].project(row);
+            (value + crests.value[i], variance)
+        };
+        let (n, e, d) = (at(0, Row::Vision), at(1, Row::Vision), at(2, Row::Vision));
+        let (tn, te, yaw) = (at(3, Row::Level), at(4, Row::Level), at(5, Row::Vision));
+        let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
+        let [sag_m, ..] = sag(&self.arm, [roll, pitch], [0.0; 2], [0.0; 2]);
+        let plane = Plane {
+            centre: Vector3::new(n.0, e.0, d.0 + sag_m),
+            rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
+            position_sd: n.1.max(e.1).sqrt(),
+            tilt_sd: tn.1.max(te.1).sqrt(),
+        };
+        (plane, sag_m)
+    }
 }
 
 impl Node for Predictor {

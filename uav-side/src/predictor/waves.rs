@@ -82,6 +82,8 @@ pub struct Waves {
     vessel: VesselModelConfig,
     /// Trust in the vessel's identification, 0 to 1.
     pub confidence: f64,
+    /// Share of the water's orbital motion that passes under the hull, 0 to 1.
+    pub slip: f64,
     /// The residual oscillator as configured.
     residual: Oscillator,
     /// Spread of each own oscillator as configured, m, rad.
@@ -126,6 +128,7 @@ impl Waves {
             told_inflation: c.told_inflation,
             vessel: c.vessel.clone(),
             confidence: 0.0,
+            slip: 0.0,
             residual,
             rocking: None,
             surprise: 0.0,
@@ -156,6 +159,7 @@ impl Waves {
         mut apply: impl FnMut(Change, &[Oscillator]),
     ) {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
+        self.slip = f64::from(m.orbital_slip).clamp(0.0, 1.0);
         self.follow_rocking(&mut apply);
         self.follow_height(f64::from(m.significant_height_m), &mut apply);
         let mut taken = [false; MAX_OSCILLATORS];
@@ -391,6 +395,7 @@ mod tests {
             header: Header::default(),
             significant_height_m: 1.0,
             confidence: 1.0,
+            orbital_slip: 0.0,
             components: Seq::filled(omegas.iter().map(|&w| WaveComponent {
                 omega: w,
                 omega_encounter: w,

@@ -98,6 +98,26 @@ fn how_steep_the_deck_will_feel_is_foretold_ten_seconds_ahead() {
 }
 
 #[test]
+fn a_hull_that_the_water_does_not_carry_along_meets_sharp_crests_as_foretold() {
+    let v = Vessel::standing();
+    let [told, untold] = [true, false].map(|slip_told| {
+        let set = Setup {
+            slip_told,
+            ..Setup::default()
+        };
+        over_seeds(&v, &set, 50.0, 30.0, 1.0)
+    });
+    assert!(
+        told.vertical < 0.5 * untold.vertical && told.tilt < 0.5 * untold.tilt,
+        "heave {} m of {}, tilt {} rad of {}",
+        told.vertical,
+        untold.vertical,
+        told.tilt,
+        untold.tilt
+    );
+}
+
+#[test]
 fn in_silence_the_forecast_goes_on_and_grows_less_certain() {
     let v = Vessel::moderate();
     let set = Setup {

@@ -40,6 +40,8 @@ pub struct Vessel {
     pub sway: f64,
     pub speed: f64,
     pub heading: f64,
+    /// Share of the orbital motion that passes under it: its crests are sharp.
+    pub slip: f64,
 }
 
 impl Vessel {
@@ -59,7 +61,42 @@ impl Vessel {
             sway: 0.8,
             speed: 0.2,
             heading: 0.7,
+            slip: 0.0,
         }
+    }
+    /// In the steepest sea of the paper's Table II, and the orbital motion passes under it.
+    pub fn standing() -> Self {
+        let mut v = Vessel {
+            sway: 0.0,
+            speed: 0.0,
+            slip: 1.0,
+            ..Vessel::moderate()
+        };
+        for w in &mut v.waves {
+            w.amplitude *= 1.6;
+        }
+        v
+    }
+    /// Height of the surface (up) over the place (north, east from the vessel): Gerstner's particles.
+    fn surface(&self, t: f64, place: [f64; 2]) -> f64 {
+        let mut label = place;
+        let phase = |w: &Wave, x: [f64; 2]| {
+            let (ds, dc) = w.direction.sin_cos();
+            w.omega * w.omega / 9.81 * (dc * x[0] + ds * x[1]) + w.omega * t + w.phase
+        };
+        for _ in 0..100 {
+            let mut next = place;
+            for w in &self.waves {
+                let (ds, dc) = w.direction.sin_cos();
+                let out = self.slip * w.amplitude * phase(w, label).sin();
+                next = [next[0] - out * dc, next[1] - out * ds];
+            }
+            label = next;
+        }
+        self.waves
+            .iter()
+            .map(|w| -w.amplitude * phase(w, label).cos())
+            .sum()
     }
     /// Reference point (NED) and Euler angles.
     pub fn eta(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -76,6 +113,12 @@ impl Vessel {
             let slope = w.omega * w.omega / 9.81 * w.amplitude * s;
             n += slope * dc;
             e += slope * ds;
+        }
+        if self.slip > 0.0 {
+            let h = 1e-3;
+            p.z = -self.surface(t, [0.0; 2]);
+            n = (self.surface(t, [h, 0.0]) - self.surface(t, [-h, 0.0])) / (2.0 * h);
+            e = (self.surface(t, [0.0, h]) - self.surface(t, [0.0, -h])) / (2.0 * h);
         }
         let (s, c) = self.heading.sin_cos();
         let (along, across) = (c * n + s * e, -s * n + c * e);
@@ -151,6 +194,8 @@ pub struct Setup {
     /// Radio latency: least and spread, s.
     pub latency: (f64, f64),
     pub height: f64,
+    /// The vessel tells how much of the orbital motion passes under it.
+    pub slip_told: bool,
 }
 impl Default for Setup {
     fn default() -> Self {
@@ -162,6 +207,7 @@ impl Default for Setup {
             clock_sd: 0.01,
             latency: (0.03, 0.04),
             height: 7.0,
+            slip_told: true,
         }
     }
 }
@@ -263,7 +309,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
         }
         if k % 20 == 0 && now < set.radio_until {
             let due = now + set.latency.0 + set.latency.1;
-            let wave = Some(waves(v, k, now));
+            let wave = Some(waves(v, k, now, set.slip_told));
             in_flight.push_back((
                 due,
                 PredictorIn {
@@ -354,11 +400,13 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
     Run { samples, predictor }
 }
 
-pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
+/// The wave model; `set_slip` where the vessel tells that the orbital motion passes under it.
+pub fn waves(v: &Vessel, k: u32, now: f64, set_slip: bool) -> WaveModel<DroneClock> {
     WaveModel {
         header: header(k, now),
         significant_height_m: 2.0,
         confidence: 0.9,
+        orbital_slip: if set_slip { v.slip as f32 } else { 0.0 },
         slopes: Seq::filled([10]),
         components: Seq::filled(v.waves.iter().map(|w| {
             let slope = w.omega * w.omega / 9.81 * w.amplitude;
@@ -374,8 +422,9 @@ pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
                 // Identified to a tenth of a per cent.
                 omega: (w.omega * 1.001) as f32,
                 omega_encounter: (w.omega * 1.001) as f32,
-                direction: w.direction as f32,
-                direction_sd: 1.5,
+                // These waves come from their direction.
+                direction: wrap_angle(w.direction + core::f64::consts::PI) as f32,
+                direction_sd: if v.slip > 0.0 { 0.05 } else { 1.5 },
                 damping: 0.01,
                 // The phases are not known.
                 covariance: sd.map(|s| [(s * s) as f32, 0.0, (s * s * w.omega * w.omega) as f32]),
