@@ -101,6 +101,7 @@ fn wave_model_and_prediction_come_through() {
         significant_height_m: 1.0,
         confidence: 0.5,
         orbital_slip: 0.0,
+        sharpness: 0.0,
         components: Seq::filled([WaveComponent {
             omega: 1.2,
             omega_encounter: 1.3,

@@ -131,6 +131,7 @@ fn sound() -> Vec<Vec<u8>> {
         significant_height_m: 1.0,
         confidence: 1.0,
         orbital_slip: 0.5,
+        sharpness: 0.0,
         components: Seq::filled([WaveComponent::default(); 6]),
         slopes: Seq::filled([10; 60]),
     };

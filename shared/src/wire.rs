@@ -193,10 +193,11 @@ mod tests {
             significant_height_m: 1.0,
             confidence: 1.0,
             orbital_slip: 0.0,
+            sharpness: 0.0,
             components: Seq::filled([WaveComponent::default(); 6]),
             slopes: Seq::filled([10; 60]),
         };
-        assert_eq!(encode(&waves).unwrap().len(), 54 + 6 * 164 + 60);
+        assert_eq!(encode(&waves).unwrap().len(), 58 + 6 * 164 + 60);
         let prediction = VesselPrediction::<VesselClock> {
             header: Default::default(),
             step_s: 0.2,

@@ -25,12 +25,13 @@
 //! | 230..238 | mean velocity north, east, m/s (2 x f32) |
 //! | 238..246 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (54 + 164 n + m B, n <= 6 components, m <= 60 slopes, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (58 + 164 n + m B, n <= 6 components, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
 //! | 34..38 | orbital slip (f32) |
-//! | 38..46 | n (u64) |
+//! | 38..42 | sharpness (f32) |
+//! | 42..50 | n (u64) |
 //! | + 0..20 | omega, direction, its sd, omega of encounter, damping (5 x f32) |
 //! | + 20..68 | oscillator state per degree of freedom: value, rate (6 x 2 x f32) |
 //! | + 68..140 | its covariance block (6 x 3 x f32) |
@@ -132,6 +133,9 @@ pub struct WaveModel<C: Clock> {
     /// (a light free hull), 1 when it stands. Above 0 its motion is not the plain sum of the components
     /// (`alight_shared::vessel_model::bound`).
     pub orbital_slip: f32,
+    /// Share, 0 to 1, of what crests are steeper by than the sum of the components' slopes on a hull that is
+    /// carried along.
+    pub sharpness: f32,
     /// Components, strongest first.
     pub components: Seq<WaveComponent, MAX_COMPONENTS>,
     /// The steepest slope that something standing on the deck felt in each span of [`SLOPE_SPAN_S`], the
@@ -224,6 +228,7 @@ impl<C: Clock> PartialEq for WaveModel<C> {
             && self.significant_height_m == o.significant_height_m
             && self.confidence == o.confidence
             && self.orbital_slip == o.orbital_slip
+            && self.sharpness == o.sharpness
             && self.components == o.components
             && self.slopes == o.slopes
     }
@@ -269,6 +274,7 @@ impl<C: Clock> WaveModel<C> {
             significant_height_m: self.significant_height_m,
             confidence: self.confidence,
             orbital_slip: self.orbital_slip,
+            sharpness: self.sharpness,
             components: self.components,
             slopes: self.slopes,
         }
@@ -368,6 +374,9 @@ impl<C: Clock> Message for WaveModel<C> {
         }
         if !(0.0..=1.0).contains(&self.orbital_slip) {
             return Err("orbital_slip");
+        }
+        if !(0.0..=1.0).contains(&self.sharpness) {
+            return Err("sharpness");
         }
         for c in self.components.iter() {
             if !(0.01..=20.0).contains(&c.omega) || !(0.01..=20.0).contains(&c.omega_encounter) {

@@ -97,17 +97,33 @@ pub struct Bound {
     pub acceleration: [f64; 3],
 }
 
-/// The share of the water's orbital motion that passes under the hull (0: carried along; 1: it stands) and
-/// the waves: what heave, roll and pitch differ by from the oscillators' sum, m, rad.
-pub fn bound(waves: &[Felt], slip: f64) -> [f64; 3] {
-    let (_, value) = solve(waves, slip, 0.0, (Vector2::zeros(), STEPS));
+/// By how much the hull's motion is more than the oscillators' sum.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Crested {
+    /// Share of the water's orbital motion that passes under the hull, 0 (carried along) to 1 (it stands).
+    pub slip: f64,
+    /// Share, 0 to 1, of what crests are steeper by than the sum of slopes on a hull that is carried along:
+    /// particles come nearer to each other there.
+    pub sharp: f64,
+}
+
+impl Crested {
+    /// It is the plain sum.
+    pub fn is_plain(&self) -> bool {
+        !(self.slip > 0.0 || self.sharp > 0.0)
+    }
+}
+
+/// What heave, roll and pitch differ by from the oscillators' sum, m, rad.
+pub fn bound(waves: &[Felt], crested: Crested) -> [f64; 3] {
+    let (_, value) = solve(waves, crested, 0.0, (Vector2::zeros(), STEPS));
     value
 }
 
 /// The same `t` seconds later, by `steps` Newton steps from a guess of the label; the label with it.
 fn solve(
     waves: &[Felt],
-    slip: f64,
+    crested: Crested,
     t: f64,
     (guess, steps): (Vector2<f64>, usize),
 ) -> (Vector2<f64>, [f64; 3]) {
@@ -125,7 +141,8 @@ fn solve(
         n += 1;
     }
     let now = &now[..n];
-    let slip = slip.min(STEEPEST / steepness.max(STEEPEST));
+    let most = STEEPEST / steepness.max(STEEPEST);
+    let (slip, sharp) = (crested.slip.min(most), crested.sharp.min(most));
     let mut label = guess;
     let mut stretch = Matrix2::identity();
     for step in 0..=steps {
@@ -143,8 +160,15 @@ fn solve(
         }
     }
     let (mut shifted, mut sum) = ([0.0; 3], [0.0; 3]);
+    if sharp > slip {
+        stretch = Matrix2::identity();
+    }
     for w in now {
         let turn = w.turn(&label);
+        if sharp > slip {
+            let up = (w.phasors[0] * turn).re;
+            stretch += w.direction * w.direction.transpose() * (sharp * w.wave_number.abs() * up);
+        }
         for (i, q) in w.phasors.iter().enumerate() {
             shifted[i] += (q * turn).re;
             sum[i] += q.re;
@@ -160,13 +184,13 @@ fn solve(
 }
 
 /// The same with its derivatives, `ahead` seconds from now.
-pub fn bound_motion(waves: &[Felt], slip: f64, ahead: f64) -> Bound {
-    if !(slip > 0.0) || waves.is_empty() {
+pub fn bound_motion(waves: &[Felt], crested: Crested, ahead: f64) -> Bound {
+    if crested.is_plain() || waves.is_empty() {
         return Bound::default();
     }
-    let (label, b) = solve(waves, slip, ahead, (Vector2::zeros(), STEPS));
-    let (_, a) = solve(waves, slip, ahead - HALF_S, (label, 2));
-    let (_, c) = solve(waves, slip, ahead + HALF_S, (label, 2));
+    let (label, b) = solve(waves, crested, ahead, (Vector2::zeros(), STEPS));
+    let (_, a) = solve(waves, crested, ahead - HALF_S, (label, 2));
+    let (_, c) = solve(waves, crested, ahead + HALF_S, (label, 2));
     Bound {
         value: b,
         rate: core::array::from_fn(|i| (c[i] - a[i]) / (2.0 * HALF_S)),
@@ -203,6 +227,9 @@ mod tests {
             })
             .sum()
     }
+    fn slips(slip: f64) -> Crested {
+        Crested { slip, sharp: 0.0 }
+    }
     fn waves() -> Vec<Felt> {
         SEA.iter()
             .map(|&[a, w, d, p]| {
@@ -223,7 +250,7 @@ mod tests {
         for i in 0..80 {
             let t = 0.25 * f64::from(i);
             let then: Vec<Felt> = waves.iter().map(|w| w.after(t)).collect();
-            let extra = bound(&then, 1.0);
+            let extra = bound(&then, slips(1.0));
             let linear: [f64; 3] = core::array::from_fn(|k| then.iter().map(|w| w.phasors[k].re).sum());
             let height = surface(t, Vector2::zeros());
             assert!((linear[0] + extra[0] + height).abs() < 2e-3, "{t}");
@@ -237,20 +264,49 @@ mod tests {
         assert!(largest > 0.2, "a steep sea is not linear: {largest}");
     }
 
+    /// The slope of the surface at the particle that the hull goes with.
+    #[test]
+    fn a_hull_that_is_carried_along_meets_steeper_crests_and_no_other_heave() {
+        let waves = waves();
+        let crested = Crested {
+            slip: 0.0,
+            sharp: 1.0,
+        };
+        let mut largest = 0.0_f64;
+        for i in 0..80 {
+            let t = 0.25 * f64::from(i);
+            let then: Vec<Felt> = waves.iter().map(|w| w.after(t)).collect();
+            let extra = bound(&then, crested);
+            assert_eq!(extra[0], 0.0);
+            // Where the particle that rests at the origin is now.
+            let mut place = Vector2::zeros();
+            for [a, w, d, p] in SEA {
+                place -= Vector2::new(d.cos(), d.sin()) * a * (p - w * t).sin();
+            }
+            let h = 1e-3;
+            let ahead =
+                (surface(t, place + Vector2::x() * h) - surface(t, place - Vector2::x() * h)) / (2.0 * h);
+            let linear: f64 = then.iter().map(|w| w.phasors[2].re).sum();
+            assert!((linear + extra[2] - ahead).abs() < 2e-3, "{t}");
+            largest = largest.max(extra[2].abs());
+        }
+        assert!(largest > 0.03, "{largest}");
+    }
+
     #[test]
     fn its_rate_and_acceleration_are_its_derivatives_and_none_is_added_to_a_hull_that_goes_along() {
         let waves = waves();
-        let value = |t: f64| bound_motion(&waves, 0.6, t).value;
+        let value = |t: f64| bound_motion(&waves, slips(0.6), t).value;
         for t in [0.3, 2.1, 5.7] {
-            let b = bound_motion(&waves, 0.6, t);
+            let b = bound_motion(&waves, slips(0.6), t);
             for i in 0..3 {
                 let h = 0.02;
                 let rate = (value(t + h)[i] - value(t - h)[i]) / (2.0 * h);
                 assert!((b.rate[i] - rate).abs() < 0.02 * rate.abs() + 5e-3);
             }
         }
-        assert_eq!(bound_motion(&waves, 0.0, 1.0), Bound::default());
-        assert_eq!(bound_motion(&[], 1.0, 1.0), Bound::default());
+        assert_eq!(bound_motion(&waves, slips(0.0), 1.0), Bound::default());
+        assert_eq!(bound_motion(&[], slips(1.0), 1.0), Bound::default());
     }
 
     #[test]
@@ -260,11 +316,15 @@ mod tests {
         waves.truncate(1);
         let q = waves[0].phasors;
         waves[0] = Felt::new(q, (w, w), (d, core::f64::consts::PI), [0.0; 2]);
-        assert_eq!(bound(&waves, 1.0), [0.0; 3]);
+        assert_eq!(bound(&waves, slips(1.0)), [0.0; 3]);
         waves[0] = Felt::new(q.map(|q| q * (10.0 / a)), (w, w), (d, 0.0), [0.0; 2]);
         for i in 0..40 {
             let then: Vec<Felt> = waves.iter().map(|w| w.after(0.1 * f64::from(i))).collect();
-            assert!(bound(&then, 1.0).iter().all(|v| v.is_finite() && v.abs() < 20.0));
+            assert!(
+                bound(&then, slips(1.0))
+                    .iter()
+                    .all(|v| v.is_finite() && v.abs() < 20.0)
+            );
         }
     }
 }

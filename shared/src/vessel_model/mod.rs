@@ -41,7 +41,7 @@ mod tests;
 
 pub use belief::{Belief, BeliefSpec, Extra, Layout, Step, Term};
 pub use config::{Coupling, VesselModelConfig};
-pub use crests::{Bound, Felt, bound, bound_motion};
+pub use crests::{Bound, Crested, Felt, bound, bound_motion};
 pub use expm::{expm, van_loan};
 pub use horizon::Horizon;
 pub use model::{Component, Discrete, VesselModel, encounter_frequency, turn_tilt};

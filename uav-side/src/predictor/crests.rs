@@ -1,7 +1,7 @@
 //! What the deck's motion differs by from the sum of the oscillators where the water's orbital motion does
 //! not carry the hull along (`alight_shared::vessel_model::bound`).
 
-use alight_shared::vessel_model::{Bound, Felt, bound_motion};
+use alight_shared::vessel_model::{Bound, Crested, Felt, bound_motion};
 use nalgebra::{Complex, Vector3};
 
 use super::axis::{Axis, HEAD, MAX_STATES, RATE};
@@ -31,17 +31,17 @@ impl Crests {
         }
     }
     /// In a state of the filters.
-    pub fn of(axes: &[Axis; AXES], oscillators: &[Oscillator], slip: f64, arm: &Vector3<f64>) -> Self {
-        Crests::at(&axes.each_ref().map(|a| a.x), oscillators, slip, arm)
+    pub fn of(axes: &[Axis; AXES], oscillators: &[Oscillator], crested: Crested, arm: &Vector3<f64>) -> Self {
+        Crests::at(&axes.each_ref().map(|a| a.x), oscillators, crested, arm)
     }
     /// From the means of a state.
     pub fn at(
         means: &[[f64; MAX_STATES]; AXES],
         oscillators: &[Oscillator],
-        slip: f64,
+        crested: Crested,
         arm: &Vector3<f64>,
     ) -> Self {
-        if !(slip > 0.0) {
+        if crested.is_plain() {
             return Crests::default();
         }
         let velocity = [means[0][RATE], means[1][RATE]];
@@ -55,7 +55,7 @@ impl Crests {
                 Felt::new(phasors, (o.earth_omega, o.omega), direction, velocity)
             })
             .collect();
-        Crests::new(&bound_motion(&waves, slip, 0.0), arm)
+        Crests::new(&bound_motion(&waves, crested, 0.0), arm)
     }
     /// Takes it out of what was seen of the deck, for the filters hold plain sums.
     #[must_use]

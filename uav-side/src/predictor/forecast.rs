@@ -3,7 +3,7 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckStage, FORECAST_STAGES, FORETOLD, SLOPE_STEP};
 use alight_shared::seq::Seq;
-use alight_shared::vessel_model::turn_tilt;
+use alight_shared::vessel_model::{Crested, turn_tilt};
 use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
@@ -51,7 +51,7 @@ impl Horizon {
 
     /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
     /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `arm` is where the deck is
-    /// on the vessel, m, `slip` the share of the water's orbital motion that passes under it.
+    /// on the vessel, m, `crested` by how much it moves more than the sum of the oscillators.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
@@ -59,7 +59,7 @@ impl Horizon {
         common: &[(f64, f64); AXES],
         clock_var: f64,
         arm: &Vector3<f64>,
-        slip: f64,
+        crested: Crested,
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
@@ -87,7 +87,7 @@ impl Horizon {
                 },
                 clock_var,
                 arm,
-                slip,
+                crested,
             );
             if out.push(stage).is_err() {
                 break;
@@ -103,13 +103,13 @@ impl Horizon {
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
         arm: &Vector3<f64>,
-        slip: f64,
+        crested: Crested,
     ) -> Seq<u8, FORETOLD> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
         let mut forces = [Vector3::zeros(); FORETOLD + 2 * FELT_STEPS];
         for force in &mut forces {
-            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, arm, slip);
+            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, arm, crested);
             *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
             self.advance(&mut mean, &heads);
         }
@@ -201,7 +201,7 @@ impl Horizon {
         var: impl Fn(usize) -> (f64, f64),
         clock_var: f64,
         arm: &Vector3<f64>,
-        slip: f64,
+        crested: Crested,
     ) -> DeckStage {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
@@ -215,7 +215,7 @@ impl Horizon {
                 a[i] -= o.omega * o.omega * x[j] + 2.0 * o.damping * o.omega * x[j + 1];
             }
         }
-        let crests = Crests::at(mean, &self.oscillators, slip, arm);
+        let crests = Crests::at(mean, &self.oscillators, crested, arm);
         for i in 0..AXES {
             v[i] += crests.value[i];
             r[i] += crests.rate[i];

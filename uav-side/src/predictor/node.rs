@@ -185,9 +185,9 @@ impl Predictor {
         let filter = self
             .filter
             .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
-        let o = if waves.slip > 0.0 && o.kind != observation::Kind::Waves {
+        let o = if !waves.crested.is_plain() && o.kind != observation::Kind::Waves {
             let axes = filter.at(waves, o.at);
-            Crests::of(&axes, waves.oscillators(), waves.slip, &self.arm).taken_from(o)
+            Crests::of(&axes, waves.oscillators(), waves.crested, &self.arm).taken_from(o)
         } else {
             *o
         };
@@ -270,7 +270,7 @@ impl Predictor {
         match &self.filter {
             Some(f) if self.waves.are_named() && self.waves.confidence >= CONFIDENT => {
                 let expected = f.at(&self.waves, o.at);
-                let crests = Crests::of(&expected, self.waves.oscillators(), self.waves.slip, &self.arm);
+                let crests = Crests::of(&expected, self.waves.oscillators(), self.waves.crested, &self.arm);
                 self.surprise.hear(&crests.taken_from(&o), &expected);
             }
             // What nobody has foretold surprises nobody.
@@ -418,14 +418,19 @@ impl Predictor {
             // Sight has no part in the clocks' offset.
             Source::Vision | Source::None => 0.0,
         };
-        let slip = self.waves.slip;
-        let stages = self
-            .horizon
-            .stages(&axes, &filter.noise(&axes), &common, clock_var, &self.arm, slip);
+        let crested = self.waves.crested;
+        let stages = self.horizon.stages(
+            &axes,
+            &filter.noise(&axes),
+            &common,
+            clock_var,
+            &self.arm,
+            crested,
+        );
         let named = self.waves.confidence > 0.0 && self.waves.are_named();
         let foretold = if named {
             self.far.refresh(self.waves.oscillators());
-            self.far.slopes(&axes, &filter.noise(&axes), &self.arm, slip)
+            self.far.slopes(&axes, &filter.noise(&axes), &self.arm, crested)
         } else {
             Seq::new()
         };
@@ -439,7 +444,7 @@ impl Predictor {
             vision_age_s,
             tag_age_s: age(self.tag_at),
             wave_confidence: self.waves.confidence,
-            orbital_slip: self.waves.slip,
+            orbital_slip: crested.slip,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             stages,
             slopes: match self.slopes {
@@ -486,7 +491,7 @@ impl Predictor {
 impl Predictor {
     /// The deck as a state of the filters says it, and what its height owes to the tilt, m.
     fn plane(&self, axes: &[Axis; AXES]) -> (Plane, f64) {
-        let crests = Crests::of(axes, self.waves.oscillators(), self.waves.slip, &self.arm);
+        let crests = Crests::of(axes, self.waves.oscillators(), self.waves.crested, &self.arm);
         let at = |i: usize, row: Row| {
             let (value, variance) = axes[i].project(row);
             (value + crests.value[i], variance)

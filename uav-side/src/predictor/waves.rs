@@ -3,7 +3,7 @@
 
 use alight_shared::msg::{MAX_COMPONENTS, WaveComponent, WaveModel};
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::vessel_model::{VesselModelConfig, encounter_frequency};
+use alight_shared::vessel_model::{Crested, VesselModelConfig, encounter_frequency};
 use nalgebra::Complex;
 
 use super::config::PredictorConfig;
@@ -82,8 +82,8 @@ pub struct Waves {
     vessel: VesselModelConfig,
     /// Trust in the vessel's identification, 0 to 1.
     pub confidence: f64,
-    /// Share of the water's orbital motion that passes under the hull, 0 to 1.
-    pub slip: f64,
+    /// By how much the deck's motion is more than the oscillators' sum.
+    pub crested: Crested,
     /// The residual oscillator as configured.
     residual: Oscillator,
     /// Spread of each own oscillator as configured, m, rad.
@@ -128,7 +128,7 @@ impl Waves {
             told_inflation: c.told_inflation,
             vessel: c.vessel.clone(),
             confidence: 0.0,
-            slip: 0.0,
+            crested: Crested::default(),
             residual,
             rocking: None,
             surprise: 0.0,
@@ -159,7 +159,10 @@ impl Waves {
         mut apply: impl FnMut(Change, &[Oscillator]),
     ) {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
-        self.slip = f64::from(m.orbital_slip).clamp(0.0, 1.0);
+        self.crested = Crested {
+            slip: f64::from(m.orbital_slip).clamp(0.0, 1.0),
+            sharp: f64::from(m.sharpness).clamp(0.0, 1.0),
+        };
         self.follow_rocking(&mut apply);
         self.follow_height(f64::from(m.significant_height_m), &mut apply);
         let mut taken = [false; MAX_OSCILLATORS];
@@ -396,6 +399,7 @@ mod tests {
             significant_height_m: 1.0,
             confidence: 1.0,
             orbital_slip: 0.0,
+            sharpness: 0.0,
             components: Seq::filled(omegas.iter().map(|&w| WaveComponent {
                 omega: w,
                 omega_encounter: w,

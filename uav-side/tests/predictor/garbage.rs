@@ -49,7 +49,7 @@ proptest! {
                 eta_dot: six(6).map(|v: f64| v as f32), eta_ddot: [x[12] as f32; 6],
                 covariance: [[x[13] as f32, 0.0, x[14] as f32]; 6], deck_centre: [0.0, 0.0, -1.3],
                 mean_velocity: [x[15] as f32; 2], mean_heading: [x[16] as f32; 2] }),
-            _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32, orbital_slip: x[9] as f32,
+            _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32, orbital_slip: x[9] as f32, sharpness: x[10] as f32,
                 slopes: Seq::filled([x[8] as u8; 60]), components: Seq::filled([WaveComponent { omega: x[1] as f32, omega_encounter: x[2] as f32,
                     damping: x[3] as f32, state: [[x[4] as f32; 2]; 6], drive: [x[5] as f32; 6],
                     direction: x[6] as f32, direction_sd: x[7] as f32, ..Default::default() }; 6]) }),

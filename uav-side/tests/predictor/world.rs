@@ -407,6 +407,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64, set_slip: bool) -> WaveModel<DroneClo
         significant_height_m: 2.0,
         confidence: 0.9,
         orbital_slip: if set_slip { v.slip as f32 } else { 0.0 },
+        sharpness: 0.0,
         slopes: Seq::filled([10]),
         components: Seq::filled(v.waves.iter().map(|w| {
             let slope = w.omega * w.omega / 9.81 * w.amplitude;

@@ -6,9 +6,10 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::{Belief, Bound, DISTURBANCE, ETA, HEAVE, NU, PITCH, ROLL};
+use alight_shared::vessel_model::{Belief, Bound, Crested, DISTURBANCE, ETA, HEAVE, NU, PITCH, ROLL};
 
 use super::Filter;
+use crate::sea_state::{SeaState, Verdict};
 
 /// Memory of the share, s: several periods of waves.
 const MEMORY_S: f64 = 20.0;
@@ -25,8 +26,11 @@ const CARRIED: f64 = 0.2;
 /// Square of the vertical acceleration per that of `g` times the slope below which, and from which on, the
 /// slope is one of waves.
 const LIFTS: [f64; 2] = [0.4, 0.7];
-/// Fastest change of the share that is used, per second.
-const SLIP_PER_S: f64 = 0.1;
+/// Sum of the waves' slopes from which, and to which, what crests are steeper by is reckoned with: below it is
+/// a twentieth of the slope.
+const STEEP: [f64; 2] = [0.32, 0.37];
+/// Fastest change of the shares that are used, per second.
+const SHARE_PER_S: f64 = 0.1;
 
 /// Degrees of freedom of a [`Bound`], in its order.
 const BOUND: [usize; 3] = [HEAVE, ROLL, PITCH];
@@ -45,6 +49,8 @@ pub(crate) struct Crests {
     lifted: f64,
     /// Share of the orbital motion that passes under the hull, as it is used.
     slip: f64,
+    /// Share of the crests' own sharpness, as it is wanted and as it is used.
+    sharp: [f64; 2],
     /// What heave, roll and pitch hold of it now: eta, nu, disturbance.
     held: [[f64; 3]; 3],
 }
@@ -53,6 +59,23 @@ impl Crests {
     /// Share of the orbital motion that passes under the hull, 0 to 1.
     pub(crate) fn slip(&self) -> f64 {
         self.slip
+    }
+    /// By how much the hull's motion is more than the waves' sum.
+    pub(crate) fn crested(&self) -> Crested {
+        let [_, sharp] = self.sharp;
+        Crested {
+            slip: self.slip,
+            sharp,
+        }
+    }
+    /// The sea has been identified anew.
+    pub(super) fn meet(&mut self, sea: &SeaState) {
+        let steep: f64 = sea.components.iter().map(|c| c.amplitude_tilt_rad).sum();
+        let [from, to] = STEEP;
+        self.sharp[0] = match sea.verdict {
+            Verdict::Identified => ((steep - from) / (to - from)).clamp(0.0, 1.0),
+            Verdict::Calm | Verdict::Broad => 0.0,
+        };
     }
 
     /// Roll and pitch (rad) with the acceleration along, across and down (m/s²), in one frame.
@@ -89,7 +112,10 @@ impl Crests {
             let [none, all] = LIFTS.map(|share| share * self.whole);
             let waves = ((self.lifted - none) / (all - none).max(prior)).clamp(0.0, 1.0);
             let wanted = waves * lacks.min(2.0 * (lacks - CARRIED)).clamp(0.0, 1.0);
-            self.slip += (wanted - self.slip).clamp(-dt * SLIP_PER_S, dt * SLIP_PER_S);
+            let most = dt * SHARE_PER_S;
+            self.slip += (wanted - self.slip).clamp(-most, most);
+            let [wanted, sharp] = self.sharp;
+            self.sharp[1] += (wanted - sharp).clamp(-most, most);
         }
     }
 
@@ -119,17 +145,13 @@ impl Filter {
     /// `ahead` seconds from now: from the waves as they were identified over a minute, for what the filter
     /// itself makes of them follows from it.
     pub(super) fn bound(&self, ahead: f64) -> Bound {
-        let slip = self.crests.slip();
-        let Some(state) = self
-            .sea
-            .state
-            .as_ref()
-            .filter(|_| slip > 0.0 && self.sea.identified)
-        else {
+        let crested = self.crests.crested();
+        let known = self.sea.identified && !crested.is_plain();
+        let Some(state) = self.sea.state.as_ref().filter(|_| known) else {
             return Bound::default();
         };
         let then = (self.at - state.at).secs() + ahead;
-        let b = state.bound(slip, self.encounter_velocity(state), then);
+        let b = state.bound(crested, self.encounter_velocity(state), then);
         let (s, c) = self.reference.sin_cos();
         let turned = |[heave, roll, pitch]: [f64; 3]| [heave, c * roll + s * pitch, -s * roll + c * pitch];
         Bound {

@@ -276,8 +276,8 @@ impl Estimator {
     /// Once per tick, after the measurements: bridges a silence of the inertial sensor and lets the
     /// identified sea into the model.
     pub fn tick(&mut self, now: Time<VesselClock>) {
-        let slip = self.filter.as_ref().map_or(0.0, |f| f.crests.slip());
-        let state = self.identifier.update(now, slip);
+        let crested = self.filter.as_ref().map(|f| f.crests.crested());
+        let state = self.identifier.update(now, crested.unwrap_or_default());
         let Some(f) = self.filter.as_mut() else { return };
         f.take_sea(&self.config, state);
         f.adapt(&self.config);

@@ -102,6 +102,7 @@ impl Filter {
             significant_height_m: self.sea.significant_height_m.clamp(0.0, 50.0) as f32,
             confidence: self.sea.confidence.clamp(0.0, 1.0) as f32,
             orbital_slip: self.crests.slip() as f32,
+            sharpness: self.crests.crested().sharp as f32,
             components: self.belief.wave_message(self.reference),
             slopes,
         }

@@ -35,6 +35,8 @@ const TILT_SHARE: (f64, f64) = (0.5, 1.0 / 16.0);
 /// From this share of the orbital motion that passes under the hull on, its crests explain the harmonics
 /// (ours: seeds 300-319 at 0.8 m, 5 s: roll 1 s ahead 0.019 rad without the oscillator, 0.022 with).
 const BOUND_SLIP: f64 = 0.3;
+/// The same of the share of their sharpness.
+const BOUND_SHARP: f64 = 0.5;
 
 /// What the estimator knows of the sea.
 #[derive(Clone, Debug, Default)]
@@ -143,6 +145,7 @@ impl Filter {
             self.sea.significant_height_m = state.significant_height_m;
         }
         if news {
+            self.crests.meet(state);
             self.sea.state = Some(state.clone());
             self.hand_over();
             self.sea.unsettled *= (-1.0_f64 / UNSETTLED_S).exp();
@@ -172,7 +175,7 @@ impl Filter {
                     .map(|c| component(c, config.model.wave_damping, self.reference, velocity))
                     .collect();
                 // Crests that are reckoned with hold their harmonics.
-                if self.crests.slip() < BOUND_SLIP {
+                if self.crests.slip() < BOUND_SLIP && self.crests.crested().sharp < BOUND_SHARP {
                     wanted.extend(harmonic(&wanted, config));
                 }
                 if self.sea.identified && !differs(&wanted, &self.sea.components) {

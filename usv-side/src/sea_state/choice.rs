@@ -7,6 +7,7 @@
 //! the whole record whenever the first does not, and what has foretold better of late is given out.
 
 use alight_shared::time::{Time, VesselClock};
+use alight_shared::vessel_model::Crested;
 
 use super::record::Record;
 use super::tracker::Tracker;
@@ -65,15 +66,15 @@ impl Identifier {
     }
 
     /// Does the work that is due at `now`, at most once in `update_period_s`, and returns the
-    /// newest state: `None` before `min_window_s` of record and when the record has gone stale. `slip` is the
-    /// share of the water's orbital motion that passes under the hull.
-    pub fn update(&mut self, now: Time<VesselClock>, slip: f64) -> Option<&SeaState> {
+    /// newest state: `None` before `min_window_s` of record and when the record has gone stale. `crested`
+    /// is by how much the hull's motion is more than the waves' sum.
+    pub fn update(&mut self, now: Time<VesselClock>, crested: Crested) -> Option<&SeaState> {
         let due = self
             .worked_at
             .is_none_or(|t| (now - t).secs().abs() >= self.period_s * 0.999);
         if due {
             self.worked_at = Some(now);
-            self.work(now, slip);
+            self.work(now, crested);
         }
         if self.takes_whole {
             self.whole.state()
@@ -82,14 +83,14 @@ impl Identifier {
         }
     }
 
-    fn work(&mut self, now: Time<VesselClock>, slip: f64) {
-        self.adaptive.work(&self.record, now, false, slip);
+    fn work(&mut self, now: Time<VesselClock>, crested: Crested) {
+        self.adaptive.work(&self.record, now, false, crested);
         if self.adaptive.uses_all() {
             self.whole = self.adaptive.clone();
             self.takes_whole = true;
             return;
         }
-        self.whole.work(&self.record, now, true, slip);
+        self.whole.work(&self.record, now, true, crested);
         let (adaptive, whole) = (self.adaptive.lately(), self.whole.lately());
         let clearly = if self.takes_whole { CLEARLY } else { 1.0 };
         self.takes_whole = self.whole.state().is_some() && adaptive >= clearly * whole;

@@ -25,7 +25,7 @@ fn encounter(w: &Wave, velocity: [f64; 2]) -> f64 {
 impl Tracker {
     /// Fits the known waves again to what their crests leave of the record, which stays what is fitted.
     pub(super) fn take_out_crests(&mut self, best: &mut Solution) {
-        if !(self.slip > 0.0) || best.waves.is_empty() {
+        if self.crested.is_plain() || best.waves.is_empty() {
             return;
         }
         for _ in 0..PASSES {
@@ -69,7 +69,7 @@ impl Tracker {
                         }
                     })
                     .collect();
-                let b = bound_motion(&then, self.slip, 0.0);
+                let b = bound_motion(&then, self.crested, 0.0);
                 [-b.acceleration[0], -b.value[2], b.value[1]]
             })
             .collect()

@@ -29,7 +29,7 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
 use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::{Bound, Felt, bound_motion};
+use alight_shared::vessel_model::{Bound, Crested, Felt, bound_motion};
 use nalgebra::Complex;
 
 pub use choice::Identifier;
@@ -123,10 +123,10 @@ impl SeaComponent {
 
 impl SeaState {
     /// What heave (down), roll and pitch of a hull that heads north differ by from the components' sum, `t`
-    /// seconds after the state's time, when the share `slip` of the orbital motion passes under it and it
-    /// goes at this mean velocity (north, east, m/s).
-    pub fn bound(&self, slip: f64, mean_velocity: [f64; 2], t: f64) -> Bound {
-        if !(slip > 0.0) {
+    /// seconds after the state's time, when it is `crested` by so much and goes at this mean velocity (north,
+    /// east, m/s).
+    pub fn bound(&self, crested: Crested, mean_velocity: [f64; 2], t: f64) -> Bound {
+        if crested.is_plain() {
             return Bound::default();
         }
         let waves: Vec<Felt> = self
@@ -141,7 +141,7 @@ impl SeaState {
                 )
             })
             .collect();
-        bound_motion(&waves, slip, t)
+        bound_motion(&waves, crested, t)
     }
 }
 

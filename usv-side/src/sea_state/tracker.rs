@@ -8,6 +8,7 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
 use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
+use alight_shared::vessel_model::Crested;
 use nalgebra::Complex;
 
 use super::direction::{direction_of, from_encounter};
@@ -56,7 +57,7 @@ pub(super) struct Tracker {
     /// Variance of each channel about its trend.
     variance: [f64; CHANNELS],
     /// Share of the water's orbital motion that passes under the hull.
-    pub(super) slip: f64,
+    pub(super) crested: Crested,
 }
 
 impl fmt::Debug for Tracker {
@@ -89,7 +90,7 @@ impl Tracker {
             negligible: [0.0; CHANNELS],
             drift: [0.0; 2],
             variance: [0.0; CHANNELS],
-            slip: 0.0,
+            crested: Crested::default(),
         }
     }
 
@@ -119,7 +120,7 @@ impl Tracker {
 
     /// Identifies anew from the `whole` record or from as much of it as has foretold well; no state
     /// before `min_window_s` of record and when the record has gone stale.
-    pub fn work(&mut self, record: &Record, now: Time<VesselClock>, whole: bool, slip: f64) {
+    pub fn work(&mut self, record: &Record, now: Time<VesselClock>, whole: bool, crested: Crested) {
         let Some(newest) = record.newest() else {
             self.state = None;
             return;
@@ -128,7 +129,7 @@ impl Tracker {
             self.state = None;
             return;
         }
-        self.slip = slip;
+        self.crested = crested;
         self.adapt_window(record);
         if whole {
             self.window_s = self.config.window_s;
@@ -156,7 +157,7 @@ impl Tracker {
                 tilt[0] += (c.normal[0] * turn).re;
                 tilt[1] += (c.normal[1] * turn).re;
             }
-            let [_, roll, pitch] = state.bound(self.slip, velocity, bin.t - from).value;
+            let [_, roll, pitch] = state.bound(self.crested, velocity, bin.t - from).value;
             tilt[0] -= pitch;
             tilt[1] += roll;
             for i in 0..2 {
