@@ -1,4 +1,5 @@
-//! What a hull sees of linear waves that does not go along with the water: sharper crests, flatter troughs.
+//! Sharper crests and flatter troughs than the waves' sum: what a hull meets that the water does not carry along,
+//! and, in slope alone, one that it does.
 //!
 //! A wave of small amplitude is linear in a frame that moves with the water's particles (Gerstner 1802;
 //! as a model of the sea: Nouguier, Guérin and Chapron 2009, the "choppy wave model"). A particle with the
@@ -8,6 +9,9 @@
 //! meets the particle `x0 = slip sum d A sin(theta(x0))`. At a steepness `sum k A` of 0.4 that moves heave
 //! by 0.16 m and slope by 0.04 (rms): multiples and sums of the waves' frequencies, bound to them, that
 //! no further oscillator follows in phase.
+//!
+//! At a crest particles come nearer to each other, `dx/dx0 = I - sum k A d d' cos(theta)`: slopes per metre of
+//! place are those per metre of label through its inverse, whoever looks at them.
 //!
 //! Phasors `q` turn with `exp(i omega t)`: of an oscillator, `value - i rate / omega`. A label further along
 //! the direction of travel is later in phase, `q(x0) = q exp(-i k d.x0)`.
@@ -166,8 +170,8 @@ fn solve(
     for w in now {
         let turn = w.turn(&label);
         if sharp > slip {
-            let up = (w.phasors[0] * turn).re;
-            stretch += w.direction * w.direction.transpose() * (sharp * w.wave_number.abs() * up);
+            let heave = (w.phasors[0] * turn).re;
+            stretch += w.direction * w.direction.transpose() * (sharp * w.wave_number.abs() * heave);
         }
         for (i, q) in w.phasors.iter().enumerate() {
             shifted[i] += (q * turn).re;

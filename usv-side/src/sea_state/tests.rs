@@ -2,6 +2,7 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::Crested;
 use nalgebra::{Complex, DMatrix, DVector};
 use proptest::prelude::*;
 
@@ -32,7 +33,7 @@ fn identify(samples: &[(MotionSample, [f64; 2])]) -> Option<SeaState> {
     let mut last = None;
     for (s, _) in samples {
         identifier.push(s);
-        last = identifier.update(s.at, 0.0).cloned();
+        last = identifier.update(s.at, Crested::default()).cloned();
     }
     last
 }
@@ -247,7 +248,7 @@ fn uneven_times_gaps_and_repeated_samples_are_harmless() {
                 ..*s
             });
         }
-        state = identifier.update(s.at, 0.0).cloned();
+        state = identifier.update(s.at, Crested::default()).cloned();
     }
     let (f, d) = errors(&state.unwrap(), &planes);
     assert!(f < 0.01 && d < 10.0, "{f} {d}");
@@ -261,11 +262,15 @@ fn a_silent_record_goes_stale_and_a_jumped_clock_starts_anew() {
     let mut identifier = Identifier::new(&SeaStateConfig::default());
     for (s, _) in &samples {
         identifier.push(s);
-        identifier.update(s.at, 0.0);
+        identifier.update(s.at, Crested::default());
     }
     let end = samples[samples.len() - 1].0.at;
-    assert!(identifier.update(end, 0.0).is_some());
-    assert!(identifier.update(end + Span::from_secs(20.0), 0.0).is_none());
+    assert!(identifier.update(end, Crested::default()).is_some());
+    assert!(
+        identifier
+            .update(end + Span::from_secs(20.0), Crested::default())
+            .is_none()
+    );
     // One stamp from a far future, then the old clock again: the record recovers.
     identifier.push(&MotionSample {
         at: end + Span::from_secs(1e6),
@@ -274,7 +279,7 @@ fn a_silent_record_goes_stale_and_a_jumped_clock_starts_anew() {
     let mut state = None;
     for (s, _) in &samples {
         identifier.push(s);
-        state = identifier.update(s.at, 0.0).cloned();
+        state = identifier.update(s.at, Crested::default()).cloned();
     }
     assert!(errors(&state.unwrap(), &planes).0 < 0.02);
 }
@@ -325,7 +330,7 @@ proptest! {
         let mut identifier = Identifier::new(&SeaStateConfig::default());
         for s in &samples {
             identifier.push(s);
-            if let Some(state) = identifier.update(s.at, 0.0) {
+            if let Some(state) = identifier.update(s.at, Crested::default()) {
                 prop_assert!((0.0..=1.0).contains(&state.confidence));
                 prop_assert!((0.0..=1.0).contains(&state.residual_fraction));
                 prop_assert!(state.significant_height_m.is_finite());
