@@ -4,34 +4,26 @@
 use std::path::Path;
 
 use alight_bridge::BridgeConfig;
-#[cfg(feature = "sim")]
 use alight_shared::config;
-use alight_shared::config::{Check, ConfigError, Keys};
+#[cfg(feature = "sim")]
+use alight_shared::config::ConfigError;
 #[cfg(feature = "sim")]
 use alight_sim::scenario::{NodeConfigs, Scenario};
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
-use serde::{Deserialize, Serialize};
 
 use crate::cli::{ConfigArgs, ConfigKind};
 #[cfg(feature = "flight")]
 use crate::live::config::{DroneComputer, VesselComputer};
 use crate::{End, Refused, say};
 
-/// The drone's file: `[bridge]` and `[drone.*]`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DroneFile {
-    /// The bridge.
-    pub bridge: BridgeConfig,
-    /// Predictor, mission, planner, pilot and what they know of drone and deck.
-    pub drone: DroneSettings,
-}
-
-impl Check for DroneFile {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.bridge.check(&at.table("bridge"))?;
-        self.drone.check(&at.table("drone"))
+config! {
+    /// The drone's file: `[bridge]` and `[drone.*]`.
+    pub struct DroneFile {
+        /// The bridge.
+        pub bridge: BridgeConfig;
+        /// Predictor, mission, planner, pilot and what they know of drone and deck.
+        pub drone: DroneSettings;
     }
 }
 

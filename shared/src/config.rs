@@ -1,6 +1,8 @@
 //! Typed configuration: TOML, units in key names, unknown keys refused, values checked against
 //! their allowed range with an error that names key, value and range.
 
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
@@ -37,10 +39,142 @@ pub enum ConfigError {
     },
 }
 
-/// A configuration that can be checked.
+/// A configuration table: its values can be checked and its keys described.
 pub trait Check {
     /// Checks every value; `at` knows the dotted path of this table.
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError>;
+    /// Puts what each key means (unit and source included) under its dotted name.
+    fn describe(_at: &Keys<'_>, _keys: &mut BTreeMap<String, String>)
+    where
+        Self: Sized,
+    {
+    }
+}
+
+/// Numbers that can be held against a range, each of several alike.
+pub trait InRange {
+    /// `range.start <= value <= range.end` for all of them; a NaN fails.
+    fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError>;
+}
+
+macro_rules! in_range {
+    ($($number:ty)*) => {$(
+        impl InRange for $number {
+            fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError> {
+                at.range(key, *self as f64, *range.start(), *range.end())
+            }
+        }
+    )*};
+}
+in_range!(f64 f32 u8 u16 u32 u64 i64 usize);
+
+impl<T: InRange> InRange for [T] {
+    fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError> {
+        let mut values = self.iter().enumerate();
+        values.try_for_each(|(i, v)| v.in_range(at, &format!("{key}[{i}]"), range))
+    }
+}
+impl<T: InRange, const N: usize> InRange for [T; N] {
+    fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError> {
+        self.as_slice().in_range(at, key, range)
+    }
+}
+impl<T: InRange> InRange for Vec<T> {
+    fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError> {
+        self.as_slice().in_range(at, key, range)
+    }
+}
+impl<T: InRange> InRange for Option<T> {
+    fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError> {
+        self.as_ref().map_or(Ok(()), |v| v.in_range(at, key, range))
+    }
+}
+
+/// Declares a table of the configuration in one place: for each key its meaning, unit and source (the
+/// doc comment), its type, its default and its range. Makes the struct, `Default`, [`Check`] and serde's
+/// traits; a key that is not declared is refused.
+///
+/// ```
+/// alight_shared::config! {
+///     /// A heater.
+///     pub struct Heater {
+///         /// Power, W.
+///         pub power_w: f64 = 100.0, in 0.0..=2000.0;
+///         /// Names of its switches.
+///         pub switches: Vec<String> = vec!["main".into()];
+///         /// Where it stands: a table of its own.
+///         pub deck: alight_shared::geometry::DeckGeometry;
+///     }
+///     check |this, at| {
+///         at.require(!this.switches.is_empty(), "switches", 0, "one name or more")?;
+///     }
+/// }
+/// ```
+/// `= DEFAULT, table` is a table whose default here is not its own.
+#[macro_export]
+macro_rules! config {
+    (
+        $(#[$meta:meta])*
+        pub struct $name:ident {
+            $(
+                $(#[$($doc:tt)*])*
+                pub $field:ident: $type:ty $(= $default:expr $(, $kind:ident $($range:expr)?)?)?;
+            )*
+        }
+        $(check |$this:ident, $at:ident| $body:block)?
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Debug, PartialEq, ::serde::Serialize, ::serde::Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct $name {
+            $($(#[$($doc)*])* pub $field: $type,)*
+        }
+        impl ::core::default::Default for $name {
+            fn default() -> Self {
+                $name { $($field: $crate::config!(@default $($default)?),)* }
+            }
+        }
+        impl $crate::config::Check for $name {
+            #[allow(unused_variables, reason = "a table may have nothing to check")]
+            fn check(
+                &self,
+                at: &$crate::config::Keys<'_>,
+            ) -> ::core::result::Result<(), $crate::config::ConfigError> {
+                $($crate::config!(@check self at $field $(= $default $(, $kind $($range)?)?)?);)*
+                $({
+                    let ($this, $at) = (self, at);
+                    $body
+                })?
+                Ok(())
+            }
+            fn describe(
+                at: &$crate::config::Keys<'_>,
+                keys: &mut ::std::collections::BTreeMap<String, String>,
+            ) {
+                $(
+                    let text: &[&str] = &[$($crate::config!(@doc $($doc)*)),*];
+                    keys.insert(at.key(stringify!($field)), text.join("\n"));
+                    $crate::config!(@describe at keys $field $type $(= $default $(, $kind)?)?);
+                )*
+            }
+        }
+    };
+    (@default) => { ::core::default::Default::default() };
+    (@default $default:expr) => { $default };
+    (@check $self:ident $at:ident $field:ident = $default:expr, in $range:expr) => {
+        $crate::config::InRange::in_range(&$self.$field, $at, stringify!($field), &($range))?
+    };
+    (@check $self:ident $at:ident $field:ident = $default:expr) => {};
+    (@check $self:ident $at:ident $field:ident $(= $default:expr, table)?) => {
+        $crate::config::Check::check(&$self.$field, &$at.table(stringify!($field)))?
+    };
+    (@describe $at:ident $keys:ident $field:ident $type:ty = $default:expr, in) => {};
+    (@describe $at:ident $keys:ident $field:ident $type:ty = $default:expr) => {};
+    (@describe $at:ident $keys:ident $field:ident $type:ty $(= $default:expr, table)?) => {
+        <$type as $crate::config::Check>::describe(&$at.table(stringify!($field)), $keys)
+    };
+    (@doc doc = $text:literal) => { $text };
+    (@doc $($other:tt)*) => { "" };
 }
 
 /// The dotted path of a table, for errors.

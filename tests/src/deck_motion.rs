@@ -23,13 +23,12 @@ mod spline;
 use core::f64::consts::TAU;
 use std::path::PathBuf;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Deck, Point, Rotation, Vector, VesselBody};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
-use serde::{Deserialize, Serialize};
 
 use self::recording::{CHANNELS, HEADING, HEAVE, PITCH, ROLL, SURGE, SWAY};
 pub use self::recording::{DeckMotionError, Recording};
@@ -48,59 +47,43 @@ const SEA_STEP_S: f64 = 0.02;
 /// Greatest tilt that a scaled recording may reach, rad (60 deg).
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
 
-/// A recording and how to play it, or a rocking without one.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DeckMotionConfig {
-    /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m; empty with
-    /// `rocking`.
-    pub file: PathBuf,
-    /// Sinusoidal roll and pitch instead of a file.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rocking: Option<RockingConfig>,
-    /// Factor on the deviations from the means.
-    pub scale: f64,
-    /// Factor on the recording's time: 2 plays twice as fast.
-    pub speed: f64,
-    /// Time in the recording, from its first row, at the world's time zero, s.
-    pub start_s: f64,
-    /// Keep the mean roll and pitch.
-    pub keep_mean: bool,
-}
-impl Default for DeckMotionConfig {
-    /// As recorded, from the beginning.
-    fn default() -> Self {
-        DeckMotionConfig {
-            file: PathBuf::new(),
-            rocking: None,
-            scale: 1.0,
-            speed: 1.0,
-            start_s: 0.0,
-            keep_mean: false,
-        }
+config! {
+    /// A recording and how to play it, or a rocking without one.
+    ///
+    /// Defaults: As recorded, from the beginning.
+    pub struct DeckMotionConfig {
+        /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m; empty with
+        /// `rocking`.
+        pub file: PathBuf = PathBuf::new();
+        /// Sinusoidal roll and pitch instead of a file.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub rocking: Option<RockingConfig> = None;
+        /// Factor on the deviations from the means.
+        pub scale: f64 = 1.0, in 0.0..=20.0;
+        /// Factor on the recording's time: 2 plays twice as fast.
+        pub speed: f64 = 1.0, in 0.02..=20.0;
+        /// Time in the recording, from its first row, at the world's time zero, s.
+        pub start_s: f64 = 0.0, in 0.0..=1e7;
+        /// Keep the mean roll and pitch.
+        pub keep_mean: bool = false;
     }
-}
-impl Check for DeckMotionConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+    check |this, at| {
         at.require(
-            self.file.as_os_str().is_empty() == self.rocking.is_some(),
+            this.file.as_os_str().is_empty() == this.rocking.is_some(),
             "file",
-            self.file.display(),
+            this.file.display(),
             "the path of a CSV file, or nothing and a table `rocking`",
         )?;
-        if let Some(rocking) = &self.rocking {
+        if let Some(rocking) = &this.rocking {
             rocking.check(&at.table("rocking"))?;
-            let steepest = self.scale * rocking.roll_rad.max(rocking.pitch_rad);
+            let steepest = this.scale * rocking.roll_rad.max(rocking.pitch_rad);
             at.require(
                 steepest <= MAX_TILT,
                 "scale",
-                self.scale,
+                this.scale,
                 "a tilt of at most 60 deg",
             )?;
         }
-        at.range("scale", self.scale, 0.0, 20.0)?;
-        at.range("speed", self.speed, 0.02, 20.0)?;
-        at.range("start_s", self.start_s, 0.0, 1e7)
     }
 }
 

@@ -7,7 +7,7 @@ pub mod channel;
 pub mod session;
 pub mod stream;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::time::{Time, TrueTime};
 use serde::{Deserialize, Serialize};
 
@@ -86,79 +86,59 @@ impl Transport {
     }
 }
 
-/// The radio, both directions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RadioConfig {
-    /// Mean of the delay before truncation, s.
-    pub delay_s: f64,
-    /// Its standard deviation, s. Delays are independent, so packets overtake each other, unless
-    /// the link keeps their order.
-    pub delay_sd_s: f64,
-    /// Shortest delay, s.
-    pub delay_min_s: f64,
-    /// More delay from vessel to drone, s.
-    pub to_drone_extra_s: f64,
-    /// More delay from drone to vessel, s.
-    pub to_vessel_extra_s: f64,
-    /// Probability that a packet is lost.
-    pub loss: f64,
-    /// Share of the packets that are lost in bursts beside (Gilbert-Elliott).
-    pub burst_loss: f64,
-    /// Mean length of a burst, packets.
-    pub burst_packets: f64,
-    /// Probability that a packet that is not lost comes twice.
-    pub duplicate: f64,
-    /// Bits per second that pass, IP headers included; 0: without limit.
-    pub rate_bps: f64,
-    /// Bytes that wait before a slow link at most; what comes on top is lost.
-    pub queue_bytes: u32,
-    /// Packets arrive in the order in which they were sent.
-    pub keep_order: bool,
-    /// What carries the messages; in lock-step only: live, the processes' own configuration says it.
-    pub transport: Transport,
-    /// How a stream answers a loss.
-    pub congestion: Congestion,
-    /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
-    pub stream_buffer_bytes: u32,
-    /// A session over datagrams that hears nothing for this long is closed and opened anew, s.
-    pub lease_s: f64,
-    /// The same of a session over a stream, s.
-    pub stream_lease_s: f64,
-    /// Windows `[start, end)` in which everything sent is lost, s of true time.
-    pub outages_s: Vec<[f64; 2]>,
-}
-
-impl Default for RadioConfig {
-    fn default() -> Self {
-        RadioConfig {
-            // Issue 2: 50 +- 20 ms, 2 % loss.
-            delay_s: 0.05,
-            delay_sd_s: 0.02,
-            // Ours: time on air and in two network stacks.
-            delay_min_s: 0.005,
-            to_drone_extra_s: 0.0,
-            to_vessel_extra_s: 0.0,
-            loss: 0.02,
-            burst_loss: 0.0,
-            // Ours: a deep fade or a wave crest in the way, a quarter of a second at 40 packets/s.
-            burst_packets: 10.0,
-            // Ours: datagrams come twice now and then.
-            duplicate: 0.001,
-            rate_bps: 0.0,
-            // Ours: as small as radio modems have it; half a second at 64 kbit/s.
-            queue_bytes: 4096,
-            keep_order: false,
-            transport: Transport::Udp,
-            congestion: Congestion::Bbr,
-            // What was under way at most on a running kernel whose socket was asked for the 16 kB of
-            // `alight_shared::transport::radio`: 46 segments of 290 B.
-            stream_buffer_bytes: 14_000,
-            // `alight_shared::transport::radio`.
-            lease_s: 2.0,
-            stream_lease_s: 5.0,
-            outages_s: Vec::new(),
-        }
+config! {
+    /// The radio, both directions.
+    pub struct RadioConfig {
+        /// Mean of the delay before truncation, s.
+        /// Source: Issue 2: 50 +- 20 ms, 2 % loss.
+        pub delay_s: f64 = 0.05, in 0.0..=10.0;
+        /// Its standard deviation, s. Delays are independent, so packets overtake each other, unless
+        /// the link keeps their order.
+        pub delay_sd_s: f64 = 0.02, in 0.0..=10.0;
+        /// Shortest delay, s.
+        /// Source: Ours: time on air and in two network stacks.
+        pub delay_min_s: f64 = 0.005, in 0.0..=10.0;
+        /// More delay from vessel to drone, s.
+        pub to_drone_extra_s: f64 = 0.0, in 0.0..=10.0;
+        /// More delay from drone to vessel, s.
+        pub to_vessel_extra_s: f64 = 0.0, in 0.0..=10.0;
+        /// Probability that a packet is lost.
+        pub loss: f64 = 0.02, in 0.0..=1.0;
+        /// Share of the packets that are lost in bursts beside (Gilbert-Elliott).
+        pub burst_loss: f64 = 0.0, in 0.0..=0.95;
+        /// Mean length of a burst, packets.
+        /// Source: Ours: a deep fade or a wave crest in the way, a quarter of a second at 40 packets/s.
+        pub burst_packets: f64 = 10.0, in 1.0..=1e5;
+        /// Probability that a packet that is not lost comes twice.
+        /// Source: Ours: datagrams come twice now and then.
+        pub duplicate: f64 = 0.001, in 0.0..=1.0;
+        /// Bits per second that pass, IP headers included; 0: without limit.
+        pub rate_bps: f64 = 0.0, in 0.0..=1e12;
+        /// Bytes that wait before a slow link at most; what comes on top is lost.
+        /// Source: Ours: as small as radio modems have it; half a second at 64 kbit/s.
+        pub queue_bytes: u32 = 4096, in 100.0..=1e9;
+        /// Packets arrive in the order in which they were sent.
+        pub keep_order: bool = false;
+        /// What carries the messages; in lock-step only: live, the processes' own configuration says it.
+        pub transport: Transport = Transport::Udp;
+        /// How a stream answers a loss.
+        pub congestion: Congestion = Congestion::Bbr;
+        /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
+        /// Source: What was under way at most on a running kernel whose socket was asked for the 16 kB of
+        /// `alight_shared::transport::radio`: 46 segments of 290 B.
+        pub stream_buffer_bytes: u32 = 14_000;
+        /// A session over datagrams that hears nothing for this long is closed and opened anew, s.
+        /// Source: `alight_shared::transport::radio`.
+        pub lease_s: f64 = 2.0, in 0.5..=60.0;
+        /// The same of a session over a stream, s.
+        pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
+        /// Windows `[start, end)` in which everything sent is lost, s of true time.
+        pub outages_s: Vec<[f64; 2]> = Vec::new();
+    }
+    check |this, at| {
+        let buffer = f64::from(this.stream_buffer_bytes);
+        at.range("stream_buffer_bytes", buffer, 2048.0, 1e8)?;
+        check_windows(at, "outages_s", &this.outages_s)?;
     }
 }
 
@@ -169,27 +149,6 @@ impl RadioConfig {
             Transport::Udp => self.lease_s,
             Transport::Tcp | Transport::Quic => self.stream_lease_s,
         }
-    }
-}
-
-impl Check for RadioConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("delay_s", self.delay_s, 0.0, 10.0)?;
-        at.range("delay_sd_s", self.delay_sd_s, 0.0, 10.0)?;
-        at.range("delay_min_s", self.delay_min_s, 0.0, 10.0)?;
-        at.range("to_drone_extra_s", self.to_drone_extra_s, 0.0, 10.0)?;
-        at.range("to_vessel_extra_s", self.to_vessel_extra_s, 0.0, 10.0)?;
-        at.range("loss", self.loss, 0.0, 1.0)?;
-        at.range("burst_loss", self.burst_loss, 0.0, 0.95)?;
-        at.range("burst_packets", self.burst_packets, 1.0, 1e5)?;
-        at.range("duplicate", self.duplicate, 0.0, 1.0)?;
-        at.range("rate_bps", self.rate_bps, 0.0, 1e12)?;
-        at.range("queue_bytes", f64::from(self.queue_bytes), 100.0, 1e9)?;
-        let buffer = f64::from(self.stream_buffer_bytes);
-        at.range("stream_buffer_bytes", buffer, 2048.0, 1e8)?;
-        at.range("lease_s", self.lease_s, 0.5, 60.0)?;
-        at.range("stream_lease_s", self.stream_lease_s, 0.5, 60.0)?;
-        check_windows(at, "outages_s", &self.outages_s)
     }
 }
 

@@ -3,11 +3,11 @@
 use core::f64::consts::TAU;
 use core::fmt;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::{Span, Time};
 use nalgebra::{Matrix4, Vector4};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::sea::Sea;
 use crate::streams::Streams;
@@ -17,36 +17,25 @@ use crate::vessel::{Course, Vessel, VesselConfig};
 pub const TABLE_NOTE: &str = "Waves from astern, drifting vessel. Surge and heave: amplitude over wave \
 amplitude; pitch: amplitude over wave slope. A particle of the water has 1, 1 and 1.";
 
-/// What to simulate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ResponseConfig {
-    /// Wave lengths, m.
-    pub wavelengths_m: Vec<f64>,
-    /// Steepness k A of the waves, -.
-    pub steepness: f64,
-}
-impl Default for ResponseConfig {
-    /// Ours: from shorter than the hull to thirty times it; waves of 2 % steepness.
-    fn default() -> Self {
-        ResponseConfig {
-            wavelengths_m: vec![
+config! {
+    /// What to simulate.
+    ///
+    /// Defaults: Ours: from shorter than the hull to thirty times it; waves of 2 % steepness.
+    pub struct ResponseConfig {
+        /// Wave lengths, m.
+        pub wavelengths_m: Vec<f64> = vec![
                 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, 160.0,
-            ],
-            steepness: 0.02,
-        }
+            ], in 1.0..=1000.0;
+        /// Steepness k A of the waves, -.
+        pub steepness: f64 = 0.02, in 1e-4..=0.2;
     }
-}
-impl Check for ResponseConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+    check |this, at| {
         at.require(
-            (1..=1000).contains(&self.wavelengths_m.len()),
+            (1..=1000).contains(&this.wavelengths_m.len()),
             "wavelengths_m",
-            self.wavelengths_m.len(),
+            this.wavelengths_m.len(),
             "1 to 1000 lengths",
         )?;
-        at.ranges("wavelengths_m", &self.wavelengths_m, 1.0, 1000.0)?;
-        at.range("steepness", self.steepness, 1e-4, 0.2)
     }
 }
 

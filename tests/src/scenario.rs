@@ -1,6 +1,7 @@
 //! What is flown: the world's figures and the nodes' configurations.
 
 use alight_bridge::BridgeConfig;
+use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::State;
@@ -79,94 +80,62 @@ impl Default for StartConfig {
     }
 }
 
-/// A simulated scene. True figures; no node reads them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Scenario {
-    /// The sea.
-    pub sea: SeaConfig,
-    /// The vessel.
-    pub vessel: VesselConfig,
-    /// Recorded motion in its place.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub deck_motion: Option<DeckMotionConfig>,
-    /// The landing deck as it is.
-    pub deck: DeckGeometry,
-    /// The drone's nominal geometry as it is; mass and thrust errors are in `drone.airframe`.
-    pub airframe: DroneGeometry,
-    /// The drone's physics and autopilot.
-    pub drone: DroneConfig,
-    /// Where the drone starts.
-    pub start: StartConfig,
-    /// Sensors and clocks.
-    pub sensors: SensorConfig,
-    /// The radio.
-    pub radio: RadioConfig,
-    /// Its outage at a state of the mission.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub radio_outage: Option<StateOutage>,
-    /// The pilot's process stands still at a state of the mission; in lock-step only.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub pilot_outage: Option<StateOutage>,
-    /// From the planner's step to the plan's arrival at the pilot, s.
-    pub solve_delay_s: f64,
-    /// The world runs on for so long after the outcome is known, s.
-    pub stay_s: f64,
-}
-
-impl Default for Scenario {
-    fn default() -> Self {
-        Scenario {
-            sea: SeaConfig::default(),
-            vessel: VesselConfig::default(),
-            deck_motion: None,
-            deck: DeckGeometry::default(),
-            airframe: DroneGeometry::default(),
-            drone: DroneConfig::default(),
-            start: StartConfig::default(),
-            sensors: SensorConfig::default(),
-            radio: RadioConfig::default(),
-            radio_outage: None,
-            pilot_outage: None,
-            // One period of the planner at 50 Hz: the plan is used one period after its inputs.
-            solve_delay_s: 0.02,
-            stay_s: 0.0,
-        }
+config! {
+    /// A simulated scene. True figures; no node reads them.
+    pub struct Scenario {
+        /// The sea.
+        pub sea: SeaConfig;
+        /// The vessel.
+        pub vessel: VesselConfig;
+        /// Recorded motion in its place.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub deck_motion: Option<DeckMotionConfig> = None;
+        /// The landing deck as it is.
+        pub deck: DeckGeometry;
+        /// The drone's nominal geometry as it is; mass and thrust errors are in `drone.airframe`.
+        pub airframe: DroneGeometry;
+        /// The drone's physics and autopilot.
+        pub drone: DroneConfig;
+        /// Where the drone starts.
+        pub start: StartConfig = StartConfig::default();
+        /// Sensors and clocks.
+        pub sensors: SensorConfig;
+        /// The radio.
+        pub radio: RadioConfig;
+        /// Its outage at a state of the mission.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub radio_outage: Option<StateOutage> = None;
+        /// The pilot's process stands still at a state of the mission; in lock-step only.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub pilot_outage: Option<StateOutage> = None;
+        /// From the planner's step to the plan's arrival at the pilot, s.
+        /// Source: One period of the planner at 50 Hz: the plan is used one period after its inputs.
+        pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
+        /// The world runs on for so long after the outcome is known, s.
+        pub stay_s: f64 = 0.0, in 0.0..=3600.0;
     }
-}
-
-impl Check for Scenario {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.sea.check(&at.table("sea"))?;
-        self.vessel.check(&at.table("vessel"))?;
-        if let Some(motion) = &self.deck_motion {
+    check |this, at| {
+        if let Some(motion) = &this.deck_motion {
             motion.check(&at.table("deck_motion"))?;
         }
-        self.deck.check(&at.table("deck"))?;
-        self.airframe.check(&at.table("airframe"))?;
-        self.drone.check(&at.table("drone"))?;
-        self.sensors.check(&at.table("sensors"))?;
-        self.radio.check(&at.table("radio"))?;
-        if let Some(outage) = &self.radio_outage {
+        if let Some(outage) = &this.radio_outage {
             outage.check(&at.table("radio_outage"))?;
         }
-        if let Some(outage) = &self.pilot_outage {
+        if let Some(outage) = &this.pilot_outage {
             outage.check(&at.table("pilot_outage"))?;
         }
         let start = at.table("start");
-        start.ranges("distance_m", &self.start.distance_m, 0.0, 500.0)?;
-        start.ranges("height_m", &self.start.height_m, 2.0, 120.0)?;
+        start.ranges("distance_m", &this.start.distance_m, 0.0, 500.0)?;
+        start.ranges("height_m", &this.start.height_m, 2.0, 120.0)?;
         start.require(
-            self.start.distance_m[0] <= self.start.distance_m[1]
-                && self.start.height_m[0] <= self.start.height_m[1],
+            this.start.distance_m[0] <= this.start.distance_m[1]
+                && this.start.height_m[0] <= this.start.height_m[1],
             "distance_m, height_m",
-            format!("{:?}, {:?}", self.start.distance_m, self.start.height_m),
+            format!("{:?}, {:?}", this.start.distance_m, this.start.height_m),
             "lower bound first",
         )?;
-        start.range("warm_up_s", self.start.warm_up_s, 0.0, 600.0)?;
-        start.range("hover_s", self.start.hover_s, 1.0, 60.0)?;
-        at.range("solve_delay_s", self.solve_delay_s, 0.0, 1.0)?;
-        at.range("stay_s", self.stay_s, 0.0, 3600.0)
+        start.range("warm_up_s", this.start.warm_up_s, 0.0, 600.0)?;
+        start.range("hover_s", this.start.hover_s, 1.0, 60.0)?;
     }
 }
 

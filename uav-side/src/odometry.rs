@@ -13,12 +13,11 @@
 //! Position 0.8 s ahead from a known position and velocity (simulated sensors, each axis):
 //! autopilot 4.7 cm, here 1.6 cm.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 /// After a longer silence the autopilot's word is taken anew, s.
 const LONGEST_STEP_S: f64 = 0.1;
@@ -33,41 +32,23 @@ const LAG_M: f64 = 0.6;
 /// ... at this rate, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, lays it 0.5 m further.
 const DRIFT_GAIN: f64 = 0.1;
 
-/// How softly the smooth odometry is held to the autopilot's.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct OdometryConfig {
-    /// On; else the autopilot's odometry is used as it is.
-    pub smooth: bool,
-    /// Gain on the difference of velocity, 1/s.
-    pub velocity_gain: f64,
-    /// Gain on the difference of position, 1/s².
-    pub position_gain: f64,
-    /// Gain of the accelerometers' bias on the difference of velocity, 1/s².
-    pub bias_gain: f64,
-    /// Largest bias believed, tilt error included, m/s².
-    pub bias_limit_mps2: f64,
-}
-
-impl Default for OdometryConfig {
-    /// Ours. Softer gains leave less noise over a second and a larger error of velocity, which the
-    /// camera then has to find.
-    fn default() -> Self {
-        OdometryConfig {
-            smooth: true,
-            velocity_gain: 1.0,
-            position_gain: 0.2,
-            bias_gain: 0.3,
-            bias_limit_mps2: 1.0,
-        }
-    }
-}
-impl Check for OdometryConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("velocity_gain", self.velocity_gain, 0.01, 20.0)?;
-        at.range("position_gain", self.position_gain, 0.0, 20.0)?;
-        at.range("bias_gain", self.bias_gain, 0.0, 20.0)?;
-        at.range("bias_limit_mps2", self.bias_limit_mps2, 0.0, 9.0)
+config! {
+    /// How softly the smooth odometry is held to the autopilot's.
+    ///
+    /// Defaults: Ours. Softer gains leave less noise over a second and a larger error of velocity, which
+    /// the camera then has to find.
+    #[derive(Copy)]
+    pub struct OdometryConfig {
+        /// On; else the autopilot's odometry is used as it is.
+        pub smooth: bool = true;
+        /// Gain on the difference of velocity, 1/s.
+        pub velocity_gain: f64 = 1.0, in 0.01..=20.0;
+        /// Gain on the difference of position, 1/s².
+        pub position_gain: f64 = 0.2, in 0.0..=20.0;
+        /// Gain of the accelerometers' bias on the difference of velocity, 1/s².
+        pub bias_gain: f64 = 0.3, in 0.0..=20.0;
+        /// Largest bias believed, tilt error included, m/s².
+        pub bias_limit_mps2: f64 = 1.0, in 0.0..=9.0;
     }
 }
 

@@ -1,8 +1,7 @@
 //! The configuration of the drone's nodes in one place.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use serde::{Deserialize, Serialize};
 
 use crate::camera::CameraSettings;
 use crate::mission::MissionConfig;
@@ -11,26 +10,26 @@ use crate::pilot::PilotConfig;
 use crate::planner::PlannerConfig;
 use crate::predictor::PredictorConfig;
 
-/// Everything that the drone's camera, predictor, mission, planner and pilot need to know.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DroneSettings {
-    /// The drone, as measured by its owner.
-    pub airframe: DroneGeometry,
-    /// The deck to land on.
-    pub deck: DeckGeometry,
-    /// Odometry.
-    pub odometry: OdometryConfig,
-    /// Camera.
-    pub camera: CameraSettings,
-    /// Predictor.
-    pub predictor: PredictorConfig,
-    /// Mission.
-    pub mission: MissionConfig,
-    /// Planner.
-    pub planner: PlannerConfig,
-    /// Pilot.
-    pub pilot: PilotConfig,
+config! {
+    /// Everything that the drone's camera, predictor, mission, planner and pilot need to know.
+    pub struct DroneSettings {
+        /// The drone, as measured by its owner.
+        pub airframe: DroneGeometry;
+        /// The deck to land on.
+        pub deck: DeckGeometry;
+        /// Odometry.
+        pub odometry: OdometryConfig;
+        /// Camera.
+        pub camera: CameraSettings;
+        /// Predictor.
+        pub predictor: PredictorConfig;
+        /// Mission.
+        pub mission: MissionConfig;
+        /// Planner.
+        pub planner: PlannerConfig;
+        /// Pilot.
+        pub pilot: PilotConfig;
+    }
 }
 
 impl DroneSettings {
@@ -45,18 +44,5 @@ impl DroneSettings {
     /// The mission's configuration, as the chosen planner has it.
     pub fn mission(&self) -> MissionConfig {
         self.planner.kind.mission(self.mission.clone())
-    }
-}
-
-impl Check for DroneSettings {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.airframe.check(&at.table("airframe"))?;
-        self.deck.check(&at.table("deck"))?;
-        self.odometry.check(&at.table("odometry"))?;
-        self.camera.check(&at.table("camera"))?;
-        self.predictor.check(&at.table("predictor"))?;
-        self.mission.check(&at.table("mission"))?;
-        self.planner.check(&at.table("planner"))?;
-        self.pilot.check(&at.table("pilot"))
     }
 }

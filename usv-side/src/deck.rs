@@ -5,47 +5,29 @@
 //! until it goes elsewhere, is silent for too long, or has taken off again. A drone on the deck keeps it
 //! however long it is silent: it may have been switched off there.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::msg::{DeckGrant, DroneStatus, Header, LandedState, MESSAGE_VERSION, Message, State};
 use alight_shared::time::{Span, Time, VesselClock};
-use serde::{Deserialize, Serialize};
 
 /// Drones at most; what comes on top gets no deck.
 pub const DRONES: usize = 64;
 /// Time between two words.
 const PERIOD: Span = Span::from_millis(500);
 
-/// How the deck is given away.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DeckConfig {
-    /// A drone in the air that has been silent for this long has lost the deck, s.
-    pub silent_s: f64,
-    /// A drone that does not begin to descend for this long gives way to another that asks, s.
-    pub patience_s: f64,
-    /// After a start nobody is given the deck for this long, s: who has it already says so first.
-    pub settle_s: f64,
-}
-
-impl Default for DeckConfig {
-    fn default() -> Self {
-        DeckConfig {
-            // Ours: above the longest descent and flare together (30 and 8 s), which a drone may finish
-            // without a radio.
-            silent_s: 60.0,
-            // Ours: two swells' calm.
-            patience_s: 30.0,
-            // Ours: six periods of a drone's status.
-            settle_s: 3.0,
-        }
-    }
-}
-
-impl Check for DeckConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("silent_s", self.silent_s, 40.0, 3600.0)?;
-        at.range("patience_s", self.patience_s, 1.0, 3600.0)?;
-        at.range("settle_s", self.settle_s, 1.0, 60.0)
+config! {
+    /// How the deck is given away.
+    #[derive(Copy)]
+    pub struct DeckConfig {
+        /// A drone in the air that has been silent for this long has lost the deck, s.
+        /// Source: Ours: above the longest descent and flare together (30 and 8 s), which a drone may finish
+        /// without a radio.
+        pub silent_s: f64 = 60.0, in 40.0..=3600.0;
+        /// A drone that does not begin to descend for this long gives way to another that asks, s.
+        /// Source: Ours: two swells' calm.
+        pub patience_s: f64 = 30.0, in 1.0..=3600.0;
+        /// After a start nobody is given the deck for this long, s: who has it already says so first.
+        /// Source: Ours: six periods of a drone's status.
+        pub settle_s: f64 = 3.0, in 1.0..=60.0;
     }
 }
 

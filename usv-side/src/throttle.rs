@@ -8,9 +8,8 @@
 //! and the fall at a full queue are those of congestion control (Jacobson 1988): quickly up to where
 //! the link backed up last, slowly beyond, down by a factor.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};
-use serde::{Deserialize, Serialize};
 
 /// Drones that are told apart.
 const DRONES: usize = 8;
@@ -28,35 +27,19 @@ const RISE: f64 = 0.1;
 const SLOW_RISE: f64 = 0.005;
 const FALL: f64 = 0.7;
 
-/// When a link counts as backed up.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ThrottleConfig {
-    /// The way there and back is longer than the shortest of late by this, s.
-    pub backed_up_s: f64,
-    /// Share of the full rates for a drone that was not heard before.
-    pub first_share: f64,
-    /// The lowest share.
-    pub lowest_share: f64,
-}
-impl Default for ThrottleConfig {
-    fn default() -> Self {
-        ThrottleConfig {
-            // Ours: above the jitter of every profile, below half of the predictor's patience.
-            backed_up_s: 0.2,
-            // Ours: 2.5 kB/s with headers, clearly less than 32 kbit/s: the way that is found at the
-            // start is one without a queue. At 0.3 (4 kB/s) it was not: 0.74 s of it stayed.
-            first_share: 0.15,
-            // Ours: estimates at 4.5 Hz.
-            lowest_share: 0.15,
-        }
-    }
-}
-impl Check for ThrottleConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("backed_up_s", self.backed_up_s, 0.02, 10.0)?;
-        at.range("first_share", self.first_share, 0.05, 1.0)?;
-        at.range("lowest_share", self.lowest_share, 0.05, 1.0)
+config! {
+    /// When a link counts as backed up.
+    pub struct ThrottleConfig {
+        /// The way there and back is longer than the shortest of late by this, s.
+        /// Source: Ours: above the jitter of every profile, below half of the predictor's patience.
+        pub backed_up_s: f64 = 0.2, in 0.02..=10.0;
+        /// Share of the full rates for a drone that was not heard before.
+        /// Source: Ours: 2.5 kB/s with headers, clearly less than 32 kbit/s: the way that is found at the
+        /// start is one without a queue. At 0.3 (4 kB/s) it was not: 0.74 s of it stayed.
+        pub first_share: f64 = 0.15, in 0.05..=1.0;
+        /// The lowest share.
+        /// Source: Ours: estimates at 4.5 Hz.
+        pub lowest_share: f64 = 0.15, in 0.05..=1.0;
     }
 }
 

@@ -4,11 +4,10 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::{Frame, Grey};
-use serde::{Deserialize, Serialize};
 
 use crate::Refused;
 
@@ -21,45 +20,29 @@ const LATEST_NS: i64 = 1_000_000_000;
 /// Largest file that is read, bytes.
 const MOST_BYTES: u64 = 16 << 20;
 
-/// Where images come from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CameraSource {
-    /// A V4L2 device (/dev/video0), a PGM file or a directory of them, a named pipe of raw grey images,
-    /// "simulation"; empty: no camera process, another program publishes sightings.
-    pub source: String,
-    /// Pixel format that a V4L2 device is asked for: GREY, YUYV, NV12 or YU12.
-    pub format: String,
-    /// Images per second that a device is asked for, and at which files are shown.
-    pub rate_hz: f64,
-    /// From the middle of the exposure to the image's time stamp (V4L2: the driver's, else: the
-    /// arrival), s.
-    pub delay_s: f64,
-}
-
-impl Default for CameraSource {
-    fn default() -> Self {
-        CameraSource {
-            source: String::new(),
-            // What most USB cameras speak.
-            format: "YUYV".into(),
-            rate_hz: 30.0,
-            // Ours: half an exposure and the transfer of a USB camera.
-            delay_s: 0.02,
-        }
+config! {
+    /// Where images come from.
+    pub struct CameraSource {
+        /// A V4L2 device (/dev/video0), a PGM file or a directory of them, a named pipe of raw grey images,
+        /// "simulation"; empty: no camera process, another program publishes sightings.
+        pub source: String = String::new();
+        /// Pixel format that a V4L2 device is asked for: GREY, YUYV, NV12 or YU12.
+        /// Source: What most USB cameras speak.
+        pub format: String = "YUYV".into();
+        /// Images per second that a device is asked for, and at which files are shown.
+        pub rate_hz: f64 = 30.0, in 1.0..=120.0;
+        /// From the middle of the exposure to the image's time stamp (V4L2: the driver's, else: the
+        /// arrival), s.
+        /// Source: Ours: half an exposure and the transfer of a USB camera.
+        pub delay_s: f64 = 0.02, in 0.0..=1.0;
     }
-}
-
-impl Check for CameraSource {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+    check |this, at| {
         at.require(
-            ["GREY", "YUYV", "NV12", "YU12"].contains(&self.format.as_str()),
+            ["GREY", "YUYV", "NV12", "YU12"].contains(&this.format.as_str()),
             "format",
-            &self.format,
+            &this.format,
             "GREY, YUYV, NV12 or YU12",
         )?;
-        at.range("rate_hz", self.rate_hz, 1.0, 120.0)?;
-        at.range("delay_s", self.delay_s, 0.0, 1.0)
     }
 }
 
@@ -82,40 +65,27 @@ impl CameraSource {
     }
 }
 
-/// Where an ultraviolet camera's images come from; their rate is that of the markers' bits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct UltravioletSource {
-    /// As [`CameraSource::source`]; not the simulation, which renders markers in lock-step only.
-    pub source: String,
-    /// As [`CameraSource::format`].
-    pub format: String,
-    /// As [`CameraSource::delay_s`].
-    pub delay_s: f64,
-}
-
-impl Default for UltravioletSource {
-    fn default() -> Self {
-        UltravioletSource {
-            source: String::new(),
-            // One channel behind a filter.
-            format: "GREY".into(),
-            delay_s: CameraSource::default().delay_s,
-        }
+config! {
+    /// Where an ultraviolet camera's images come from; their rate is that of the markers' bits.
+    pub struct UltravioletSource {
+        /// As [`CameraSource::source`]; not the simulation, which renders markers in lock-step only.
+        pub source: String = String::new();
+        /// As [`CameraSource::format`].
+        /// Source: One channel behind a filter.
+        pub format: String = "GREY".into();
+        /// As [`CameraSource::delay_s`].
+        pub delay_s: f64 = CameraSource::default().delay_s;
     }
-}
-
-impl Check for UltravioletSource {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        let images = self.at_rate(CameraSource::default().rate_hz);
+    check |this, at| {
+        let images = this.at_rate(CameraSource::default().rate_hz);
         images.check(at)?;
         at.require(
             !images.is_simulation(),
             "source",
-            &self.source,
+            &this.source,
             "a V4L2 device, PGM files or a named pipe: the simulation renders markers in lock-step only (a \
              scenario's [sensors.render] markers)",
-        )
+        )?;
     }
 }
 

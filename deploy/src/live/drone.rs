@@ -9,12 +9,11 @@ use std::collections::BTreeMap;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Services};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::wake::end_requested;
-use serde::{Deserialize, Serialize};
 
 use super::args::ProcessArgs;
 use super::config::DroneComputer;
@@ -32,49 +31,31 @@ pub const REALTIME: [&str; 4] = ["chrt", "-f", "1", "true"];
 /// Processors that a process can be kept to, at most.
 const PROCESSORS: usize = 64;
 
-/// How the drone's processes are run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Supervision {
-    /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link where the system permits it; 0: none.
-    pub pilot_priority: u8,
-    /// The same of the planner.
-    pub planner_priority: u8,
-    /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
-    pub processors: Vec<u16>,
-    /// The link to the autopilot is one of the processes; false where another program speaks for it.
-    pub autopilot: bool,
-    /// A process that says nothing for this long is killed and started again, s.
-    pub silent_s: f64,
-}
-
-impl Default for Supervision {
-    fn default() -> Self {
-        Supervision {
-            // Above the planner: a set-point takes microseconds, a plan milliseconds. Both below the
-            // kernel's own threads (50).
-            pilot_priority: 30,
-            planner_priority: 20,
-            processors: Vec::new(),
-            // Every drone but a simulated one.
-            autopilot: true,
-            // Six times the period of a process's word about itself.
-            silent_s: 3.0,
-        }
+config! {
+    /// How the drone's processes are run.
+    pub struct Supervision {
+        /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link where the system permits it; 0: none.
+        /// Source: Above the planner: a set-point takes microseconds, a plan milliseconds. Both below the
+        /// kernel's own threads (50).
+        pub pilot_priority: u8 = 30, in 0.0..=49.0;
+        /// The same of the planner.
+        pub planner_priority: u8 = 20, in 0.0..=49.0;
+        /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
+        pub processors: Vec<u16> = Vec::new();
+        /// The link to the autopilot is one of the processes; false where another program speaks for it.
+        /// Source: Every drone but a simulated one.
+        pub autopilot: bool = true;
+        /// A process that says nothing for this long is killed and started again, s.
+        /// Source: Six times the period of a process's word about itself.
+        pub silent_s: f64 = 3.0, in 1.5..=600.0;
     }
-}
-
-impl Check for Supervision {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("pilot_priority", f64::from(self.pilot_priority), 0.0, 49.0)?;
-        at.range("planner_priority", f64::from(self.planner_priority), 0.0, 49.0)?;
-        at.range("silent_s", self.silent_s, 1.5, 600.0)?;
+    check |this, at| {
         at.require(
-            self.processors.len() <= PROCESSORS,
+            this.processors.len() <= PROCESSORS,
             "processors",
-            self.processors.len(),
+            this.processors.len(),
             "64 numbers at most",
-        )
+        )?;
     }
 }
 

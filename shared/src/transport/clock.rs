@@ -1,9 +1,8 @@
 //! The clock of a process: the operating system's steady clock, plus what a configuration adds.
 
 use iceoryx2_bb_posix::clock::{ClockType, Time as OsTime};
-use serde::{Deserialize, Serialize};
 
-use crate::config::{Check, ConfigError, Keys};
+use crate::config;
 use crate::time::{Clock, Span, Time};
 
 /// The operating system's steady clock, ns: the same for all processes of a computer, never set
@@ -15,18 +14,19 @@ pub fn steady_ns() -> i64 {
     })
 }
 
-/// How a process reads its computer's clock: `C = s + offset + drift s`, where `s` is the steady
-/// clock since `epoch_ns`. On a vehicle all three are zero; a simulated vehicle's clock is made
-/// wrong with them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ProcessClock {
-    /// The steady clock's reading that counts as zero, ns.
-    pub epoch_ns: i64,
-    /// Added, s.
-    pub offset_s: f64,
-    /// Runs faster by this, parts per million.
-    pub drift_ppm: f64,
+config! {
+    /// How a process reads its computer's clock: `C = s + offset + drift s`, where `s` is the steady
+    /// clock since `epoch_ns`. On a vehicle all three are zero; a simulated vehicle's clock is made
+    /// wrong with them.
+    #[derive(Copy)]
+    pub struct ProcessClock {
+        /// The steady clock's reading that counts as zero, ns.
+        pub epoch_ns: i64 = Default::default();
+        /// Added, s.
+        pub offset_s: f64 = Default::default(), in -1e9..=1e9;
+        /// Runs faster by this, parts per million.
+        pub drift_ppm: f64 = Default::default(), in -500.0..=500.0;
+    }
 }
 
 impl ProcessClock {
@@ -39,13 +39,6 @@ impl ProcessClock {
         let s = steady_ns.saturating_sub(self.epoch_ns);
         let ahead = (s as f64 * self.drift_ppm * 1e-6).round() as i64;
         Time::from_nanos(s) + Span::from_secs(self.offset_s) + Span::from_nanos(ahead)
-    }
-}
-
-impl Check for ProcessClock {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("offset_s", self.offset_s, -1e9, 1e9)?;
-        at.range("drift_ppm", self.drift_ppm, -500.0, 500.0)
     }
 }
 

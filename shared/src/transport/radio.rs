@@ -14,7 +14,8 @@ use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 
-use crate::config::{Check, ConfigError, Keys};
+use crate::config;
+use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
 use crate::transport::refusals::Knocks;
 use crate::transport::relay::{self, Copier};
@@ -43,24 +44,60 @@ const SOCKET_BYTES: u32 = 16_384;
 /// Messages that wait for the process; what comes on top is dropped.
 const INBOX: usize = 256;
 
-/// Who listens, who dials, over what.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RadioConfig {
-    /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; a vessel's.
-    pub listen: Vec<String>,
-    /// Endpoints to dial, such as `udp/192.168.7.1:7447`; a drone's.
-    pub connect: Vec<String>,
-    /// A link over datagrams that carries nothing for this long is given up, s.
-    pub lease_s: f64,
-    /// The same of a link over a stream or QUIC, which may only wait for a retransmission, s.
-    pub stream_lease_s: f64,
-    /// A session over datagrams without any message for this long is opened anew, s; one over a stream or
-    /// QUIC is left the time of its lease and of one attempt to open beside. A session that brings only what
-    /// is older than this, for as long and its lease, is opened anew too.
-    pub reopen_after_s: f64,
-    /// Certificates, for endpoints that begin with `quic/`.
-    pub tls: TlsConfig,
+config! {
+    /// Who listens, who dials, over what.
+    pub struct RadioConfig {
+        /// Endpoints to listen on, such as `udp/0.0.0.0:7447`; a vessel's.
+        pub listen: Vec<String> = Vec::new();
+        /// Endpoints to dial, such as `udp/192.168.7.1:7447`; a drone's.
+        pub connect: Vec<String> = Vec::new();
+        /// A link over datagrams that carries nothing for this long is given up, s.
+        /// Source: Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after an
+        /// outage of 5 s, with 2 s what comes is fresh.
+        pub lease_s: f64 = 2.0, in 0.5..=60.0;
+        /// The same of a link over a stream or QUIC, which may only wait for a retransmission, s.
+        /// Source: Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and goes
+        /// on within 5 s by itself, while a new session takes 2 to 10 s.
+        pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
+        /// A session over datagrams without any message for this long is opened anew, s; one over a stream or
+        /// QUIC is left the time of its lease and of one attempt to open beside. A session that brings only what
+        /// is older than this, for as long and its lease, is opened anew too.
+        /// Source: Ours: a lease, the slowest retry, and as much again.
+        pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
+        /// Certificates, for endpoints that begin with `quic/`.
+        pub tls: TlsConfig = TlsConfig::default();
+    }
+    check |this, at| {
+        at.require(
+            this.listen.is_empty() != this.connect.is_empty(),
+            "listen, connect",
+            format!("{:?}, {:?}", this.listen, this.connect),
+            "either endpoints to listen on (vessel) or endpoints to dial (drone)",
+        )?;
+        let unsound = |e: &&String| e.starts_with("tls/");
+        if let Some(endpoint) = this.listen.iter().chain(&this.connect).find(unsound) {
+            at.require(
+                false,
+                "listen, connect",
+                endpoint,
+                "an endpoint of udp/, tcp/ or, with certificates, quic/ (same files; tls/ was taken out: \
+                 zenoh 1.10 reads and writes such a connection at once without a lock)",
+            )?;
+        }
+        let peers = &this.tls.peers;
+        at.require(
+            this.tls.authority.is_empty() || !peers.is_empty() && peers.len() <= access::PEERS,
+            "tls.peers",
+            format!("{} names", peers.len()),
+            "with certificates, the names of those whom to hear, such as [\"drone-1\"]; 64 at most",
+        )?;
+        at.require(
+            peers.iter().all(|p| access::is_name(p)),
+            "tls.peers",
+            format!("{peers:?}"),
+            "names as in certificates: small letters, digits and hyphens",
+        )?;
+    }
 }
 
 /// Certificate files (PEM); empty for endpoints without TLS, which is part of QUIC (RFC 9001).
@@ -76,61 +113,6 @@ pub struct TlsConfig {
     /// Names in the certificates of those whom we hear, `vessel-N` or `drone-N`: each under its own
     /// keys only.
     pub peers: Vec<String>,
-}
-
-impl Default for RadioConfig {
-    fn default() -> Self {
-        RadioConfig {
-            listen: Vec::new(),
-            connect: Vec::new(),
-            // Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after
-            // an outage of 5 s, with 2 s what comes is fresh.
-            lease_s: 2.0,
-            // Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and goes on
-            // within 5 s by itself, while a new session takes 2 to 10 s.
-            stream_lease_s: 5.0,
-            // Ours: a lease, the slowest retry, and as much again.
-            reopen_after_s: 5.0,
-            tls: TlsConfig::default(),
-        }
-    }
-}
-
-impl Check for RadioConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("lease_s", self.lease_s, 0.5, 60.0)?;
-        at.range("stream_lease_s", self.stream_lease_s, 0.5, 60.0)?;
-        at.range("reopen_after_s", self.reopen_after_s, 1.0, 600.0)?;
-        at.require(
-            self.listen.is_empty() != self.connect.is_empty(),
-            "listen, connect",
-            format!("{:?}, {:?}", self.listen, self.connect),
-            "either endpoints to listen on (vessel) or endpoints to dial (drone)",
-        )?;
-        let unsound = |e: &&String| e.starts_with("tls/");
-        if let Some(endpoint) = self.listen.iter().chain(&self.connect).find(unsound) {
-            at.require(
-                false,
-                "listen, connect",
-                endpoint,
-                "an endpoint of udp/, tcp/ or, with certificates, quic/ (same files; tls/ was taken out: \
-                 zenoh 1.10 reads and writes such a connection at once without a lock)",
-            )?;
-        }
-        let peers = &self.tls.peers;
-        at.require(
-            self.tls.authority.is_empty() || !peers.is_empty() && peers.len() <= access::PEERS,
-            "tls.peers",
-            format!("{} names", peers.len()),
-            "with certificates, the names of those whom to hear, such as [\"drone-1\"]; 64 at most",
-        )?;
-        at.require(
-            peers.iter().all(|p| access::is_name(p)),
-            "tls.peers",
-            format!("{peers:?}"),
-            "names as in certificates: small letters, digits and hyphens",
-        )
-    }
 }
 
 impl RadioConfig {

@@ -4,7 +4,7 @@ use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::DOFS;
-use crate::config::{Check, ConfigError, Keys};
+use crate::config;
 
 /// One off-diagonal pair of a symmetric matrix.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -18,78 +18,105 @@ pub struct Coupling {
     pub value: f64,
 }
 
-/// Figures of the wave-augmented model. Arrays in the order surge, sway, heave, roll, pitch, yaw.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct VesselModelConfig {
-    /// Diagonal of M, rigid body and added mass: kg, kg m².
-    pub inertia_kg_kgm2: [f64; 6],
-    /// Off-diagonal pairs of M.
-    pub inertia_coupling: Vec<Coupling>,
-    /// Diagonal of D: N/(m/s), Nm/(rad/s).
-    pub damping_npmps_nmpradps: [f64; 6],
-    /// Off-diagonal pairs of D.
-    pub damping_coupling: Vec<Coupling>,
-    /// Diagonal of G: N/m, Nm/rad. Zero marks a free degree of freedom.
-    pub stiffness_npm_nmprad: [f64; 6],
-    /// Off-diagonal pairs of G, between stiff degrees of freedom only.
-    pub stiffness_coupling: Vec<Coupling>,
-    /// Damping ratio lambda of an identified wave component.
-    pub wave_damping: f64,
-    /// Damping ratio of the components of the broad default bank.
-    pub bank_damping: f64,
-    /// Angular frequencies of the broad default bank, rad/s.
-    pub bank_omega_radps: Vec<f64>,
-    /// Standard deviation of each of the bank's components in heave, m.
-    pub bank_heave_sd_m: f64,
-    /// Standard deviation of the disturbance: m/s² (surge, sway), m, rad, rad, rad/s².
-    pub disturbance_sd_mps2_m_rad_radps2: [f64; 6],
-    /// Correlation time of the disturbance, s.
-    pub disturbance_time_s: [f64; 6],
-    /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
-    pub slow_walk_mps_m_rad_radps: [f64; 6],
-    /// Initial standard deviation of the slow state, same units.
-    pub slow_sd_mps_m_rad_radps: [f64; 6],
-    /// Random walk of eta itself after 1 s, m, rad: wander of the position reference.
-    pub eta_walk_m_rad: [f64; 6],
-}
-
-impl Default for VesselModelConfig {
-    fn default() -> Self {
-        VesselModelConfig {
-            // Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass in
-            // the proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7.
-            inertia_kg_kgm2: [232.0, 528.0, 422.0, 144.0, 707.0, 1204.0],
-            inertia_coupling: Vec::new(),
-            // Surge, sway, yaw: linear drag of the WAM-V. Heave, roll, pitch: relative damping
-            // 0.3, 0.2, 0.4 of the Otter.
-            damping_npmps_nmpradps: [51.3, 40.0, 2239.0, 898.0, 4147.0, 400.0],
-            damping_coupling: Vec::new(),
-            // Two half-cylinder hulls of radius 0.213 m and length 4.9 m at +-1.03 m, 211 kg.
-            stiffness_npm_nmprad: [0.0, 0.0, 33.0e3, 35.0e3, 38.0e3, 0.0],
-            stiffness_coupling: Vec::new(),
-            // Ours, far below Fossen's 0.05 to 0.1, which are for a single component that stands
-            // for a whole spectrum; identified components keep their phase for hundreds of periods, and
-            // what this lets in as noise is what a prediction's spread grows by.
-            wave_damping: 0.0005,
-            // Fossen 2011, section 8.2.6: 0.05 to 0.1.
-            bank_damping: 0.1,
-            // Ours: periods of 7.9 to 2.5 s, log-spaced.
-            bank_omega_radps: vec![0.8, 1.06, 1.41, 1.88, 2.5],
-            // Ours: the five together make a sea of 1.3 m significant height.
-            bank_heave_sd_m: 0.15,
-            // Ours, tuned on the simulated vessel. A hull that floats on the water has next to none of
-            // its own in heave and tilt; where innovations show more the estimator widens them.
-            disturbance_sd_mps2_m_rad_radps2: [0.12, 0.12, 0.004, 0.003, 0.003, 0.05],
-            disturbance_time_s: [2.0, 2.0, 0.5, 0.5, 0.5, 1.0],
-            // Ours. Small for the stiff ones: the hull follows at once, and accelerometers would
-            // have felt it. The wander of a GNSS height is no motion and no business of this model: heave
-            // is reckoned from the mean water level, to which a hull of constant load returns.
-            slow_walk_mps_m_rad_radps: [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01],
-            slow_sd_mps_m_rad_radps: [2.0, 2.0, 3.0, 0.03, 0.03, 0.1],
-            // Wander of a GNSS with 1 m bias and 300 s correlation: sqrt(2/300) m.
-            eta_walk_m_rad: [0.08, 0.08, 0.0, 0.0, 0.0, 0.0],
+config! {
+    /// Figures of the wave-augmented model. Arrays in the order surge, sway, heave, roll, pitch, yaw.
+    pub struct VesselModelConfig {
+        /// Diagonal of M, rigid body and added mass: kg, kg m².
+        /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass in the
+        /// proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7.
+        pub inertia_kg_kgm2: [f64; 6] = [232.0, 528.0, 422.0, 144.0, 707.0, 1204.0], in 0.1..=1e9;
+        /// Off-diagonal pairs of M.
+        pub inertia_coupling: Vec<Coupling> = Vec::new();
+        /// Diagonal of D: N/(m/s), Nm/(rad/s).
+        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave, roll, pitch: relative damping 0.3, 0.2,
+        /// 0.4 of the Otter.
+        pub damping_npmps_nmpradps: [f64; 6] = [51.3, 40.0, 2239.0, 898.0, 4147.0, 400.0], in 0.0..=1e9;
+        /// Off-diagonal pairs of D.
+        pub damping_coupling: Vec<Coupling> = Vec::new();
+        /// Diagonal of G: N/m, Nm/rad. Zero marks a free degree of freedom.
+        /// Source: Two half-cylinder hulls of radius 0.213 m and length 4.9 m at +-1.03 m, 211 kg.
+        pub stiffness_npm_nmprad: [f64; 6] = [0.0, 0.0, 33.0e3, 35.0e3, 38.0e3, 0.0], in 0.0..=1e10;
+        /// Off-diagonal pairs of G, between stiff degrees of freedom only.
+        pub stiffness_coupling: Vec<Coupling> = Vec::new();
+        /// Damping ratio lambda of an identified wave component.
+        /// Source: Ours, far below Fossen's 0.05 to 0.1, which are for a single component that stands for a
+        /// whole spectrum; identified components keep their phase for hundreds of periods, and what this lets
+        /// in as noise is what a prediction's spread grows by.
+        pub wave_damping: f64 = 0.0005, in 1e-4..=1.0;
+        /// Damping ratio of the components of the broad default bank.
+        /// Source: Fossen 2011, section 8.2.6: 0.05 to 0.1.
+        pub bank_damping: f64 = 0.1, in 1e-4..=1.0;
+        /// Angular frequencies of the broad default bank, rad/s.
+        /// Source: Ours: periods of 7.9 to 2.5 s, log-spaced.
+        pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
+        /// Standard deviation of each of the bank's components in heave, m.
+        /// Source: Ours: the five together make a sea of 1.3 m significant height.
+        pub bank_heave_sd_m: f64 = 0.15, in 1e-3..=10.0;
+        /// Standard deviation of the disturbance: m/s² (surge, sway), m, rad, rad, rad/s².
+        /// Source: Ours, tuned on the simulated vessel. A hull that floats on the water has next to none of
+        /// its own in heave and tilt; where innovations show more the estimator widens them.
+        pub disturbance_sd_mps2_m_rad_radps2: [f64; 6] = [0.12, 0.12, 0.004, 0.003, 0.003, 0.05], in 0.0..=10.0;
+        /// Correlation time of the disturbance, s.
+        pub disturbance_time_s: [f64; 6] = [2.0, 2.0, 0.5, 0.5, 0.5, 1.0], in 0.05..=1e3;
+        /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
+        /// Source: Ours. Small for the stiff ones: the hull follows at once, and accelerometers would have
+        /// felt it. The wander of a GNSS height is no motion and no business of this model: heave is reckoned
+        /// from the mean water level, to which a hull of constant load returns.
+        pub slow_walk_mps_m_rad_radps: [f64; 6] = [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01], in 0.0..=10.0;
+        /// Initial standard deviation of the slow state, same units.
+        pub slow_sd_mps_m_rad_radps: [f64; 6] = [2.0, 2.0, 3.0, 0.03, 0.03, 0.1], in 0.0..=100.0;
+        /// Random walk of eta itself after 1 s, m, rad: wander of the position reference.
+        /// Source: Wander of a GNSS with 1 m bias and 300 s correlation: sqrt(2/300) m.
+        pub eta_walk_m_rad: [f64; 6] = [0.08, 0.08, 0.0, 0.0, 0.0, 0.0], in 0.0..=10.0;
+    }
+    check |this, at| {
+        for (key, list) in [
+            ("inertia_coupling", &this.inertia_coupling),
+            ("damping_coupling", &this.damping_coupling),
+            ("stiffness_coupling", &this.stiffness_coupling),
+        ] {
+            for c in list {
+                let ok = c.row < DOFS && c.column < DOFS && c.row != c.column && c.value.is_finite();
+                at.require(
+                    ok,
+                    key,
+                    format!("{c:?}"),
+                    "two different degrees of freedom 0 to 5 and a finite value",
+                )?;
+            }
         }
+        for c in &this.stiffness_coupling {
+            let ok = [c.row, c.column]
+                .iter()
+                .all(|&d| this.stiffness_npm_nmprad.get(d).is_some_and(|g| *g > 0.0));
+            at.require(
+                ok,
+                "stiffness_coupling",
+                format!("{c:?}"),
+                "between stiff degrees of freedom",
+            )?;
+        }
+        at.require(
+            this.inertia().cholesky().is_some(),
+            "inertia_kg_kgm2",
+            "the given matrix",
+            "a positive definite M",
+        )?;
+        let stiffest = (0..DOFS)
+            .map(|i| this.stiffness_npm_nmprad[i] / this.inertia_kg_kgm2[i])
+            .fold(0.0, f64::max);
+        at.require(
+            stiffest < 1e6,
+            "stiffness_npm_nmprad",
+            stiffest,
+            "natural frequencies below 1000 rad/s",
+        )?;
+        at.require(
+            (1..=crate::msg::MAX_COMPONENTS).contains(&this.bank_omega_radps.len()),
+            "bank_omega_radps",
+            this.bank_omega_radps.len(),
+            "1 to 6 frequencies",
+        )?;
     }
 }
 
@@ -119,88 +146,11 @@ impl VesselModelConfig {
     }
 }
 
-impl Check for VesselModelConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.ranges("inertia_kg_kgm2", &self.inertia_kg_kgm2, 0.1, 1e9)?;
-        at.ranges("damping_npmps_nmpradps", &self.damping_npmps_nmpradps, 0.0, 1e9)?;
-        at.ranges("stiffness_npm_nmprad", &self.stiffness_npm_nmprad, 0.0, 1e10)?;
-        for (key, list) in [
-            ("inertia_coupling", &self.inertia_coupling),
-            ("damping_coupling", &self.damping_coupling),
-            ("stiffness_coupling", &self.stiffness_coupling),
-        ] {
-            for c in list {
-                let ok = c.row < DOFS && c.column < DOFS && c.row != c.column && c.value.is_finite();
-                at.require(
-                    ok,
-                    key,
-                    format!("{c:?}"),
-                    "two different degrees of freedom 0 to 5 and a finite value",
-                )?;
-            }
-        }
-        for c in &self.stiffness_coupling {
-            let ok = [c.row, c.column]
-                .iter()
-                .all(|&d| self.stiffness_npm_nmprad.get(d).is_some_and(|g| *g > 0.0));
-            at.require(
-                ok,
-                "stiffness_coupling",
-                format!("{c:?}"),
-                "between stiff degrees of freedom",
-            )?;
-        }
-        at.require(
-            self.inertia().cholesky().is_some(),
-            "inertia_kg_kgm2",
-            "the given matrix",
-            "a positive definite M",
-        )?;
-        let stiffest = (0..DOFS)
-            .map(|i| self.stiffness_npm_nmprad[i] / self.inertia_kg_kgm2[i])
-            .fold(0.0, f64::max);
-        at.require(
-            stiffest < 1e6,
-            "stiffness_npm_nmprad",
-            stiffest,
-            "natural frequencies below 1000 rad/s",
-        )?;
-        at.range("wave_damping", self.wave_damping, 1e-4, 1.0)?;
-        at.range("bank_damping", self.bank_damping, 1e-4, 1.0)?;
-        at.require(
-            (1..=crate::msg::MAX_COMPONENTS).contains(&self.bank_omega_radps.len()),
-            "bank_omega_radps",
-            self.bank_omega_radps.len(),
-            "1 to 6 frequencies",
-        )?;
-        at.ranges("bank_omega_radps", &self.bank_omega_radps, 0.1, 10.0)?;
-        at.range("bank_heave_sd_m", self.bank_heave_sd_m, 1e-3, 10.0)?;
-        at.ranges(
-            "disturbance_sd_mps2_m_rad_radps2",
-            &self.disturbance_sd_mps2_m_rad_radps2,
-            0.0,
-            10.0,
-        )?;
-        at.ranges("disturbance_time_s", &self.disturbance_time_s, 0.05, 1e3)?;
-        at.ranges(
-            "slow_walk_mps_m_rad_radps",
-            &self.slow_walk_mps_m_rad_radps,
-            0.0,
-            10.0,
-        )?;
-        at.ranges(
-            "slow_sd_mps_m_rad_radps",
-            &self.slow_sd_mps_m_rad_radps,
-            0.0,
-            100.0,
-        )?;
-        at.ranges("eta_walk_m_rad", &self.eta_walk_m_rad, 0.0, 10.0)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Check;
+    use crate::config::Keys;
 
     #[test]
     fn the_default_passes_its_own_check_and_a_negative_inertia_does_not() {

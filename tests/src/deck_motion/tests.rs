@@ -2,6 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::sea::SeaConfig;
+use alight_shared::config::{Check, Keys};
 
 fn calm() -> Sea {
     Sea::from_components(Vec::new())

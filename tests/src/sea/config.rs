@@ -3,7 +3,8 @@
 use core::f64::consts::TAU;
 use core::str::FromStr;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
+use alight_shared::config::{Check, Keys};
 use alight_shared::geometry::GRAVITY;
 use serde::{Deserialize, Serialize};
 
@@ -25,52 +26,54 @@ pub enum SeaKind {
     PiersonMoskowitz,
 }
 
-/// A sea state.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SeaConfig {
-    /// The family; the keys that another family uses have no effect.
-    pub kind: SeaKind,
-    /// Paper sea: amplitude of the middle component, m.
-    pub amplitude_m: f64,
-    /// Paper sea: period of the middle component, s.
-    pub period_s: f64,
-    /// Paper sea: ratio between neighbouring wavelengths and amplitudes; drawn from 1.1 to 1.5 per
-    /// seed where absent.
-    pub wavelength_scale: Option<f64>,
-    /// Paper sea: angle between neighbouring components, rad.
-    pub direction_step_rad: f64,
-    /// Irregular seas: significant height, m.
-    pub significant_height_m: f64,
-    /// Irregular seas: period of the spectrum's peak, s.
-    pub peak_period_s: f64,
-    /// JONSWAP: peak enhancement.
-    pub gamma: f64,
-    /// Irregular seas: exponent s of the directional spread cos^2s((direction - mean)/2).
-    pub spread: f64,
-    /// Irregular seas: number of components.
-    pub components: usize,
-    /// Where the waves go, clockwise from north, deg; drawn per seed where absent.
-    pub mean_direction_deg: Option<f64>,
-}
-
-impl Default for SeaConfig {
-    /// Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024. Irregular:
-    /// a height and period of the same order (ours), gamma 3.3 (Hasselmann 1973), s = 10 (wind sea,
-    /// Goda 2000), 24 components (ours: does not repeat within a trial).
-    fn default() -> Self {
-        SeaConfig {
-            kind: SeaKind::Paper,
-            amplitude_m: 0.5,
-            period_s: 5.0,
-            wavelength_scale: None,
-            direction_step_rad: 0.4,
-            significant_height_m: 1.0,
-            peak_period_s: 5.0,
-            gamma: 3.3,
-            spread: 10.0,
-            components: 24,
-            mean_direction_deg: None,
+config! {
+    /// A sea state.
+    ///
+    /// Defaults: Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024. Irregular:
+    /// a height and period of the same order (ours), gamma 3.3 (Hasselmann 1973), s = 10 (wind sea, Goda
+    /// 2000), 24 components (ours: does not repeat within a trial).
+    pub struct SeaConfig {
+        /// The family; the keys that another family uses have no effect.
+        pub kind: SeaKind = SeaKind::Paper;
+        /// Paper sea: amplitude of the middle component, m.
+        pub amplitude_m: f64 = 0.5, in 0.0..=10.0;
+        /// Paper sea: period of the middle component, s.
+        pub period_s: f64 = 5.0, in 1.0..=30.0;
+        /// Paper sea: ratio between neighbouring wavelengths and amplitudes; drawn from 1.1 to 1.5 per
+        /// seed where absent.
+        pub wavelength_scale: Option<f64> = None;
+        /// Paper sea: angle between neighbouring components, rad.
+        pub direction_step_rad: f64 = 0.4, in 0.0..=3.2;
+        /// Irregular seas: significant height, m.
+        pub significant_height_m: f64 = 1.0, in 0.0..=20.0;
+        /// Irregular seas: period of the spectrum's peak, s.
+        pub peak_period_s: f64 = 5.0, in 1.0..=30.0;
+        /// JONSWAP: peak enhancement.
+        pub gamma: f64 = 3.3, in 1.0..=7.0;
+        /// Irregular seas: exponent s of the directional spread cos^2s((direction - mean)/2).
+        pub spread: f64 = 10.0, in 1.0..=100.0;
+        /// Irregular seas: number of components.
+        pub components: usize = 24;
+        /// Where the waves go, clockwise from north, deg; drawn per seed where absent.
+        pub mean_direction_deg: Option<f64> = None;
+    }
+    check |this, at| {
+        if this.kind == SeaKind::Paper {
+            // Each of the three has k A of the middle one; the sum must stay below 1 (loop-free).
+            let k = (TAU / this.period_s).powi(2) / GRAVITY;
+            at.range("amplitude_m", this.amplitude_m, 0.0, 0.95 / (3.0 * k))?;
+        }
+        if let Some(s) = this.wavelength_scale {
+            at.range("wavelength_scale", s, 1.0, 3.0)?;
+        }
+        at.require(
+            (1..=MAX_COMPONENTS).contains(&this.components),
+            "components",
+            this.components,
+            "1 to 64",
+        )?;
+        if let Some(d) = this.mean_direction_deg {
+            at.range("mean_direction_deg", d, -360.0, 360.0)?;
         }
     }
 }
@@ -131,36 +134,6 @@ impl FromStr for SeaConfig {
         };
         sea.check(&Keys::ROOT.table("sea")).map_err(|e| e.to_string())?;
         Ok(Self::paper(a, t))
-    }
-}
-
-impl Check for SeaConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("amplitude_m", self.amplitude_m, 0.0, 10.0)?;
-        at.range("period_s", self.period_s, 1.0, 30.0)?;
-        if self.kind == SeaKind::Paper {
-            // Each of the three has k A of the middle one; the sum must stay below 1 (loop-free).
-            let k = (TAU / self.period_s).powi(2) / GRAVITY;
-            at.range("amplitude_m", self.amplitude_m, 0.0, 0.95 / (3.0 * k))?;
-        }
-        if let Some(s) = self.wavelength_scale {
-            at.range("wavelength_scale", s, 1.0, 3.0)?;
-        }
-        at.range("direction_step_rad", self.direction_step_rad, 0.0, 3.2)?;
-        at.range("significant_height_m", self.significant_height_m, 0.0, 20.0)?;
-        at.range("peak_period_s", self.peak_period_s, 1.0, 30.0)?;
-        at.range("gamma", self.gamma, 1.0, 7.0)?;
-        at.range("spread", self.spread, 1.0, 100.0)?;
-        at.require(
-            (1..=MAX_COMPONENTS).contains(&self.components),
-            "components",
-            self.components,
-            "1 to 64",
-        )?;
-        if let Some(d) = self.mean_direction_deg {
-            at.range("mean_direction_deg", d, -360.0, 360.0)?;
-        }
-        Ok(())
     }
 }
 

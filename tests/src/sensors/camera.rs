@@ -1,38 +1,24 @@
 //! The belly camera's mount and lens.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Camera, DroneBody, Point, Rotation, TrueNed, Vector};
 use alight_shared::geometry::DroneGeometry;
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::noise::Noise;
 use crate::body::RigidState;
 use crate::streams::Streams;
 
-/// What the camera's mount is wrong by, unknown to the nodes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CameraMountConfig {
-    /// Standard deviation of the rotation about each of the camera's axes, drawn per seed, deg.
-    pub angle_sd_deg: f64,
-    /// Standard deviation of the position, each axis, drawn per seed, m.
-    pub position_sd_m: f64,
-}
-
-impl Default for CameraMountConfig {
-    /// Issue 2.
-    fn default() -> Self {
-        CameraMountConfig {
-            angle_sd_deg: 1.0,
-            position_sd_m: 0.01,
-        }
-    }
-}
-impl Check for CameraMountConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("angle_sd_deg", self.angle_sd_deg, 0.0, 30.0)?;
-        at.range("position_sd_m", self.position_sd_m, 0.0, 1.0)
+config! {
+    /// What the camera's mount is wrong by, unknown to the nodes.
+    ///
+    /// Defaults: Issue 2.
+    #[derive(Copy)]
+    pub struct CameraMountConfig {
+        /// Standard deviation of the rotation about each of the camera's axes, drawn per seed, deg.
+        pub angle_sd_deg: f64 = 1.0, in 0.0..=30.0;
+        /// Standard deviation of the position, each axis, drawn per seed, m.
+        pub position_sd_m: f64 = 0.01, in 0.0..=1.0;
     }
 }
 

@@ -1,40 +1,23 @@
 //! The two computers' clocks: offset and drift, drawn per seed.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::time::{Clock, DroneClock, Span, Time, TrueTime, VesselClock};
-use serde::{Deserialize, Serialize};
 
 use super::noise::Noise;
 use crate::streams::Streams;
 
-/// How far the clocks are apart.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ClockConfig {
-    /// Both clocks read about this at the true time zero, s.
-    pub epoch_s: f64,
-    /// Drone clock minus vessel clock at the true time zero is uniform within this, s.
-    pub offset_s: f64,
-    /// The clocks drift apart by this much, either way, parts per million.
-    pub drift_ppm: f64,
-}
-
-impl Default for ClockConfig {
-    fn default() -> Self {
-        ClockConfig {
-            // Ours: no node may take its clock to begin at zero.
-            epoch_s: 100.0,
-            // Issue 2.
-            offset_s: 0.5,
-            drift_ppm: 20.0,
-        }
-    }
-}
-impl Check for ClockConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("epoch_s", self.epoch_s, 0.0, 1e9)?;
-        at.range("offset_s", self.offset_s, 0.0, 3600.0)?;
-        at.range("drift_ppm", self.drift_ppm, 0.0, 500.0)
+config! {
+    /// How far the clocks are apart.
+    #[derive(Copy)]
+    pub struct ClockConfig {
+        /// Both clocks read about this at the true time zero, s.
+        /// Source: Ours: no node may take its clock to begin at zero.
+        pub epoch_s: f64 = 100.0, in 0.0..=1e9;
+        /// Drone clock minus vessel clock at the true time zero is uniform within this, s.
+        /// Source: Issue 2.
+        pub offset_s: f64 = 0.5, in 0.0..=3600.0;
+        /// The clocks drift apart by this much, either way, parts per million.
+        pub drift_ppm: f64 = 20.0, in 0.0..=500.0;
     }
 }
 

@@ -1,11 +1,10 @@
 //! GNSS: a bias that wanders slowly, white noise, an antenna on its lever arm.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Datum, VesselBody};
 use alight_shared::msg::{GnssFix, Header};
 use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 use super::clocks::Clocks;
 use super::delay::DelayLine;
@@ -14,37 +13,20 @@ use super::{Identity, QUEUE};
 use crate::body::RigidState;
 use crate::streams::Streams;
 
-/// The errors of one GNSS receiver.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct GnssErrorConfig {
-    /// Standard deviation of the slow bias, each axis, m.
-    pub bias_sd_m: f64,
-    /// Correlation time of the slow bias, s.
-    pub bias_correlation_s: f64,
-    /// Standard deviation of the white position noise, each axis, m.
-    pub white_sd_m: f64,
-    /// Standard deviation of the white velocity noise, each axis, m/s.
-    pub velocity_sd_mps: f64,
-}
-
-impl Default for GnssErrorConfig {
-    /// A single-frequency receiver without corrections; figures ours (issue 2).
-    fn default() -> Self {
-        GnssErrorConfig {
-            bias_sd_m: 1.0,
-            bias_correlation_s: 300.0,
-            white_sd_m: 0.3,
-            velocity_sd_mps: 0.1,
-        }
-    }
-}
-impl Check for GnssErrorConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("bias_sd_m", self.bias_sd_m, 0.0, 100.0)?;
-        at.range("bias_correlation_s", self.bias_correlation_s, 1.0, 1e6)?;
-        at.range("white_sd_m", self.white_sd_m, 0.0, 100.0)?;
-        at.range("velocity_sd_mps", self.velocity_sd_mps, 0.0, 10.0)
+config! {
+    /// The errors of one GNSS receiver.
+    ///
+    /// Defaults: A single-frequency receiver without corrections; figures ours (issue 2).
+    #[derive(Copy)]
+    pub struct GnssErrorConfig {
+        /// Standard deviation of the slow bias, each axis, m.
+        pub bias_sd_m: f64 = 1.0, in 0.0..=100.0;
+        /// Correlation time of the slow bias, s.
+        pub bias_correlation_s: f64 = 300.0, in 1.0..=1e6;
+        /// Standard deviation of the white position noise, each axis, m.
+        pub white_sd_m: f64 = 0.3, in 0.0..=100.0;
+        /// Standard deviation of the white velocity noise, each axis, m/s.
+        pub velocity_sd_mps: f64 = 0.1, in 0.0..=10.0;
     }
 }
 
@@ -88,62 +70,39 @@ impl GnssError {
     }
 }
 
-/// The vessel's GNSS receiver.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct VesselGnssConfig {
-    /// Measurements per second.
-    pub rate_hz: f64,
-    /// From measurement to arrival at the estimator, s.
-    pub latency_s: f64,
-    /// Antenna in the vessel's body frame, as the estimator is told, m.
-    pub antenna_m: [f64; 3],
-    /// Standard deviation of what `antenna_m` is wrong by, each axis, drawn per seed, m.
-    pub antenna_error_sd_m: f64,
-    /// Probability that a fix is missing.
-    pub dropout: f64,
-    /// Windows `[start, end)` without fixes, s of true time.
-    pub outages_s: Vec<[f64; 2]>,
-    /// Origin of the NED plane that fixes are expressed in.
-    pub datum: Datum,
-    /// Its errors.
-    pub error: GnssErrorConfig,
-}
-
-impl Default for VesselGnssConfig {
-    fn default() -> Self {
-        VesselGnssConfig {
-            // Procházka 2024: GNSS at 10 Hz.
-            rate_hz: 10.0,
-            // Ours: usual for a receiver over a serial line.
-            latency_s: 0.05,
-            // Ours: on a mast behind and above the deck.
-            antenna_m: [-0.8, 0.2, -2.0],
-            // Ours: a tape measure.
-            antenna_error_sd_m: 0.01,
-            // Ours.
-            dropout: 0.01,
-            outages_s: Vec::new(),
-            datum: Datum::default(),
-            error: GnssErrorConfig::default(),
-        }
+config! {
+    /// The vessel's GNSS receiver.
+    pub struct VesselGnssConfig {
+        /// Measurements per second.
+        /// Source: Procházka 2024: GNSS at 10 Hz.
+        pub rate_hz: f64 = 10.0, in 0.1..=100.0;
+        /// From measurement to arrival at the estimator, s.
+        /// Source: Ours: usual for a receiver over a serial line.
+        pub latency_s: f64 = 0.05, in 0.0..=2.0;
+        /// Antenna in the vessel's body frame, as the estimator is told, m.
+        /// Source: Ours: on a mast behind and above the deck.
+        pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
+        /// Standard deviation of what `antenna_m` is wrong by, each axis, drawn per seed, m.
+        /// Source: Ours: a tape measure.
+        pub antenna_error_sd_m: f64 = 0.01, in 0.0..=1.0;
+        /// Probability that a fix is missing.
+        /// Source: Ours.
+        pub dropout: f64 = 0.01, in 0.0..=1.0;
+        /// Windows `[start, end)` without fixes, s of true time.
+        pub outages_s: Vec<[f64; 2]> = Vec::new();
+        /// Origin of the NED plane that fixes are expressed in.
+        pub datum: Datum = Datum::default();
+        /// Its errors.
+        pub error: GnssErrorConfig;
     }
-}
-impl Check for VesselGnssConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("rate_hz", self.rate_hz, 0.1, 100.0)?;
-        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
-        at.ranges("antenna_m", &self.antenna_m, -50.0, 50.0)?;
-        at.range("antenna_error_sd_m", self.antenna_error_sd_m, 0.0, 1.0)?;
-        at.range("dropout", self.dropout, 0.0, 1.0)?;
-        check_windows(at, "outages_s", &self.outages_s)?;
+    check |this, at| {
+        check_windows(at, "outages_s", &this.outages_s)?;
         at.table("datum")
-            .range("latitude_deg", self.datum.latitude_deg, -90.0, 90.0)?;
+            .range("latitude_deg", this.datum.latitude_deg, -90.0, 90.0)?;
         at.table("datum")
-            .range("longitude_deg", self.datum.longitude_deg, -180.0, 180.0)?;
+            .range("longitude_deg", this.datum.longitude_deg, -180.0, 180.0)?;
         at.table("datum")
-            .range("height_m", self.datum.height_m, -1e3, 1e4)?;
-        self.error.check(&at.table("error"))
+            .range("height_m", this.datum.height_m, -1e3, 1e4)?;
     }
 }
 

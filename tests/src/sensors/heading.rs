@@ -1,10 +1,9 @@
 //! The vessel's heading sensor: a compass, or two GNSS antennas.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{VesselBody, wrap_angle};
 use alight_shared::msg::{Header, HeadingFix};
 use alight_shared::time::{Span, Time, TrueTime};
-use serde::{Deserialize, Serialize};
 
 use super::clocks::Clocks;
 use super::delay::DelayLine;
@@ -13,51 +12,29 @@ use super::{Identity, QUEUE};
 use crate::body::RigidState;
 use crate::streams::Streams;
 
-/// The vessel's heading sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct VesselHeadingConfig {
-    /// Measurements per second.
-    pub rate_hz: f64,
-    /// From measurement to arrival at the estimator, s.
-    pub latency_s: f64,
-    /// White noise, deg.
-    pub white_sd_deg: f64,
-    /// Standard deviation of the slow bias (deviation, mounting), deg.
-    pub bias_sd_deg: f64,
-    /// Correlation time of the slow bias, s.
-    pub bias_correlation_s: f64,
-    /// Probability that a measurement is missing.
-    pub dropout: f64,
-    /// Windows `[start, end)` without measurements, s of true time.
-    pub outages_s: Vec<[f64; 2]>,
-}
-
-impl Default for VesselHeadingConfig {
-    fn default() -> Self {
-        VesselHeadingConfig {
-            // Ours.
-            rate_hz: 10.0,
-            latency_s: 0.05,
-            // Issue 2.
-            white_sd_deg: 1.0,
-            // Ours: a compass is never free of it, and averaging does not remove it.
-            bias_sd_deg: 0.5,
-            bias_correlation_s: 300.0,
-            dropout: 0.01,
-            outages_s: Vec::new(),
-        }
+config! {
+    /// The vessel's heading sensor.
+    pub struct VesselHeadingConfig {
+        /// Measurements per second.
+        /// Source: Ours.
+        pub rate_hz: f64 = 10.0, in 0.1..=100.0;
+        /// From measurement to arrival at the estimator, s.
+        pub latency_s: f64 = 0.05, in 0.0..=2.0;
+        /// White noise, deg.
+        /// Source: Issue 2.
+        pub white_sd_deg: f64 = 1.0, in 0.0..=45.0;
+        /// Standard deviation of the slow bias (deviation, mounting), deg.
+        /// Source: Ours: a compass is never free of it, and averaging does not remove it.
+        pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
+        /// Correlation time of the slow bias, s.
+        pub bias_correlation_s: f64 = 300.0, in 1.0..=1e9;
+        /// Probability that a measurement is missing.
+        pub dropout: f64 = 0.01, in 0.0..=1.0;
+        /// Windows `[start, end)` without measurements, s of true time.
+        pub outages_s: Vec<[f64; 2]> = Vec::new();
     }
-}
-impl Check for VesselHeadingConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("rate_hz", self.rate_hz, 0.1, 100.0)?;
-        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
-        at.range("white_sd_deg", self.white_sd_deg, 0.0, 45.0)?;
-        at.range("bias_sd_deg", self.bias_sd_deg, 0.0, 45.0)?;
-        at.range("bias_correlation_s", self.bias_correlation_s, 1.0, 1e9)?;
-        at.range("dropout", self.dropout, 0.0, 1.0)?;
-        check_windows(at, "outages_s", &self.outages_s)
+    check |this, at| {
+        check_windows(at, "outages_s", &this.outages_s)?;
     }
 }
 

@@ -1,12 +1,11 @@
 //! The vessel's inertial measurement unit.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{TrueNed, Vector, VesselBody};
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{Header, ImuSample};
 use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::clocks::Clocks;
 use super::delay::DelayLine;
@@ -15,84 +14,42 @@ use super::{Identity, QUEUE};
 use crate::body::RigidState;
 use crate::streams::Streams;
 
-/// The vessel's IMU.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct VesselImuConfig {
-    /// Measurements per second.
-    pub rate_hz: f64,
-    /// From measurement to arrival at the estimator, s.
-    pub latency_s: f64,
-    /// Place in the vessel's body frame, as the estimator is told, m.
-    pub lever_arm_m: [f64; 3],
-    /// Standard deviation of what `lever_arm_m` is wrong by, each axis, drawn per seed, m.
-    pub lever_arm_error_sd_m: f64,
-    /// Standard deviation of the misalignment with the hull, each axis, drawn per seed, deg.
-    pub alignment_sd_deg: f64,
-    /// White noise of the gyroscope, each axis and sample, rad/s.
-    pub gyro_white_sd_radps: f64,
-    /// Standard deviation of the gyroscope's bias, each axis, rad/s.
-    pub gyro_bias_sd_radps: f64,
-    /// White noise of the accelerometer, each axis and sample, m/s².
-    pub accelerometer_white_sd_mps2: f64,
-    /// Standard deviation of the accelerometer's bias, each axis, m/s².
-    pub accelerometer_bias_sd_mps2: f64,
-    /// Correlation time of both biases, s.
-    pub bias_correlation_s: f64,
-    /// Probability that a sample is missing.
-    pub dropout: f64,
-    /// Windows `[start, end)` without samples, s of true time.
-    pub outages_s: Vec<[f64; 2]>,
-}
-
-impl Default for VesselImuConfig {
-    fn default() -> Self {
-        VesselImuConfig {
-            // Procházka 2024: IMU at 100 Hz.
-            rate_hz: 100.0,
-            // Ours: within one step of the estimator.
-            latency_s: 0.0,
-            // Ours: in the payload tray, off the middle.
-            lever_arm_m: [0.3, 0.1, -0.3],
-            // Ours: a tape measure, a spirit level.
-            lever_arm_error_sd_m: 0.01,
-            alignment_sd_deg: 0.2,
-            // Virtual RobotX WAM-V.
-            gyro_white_sd_radps: 0.009,
-            gyro_bias_sd_radps: 0.005,
-            accelerometer_white_sd_mps2: 0.021,
-            accelerometer_bias_sd_mps2: 0.05,
-            // Ours: all but constant over a landing.
-            bias_correlation_s: 3600.0,
-            dropout: 0.0,
-            outages_s: Vec::new(),
-        }
+config! {
+    /// The vessel's IMU.
+    pub struct VesselImuConfig {
+        /// Measurements per second.
+        /// Source: Procházka 2024: IMU at 100 Hz.
+        pub rate_hz: f64 = 100.0, in 1.0..=100.0;
+        /// From measurement to arrival at the estimator, s.
+        /// Source: Ours: within one step of the estimator.
+        pub latency_s: f64 = 0.0, in 0.0..=2.0;
+        /// Place in the vessel's body frame, as the estimator is told, m.
+        /// Source: Ours: in the payload tray, off the middle.
+        pub lever_arm_m: [f64; 3] = [0.3, 0.1, -0.3], in -50.0..=50.0;
+        /// Standard deviation of what `lever_arm_m` is wrong by, each axis, drawn per seed, m.
+        /// Source: Ours: a tape measure, a spirit level.
+        pub lever_arm_error_sd_m: f64 = 0.01, in 0.0..=1.0;
+        /// Standard deviation of the misalignment with the hull, each axis, drawn per seed, deg.
+        pub alignment_sd_deg: f64 = 0.2, in 0.0..=20.0;
+        /// White noise of the gyroscope, each axis and sample, rad/s.
+        /// Source: Virtual RobotX WAM-V.
+        pub gyro_white_sd_radps: f64 = 0.009, in 0.0..=1.0;
+        /// Standard deviation of the gyroscope's bias, each axis, rad/s.
+        pub gyro_bias_sd_radps: f64 = 0.005, in 0.0..=1.0;
+        /// White noise of the accelerometer, each axis and sample, m/s².
+        pub accelerometer_white_sd_mps2: f64 = 0.021, in 0.0..=10.0;
+        /// Standard deviation of the accelerometer's bias, each axis, m/s².
+        pub accelerometer_bias_sd_mps2: f64 = 0.05, in 0.0..=10.0;
+        /// Correlation time of both biases, s.
+        /// Source: Ours: all but constant over a landing.
+        pub bias_correlation_s: f64 = 3600.0, in 1.0..=1e9;
+        /// Probability that a sample is missing.
+        pub dropout: f64 = 0.0, in 0.0..=1.0;
+        /// Windows `[start, end)` without samples, s of true time.
+        pub outages_s: Vec<[f64; 2]> = Vec::new();
     }
-}
-impl Check for VesselImuConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("rate_hz", self.rate_hz, 1.0, 100.0)?;
-        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
-        at.ranges("lever_arm_m", &self.lever_arm_m, -50.0, 50.0)?;
-        at.range("lever_arm_error_sd_m", self.lever_arm_error_sd_m, 0.0, 1.0)?;
-        at.range("alignment_sd_deg", self.alignment_sd_deg, 0.0, 20.0)?;
-        at.range("gyro_white_sd_radps", self.gyro_white_sd_radps, 0.0, 1.0)?;
-        at.range("gyro_bias_sd_radps", self.gyro_bias_sd_radps, 0.0, 1.0)?;
-        at.range(
-            "accelerometer_white_sd_mps2",
-            self.accelerometer_white_sd_mps2,
-            0.0,
-            10.0,
-        )?;
-        at.range(
-            "accelerometer_bias_sd_mps2",
-            self.accelerometer_bias_sd_mps2,
-            0.0,
-            10.0,
-        )?;
-        at.range("bias_correlation_s", self.bias_correlation_s, 1.0, 1e9)?;
-        at.range("dropout", self.dropout, 0.0, 1.0)?;
-        check_windows(at, "outages_s", &self.outages_s)
+    check |this, at| {
+        check_windows(at, "outages_s", &this.outages_s)?;
     }
 }
 

@@ -19,13 +19,12 @@ pub mod square_pose;
 pub mod tag;
 pub mod uvdar;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, RangeSample, TagPose, UvdarFix};
 use alight_shared::time::{Time, TrueTime};
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 use crate::body::RigidState;
 use crate::streams::Streams;
@@ -35,41 +34,27 @@ use clocks::Clocks;
 /// Most measurements of one sensor under way at a time.
 const QUEUE: usize = 256;
 
-/// All sensors of both craft.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SensorConfig {
-    /// The vessel's inertial measurement unit.
-    pub vessel_imu: imu::VesselImuConfig,
-    /// The vessel's GNSS receiver.
-    pub vessel_gnss: gnss::VesselGnssConfig,
-    /// The vessel's heading sensor.
-    pub vessel_heading: heading::VesselHeadingConfig,
-    /// The detector of the deck's tag.
-    pub tag: tag::TagConfig,
-    /// The UVDAR system.
-    pub uvdar: uvdar::UvdarConfig,
-    /// The drone's rangefinder.
-    pub rangefinder: rangefinder::RangefinderConfig,
-    /// The two computers' clocks.
-    pub clocks: clocks::ClockConfig,
-    /// What the camera's mount is wrong by.
-    pub camera_mount: camera::CameraMountConfig,
-    /// Images of the belly camera.
-    pub render: render::RenderConfig,
-}
-
-impl Check for SensorConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.vessel_imu.check(&at.table("vessel_imu"))?;
-        self.vessel_gnss.check(&at.table("vessel_gnss"))?;
-        self.vessel_heading.check(&at.table("vessel_heading"))?;
-        self.tag.check(&at.table("tag"))?;
-        self.uvdar.check(&at.table("uvdar"))?;
-        self.rangefinder.check(&at.table("rangefinder"))?;
-        self.clocks.check(&at.table("clocks"))?;
-        self.camera_mount.check(&at.table("camera_mount"))?;
-        self.render.check(&at.table("render"))
+config! {
+    /// All sensors of both craft.
+    pub struct SensorConfig {
+        /// The vessel's inertial measurement unit.
+        pub vessel_imu: imu::VesselImuConfig;
+        /// The vessel's GNSS receiver.
+        pub vessel_gnss: gnss::VesselGnssConfig;
+        /// The vessel's heading sensor.
+        pub vessel_heading: heading::VesselHeadingConfig;
+        /// The detector of the deck's tag.
+        pub tag: tag::TagConfig;
+        /// The UVDAR system.
+        pub uvdar: uvdar::UvdarConfig;
+        /// The drone's rangefinder.
+        pub rangefinder: rangefinder::RangefinderConfig;
+        /// The two computers' clocks.
+        pub clocks: clocks::ClockConfig;
+        /// What the camera's mount is wrong by.
+        pub camera_mount: camera::CameraMountConfig;
+        /// Images of the belly camera.
+        pub render: render::RenderConfig;
     }
 }
 

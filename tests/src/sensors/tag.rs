@@ -14,13 +14,12 @@
 //! 16.1 px, `k` 0.198. Not in it is glare, which an image with the sun's mirror image beside the tag does
 //! not survive: such frames are among the misses that are not modelled.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{Header, TagPose};
 use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{Vector2, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::camera::{Lens, View};
 use super::clocks::Clocks;
@@ -31,104 +30,58 @@ use super::{Identity, QUEUE};
 use crate::body::RigidState;
 use crate::streams::Streams;
 
-/// The tag detector and its camera.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TagConfig {
-    /// Frames per second.
-    pub rate_hz: f64,
-    /// From exposure to delivery, s.
-    pub latency_s: f64,
-    /// Image width, px.
-    pub width_px: f64,
-    /// Image height, px.
-    pub height_px: f64,
-    /// Horizontal field of view, deg.
-    pub fov_deg: f64,
-    /// Noise of each coordinate of each corner of a large, sharp tag, px.
-    pub corner_sd_px: f64,
-    /// What is added to it (root of squares) for a tag of [`TagConfig::small_width_px`] or less, px.
-    pub small_sd_px: f64,
-    /// Width in the image from which on that falls with the fourth power of the width, px.
-    pub small_width_px: f64,
-    /// What motion adds, as a share of blur²/width.
-    pub blur_sd: f64,
-    /// The detector states at least this much, px.
-    pub stated_sd_px: f64,
-    /// Narrowest width of the tag in the image at which half of the frames are decoded, px: this limits
-    /// range and, with the width that an oblique view leaves, incidence.
-    pub min_width_px: f64,
-    /// Spread of that limit (logistic in the logarithm of the width); 0: all or nothing.
-    pub width_spread: f64,
-    /// By how much blur raises it, per px of squared blur.
-    pub blur_cost_per_px: f64,
-    /// Largest angle between the line of sight and the tag's normal, deg.
-    pub max_incidence_deg: f64,
-    /// Shortest distance along the optical axis that is in focus, m.
-    pub min_distance_m: f64,
-    /// Exposure, s.
-    pub exposure_s: f64,
-    /// Largest motion of the tag in the image during the exposure, px.
-    pub max_blur_px: f64,
-    /// Probability that a frame is missed for no reason that is modelled (glare, spray, shadow).
-    pub miss: f64,
-    /// Windows `[start, end)` without detections, s of true time.
-    pub outages_s: Vec<[f64; 2]>,
-}
-
-impl Default for TagConfig {
-    fn default() -> Self {
-        TagConfig {
-            // Issue 2: 30 Hz, 50 ms late, 1 px at 640 x 480.
-            rate_hz: 30.0,
-            latency_s: 0.05,
-            width_px: 640.0,
-            height_px: 480.0,
-            // Ours: a usual wide lens without fisheye.
-            fov_deg: 90.0,
-            // Rendered images give 0.072 to a large, sharp tag. More, because no lens is calibrated
-            // perfectly and no paint is flat; the camera's mount is wrong by far more than that.
-            corner_sd_px: 0.1,
-            // Rendered images, these six.
-            small_sd_px: 0.23,
-            small_width_px: 16.0,
-            blur_sd: 0.2,
-            min_width_px: 13.3,
-            width_spread: 0.093,
-            blur_cost_per_px: 0.27,
-            // The camera node states 0.15 for a large, sharp tag; ours, on the safe side of it.
-            stated_sd_px: 0.2,
-            // As far as images were rendered.
-            max_incidence_deg: 80.0,
-            min_distance_m: 0.25,
-            exposure_s: 0.004,
-            max_blur_px: 20.0,
-            miss: 0.03,
-            outages_s: Vec::new(),
-        }
+config! {
+    /// The tag detector and its camera.
+    pub struct TagConfig {
+        /// Frames per second.
+        /// Source: Issue 2: 30 Hz, 50 ms late, 1 px at 640 x 480.
+        pub rate_hz: f64 = 30.0, in 0.1..=100.0;
+        /// From exposure to delivery, s.
+        pub latency_s: f64 = 0.05, in 0.0..=2.0;
+        /// Image width, px.
+        pub width_px: f64 = 640.0, in 16.0..=1e4;
+        /// Image height, px.
+        pub height_px: f64 = 480.0, in 16.0..=1e4;
+        /// Horizontal field of view, deg.
+        /// Source: Ours: a usual wide lens without fisheye.
+        pub fov_deg: f64 = 90.0, in 10.0..=150.0;
+        /// Noise of each coordinate of each corner of a large, sharp tag, px.
+        /// Source: Rendered images give 0.072 to a large, sharp tag. More, because no lens is calibrated
+        /// perfectly and no paint is flat; the camera's mount is wrong by far more than that.
+        pub corner_sd_px: f64 = 0.1, in 1e-6..=20.0;
+        /// What is added to it (root of squares) for a tag of [`TagConfig::small_width_px`] or less, px.
+        /// Source: Rendered images, these six.
+        pub small_sd_px: f64 = 0.23, in 0.0..=20.0;
+        /// Width in the image from which on that falls with the fourth power of the width, px.
+        pub small_width_px: f64 = 16.0, in 1.0..=1e4;
+        /// What motion adds, as a share of blur²/width.
+        pub blur_sd: f64 = 0.2, in 0.0..=20.0;
+        /// The detector states at least this much, px.
+        /// Source: The camera node states 0.15 for a large, sharp tag; ours, on the safe side of it.
+        pub stated_sd_px: f64 = 0.2, in 1e-6..=20.0;
+        /// Narrowest width of the tag in the image at which half of the frames are decoded, px: this limits
+        /// range and, with the width that an oblique view leaves, incidence.
+        pub min_width_px: f64 = 13.3, in 1.0..=1e4;
+        /// Spread of that limit (logistic in the logarithm of the width); 0: all or nothing.
+        pub width_spread: f64 = 0.093, in 0.0..=10.0;
+        /// By how much blur raises it, per px of squared blur.
+        pub blur_cost_per_px: f64 = 0.27, in 0.0..=100.0;
+        /// Largest angle between the line of sight and the tag's normal, deg.
+        /// Source: As far as images were rendered.
+        pub max_incidence_deg: f64 = 80.0, in 1.0..=89.0;
+        /// Shortest distance along the optical axis that is in focus, m.
+        pub min_distance_m: f64 = 0.25, in 0.01..=100.0;
+        /// Exposure, s.
+        pub exposure_s: f64 = 0.004, in 0.0..=0.1;
+        /// Largest motion of the tag in the image during the exposure, px.
+        pub max_blur_px: f64 = 20.0, in 0.1..=1e3;
+        /// Probability that a frame is missed for no reason that is modelled (glare, spray, shadow).
+        pub miss: f64 = 0.03, in 0.0..=1.0;
+        /// Windows `[start, end)` without detections, s of true time.
+        pub outages_s: Vec<[f64; 2]> = Vec::new();
     }
-}
-impl Check for TagConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("rate_hz", self.rate_hz, 0.1, 100.0)?;
-        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
-        at.range("width_px", self.width_px, 16.0, 1e4)?;
-        at.range("height_px", self.height_px, 16.0, 1e4)?;
-        at.range("fov_deg", self.fov_deg, 10.0, 150.0)?;
-        at.range("corner_sd_px", self.corner_sd_px, 1e-6, 20.0)?;
-        at.range("small_sd_px", self.small_sd_px, 0.0, 20.0)?;
-        at.range("small_width_px", self.small_width_px, 1.0, 1e4)?;
-        at.range("blur_sd", self.blur_sd, 0.0, 20.0)?;
-        at.range("stated_sd_px", self.stated_sd_px, 1e-6, 20.0)?;
-        at.range("min_width_px", self.min_width_px, 1.0, 1e4)?;
-        at.range("width_spread", self.width_spread, 0.0, 10.0)?;
-        at.range("blur_cost_per_px", self.blur_cost_per_px, 0.0, 100.0)?;
-        at.range("max_incidence_deg", self.max_incidence_deg, 1.0, 89.0)?;
-        at.range("min_distance_m", self.min_distance_m, 0.01, 100.0)?;
-        at.range("exposure_s", self.exposure_s, 0.0, 0.1)?;
-        at.range("max_blur_px", self.max_blur_px, 0.1, 1e3)?;
-        at.range("miss", self.miss, 0.0, 1.0)?;
-        check_windows(at, "outages_s", &self.outages_s)
+    check |this, at| {
+        check_windows(at, "outages_s", &this.outages_s)?;
     }
 }
 

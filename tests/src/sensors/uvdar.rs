@@ -12,12 +12,11 @@
 //!
 //! What a fix says of itself is the node's, which is four times as cautious up to `far`.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, Vector};
 use alight_shared::msg::{Header, UvdarFix};
 use alight_shared::time::{Span, Time, TrueTime};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::camera::{CameraMount, View};
 use super::clocks::Clocks;
@@ -27,88 +26,50 @@ use super::{Identity, QUEUE};
 use crate::body::RigidState;
 use crate::streams::Streams;
 
-/// The UVDAR system. Its fixes are given in the frame of the belly camera.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct UvdarConfig {
-    /// Fixes per second.
-    pub rate_hz: f64,
-    /// From exposure to delivery, s.
-    pub latency_s: f64,
-    /// Furthest distance, m.
-    pub max_range_m: f64,
-    /// Nearest distance, m: nearer, the markers leave the image.
-    pub min_range_m: f64,
-    /// Full cone of the fisheye lens, deg.
-    pub fov_deg: f64,
-    /// Its axis below the body's forward axis, deg.
-    pub tilt_down_deg: f64,
-    /// Standard deviation of the bearing of far markers, each of two axes, deg: `b`.
-    pub bearing_sd_deg: f64,
-    /// Standard deviation across the line of sight, each of two axes, m: `a`.
-    pub aside_sd_m: f64,
-    /// Standard deviation of the distance relative to the distance: `d`.
-    pub distance_sd: f64,
-    /// Distance from which on both grow with its eighth power, m: `far`.
-    pub far_m: f64,
-    /// Least standard deviation of the bearing that a fix says of itself, deg.
-    pub stated_bearing_sd_deg: f64,
-    /// The same of the distance, relative to it.
-    pub stated_distance_sd: f64,
-    /// Correlation time of the distance error, s: its cause, the markers' apparent geometry,
-    /// changes slowly.
-    pub distance_correlation_s: f64,
-    /// Probability that a fix is missing.
-    pub miss: f64,
-    /// Windows `[start, end)` without fixes, s of true time.
-    pub outages_s: Vec<[f64; 2]>,
-}
-
-impl Default for UvdarConfig {
-    fn default() -> Self {
-        UvdarConfig {
-            // Issue 2.
-            rate_hz: 20.0,
-            latency_s: 0.05,
-            // Rendered markers: 57 % of the images at 28 m, 10 % at 34 m.
-            max_range_m: 31.0,
-            min_range_m: 1.5,
-            // Ours: one fisheye lens that sees from straight ahead to straight down and behind.
-            fov_deg: 180.0,
-            tilt_down_deg: 45.0,
-            // Rendered markers.
-            bearing_sd_deg: 0.06,
-            aside_sd_m: 0.024,
-            distance_sd: 0.022,
-            far_m: 24.0,
-            // The node's.
-            stated_bearing_sd_deg: 0.5,
-            stated_distance_sd: 0.07,
-            // Ours.
-            distance_correlation_s: 0.5,
-            // Rendered markers: in the other images some marker is dark.
-            miss: 0.42,
-            outages_s: Vec::new(),
-        }
+config! {
+    /// The UVDAR system. Its fixes are given in the frame of the belly camera.
+    pub struct UvdarConfig {
+        /// Fixes per second.
+        /// Source: Issue 2.
+        pub rate_hz: f64 = 20.0, in 0.1..=100.0;
+        /// From exposure to delivery, s.
+        pub latency_s: f64 = 0.05, in 0.0..=2.0;
+        /// Furthest distance, m.
+        /// Source: Rendered markers: 57 % of the images at 28 m, 10 % at 34 m.
+        pub max_range_m: f64 = 31.0, in 0.0..=500.0;
+        /// Nearest distance, m: nearer, the markers leave the image.
+        pub min_range_m: f64 = 1.5, in 0.1..=500.0;
+        /// Full cone of the fisheye lens, deg.
+        /// Source: Ours: one fisheye lens that sees from straight ahead to straight down and behind.
+        pub fov_deg: f64 = 180.0, in 10.0..=360.0;
+        /// Its axis below the body's forward axis, deg.
+        pub tilt_down_deg: f64 = 45.0, in 0.0..=90.0;
+        /// Standard deviation of the bearing of far markers, each of two axes, deg: `b`.
+        /// Source: Rendered markers.
+        pub bearing_sd_deg: f64 = 0.06, in 1e-3..=45.0;
+        /// Standard deviation across the line of sight, each of two axes, m: `a`.
+        pub aside_sd_m: f64 = 0.024, in 0.0..=10.0;
+        /// Standard deviation of the distance relative to the distance: `d`.
+        pub distance_sd: f64 = 0.022, in 1e-4..=1.0;
+        /// Distance from which on both grow with its eighth power, m: `far`.
+        pub far_m: f64 = 24.0, in 0.1..=500.0;
+        /// Least standard deviation of the bearing that a fix says of itself, deg.
+        /// Source: The node's.
+        pub stated_bearing_sd_deg: f64 = 0.5, in 1e-3..=45.0;
+        /// The same of the distance, relative to it.
+        pub stated_distance_sd: f64 = 0.07, in 1e-4..=1.0;
+        /// Correlation time of the distance error, s: its cause, the markers' apparent geometry,
+        /// changes slowly.
+        /// Source: Ours.
+        pub distance_correlation_s: f64 = 0.5, in 1e-3..=1e4;
+        /// Probability that a fix is missing.
+        /// Source: Rendered markers: in the other images some marker is dark.
+        pub miss: f64 = 0.42, in 0.0..=1.0;
+        /// Windows `[start, end)` without fixes, s of true time.
+        pub outages_s: Vec<[f64; 2]> = Vec::new();
     }
-}
-impl Check for UvdarConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("rate_hz", self.rate_hz, 0.1, 100.0)?;
-        at.range("latency_s", self.latency_s, 0.0, 2.0)?;
-        at.range("max_range_m", self.max_range_m, 0.0, 500.0)?;
-        at.range("min_range_m", self.min_range_m, 0.1, 500.0)?;
-        at.range("fov_deg", self.fov_deg, 10.0, 360.0)?;
-        at.range("tilt_down_deg", self.tilt_down_deg, 0.0, 90.0)?;
-        at.range("bearing_sd_deg", self.bearing_sd_deg, 1e-3, 45.0)?;
-        at.range("aside_sd_m", self.aside_sd_m, 0.0, 10.0)?;
-        at.range("distance_sd", self.distance_sd, 1e-4, 1.0)?;
-        at.range("far_m", self.far_m, 0.1, 500.0)?;
-        at.range("stated_bearing_sd_deg", self.stated_bearing_sd_deg, 1e-3, 45.0)?;
-        at.range("stated_distance_sd", self.stated_distance_sd, 1e-4, 1.0)?;
-        at.range("distance_correlation_s", self.distance_correlation_s, 1e-3, 1e4)?;
-        at.range("miss", self.miss, 0.0, 1.0)?;
-        check_windows(at, "outages_s", &self.outages_s)
+    check |this, at| {
+        check_windows(at, "outages_s", &this.outages_s)?;
     }
 }
 

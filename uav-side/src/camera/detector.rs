@@ -1,7 +1,7 @@
 //! The tag in an image: the AprilTag library of the family's authors (Wang and Olson 2016), family
 //! 36h11, and what is asked of a detection before it counts.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use apriltag::{Detector, DetectorBuilder, Family, Image};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -12,72 +12,36 @@ use super::smear::smear_px2;
 /// Most detections of one image that are looked at.
 const MOST: usize = 64;
 
-/// What is looked for, and what counts.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TagSettings {
-    /// Number of the deck's tag in the family 36h11.
-    pub id: u16,
-    /// Most wrong bits of 36 that are corrected.
-    pub bits_corrected: u8,
-    /// Least decision margin: mean contrast of the bits against their threshold, grey levels.
-    pub min_margin: f64,
-    /// Shortest side in the image, px.
-    pub min_side_px: f64,
-    /// The image is searched at this fraction of its resolution (1: whole, 2: half); corners are refined at
-    /// whole resolution.
-    pub decimate: f64,
-    /// Standard deviation of each coordinate of each corner of a large, sharp tag, px.
-    pub corner_sd_px: f64,
-    /// The same as a share of the tag's side in the image: what a lens leaves after its calibration.
-    pub corner_sd_share: f64,
-    /// What is added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
-    pub small_sd_px: f64,
-    /// Width of the tag in the image from which on that falls with the fourth power of the width, px.
-    pub small_width_px: f64,
-    /// What motion during the exposure adds, as a share of its square over the tag's width; the edges tell
-    /// the motion.
-    pub smear_sd: f64,
-    /// Largest sum of squared reprojection errors, in variances of a corner.
-    pub max_misfit: f64,
-}
-
-impl Default for TagSettings {
-    fn default() -> Self {
-        TagSettings {
-            id: 0,
-            bits_corrected: 1,
-            min_margin: 20.0,
-            min_side_px: 10.0,
-            // Ours: whole, 640 x 480 takes twice the time and the tag is seen 3 m further.
-            decimate: 1.5,
-            // Twice what rendered images give, for what is left of a real lens after its calibration.
-            corner_sd_px: 0.15,
-            corner_sd_share: 0.0,
-            // Rendered images give 0.23, 16 and 0.2.
-            small_sd_px: 0.3,
-            small_width_px: 16.0,
-            smear_sd: 0.25,
-            max_misfit: 40.0,
-        }
-    }
-}
-
-impl Check for TagSettings {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        // Codes of the family.
-        at.range("id", f64::from(self.id), 0.0, 586.0)?;
-        // Three bits make the library's table of codes 40 MB.
-        at.range("bits_corrected", f64::from(self.bits_corrected), 0.0, 2.0)?;
-        at.range("min_margin", self.min_margin, 0.0, 255.0)?;
-        at.range("min_side_px", self.min_side_px, 5.0, 1e4)?;
-        at.range("decimate", self.decimate, 1.0, 4.0)?;
-        at.range("corner_sd_px", self.corner_sd_px, 0.01, 20.0)?;
-        at.range("corner_sd_share", self.corner_sd_share, 0.0, 0.2)?;
-        at.range("small_sd_px", self.small_sd_px, 0.0, 20.0)?;
-        at.range("small_width_px", self.small_width_px, 1.0, 1e4)?;
-        at.range("smear_sd", self.smear_sd, 0.0, 20.0)?;
-        at.range("max_misfit", self.max_misfit, 1.0, 1e6)
+config! {
+    /// What is looked for, and what counts.
+    pub struct TagSettings {
+        /// Number of the deck's tag in the family 36h11.
+        pub id: u16 = 0, in 0.0..=586.0;
+        /// Most wrong bits of 36 that are corrected.
+        pub bits_corrected: u8 = 1, in 0.0..=2.0;
+        /// Least decision margin: mean contrast of the bits against their threshold, grey levels.
+        pub min_margin: f64 = 20.0, in 0.0..=255.0;
+        /// Shortest side in the image, px.
+        pub min_side_px: f64 = 10.0, in 5.0..=1e4;
+        /// The image is searched at this fraction of its resolution (1: whole, 2: half); corners are refined at
+        /// whole resolution.
+        /// Source: Ours: whole, 640 x 480 takes twice the time and the tag is seen 3 m further.
+        pub decimate: f64 = 1.5, in 1.0..=4.0;
+        /// Standard deviation of each coordinate of each corner of a large, sharp tag, px.
+        /// Source: Twice what rendered images give, for what is left of a real lens after its calibration.
+        pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
+        /// The same as a share of the tag's side in the image: what a lens leaves after its calibration.
+        pub corner_sd_share: f64 = 0.0, in 0.0..=0.2;
+        /// What is added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
+        /// Source: Rendered images give 0.23, 16 and 0.2.
+        pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
+        /// Width of the tag in the image from which on that falls with the fourth power of the width, px.
+        pub small_width_px: f64 = 16.0, in 1.0..=1e4;
+        /// What motion during the exposure adds, as a share of its square over the tag's width; the edges tell
+        /// the motion.
+        pub smear_sd: f64 = 0.25, in 0.0..=20.0;
+        /// Largest sum of squared reprojection errors, in variances of a corner.
+        pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
 }
 

@@ -4,9 +4,8 @@
 //! Camera axes: x right in the image, y down in it, z along the optical axis. Pixel (0, 0) is the middle
 //! of the first one.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use nalgebra::{Matrix2, Vector2, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::image::check_image;
 
@@ -17,57 +16,43 @@ const CONVERGED: f64 = 1e-9;
 /// Points further off the axis than this are not looked for, at unit distance: 81 deg.
 const FURTHEST: f64 = 6.5;
 
-/// A lens with its image.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Lens {
-    /// Width of the image, px.
-    pub width_px: u32,
-    /// Height of the image, px.
-    pub height_px: u32,
-    /// Focal lengths fx and fy, px.
-    pub focal_px: [f64; 2],
-    /// Principal point cx and cy, px.
-    pub centre_px: [f64; 2],
-    /// Distortion k1, k2, p1, p2, k3.
-    pub distortion: [f64; 5],
-}
-
-impl Default for Lens {
-    /// 640 x 480 over 90 deg: the camera of the simulated drone.
-    fn default() -> Self {
-        Lens {
-            width_px: 640,
-            height_px: 480,
-            focal_px: [320.0, 320.0],
-            centre_px: [319.5, 239.5],
-            distortion: [0.0; 5],
-        }
+config! {
+    /// A lens with its image.
+    ///
+    /// Defaults: 640 x 480 over 90 deg: the camera of the simulated drone.
+    #[derive(Copy)]
+    pub struct Lens {
+        /// Width of the image, px.
+        pub width_px: u32 = 640;
+        /// Height of the image, px.
+        pub height_px: u32 = 480;
+        /// Focal lengths fx and fy, px.
+        pub focal_px: [f64; 2] = [320.0, 320.0];
+        /// Principal point cx and cy, px.
+        pub centre_px: [f64; 2] = [319.5, 239.5];
+        /// Distortion k1, k2, p1, p2, k3.
+        pub distortion: [f64; 5] = [0.0; 5], in -20.0..=20.0;
     }
-}
-
-impl Check for Lens {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+    check |this, at| {
         check_image(
             at,
-            [self.width_px, self.height_px],
-            &self.focal_px,
-            &self.centre_px,
+            [this.width_px, this.height_px],
+            &this.focal_px,
+            &this.centre_px,
         )?;
-        at.ranges("distortion", &self.distortion, -20.0, 20.0)?;
         let corners = [0.0, 1.0].map(|x| {
             [0.0, 1.0].map(|y| {
-                let size = Vector2::new(f64::from(self.width_px), f64::from(self.height_px));
-                self.normalised(Vector2::new(x, y).component_mul(&size)).is_some()
+                let size = Vector2::new(f64::from(this.width_px), f64::from(this.height_px));
+                this.normalised(Vector2::new(x, y).component_mul(&size)).is_some()
             })
         });
         at.require(
             corners.as_flattened().iter().all(|seen| *seen),
             "distortion",
-            format!("{:?}", self.distortion),
+            format!("{:?}", this.distortion),
             "numbers by which every corner of the image has a direction (k1 k2 p1 p2 k3 of a calibration of \
              this size)",
-        )
+        )?;
     }
 }
 
@@ -138,6 +123,7 @@ impl Lens {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::config::{Check, Keys};
     use proptest::prelude::*;
 
     fn wide() -> Lens {

@@ -11,9 +11,8 @@ pub mod smear;
 pub mod square_pose;
 pub mod uvdar;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Camera, Rotation};
-use serde::{Deserialize, Serialize};
 
 pub use detector::TagSettings;
 pub use image::{Frame, Grey, ImageError};
@@ -21,19 +20,19 @@ pub use lens::Lens;
 pub use node::{CameraIn, CameraNode, CameraOut};
 pub use uvdar::UvdarSettings;
 
-/// The camera and what is looked for in its images.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CameraSettings {
-    /// Its mount as it is against the designed one (optical axis down, upper edge of the image forward):
-    /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.
-    pub turned_deg: [f64; 3],
-    /// Its lens, as a calibration says.
-    pub lens: Lens,
-    /// The tag and its detector.
-    pub tag: TagSettings,
-    /// The ultraviolet camera and the deck's markers.
-    pub uvdar: UvdarSettings,
+config! {
+    /// The camera and what is looked for in its images.
+    pub struct CameraSettings {
+        /// Its mount as it is against the designed one (optical axis down, upper edge of the image forward):
+        /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.
+        pub turned_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
+        /// Its lens, as a calibration says.
+        pub lens: Lens;
+        /// The tag and its detector.
+        pub tag: TagSettings;
+        /// The ultraviolet camera and the deck's markers.
+        pub uvdar: UvdarSettings;
+    }
 }
 
 impl CameraSettings {
@@ -41,14 +40,5 @@ impl CameraSettings {
     pub fn mount(&self) -> Rotation<Camera, Camera> {
         let [roll, pitch, yaw] = self.turned_deg.map(f64::to_radians);
         Rotation::from_euler(roll, pitch, yaw)
-    }
-}
-
-impl Check for CameraSettings {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.ranges("turned_deg", &self.turned_deg, -180.0, 180.0)?;
-        self.lens.check(&at.table("lens"))?;
-        self.tag.check(&at.table("tag"))?;
-        self.uvdar.check(&at.table("uvdar"))
     }
 }

@@ -3,42 +3,31 @@
 
 use serde::{Deserialize, Serialize};
 
+use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
 
 use super::model::{STATES, State};
 
-/// Diagonal of Q far from the deck, by the paper's groups of states.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Weights {
-    /// Position x, y, 1/m².
-    pub horizontal: f64,
-    /// Position z, 1/m².
-    pub vertical: f64,
-    /// Roll and pitch, 1/rad².
-    pub tilt: f64,
-    /// Heading, 1/rad².
-    pub yaw: f64,
-    /// Velocity x, y, s²/m².
-    pub horizontal_velocity: f64,
-    /// Velocity z, s²/m².
-    pub vertical_velocity: f64,
-    /// Euler rates, s²/rad².
-    pub rates: f64,
-}
-
-impl Default for Weights {
-    /// Landing: Procházka 2024, Table 4, with the exponentials gone.
-    fn default() -> Self {
-        Weights {
-            horizontal: 30.0,
-            vertical: 40.0,
-            tilt: 1.0,
-            yaw: 50.0,
-            horizontal_velocity: 1.0,
-            vertical_velocity: 3000.0,
-            rates: 1.0,
-        }
+config! {
+    /// Diagonal of Q far from the deck, by the paper's groups of states.
+    ///
+    /// Defaults: Landing: Procházka 2024, Table 4, with the exponentials gone.
+    #[derive(Copy)]
+    pub struct Weights {
+        /// Position x, y, 1/m².
+        pub horizontal: f64 = 30.0, in 0.0..=1e6;
+        /// Position z, 1/m².
+        pub vertical: f64 = 40.0, in 0.0..=1e6;
+        /// Roll and pitch, 1/rad².
+        pub tilt: f64 = 1.0, in 0.0..=1e6;
+        /// Heading, 1/rad².
+        pub yaw: f64 = 50.0, in 0.0..=1e6;
+        /// Velocity x, y, s²/m².
+        pub horizontal_velocity: f64 = 1.0, in 0.0..=1e6;
+        /// Velocity z, s²/m².
+        pub vertical_velocity: f64 = 3000.0, in 0.0..=1e6;
+        /// Euler rates, s²/rad².
+        pub rates: f64 = 1.0, in 0.0..=1e6;
     }
 }
 
@@ -60,18 +49,6 @@ impl Weights {
             w,
             w,
         ]
-    }
-}
-
-impl Check for Weights {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("horizontal", self.horizontal, 0.0, 1e6)?;
-        at.range("vertical", self.vertical, 0.0, 1e6)?;
-        at.range("tilt", self.tilt, 0.0, 1e6)?;
-        at.range("yaw", self.yaw, 0.0, 1e6)?;
-        at.range("horizontal_velocity", self.horizontal_velocity, 0.0, 1e6)?;
-        at.range("vertical_velocity", self.vertical_velocity, 0.0, 1e6)?;
-        at.range("rates", self.rates, 0.0, 1e6)
     }
 }
 
@@ -108,38 +85,29 @@ pub enum FaaDistance {
     PerStage,
 }
 
-/// What grows near the deck.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Faa {
-    /// Which clearance counts.
-    pub distance: FaaDistance,
-    /// Roll and pitch: the paper's `f(d) = 1 + alpha / e^(beta d)`.
-    pub tilt: Growth,
-    /// Position z.
-    pub vertical: Growth,
-    /// Velocity z.
-    pub vertical_velocity: Growth,
-}
-
-impl Default for Faa {
-    /// Procházka 2024, Table 4.
-    fn default() -> Self {
-        Faa {
-            distance: FaaDistance::Current,
-            tilt: Growth {
+config! {
+    /// What grows near the deck.
+    ///
+    /// Defaults: Procházka 2024, Table 4.
+    #[derive(Copy)]
+    pub struct Faa {
+        /// Which clearance counts.
+        pub distance: FaaDistance = FaaDistance::Current;
+        /// Roll and pitch: the paper's `f(d) = 1 + alpha / e^(beta d)`.
+        pub tilt: Growth = Growth {
                 gain: 50_000.0,
                 decay_per_m: 10.0,
-            },
-            vertical: Growth {
+            }, table;
+        /// Position z.
+        pub vertical: Growth = Growth {
                 gain: 10_000.0,
                 decay_per_m: 20.0,
-            },
-            vertical_velocity: Growth {
+            }, table;
+        /// Velocity z.
+        pub vertical_velocity: Growth = Growth {
                 gain: 3000.0,
                 decay_per_m: 25.0,
-            },
-        }
+            }, table;
     }
 }
 
@@ -154,13 +122,6 @@ impl Faa {
         q[4] += self.tilt.at(d);
         q[8] += self.vertical_velocity.at(d);
         q
-    }
-}
-impl Check for Faa {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.tilt.check(&at.table("tilt"))?;
-        self.vertical.check(&at.table("vertical"))?;
-        self.vertical_velocity.check(&at.table("vertical_velocity"))
     }
 }
 

@@ -1,6 +1,6 @@
 //! How a sensor is mounted, and how good it is where it does not say so itself.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use nalgebra::{Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -17,74 +17,40 @@ pub enum HeaveSign {
     None,
 }
 
-/// Place, turn and quality of a source's sensors.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Mount {
-    /// Its inertial or attitude sensor against the vessel's axes: roll, pitch, yaw (ZYX), deg. What the
-    /// sensor says of a vessel that lies level and heads north.
-    pub mounting_deg: [f64; 3],
-    /// Its inertial sensor in the vessel's body frame, m.
-    pub lever_arm_m: [f64; 3],
-    /// Its GNSS antenna in the vessel's body frame, m.
-    pub antenna_m: [f64; 3],
-    /// The antenna of its second receiver (MAVLink's GPS2_RAW), m.
-    pub second_antenna_m: [f64; 3],
-    /// What its heading (of two antennas, or a compass) shows when the vessel heads north, deg.
-    pub heading_offset_deg: f64,
-    /// Standard deviation of its roll and pitch, deg.
-    pub tilt_sd_deg: f64,
-    /// Which way it counts heave: up, down, or none.
-    pub heave: HeaveSign,
-    /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the time that follows
-    /// them in the stream, not to the one before.
-    pub untimed_lead: bool,
-    /// Standard deviation of its heave, m.
-    pub heave_sd_m: f64,
-    /// Standard deviation of its heading, deg.
-    pub heading_sd_deg: f64,
-    /// Standard deviation of its position, horizontal and vertical, m; zero: as the source says it.
-    pub position_sd_m: [f64; 2],
-    /// Standard deviation of its velocity, m/s; zero: as the source says it.
-    pub velocity_sd_mps: f64,
-}
-
-impl Default for Mount {
-    fn default() -> Self {
-        Mount {
-            mounting_deg: [0.0; 3],
-            lever_arm_m: [0.0; 3],
-            antenna_m: [0.0; 3],
-            second_antenna_m: [0.0; 3],
-            heading_offset_deg: 0.0,
-            // Ours: between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
-            tilt_sd_deg: 0.2,
-            // Makers differ.
-            heave: HeaveSign::Up,
-            // Most receivers begin an epoch with a sentence that has its time.
-            untimed_lead: false,
-            // Data sheets of motion sensors: 0.05 m or 5 %.
-            heave_sd_m: 0.05,
-            // Ours: two antennas 1 m apart give 0.3 to 0.5.
-            heading_sd_deg: 0.5,
-            position_sd_m: [0.0; 2],
-            velocity_sd_mps: 0.0,
-        }
-    }
-}
-
-impl Check for Mount {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.ranges("mounting_deg", &self.mounting_deg, -180.0, 180.0)?;
-        at.ranges("lever_arm_m", &self.lever_arm_m, -50.0, 50.0)?;
-        at.ranges("antenna_m", &self.antenna_m, -50.0, 50.0)?;
-        at.ranges("second_antenna_m", &self.second_antenna_m, -50.0, 50.0)?;
-        at.range("heading_offset_deg", self.heading_offset_deg, -360.0, 360.0)?;
-        at.range("tilt_sd_deg", self.tilt_sd_deg, 1e-3, 45.0)?;
-        at.range("heave_sd_m", self.heave_sd_m, 1e-4, 100.0)?;
-        at.range("heading_sd_deg", self.heading_sd_deg, 1e-3, 90.0)?;
-        at.ranges("position_sd_m", &self.position_sd_m, 0.0, 1000.0)?;
-        at.range("velocity_sd_mps", self.velocity_sd_mps, 0.0, 100.0)
+config! {
+    /// Place, turn and quality of a source's sensors.
+    pub struct Mount {
+        /// Its inertial or attitude sensor against the vessel's axes: roll, pitch, yaw (ZYX), deg. What the
+        /// sensor says of a vessel that lies level and heads north.
+        pub mounting_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
+        /// Its inertial sensor in the vessel's body frame, m.
+        pub lever_arm_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
+        /// Its GNSS antenna in the vessel's body frame, m.
+        pub antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
+        /// The antenna of its second receiver (MAVLink's GPS2_RAW), m.
+        pub second_antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
+        /// What its heading (of two antennas, or a compass) shows when the vessel heads north, deg.
+        pub heading_offset_deg: f64 = 0.0, in -360.0..=360.0;
+        /// Standard deviation of its roll and pitch, deg.
+        /// Source: Ours: between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
+        pub tilt_sd_deg: f64 = 0.2, in 1e-3..=45.0;
+        /// Which way it counts heave: up, down, or none.
+        /// Source: Makers differ.
+        pub heave: HeaveSign = HeaveSign::Up;
+        /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the time that follows
+        /// them in the stream, not to the one before.
+        /// Source: Most receivers begin an epoch with a sentence that has its time.
+        pub untimed_lead: bool = false;
+        /// Standard deviation of its heave, m.
+        /// Source: Data sheets of motion sensors: 0.05 m or 5 %.
+        pub heave_sd_m: f64 = 0.05, in 1e-4..=100.0;
+        /// Standard deviation of its heading, deg.
+        /// Source: Ours: two antennas 1 m apart give 0.3 to 0.5.
+        pub heading_sd_deg: f64 = 0.5, in 1e-3..=90.0;
+        /// Standard deviation of its position, horizontal and vertical, m; zero: as the source says it.
+        pub position_sd_m: [f64; 2] = [0.0; 2], in 0.0..=1000.0;
+        /// Standard deviation of its velocity, m/s; zero: as the source says it.
+        pub velocity_sd_mps: f64 = 0.0, in 0.0..=100.0;
     }
 }
 
@@ -101,64 +67,44 @@ pub enum Format {
     Mavlink,
 }
 
-/// A source of measurements.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SourceConfig {
-    /// What it is called in messages.
-    pub name: String,
-    /// Where it is: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, ...
-    pub connect: String,
-    /// What it speaks.
-    pub format: Format,
-    /// Least time from a measurement to its arrival, s: from its data sheet, or half of a question's way.
-    pub latency_s: f64,
-    /// Where its sensors are and how good.
-    pub mount: Mount,
-}
-
-impl Default for SourceConfig {
-    fn default() -> Self {
-        SourceConfig {
-            name: "source".into(),
-            // NMEA over UDP as most multiplexers send it.
-            connect: "udpin://0.0.0.0:10110".into(),
-            format: Format::Nmea,
-            latency_s: 0.0,
-            mount: Mount::default(),
-        }
+config! {
+    /// A source of measurements.
+    pub struct SourceConfig {
+        /// What it is called in messages.
+        pub name: String = "source".into();
+        /// Where it is: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, ...
+        /// Source: NMEA over UDP as most multiplexers send it.
+        pub connect: String = "udpin://0.0.0.0:10110".into();
+        /// What it speaks.
+        pub format: Format = Format::Nmea;
+        /// Least time from a measurement to its arrival, s: from its data sheet, or half of a question's way.
+        pub latency_s: f64 = 0.0, in 0.0..=0.5;
+        /// Where its sensors are and how good.
+        pub mount: Mount;
     }
-}
-
-impl Check for SourceConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+    check |this, at| {
         at.require(
-            !self.connect.is_empty(),
+            !this.connect.is_empty(),
             "connect",
             "empty",
             "a URL, such as udpin://0.0.0.0:10110",
         )?;
-        at.range("latency_s", self.latency_s, 0.0, 0.5)?;
-        self.mount.check(&at.table("mount"))
     }
 }
 
-/// All sources of a vessel.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SourcesConfig {
-    /// The sources, in the order of preference for those that are used one at a time.
-    pub sources: Vec<SourceConfig>,
-}
-
-impl Check for SourcesConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+config! {
+    /// All sources of a vessel.
+    pub struct SourcesConfig {
+        /// The sources, in the order of preference for those that are used one at a time.
+        pub sources: Vec<SourceConfig> = Default::default();
+    }
+    check |this, at| {
         let most = alight_shared::msg::MAX_SOURCES / 2;
-        let count = self.sources.len();
+        let count = this.sources.len();
         at.require(count <= most, "sources", count, "4 sources at most")?;
-        self.sources
+        this.sources
             .iter()
-            .try_for_each(|s| s.check(&at.table("sources")))
+            .try_for_each(|s| s.check(&at.table("sources")))?;
     }
 }
 

@@ -9,13 +9,12 @@ mod paint;
 mod rays;
 pub mod ultraviolet;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_uav::camera::{Grey, Lens};
 use nalgebra::{Rotation3, Vector3};
-use serde::{Deserialize, Serialize};
 
 use super::camera::View;
 use super::clocks::Clocks;
@@ -25,64 +24,32 @@ use crate::streams::Streams;
 use paint::{DeckPaint, Sea};
 use rays::{Pattern, Rays};
 
-/// The camera and the light, as they are.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RenderConfig {
-    /// Images take the place of the tag's measurement model.
-    pub on: bool,
-    /// The same of the UV markers.
-    pub markers: bool,
-    /// Glints of the sun in an ultraviolet image.
-    pub glints: u32,
-    /// The lens as it is; the node has what its calibration says.
-    pub lens: Lens,
-    /// Grey level of a white surface in the light; above 255 is clipped.
-    pub white: f64,
-    /// Standard deviation of the optics' blur, px.
-    pub optics_sd_px: f64,
-    /// Standard deviation of the sensor's noise in the dark, grey levels.
-    pub dark_sd: f64,
-    /// Variance of the photons' noise per grey level, grey levels.
-    pub shot: f64,
-    /// The sun's mirror image on a wet deck, as a share of white; 0: a dry one.
-    pub glare: f64,
-    /// Width of that image (standard deviation), deg.
-    pub glare_sd_deg: f64,
-    /// Height of the sun above the horizon, deg; its bearing is drawn per seed.
-    pub sun_height_deg: f64,
-}
-
-impl Default for RenderConfig {
-    fn default() -> Self {
-        RenderConfig {
-            on: false,
-            markers: false,
-            glints: 10,
-            lens: Lens::default(),
-            // Ours: a usual machine-vision sensor and a lens of moderate quality in daylight.
-            white: 210.0,
-            optics_sd_px: 0.6,
-            dark_sd: 2.0,
-            shot: 0.05,
-            glare: 0.0,
-            glare_sd_deg: 8.0,
-            sun_height_deg: 50.0,
-        }
-    }
-}
-
-impl Check for RenderConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.lens.check(&at.table("lens"))?;
-        at.range("glints", f64::from(self.glints), 0.0, 1e4)?;
-        at.range("white", self.white, 1.0, 1e4)?;
-        at.range("optics_sd_px", self.optics_sd_px, 0.0, 5.0)?;
-        at.range("dark_sd", self.dark_sd, 0.0, 50.0)?;
-        at.range("shot", self.shot, 0.0, 10.0)?;
-        at.range("glare", self.glare, 0.0, 100.0)?;
-        at.range("glare_sd_deg", self.glare_sd_deg, 0.5, 90.0)?;
-        at.range("sun_height_deg", self.sun_height_deg, 0.0, 90.0)
+config! {
+    /// The camera and the light, as they are.
+    pub struct RenderConfig {
+        /// Images take the place of the tag's measurement model.
+        pub on: bool = false;
+        /// The same of the UV markers.
+        pub markers: bool = false;
+        /// Glints of the sun in an ultraviolet image.
+        pub glints: u32 = 10, in 0.0..=1e4;
+        /// The lens as it is; the node has what its calibration says.
+        pub lens: Lens;
+        /// Grey level of a white surface in the light; above 255 is clipped.
+        /// Source: Ours: a usual machine-vision sensor and a lens of moderate quality in daylight.
+        pub white: f64 = 210.0, in 1.0..=1e4;
+        /// Standard deviation of the optics' blur, px.
+        pub optics_sd_px: f64 = 0.6, in 0.0..=5.0;
+        /// Standard deviation of the sensor's noise in the dark, grey levels.
+        pub dark_sd: f64 = 2.0, in 0.0..=50.0;
+        /// Variance of the photons' noise per grey level, grey levels.
+        pub shot: f64 = 0.05, in 0.0..=10.0;
+        /// The sun's mirror image on a wet deck, as a share of white; 0: a dry one.
+        pub glare: f64 = 0.0, in 0.0..=100.0;
+        /// Width of that image (standard deviation), deg.
+        pub glare_sd_deg: f64 = 8.0, in 0.5..=90.0;
+        /// Height of the sun above the horizon, deg; its bearing is drawn per seed.
+        pub sun_height_deg: f64 = 50.0, in 0.0..=90.0;
     }
 }
 

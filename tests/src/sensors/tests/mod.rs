@@ -4,6 +4,7 @@ mod drone;
 mod vessel;
 
 use super::*;
+use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Point, Rotation, TrueNed, Vector, body_rates};
 
 /// The time of tick `k`.

@@ -1,65 +1,48 @@
 //! A wide lens: the angle from the optical axis gives the distance from the image's centre (equidistant
 //! projection with the polynomial of Kannala and Brandt 2006, as OpenCV's fisheye model writes it).
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use nalgebra::{Vector2, Vector3};
-use serde::{Deserialize, Serialize};
 
 use crate::camera::image::check_image;
 
 /// Bound on the steps of Newton's method.
 const MOST_STEPS: usize = 20;
 
-/// A wide lens with its image.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Fisheye {
-    /// Width of the image, px.
-    pub width_px: u32,
-    /// Height of the image, px.
-    pub height_px: u32,
-    /// Scale in the image's two directions, px/rad.
-    pub focal_px: [f64; 2],
-    /// Principal point, px.
-    pub centre_px: [f64; 2],
-    /// Coefficients k1 to k4 of the angle's third, fifth, seventh and ninth power.
-    pub distortion: [f64; 4],
-    /// Full cone that the lens sees, deg.
-    pub cone_deg: f64,
-}
-
-impl Default for Fisheye {
-    /// 180 deg on 640 x 480 px, the circle as high as the image.
-    fn default() -> Self {
-        Fisheye {
-            width_px: 640,
-            height_px: 480,
-            focal_px: [152.0, 152.0],
-            centre_px: [319.5, 239.5],
-            distortion: [0.0; 4],
-            cone_deg: 180.0,
-        }
+config! {
+    /// A wide lens with its image.
+    ///
+    /// Defaults: 180 deg on 640 x 480 px, the circle as high as the image.
+    #[derive(Copy)]
+    pub struct Fisheye {
+        /// Width of the image, px.
+        pub width_px: u32 = 640;
+        /// Height of the image, px.
+        pub height_px: u32 = 480;
+        /// Scale in the image's two directions, px/rad.
+        pub focal_px: [f64; 2] = [152.0, 152.0];
+        /// Principal point, px.
+        pub centre_px: [f64; 2] = [319.5, 239.5];
+        /// Coefficients k1 to k4 of the angle's third, fifth, seventh and ninth power.
+        pub distortion: [f64; 4] = [0.0; 4], in -2.0..=2.0;
+        /// Full cone that the lens sees, deg.
+        pub cone_deg: f64 = 180.0, in 10.0..=240.0;
     }
-}
-
-impl Check for Fisheye {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+    check |this, at| {
         check_image(
             at,
-            [self.width_px, self.height_px],
-            &self.focal_px,
-            &self.centre_px,
+            [this.width_px, this.height_px],
+            &this.focal_px,
+            &this.centre_px,
         )?;
-        at.ranges("distortion", &self.distortion, -2.0, 2.0)?;
-        at.range("cone_deg", self.cone_deg, 10.0, 240.0)?;
-        let rim = 0.5 * self.cone_deg.to_radians();
-        let grows = (0..=100).all(|k| self.bent(rim * f64::from(k) / 100.0).1 > 0.0);
+        let rim = 0.5 * this.cone_deg.to_radians();
+        let grows = (0..=100).all(|k| this.bent(rim * f64::from(k) / 100.0).1 > 0.0);
         at.require(
             grows,
             "distortion",
-            format!("{:?}", self.distortion),
+            format!("{:?}", this.distortion),
             "coefficients by which the angle in the image grows with the true one over the whole cone",
-        )
+        )?;
     }
 }
 

@@ -9,7 +9,7 @@ pub mod blobs;
 pub mod fisheye;
 pub mod pose;
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::msg::{Header, UvdarFix};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -30,65 +30,68 @@ const REMEMBERED_S: f64 = 0.5;
 /// Fewest bits in which two codes have to differ.
 const LEAST_APART: u32 = 3;
 
-/// The ultraviolet camera and the deck's markers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct UvdarSettings {
-    /// Its lens.
-    pub lens: Fisheye,
-    /// Its axis below the body's forward axis, deg.
-    pub tilt_down_deg: f64,
-    /// Its optical centre from the belly camera's, in that one's axes (right, aft, down), m.
-    pub offset_m: [f64; 3],
-    /// Images per second, which is the markers' bits per second.
-    pub rate_hz: f64,
-    /// Least grey level of a marker.
-    pub threshold: u8,
-    /// Most pixels of a marker.
-    pub most_pixels: u16,
-    /// Markers in the deck's frame, m.
-    pub markers_m: Vec<[f64; 3]>,
-    /// Their codes, one bit an image, 1 lit.
-    pub codes: Vec<String>,
-    /// Wrong bits that are forgiven.
-    pub wrong_bits: u32,
-    /// A spot moves at most so far between images, other than it did before, px.
-    pub gate_px: f64,
-    /// Standard deviation of a spot's place, each coordinate, px.
-    pub spot_sd_px: f64,
-    /// Standard deviation of the deck's tilt against the drone's, each axis, deg.
-    pub tilt_sd_deg: f64,
-    /// Largest sum of squared residuals.
-    pub max_misfit: f64,
-}
-
-impl Default for UvdarSettings {
-    fn default() -> Self {
-        UvdarSettings {
-            lens: Fisheye::default(),
-            tilt_down_deg: 45.0,
-            offset_m: [0.0; 3],
-            rate_hz: 20.0,
-            threshold: 80,
-            most_pixels: 200,
-            // Ours: the corners of the deck.
-            markers_m: vec![
+config! {
+    /// The ultraviolet camera and the deck's markers.
+    pub struct UvdarSettings {
+        /// Its lens.
+        pub lens: Fisheye;
+        /// Its axis below the body's forward axis, deg.
+        pub tilt_down_deg: f64 = 45.0, in -90.0..=90.0;
+        /// Its optical centre from the belly camera's, in that one's axes (right, aft, down), m.
+        pub offset_m: [f64; 3] = [0.0; 3], in -5.0..=5.0;
+        /// Images per second, which is the markers' bits per second.
+        pub rate_hz: f64 = 20.0, in 1.0..=200.0;
+        /// Least grey level of a marker.
+        pub threshold: u8 = 80, in 5.0..=255.0;
+        /// Most pixels of a marker.
+        pub most_pixels: u16 = 200, in 1.0..=1e4;
+        /// Markers in the deck's frame, m.
+        /// Source: Ours: the corners of the deck.
+        pub markers_m: Vec<[f64; 3]> = vec![
                 [1.25, -0.85, 0.0],
                 [1.25, 0.85, 0.0],
                 [-1.25, 0.85, 0.0],
                 [-1.25, -0.85, 0.0],
-            ],
-            // Ours: twelve bits, never dark for more than two, any two codes four bits apart in any phase.
-            codes: ["001001001011", "001001100101", "001010101111", "001100110111"]
+            ];
+        /// Their codes, one bit an image, 1 lit.
+        /// Source: Ours: twelve bits, never dark for more than two, any two codes four bits apart in any
+        /// phase.
+        pub codes: Vec<String> = ["001001001011", "001001100101", "001010101111", "001100110111"]
                 .map(String::from)
-                .to_vec(),
-            wrong_bits: 1,
-            gate_px: 6.0,
-            // Ours: three times what rendered images give.
-            spot_sd_px: 0.15,
-            tilt_sd_deg: 12.0,
-            max_misfit: 40.0,
+                .to_vec();
+        /// Wrong bits that are forgiven.
+        pub wrong_bits: u32 = 1, in 0.0..=3.0;
+        /// A spot moves at most so far between images, other than it did before, px.
+        pub gate_px: f64 = 6.0, in 0.5..=100.0;
+        /// Standard deviation of a spot's place, each coordinate, px.
+        /// Source: Ours: three times what rendered images give.
+        pub spot_sd_px: f64 = 0.15, in 0.01..=10.0;
+        /// Standard deviation of the deck's tilt against the drone's, each axis, deg.
+        pub tilt_sd_deg: f64 = 12.0, in 0.5..=60.0;
+        /// Largest sum of squared residuals.
+        pub max_misfit: f64 = 40.0, in 1.0..=1e6;
+    }
+    check |this, at| {
+        at.require(
+            (2..=MOST_MARKERS).contains(&this.markers_m.len()) && this.markers_m.len() == this.codes.len(),
+            "markers_m, codes",
+            format!("{} and {}", this.markers_m.len(), this.codes.len()),
+            "2 to 16 markers, a code for each",
+        )?;
+        for marker in &this.markers_m {
+            at.ranges("markers_m", marker, -50.0, 50.0)?;
         }
+        let codes = this.parsed();
+        let length = codes.first().map_or(0, Code::images);
+        let apart = |(k, a): (usize, &Code)| codes.iter().skip(k + 1).all(|b| a.apart(b) >= LEAST_APART);
+        at.require(
+            codes.len() == this.codes.len()
+                && codes.iter().all(|c| c.images() == length)
+                && codes.iter().enumerate().all(apart),
+            "codes",
+            format!("{:?}", this.codes),
+            "4 to 32 bits 0 and 1 each, all of one length, any two at least 3 bits apart in every phase",
+        )?;
     }
 }
 
@@ -101,42 +104,6 @@ impl UvdarSettings {
     pub fn belly_from_uv(&self) -> UnitQuaternion<f64> {
         let turn = core::f64::consts::FRAC_PI_2 - self.tilt_down_deg.to_radians();
         UnitQuaternion::from_axis_angle(&Vector3::x_axis(), turn)
-    }
-}
-
-impl Check for UvdarSettings {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.lens.check(&at.table("lens"))?;
-        at.range("tilt_down_deg", self.tilt_down_deg, -90.0, 90.0)?;
-        at.ranges("offset_m", &self.offset_m, -5.0, 5.0)?;
-        at.range("rate_hz", self.rate_hz, 1.0, 200.0)?;
-        at.range("threshold", f64::from(self.threshold), 5.0, 255.0)?;
-        at.range("most_pixels", f64::from(self.most_pixels), 1.0, 1e4)?;
-        at.require(
-            (2..=MOST_MARKERS).contains(&self.markers_m.len()) && self.markers_m.len() == self.codes.len(),
-            "markers_m, codes",
-            format!("{} and {}", self.markers_m.len(), self.codes.len()),
-            "2 to 16 markers, a code for each",
-        )?;
-        for marker in &self.markers_m {
-            at.ranges("markers_m", marker, -50.0, 50.0)?;
-        }
-        let codes = self.parsed();
-        let length = codes.first().map_or(0, Code::images);
-        let apart = |(k, a): (usize, &Code)| codes.iter().skip(k + 1).all(|b| a.apart(b) >= LEAST_APART);
-        at.require(
-            codes.len() == self.codes.len()
-                && codes.iter().all(|c| c.images() == length)
-                && codes.iter().enumerate().all(apart),
-            "codes",
-            format!("{:?}", self.codes),
-            "4 to 32 bits 0 and 1 each, all of one length, any two at least 3 bits apart in every phase",
-        )?;
-        at.range("wrong_bits", f64::from(self.wrong_bits), 0.0, 3.0)?;
-        at.range("gate_px", self.gate_px, 0.5, 100.0)?;
-        at.range("spot_sd_px", self.spot_sd_px, 0.01, 10.0)?;
-        at.range("tilt_sd_deg", self.tilt_sd_deg, 0.5, 60.0)?;
-        at.range("max_misfit", self.max_misfit, 1.0, 1e6)
     }
 }
 

@@ -4,35 +4,22 @@
 //! Both receivers' errors are in the relative position, and nothing at close range removes them:
 //! what remains of the deck's 2.5 m x 1.7 m is what this baseline shows.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::msg::DeckForecast;
-use serde::{Deserialize, Serialize};
 
-/// How far a velocity is trusted.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct GnssRadioConfig {
-    /// The vertical velocity dies out with this time constant, s: heave goes back, constant vertical
-    /// velocity over the whole horizon would chase it by metres.
-    pub heave_memory_s: f64,
-    /// In the flare it goes on down to this far below the believed deck, m: contact ends the descent,
-    /// not the receivers' word.
-    pub below_m: f64,
-}
-impl Default for GnssRadioConfig {
-    /// Ours: a fifth of a wave's period; two standard deviations of the difference of two receivers
-    /// of 1 m each.
-    fn default() -> Self {
-        GnssRadioConfig {
-            heave_memory_s: 1.0,
-            below_m: 2.8,
-        }
-    }
-}
-impl Check for GnssRadioConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("heave_memory_s", self.heave_memory_s, 0.01, 100.0)?;
-        at.range("below_m", self.below_m, 0.0, 10.0)
+config! {
+    /// How far a velocity is trusted.
+    ///
+    /// Defaults: Ours: a fifth of a wave's period; two standard deviations of the difference of two
+    /// receivers of 1 m each.
+    #[derive(Copy)]
+    pub struct GnssRadioConfig {
+        /// The vertical velocity dies out with this time constant, s: heave goes back, constant vertical
+        /// velocity over the whole horizon would chase it by metres.
+        pub heave_memory_s: f64 = 1.0, in 0.01..=100.0;
+        /// In the flare it goes on down to this far below the believed deck, m: contact ends the descent,
+        /// not the receivers' word.
+        pub below_m: f64 = 2.8, in 0.0..=10.0;
     }
 }
 

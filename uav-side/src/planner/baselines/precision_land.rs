@@ -11,59 +11,39 @@
 //! this predictor hears no radio while it sees the tag and never the wave model
 //! ([`super::settings`]). That filter is a better one than either autopilot has.
 
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::config;
 use alight_shared::msg::{DeckStage, Phase};
 use alight_shared::time::{DroneClock, Time};
-use serde::{Deserialize, Serialize};
 
 use super::View;
 use crate::planner::model::State;
 
-/// Parameters, by their names in PX4.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PrecisionLandConfig {
-    /// `MPC_LAND_SPEED`: speed of sinking over the earth, m/s.
-    pub sink_mps: f64,
-    /// `MPC_LAND_CRWL`: the same on a drone with a rangefinder, as this one is, below `crawl_below_m`,
-    /// m/s.
-    pub crawl_mps: f64,
-    /// `MPC_LAND_ALT3`: height of the feet over the target below which it crawls, m.
-    pub crawl_below_m: f64,
-    /// `PLD_HACC_RAD`: sinking begins within this distance in north and in east, m.
-    pub begin_within_m: f64,
-    /// `PLD_FAPPR_ALT`: below this height over the target it sinks on without one, m.
-    pub final_approach_m: f64,
-    /// A sighting is a measurement up to this age, s.
-    pub fresh_s: f64,
-    /// `PLD_BTOUT`: without a measurement for this long the target is lost, s.
-    pub timeout_s: f64,
-}
-impl Default for PrecisionLandConfig {
-    /// PX4's defaults, except: the camera of a drone on legs sees no tag of 1 m below 0.5 m, so the
-    /// final approach begins at 1 m instead of 0.1 m (else it would never touch down); fresh is
-    /// three frames at 30 Hz.
-    fn default() -> Self {
-        PrecisionLandConfig {
-            sink_mps: 0.7,
-            crawl_mps: 0.3,
-            crawl_below_m: 1.0,
-            begin_within_m: 0.2,
-            final_approach_m: 1.0,
-            fresh_s: 0.1,
-            timeout_s: 5.0,
-        }
+config! {
+    /// Parameters, by their names in PX4.
+    ///
+    /// Defaults: PX4's defaults, except: the camera of a drone on legs sees no tag of 1 m below 0.5 m, so
+    /// the final approach begins at 1 m instead of 0.1 m (else it would never touch down); fresh is three
+    /// frames at 30 Hz.
+    #[derive(Copy)]
+    pub struct PrecisionLandConfig {
+        /// `MPC_LAND_SPEED`: speed of sinking over the earth, m/s.
+        pub sink_mps: f64 = 0.7, in 0.05..=3.0;
+        /// `MPC_LAND_CRWL`: the same on a drone with a rangefinder, as this one is, below `crawl_below_m`,
+        /// m/s.
+        pub crawl_mps: f64 = 0.3;
+        /// `MPC_LAND_ALT3`: height of the feet over the target below which it crawls, m.
+        pub crawl_below_m: f64 = 1.0, in 0.0..=10.0;
+        /// `PLD_HACC_RAD`: sinking begins within this distance in north and in east, m.
+        pub begin_within_m: f64 = 0.2, in 0.01..=10.0;
+        /// `PLD_FAPPR_ALT`: below this height over the target it sinks on without one, m.
+        pub final_approach_m: f64 = 1.0, in 0.0..=10.0;
+        /// A sighting is a measurement up to this age, s.
+        pub fresh_s: f64 = 0.1, in 0.01..=5.0;
+        /// `PLD_BTOUT`: without a measurement for this long the target is lost, s.
+        pub timeout_s: f64 = 5.0, in 0.1..=60.0;
     }
-}
-impl Check for PrecisionLandConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("sink_mps", self.sink_mps, 0.05, 3.0)?;
-        at.range("crawl_mps", self.crawl_mps, 0.05, self.sink_mps)?;
-        at.range("crawl_below_m", self.crawl_below_m, 0.0, 10.0)?;
-        at.range("begin_within_m", self.begin_within_m, 0.01, 10.0)?;
-        at.range("final_approach_m", self.final_approach_m, 0.0, 10.0)?;
-        at.range("fresh_s", self.fresh_s, 0.01, 5.0)?;
-        at.range("timeout_s", self.timeout_s, 0.1, 60.0)
+    check |this, at| {
+        at.range("crawl_mps", this.crawl_mps, 0.05, this.sink_mps)?;
     }
 }
 

@@ -1,5 +1,6 @@
 //! Figures of the rendezvous planner.
 
+use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
 use serde::{Deserialize, Serialize};
 
@@ -28,158 +29,87 @@ impl Check for Meeting {
     }
 }
 
-/// The way down: fast, braked, soft.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ProfileConfig {
-    /// Greatest speed of sinking, m/s.
-    pub sink_mps: f64,
-    /// Deceleration before the soft part, m/s².
-    pub braking_mps2: f64,
-    /// Greatest acceleration downwards, m/s².
-    pub acceleration_mps2: f64,
-    /// When late, sinking at most this much faster than `sink_mps`, m/s.
-    pub hurry_mps: f64,
-    /// Speed of the soft part relative to the deck, m/s.
-    pub touch_mps: f64,
-    /// Duration of the soft part, s.
-    pub soft_s: f64,
-    /// After the contact the reference goes on into the deck down to here, m.
-    pub press_m: f64,
-    /// Higher than this above the deck its heave is not followed, m ...
-    pub mean_above_m: f64,
-    /// ... lower than this it is followed wholly, m.
-    pub heave_below_m: f64,
-}
-
-impl Default for ProfileConfig {
-    /// Ours, after a prototype: 2.5 m/s, then 0.28 m/s for the last 0.35 s.
-    fn default() -> Self {
-        ProfileConfig {
-            sink_mps: 2.5,
-            braking_mps2: 2.5,
-            acceleration_mps2: 3.0,
-            hurry_mps: 0.5,
-            touch_mps: 0.28,
-            soft_s: 0.35,
-            press_m: 0.5,
-            mean_above_m: 4.5,
-            heave_below_m: 1.5,
-        }
+config! {
+    /// The way down: fast, braked, soft.
+    ///
+    /// Defaults: Ours, after a prototype: 2.5 m/s, then 0.28 m/s for the last 0.35 s.
+    #[derive(Copy)]
+    pub struct ProfileConfig {
+        /// Greatest speed of sinking, m/s.
+        pub sink_mps: f64 = 2.5;
+        /// Deceleration before the soft part, m/s².
+        pub braking_mps2: f64 = 2.5, in 0.2..=6.0;
+        /// Greatest acceleration downwards, m/s².
+        pub acceleration_mps2: f64 = 3.0, in 0.2..=8.0;
+        /// When late, sinking at most this much faster than `sink_mps`, m/s.
+        pub hurry_mps: f64 = 0.5, in 0.0..=4.0;
+        /// Speed of the soft part relative to the deck, m/s.
+        pub touch_mps: f64 = 0.28, in 0.05..=1.0;
+        /// Duration of the soft part, s.
+        pub soft_s: f64 = 0.35, in 0.0..=5.0;
+        /// After the contact the reference goes on into the deck down to here, m.
+        pub press_m: f64 = 0.5, in 0.01..=1.0;
+        /// Higher than this above the deck its heave is not followed, m ...
+        pub mean_above_m: f64 = 4.5;
+        /// ... lower than this it is followed wholly, m.
+        pub heave_below_m: f64 = 1.5, in 0.3..=50.0;
     }
-}
-impl Check for ProfileConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("touch_mps", self.touch_mps, 0.05, 1.0)?;
-        at.range("sink_mps", self.sink_mps, self.touch_mps, 4.0)?;
-        at.range("braking_mps2", self.braking_mps2, 0.2, 6.0)?;
-        at.range("acceleration_mps2", self.acceleration_mps2, 0.2, 8.0)?;
-        at.range("hurry_mps", self.hurry_mps, 0.0, 4.0)?;
-        at.range("soft_s", self.soft_s, 0.0, 5.0)?;
-        at.range("press_m", self.press_m, 0.01, 1.0)?;
-        at.range("heave_below_m", self.heave_below_m, 0.3, 50.0)?;
-        at.range("mean_above_m", self.mean_above_m, self.heave_below_m + 0.1, 100.0)
+    check |this, at| {
+        at.range("sink_mps", this.sink_mps, this.touch_mps, 4.0)?;
+        at.range("mean_above_m", this.mean_above_m, this.heave_below_m + 0.1, 100.0)?;
     }
 }
 
-/// Which instant is a good one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct InstantConfig {
-    /// The instant is chosen within this time after the earliest, s; 0 takes the earliest.
-    pub window_s: f64,
-    /// Chosen no more when the contact is nearer than this, s.
-    pub freeze_s: f64,
-    /// Acceleration of the deck that an aligned drone does not share and that counts as 1, m/s².
-    pub mismatch_mps2: f64,
-    /// Tilt that counts as 1/2, deg.
-    pub tilt_deg: f64,
-    /// Rate of tilt that counts as 1/2, deg/s.
-    pub tilt_rate_dps: f64,
-    /// Speed at which the deck rises that counts as 1/2, m/s: it meets a drone that waits for it sooner or later
-    /// than foretold, before the drone is aligned.
-    pub rising_mps: f64,
-    /// Cost of waiting, 1/s.
-    pub waiting_per_s: f64,
-    /// Another instant is taken when it costs less by this much.
-    pub hysteresis: f64,
-    /// When late, the contact may be meant to come this much sooner than the profile has it, s.
-    pub hurry_s: f64,
-    /// In the flare the contact comes at most this much later than the profile has it, s: low over the deck
-    /// the tag is out of view, and a drone that waits there drifts off or is left behind.
-    pub linger_s: f64,
-}
-
-impl Default for InstantConfig {
-    /// Ours, after a prototype.
-    fn default() -> Self {
-        InstantConfig {
-            window_s: 2.5,
-            freeze_s: 1.3,
-            mismatch_mps2: 0.5,
-            tilt_deg: 5.0,
-            tilt_rate_dps: 5.0,
-            rising_mps: 0.8,
-            waiting_per_s: 0.3,
-            hysteresis: 0.2,
-            hurry_s: 0.15,
-            linger_s: 0.05,
-        }
-    }
-}
-impl Check for InstantConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("window_s", self.window_s, 0.0, 4.0)?;
-        at.range("freeze_s", self.freeze_s, 0.1, 4.0)?;
-        at.range("mismatch_mps2", self.mismatch_mps2, 0.01, 100.0)?;
-        at.range("tilt_deg", self.tilt_deg, 0.1, 90.0)?;
-        at.range("tilt_rate_dps", self.tilt_rate_dps, 0.1, 1e3)?;
-        at.range("rising_mps", self.rising_mps, 0.01, 1e3)?;
-        at.range("waiting_per_s", self.waiting_per_s, 0.0, 100.0)?;
-        at.range("hysteresis", self.hysteresis, 0.0, 100.0)?;
-        at.range("hurry_s", self.hurry_s, 0.0, 1.0)?;
-        at.range("linger_s", self.linger_s, 0.0, 10.0)
+config! {
+    /// Which instant is a good one.
+    ///
+    /// Defaults: Ours, after a prototype.
+    #[derive(Copy)]
+    pub struct InstantConfig {
+        /// The instant is chosen within this time after the earliest, s; 0 takes the earliest.
+        pub window_s: f64 = 2.5, in 0.0..=4.0;
+        /// Chosen no more when the contact is nearer than this, s.
+        pub freeze_s: f64 = 1.3, in 0.1..=4.0;
+        /// Acceleration of the deck that an aligned drone does not share and that counts as 1, m/s².
+        pub mismatch_mps2: f64 = 0.5, in 0.01..=100.0;
+        /// Tilt that counts as 1/2, deg.
+        pub tilt_deg: f64 = 5.0, in 0.1..=90.0;
+        /// Rate of tilt that counts as 1/2, deg/s.
+        pub tilt_rate_dps: f64 = 5.0, in 0.1..=1e3;
+        /// Speed at which the deck rises that counts as 1/2, m/s: it meets a drone that waits for it sooner or later
+        /// than foretold, before the drone is aligned.
+        pub rising_mps: f64 = 0.8, in 0.01..=1e3;
+        /// Cost of waiting, 1/s.
+        pub waiting_per_s: f64 = 0.3, in 0.0..=100.0;
+        /// Another instant is taken when it costs less by this much.
+        pub hysteresis: f64 = 0.2, in 0.0..=100.0;
+        /// When late, the contact may be meant to come this much sooner than the profile has it, s.
+        pub hurry_s: f64 = 0.15, in 0.0..=1.0;
+        /// In the flare the contact comes at most this much later than the profile has it, s: low over the deck
+        /// the tag is out of view, and a drone that waits there drifts off or is left behind.
+        pub linger_s: f64 = 0.05, in 0.0..=10.0;
     }
 }
 
-/// The wind in the plan.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct WindConfig {
-    /// Time constant with which it is learnt, s.
-    pub time_s: f64,
-    /// Largest acceleration believed, m/s².
-    pub limit_mps2: f64,
-    /// Closer than this to the deck nothing is learnt: a contact is no wind, m.
-    pub free_m: f64,
-    /// Wind up to this acceleration blows an aligned drone along, m/s² ...
-    pub aligned_mps2: f64,
-    /// ... and this share of what is beyond; for the rest it keeps leaning.
-    pub aligned_share: f64,
-}
-
-impl Default for WindConfig {
-    /// Ours. Slower than the pilot's: the plan allows for the mean, the pilot for gusts; at most the
-    /// wind of 14 m/s on the default drone. An alignment lasts about 0.3 s, so each m/s² costs
-    /// 0.3 m/s along the deck, and each that is leant against 6 deg: at 5 m/s (0.7 m/s²) aligning
-    /// is cheap, at 8 m/s (1.8 m/s²) both are shared.
-    fn default() -> Self {
-        WindConfig {
-            time_s: 0.7,
-            limit_mps2: 6.0,
-            free_m: 0.5,
-            aligned_mps2: 1.2,
-            aligned_share: 0.6,
-        }
-    }
-}
-impl Check for WindConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        at.range("time_s", self.time_s, 0.05, 60.0)?;
-        at.range("limit_mps2", self.limit_mps2, 0.0, 9.0)?;
-        at.range("free_m", self.free_m, 0.0, 10.0)?;
-        at.range("aligned_mps2", self.aligned_mps2, 0.0, 9.0)?;
-        at.range("aligned_share", self.aligned_share, 0.0, 1.0)
+config! {
+    /// The wind in the plan.
+    ///
+    /// Defaults: Ours. Slower than the pilot's: the plan allows for the mean, the pilot for gusts; at
+    /// most the wind of 14 m/s on the default drone. An alignment lasts about 0.3 s, so each m/s² costs
+    /// 0.3 m/s along the deck, and each that is leant against 6 deg: at 5 m/s (0.7 m/s²) aligning is
+    /// cheap, at 8 m/s (1.8 m/s²) both are shared.
+    #[derive(Copy)]
+    pub struct WindConfig {
+        /// Time constant with which it is learnt, s.
+        pub time_s: f64 = 0.7, in 0.05..=60.0;
+        /// Largest acceleration believed, m/s².
+        pub limit_mps2: f64 = 6.0, in 0.0..=9.0;
+        /// Closer than this to the deck nothing is learnt: a contact is no wind, m.
+        pub free_m: f64 = 0.5, in 0.0..=10.0;
+        /// Wind up to this acceleration blows an aligned drone along, m/s² ...
+        pub aligned_mps2: f64 = 1.2, in 0.0..=9.0;
+        /// ... and this share of what is beyond; for the rest it keeps leaning.
+        pub aligned_share: f64 = 0.6, in 0.0..=1.0;
     }
 }
 
