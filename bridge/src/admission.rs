@@ -9,7 +9,7 @@ use alight_shared::time::VesselClock;
 /// Why a packet was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Reason {
+pub enum RejectionReason {
     /// Longer than any message.
     Oversized,
     /// The bytes are not such a message.
@@ -34,66 +34,66 @@ pub enum Reason {
     /// The clocks' offset is not known yet: its time of validity cannot be converted.
     NoClock,
     /// A number is not finite or outside what physics allows.
-    Absurd,
+    OutOfRange,
     /// A time reply that answers none of our open requests.
-    Unasked,
+    Unsolicited,
     /// A time reply with an impossible round trip, or one that contradicts all others.
     RoundTrip,
 }
 
-impl Reason {
+impl RejectionReason {
     /// Every reason.
-    pub const ALL: [Reason; 14] = [
-        Reason::Oversized,
-        Reason::Malformed,
-        Reason::Version,
-        Reason::Vessel,
-        Reason::Drone,
-        Reason::Boot,
-        Reason::Duplicate,
-        Reason::Order,
-        Reason::Stale,
-        Reason::Future,
-        Reason::NoClock,
-        Reason::Absurd,
-        Reason::Unasked,
-        Reason::RoundTrip,
+    pub const ALL: [RejectionReason; 14] = [
+        RejectionReason::Oversized,
+        RejectionReason::Malformed,
+        RejectionReason::Version,
+        RejectionReason::Vessel,
+        RejectionReason::Drone,
+        RejectionReason::Boot,
+        RejectionReason::Duplicate,
+        RejectionReason::Order,
+        RejectionReason::Stale,
+        RejectionReason::Future,
+        RejectionReason::NoClock,
+        RejectionReason::OutOfRange,
+        RejectionReason::Unsolicited,
+        RejectionReason::RoundTrip,
     ];
 
     /// The name that a person reads.
     pub const fn name(self) -> &'static str {
         match self {
-            Reason::Oversized => "oversized",
-            Reason::Malformed => "malformed",
-            Reason::Version => "of another version",
-            Reason::Vessel => "of another vessel",
-            Reason::Drone => "for another drone",
-            Reason::Boot => "of a former boot",
-            Reason::Duplicate => "repeated",
-            Reason::Order => "overtaken",
-            Reason::Stale => "stale",
-            Reason::Future => "from the future",
-            Reason::NoClock => "before the clocks agreed",
-            Reason::Absurd => "absurd",
-            Reason::Unasked => "unasked replies",
-            Reason::RoundTrip => "impossible round trips",
+            RejectionReason::Oversized => "oversized",
+            RejectionReason::Malformed => "malformed",
+            RejectionReason::Version => "of another version",
+            RejectionReason::Vessel => "of another vessel",
+            RejectionReason::Drone => "for another drone",
+            RejectionReason::Boot => "of a former boot",
+            RejectionReason::Duplicate => "repeated",
+            RejectionReason::Order => "overtaken",
+            RejectionReason::Stale => "stale",
+            RejectionReason::Future => "from the future",
+            RejectionReason::NoClock => "before the clocks agreed",
+            RejectionReason::OutOfRange => "absurd",
+            RejectionReason::Unsolicited => "unasked replies",
+            RejectionReason::RoundTrip => "impossible round trips",
         }
     }
 }
 
 /// Refusals since the start, per reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rejections([u32; Reason::ALL.len()]);
+pub struct Rejections([u32; RejectionReason::ALL.len()]);
 
 impl Rejections {
     /// Counts one.
-    pub fn count(&mut self, reason: Reason) {
+    pub fn count(&mut self, reason: RejectionReason) {
         if let Some(n) = self.0.get_mut(reason as usize) {
             *n = n.saturating_add(1);
         }
     }
     /// Refusals for `reason`.
-    pub fn of(&self, reason: Reason) -> u32 {
+    pub fn of(&self, reason: RejectionReason) -> u32 {
         self.0.get(reason as usize).copied().unwrap_or(0)
     }
     /// All refusals.
@@ -127,7 +127,7 @@ pub enum Boot {
 
 impl Boots {
     /// What `boot` means.
-    pub fn look(&self, boot: u32) -> Boot {
+    pub fn classify(&self, boot: u32) -> Boot {
         match self.current {
             None => Boot::First,
             Some(c) if c == boot => Boot::Current,
@@ -149,15 +149,15 @@ impl Boots {
 }
 
 /// Identity of a message: version, vessel, drone.
-pub fn identity(header: &Header<VesselClock>, vessel_id: u32, drone_id: u32) -> Result<(), Reason> {
+pub fn identity(header: &Header<VesselClock>, vessel_id: u32, drone_id: u32) -> Result<(), RejectionReason> {
     if header.version != MESSAGE_VERSION {
-        return Err(Reason::Version);
+        return Err(RejectionReason::Version);
     }
     if header.vessel != vessel_id {
-        return Err(Reason::Vessel);
+        return Err(RejectionReason::Vessel);
     }
     if header.drone != 0 && header.drone != drone_id {
-        return Err(Reason::Drone);
+        return Err(RejectionReason::Drone);
     }
     Ok(())
 }
@@ -170,11 +170,11 @@ pub struct Order {
 
 impl Order {
     /// Sequence numbers since the newest admitted (1 without loss); refuses repeated and late ones.
-    pub fn advance(&self, sequence: u32) -> Result<u32, Reason> {
+    pub fn advance(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match self.newest {
             None => Ok(1),
-            Some(n) if sequence == n => Err(Reason::Duplicate),
-            Some(n) if sequence < n => Err(Reason::Order),
+            Some(n) if sequence == n => Err(RejectionReason::Duplicate),
+            Some(n) if sequence < n => Err(RejectionReason::Order),
             Some(n) => Ok(sequence - n),
         }
     }
@@ -189,23 +189,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_reason_has_its_own_counter() {
+    fn rejections_count_each_reason_on_its_own() {
         let mut r = Rejections::default();
-        for (i, reason) in Reason::ALL.iter().enumerate() {
+        for (i, reason) in RejectionReason::ALL.iter().enumerate() {
             assert_eq!(*reason as usize, i);
             r.count(*reason);
             assert_eq!(r.of(*reason), 1);
         }
-        assert_eq!(r.total(), Reason::ALL.len() as u32);
+        assert_eq!(r.total(), RejectionReason::ALL.len() as u32);
     }
 
     #[test]
-    fn a_superseded_boot_never_comes_back() {
+    fn boots_never_return_to_a_superseded_one() {
         let mut b = Boots::default();
-        assert_eq!(b.look(7), Boot::First);
+        assert_eq!(b.classify(7), Boot::First);
         b.adopt(7);
-        assert_eq!(b.look(8), Boot::Unknown);
+        assert_eq!(b.classify(8), Boot::Unknown);
         b.adopt(8);
-        assert_eq!((b.look(7), b.look(8)), (Boot::Retired, Boot::Current));
+        assert_eq!((b.classify(7), b.classify(8)), (Boot::Retired, Boot::Current));
     }
 }

@@ -46,7 +46,7 @@ pub struct Offset {
 
 /// Why an exchange was not used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refused {
+pub enum ExchangeRejection {
     /// The round trip is negative or too long.
     RoundTrip,
     /// It contradicts all others; it may be the first after a step and is kept aside.
@@ -102,7 +102,7 @@ impl ClockOffset {
         t2: Time<VesselClock>,
         t3: Time<VesselClock>,
         t4: Time<DroneClock>,
-    ) -> Result<(), Refused> {
+    ) -> Result<(), ExchangeRejection> {
         let low = Span::from_nanos(t1.nanos().saturating_sub(t2.nanos())).secs();
         let high = Span::from_nanos(t4.nanos().saturating_sub(t3.nanos())).secs();
         // Over a cable the round trip is less than what two clocks may drift apart meanwhile.
@@ -114,20 +114,20 @@ impl ClockOffset {
         };
         let round_trip = high - low;
         if t3 < t2 || t4 < t1 || !(0.0..=self.config.max_round_trip_s).contains(&round_trip) {
-            return Err(Refused::RoundTrip);
+            return Err(ExchangeRejection::RoundTrip);
         }
         let new = Bounds { at: t4, low, high };
-        if let Some(now) = self.combined.map(|b| self.loosened(&b, t4))
+        if let Some(now) = self.combined.map(|b| self.widened(&b, t4))
             && (new.low > now.high || new.high < now.low)
         {
             // Disjoint from everything before: believed when a second one agrees with it.
             let agrees = self.suspect.is_some_and(|s| {
-                let s = self.loosened(&s, t4);
+                let s = self.widened(&s, t4);
                 new.low <= s.high && new.high >= s.low
             });
             if !agrees {
                 self.suspect = Some(new);
-                return Err(Refused::Contradiction);
+                return Err(ExchangeRejection::Contradiction);
             }
             self.steps = self.steps.saturating_add(1);
             let first = self.suspect.take();
@@ -148,7 +148,7 @@ impl ClockOffset {
     /// exchange and when it contradicts the exchanges.
     pub fn one_way(&mut self, at: Time<VesselClock>, arrival: Time<DroneClock>) {
         let high = Span::from_nanos(arrival.nanos().saturating_sub(at.nanos())).secs();
-        let Some(now) = self.combined.map(|b| self.loosened(&b, arrival)) else {
+        let Some(now) = self.combined.map(|b| self.widened(&b, arrival)) else {
             return;
         };
         if high < now.low {
@@ -175,7 +175,7 @@ impl ClockOffset {
 
     /// The offset as known at `now`; None before the first exchange.
     pub fn at(&self, now: Time<DroneClock>) -> Option<Offset> {
-        let b = self.loosened(self.combined.as_ref()?, now);
+        let b = self.widened(self.combined.as_ref()?, now);
         let half_width_s = 0.5 * (b.high - b.low);
         Some(Offset {
             offset_s: 0.5 * (b.low + b.high),
@@ -185,7 +185,7 @@ impl ClockOffset {
     }
 
     /// Bounds as they hold at `now`, after the drift since they were measured.
-    fn loosened(&self, b: &Bounds, now: Time<DroneClock>) -> Bounds {
+    fn widened(&self, b: &Bounds, now: Time<DroneClock>) -> Bounds {
         let drift = (now - b.at).secs().max(0.0) * self.config.max_drift;
         Bounds {
             at: now.max(b.at),
@@ -205,7 +205,7 @@ impl ClockOffset {
             self.samples
                 .range(r)
                 .fold((f64::NEG_INFINITY, f64::INFINITY), |(l, h), b| {
-                    let b = self.loosened(b, now);
+                    let b = self.widened(b, now);
                     (l.max(b.low), h.min(b.high))
                 })
         };
@@ -229,7 +229,7 @@ impl ClockOffset {
                 .iter()
                 .chain(&self.one_way)
                 .fold((f64::NEG_INFINITY, f64::INFINITY), |(l, h), b| {
-                    let b = self.loosened(b, now);
+                    let b = self.widened(b, now);
                     (l.max(b.low), h.min(b.high))
                 });
         let (low, high) = match both {
@@ -252,13 +252,19 @@ mod tests {
         Time::from_secs(s)
     }
     /// An exchange at drone time `now` (s) with the given one-way delays and true offset.
-    fn run(c: &mut ClockOffset, now: f64, there: f64, back: f64, offset: f64) -> Result<(), Refused> {
+    fn run(
+        c: &mut ClockOffset,
+        now: f64,
+        there: f64,
+        back: f64,
+        offset: f64,
+    ) -> Result<(), ExchangeRejection> {
         let t2 = now + there - offset;
         c.exchange(t(now), t(t2), t(t2 + 0.002), t(now + there + 0.002 + back))
     }
 
     #[test]
-    fn symmetric_delays_give_the_offset() {
+    fn clock_offset_is_exact_under_symmetric_delays() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..10 {
             run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.437).unwrap();
@@ -269,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drift_of_20_ppm_is_followed() {
+    fn clock_offset_follows_a_drift_of_20_ppm() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..1200 {
             let now = 0.5 * f64::from(k);
@@ -280,19 +286,22 @@ mod tests {
     }
 
     #[test]
-    fn a_step_is_believed_at_its_second_exchange() {
+    fn clock_offset_accepts_a_step_at_its_second_exchange() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..20 {
             run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.4).unwrap();
         }
-        assert_eq!(run(&mut c, 10.0, 0.05, 0.05, -3.0), Err(Refused::Contradiction));
+        assert_eq!(
+            run(&mut c, 10.0, 0.05, 0.05, -3.0),
+            Err(ExchangeRejection::Contradiction)
+        );
         assert_eq!(run(&mut c, 10.5, 0.05, 0.05, -3.0), Ok(()));
         assert_eq!(c.steps(), 1);
         assert!((c.at(t(10.6)).unwrap().offset_s + 3.0).abs() < 1e-3);
     }
 
     #[test]
-    fn a_step_within_the_round_trip_is_found_from_both_directions() {
+    fn clock_offset_detects_a_step_shorter_than_the_round_trip() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..60 {
             let now = 0.5 * f64::from(k);
@@ -304,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn one_way_messages_tighten_the_upper_bound_only_if_they_can_be_true() {
+    fn clock_offset_uses_only_possible_one_way_messages() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         c.one_way(t(0.0), t(0.5));
         assert_eq!(c.at(t(0.0)), None, "no offset from one direction alone");
@@ -320,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cable_without_any_delay_is_no_impossible_round_trip() {
+    fn clock_offset_accepts_exchanges_without_delay() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         for k in 0..5 {
             let start = f64::from(k);
@@ -336,19 +345,19 @@ mod tests {
     }
 
     #[test]
-    fn impossible_round_trips_are_refused() {
+    fn clock_offset_rejects_impossible_round_trips() {
         let mut c = ClockOffset::new(&ClockConfig::default());
         assert_eq!(
             c.exchange(t(1.0), t(0.0), t(0.5), t(1.1)),
-            Err(Refused::RoundTrip)
+            Err(ExchangeRejection::RoundTrip)
         );
         assert_eq!(
             c.exchange(t(1.0), t(0.5), t(0.4), t(1.1)),
-            Err(Refused::RoundTrip)
+            Err(ExchangeRejection::RoundTrip)
         );
         assert_eq!(
             c.exchange(t(1.0), t(0.5), t(0.5), t(9.0)),
-            Err(Refused::RoundTrip)
+            Err(ExchangeRejection::RoundTrip)
         );
         assert_eq!(c.at(t(9.0)), None);
     }

@@ -11,6 +11,6 @@ pub mod config;
 pub mod link;
 pub mod node;
 
-pub use admission::{Reason, Rejections};
+pub use admission::{RejectionReason, Rejections};
 pub use config::{BridgeConfig, ClockConfig};
 pub use node::{Bridge, BridgeIn, BridgeOut, Packet, PacketKind};

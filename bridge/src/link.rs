@@ -22,7 +22,7 @@ pub struct LinkStatistics {
     window_s: f64,
     arrivals: VecDeque<Arrival>,
     /// Arrivals of estimates that a newer one had overtaken.
-    overtaken: VecDeque<Time<DroneClock>>,
+    out_of_order: VecDeque<Time<DroneClock>>,
     newest_valid: Option<Time<DroneClock>>,
     sorted: Vec<f64>,
 }
@@ -33,7 +33,7 @@ impl LinkStatistics {
         LinkStatistics {
             window_s,
             arrivals: VecDeque::with_capacity(MAX_ARRIVALS),
-            overtaken: VecDeque::with_capacity(MAX_ARRIVALS),
+            out_of_order: VecDeque::with_capacity(MAX_ARRIVALS),
             newest_valid: None,
             sorted: Vec::with_capacity(MAX_ARRIVALS),
         }
@@ -54,17 +54,17 @@ impl LinkStatistics {
     }
 
     /// An estimate came after a newer one: late, but not lost.
-    pub fn overtaken(&mut self, arrival: Time<DroneClock>) {
-        if self.overtaken.len() == MAX_ARRIVALS {
-            self.overtaken.pop_front();
+    pub fn out_of_order(&mut self, arrival: Time<DroneClock>) {
+        if self.out_of_order.len() == MAX_ARRIVALS {
+            self.out_of_order.pop_front();
         }
-        self.overtaken.push_back(arrival);
+        self.out_of_order.push_back(arrival);
     }
 
     /// The vessel started anew: ages and latencies on its old clock mean nothing.
     pub fn reset(&mut self) {
         self.arrivals.clear();
-        self.overtaken.clear();
+        self.out_of_order.clear();
         self.newest_valid = None;
     }
 
@@ -81,11 +81,11 @@ impl LinkStatistics {
     pub fn loss(&mut self, now: Time<DroneClock>) -> (f64, f64) {
         let window = self.window_s;
         self.arrivals.retain(|a| (now - a.at).secs() <= window);
-        self.overtaken.retain(|at| (now - *at).secs() <= window);
+        self.out_of_order.retain(|at| (now - *at).secs() <= window);
         let sent: f64 = self.arrivals.iter().map(|a| f64::from(a.advance)).sum();
         if sent > 0.0 {
             // At the window's edge an overtaken one may be in it without the gap that it left.
-            let (used, late) = (self.arrivals.len() as f64, self.overtaken.len() as f64);
+            let (used, late) = (self.arrivals.len() as f64, self.out_of_order.len() as f64);
             ((1.0 - (used + late) / sent).max(0.0), (late / sent).min(1.0))
         } else {
             (0.0, 0.0)
@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn loss_latency_and_age_follow_the_arrivals() {
+    fn link_statistics_follow_the_arrivals() {
         let mut s = LinkStatistics::new(5.0);
         let t = |ms: i64| Time::from_nanos(ms * 1_000_000);
         assert_eq!(s.age_s(t(0)), f64::INFINITY);
@@ -122,9 +122,9 @@ mod tests {
         }
         assert!((s.loss(t(1100)).0 - 0.2).abs() < 1e-12);
         // Five of the gaps were not losses but late ones.
-        (0..5).for_each(|k| s.overtaken(t(1010 + k)));
-        let (lost, overtaken) = s.loss(t(1100));
-        assert!((lost - 0.16).abs() < 1e-12 && (overtaken - 0.04).abs() < 1e-12);
+        (0..5).for_each(|k| s.out_of_order(t(1010 + k)));
+        let (lost, out_of_order) = s.loss(t(1100));
+        assert!((lost - 0.16).abs() < 1e-12 && (out_of_order - 0.04).abs() < 1e-12);
         let (p50, p99) = s.latency_s();
         assert!(
             (p50 - 0.050).abs() < 1e-9 && (p99 - 0.099).abs() < 1e-9,

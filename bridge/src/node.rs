@@ -13,7 +13,7 @@ use alight_shared::wire::{self, WireError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::admission::{Boot, Boots, Order, Reason, Rejections, identity};
+use crate::admission::{Boot, Boots, Order, RejectionReason, Rejections, identity};
 use crate::clock::{ClockOffset, Offset};
 use crate::config::BridgeConfig;
 use crate::link::LinkStatistics;
@@ -88,7 +88,7 @@ pub struct Bridge {
     /// Newest time of validity of the current boot, on the vessel's clock.
     newest: Option<Time<VesselClock>>,
     /// Boot and time of validity of the newest estimate.
-    heard: Option<(u32, Time<VesselClock>)>,
+    newest_received: Option<(u32, Time<VesselClock>)>,
     clock: ClockOffset,
     link: LinkStatistics,
     rejections: Rejections,
@@ -114,7 +114,7 @@ impl Bridge {
             deck: Order::default(),
             command: Order::default(),
             newest: None,
-            heard: None,
+            newest_received: None,
             clock: ClockOffset::new(&config.clock),
             link: LinkStatistics::new(config.loss_window_s),
             rejections: Rejections::default(),
@@ -144,18 +144,18 @@ impl Bridge {
         arrival: Time<DroneClock>,
         packet: &Packet,
         out: &mut BridgeOut,
-    ) -> Result<(), Reason> {
+    ) -> Result<(), RejectionReason> {
         match packet.kind {
             PacketKind::Estimate => {
                 let m: VesselEstimate<VesselClock> = decode(&packet.bytes)?;
                 let order = self.estimate;
                 let admitted = self.admit(arrival, &m, &order, &topics::ESTIMATE, 0.0);
-                if admitted == Err(Reason::Order) {
-                    self.link.overtaken(arrival);
+                if admitted == Err(RejectionReason::Order) {
+                    self.link.out_of_order(arrival);
                 }
                 let (at, advance) = admitted?;
                 self.estimate.admit(m.header.sequence);
-                self.heard = Some((m.header.boot, m.header.at));
+                self.newest_received = Some((m.header.boot, m.header.at));
                 self.clock.one_way(m.header.at, arrival);
                 self.link.admitted(arrival, at, advance);
                 out.estimate = Some(m.restamped(at));
@@ -194,7 +194,11 @@ impl Bridge {
                 let at = match self.admit(arrival, &m, &order, &topics::OPERATOR, 0.0) {
                     Ok((at, _)) => at,
                     // An abort counts however old it is and whatever the clocks say.
-                    Err(Reason::Stale | Reason::Future | Reason::NoClock) if abort => arrival,
+                    Err(RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock)
+                        if abort =>
+                    {
+                        arrival
+                    }
                     Err(reason) => return Err(reason),
                 };
                 self.command.admit(m.header.sequence);
@@ -220,25 +224,25 @@ impl Bridge {
         order: &Order,
         topic: &Topic,
         ahead: f64,
-    ) -> Result<(Time<DroneClock>, u32), Reason> {
+    ) -> Result<(Time<DroneClock>, u32), RejectionReason> {
         let header = message.header();
         identity(header, self.config.vessel_id, self.config.drone_id)?;
-        message.check().map_err(|_| Reason::Absurd)?;
-        let restart = match self.boots.look(header.boot) {
+        message.check().map_err(|_| RejectionReason::OutOfRange)?;
+        let restart = match self.boots.classify(header.boot) {
             Boot::Current => false,
             Boot::First => true,
-            Boot::Retired => return Err(Reason::Boot),
+            Boot::Retired => return Err(RejectionReason::Boot),
             // A restart can only speak of later times than its predecessor did; if the vessel's
             // clock went back with it, the first reply to a request of ours proves the new boot.
             Boot::Unknown if self.newest.is_some_and(|n| header.at > n) => true,
-            Boot::Unknown => return Err(Reason::Boot),
+            Boot::Unknown => return Err(RejectionReason::Boot),
         };
         let advance = if restart {
             1
         } else {
             order.advance(header.sequence)?
         };
-        let offset = self.clock.at(arrival).ok_or(Reason::NoClock)?;
+        let offset = self.clock.at(arrival).ok_or(RejectionReason::NoClock)?;
         let at = Time::from_nanos(
             header
                 .at
@@ -248,10 +252,10 @@ impl Bridge {
         let slack = offset.half_width_s + self.config.future_margin_s;
         let age = (arrival - at).secs();
         if age < -(slack + ahead) {
-            return Err(Reason::Future);
+            return Err(RejectionReason::Future);
         }
         if age > topic.stale_after.secs() {
-            return Err(Reason::Stale);
+            return Err(RejectionReason::Stale);
         }
         if restart {
             self.adopt(header.boot);
@@ -276,18 +280,18 @@ impl Bridge {
         &mut self,
         t4: Time<DroneClock>,
         m: &TimeReply<VesselClock, DroneClock>,
-    ) -> Result<(), Reason> {
+    ) -> Result<(), RejectionReason> {
         let header: &Header<VesselClock> = &m.header;
         identity(header, self.config.vessel_id, self.config.drone_id)?;
-        let (is_new, is_first) = match self.boots.look(header.boot) {
+        let (is_new, is_first) = match self.boots.classify(header.boot) {
             Boot::Current => (false, false),
             Boot::First => (true, true),
             Boot::Unknown => (true, false),
-            Boot::Retired => return Err(Reason::Boot),
+            Boot::Retired => return Err(RejectionReason::Boot),
         };
         // An answer to an open request is fresh by proof: only the running computer can give it.
-        let Some(i) = self.open.iter().position(|t1| *t1 == m.asked_at) else {
-            return Err(Reason::Unasked);
+        let Some(i) = self.open.iter().position(|t1| *t1 == m.requested_at) else {
+            return Err(RejectionReason::Unsolicited);
         };
         self.open.remove(i);
         if is_new {
@@ -297,8 +301,8 @@ impl Bridge {
             }
         }
         self.clock
-            .exchange(m.asked_at, m.received_at, header.at, t4)
-            .map_err(|_| Reason::RoundTrip)?;
+            .exchange(m.requested_at, m.received_at, header.at, t4)
+            .map_err(|_| RejectionReason::RoundTrip)?;
         self.reply.admit(header.sequence);
         Ok(())
     }
@@ -323,7 +327,7 @@ impl Bridge {
             now,
         );
         self.requests = self.requests.wrapping_add(1);
-        let (newest_boot, newest_at) = self.heard.unwrap_or((0, Time::EPOCH));
+        let (newest_boot, newest_at) = self.newest_received.unwrap_or((0, Time::EPOCH));
         Some(TimeRequest {
             header,
             newest_at,
@@ -340,7 +344,7 @@ impl Bridge {
             return None;
         }
         let offset = self.clock.at(now);
-        let (loss, overtaken) = self.link.loss(now);
+        let (loss, out_of_order) = self.link.loss(now);
         let (latency_p50_s, latency_p99_s) = self.link.latency_s();
         let header = Header::new(
             self.config.vessel_id,
@@ -356,7 +360,7 @@ impl Bridge {
             clock_offset_sd_s: offset.map_or(f64::INFINITY, |o| o.sd_s),
             age_s: self.link.age_s(now),
             loss,
-            overtaken,
+            out_of_order,
             latency_p50_s,
             latency_p99_s,
             rejected: self.rejections.total(),
@@ -400,11 +404,11 @@ fn due(next: &mut Option<Time<DroneClock>>, now: Time<DroneClock>, period: Span)
     }
 }
 
-fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Reason> {
+fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, RejectionReason> {
     wire::decode(bytes).map_err(|e| match e {
-        WireError::Oversized { .. } => Reason::Oversized,
+        WireError::Oversized { .. } => RejectionReason::Oversized,
         WireError::Malformed { .. } | WireError::Trailing { .. } | WireError::Encode { .. } => {
-            Reason::Malformed
+            RejectionReason::Malformed
         }
     })
 }

@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind, Reason};
+use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind, RejectionReason};
 use alight_shared::frames::Datum;
 use alight_shared::msg::{
     Header, MESSAGE_VERSION, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
@@ -53,7 +53,7 @@ fn step(b: &mut Bridge, now: f64, packets: Vec<Stamped<DroneClock, Packet>>) -> 
 fn reply(q: &TimeRequest<DroneClock>, boot: u32, at: f64) -> TimeReply<VesselClock, DroneClock> {
     TimeReply {
         header: Header::new(1, q.header.drone, boot, q.header.sequence, vessel(at)),
-        asked_at: q.header.at,
+        requested_at: q.header.at,
         received_at: vessel(at),
     }
 }
@@ -79,7 +79,7 @@ fn settled(there: f64, back: f64, seconds: f64) -> (Bridge, f64) {
 }
 
 #[test]
-fn an_estimate_comes_out_on_the_drones_clock() {
+fn bridge_restamps_an_estimate_on_the_drone_clock() {
     let (mut b, now) = settled(0.05, 0.05, 5.0);
     let m = estimate(1, 0, vessel(now - 0.04));
     let out = step(&mut b, now, vec![packet(now, PacketKind::Estimate, &m)]);
@@ -94,14 +94,14 @@ fn an_estimate_comes_out_on_the_drones_clock() {
 }
 
 #[test]
-fn wave_model_and_prediction_come_through() {
+fn bridge_passes_wave_model_and_prediction() {
     let (mut b, now) = settled(0.05, 0.05, 5.0);
     let wave = WaveModel::<VesselClock> {
         header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
         significant_height_m: 1.0,
         confidence: 0.5,
-        orbital_slip: 0.0,
-        sharpness: 0.0,
+        wave_following_deficit: 0.0,
+        crest_steepening: 0.0,
         components: Seq::filled([WaveComponent {
             omega: 1.2,
             omega_encounter: 1.3,
@@ -130,17 +130,17 @@ fn wave_model_and_prediction_come_through() {
 }
 
 #[test]
-fn nothing_is_admitted_before_the_clocks_are_known() {
+fn bridge_admits_nothing_before_the_clock_offset_is_known() {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let m = estimate(1, 0, vessel(1.0));
     let out = step(&mut b, 1.0, vec![packet(1.0, PacketKind::Estimate, &m)]);
     assert!(out.estimate.is_none());
-    assert_eq!(b.rejections().of(Reason::NoClock), 1);
+    assert_eq!(b.rejections().of(RejectionReason::NoClock), 1);
     assert_eq!(out.link.unwrap().clock_offset_sd_s, f64::INFINITY);
 }
 
 #[test]
-fn each_fault_has_its_reason() {
+fn bridge_names_the_reason_of_each_rejection() {
     let (mut b, now) = settled(0.05, 0.05, 5.0);
     let good = estimate(1, 10, vessel(now - 0.05));
     let edit = |f: &dyn Fn(&mut VesselEstimate<VesselClock>)| {
@@ -158,24 +158,30 @@ fn each_fault_has_its_reason() {
     let mut short = packet(now, PacketKind::Estimate, &good);
     short.value.bytes.truncate(100);
     let faults = [
-        (long, Reason::Oversized),
-        (short, Reason::Malformed),
-        (edit(&|m| m.header.version = MESSAGE_VERSION + 1), Reason::Version),
-        (edit(&|m| m.header.vessel = 2), Reason::Vessel),
-        (edit(&|m| m.header.drone = 77), Reason::Drone),
+        (long, RejectionReason::Oversized),
+        (short, RejectionReason::Malformed),
+        (
+            edit(&|m| m.header.version = MESSAGE_VERSION + 1),
+            RejectionReason::Version,
+        ),
+        (edit(&|m| m.header.vessel = 2), RejectionReason::Vessel),
+        (edit(&|m| m.header.drone = 77), RejectionReason::Drone),
         (
             edit(&|m| {
                 m.header.boot = 2;
                 m.header.at = vessel(now - 0.5);
             }),
-            Reason::Boot,
+            RejectionReason::Boot,
         ),
-        (edit(&|m| m.header.sequence = 10), Reason::Duplicate),
-        (edit(&|m| m.header.sequence = 9), Reason::Order),
-        (edit(&|m| m.header.at = vessel(now - 1.2)), Reason::Stale),
-        (edit(&|m| m.header.at = vessel(now + 0.2)), Reason::Future),
-        (edit(&|m| m.eta[2] = f64::NAN), Reason::Absurd),
-        (edit(&|m| m.eta_dot[0] = 1e6), Reason::Absurd),
+        (edit(&|m| m.header.sequence = 10), RejectionReason::Duplicate),
+        (edit(&|m| m.header.sequence = 9), RejectionReason::Order),
+        (edit(&|m| m.header.at = vessel(now - 1.2)), RejectionReason::Stale),
+        (
+            edit(&|m| m.header.at = vessel(now + 0.2)),
+            RejectionReason::Future,
+        ),
+        (edit(&|m| m.eta[2] = f64::NAN), RejectionReason::OutOfRange),
+        (edit(&|m| m.eta_dot[0] = 1e6), RejectionReason::OutOfRange),
     ];
     for (p, reason) in faults {
         let before = b.rejections().of(reason);
@@ -185,15 +191,15 @@ fn each_fault_has_its_reason() {
     }
     let unasked = TimeReply::<VesselClock, DroneClock> {
         header: Header::new(1, 1, 1, 99, vessel(now)),
-        asked_at: drone(now - 0.123),
+        requested_at: drone(now - 0.123),
         received_at: vessel(now),
     };
     step(&mut b, now, vec![packet(now, PacketKind::TimeReply, &unasked)]);
-    assert_eq!(b.rejections().of(Reason::Unasked), 1);
+    assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 1);
 }
 
 #[test]
-fn a_restart_is_accepted_once_and_the_old_boot_never_again() {
+fn bridge_accepts_a_restart_once_and_the_old_boot_never_again() {
     let (mut b, now) = settled(0.05, 0.05, 5.0);
     let old = estimate(1, 500, vessel(now - 0.2));
     step(&mut b, now, vec![packet(now, PacketKind::Estimate, &old)]);
@@ -209,11 +215,11 @@ fn a_restart_is_accepted_once_and_the_old_boot_never_again() {
             .estimate
             .is_none()
     );
-    assert_eq!(b.rejections().of(Reason::Boot), 1);
+    assert_eq!(b.rejections().of(RejectionReason::Boot), 1);
 }
 
 #[test]
-fn a_vessel_whose_clock_went_back_with_its_restart_is_found_by_its_reply() {
+fn bridge_finds_a_restarted_vessel_whose_clock_went_back_by_its_reply() {
     let (mut b, now) = settled(0.05, 0.05, 5.0);
     // Given a vessel that restarts with its clock 100 s behind.
     let behind = |s: f64| vessel(s - 100.0);
@@ -240,7 +246,7 @@ fn a_vessel_whose_clock_went_back_with_its_restart_is_found_by_its_reply() {
 }
 
 #[test]
-fn link_state_at_10_hz_counts_loss_and_age() {
+fn bridge_reports_loss_and_age_at_10_hz() {
     let (mut b, start) = settled(0.05, 0.05, 5.0);
     let mut links = Vec::new();
     for k in 0..300_u32 {
@@ -269,12 +275,12 @@ fn link_state_at_10_hz_counts_loss_and_age() {
 }
 
 /// Small deterministic noise in [0, 1).
-fn noise(k: u32) -> f64 {
+fn uniform(k: u32) -> f64 {
     f64::from(k.wrapping_mul(2_654_435_761) >> 8) / f64::from(1 << 24)
 }
 
 #[test]
-fn a_delay_that_differs_by_100_ms_between_the_directions_is_covered_by_the_stated_sd() {
+fn clock_offset_sd_covers_an_asymmetry_of_100_ms() {
     for (there, back) in [(0.05, 0.15), (0.15, 0.05), (0.01, 0.11), (0.11, 0.01), (0.0, 0.1)] {
         let (b, now) = settled(there, back, 20.0);
         let o = b.offset(drone(now)).unwrap();
@@ -291,7 +297,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_delays_stay_within_two_sd(
+    fn clock_offset_stays_within_two_sd_for_any_delays(
         there in 0.0..0.2f64, back in 0.0..0.2f64, jitter in 0.0..0.1f64, seed in any::<u32>(),
     ) {
         let mut b = Bridge::new(&BridgeConfig::default(), 9);
@@ -302,8 +308,8 @@ proptest! {
             in_flight = rest;
             let packets = arrived.iter().map(|(t, r)| packet(*t, PacketKind::TimeReply, r)).collect();
             if let Some(q) = step(&mut b, now, packets).time_request {
-                let up = there + jitter * noise(seed.wrapping_add(2 * k));
-                let down = back + jitter * noise(seed.wrapping_add(2 * k + 1));
+                let up = there + jitter * uniform(seed.wrapping_add(2 * k));
+                let down = back + jitter * uniform(seed.wrapping_add(2 * k + 1));
                 in_flight.push((now + up + down, reply(&q, 1, now + up)));
             }
         }
@@ -312,7 +318,7 @@ proptest! {
     }
 
     #[test]
-    fn random_bytes_are_refused_and_counted(
+    fn bridge_rejects_and_counts_random_bytes(
         bytes in prop::collection::vec(any::<u8>(), 0..600), kind in 0..4usize,
     ) {
         let (mut b, now) = settled(0.05, 0.05, 1.0);
@@ -323,7 +329,7 @@ proptest! {
     }
 
     #[test]
-    fn damaged_estimates_never_pass_unless_they_are_sane(
+    fn bridge_passes_damaged_estimates_only_within_limits(
         cut in 0..300usize, flip in 0..2000usize, which in 0..2u8,
     ) {
         let (mut b, now) = settled(0.05, 0.05, 1.0);
@@ -342,7 +348,7 @@ proptest! {
     }
 
     #[test]
-    fn any_order_of_arrival_gives_only_newer_estimates(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
+    fn bridge_passes_only_newer_estimates_in_any_order_of_arrival(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
         let (mut b, start) = settled(0.05, 0.05, 1.0);
         let mut newest: Option<(u32, Time<DroneClock>)> = None;
         let (mut passed, mut sent) = (0, 0);
@@ -365,12 +371,12 @@ proptest! {
     }
 
     #[test]
-    fn absurd_times_do_no_harm(at in any::<i64>(), t2 in any::<i64>(), t3 in any::<i64>()) {
+    fn bridge_survives_extreme_time_stamps(at in any::<i64>(), t2 in any::<i64>(), t3 in any::<i64>()) {
         let mut b = Bridge::new(&BridgeConfig::default(), 9);
         let q = step(&mut b, 0.0, vec![]).time_request.unwrap();
         let r = TimeReply::<VesselClock, DroneClock> {
             header: Header::new(1, 1, 1, 0, Time::from_nanos(t3)),
-            asked_at: q.header.at,
+            requested_at: q.header.at,
             received_at: Time::from_nanos(t2),
         };
         let e = estimate(1, 0, Time::from_nanos(at));

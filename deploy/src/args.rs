@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use alight_shared::msg::State;
-use alight_sim::sea::SeaConfig;
+use alight_sim::physics::sea::SeaConfig;
 use alight_uav::planner::PlannerKind;
 use clap::{Args, ValueEnum};
 

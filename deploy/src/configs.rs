@@ -8,14 +8,14 @@ use alight_shared::config;
 #[cfg(feature = "sim")]
 use alight_shared::config::ConfigError;
 #[cfg(feature = "sim")]
-use alight_sim::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 
 use crate::cli::{ConfigArgs, ConfigKind};
 #[cfg(feature = "flight")]
 use crate::live::config::{DroneComputer, VesselComputer};
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 
 config! {
     /// The drone's file: `[bridge]` and `[drone.*]`.
@@ -29,8 +29,8 @@ config! {
 
 /// The configuration of all nodes: files where given, defaults elsewhere.
 #[cfg(feature = "sim")]
-pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs, Refused> {
-    let refused = |e: ConfigError| Refused(e.to_string());
+pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs, CliError> {
+    let refused = |e: ConfigError| CliError(e.to_string());
     let vessel = match vessel {
         Some(path) => config::load(path).map_err(refused)?,
         None => VesselNodeConfig::default(),
@@ -47,7 +47,7 @@ pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs,
 }
 
 /// Prints a default configuration.
-pub fn print(args: &ConfigArgs) -> Result<End, Refused> {
+pub fn print(args: &ConfigArgs) -> Result<Exit, CliError> {
     let text = match args.kind {
         ConfigKind::Vessel => toml::to_string(&VesselNodeConfig::default()),
         ConfigKind::Drone => toml::to_string(&DroneFile::default()),
@@ -58,11 +58,11 @@ pub fn print(args: &ConfigArgs) -> Result<End, Refused> {
         #[cfg(feature = "flight")]
         ConfigKind::DroneComputer => toml::to_string(&DroneComputer::default()),
     };
-    say::line(
-        text.map_err(|e| Refused::because("writing the configuration as TOML", e))?
+    terminal::line(
+        text.map_err(|e| CliError::because("writing the configuration as TOML", e))?
             .trim_end(),
     );
-    Ok(End::Success)
+    Ok(Exit::Success)
 }
 
 #[cfg(all(test, feature = "sim"))]

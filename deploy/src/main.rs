@@ -15,13 +15,13 @@ mod live;
 mod plot;
 #[cfg(feature = "record")]
 mod record;
-mod say;
 #[cfg(feature = "sim")]
 mod scene;
 #[cfg(feature = "sim")]
 mod study;
 #[cfg(feature = "sim")]
 mod table;
+mod terminal;
 #[cfg(feature = "sim")]
 mod trial;
 #[cfg(feature = "sim")]
@@ -36,7 +36,7 @@ use cli::{Cli, Verb};
 
 /// How a command ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum Exit {
     /// Exit code 0.
     Success,
     /// Exit code 1: it ran, and the landing (or one of them) failed.
@@ -47,18 +47,18 @@ pub enum End {
 
 /// Bad input or an output that cannot be written: exit code 2, the message says what to do.
 #[derive(Debug)]
-pub struct Refused(pub String);
+pub struct CliError(pub String);
 
-impl fmt::Display for Refused {
+impl fmt::Display for CliError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.0)
     }
 }
 
-impl Refused {
+impl CliError {
     /// Wraps any error with what was being done.
     pub fn because(doing: impl fmt::Display, error: impl fmt::Display) -> Self {
-        Refused(format!("{doing}: {error}"))
+        CliError(format!("{doing}: {error}"))
     }
 }
 
@@ -84,9 +84,9 @@ fn main() -> ExitCode {
         Verb::Live(verb) => live::run(verb),
     };
     match end {
-        Ok(End::Success) => ExitCode::SUCCESS,
-        Ok(End::Failed) => ExitCode::from(1),
-        Ok(End::Broken) => ExitCode::from(2),
+        Ok(Exit::Success) => ExitCode::SUCCESS,
+        Ok(Exit::Failed) => ExitCode::from(1),
+        Ok(Exit::Broken) => ExitCode::from(2),
         Err(refused) => {
             eprintln!("alight: {refused}");
             ExitCode::from(2)

@@ -4,12 +4,12 @@
 use std::error::Error;
 use std::path::Path;
 
-use alight_sim::outcome::Outcome;
-use alight_sim::trace::{Trace, TracePoint};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::trace::{Trace, TracePoint};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use crate::Refused;
+use crate::CliError;
 
 const DRONE: RGBColor = RGBColor(31, 111, 180);
 const DECK: RGBColor = RGBColor(214, 96, 32);
@@ -21,10 +21,10 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Series<'s> = (&'s str, RGBColor, Box<dyn Fn(&TracePoint) -> f64 + 's>);
 
 /// Whether a plot can be written to `path`, found out before the flight, not after it.
-pub fn can_write(path: &Path) -> Result<(), Refused> {
+pub fn can_write(path: &Path) -> Result<(), CliError> {
     let opened = std::fs::OpenOptions::new().create(true).append(true).open(path);
     opened.map(|_| ()).map_err(|e| {
-        Refused::because(
+        CliError::because(
             format!("writing the plot {}", path.display()),
             format!("{e}; choose a path that can be written"),
         )
@@ -32,7 +32,7 @@ pub fn can_write(path: &Path) -> Result<(), Refused> {
 }
 
 /// Draws the trace of a landing to `path`.
-pub fn landing(trace: &Trace, outcome: &Outcome, path: &Path) -> Result<(), Refused> {
+pub fn landing(trace: &Trace, outcome: &Outcome, path: &Path) -> Result<(), CliError> {
     let title = format!(
         "Landing at sea {}, seed {}, planner {}: {}",
         outcome.sea,
@@ -40,7 +40,8 @@ pub fn landing(trace: &Trace, outcome: &Outcome, path: &Path) -> Result<(), Refu
         outcome.planner,
         outcome.outcome.name()
     );
-    draw(trace, &title, path).map_err(|e| Refused::because(format!("writing the plot {}", path.display()), e))
+    draw(trace, &title, path)
+        .map_err(|e| CliError::because(format!("writing the plot {}", path.display()), e))
 }
 
 /// Draws `trace` to `path`; `title` is the first line.

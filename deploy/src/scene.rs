@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use alight_shared::config::{self, Check, Keys};
-use alight_sim::deck_motion;
-use alight_sim::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::physics::deck_motion;
 
-use crate::Refused;
+use crate::CliError;
 use clap::ValueEnum;
 
 use crate::args::{Course, SceneArgs};
@@ -30,13 +30,13 @@ fn quoted(path: &Path) -> String {
 
 impl Scene {
     /// Files first, then flags over them; everything checked.
-    pub fn of(args: &SceneArgs) -> Result<Scene, Refused> {
+    pub fn of(args: &SceneArgs) -> Result<Scene, CliError> {
         let mut flags = Vec::new();
         let mut flag = |name: &str, value: String| flags.push(format!("--{name} {value}"));
         let mut scenario = match &args.scenario {
             Some(path) => {
                 flag("scenario", quoted(path));
-                config::load::<Scenario>(path).map_err(|e| Refused(e.to_string()))?
+                config::load::<Scenario>(path).map_err(|e| CliError(e.to_string()))?
             }
             None => Scenario::default(),
         };
@@ -62,7 +62,7 @@ impl Scene {
         }
         flag("planner", nodes.drone.planner.kind.name().into());
         if let Some(course) = args.vessel {
-            use alight_sim::vessel::Course as Motion;
+            use alight_sim::physics::vessel::Course as Motion;
             flag("vessel", format!("{course:?}").to_lowercase());
             scenario.vessel.course = match course {
                 Course::Drift => Motion::Drift,
@@ -82,7 +82,7 @@ impl Scene {
             scenario.radio_outage = lost.state().map(|state| StateOutage {
                 state,
                 after_s: 0.0,
-                length_s: args.radio_back.unwrap_or(f64::INFINITY),
+                duration_s: args.radio_back.unwrap_or(f64::INFINITY),
             });
             let name = lost
                 .to_possible_value()
@@ -120,7 +120,7 @@ impl Scene {
             flags.push("--pixels".into());
             scenario.sensors.render.on = true;
         }
-        scenario.check(&Keys::ROOT).map_err(|e| Refused(e.to_string()))?;
+        scenario.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
         Ok(Scene {
             scenario,
             nodes,

@@ -2,8 +2,8 @@
 
 use std::io::IsTerminal;
 
-use alight_sim::outcome::Outcome;
-use alight_sim::statistics::{Summary, wilson};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::studies::statistics::{Summary, wilson};
 
 /// Bold green or red on a terminal, plain elsewhere.
 pub fn verdict(text: &str, good: bool) -> String {
@@ -126,7 +126,7 @@ pub fn summary(s: &Summary) -> String {
         "  {:<24}{:>10}{:>10}{:>10}{:>10}\n",
         "", "mean", "sd", "p95", "max"
     ));
-    for (name, figure) in &s.figures {
+    for (name, figure) in &s.metrics {
         let cells = match figure {
             Some(f) => format!("{:>10.3}{:>10.3}{:>10.3}{:>10.3}", f.mean, f.sd, f.p95, f.max),
             None => format!("{:>10}{:>10}{:>10}{:>10}", "-", "-", "-", "-"),
@@ -146,7 +146,7 @@ pub fn summary_json(s: &Summary) -> serde_json::Map<String, serde_json::Value> {
     map.insert("unsafe_contacts".into(), s.unsafe_contacts.into());
     map.insert("water_contacts".into(), s.water_contacts.into());
     map.insert("contacts_above_2_mps".into(), s.contacts_above_2_mps.into());
-    for (name, figure) in &s.figures {
+    for (name, figure) in &s.metrics {
         map.insert(
             (*name).into(),
             serde_json::to_value(figure).unwrap_or(serde_json::Value::Null),

@@ -1,14 +1,14 @@
 //! `alight trial`: one landing.
 
-use alight_sim::trial::{Event, Flight, Watch, fly};
+use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 
 use crate::args::TrialArgs;
-use crate::say::{self, note};
 use crate::scene::{Scene, stopwatch};
-use crate::{End, Refused, plot, table};
+use crate::terminal::{self, note};
+use crate::{CliError, Exit, plot, table};
 
 /// Flies one landing, shows its phases, ends with a table.
-pub fn run(args: &TrialArgs) -> Result<End, Refused> {
+pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     if let Some(path) = &args.plot {
         plot::can_write(path)?;
@@ -31,25 +31,25 @@ pub fn run(args: &TrialArgs) -> Result<End, Refused> {
         plot::landing(trace, &outcome, path)?;
     }
     if args.json {
-        say::line(serde_json::to_string(&outcome).map_err(|e| Refused::because("writing JSON", e))?);
+        terminal::line(serde_json::to_string(&outcome).map_err(|e| CliError::because("writing JSON", e))?);
     } else {
-        say::line(format_args!("\n{}", table::outcome(&outcome)));
+        terminal::line(format_args!("\n{}", table::outcome(&outcome)));
         if let Some(path) = &args.plot {
-            say::line(format_args!("plot: {}", path.display()));
+            terminal::line(format_args!("plot: {}", path.display()));
         }
         #[cfg(feature = "record")]
         if let Some(path) = &args.record {
-            say::line(format_args!("recording: {}", path.display()));
+            terminal::line(format_args!("recording: {}", path.display()));
         }
     }
     Ok(if outcome.success {
-        End::Success
+        Exit::Success
     } else {
-        End::Failed
+        Exit::Failed
     })
 }
 
-fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<Flight, Refused> {
+fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
     #[cfg(feature = "record")]
     if let Some(path) = &args.record {
         let subject = crate::record::Subject {
@@ -62,5 +62,5 @@ fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<Flight, Re
         return crate::record::fly(path, &subject, watch);
     }
     fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
-        .map_err(|e| Refused::because("setting up the trial", e))
+        .map_err(|e| CliError::because("setting up the trial", e))
 }

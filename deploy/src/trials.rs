@@ -2,23 +2,23 @@
 
 use std::io::Write;
 
-use alight_sim::outcome::Outcome;
-use alight_sim::statistics::Summary;
-use alight_sim::trial::{Watch, fly};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::studies::statistics::Summary;
 use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
 use crate::args::TrialsArgs;
-use crate::say::{self, note};
 use crate::scene::{Scene, stopwatch};
-use crate::{End, Refused, table};
+use crate::terminal::{self, note};
+use crate::{CliError, Exit, table};
 
 /// A thread pool of `jobs` threads (all cores when None).
-pub fn pool(jobs: Option<u16>) -> Result<rayon::ThreadPool, Refused> {
+pub fn pool(jobs: Option<u16>) -> Result<rayon::ThreadPool, CliError> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(jobs.map_or(0, usize::from))
         .build()
-        .map_err(|e| Refused::because("starting the worker threads", e))
+        .map_err(|e| CliError::because("starting the worker threads", e))
 }
 
 /// A progress bar with time left; hidden where standard error is no terminal.
@@ -37,9 +37,9 @@ pub fn fly_all(
     stride_s: Option<f64>,
     jobs: Option<u16>,
     what: &str,
-) -> Result<Vec<Outcome>, Refused> {
+) -> Result<Vec<Outcome>, CliError> {
     let progress = bar(seeds.len() as u64, what);
-    let outcomes: Result<Vec<Outcome>, Refused> = pool(jobs)?.install(|| {
+    let outcomes: Result<Vec<Outcome>, CliError> = pool(jobs)?.install(|| {
         seeds
             .par_iter()
             .enumerate()
@@ -56,7 +56,7 @@ pub fn fly_all(
                     trace_step_s: None,
                 };
                 let flight = fly(&scenario, &scene.nodes, seed, &scene.sea, watch)
-                    .map_err(|e| Refused::because(format!("setting up the trial of seed {seed}"), e))?;
+                    .map_err(|e| CliError::because(format!("setting up the trial of seed {seed}"), e))?;
                 Ok(Outcome {
                     wall_time_s: elapsed(),
                     ..flight.outcome
@@ -69,9 +69,9 @@ pub fn fly_all(
 }
 
 /// The seeds from `seed0` on.
-pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, Refused> {
+pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
     let end = seed0.checked_add(u64::from(n)).ok_or_else(|| {
-        Refused(format!(
+        CliError(format!(
             "--seed0 {seed0} with {n} trials leaves the range of 64-bit seeds; choose a smaller one"
         ))
     })?;
@@ -79,12 +79,12 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, Refused> {
 }
 
 /// Flies and sums up.
-pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
+pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     let seeds = seeds(args.seed0, args.trials)?;
     let mut rows = match &args.rows {
         Some(path) => Some(std::fs::File::create(path).map_err(|e| {
-            Refused::because(
+            CliError::because(
                 format!("writing the rows {}", path.display()),
                 format!("{e}; choose another path"),
             )
@@ -93,7 +93,7 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
     };
     let outcomes = fly_all(&scene, &seeds, args.motion_stride, args.jobs, "landings")?;
     if let Some(file) = rows.as_mut() {
-        write_rows(file, &outcomes).map_err(|e| Refused::because("writing the rows", e))?;
+        write_rows(file, &outcomes).map_err(|e| CliError::because("writing the rows", e))?;
     }
     let summary = Summary::of(&outcomes);
     let say = |line: String| note(args.json, line);
@@ -110,27 +110,27 @@ pub fn run(args: &TrialsArgs) -> Result<End, Refused> {
         ));
     }
     if args.json {
-        say::line(serde_json::Value::Object(table::summary_json(&summary)));
+        terminal::line(serde_json::Value::Object(table::summary_json(&summary)));
     } else {
-        say::line(table::summary(&summary));
+        terminal::line(table::summary(&summary));
     }
     Ok(if summary.successes == summary.trials {
-        End::Success
+        Exit::Success
     } else {
-        End::Failed
+        Exit::Failed
     })
 }
 
 fn write_rows(file: &mut std::fs::File, outcomes: &[Outcome]) -> std::io::Result<()> {
-    use alight_sim::statistics::FIGURES;
-    let names: Vec<&str> = FIGURES.iter().map(|(n, _)| *n).collect();
+    use alight_sim::studies::statistics::METRICS;
+    let names: Vec<&str> = METRICS.iter().map(|(n, _)| *n).collect();
     writeln!(
         file,
         "seed,outcome,unsafe_contacts,water_contacts,contacts_above_2_mps,{},digest",
         names.join(",")
     )?;
     for o in outcomes {
-        let cells: Vec<String> = FIGURES
+        let cells: Vec<String> = METRICS
             .iter()
             .map(|(_, f)| f(o).map_or_else(String::new, |v| format!("{v:.6}")))
             .collect();

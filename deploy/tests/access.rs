@@ -14,8 +14,8 @@ use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, TlsConfig, Urgency};
-use alight_shared::transport::refusals::{self, Refusal};
+use alight_shared::transport::radio::{Publication, Radio, RadioConfig, TlsConfig, Urgency};
+use alight_shared::transport::rejections::{self, AccessRejection};
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
 use zenoh::Wait;
 
@@ -91,7 +91,7 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
 /// A vessel and its drone over TLS; both hear each other while `strangers` try the vessel: true when
 /// one of them was heard by the vessel.
 fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
-    refusals::listen();
+    rejections::listen();
     let directory = common::certificates(name);
     let address = port();
     let listen = RadioConfig {
@@ -104,15 +104,16 @@ fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
         tls: tls(&directory.join("drone-1"), &["vessel-1"]),
         ..RadioConfig::default()
     };
-    let outlet = |key: &str| {
-        vec![Outlet {
+    let publication = |key: &str| {
+        vec![Publication {
             key: key.into(),
             urgency: Urgency::State,
         }]
     };
     let all = vec!["alight/**".to_owned()];
-    let mut vessel = Radio::open(&listen, outlet("alight/vessel-1/estimate"), all.clone()).expect("opens");
-    let mut drone = Radio::open(&dial, outlet("alight/drone-1/status"), all).expect("opens");
+    let mut vessel =
+        Radio::open(&listen, publication("alight/vessel-1/estimate"), all.clone()).expect("opens");
+    let mut drone = Radio::open(&dial, publication("alight/drone-1/status"), all).expect("opens");
     let strangers = strangers(&address, &directory);
     let (mut friend, mut back, mut stranger) = (0, 0, false);
     // The friends' hundred exchanges take the strangers at least as long as they took themselves.
@@ -146,13 +147,13 @@ const STATUS: &str = "alight/drone-1/status";
 
 /// The refusal was noticed, and for what it was: the operator reads it in `alight status`.
 #[track_caller]
-fn noticed(why: Refusal) {
-    let counted = refusals::counted();
+fn noticed(why: AccessRejection) {
+    let counted = rejections::counted();
     assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
 }
 
 #[test]
-fn the_right_certificate_on_its_own_key_is_heard() {
+fn vessel_accepts_an_admitted_certificate_on_its_own_key() {
     assert!(heard("right", |at, keys| {
         common::keys(keys, &["drone", "2"]);
         vec![Stranger::dial(
@@ -164,7 +165,7 @@ fn the_right_certificate_on_its_own_key_is_heard() {
 }
 
 #[test]
-fn plain_tcp_and_no_certificate_are_not_heard() {
+fn vessel_rejects_plain_tcp_and_a_peer_without_certificate() {
     assert!(!heard("none", |at, keys| {
         let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
         vec![
@@ -172,12 +173,12 @@ fn plain_tcp_and_no_certificate_are_not_heard() {
             Stranger::dial(&format!("quic/{at}"), &trust, STATUS),
         ]
     }));
-    noticed(Refusal::NotTls);
-    noticed(Refusal::NoCertificate);
+    noticed(AccessRejection::NotTls);
+    noticed(AccessRejection::NoCertificate);
 }
 
 #[test]
-fn a_certificate_of_another_authority_is_not_heard() {
+fn vessel_rejects_a_certificate_of_another_authority() {
     assert!(!heard("other", |at, keys| {
         let other = keys.join("other");
         common::keys(&other, &["init"]);
@@ -187,11 +188,11 @@ fn a_certificate_of_another_authority_is_not_heard() {
         files[0].1 = keys.join("authority.pem");
         vec![Stranger::dial(&format!("quic/{at}"), &files, STATUS)]
     }));
-    noticed(Refusal::OtherAuthority);
+    noticed(AccessRejection::OtherAuthority);
 }
 
 #[test]
-fn the_right_authority_but_a_name_that_is_not_admitted_is_not_heard() {
+fn vessel_rejects_a_name_that_is_not_admitted() {
     assert!(!heard("name", |at, keys| {
         common::keys(keys, &["drone", "9"]);
         vec![
@@ -203,11 +204,11 @@ fn the_right_authority_but_a_name_that_is_not_admitted_is_not_heard() {
             ),
         ]
     }));
-    noticed(Refusal::Name);
+    noticed(AccessRejection::Name);
 }
 
 #[test]
-fn an_admitted_name_on_somebody_elses_key_is_not_heard() {
+fn vessel_rejects_an_admitted_name_on_the_key_of_another_drone() {
     assert!(!heard("key", |at, keys| {
         common::keys(keys, &["drone", "2"]);
         let own = files(&keys.join("drone-2"));
@@ -215,12 +216,12 @@ fn an_admitted_name_on_somebody_elses_key_is_not_heard() {
             .map(|key| Stranger::dial(&format!("quic/{at}"), &own, key))
             .into()
     }));
-    noticed(Refusal::Key);
+    noticed(AccessRejection::Key);
 }
 
 #[test]
-fn the_vessels_name_on_a_key_outside_its_rule_is_not_heard() {
-    refusals::listen();
+fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
+    rejections::listen();
     let keys = common::certificates("vessel-key");
     let own = keys.join("vessel-1");
     let files = [
@@ -236,7 +237,7 @@ fn the_vessels_name_on_a_key_outside_its_rule_is_not_heard() {
         tls: tls(&keys.join("drone-1"), &["vessel-1"]),
         ..RadioConfig::default()
     };
-    let status = Outlet {
+    let status = Publication {
         key: STATUS.into(),
         urgency: Urgency::State,
     };
@@ -262,12 +263,12 @@ fn the_vessels_name_on_a_key_outside_its_rule_is_not_heard() {
         }
     }
     assert!(friend >= 200, "the vessel's own word was heard {friend} times");
-    noticed(Refusal::Key);
+    noticed(AccessRejection::Key);
     std::fs::remove_dir_all(&keys).expect("removed");
 }
 
 #[test]
-fn an_expired_certificate_is_not_heard() {
+fn vessel_rejects_an_expired_certificate() {
     assert!(!heard("expired", |at, keys| {
         let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
         let key = KeyPair::from_pem(&key).expect("a key");
@@ -293,5 +294,5 @@ fn an_expired_certificate_is_not_heard() {
         std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
         vec![Stranger::dial(&format!("quic/{at}"), &files(&directory), STATUS)]
     }));
-    noticed(Refusal::Expired);
+    noticed(AccessRejection::Expired);
 }

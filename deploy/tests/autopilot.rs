@@ -7,8 +7,8 @@
     clippy::panic
 )]
 
-#[path = "../../uav-side/tests/autopilot/standin.rs"]
-mod standin;
+#[path = "../../uav-side/tests/autopilot/fake_autopilot.rs"]
+mod fake_autopilot;
 
 use std::net::UdpSocket;
 use std::process::{Child, Command, Stdio};
@@ -21,7 +21,7 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::memory;
 use alight_uav::autopilot::modes::Firmware;
-use standin::StandIn;
+use fake_autopilot::FakeAutopilot;
 
 /// What a round of the test waits, and how many rounds it waits for anything at most.
 const ROUND: Duration = Duration::from_millis(4);
@@ -32,7 +32,7 @@ struct Scene {
     _services: memory::Services,
     child: Child,
     socket: UdpSocket,
-    autopilot: StandIn,
+    autopilot: FakeAutopilot,
     began: Instant,
     to_it: Vec<Vec<u8>>,
     odometry: memory::Subscriber<DroneState>,
@@ -87,7 +87,7 @@ impl Scene {
             _services: services,
             child,
             socket,
-            autopilot: StandIn::new(firmware, 5.0),
+            autopilot: FakeAutopilot::new(firmware, 5.0),
             began: Instant::now(),
             to_it: Vec::new(),
             sequence: 0,
@@ -148,13 +148,13 @@ impl Scene {
 }
 
 #[test]
-fn over_udp_a_person_gives_the_drone_and_takes_it() {
+fn pilot_on_the_ground_hands_the_drone_over_and_takes_it_back_over_udp() {
     for firmware in [Firmware::Px4, Firmware::ArduCopter] {
         let mut s = Scene::begin(firmware);
         s.until("odometry", |s| s.heard > 100);
         // PX4 refuses until set-points were offered long enough: a person tries again.
         for _ in 0..MOST_ROUNDS {
-            if s.autopilot.choose(StandIn::ours(firmware)) {
+            if s.autopilot.choose(FakeAutopilot::offboard_mode(firmware)) {
                 break;
             }
             s.round();
@@ -164,19 +164,19 @@ fn over_udp_a_person_gives_the_drone_and_takes_it() {
         s.mission = State::Tracking;
         let n = s.autopilot.set_points.len();
         s.until("set-points", |s| s.autopilot.set_points.len() > n + 100);
-        s.autopilot.choose(StandIn::persons(firmware));
+        s.autopilot.choose(FakeAutopilot::manual_mode(firmware));
         s.until("the other mode", |s| s.state.mode == AutopilotMode::Other);
         // What was under way arrives; then nothing more, although the pilot goes on.
         (0..25).for_each(|_| s.round());
         let n = s.autopilot.set_points.len();
         (0..100).for_each(|_| s.round());
         assert_eq!(s.autopilot.set_points.len(), n, "{firmware:?}");
-        assert_eq!(s.autopilot.mode, StandIn::persons(firmware));
+        assert_eq!(s.autopilot.mode, FakeAutopilot::manual_mode(firmware));
     }
 }
 
 #[test]
-fn a_wrong_address_is_bad_input() {
+fn autopilot_process_refuses_a_malformed_address() {
     let name = format!("mav-wrong-{}", std::process::id());
     let config = std::env::temp_dir().join(format!("{name}.toml"));
     std::fs::write(&config, format!("instance = {name:?}\n")).unwrap();

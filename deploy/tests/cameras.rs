@@ -12,13 +12,13 @@ use std::process::{Command, Output};
 
 use alight_shared::frames::{Deck, DroneBody, Point};
 use alight_shared::time::Time;
-use alight_sim::body::RigidState;
-use alight_sim::scenario::Scenario;
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::physics::body::RigidState;
+use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::camera::{CameraMount, body_from_camera};
 use alight_sim::sensors::render::ultraviolet::Ultraviolet;
 use alight_sim::sensors::render::{Renderer, Shot};
-use alight_sim::streams::Streams;
-use alight_uav::camera::Grey;
+use alight_uav::camera::GreyImage;
 use alight_uav::camera::uvdar::UvdarSettings;
 use nalgebra::Vector3;
 use serde_json::Value;
@@ -32,7 +32,7 @@ impl Directory {
         std::fs::create_dir_all(&path).unwrap();
         Directory(path)
     }
-    fn write(&self, k: usize, image: &Grey) {
+    fn write(&self, k: usize, image: &GreyImage) {
         std::fs::write(self.0.join(format!("{k:03}.pgm")), image.to_pgm()).unwrap();
     }
     fn configuration(&self, text: &str) -> PathBuf {
@@ -69,7 +69,7 @@ fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
         view,
         deck,
     };
-    (shot, shot.view.sees(deck.position))
+    (shot, shot.view.to_camera_frame(deck.position))
 }
 
 fn run(verb: &str, config: &Path, more: &[&str]) -> Output {
@@ -99,15 +99,15 @@ fn places(out: &Output, truth: &Vector3<f64>) -> (Vec<f64>, Value) {
 }
 
 #[test]
-fn blinking_markers_in_files_are_known_by_their_process() {
+fn uvdar_process_identifies_blinking_markers_in_files() {
     let directory = Directory::new("uvdar");
     let settings = UvdarSettings::default();
     let mut camera = Ultraviolet::new(&settings, 10, &Streams::new(5));
     let mut truth = Vector3::zeros();
     for k in 0..48 {
         // Ahead of the drone and below: where the camera looks.
-        let (shot, seen) = shot(k, settings.rate_hz, Vector3::new(1.0, -6.0, 8.0));
-        truth = seen;
+        let (shot, detected) = shot(k, settings.rate_hz, Vector3::new(1.0, -6.0, 8.0));
+        truth = detected;
         directory.write(k, &camera.image(&shot).unwrap());
     }
     let source = directory.0.to_str().unwrap().to_string();
@@ -120,25 +120,25 @@ fn blinking_markers_in_files_are_known_by_their_process() {
 }
 
 #[test]
-fn the_tag_in_files_is_found_by_its_process() {
+fn camera_process_finds_the_tag_in_files() {
     let directory = Directory::new("camera");
     let scenario = Scenario::default();
     let mut camera = Renderer::new(&scenario.sensors.render, &scenario.deck, &Streams::new(5));
     let mut truth = Vector3::zeros();
     for k in 0..6 {
-        let (shot, seen) = shot(k, 30.0, Vector3::new(0.3, -0.4, 4.0));
-        truth = seen;
+        let (shot, detected) = shot(k, 30.0, Vector3::new(0.3, -0.4, 4.0));
+        truth = detected;
         directory.write(k, &camera.image(&shot).unwrap());
     }
     let source = directory.0.to_str().unwrap().to_string();
     let config = directory.configuration("");
     let (off, counts) = places(&run("camera", &config, &["--print", "--source", &source]), &truth);
-    assert_eq!((off.len(), counts["seen"].as_u64()), (6, Some(6)), "{counts}");
+    assert_eq!((off.len(), counts["detected"].as_u64()), (6, Some(6)), "{counts}");
     assert!(off.iter().all(|e| *e < 0.03), "{off:?}");
 }
 
 #[test]
-fn cameras_that_cannot_be_are_refused_with_what_to_do() {
+fn camera_process_refuses_impossible_sources_with_advice() {
     let directory = Directory::new("cameras");
     for (verb, text, advice) in [
         ("uvdar", "", "set source in [uvdar]"),

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use program::{alight, json, scratch, stderr};
 
 #[test]
-fn bad_input_is_refused_with_code_2_and_a_message_that_names_it() {
+fn bad_input_exits_with_code_2_and_names_the_input() {
     let bad_key = scratch("bad-key.toml");
     std::fs::write(&bad_key, "[sea]\nheight = 3\n").unwrap();
     let bad_range = scratch("bad-range.toml");
@@ -72,7 +72,7 @@ fn bad_input_is_refused_with_code_2_and_a_message_that_names_it() {
 }
 
 #[test]
-fn a_trial_prints_one_json_object_and_writes_a_plot() {
+fn trial_prints_one_json_object_and_writes_a_plot() {
     let plot = scratch("landing.svg");
     let o = alight(&[
         "trial",
@@ -115,7 +115,7 @@ fn a_trial_prints_one_json_object_and_writes_a_plot() {
 }
 
 #[test]
-fn the_same_seeds_give_the_same_bits_with_one_and_two_jobs_and_in_two_processes() {
+fn trials_are_bit_identical_for_one_or_two_jobs_and_across_processes() {
     let digests = |jobs: &str, name: &str| {
         let rows = scratch(name);
         let o = alight(&[
@@ -143,7 +143,7 @@ fn the_same_seeds_give_the_same_bits_with_one_and_two_jobs_and_in_two_processes(
 }
 
 #[test]
-fn printed_configurations_are_accepted() {
+fn config_prints_configurations_that_are_accepted() {
     let drone = scratch("drone.toml");
     std::fs::write(&drone, alight(&["config", "drone"]).stdout).unwrap();
     let scenario = scratch("scenario.toml");
@@ -162,7 +162,7 @@ fn printed_configurations_are_accepted() {
 }
 
 #[test]
-fn help_says_how_to_start() {
+fn help_names_the_first_commands() {
     let o = alight(&["--help"]);
     let text = String::from_utf8_lossy(&o.stdout).into_owned();
     assert!(text.contains("alight trial") && text.contains("Exit codes"));
@@ -173,7 +173,7 @@ fn help_says_how_to_start() {
 }
 
 #[test]
-fn shards_join_to_the_same_rows_and_a_cut_off_study_goes_on() {
+fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
     let dir = |name: &str| scratch(name).to_string_lossy().into_owned();
     let (whole, one, two, all) = (dir("whole"), dir("shard-1"), dir("shard-2"), dir("all"));
     let study = |out: &str, more: &[&str]| {
@@ -210,7 +210,7 @@ fn shards_join_to_the_same_rows_and_a_cut_off_study_goes_on() {
 }
 
 #[test]
-fn two_planners_are_paired_and_the_worst_seeds_can_be_flown_again() {
+fn study_pairs_two_planners_and_prints_replays_of_the_worst_seeds() {
     let out = scratch("paired");
     let dir = out.to_string_lossy().into_owned();
     let study = |seed0: &str, more: &[&str]| {

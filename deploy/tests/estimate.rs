@@ -34,7 +34,7 @@ fn nmea() -> String {
 }
 
 #[test]
-fn a_log_of_sentences_is_reported_for_people_and_for_machines() {
+fn estimate_reports_an_nmea_log_as_text_and_json() {
     let log = scratch("boat.nmea");
     std::fs::write(&log, nmea() + "$GPGGA,12").unwrap();
     let name = log.display().to_string();
@@ -68,7 +68,7 @@ fn a_log_of_sentences_is_reported_for_people_and_for_machines() {
 }
 
 #[test]
-fn an_own_recording_is_estimated_with_its_own_configuration() {
+fn estimate_of_an_alight_recording_uses_its_own_configuration() {
     let (file, scenario) = (scratch("own.mcap"), scratch("own.toml"));
     std::fs::write(&scenario, "[start]\nwarm_up_s = 40.0\n").unwrap();
     let name = file.display().to_string();
@@ -92,7 +92,7 @@ fn an_own_recording_is_estimated_with_its_own_configuration() {
 }
 
 #[test]
-fn what_cannot_be_read_is_refused_with_code_2_and_a_reason() {
+fn estimate_of_an_unreadable_file_exits_with_code_2_and_a_reason() {
     let write = |name: &str, bytes: &[u8]| {
         let path = scratch(name);
         std::fs::write(&path, bytes).unwrap();

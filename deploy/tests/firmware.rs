@@ -8,8 +8,8 @@
     clippy::panic
 )]
 
-#[path = "../../uav-side/tests/autopilot/standin.rs"]
-mod standin;
+#[path = "../../uav-side/tests/autopilot/fake_autopilot.rs"]
+mod fake_autopilot;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -23,8 +23,8 @@ use alight_shared::geometry::GRAVITY;
 use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, encode};
+use fake_autopilot::FakeAutopilot;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use standin::StandIn;
 
 /// Where `alight land` lays its sea for a firmware, and where this firmware's estimate begins.
 const SEA: Datum = Datum {
@@ -104,7 +104,7 @@ struct Felt {
 
 /// A firmware and the person at its controls.
 struct Flown {
-    a: StandIn,
+    a: FakeAutopilot,
     link: Link,
     pad: Option<Vector3<f64>>,
     slice_s: Option<f64>,
@@ -112,7 +112,7 @@ struct Flown {
 
 impl Flown {
     fn new(firmware: Firmware, link: Link) -> Flown {
-        let mut a = StandIn::new(firmware, 0.0);
+        let mut a = FakeAutopilot::new(firmware, 0.0);
         a.fly_plant();
         (a.origin, a.armed) = (ORIGIN, false);
         Flown {
@@ -130,13 +130,13 @@ impl Flown {
         let pad = *self.pad.get_or_insert(f.position);
         let hz = 1.0 / (f.t_s - self.slice_s.replace(f.t_s).unwrap_or(0.0));
         let armable = a.firmware == Firmware::Px4 || hz >= GYROSCOPES_HZ;
-        if f.t_s > 3.0 && armable && a.persons_place.is_none() {
+        if f.t_s > 3.0 && armable && a.manual_hold_position.is_none() {
             a.armed = true;
-            a.persons_place = Some(pad - Vector3::z() * TAKE_OFF_M);
+            a.manual_hold_position = Some(pad - Vector3::z() * TAKE_OFF_M);
         }
-        if f.t_s > 12.0 && a.chosen == StandIn::persons(a.firmware) {
+        if f.t_s > 12.0 && a.chosen == FakeAutopilot::manual_mode(a.firmware) {
             // PX4 refuses until an offer has lasted: a person tries again.
-            let _refused = a.choose(StandIn::ours(a.firmware));
+            let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
         }
         let heard = self.link.hear();
         for bytes in a.step(f.t_s + 1000.0, &heard) {
@@ -147,7 +147,7 @@ impl Flown {
 }
 
 /// ArduPilot's JSON backend, until `end`.
-fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
+fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
     let local = ORIGIN.offset_to::<alight_shared::frames::TrueNed>(&SEA).0;
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.connect(("127.0.0.1", plant)).unwrap();
@@ -184,7 +184,7 @@ fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
 }
 
 /// PX4's simulator API, until `end`: with an estimator of its own, because there are sensors only.
-fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> StandIn {
+fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
     let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<Felt>);
     let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
     while !end.load(Ordering::Relaxed) {
@@ -342,7 +342,11 @@ fn land(firmware: Firmware, scenario: &str) {
     let phases = outcome["live"]["phases"].as_array().cloned().unwrap_or_default();
     let landed = phases.iter().any(|p| p["state"] == "Landed");
     let disarms = a.commands.iter().filter(|(_, c)| c.command == 400).count();
-    assert_eq!(a.chosen, StandIn::ours(firmware), "the mode was changed");
+    assert_eq!(
+        a.chosen,
+        FakeAutopilot::offboard_mode(firmware),
+        "the mode was changed"
+    );
     if !landed {
         assert_eq!(disarms, 0, "disarmed without a landing\n{said}");
     }
@@ -354,12 +358,12 @@ fn land(firmware: Firmware, scenario: &str) {
 }
 
 #[test]
-fn ardupilots_way_a_firmware_takes_off_is_handed_over_landed_and_stopped() {
+fn ardupilot_stand_in_is_handed_over_landed_and_disarmed() {
     land(Firmware::ArduCopter, "");
 }
 
 #[test]
-fn px4s_way_a_firmware_takes_off_is_handed_over_landed_and_stopped() {
+fn px4_stand_in_is_handed_over_landed_and_disarmed() {
     // Good sensors: the stand-in's estimator is a poor one.
     let scenario = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m = 0.02\ngnss_velocity_mps = 0.02\n\
                     gyro_bias_rps = 0.0\ngyro_noise_rps = 0.001\naccelerometer_bias_mps2 = 0.0\n";

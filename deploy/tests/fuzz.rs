@@ -22,7 +22,7 @@ use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::transport::process::ProcessState;
 use alight_shared::wire::{self, MAX_WIRE_BYTES};
-use alight_sim::scenario::Scenario;
+use alight_sim::harness::scenario::Scenario;
 use alight_uav::settings::DroneSettings;
 use alight_usv::{DeckConfig, VesselNodeConfig};
 use proptest::prelude::*;
@@ -130,8 +130,8 @@ fn sound() -> Vec<Vec<u8>> {
         header: Header::default(),
         significant_height_m: 1.0,
         confidence: 1.0,
-        orbital_slip: 0.5,
-        sharpness: 0.0,
+        wave_following_deficit: 0.5,
+        crest_steepening: 0.0,
         components: Seq::filled([WaveComponent::default(); 6]),
         slopes: Seq::filled([10; 60]),
     };
@@ -148,12 +148,12 @@ fn sound() -> Vec<Vec<u8>> {
     };
     let reply = TimeReply::<VesselClock, DroneClock> {
         header: Header::default(),
-        asked_at: Time::EPOCH,
+        requested_at: Time::EPOCH,
         received_at: Time::EPOCH,
     };
     let grant = DeckGrant::<VesselClock> {
         header: Header::default(),
-        holder: 1,
+        owner: 1,
         occupied: false,
     };
     let command = OperatorCommand::<VesselClock> {
@@ -185,18 +185,18 @@ fn reads<C: DeserializeOwned + Check + Serialize>(text: &str) {
 
 proptest! {
     #[test]
-    fn any_bytes_over_the_radio(bytes in prop::collection::vec(any::<u8>(), 0..2 * MAX_WIRE_BYTES)) {
+    fn radio_messages_of_arbitrary_bytes_harm_no_node(bytes in prop::collection::vec(any::<u8>(), 0..2 * MAX_WIRE_BYTES)) {
         all_hear(&bytes);
     }
 
     #[test]
-    fn damaged_messages_over_the_radio(which in 0_usize..9, all in prop::collection::vec(damage(), 1..8)) {
+    fn damaged_radio_messages_harm_no_node(which in 0_usize..9, all in prop::collection::vec(damage(), 1..8)) {
         let good = sound();
         all_hear(&damaged(good[which % good.len()].clone(), &all));
     }
 
     #[test]
-    fn damaged_configurations(which in 0_usize..3, all in prop::collection::vec(damage(), 1..6)) {
+    fn damaged_configurations_are_refused_without_a_panic(which in 0_usize..3, all in prop::collection::vec(damage(), 1..6)) {
         let good = [
             toml::to_string(&VesselNodeConfig::default()).unwrap(),
             toml::to_string(&DroneSettings::default()).unwrap(),
@@ -209,7 +209,7 @@ proptest! {
     }
 
     #[test]
-    fn any_number_in_a_configuration(key in 0_usize..500, value in prop_oneof![
+    fn arbitrary_numbers_in_a_configuration_cause_no_panic(key in 0_usize..500, value in prop_oneof![
         any::<f64>().prop_map(|v| v.to_string()), any::<i64>().prop_map(|v| v.to_string()),
         Just("nan".to_owned()), Just("inf".to_owned()), Just("-0.0".to_owned()), Just("[]".to_owned())
     ]) {
@@ -221,7 +221,7 @@ proptest! {
             _ => (*line).to_owned(),
         }).collect();
         reads::<DroneSettings>(&changed.join("\n"));
-        reads::<DeckConfig>(&format!("silent_s = {value}"));
+        reads::<DeckConfig>(&format!("status_timeout_s = {value}"));
     }
 }
 
@@ -339,7 +339,7 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
 /// A checksum of the file's refuses other bytes before a step is read (310 of 313 files with damaged bytes);
 /// here the nodes get them.
 #[test]
-fn wrong_bytes_in_the_steps_of_a_sound_recording_harm_no_node() {
+fn corrupted_steps_of_a_recording_harm_no_node() {
     let reached = AtomicU32::new(0);
     let config = ProptestConfig {
         // What failed is printed; the runner knows no file to keep it in.

@@ -331,7 +331,7 @@ fn open_to_all(directory: &Path) {
 }
 
 #[test]
-fn the_shipped_configurations_land_at_moderate_over_mutual_tls() {
+fn shipped_configurations_land_in_a_moderate_sea_over_mutual_tls() {
     let mut all = Installed::prepare("installed", 103, |_, _| {});
     all.start_vessel();
     all.start_drone();
@@ -342,7 +342,10 @@ fn the_shipped_configurations_land_at_moderate_over_mutual_tls() {
     let word = &vessel["word"];
     assert_eq!(word["drones"][0]["drone"], 1, "{vessel}");
     assert_eq!(word["certificate"]["Held"]["name"], "vessel-1", "{vessel}");
-    assert!(word["estimator"]["said_s"].as_f64() < Some(2.0), "{vessel}");
+    assert!(
+        word["estimator"]["estimate_age_s"].as_f64() < Some(2.0),
+        "{vessel}"
+    );
     let outcome = all.outcome();
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
     println!("{outcome}");
@@ -363,7 +366,7 @@ fn following(name: &str, seed: u64) -> Installed {
 }
 
 #[test]
-fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
+fn drone_lands_after_the_vessel_restarted_while_followed() {
     let mut all = following("restart", 104);
     all.stop("vessel");
     all.start_vessel();
@@ -372,7 +375,7 @@ fn a_vessel_that_restarts_while_it_is_followed_is_landed_on_all_the_same() {
 }
 
 #[test]
-fn a_drone_whose_computer_restarts_while_it_follows_holds_and_lands_when_it_is_told_again() {
+fn drone_holds_after_its_computer_restarted_and_lands_on_a_new_command() {
     let mut all = following("reboot", 106);
     let before = all.status();
     all.stop("drone");
@@ -390,7 +393,7 @@ fn a_drone_whose_computer_restarts_while_it_follows_holds_and_lands_when_it_is_t
 }
 
 #[test]
-fn a_drone_that_has_landed_measures_the_deck_that_it_stands_on() {
+fn landed_drone_calibrates_the_deck_under_it() {
     let mut all = Installed::prepare("park", 107, |_, _| {});
     let world = all.file("world.toml");
     let mut scene: Table = std::fs::read_to_string(&world)
@@ -431,7 +434,7 @@ fn a_drone_that_has_landed_measures_the_deck_that_it_stands_on() {
 }
 
 #[test]
-fn an_abort_wins_and_a_frozen_process_is_killed_and_started_again() {
+fn abort_wins_and_a_frozen_process_is_restarted() {
     let mut all = Installed::prepare("abort", 105, |_, drone| {
         // It stays above the deck until it is told otherwise.
         let mission = table(table(drone, "drone"), "mission");

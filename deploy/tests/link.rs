@@ -71,7 +71,7 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
 }
 
 #[test]
-fn a_landing_over_the_emulated_storm_and_nothing_is_left() {
+fn landing_over_the_emulated_storm_leaves_nothing_behind() {
     if !permitted("storm") {
         return;
     }
@@ -117,7 +117,7 @@ fn a_landing_over_the_emulated_storm_and_nothing_is_left() {
 }
 
 #[test]
-fn a_killed_emulator_leaves_namespaces_that_the_next_one_cleans_up() {
+fn emulator_removes_the_namespaces_of_a_killed_predecessor() {
     if !permitted("left") {
         return;
     }

@@ -158,7 +158,7 @@ fn logs(directory: &Path) -> usize {
 }
 
 #[test]
-fn lands_and_every_log_and_the_recording_replay_bit_for_bit() {
+fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
     let name = instance("lands");
     let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
     let (recording, plot) = (log.with_extension("mcap"), log.with_extension("svg"));
@@ -210,7 +210,7 @@ fn lands_and_every_log_and_the_recording_replay_bit_for_bit() {
 }
 
 #[test]
-fn a_killed_process_comes_back_and_an_interrupt_leaves_nothing() {
+fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
     let name = instance("killed");
     let child = land(&name, &["--warm-up", "600", "--link", "clean"]);
     let all = |s: &Value| PROCESSES.iter().all(|p| pid(s, p).is_some());
@@ -253,7 +253,7 @@ fn a_killed_process_comes_back_and_an_interrupt_leaves_nothing() {
 }
 
 #[test]
-fn a_supervisor_that_is_killed_takes_its_processes_with_it() {
+fn processes_end_with_a_killed_supervisor() {
     let name = instance("orphans");
     let mut child = land(&name, &["--warm-up", "600"]);
     let seen = status_when(&name, |s| PROCESSES.iter().all(|p| pid(s, p).is_some()));
@@ -281,7 +281,7 @@ fn a_supervisor_that_is_killed_takes_its_processes_with_it() {
 }
 
 #[test]
-fn fifty_starts_and_stops_in_a_row_leave_nothing() {
+fn fifty_starts_and_stops_leave_nothing_behind() {
     let name = instance("fifty");
     for k in 0..50_u64 {
         let child = land(&name, &["--warm-up", "600"]);

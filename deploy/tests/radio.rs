@@ -15,7 +15,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, TlsConfig, Urgency};
+use alight_shared::transport::radio::{Publication, Radio, RadioConfig, TlsConfig, Urgency};
 
 fn endpoint(transport: &str) -> String {
     let free = if transport == "tcp" {
@@ -40,8 +40,8 @@ fn tls(directory: Option<&Path>, own: &str, peer: &str) -> TlsConfig {
     }
 }
 
-fn outlet(key: &str) -> Vec<Outlet> {
-    vec![Outlet {
+fn publication(key: &str) -> Vec<Publication> {
+    vec![Publication {
         key: key.into(),
         urgency: Urgency::State,
     }]
@@ -55,7 +55,7 @@ fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
     };
     Radio::open(
         &config,
-        outlet("alight/vessel-1/test"),
+        publication("alight/vessel-1/test"),
         vec!["alight/drone-1/test".into()],
     )
     .expect("opens")
@@ -70,7 +70,7 @@ fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
     };
     Radio::open(
         &config,
-        outlet("alight/drone-1/test"),
+        publication("alight/drone-1/test"),
         vec!["alight/vessel-1/test".into()],
     )
     .expect("opens")
@@ -105,24 +105,24 @@ fn over(transport: &str, certificates: Option<&Path>) {
 }
 
 #[test]
-fn messages_go_both_ways_over_udp() {
+fn radio_carries_messages_both_ways_over_udp() {
     over("udp", None);
 }
 
 #[test]
-fn messages_go_both_ways_over_tcp() {
+fn radio_carries_messages_both_ways_over_tcp() {
     over("tcp", None);
 }
 
 #[test]
-fn messages_go_both_ways_over_quic() {
+fn radio_carries_messages_both_ways_over_quic() {
     let directory = common::certificates("quic");
     over("quic", Some(&directory));
     std::fs::remove_dir_all(&directory).expect("removed");
 }
 
 #[test]
-fn alight_check_of_a_drone_finds_the_vessel_that_listens_and_misses_one_that_does_not() {
+fn check_of_a_drone_finds_a_listening_vessel_and_misses_an_absent_one() {
     let directory = common::certificates("check");
     let endpoint = endpoint("quic");
     let says = || {
@@ -148,7 +148,7 @@ fn alight_check_of_a_drone_finds_the_vessel_that_listens_and_misses_one_that_doe
 }
 
 #[test]
-fn a_tls_endpoint_is_refused_and_told_what_to_write() {
+fn radio_refuses_a_tls_endpoint_and_names_the_quic_form() {
     let text = "listen = [\"tls/127.0.0.1:7447\"]";
     let refused = config::parse::<RadioConfig>(text, "test.toml")
         .expect_err("refused")
@@ -160,7 +160,7 @@ fn a_tls_endpoint_is_refused_and_told_what_to_write() {
 }
 
 #[test]
-fn a_session_that_went_silent_is_opened_anew() {
+fn radio_reopens_a_session_that_went_silent() {
     let endpoint = endpoint("udp");
     let mut first = vessel(&endpoint, None);
     let mut drone = drone(&endpoint, None);
@@ -178,7 +178,7 @@ fn a_session_that_went_silent_is_opened_anew() {
 }
 
 #[test]
-fn a_session_that_never_said_anything_is_opened_anew() {
+fn radio_reopens_a_session_that_never_received() {
     let endpoint = endpoint("udp");
     let mut drone = drone(&endpoint, None);
     for _ in 0..600 {

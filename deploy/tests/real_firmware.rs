@@ -375,11 +375,11 @@ fn land(firmware: Firmware, variable: &str) {
 }
 
 #[test]
-fn ardu_copter_itself_is_taken_off_handed_over_landed_and_stopped() {
+fn ardupilot_firmware_is_handed_over_landed_and_disarmed() {
     land(Firmware::ArduCopter, "ALIGHT_ARDUCOPTER");
 }
 
 #[test]
-fn px4_itself_is_taken_off_handed_over_landed_and_stopped() {
+fn px4_firmware_is_handed_over_landed_and_disarmed() {
     land(Firmware::Px4, "ALIGHT_PX4");
 }

@@ -77,7 +77,7 @@ fn changed(from: &Path, to: &Path, change: impl Fn(&str, u32, &mut Vec<u8>)) {
 }
 
 #[test]
-fn a_recording_replays_bit_identically() {
+fn recording_replays_bit_identically() {
     let (file, _) = recorded();
     let replay = alight(&["replay", &text(file), "--json"]);
     assert_eq!(replay.status.code(), Some(0), "{}", stderr(&replay));
@@ -89,7 +89,7 @@ fn a_recording_replays_bit_identically() {
 }
 
 #[test]
-fn one_flipped_byte_of_an_input_is_a_difference_of_that_node() {
+fn replay_reports_a_flipped_input_byte_at_its_node() {
     let (file, _) = recorded();
     for (topic, node, offset) in [
         // Time (8), number of inertial samples (8), header (26), then the first gyro rate.
@@ -122,7 +122,7 @@ fn one_flipped_byte_of_an_input_is_a_difference_of_that_node() {
 }
 
 #[test]
-fn one_changed_output_is_found_at_its_node_and_time() {
+fn replay_reports_a_changed_output_at_its_node_and_time() {
     let (file, _) = recorded();
     let other = scratch("output.mcap");
     changed(file, &other, |topic, number, bytes| {
@@ -143,7 +143,7 @@ fn one_changed_output_is_found_at_its_node_and_time() {
 }
 
 #[test]
-fn damaged_foreign_and_missing_files_are_refused_with_code_2() {
+fn replay_rejects_damaged_foreign_and_missing_files_with_code_2() {
     let (file, _) = recorded();
     let good = std::fs::read(file).unwrap();
     // One byte in every 4 kB of the middle: some of them lie in chunks, which have check sums, and not
@@ -188,7 +188,7 @@ fn damaged_foreign_and_missing_files_are_refused_with_code_2() {
 }
 
 #[test]
-fn a_recording_holds_what_a_person_wants_to_see() {
+fn recording_contains_every_displayed_topic() {
     let (file, outcome) = recorded();
     let bytes = std::fs::read(file).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
@@ -233,7 +233,7 @@ fn a_recording_holds_what_a_person_wants_to_see() {
 }
 
 #[test]
-fn a_recording_that_ends_on_the_deck_calibrates_and_one_that_does_not_is_refused() {
+fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
     let refused = alight(&["calibrate", "deck", &text(&recorded().0)]);
     assert_eq!(refused.status.code(), Some(2));
     assert!(

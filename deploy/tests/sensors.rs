@@ -40,7 +40,7 @@ fn free_udp() -> String {
 }
 
 #[test]
-fn sentences_over_udp_and_tcp_become_measurements_of_their_own_times() {
+fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
     let vessel = UdpSocket::bind("127.0.0.1:0").unwrap();
     vessel.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let (udp, tcp) = (free_udp(), TcpListener::bind("127.0.0.1:0").unwrap());
@@ -135,7 +135,7 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
 }
 
 #[test]
-fn the_vessels_process_runs_its_sensors_and_status_shows_each() {
+fn vessel_process_runs_its_sensors_and_status_shows_each() {
     let (udp, vessel, radio) = (free_udp(), free_udp(), free_udp());
     let config = std::env::temp_dir().join(format!("alight-sensors-vessel-{}.toml", std::process::id()));
     let text = format!(
@@ -221,7 +221,7 @@ fn the_vessels_process_runs_its_sensors_and_status_shows_each() {
 }
 
 #[test]
-fn without_sensors_or_with_a_wrong_address_it_ends_with_code_2() {
+fn sensor_process_without_sources_or_with_a_malformed_address_exits_with_code_2() {
     let run = |name: &str, text: &str| {
         let config = std::env::temp_dir().join(format!("alight-sensors-{name}-{}.toml", std::process::id()));
         std::fs::write(&config, text).unwrap();

@@ -58,7 +58,7 @@ fn keys(text: &str) -> BTreeMap<String, Value> {
 }
 
 #[test]
-fn the_shipped_configurations_hold_every_default_and_say_what_it_is() {
+fn shipped_configurations_are_explained_and_accepted() {
     for side in ["vessel", "drone"] {
         let path = shipped(&format!("{side}/{side}.toml"));
         let text = std::fs::read_to_string(&path).expect("the shipped file");
@@ -109,7 +109,7 @@ fn analyze(args: &[&str], unit: &Path) -> Option<(bool, String)> {
 }
 
 #[test]
-fn units_are_clean_and_little_exposed() {
+fn systemd_units_verify_and_are_little_exposed() {
     let directory = std::env::temp_dir().join(format!("alight-units-{}", std::process::id()));
     std::fs::create_dir_all(&directory).expect("a directory");
     for side in ["vessel", "drone"] {
@@ -151,7 +151,7 @@ fn sources(directory: &Path, out: &mut String) {
 }
 
 #[test]
-fn every_hazard_names_a_test_that_exists() {
+fn hazard_table_names_existing_tests() {
     let readme = std::fs::read_to_string(shipped("README.md")).expect("the README");
     let table = readme.split("\n## Hazards\n").nth(1).expect("the hazards");
     let table = table.split("\n## ").next().expect("its end");

@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn an_error_names_key_value_and_range() {
+    fn config_error_names_key_value_and_range() {
         let e = parse::<Outer>("[inner]\nspeed_mps = 9.5", "test")
             .unwrap_err()
             .to_string();

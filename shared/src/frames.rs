@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn rotation_takes_from_to_to() {
+    fn rotation_maps_its_second_frame_to_its_first() {
         // A vessel heading east: its bow points east.
         let r = Rotation::<VesselNed, VesselBody>::from_euler(0.0, 0.0, core::f64::consts::FRAC_PI_2);
         let bow = r * Vector::new(1.0, 0.0, 0.0);
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn a_degree_of_latitude_is_about_111_km() {
+    fn datum_offset_of_a_millidegree_of_latitude_is_111_m() {
         let a = Datum {
             latitude_deg: 45.0,
             longitude_deg: 7.0,

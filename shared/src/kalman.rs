@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn the_update_equals_the_information_form() {
+    fn joint_update_equals_the_information_form() {
         let mut noise = Noise(7);
         let (n, m) = (6, 3);
         let p = spd(n, &mut noise);
@@ -417,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn an_outlier_is_gated_and_changes_nothing() {
+    fn update_leaves_the_state_on_a_gated_outlier() {
         let mut g = Gaussian::new(&[1.0, 1.0]);
         let before = g.clone();
         let gate = chi_square_quantile(1.0, 2.326);

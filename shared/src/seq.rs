@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_list_gives_the_item_back() {
+    fn full_seq_returns_the_item() {
         let mut s = Seq::<u8, 2>::new();
         assert_eq!(s.push(1), Ok(()));
         assert_eq!(s.push(2), Ok(()));

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn the_estimate_fits_in_300_bytes_and_comes_back() {
+    fn estimate_fits_in_300_bytes_and_round_trips() {
         let bytes = encode(&estimate()).unwrap();
         // The layout table of `alight_shared::msg`.
         assert_eq!(bytes.len(), 246);
@@ -192,8 +192,8 @@ mod tests {
             header: Default::default(),
             significant_height_m: 1.0,
             confidence: 1.0,
-            orbital_slip: 0.0,
-            sharpness: 0.0,
+            wave_following_deficit: 0.0,
+            crest_steepening: 0.0,
             components: Seq::filled([WaveComponent::default(); 6]),
             slopes: Seq::filled([10; 60]),
         };
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn truncated_and_padded_bytes_are_refused() {
+    fn decode_rejects_truncated_and_padded_bytes() {
         let mut bytes = encode(&estimate()).unwrap();
         assert!(decode::<VesselEstimate<VesselClock>>(&bytes[..bytes.len() - 1]).is_err());
         bytes.push(0);
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_comes_back_and_any_flipped_bit_changes_its_hash() {
+    fn record_round_trips_and_any_flipped_bit_changes_its_hash() {
         let bytes = encode_record(&estimate()).unwrap();
         assert_eq!(
             decode_record::<VesselEstimate<VesselClock>>(&bytes).unwrap(),

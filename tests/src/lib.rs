@@ -2,25 +2,35 @@
 //!
 //! Start at [`world`]: `World::tick` is the architecture diagram. [`trial`] flies one landing.
 
-pub mod age;
-pub mod body;
-pub mod deck_motion;
-pub mod drone;
-pub mod eye;
-pub mod firmware;
-pub mod outcome;
-pub mod paired;
+pub mod autopilots;
+#[doc = "World, trial, judge and taps."]
+pub mod harness {
+    #[doc = "Age of information."]
+    pub mod age;
+    #[doc = "The drone's cameras."]
+    pub mod cameras;
+    #[doc = "The judge."]
+    pub mod outcome;
+    #[doc = "What is flown."]
+    pub mod scenario;
+    #[doc = "Taps."]
+    pub mod tap;
+    #[doc = "Traces."]
+    pub mod trace;
+    #[doc = "One landing."]
+    pub mod trial;
+    #[doc = "The world."]
+    pub mod world;
+}
 pub mod physics;
 pub mod radio;
-pub mod response;
-pub mod scenario;
-pub mod sea;
 pub mod sensors;
-pub mod statistics;
-pub mod streams;
 pub mod studies;
-pub mod tap;
-pub mod trace;
-pub mod trial;
-pub mod vessel;
-pub mod world;
+//
+//
+//
+//
+//
+//
+//
+//

@@ -3,11 +3,11 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use alight_sim::deck_motion::DeckMotionConfig;
-use alight_sim::scenario::Scenario;
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::vessel::{Course, VesselConfig};
 use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};
-use alight_sim::studies::prediction::{Figure, HORIZONS_S, Source, Tally, vessel};
-use alight_sim::vessel::{Course, VesselConfig};
+use alight_sim::studies::prediction::{HORIZONS_S, Quantity, Source, Tally, vessel};
 use alight_usv::VesselNodeConfig;
 
 fn run(seed: u64, sea: &str, course: Course, span_s: f64) -> Run {
@@ -26,7 +26,7 @@ fn rms(squares: &[f64]) -> f64 {
 }
 
 #[test]
-fn the_estimate_meets_the_papers_figures_and_its_own_covariance() {
+fn estimate_meets_the_paper_accuracy_and_its_own_covariance() {
     let runs: Vec<Run> = (0..3).map(|s| run(s, "moderate", Course::Drift, 60.0)).collect();
     for r in &runs {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
@@ -50,7 +50,7 @@ fn the_estimate_meets_the_papers_figures_and_its_own_covariance() {
 }
 
 #[test]
-fn the_prediction_beats_holding_and_constant_velocity() {
+fn prediction_beats_constant_state_and_constant_velocity() {
     let runs: Vec<Run> = (10..13)
         .map(|s| run(s, "moderate", Course::Drift, 60.0))
         .collect();
@@ -72,7 +72,7 @@ fn the_prediction_beats_holding_and_constant_velocity() {
 /// harmonics of tilt made the identification hold on to the last half minute only, in which waves this near
 /// each other cannot be told apart.
 #[test]
-fn the_waves_are_found_and_the_motion_is_followed_where_the_hull_slams() {
+fn estimator_identifies_waves_and_follows_motion_where_the_hull_slams() {
     let mut scenario = Scenario {
         sea: "0.8,5".parse().unwrap(),
         ..Scenario::default()
@@ -92,7 +92,7 @@ fn the_waves_are_found_and_the_motion_is_followed_where_the_hull_slams() {
 
 /// Not carried along by the water's particles, a hull meets crests sharper than any sum of the waves.
 #[test]
-fn crests_are_foretold_of_a_hull_that_the_water_does_not_carry_along() {
+fn prediction_includes_bound_waves_for_a_hull_that_does_not_follow_the_water() {
     let mut scenario = Scenario {
         sea: "0.8,5".parse().unwrap(),
         ..Scenario::default()
@@ -102,8 +102,8 @@ fn crests_are_foretold_of_a_hull_that_the_water_does_not_carry_along() {
     let (mut heave, mut tilt) = (Tally::default(), Tally::default());
     for seed in [301, 302, 304, 305, 463] {
         let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0, false).unwrap();
-        heave = heave.and(scores[&(Source::Vessel, Figure::Heave, second)]);
-        tilt = tilt.and(scores[&(Source::Vessel, Figure::Tilt, second)]);
+        heave = heave.and(scores[&(Source::Vessel, Quantity::Heave, second)]);
+        tilt = tilt.and(scores[&(Source::Vessel, Quantity::Tilt, second)]);
     }
     let [heave, tilt] = [heave, tilt].map(|t| t.rmse());
     println!("{heave} m, {tilt} rad");
@@ -112,28 +112,35 @@ fn crests_are_foretold_of_a_hull_that_the_water_does_not_carry_along() {
 }
 
 #[test]
-fn heave_one_second_ahead_is_near_what_the_true_frequencies_give() {
+fn heave_prediction_at_1_s_is_near_that_from_the_true_frequencies() {
     let scenario = Scenario {
         sea: "0.5,5".parse().unwrap(),
         ..Scenario::default()
     };
     let mut sum = [Tally::default(); 2];
     for seed in 30..34 {
-        for told in [false, true] {
-            let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0, told).unwrap();
-            let source = if told { Source::VesselTold } else { Source::Vessel };
+        for known_waves in [false, true] {
+            let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0, known_waves).unwrap();
+            let source = if known_waves {
+                Source::VesselKnownWaves
+            } else {
+                Source::Vessel
+            };
             let second = HORIZONS_S.iter().position(|h| *h == 1.0).unwrap();
-            let tally = &mut sum[usize::from(told)];
-            *tally = tally.and(scores[&(source, Figure::Heave, second)]);
+            let tally = &mut sum[usize::from(known_waves)];
+            *tally = tally.and(scores[&(source, Quantity::Heave, second)]);
         }
     }
-    let [found, told] = sum.map(|t| t.rmse());
-    assert!(found < 0.05 && found < 1.5 * told, "{found} m, told {told} m");
+    let [found, known_waves] = sum.map(|t| t.rmse());
+    assert!(
+        found < 0.05 && found < 1.5 * known_waves,
+        "{found} m, told {known_waves} m"
+    );
     assert!(sum[0].inside() > 0.9, "{}", sum[0].inside());
 }
 
 #[test]
-fn the_spread_one_second_ahead_is_what_it_turns_out_to_be() {
+fn prediction_covariance_at_1_s_matches_the_errors() {
     // Where the waves keep their phase better than the filter's process noise lets them, where a steep
     // sea has harmonics that nobody identifies, and where there are no waves.
     let second = HORIZONS_S.iter().position(|h| *h == 1.0).unwrap();
@@ -148,9 +155,9 @@ fn the_spread_one_second_ahead_is_what_it_turns_out_to_be() {
         let (mut deck, mut tilt, mut heave) = (Tally::default(), Tally::default(), Tally::default());
         for seed in 100..110 {
             let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0, false).unwrap();
-            deck = deck.and(scores[&(Source::Vessel, Figure::Deck, second)]);
-            tilt = tilt.and(scores[&(Source::Vessel, Figure::Tilt, second)]);
-            heave = heave.and(scores[&(Source::Vessel, Figure::Heave, second)]);
+            deck = deck.and(scores[&(Source::Vessel, Quantity::Deck, second)]);
+            tilt = tilt.and(scores[&(Source::Vessel, Quantity::Tilt, second)]);
+            heave = heave.and(scores[&(Source::Vessel, Quantity::Heave, second)]);
         }
         let inside = deck.inside();
         println!(
@@ -166,7 +173,7 @@ fn the_spread_one_second_ahead_is_what_it_turns_out_to_be() {
 }
 
 #[test]
-fn a_square_course_at_2_mps_keeps_state_and_prediction() {
+fn estimator_follows_a_square_course_at_2_mps() {
     let runs = [run(20, "moderate", Course::Square, 60.0)];
     let mut tilt = Vec::new();
     for (k, e) in &runs[0].estimates {
@@ -182,7 +189,7 @@ fn a_square_course_at_2_mps_keeps_state_and_prediction() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bits() {
+fn estimator_is_bit_identical_for_a_seed() {
     let (a, b) = (
         run(5, "moderate", Course::Drift, 2.0),
         run(5, "moderate", Course::Drift, 2.0),
@@ -192,7 +199,7 @@ fn the_same_seed_gives_the_same_bits() {
 }
 
 #[test]
-fn a_start_in_violent_motion_that_goes_wrong_is_started_anew() {
+fn estimator_restarts_when_its_start_in_violent_motion_fails() {
     // Seeds of a deck that rocks at 0.7 Hz from the first sample on: every run speaks in the end.
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     if !file.exists() {

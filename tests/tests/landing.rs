@@ -3,13 +3,13 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{Reason, State};
-use alight_sim::outcome::{Ending, Outcome};
-use alight_sim::scenario::{NodeConfigs, Scenario, StateOutage};
-use alight_sim::sea::SeaConfig;
-use alight_sim::trial::{Event, Flight, Watch, fly};
-use alight_sim::vessel::Course;
+use alight_sim::harness::outcome::{Ending, Outcome};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::physics::vessel::Course;
 
-fn flown(scenario: &Scenario, seed: u64, events: &mut Vec<(&'static str, Reason)>) -> Flight {
+fn flown(scenario: &Scenario, seed: u64, events: &mut Vec<(&'static str, Reason)>) -> FlownTrial {
     let mut keep = |e: &Event| {
         let Event::Phase { name, reason, .. } = e;
         events.push((*name, *reason));
@@ -31,7 +31,7 @@ fn at_sea(amplitude_m: f64, period_s: f64) -> Scenario {
 }
 
 #[test]
-fn given_a_moderate_sea_when_commanded_then_every_phase_happens_in_order_and_the_drone_lands() {
+fn drone_lands_in_a_moderate_sea_through_every_phase_in_order() {
     let mut events = Vec::new();
     let flight = flown(&at_sea(0.5, 5.0), 11, &mut events);
     let o = &flight.outcome;
@@ -58,25 +58,25 @@ fn given_a_moderate_sea_when_commanded_then_every_phase_happens_in_order_and_the
 }
 
 #[test]
-fn given_calm_water_then_the_drone_lands_softly_and_level() {
+fn drone_lands_softly_and_level_on_calm_water() {
     let o = outcome(&at_sea(0.0, 5.0), 12);
     assert!(o.success, "{}", o.reason);
     assert!(o.touchdown_speed_mps.unwrap() < 0.8 && o.tilt_error_deg.unwrap() < 3.0);
 }
 
 #[test]
-fn given_the_roughest_row_of_table_2_then_it_still_lands() {
+fn drone_lands_in_the_roughest_row_of_table_2() {
     let o = outcome(&at_sea(0.8, 5.0), 13);
     assert!(o.success, "{}", o.reason);
 }
 
 #[test]
-fn given_no_radio_from_tracking_on_then_it_lands_from_vision() {
+fn drone_lands_from_vision_without_radio_from_tracking_on() {
     let scenario = Scenario {
         radio_outage: Some(StateOutage {
             state: State::Tracking,
             after_s: 0.0,
-            length_s: f64::INFINITY,
+            duration_s: f64::INFINITY,
         }),
         ..at_sea(0.5, 5.0)
     };
@@ -85,7 +85,7 @@ fn given_no_radio_from_tracking_on_then_it_lands_from_vision() {
 }
 
 #[test]
-fn given_a_vessel_under_way_then_it_lands() {
+fn drone_lands_on_a_vessel_under_way() {
     let mut scenario = at_sea(0.3, 5.0);
     scenario.vessel.course = Course::Straight;
     scenario.vessel.speed_mps = 1.5;
@@ -94,7 +94,7 @@ fn given_a_vessel_under_way_then_it_lands() {
 }
 
 #[test]
-fn given_wind_then_it_stands_aligned_at_the_contact_although_it_leant_before() {
+fn drone_touches_down_aligned_in_steady_wind() {
     let mut scenario = at_sea(0.0, 5.0);
     scenario.drone.wind.mean_mps = 5.0;
     // Hover leans 4 deg there, half of which used to remain.
@@ -110,7 +110,7 @@ fn given_wind_then_it_stands_aligned_at_the_contact_although_it_leant_before() {
 }
 
 #[test]
-fn given_an_attitude_loop_half_and_twice_as_quick_as_assumed_then_it_lands() {
+fn drone_lands_with_half_and_twice_the_assumed_attitude_lag() {
     for (seed, lag_s) in [(34, 0.1), (35, 0.4)] {
         let mut scenario = at_sea(0.5, 5.0);
         scenario.drone.autopilot.attitude_lag_s = lag_s;
@@ -121,7 +121,7 @@ fn given_an_attitude_loop_half_and_twice_as_quick_as_assumed_then_it_lands() {
 }
 
 #[test]
-fn given_the_same_seed_then_the_same_bits_and_another_seed_differs() {
+fn trial_is_bit_identical_for_a_seed_and_differs_between_seeds() {
     let scenario = at_sea(0.5, 5.0);
     let (a, b, c) = (
         outcome(&scenario, 16),
@@ -133,7 +133,7 @@ fn given_the_same_seed_then_the_same_bits_and_another_seed_differs() {
 }
 
 #[test]
-fn given_two_planners_then_they_meet_the_same_sea() {
+fn two_planners_meet_the_same_sea() {
     // The vessel is not touched before contact: its true path must not depend on the planner.
     let scenario = at_sea(0.5, 5.0);
     let mut nodes = NodeConfigs::default();

@@ -3,24 +3,24 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-#[path = "../../uav-side/tests/autopilot/standin.rs"]
-mod standin;
+#[path = "../../uav-side/tests/autopilot/fake_autopilot.rs"]
+mod fake_autopilot;
 
 use std::collections::VecDeque;
 
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
-use alight_sim::outcome::Outcome;
-use alight_sim::physics::Felt;
-use alight_sim::scenario::{NodeConfigs, Scenario};
-use alight_sim::sea::SeaConfig;
-use alight_sim::tap::NoTap;
-use alight_sim::trial::{Watch, land};
-use alight_sim::world::{Firmware, FirmwareWord, NodeWords, World};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::NoTap;
+use alight_sim::harness::trial::{Watch, land};
+use alight_sim::harness::world::{FirmwareLink, FirmwareOutputs, NodeOutputs, World};
+use alight_sim::physics::PlantState;
+use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::config::AutopilotLinkConfig;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut, modes};
-use standin::StandIn;
+use fake_autopilot::FakeAutopilot;
 
 /// Bytes under way, and when they arrive (true time, s).
 #[derive(Default)]
@@ -39,7 +39,7 @@ impl Wire {
 /// The link's node on one end of the wire and the autopilot on the other.
 struct Linked {
     link: AutopilotLink,
-    autopilot: StandIn,
+    autopilot: FakeAutopilot,
     decoder: Decoder,
     sequence: u8,
     down: Wire,
@@ -52,7 +52,7 @@ struct Linked {
 
 impl Linked {
     fn new(firmware: modes::Firmware, wire_s: f64, nodes: &NodeConfigs) -> Linked {
-        let mut autopilot = StandIn::new(firmware, 0.0);
+        let mut autopilot = FakeAutopilot::new(firmware, 0.0);
         autopilot.fly_plant();
         let d = &nodes.drone;
         let link = AutopilotLink::new(
@@ -76,8 +76,8 @@ impl Linked {
             since_s: None,
         }
     }
-    fn say(&mut self, out: &AutopilotOut) {
-        for message in &out.say {
+    fn send(&mut self, out: &AutopilotOut) {
+        for message in &out.messages {
             self.sequence = self.sequence.wrapping_add(1);
             let bytes = encode(out.from, self.sequence, message).expect("a message of ours");
             self.down.send(self.now_s + self.wire_s, bytes);
@@ -85,23 +85,23 @@ impl Linked {
     }
 }
 
-impl Firmware for Linked {
-    fn motors(&mut self, felt: &Felt) -> Option<[f64; 4]> {
-        self.now_s = felt.at.secs();
+impl FirmwareLink for Linked {
+    fn motors(&mut self, truth: &PlantState) -> Option<[f64; 4]> {
+        self.now_s = truth.at.secs();
         let a = &mut self.autopilot;
         a.feels(
-            felt.position,
-            felt.velocity,
-            felt.attitude,
-            felt.rates,
-            felt.specific_force,
+            truth.position,
+            truth.velocity,
+            truth.attitude,
+            truth.rates,
+            truth.specific_force,
         );
         // A person holds it where it is, and gives it away.
-        a.persons_place.get_or_insert(felt.position);
+        a.manual_hold_position.get_or_insert(truth.position);
         let since_s = *self.since_s.get_or_insert(self.now_s);
-        if self.now_s > since_s + 2.0 && a.chosen == StandIn::persons(a.firmware) {
+        if self.now_s > since_s + 2.0 && a.chosen == FakeAutopilot::manual_mode(a.firmware) {
             // PX4 refuses until an offer has lasted: a person tries again.
-            let _refused = a.choose(StandIn::ours(a.firmware));
+            let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
         }
         // It was switched on long ago.
         let said = a.step(self.now_s + 1000.0, &self.down.arrived(self.now_s));
@@ -110,30 +110,30 @@ impl Firmware for Linked {
         }
         a.armed.then(|| a.motors())
     }
-    fn heard(&mut self, now: Time<DroneClock>) -> FirmwareWord {
+    fn receive(&mut self, now: Time<DroneClock>) -> FirmwareOutputs {
         for bytes in self.up.arrived(self.now_s) {
             self.decoder.push(&bytes);
         }
         let mut input = AutopilotIn::default();
         while let Some(frame) = self.decoder.next_frame() {
-            input.heard.push(frame);
+            input.received.push(frame);
         }
         let out = self.link.step(now, &input);
-        self.say(&out);
-        FirmwareWord {
+        self.send(&out);
+        FirmwareOutputs {
             odometry: out.odometry.last().copied(),
             state: out.state,
         }
     }
-    fn told(&mut self, now: Time<DroneClock>, words: &NodeWords) {
+    fn send(&mut self, now: Time<DroneClock>, outputs: &NodeOutputs) {
         let input = AutopilotIn {
-            heard: Vec::new(),
-            set_point: words.set_point,
-            mission: words.mission,
-            forecast: words.forecast,
+            received: Vec::new(),
+            set_point: outputs.set_point,
+            mission: outputs.mission,
+            forecast: outputs.forecast,
         };
         let out = self.link.step(now, &input);
-        self.say(&out);
+        self.send(&out);
     }
 }
 
@@ -146,7 +146,7 @@ fn fly(firmware: modes::Firmware, wire_s: f64, seed: u64) -> Outcome {
     scenario.start.hover_s = 8.0;
     let nodes = NodeConfigs::default();
     let mut world = World::new(&scenario, &nodes, seed).unwrap();
-    world.fly_by(Box::new(Linked::new(firmware, wire_s, &nodes)));
+    world.attach_firmware(Box::new(Linked::new(firmware, wire_s, &nodes)));
     let watch = Watch {
         on_event: &mut |_| {},
         trace_step_s: None,
@@ -165,14 +165,14 @@ fn lands(firmware: modes::Firmware, wire_s: f64) {
 }
 
 #[test]
-fn px4s_mavlink_lands_at_moderate_with_5_to_40_ms_on_the_wire() {
+fn drone_lands_over_px4_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
     for wire_s in [0.005, 0.02, 0.04] {
         lands(modes::Firmware::Px4, wire_s);
     }
 }
 
 #[test]
-fn arducopters_mavlink_lands_at_moderate_with_5_to_40_ms_on_the_wire() {
+fn drone_lands_over_arducopter_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
     for wire_s in [0.005, 0.02, 0.04] {
         lands(modes::Firmware::ArduCopter, wire_s);
     }

@@ -10,14 +10,14 @@ use alight_shared::msg::{DeckForecast, Header, Motors, SetPoint, SetPointKind};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Stamped, Time, TrueTime};
 use alight_shared::wire;
-use alight_sim::body::RigidState;
-use alight_sim::deck_motion::DeckCarrier;
-use alight_sim::drone::{DroneStart, DroneWorld};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::body::RigidState;
+use alight_sim::physics::deck_motion::DeckCarrier;
+use alight_sim::physics::drone::{DroneStart, SimulatedDrone};
+use alight_sim::physics::sea::Sea;
+use alight_sim::physics::streams::Streams;
 use alight_sim::radio::{Direction, Radio, on_air};
-use alight_sim::scenario::{NodeConfigs, Scenario};
-use alight_sim::sea::Sea;
 use alight_sim::sensors::Sensors;
-use alight_sim::streams::Streams;
 use alight_uav::odometry::{Odometry, OdometryConfig};
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use alight_usv::{VesselIn, VesselNode};
@@ -29,7 +29,7 @@ struct Sample {
     forecast: DeckForecast,
 }
 
-struct Flight {
+struct PredictorFlight {
     /// Error of the drone's odometry at each tick: the forecast is where the drone will believe the deck.
     frames: Vec<Vector3<f64>>,
     /// Deck, per tick.
@@ -41,14 +41,14 @@ struct Flight {
 
 /// When the radio falls silent, ticks after the drone's appearance.
 #[derive(Clone, Copy)]
-struct Plan {
+struct FlightPlan {
     seconds: f64,
     cut_s: f64,
     /// Height of the drone above the mean deck, by time since its appearance.
     height: fn(f64) -> f64,
 }
 
-fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) -> Flight {
+fn fly(scenario: &Scenario, plan: &FlightPlan, config: &PredictorConfig, seed: u64) -> PredictorFlight {
     let nodes = NodeConfigs::default();
     let streams = Streams::new(seed);
     let sea = Sea::new(&scenario.sea, &streams);
@@ -61,7 +61,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
     let mut bridge = Bridge::new(&BridgeConfig::default(), 1);
     let mut predictor = Predictor::new(config, 1);
     let mut steady = Odometry::new(&OdometryConfig::default());
-    let mut drone: Option<DroneWorld> = None;
+    let mut drone: Option<SimulatedDrone> = None;
     let appeared = 6000;
     let (mut truth, mut samples, mut frames) = (Vec::new(), Vec::new(), Vec::new());
     let mut smooth = Vector3::zeros();
@@ -75,7 +75,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
             .into_iter()
             .map(|(at, q)| Stamped::new(sensors.clocks.vessel_time(at), q))
             .collect();
-        let said = vessel_node.step(
+        let output = vessel_node.step(
             vessel_now,
             &VesselIn {
                 imu: readings.imu,
@@ -92,10 +92,10 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         };
         send(
             PacketKind::Estimate,
-            said.estimate.map(|m| wire::encode(&m).unwrap()),
+            output.estimate.map(|m| wire::encode(&m).unwrap()),
         );
-        send(PacketKind::Wave, said.wave.map(|m| wire::encode(&m).unwrap()));
-        for r in &said.time_replies {
+        send(PacketKind::Wave, output.wave.map(|m| wire::encode(&m).unwrap()));
+        for r in &output.time_replies {
             send(PacketKind::TimeReply, Some(wire::encode(r).unwrap()));
         }
         let packets = to_drone
@@ -103,8 +103,8 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
             .into_iter()
             .map(|(at, p)| Stamped::new(sensors.clocks.drone_time(at), p))
             .collect();
-        let heard = bridge.step(now, &BridgeIn { packets });
-        if let Some(q) = heard.time_request {
+        let received = bridge.step(now, &BridgeIn { packets });
+        if let Some(q) = received.time_request {
             to_vessel.send(t, on_air(64), q);
         }
         let deck: RigidState<Deck> = carrier.state().at(deck_geometry.centre());
@@ -112,7 +112,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         frames.push(Vector3::zeros());
         smooth += (deck.position.0 - smooth) * if tick == 0 { 1.0 } else { 0.003 };
         if tick == appeared {
-            drone = Some(DroneWorld::new(
+            drone = Some(SimulatedDrone::new(
                 &scenario.drone,
                 &airframe,
                 &deck_geometry,
@@ -126,8 +126,8 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         let since = (tick as f64 - appeared as f64) * 0.01;
         if since >= plan.cut_s && since < plan.cut_s + 0.01 {
             let for_good = [t, Time::from_secs(1e6)];
-            to_drone.fall_silent(for_good);
-            to_vessel.fall_silent(for_good);
+            to_drone.set_outage(for_good);
+            to_vessel.set_outage(for_good);
         }
         let before = deck;
         let mut d = drone.take();
@@ -137,16 +137,16 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
             if let Some(frame) = frames.last_mut() {
                 *frame = odometry.position() - drone.truth().position.0;
             }
-            let seen = sensors.drone(t, &drone.truth(), &deck, |n, e| sea.surface(t, n, e).surface_z());
+            let readings = sensors.drone(t, &drone.truth(), &deck, |n, e| sea.surface(t, n, e).surface_z());
             let input = PredictorIn {
-                estimate: heard.estimate,
-                wave: heard.wave,
-                prediction: heard.prediction,
-                link: heard.link,
+                estimate: received.estimate,
+                wave: received.wave,
+                prediction: received.prediction,
+                link: received.link,
                 drone: Some(odometry),
-                tags: seen.tags,
-                uvdar: seen.uvdar,
-                ranges: seen.ranges,
+                tags: readings.tags,
+                uvdar: readings.uvdar,
+                ranges: readings.ranges,
             };
             if let Some(forecast) = predictor.step(now, &input).forecast {
                 samples.push(Sample { t: tick, forecast });
@@ -169,7 +169,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
         drone = d;
         t += Span::from_millis(10);
     }
-    Flight {
+    PredictorFlight {
         truth,
         frames,
         samples,
@@ -179,7 +179,7 @@ fn fly(scenario: &Scenario, plan: &Plan, config: &PredictorConfig, seed: u64) ->
 
 /// Root mean squares (m, rad) and mean normalised squared errors of a horizon.
 #[derive(Clone, Copy, Debug, Default)]
-struct Figures {
+struct HorizonErrors {
     horizontal: f64,
     vertical: f64,
     tilt: f64,
@@ -188,8 +188,8 @@ struct Figures {
     n: f64,
 }
 
-impl Figures {
-    fn add(&mut self, f: &Flight, from_s: f64, to_s: f64, ahead: f64) {
+impl HorizonErrors {
+    fn add(&mut self, f: &PredictorFlight, from_s: f64, to_s: f64, ahead: f64) {
         for s in &f.samples {
             let since = (s.t - f.appeared) as f64 * 0.01;
             let then = s.t + (ahead * 100.0).round() as usize;
@@ -215,13 +215,13 @@ impl Figures {
             self.nees[2] += 0.5 * (ratio(e.x, stage.euler_sd[0]) + ratio(e.y, stage.euler_sd[1]));
         }
     }
-    fn of(flights: &[Flight], from_s: f64, to_s: f64, ahead: f64) -> Figures {
-        let mut a = Figures::default();
+    fn of(flights: &[PredictorFlight], from_s: f64, to_s: f64, ahead: f64) -> HorizonErrors {
+        let mut a = HorizonErrors::default();
         for f in flights {
             a.add(f, from_s, to_s, ahead);
         }
         let mean = |x: f64| x / a.n;
-        let f = Figures {
+        let f = HorizonErrors {
             horizontal: mean(a.horizontal).sqrt(),
             vertical: mean(a.vertical).sqrt(),
             tilt: mean(a.tilt).sqrt(),
@@ -254,8 +254,8 @@ fn landing(since: f64) -> f64 {
 }
 
 /// Flights of three seeds at Moderate, the radio cut after `cut_s`.
-fn flights(cut_s: f64) -> Vec<Flight> {
-    let plan = Plan {
+fn flights(cut_s: f64) -> Vec<PredictorFlight> {
+    let plan = FlightPlan {
         seconds: 40.0,
         cut_s,
         height: landing,
@@ -266,11 +266,11 @@ fn flights(cut_s: f64) -> Vec<Flight> {
 }
 
 #[test]
-fn at_moderate_the_deck_is_known_as_well_as_a_landing_needs() {
+fn predictor_knows_the_deck_at_moderate_as_well_as_a_landing_needs() {
     let flights = flights(1e9);
-    let high = Figures::of(&flights, 10.0, 20.0, 0.2);
-    let near = Figures::of(&flights, 26.0, 38.0, 0.2);
-    let far = Figures::of(&flights, 26.0, 38.0, 1.0);
+    let high = HorizonErrors::of(&flights, 10.0, 20.0, 0.2);
+    let near = HorizonErrors::of(&flights, 26.0, 38.0, 0.2);
+    let far = HorizonErrors::of(&flights, 26.0, 38.0, 1.0);
     assert!(near.horizontal < 0.10 && near.vertical < 0.05 && near.tilt.to_degrees() < 0.7);
     assert!(far.horizontal < 0.12 && far.vertical < 0.06 && far.tilt.to_degrees() < 1.0);
     assert!(far.yaw.to_degrees() < 2.5);
@@ -280,10 +280,10 @@ fn at_moderate_the_deck_is_known_as_well_as_a_landing_needs() {
 }
 
 #[test]
-fn with_the_radio_gone_the_sight_alone_is_good_enough_to_land_by() {
+fn predictor_from_vision_alone_is_accurate_enough_to_land() {
     let flights = flights(5.0);
-    let near = Figures::of(&flights, 26.0, 38.0, 0.2);
-    let far = Figures::of(&flights, 26.0, 38.0, 1.0);
+    let near = HorizonErrors::of(&flights, 26.0, 38.0, 0.2);
+    let far = HorizonErrors::of(&flights, 26.0, 38.0, 1.0);
     assert!(near.horizontal < 0.13 && near.vertical < 0.08 && near.tilt.to_degrees() < 2.0);
     assert!(far.horizontal < 0.20 && far.vertical < 0.13 && far.tilt.to_degrees() < 2.2);
     for f in [near, far] {

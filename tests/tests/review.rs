@@ -7,21 +7,21 @@ use std::path::Path;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD};
 use alight_shared::time::{Time, TrueTime};
-use alight_sim::deck_motion::DeckCarrier;
-use alight_sim::scenario::Scenario;
-use alight_sim::sea::Sea;
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::harness::world::TICK;
+use alight_sim::physics::deck_motion::DeckCarrier;
+use alight_sim::physics::sea::Sea;
+use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::Sensors;
-use alight_sim::streams::Streams;
-use alight_sim::world::TICK;
 use alight_usv::VesselNodeConfig;
 use alight_usv::estimator::Channel;
-use alight_usv::log::{self, Recorded};
+use alight_usv::log::{self, Recording};
 use alight_usv::review::{Review, review};
 use alight_usv::sensors::{Measurement, Mount};
 
 /// What the vessel's sensors recorded, what a motion sensor at 10 Hz would have, and the standard
 /// deviations of the true heave (m), roll and pitch (rad), and the period of the highest wave (s).
-fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recorded, Recorded, [f64; 4]) {
+fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recording, Recording, [f64; 4]) {
     let scenario = Scenario {
         sea: sea.parse().unwrap(),
         ..Scenario::default()
@@ -30,7 +30,7 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recorded, Recorded, [f64; 
     let sea = Sea::new(&scenario.sea, &streams);
     let mut carrier = DeckCarrier::new(&scenario.vessel, None, &scenario.deck, &sea, &streams).unwrap();
     let mut sensors = Sensors::new(&scenario.sensors, &scenario.airframe, &scenario.deck, &streams);
-    let (mut real, mut motion) = (Recorded::default(), Recorded::default());
+    let (mut real, mut motion) = (Recording::default(), Recording::default());
     let mut truth = Vec::new();
     for k in 0..100 * seconds {
         let t = Time::<TrueTime>::EPOCH + TICK * k as i64;
@@ -60,7 +60,7 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recorded, Recorded, [f64; 
                 position: state.position.0.into(),
                 position_sd: [0.3, 0.3, NOT_MEASURED_SD],
                 velocity_sd: [NOT_MEASURED_SD; 3],
-                arm: Some([0.0; 3]),
+                lever_arm: Some([0.0; 3]),
                 ..GnssFix::default()
             }));
             motion.measurements.push(Measurement::Heading(HeadingFix {
@@ -86,8 +86,8 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recorded, Recorded, [f64; 
     (real, motion, [sd[0], sd[1], sd[2], period])
 }
 
-fn assert_near(what: &str, got: f64, want: f64, share: f64) {
-    assert!((got / want - 1.0).abs() < share, "{what}: {got}, not {want}");
+fn assert_near(what: &str, got: f64, want: f64, fraction: f64) {
+    assert!((got / want - 1.0).abs() < fraction, "{what}: {got}, not {want}");
 }
 
 fn assert_sea(r: &Review, sd: [f64; 4]) {
@@ -96,7 +96,7 @@ fn assert_sea(r: &Review, sd: [f64; 4]) {
     assert_near("tilt", tilt, sd[1].hypot(sd[2]).to_degrees(), 0.15);
     assert_near("Hs", r.sea.significant_height_m.unwrap(), 4.0 * sd[0], 0.25);
     assert_near("peak period", r.sea.peak_period_s.unwrap(), sd[3], 0.1);
-    assert!(r.sea.identified_share > 0.8, "{}", r.sea.identified_share);
+    assert!(r.sea.identified_fraction > 0.8, "{}", r.sea.identified_fraction);
     for p in r
         .predictions
         .iter()
@@ -115,7 +115,7 @@ fn assert_sea(r: &Review, sd: [f64; 4]) {
 }
 
 #[test]
-fn a_simulated_recording_is_reported_as_it_was() {
+fn review_reports_a_simulated_recording_as_it_was() {
     let (real, motion, sd) = recorded("0.5,5", 101, 240);
     let config = VesselNodeConfig::default();
     let r = review(&config, &real);
@@ -136,7 +136,7 @@ fn a_simulated_recording_is_reported_as_it_was() {
 }
 
 #[test]
-fn repeated_reordered_and_far_dated_measurements_are_counted_and_change_little() {
+fn review_counts_repeated_reordered_and_far_dated_measurements_and_changes_little() {
     let (real, _, _) = recorded("0.5,5", 103, 150);
     let config = VesselNodeConfig::default();
     let clean = review(&config, &real);
@@ -177,7 +177,7 @@ fn repeated_reordered_and_far_dated_measurements_are_counted_and_change_little()
 }
 
 #[test]
-fn a_recorded_platform_is_followed_and_its_prediction_not_overrated() {
+fn review_follows_a_recorded_platform_and_states_its_prediction_error() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     if !file.exists() {
         eprintln!("skipped: {} is missing", file.display());

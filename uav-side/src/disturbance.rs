@@ -5,7 +5,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 /// A horizontal acceleration learnt from odometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Disturbance {
+pub struct DisturbanceObserver {
     value: Vector2<f64>,
     /// Horizontal velocity that attitude, thrust and disturbance explain, m/s; None at rest.
     velocity: Option<Vector2<f64>>,
@@ -15,7 +15,7 @@ pub struct Disturbance {
 /// force, m/s.
 const JUMP_MPS: f64 = 2.0;
 
-impl Disturbance {
+impl DisturbanceObserver {
     /// The acceleration that is not the rotors', NED, m/s².
     pub fn value(&self) -> Vector2<f64> {
         self.value
@@ -24,7 +24,7 @@ impl Disturbance {
     /// Learns from `force` (specific, body, m/s²), `attitude` (NED from body) and `velocity` (NED,
     /// m/s) of free flight, `dt` after the last. A Luenberger observer,
     /// `v' = (R [0, 0, f_z])_xy + d + 2 w (v_m - v)`, `d' = w² (v_m - v)`, with both poles at
-    /// `w = 1 / time_s`; no axis beyond `most` (m/s²). Drag felt by the accelerometers would be
+    /// `w = 1 / time_s`; no axis beyond `max` (m/s²). Drag felt by the accelerometers would be
     /// quicker, but their bias of 0.05 m/s² and the tilt's of 0.3 deg would each cost 3 cm.
     pub fn learn(
         &mut self,
@@ -33,7 +33,7 @@ impl Disturbance {
         velocity: &Vector3<f64>,
         dt: f64,
         time_s: f64,
-        most: f64,
+        max: f64,
     ) {
         let measured = velocity.xy();
         let thrust = attitude * Vector3::new(0.0, 0.0, force.z);
@@ -45,7 +45,7 @@ impl Disturbance {
             return;
         }
         self.velocity = Some(v + (thrust.xy() + self.value + wrong * (2.0 * w)) * dt);
-        self.value = (self.value + wrong * (w * w * dt)).map(|d| d.clamp(-most, most));
+        self.value = (self.value + wrong * (w * w * dt)).map(|d| d.clamp(-max, max));
     }
 
     /// In contact or without odometry the observer starts anew; what it found stays.
@@ -60,9 +60,9 @@ mod tests {
     use alight_shared::geometry::GRAVITY;
 
     #[test]
-    fn a_push_and_a_wrong_level_are_learnt_from_the_odometrys_velocity() {
+    fn disturbance_observer_learns_wind_and_level_error_from_velocity() {
         // Wind of 0.6 m/s² north while the attitude reads 0.01 rad too much roll: held by the true lean.
-        let mut x = Disturbance::default();
+        let mut x = DisturbanceObserver::default();
         let (mut v, dt) = (Vector3::zeros(), 0.01);
         let seen = UnitQuaternion::from_euler_angles(0.01, 0.0, 0.0);
         let force = Vector3::new(0.0, 0.0, -GRAVITY);
@@ -83,12 +83,12 @@ mod tests {
     }
 
     #[test]
-    fn a_disturbance_is_bounded() {
-        let mut x = Disturbance::default();
-        let lean = UnitQuaternion::from_euler_angles(0.0, 0.7, 0.0);
+    fn disturbance_observer_output_is_bounded() {
+        let mut x = DisturbanceObserver::default();
+        let tilt = UnitQuaternion::from_euler_angles(0.0, 0.7, 0.0);
         let force = Vector3::new(0.0, 0.0, -12.0);
         for _ in 0..1000 {
-            x.learn(&force, &lean, &Vector3::zeros(), 0.01, 0.5, 3.0);
+            x.learn(&force, &tilt, &Vector3::zeros(), 0.01, 0.5, 3.0);
         }
         assert!((x.value().x - 3.0).abs() < 1e-9, "{}", x.value());
     }

@@ -20,13 +20,13 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 /// After a longer silence the autopilot's word is taken anew, s.
-const LONGEST_STEP_S: f64 = 0.1;
+const MAX_STEP_S: f64 = 0.1;
 /// A position that is further than this from where the velocity would have brought it is a reset of
 /// the autopilot's origin, m.
 const JUMP_M: f64 = 0.4;
 /// Further from the autopilot's position (m) or velocity (m/s) than this, one of the two is wrong:
 /// the autopilot's word is taken anew.
-const APART: f64 = 1.5;
+const MAX_DIFFERENCE: f64 = 1.5;
 /// Further from the autopilot's position than this, m, the smooth frame is drawn after it ...
 const LAG_M: f64 = 0.6;
 /// ... at this rate, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, lays it 0.5 m further.
@@ -53,20 +53,20 @@ config! {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Held {
+struct SmoothState {
     at: Time<DroneClock>,
     position: Vector3<f64>,
     velocity: Vector3<f64>,
     bias: Vector3<f64>,
     /// The autopilot's last word.
-    told: DroneState,
+    reported: DroneState,
 }
 
 /// The smooth odometry.
 #[derive(Clone, Debug)]
 pub struct Odometry {
     config: OdometryConfig,
-    held: Option<Held>,
+    smoothed: Option<SmoothState>,
 }
 
 impl Odometry {
@@ -74,7 +74,7 @@ impl Odometry {
     pub fn new(config: &OdometryConfig) -> Self {
         Odometry {
             config: *config,
-            held: None,
+            smoothed: None,
         }
     }
 
@@ -85,58 +85,58 @@ impl Odometry {
     /// only in part, `k_p / (k_p + k_b)`. What is more than [`LAG_M`] is made up for slowly by `drift`;
     /// a stiffer loop would bring the fixes' noise into every landing (6 mm of place), and none would
     /// end in a jump, in a flare too.
-    pub fn step(&mut self, told: &DroneState) -> DroneState {
+    pub fn step(&mut self, reported: &DroneState) -> DroneState {
         if !self.config.smooth {
-            return *told;
+            return *reported;
         }
-        let fresh = Held {
-            at: told.header.at,
-            position: told.position(),
-            velocity: told.velocity(),
+        let fresh = SmoothState {
+            at: reported.header.at,
+            position: reported.position(),
+            velocity: reported.velocity(),
             bias: Vector3::zeros(),
-            told: *told,
+            reported: *reported,
         };
-        let Some(mut h) = self.held else {
-            self.held = Some(fresh);
-            return *told;
+        let Some(mut h) = self.smoothed else {
+            self.smoothed = Some(fresh);
+            return *reported;
         };
-        let dt = (told.header.at - h.at).secs();
-        let force = told.attitude() * Vector3::from(told.specific_force) + Vector3::z() * GRAVITY;
+        let dt = (reported.header.at - h.at).secs();
+        let force = reported.attitude() * Vector3::from(reported.specific_force) + Vector3::z() * GRAVITY;
         if !(dt > 0.0) {
             // Out of order: those who read it will refuse it.
-            return *told;
+            return *reported;
         }
-        if dt > LONGEST_STEP_S || !force.norm().is_finite() {
-            self.held = Some(Held {
+        if dt > MAX_STEP_S || !force.norm().is_finite() {
+            self.smoothed = Some(SmoothState {
                 bias: h.bias,
                 ..fresh
             });
-            return *told;
+            return *reported;
         }
-        let expected = h.told.position() + (h.told.velocity() + told.velocity()) * (0.5 * dt);
-        let jump = told.position() - expected;
+        let expected = h.reported.position() + (h.reported.velocity() + reported.velocity()) * (0.5 * dt);
+        let jump = reported.position() - expected;
         if jump.norm() > JUMP_M {
             h.position += jump;
         }
         let c = &self.config;
-        let (ahead, faster) = (told.position() - h.position, told.velocity() - h.velocity);
-        if !(ahead.norm() < APART && faster.norm() < APART) {
-            self.held = Some(fresh);
-            return *told;
+        let (ahead, faster) = (reported.position() - h.position, reported.velocity() - h.velocity);
+        if !(ahead.norm() < MAX_DIFFERENCE && faster.norm() < MAX_DIFFERENCE) {
+            self.smoothed = Some(fresh);
+            return *reported;
         }
         let acceleration = force + h.bias + faster * c.velocity_gain + ahead * c.position_gain;
         let drift = (ahead - ahead.cap_magnitude(LAG_M)) * DRIFT_GAIN;
         h.position += (h.velocity + drift) * dt + acceleration * (0.5 * dt * dt);
         h.velocity += acceleration * dt;
-        let most = c.bias_limit_mps2;
-        h.bias = (h.bias + faster * (c.bias_gain * dt)).map(|b| b.clamp(-most, most));
-        h.at = told.header.at;
-        h.told = *told;
-        self.held = Some(h);
+        let max = c.bias_limit_mps2;
+        h.bias = (h.bias + faster * (c.bias_gain * dt)).map(|b| b.clamp(-max, max));
+        h.at = reported.header.at;
+        h.reported = *reported;
+        self.smoothed = Some(h);
         DroneState {
             position: h.position.into(),
             velocity: h.velocity.into(),
-            ..*told
+            ..*reported
         }
     }
 
@@ -144,10 +144,10 @@ impl Odometry {
     /// `p + p_a - p_s`, `v + v_a - v_s`. Else the drone would stay beside its plan by as much as the
     /// frames are apart, and a plan that begins anew at the drone would run away from it.
     pub fn for_autopilot(&self, set_point: &SetPoint) -> SetPoint {
-        match (set_point.kind, &self.held) {
+        match (set_point.kind, &self.smoothed) {
             (SetPointKind::Trajectory, Some(h)) => SetPoint {
-                position: (Vector3::from(set_point.position) + h.told.position() - h.position).into(),
-                velocity: (Vector3::from(set_point.velocity) + h.told.velocity() - h.velocity).into(),
+                position: (Vector3::from(set_point.position) + h.reported.position() - h.position).into(),
+                velocity: (Vector3::from(set_point.velocity) + h.reported.velocity() - h.velocity).into(),
                 ..*set_point
             },
             (SetPointKind::Trajectory | SetPointKind::Attitude | SetPointKind::None, _) => *set_point,
@@ -171,13 +171,13 @@ mod tests {
     }
 
     #[test]
-    fn steps_of_the_autopilot_become_motion_that_its_velocity_explains() {
+    fn odometry_smooths_position_steps_consistently_with_velocity() {
         let mut o = Odometry::new(&OdometryConfig::default());
         let (mut last, mut largest) = (None::<DroneState>, 0.0_f64);
         for k in 0..3000_u32 {
             // A drone at rest whose position is told 2 cm further, then back, ten times a second.
-            let told = state(k, if (k / 10) % 2 == 0 { 0.02 } else { -0.02 }, 0.0, 0.0);
-            let s = o.step(&told);
+            let reported = state(k, if (k / 10) % 2 == 0 { 0.02 } else { -0.02 }, 0.0, 0.0);
+            let s = o.step(&reported);
             if let Some(l) = last {
                 let moved = s.position[0] - l.position[0];
                 largest = largest.max((moved - 0.005 * (s.velocity[0] + l.velocity[0])).abs());
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn an_accelerometer_that_is_off_is_found_out() {
+    fn odometry_estimates_accelerometer_bias() {
         let mut o = Odometry::new(&OdometryConfig::default());
         let mut s = DroneState::default();
         for k in 0..6000 {
@@ -201,21 +201,21 @@ mod tests {
     }
 
     #[test]
-    fn an_autopilot_that_drifts_unseen_by_its_velocity_is_followed() {
+    fn odometry_follows_a_position_drift_not_in_the_velocity() {
         // The slow error of a GNSS: 3 cm/s for two minutes, 3.6 m in all.
-        let (mut o, mut most, mut jump) = (Odometry::new(&OdometryConfig::default()), 0.0_f64, 0.0_f64);
+        let (mut o, mut max, mut jump) = (Odometry::new(&OdometryConfig::default()), 0.0_f64, 0.0_f64);
         let mut last = 0.0;
         for k in 0..12_000_u32 {
             let x = 0.03 * 0.01 * f64::from(k);
             let s = o.step(&state(k, x, 0.0, 0.0)).position[0];
-            (most, jump) = (most.max((s - x).abs()), jump.max((s - last).abs()));
+            (max, jump) = (max.max((s - x).abs()), jump.max((s - last).abs()));
             last = s;
         }
-        assert!(most < 1.0 && jump < 2e-3, "{most} {jump}");
+        assert!(max < 1.0 && jump < 2e-3, "{max} {jump}");
     }
 
     #[test]
-    fn a_drone_that_obeys_the_autopilot_comes_to_its_set_point_in_the_smooth_frame() {
+    fn odometry_converts_set_points_to_the_autopilot_frame() {
         let mut o = Odometry::new(&OdometryConfig::default());
         let wanted = SetPoint {
             kind: SetPointKind::Trajectory,
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moved_origin_a_gap_and_old_news_pass() {
+    fn odometry_restarts_after_an_origin_reset_or_gap_and_passes_stale_input() {
         let mut o = Odometry::new(&OdometryConfig::default());
         o.step(&state(0, 0.0, 1.0, 0.0));
         let moved = o.step(&state(1, 5.01, 1.0, 0.0));

@@ -7,8 +7,8 @@
 
 use std::cell::RefCell;
 
-use alight_uav::camera::node::Names;
-use alight_uav::camera::{CameraNode, CameraSettings, Grey, Lens, TagSettings};
+use alight_uav::camera::node::CameraIdentity;
+use alight_uav::camera::{CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
 use proptest::prelude::*;
 
 /// The first code of the family 36h11.
@@ -48,7 +48,7 @@ fn strokes() -> impl Strategy<Value = Vec<Stroke>> {
     prop::collection::vec(stroke, 0..24)
 }
 
-fn draw(width: usize, height: usize, ground: u8, strokes: &[Stroke]) -> Grey {
+fn draw(width: usize, height: usize, ground: u8, strokes: &[Stroke]) -> GreyImage {
     let mut pixels = vec![ground; width * height];
     for stroke in strokes {
         let mut set = |x: usize, y: usize, level: u8| {
@@ -116,7 +116,7 @@ fn draw(width: usize, height: usize, ground: u8, strokes: &[Stroke]) -> Grey {
             }
         }
     }
-    Grey::new(width, height, pixels).unwrap()
+    GreyImage::new(width, height, pixels).unwrap()
 }
 
 fn node(width: usize, height: usize) -> CameraNode {
@@ -133,7 +133,7 @@ fn node(width: usize, height: usize) -> CameraNode {
         },
         ..CameraSettings::default()
     };
-    let names = Names {
+    let names = CameraIdentity {
         vessel: 1,
         drone: 1,
         boot: 1,
@@ -147,8 +147,8 @@ thread_local! {
 }
 
 /// What is said is sound.
-fn looks(node: &mut CameraNode, image: &Grey) -> bool {
-    let Some(pose) = node.look(image) else {
+fn detects(node: &mut CameraNode, image: &GreyImage) -> bool {
+    let Some(pose) = node.detect(image) else {
         return false;
     };
     assert!(pose.position.iter().chain(&pose.attitude).all(|v| v.is_finite()));
@@ -159,24 +159,24 @@ fn looks(node: &mut CameraNode, image: &Grey) -> bool {
 
 proptest! {
     #[test]
-    fn any_drawing(ground in any::<u8>(), strokes in strokes()) {
+    fn camera_output_is_valid_for_any_drawing(ground in any::<u8>(), strokes in strokes()) {
         let image = draw(320, 240, ground, &strokes);
-        NODE.with_borrow_mut(|node| looks(node, &image));
+        NODE.with_borrow_mut(|node| detects(node, &image));
     }
 
     #[test]
-    fn any_size(width in 32_usize..330, height in 32_usize..250, ground in any::<u8>(), strokes in strokes()) {
+    fn camera_ignores_images_of_another_size(width in 32_usize..330, height in 32_usize..250, ground in any::<u8>(), strokes in strokes()) {
         let image = draw(width, height, ground, &strokes);
-        looks(&mut node(width, height), &image);
+        detects(&mut node(width, height), &image);
         // The one that expects another size looks at none of it.
         NODE.with_borrow_mut(|other| {
-            prop_assert!((width, height) == (320, 240) || !looks(other, &image));
+            prop_assert!((width, height) == (320, 240) || !detects(other, &image));
             Ok(())
         })?;
     }
 
     #[test]
-    fn damaged_files(strokes in strokes(), changes in prop::collection::vec((any::<usize>(), any::<u8>()), 0..12),
+    fn pgm_reader_survives_damaged_files(strokes in strokes(), changes in prop::collection::vec((any::<usize>(), any::<u8>()), 0..12),
         head in prop::collection::vec((0_usize..16, any::<u8>()), 0..4), cut in any::<usize>()) {
         let mut bytes = draw(320, 240, 90, &strokes).to_pgm();
         for (at, to) in changes {
@@ -189,24 +189,27 @@ proptest! {
         if cut % 3 == 0 {
             bytes.truncate(cut % bytes.len());
         }
-        if let Ok(image) = Grey::from_pgm(&bytes) {
-            looks(&mut node(image.width(), image.height()), &image);
+        if let Ok(image) = GreyImage::from_pgm(&bytes) {
+            detects(&mut node(image.width(), image.height()), &image);
         }
     }
 }
 
 #[test]
-fn a_drawn_tag_is_seen_and_one_of_noise_is_not() {
+fn camera_detects_a_drawn_tag_and_none_in_noise() {
     let mut node = node(320, 240);
-    assert!(looks(
+    assert!(detects(
         &mut node,
         &draw(320, 240, 120, &[Stroke::Tag([60, 40], 12, 0)])
     ));
-    assert!(!looks(
+    assert!(!detects(
         &mut node,
         &draw(320, 240, 120, &[Stroke::Tag([60, 40], 12, 0x5555_5555_5555)])
     ));
-    assert!(!looks(&mut node, &draw(320, 240, 120, &[Stroke::Noise(7, 255)])));
+    assert!(!detects(
+        &mut node,
+        &draw(320, 240, 120, &[Stroke::Noise(7, 255)])
+    ));
 }
 
 /// Resident memory of this process, pages; None where the system does not say.
@@ -216,7 +219,7 @@ fn resident() -> Option<u64> {
 }
 
 #[test]
-fn a_thousand_images_take_no_more_memory_than_a_hundred() {
+fn camera_memory_is_bounded_over_a_thousand_images() {
     let mut node = node(320, 240);
     let image = draw(
         320,
@@ -229,7 +232,7 @@ fn a_thousand_images_take_no_more_memory_than_a_hundred() {
     );
     let mut after = |images: usize| {
         for _ in 0..images {
-            looks(&mut node, &image);
+            detects(&mut node, &image);
         }
         resident()
     };

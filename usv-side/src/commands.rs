@@ -7,12 +7,12 @@
 use alight_shared::msg::{CommandKind, DroneStatus, Header, MESSAGE_VERSION, OperatorCommand};
 use alight_shared::time::{Span, Time, VesselClock};
 
-use crate::deck::DRONES;
+use crate::deck::MAX_DRONES;
 
 /// Time between two repetitions.
-const AGAIN: Span = Span::from_millis(500);
+const REPEAT_PERIOD: Span = Span::from_millis(500);
 /// A command that shows no effect is given up after this long.
-const LONGEST: Span = Span::from_millis(10_000);
+const TIMEOUT: Span = Span::from_millis(10_000);
 
 #[derive(Clone, Copy, Debug)]
 struct Pending {
@@ -21,59 +21,59 @@ struct Pending {
     given: Time<VesselClock>,
     next: Time<VesselClock>,
     /// Last one heard: operator's boot and sequence.
-    heard: (u32, u32),
+    identity: (u32, u32),
     /// Done or given up: kept to know a repetition when it comes.
-    over: bool,
+    finished: bool,
 }
 
 /// What is on its way.
 #[derive(Clone, Debug)]
-pub struct Commands {
+pub struct OperatorRelay {
     vessel: u32,
     boot: u32,
     sequence: u32,
     pending: Vec<Pending>,
-    refused: u64,
+    rejected: u64,
 }
 
-impl Commands {
+impl OperatorRelay {
     /// Through vessel `vessel`, which started with this boot id.
-    pub fn new(vessel: u32, boot: u32) -> Commands {
-        Commands {
+    pub fn new(vessel: u32, boot: u32) -> OperatorRelay {
+        OperatorRelay {
             vessel,
             boot,
             sequence: 0,
             pending: Vec::new(),
-            refused: 0,
+            rejected: 0,
         }
     }
     /// Commands that were not passed on.
-    pub fn refused(&self) -> u64 {
-        self.refused
+    pub fn rejected(&self) -> u64 {
+        self.rejected
     }
     /// An admitted operator says this; true when it is news and on its way now.
-    pub fn hear(&mut self, now: Time<VesselClock>, said: &OperatorCommand<VesselClock>) -> bool {
-        let h = &said.header;
-        let heard = (h.boot, h.sequence);
+    pub fn hear(&mut self, now: Time<VesselClock>, command: &OperatorCommand<VesselClock>) -> bool {
+        let h = &command.header;
+        let identity = (h.boot, h.sequence);
         let known = self.pending.iter().position(|p| p.drone == h.drone);
         let before = known.and_then(|k| self.pending.get(k));
-        if before.is_some_and(|p| p.heard == heard) {
+        if before.is_some_and(|p| p.identity == identity) {
             return false;
         }
         let sound = h.version == MESSAGE_VERSION && h.vessel == self.vessel && h.drone != 0;
-        let aborting = before.is_some_and(|p| !p.over && p.kind == CommandKind::Abort);
-        let full = known.is_none() && self.pending.len() >= DRONES;
-        if !sound || full || aborting && said.kind != CommandKind::Abort {
-            self.refused = self.refused.saturating_add(1);
+        let aborting = before.is_some_and(|p| !p.finished && p.kind == CommandKind::Abort);
+        let full = known.is_none() && self.pending.len() >= MAX_DRONES;
+        if !sound || full || aborting && command.kind != CommandKind::Abort {
+            self.rejected = self.rejected.saturating_add(1);
             return false;
         }
         let pending = Pending {
             drone: h.drone,
-            kind: said.kind,
+            kind: command.kind,
             given: now,
             next: now,
-            heard,
-            over: false,
+            identity,
+            finished: false,
         };
         match known.and_then(|k| self.pending.get_mut(k)) {
             Some(slot) => *slot = pending,
@@ -85,23 +85,23 @@ impl Commands {
     pub fn step<'a>(
         &mut self,
         now: Time<VesselClock>,
-        words: impl IntoIterator<Item = &'a DroneStatus>,
+        statuses: impl IntoIterator<Item = &'a DroneStatus>,
     ) -> Vec<OperatorCommand<VesselClock>> {
-        for word in words {
+        for status in statuses {
             for p in &mut self.pending {
                 // A word that was under way when the command was given shows nothing.
-                if p.drone == word.header.drone && p.next > p.given {
-                    p.over |= p.kind.is_met(word.state, word.waiting.code);
+                if p.drone == status.header.drone && p.next > p.given {
+                    p.finished |= p.kind.is_met(status.state, status.waiting.code);
                 }
             }
         }
         let mut out = Vec::new();
         for p in &mut self.pending {
-            p.over |= now - p.given > LONGEST;
-            if p.over || now < p.next {
+            p.finished |= now - p.given > TIMEOUT;
+            if p.finished || now < p.next {
                 continue;
             }
-            p.next = now + AGAIN;
+            p.next = now + REPEAT_PERIOD;
             self.sequence = self.sequence.wrapping_add(1);
             out.push(OperatorCommand {
                 header: Header::new(self.vessel, p.drone, self.boot, self.sequence, now),
@@ -120,13 +120,13 @@ mod tests {
     fn at(s: f64) -> Time<VesselClock> {
         Time::from_secs(s)
     }
-    fn said(sequence: u32, drone: u32, kind: CommandKind) -> OperatorCommand<VesselClock> {
+    fn command(sequence: u32, drone: u32, kind: CommandKind) -> OperatorCommand<VesselClock> {
         OperatorCommand {
             header: Header::new(1, drone, 5, sequence, Time::EPOCH),
             kind,
         }
     }
-    fn word(state: State, waiting: ReasonCode) -> DroneStatus {
+    fn status(state: State, waiting: ReasonCode) -> DroneStatus {
         DroneStatus {
             header: Header::new(1, 3, 1, 1, Time::EPOCH),
             state,
@@ -136,47 +136,50 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_repeated_until_the_drone_shows_it() {
-        let mut c = Commands::new(1, 9);
-        assert!(c.hear(at(1.0), &said(1, 3, CommandKind::Land)));
-        assert!(!c.hear(at(1.1), &said(1, 3, CommandKind::Land)), "a repetition");
-        let idle = word(State::Idle, ReasonCode::NotCommanded);
+    fn operator_relay_repeats_a_command_until_the_drone_status_shows_it() {
+        let mut c = OperatorRelay::new(1, 9);
+        assert!(c.hear(at(1.0), &command(1, 3, CommandKind::Land)));
+        assert!(
+            !c.hear(at(1.1), &command(1, 3, CommandKind::Land)),
+            "a repetition"
+        );
+        let idle = status(State::Idle, ReasonCode::NotCommanded);
         let sent: usize = (10..30)
             .map(|k| c.step(at(f64::from(k) * 0.1), [&idle]).len())
             .sum();
         assert_eq!(sent, 4);
         assert!(
-            c.step(at(3.0), [&word(State::GetAltitude, ReasonCode::TooFar)])
+            c.step(at(3.0), [&status(State::GetAltitude, ReasonCode::TooFar)])
                 .is_empty()
         );
         assert!(c.step(at(4.0), []).is_empty());
-        assert_eq!(c.refused(), 0);
+        assert_eq!(c.rejected(), 0);
     }
 
     #[test]
-    fn an_abort_lets_nothing_past_until_it_is_taken() {
-        let mut c = Commands::new(1, 9);
-        c.hear(at(1.0), &said(1, 3, CommandKind::Land));
+    fn operator_relay_holds_other_commands_back_until_an_abort_is_effective() {
+        let mut c = OperatorRelay::new(1, 9);
+        c.hear(at(1.0), &command(1, 3, CommandKind::Land));
         assert_eq!(c.step(at(1.0), [])[0].kind, CommandKind::Land);
-        assert!(c.hear(at(1.2), &said(2, 3, CommandKind::Abort)));
-        assert!(!c.hear(at(1.3), &said(3, 3, CommandKind::Land)));
-        let descent = word(State::Descent, ReasonCode::TooFar);
+        assert!(c.hear(at(1.2), &command(2, 3, CommandKind::Abort)));
+        assert!(!c.hear(at(1.3), &command(3, 3, CommandKind::Land)));
+        let descent = status(State::Descent, ReasonCode::TooFar);
         assert_eq!(c.step(at(1.4), [&descent])[0].kind, CommandKind::Abort);
-        let over = word(State::GaveUp, ReasonCode::NotCommanded);
-        assert!(c.step(at(2.4), [&over]).is_empty());
-        assert!(c.hear(at(2.5), &said(4, 3, CommandKind::Land)));
-        assert_eq!(c.refused(), 1);
+        let finished = status(State::GaveUp, ReasonCode::NotCommanded);
+        assert!(c.step(at(2.4), [&finished]).is_empty());
+        assert!(c.hear(at(2.5), &command(4, 3, CommandKind::Land)));
+        assert_eq!(c.rejected(), 1);
     }
 
     #[test]
-    fn what_shows_no_effect_ends_and_what_is_not_ours_is_refused() {
-        let mut c = Commands::new(1, 9);
-        assert!(!c.hear(at(1.0), &said(1, 0, CommandKind::Abort)));
-        let mut other = said(2, 3, CommandKind::Abort);
+    fn operator_relay_gives_up_after_10_s_and_rejects_foreign_commands() {
+        let mut c = OperatorRelay::new(1, 9);
+        assert!(!c.hear(at(1.0), &command(1, 0, CommandKind::Abort)));
+        let mut other = command(2, 3, CommandKind::Abort);
         other.header.vessel = 2;
         assert!(!c.hear(at(1.0), &other));
-        assert_eq!(c.refused(), 2);
-        c.hear(at(1.0), &said(3, 3, CommandKind::Hold));
+        assert_eq!(c.rejected(), 2);
+        c.hear(at(1.0), &command(3, 3, CommandKind::Hold));
         let sent: usize = (0..100)
             .map(|k| c.step(at(1.0 + f64::from(k) * 0.5), []).len())
             .sum();

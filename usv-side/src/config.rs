@@ -4,8 +4,8 @@ use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::vessel_model::VesselModelConfig;
 
+use crate::rate_control::RateControlConfig;
 use crate::sea_state::SeaStateConfig;
-use crate::throttle::ThrottleConfig;
 
 config! {
     /// The inertial sensor as the estimator is told.
@@ -30,7 +30,7 @@ config! {
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
         /// Without a sample for so long the estimate is withheld, s.
         /// Source: Ours: a fifth of a wave period.
-        pub silence_s: f64 = 1.0, in 0.05..=60.0;
+        pub timeout_s: f64 = 1.0, in 0.05..=60.0;
     }
 }
 
@@ -47,7 +47,7 @@ config! {
         pub height_bias_time_s: f64 = 300.0, in 1.0..=1e6;
         /// A fix that is older is refused, s.
         /// Source: Ours: a late fix is compared with the state rolled back by a second-order series.
-        pub oldest_s: f64 = 0.3, in 0.01..=1.0;
+        pub max_age_s: f64 = 0.3, in 0.01..=1.0;
     }
 }
 
@@ -60,7 +60,7 @@ config! {
         /// Correlation time of that bias, s.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
         /// A measurement that is older is refused, s.
-        pub oldest_s: f64 = 0.3, in 0.01..=1.0;
+        pub max_age_s: f64 = 0.3, in 0.01..=1.0;
     }
 }
 
@@ -78,7 +78,7 @@ config! {
         /// Source: Ours: 15 stages reach 2.8 s, past the planner's 2 s horizon.
         pub prediction_step_s: f64 = 0.2, in 0.02..=2.0;
         /// Less while the link backs up.
-        pub throttle: ThrottleConfig;
+        pub rate_control: RateControlConfig;
     }
 }
 

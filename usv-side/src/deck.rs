@@ -10,7 +10,7 @@ use alight_shared::msg::{DeckGrant, DroneStatus, Header, LandedState, MESSAGE_VE
 use alight_shared::time::{Span, Time, VesselClock};
 
 /// Drones at most; what comes on top gets no deck.
-pub const DRONES: usize = 64;
+pub const MAX_DRONES: usize = 64;
 /// Time between two words.
 const PERIOD: Span = Span::from_millis(500);
 
@@ -21,13 +21,13 @@ config! {
         /// A drone in the air that has been silent for this long has lost the deck, s.
         /// Source: Ours: above the longest descent and flare together (30 and 8 s), which a drone may finish
         /// without a radio.
-        pub silent_s: f64 = 60.0, in 40.0..=3600.0;
+        pub status_timeout_s: f64 = 60.0, in 40.0..=3600.0;
         /// A drone that does not begin to descend for this long gives way to another that asks, s.
         /// Source: Ours: two swells' calm.
-        pub patience_s: f64 = 30.0, in 1.0..=3600.0;
+        pub idle_timeout_s: f64 = 30.0, in 1.0..=3600.0;
         /// After a start nobody is given the deck for this long, s: who has it already says so first.
         /// Source: Ours: six periods of a drone's status.
-        pub settle_s: f64 = 3.0, in 1.0..=60.0;
+        pub startup_hold_s: f64 = 3.0, in 1.0..=60.0;
     }
 }
 
@@ -39,7 +39,7 @@ enum Claim {
     /// Above it, not steady: keeps it, does not ask for it.
     Above,
     /// Steady above it.
-    Asking,
+    Requesting,
     /// On the way down.
     Landing,
     /// Stands on it.
@@ -58,13 +58,13 @@ struct Drone {
 }
 
 impl Claim {
-    fn of(word: &DroneStatus, before: Claim) -> Claim {
-        match word.state {
+    fn of(status: &DroneStatus, before: Claim) -> Claim {
+        match status.state {
             State::Landed => Claim::OnDeck,
             // Switched on again, or not yet taken off.
-            State::Idle if before == Claim::OnDeck && word.landed != LandedState::InAir => Claim::OnDeck,
+            State::Idle if before == Claim::OnDeck && status.landed != LandedState::InAir => Claim::OnDeck,
             State::Descent | State::Flare => Claim::Landing,
-            State::TrackingStable => Claim::Asking,
+            State::TrackingStable => Claim::Requesting,
             State::Tracking => Claim::Above,
             State::Idle | State::GetAltitude | State::Approach | State::Hold | State::GaveUp => Claim::Away,
         }
@@ -73,64 +73,64 @@ impl Claim {
 
 /// Who has the deck.
 #[derive(Clone, Debug)]
-pub struct DeckKeeper {
+pub struct DeckArbiter {
     config: DeckConfig,
     vessel: u32,
     boot: u32,
     sequence: u32,
     drones: Vec<Drone>,
-    holder: Option<u32>,
+    owner: Option<u32>,
     began: Option<Time<VesselClock>>,
     due: Time<VesselClock>,
-    refused: u64,
+    rejected: u64,
 }
 
-impl DeckKeeper {
+impl DeckArbiter {
     /// Of vessel `vessel`, which started with this boot id; the deck is nobody's.
-    pub fn new(config: &DeckConfig, vessel: u32, boot: u32) -> DeckKeeper {
-        DeckKeeper {
+    pub fn new(config: &DeckConfig, vessel: u32, boot: u32) -> DeckArbiter {
+        DeckArbiter {
             config: *config,
             vessel,
             boot,
             sequence: 0,
             drones: Vec::new(),
-            holder: None,
+            owner: None,
             began: None,
             due: Time::from_nanos(i64::MIN),
-            refused: 0,
+            rejected: 0,
         }
     }
     /// The drone that has the deck.
-    pub fn holder(&self) -> Option<u32> {
-        self.holder
+    pub fn owner(&self) -> Option<u32> {
+        self.owner
     }
     /// Words that were of another vessel or version, out of order or of one drone too many.
-    pub fn refused(&self) -> u64 {
-        self.refused
+    pub fn rejected(&self) -> u64 {
+        self.rejected
     }
 
-    fn hear(&mut self, now: Time<VesselClock>, word: &DroneStatus) {
-        let h = &word.header;
+    fn observe(&mut self, now: Time<VesselClock>, status: &DroneStatus) {
+        let h = &status.header;
         let known = self.drones.iter().position(|d| d.id == h.drone);
         let old = known
             .and_then(|k| self.drones.get(k))
             .is_some_and(|d| d.boot == h.boot && h.sequence <= d.sequence);
         let sound = h.version == MESSAGE_VERSION && h.vessel == self.vessel && h.drone != 0;
-        if !sound || old || word.check().is_err() || known.is_none() && self.drones.len() >= DRONES {
-            self.refused = self.refused.saturating_add(1);
+        if !sound || old || status.check().is_err() || known.is_none() && self.drones.len() >= MAX_DRONES {
+            self.rejected = self.rejected.saturating_add(1);
             return;
         }
         let before = known.and_then(|k| self.drones.get(k)).copied();
-        let claim = Claim::of(word, before.map_or(Claim::Away, |d| d.claim));
-        let same = before.filter(|d| d.claim == claim || d.claim.max(claim) <= Claim::Asking);
-        let asks_anew = claim == Claim::Asking && before.is_none_or(|d| d.claim == Claim::Away);
+        let claim = Claim::of(status, before.map_or(Claim::Away, |d| d.claim));
+        let same = before.filter(|d| d.claim == claim || d.claim.max(claim) <= Claim::Requesting);
+        let requests_anew = claim == Claim::Requesting && before.is_none_or(|d| d.claim == Claim::Away);
         let drone = Drone {
             id: h.drone,
             boot: h.boot,
             sequence: h.sequence,
             heard: now,
             claim,
-            since: same.filter(|_| !asks_anew).map_or(now, |d| d.since),
+            since: same.filter(|_| !requests_anew).map_or(now, |d| d.since),
         };
         match known.and_then(|k| self.drones.get_mut(k)) {
             Some(slot) => *slot = drone,
@@ -141,28 +141,28 @@ impl DeckKeeper {
     /// Who has the deck from now on.
     fn assign(&mut self, now: Time<VesselClock>) -> Option<u32> {
         let c = self.config;
-        let young = |d: &Drone| d.claim == Claim::OnDeck || (now - d.heard).secs() <= c.silent_s;
-        self.drones.retain(young);
+        let fresh = |d: &Drone| d.claim == Claim::OnDeck || (now - d.heard).secs() <= c.status_timeout_s;
+        self.drones.retain(fresh);
         let of = |id: u32| self.drones.iter().find(|d| d.id == id);
-        let held = self.holder.and_then(of).filter(|d| d.claim > Claim::Away);
+        let current = self.owner.and_then(of).filter(|d| d.claim > Claim::Away);
         // Facts before permissions: who is on the deck or coming down has it, the holder before another.
         let fact = self
             .drones
             .iter()
             .filter(|d| d.claim >= Claim::Landing)
-            .max_by_key(|d| (d.claim, self.holder == Some(d.id)));
+            .max_by_key(|d| (d.claim, self.owner == Some(d.id)));
         if let Some(d) = fact {
             return Some(d.id);
         }
         let next = self
             .drones
             .iter()
-            .filter(|d| d.claim == Claim::Asking && self.holder != Some(d.id))
+            .filter(|d| d.claim == Claim::Requesting && self.owner != Some(d.id))
             .min_by_key(|d| d.since);
-        match (held, next) {
-            (Some(d), Some(other)) if (now - d.since).secs() > c.patience_s => Some(other.id),
+        match (current, next) {
+            (Some(d), Some(other)) if (now - d.since).secs() > c.idle_timeout_s => Some(other.id),
             (Some(d), _) => Some(d.id),
-            (None, Some(d)) if self.began.is_some_and(|t| (now - t).secs() >= c.settle_s) => Some(d.id),
+            (None, Some(d)) if self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) => Some(d.id),
             (None, _) => None,
         }
     }
@@ -171,22 +171,22 @@ impl DeckKeeper {
     pub fn step<'a>(
         &mut self,
         now: Time<VesselClock>,
-        words: impl IntoIterator<Item = &'a DroneStatus>,
+        statuses: impl IntoIterator<Item = &'a DroneStatus>,
     ) -> Option<DeckGrant<VesselClock>> {
         self.began = self.began.or(Some(now));
-        for word in words {
-            self.hear(now, word);
+        for status in statuses {
+            self.observe(now, status);
         }
-        let holder = self.assign(now);
-        let changed = holder != self.holder;
+        let owner = self.assign(now);
+        let changed = owner != self.owner;
         if changed {
             // Its patience begins; the one that gave way asks at the end of the queue.
             for d in &mut self.drones {
-                if Some(d.id) == holder || Some(d.id) == self.holder {
+                if Some(d.id) == owner || Some(d.id) == self.owner {
                     d.since = now;
                 }
             }
-            self.holder = holder;
+            self.owner = owner;
         }
         if now < self.due && !changed {
             return None;
@@ -196,7 +196,7 @@ impl DeckKeeper {
         let occupied = self.drones.iter().any(|d| d.claim == Claim::OnDeck);
         Some(DeckGrant {
             header: Header::new(self.vessel, 0, self.boot, self.sequence, now),
-            holder: holder.unwrap_or(0),
+            owner: owner.unwrap_or(0),
             occupied,
         })
     }
@@ -208,7 +208,7 @@ mod tests {
     use alight_shared::time::DroneClock;
 
     struct Trial {
-        keeper: DeckKeeper,
+        arbiter: DeckArbiter,
         t_s: f64,
         sequence: u32,
     }
@@ -216,27 +216,30 @@ mod tests {
     impl Trial {
         fn new() -> Trial {
             let mut trial = Trial {
-                keeper: DeckKeeper::new(&DeckConfig::default(), 1, 1),
+                arbiter: DeckArbiter::new(&DeckConfig::default(), 1, 1),
                 t_s: 100.0,
                 sequence: 0,
             };
-            trial.hear(&[], 4.0);
+            trial.observe(&[], 4.0);
             trial
         }
         /// The drones say this twice a second for so long; who has the deck then.
-        fn hear(&mut self, words: &[(u32, State)], secs: f64) -> u32 {
-            let mut holder = self.keeper.holder().unwrap_or(0);
+        fn observe(&mut self, statuses: &[(u32, State)], secs: f64) -> u32 {
+            let mut owner = self.arbiter.owner().unwrap_or(0);
             for _ in 0..(secs / 0.5).ceil() as u32 {
                 self.t_s += 0.5;
                 self.sequence += 1;
-                let words: Vec<_> = words.iter().map(|(id, state)| self.word(*id, *state)).collect();
-                if let Some(grant) = self.keeper.step(Time::from_secs(self.t_s), &words) {
-                    holder = grant.holder;
+                let statuses: Vec<_> = statuses
+                    .iter()
+                    .map(|(id, state)| self.status(*id, *state))
+                    .collect();
+                if let Some(grant) = self.arbiter.step(Time::from_secs(self.t_s), &statuses) {
+                    owner = grant.owner;
                 }
             }
-            holder
+            owner
         }
-        fn word(&self, id: u32, state: State) -> DroneStatus {
+        fn status(&self, id: u32, state: State) -> DroneStatus {
             let at = Time::<DroneClock>::from_secs(self.t_s);
             DroneStatus {
                 header: Header::new(1, id, 7, self.sequence, at),
@@ -248,76 +251,82 @@ mod tests {
     }
 
     #[test]
-    fn the_first_who_asks_has_the_deck_until_it_has_taken_off() {
+    fn deck_arbiter_grants_the_first_request_until_take_off() {
         let mut t = Trial::new();
-        assert_eq!(t.hear(&[(1, State::TrackingStable)], 0.5), 1);
+        assert_eq!(t.observe(&[(1, State::TrackingStable)], 0.5), 1);
         for state in [State::Descent, State::Flare, State::Landed, State::Idle] {
             let both = [(1, state), (2, State::TrackingStable)];
-            assert_eq!(t.hear(&both, 5.0), 1, "{state:?}");
+            assert_eq!(t.observe(&both, 5.0), 1, "{state:?}");
         }
         // Switched off on the deck: however long.
-        assert_eq!(t.hear(&[(2, State::TrackingStable)], 600.0), 1);
+        assert_eq!(t.observe(&[(2, State::TrackingStable)], 600.0), 1);
         assert_eq!(
-            t.hear(&[(1, State::GetAltitude), (2, State::TrackingStable)], 0.5),
+            t.observe(&[(1, State::GetAltitude), (2, State::TrackingStable)], 0.5),
             2
         );
     }
 
     #[test]
-    fn a_drone_flown_off_the_deck_by_hand_gives_it_back() {
+    fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
         let mut t = Trial::new();
-        t.hear(&[(1, State::TrackingStable)], 0.5);
-        t.hear(&[(1, State::Landed)], 5.0);
-        assert_eq!(t.hear(&[(1, State::Idle)], 5.0), 1);
+        t.observe(&[(1, State::TrackingStable)], 0.5);
+        t.observe(&[(1, State::Landed)], 5.0);
+        assert_eq!(t.observe(&[(1, State::Idle)], 5.0), 1);
         t.sequence += 1;
-        let word = DroneStatus {
+        let status = DroneStatus {
             landed: LandedState::InAir,
-            ..t.word(1, State::Idle)
+            ..t.status(1, State::Idle)
         };
         let now = Time::from_secs(t.t_s + 0.5);
-        assert_eq!(t.keeper.step(now, [&word]).unwrap().holder, 0);
+        assert_eq!(t.arbiter.step(now, [&status]).unwrap().owner, 0);
     }
 
     #[test]
-    fn silence_in_the_air_and_idling_above_lose_the_deck_to_another() {
+    fn deck_arbiter_withdraws_the_deck_after_silence_or_idling() {
         let mut t = Trial::new();
-        t.hear(&[(1, State::TrackingStable)], 0.5);
-        t.hear(&[(1, State::Descent)], 2.0);
+        t.observe(&[(1, State::TrackingStable)], 0.5);
+        t.observe(&[(1, State::Descent)], 2.0);
         assert_eq!(
-            t.hear(&[(2, State::TrackingStable)], 59.0),
+            t.observe(&[(2, State::TrackingStable)], 59.0),
             1,
             "it may finish without a radio"
         );
-        assert_eq!(t.hear(&[(2, State::TrackingStable)], 4.0), 2);
+        assert_eq!(t.observe(&[(2, State::TrackingStable)], 4.0), 2);
         let both = [(1, State::TrackingStable), (2, State::Tracking)];
-        assert_eq!(t.hear(&both, 20.0), 2);
-        assert_eq!(t.hear(&both, 20.0), 1, "patience is at an end");
+        assert_eq!(t.observe(&both, 20.0), 2);
+        assert_eq!(t.observe(&both, 20.0), 1, "patience is at an end");
         let both = [(1, State::TrackingStable), (2, State::TrackingStable)];
-        assert_eq!(t.hear(&both, 15.0), 1);
-        assert_eq!(t.hear(&both, 10.0), 2, "in turns");
+        assert_eq!(t.observe(&both, 15.0), 1);
+        assert_eq!(t.observe(&both, 10.0), 2, "in turns");
     }
 
     #[test]
-    fn after_a_restart_who_is_coming_down_has_the_deck_and_nobody_else_gets_it_before() {
+    fn deck_arbiter_restart_respects_a_drone_in_descent() {
         let mut t = Trial::new();
-        t.keeper = DeckKeeper::new(&DeckConfig::default(), 1, 2);
-        assert_eq!(t.hear(&[(2, State::TrackingStable)], 2.0), 0);
-        assert_eq!(t.hear(&[(2, State::TrackingStable), (1, State::Descent)], 0.5), 1);
-        assert_eq!(t.hear(&[(2, State::TrackingStable), (1, State::Landed)], 60.0), 1);
+        t.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
+        assert_eq!(t.observe(&[(2, State::TrackingStable)], 2.0), 0);
+        assert_eq!(
+            t.observe(&[(2, State::TrackingStable), (1, State::Descent)], 0.5),
+            1
+        );
+        assert_eq!(
+            t.observe(&[(2, State::TrackingStable), (1, State::Landed)], 60.0),
+            1
+        );
     }
 
     #[test]
-    fn what_is_not_for_us_or_one_too_many_changes_nothing() {
+    fn deck_arbiter_rejects_foreign_statuses_and_surplus_drones() {
         let mut t = Trial::new();
         let stranger = DroneStatus {
             header: Header::new(9, 1, 7, 1, Time::EPOCH),
             state: State::TrackingStable,
             ..DroneStatus::default()
         };
-        t.keeper.step(Time::from_secs(200.0), [&stranger]);
-        assert_eq!((t.keeper.holder(), t.keeper.refused()), (None, 1));
+        t.arbiter.step(Time::from_secs(200.0), [&stranger]);
+        assert_eq!((t.arbiter.owner(), t.arbiter.rejected()), (None, 1));
         let crowd: Vec<_> = (1..=80).map(|id| (id, State::TrackingStable)).collect();
-        assert_eq!(t.hear(&crowd, 0.5), 1);
-        assert_eq!(t.keeper.refused(), 1 + 80 - DRONES as u64);
+        assert_eq!(t.observe(&crowd, 0.5), 1);
+        assert_eq!(t.arbiter.rejected(), 1 + 80 - MAX_DRONES as u64);
     }
 }

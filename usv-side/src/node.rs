@@ -9,19 +9,19 @@ use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
+use crate::apparent_slope::{self, ApparentSlope};
 use crate::estimator::{Estimator, Gated};
-use crate::felt::{self, Felt};
-use crate::throttle::Throttle;
+use crate::rate_control::RateControl;
 
 /// Most measurements of one sensor that one step takes; the rest is counted as refused.
-const MOST_PER_STEP: usize = 100;
+const MAX_PER_STEP: usize = 100;
 /// A measurement may lie this far in the future of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
 /// Of several inertial (or attitude) sensors one is used until it has been silent for this long, s:
 /// two at a time would be taken for one with the noise of a single sample.
-const SILENT_S: f64 = 0.5;
+const SOURCE_TIMEOUT_S: f64 = 0.5;
 /// An attitude that is older is refused, s: it carries the filter, as an inertial sample does.
-const OLDEST_ATTITUDE_S: f64 = 0.5;
+const MAX_ATTITUDE_AGE_S: f64 = 0.5;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -53,7 +53,7 @@ pub struct VesselOut {
 
 /// Inputs refused since start, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Refused {
+pub struct Rejections {
     /// Not finite or beyond what physics allows, or of another version.
     pub absurd: u64,
     /// Stamped in the future.
@@ -87,32 +87,32 @@ pub struct SourceCounts {
     /// Not newer than the last one of the source.
     pub order: u64,
     /// Too old, from the future, or absurd.
-    pub refused: u64,
+    pub rejected: u64,
     /// Not needed: another source of the kind, or an inertial sensor, is in use.
     pub spare: u64,
 }
 
 /// A source, as the node knows it.
 #[derive(Clone, Copy, Debug, Default)]
-struct Known {
+struct SourceState {
     newest: Option<Time<VesselClock>>,
     counts: SourceCounts,
 }
 
 /// The source in use of a kind that is used one at a time.
 #[derive(Clone, Copy, Debug, Default)]
-struct InUse(Option<(u8, Time<VesselClock>)>);
+struct SelectedSource(Option<(u8, Time<VesselClock>)>);
 
-impl InUse {
+impl SelectedSource {
     /// A sample of `source` at `at` is to be used.
-    fn takes(&mut self, source: u8, at: Time<VesselClock>) -> bool {
-        let takes = self
+    fn accepts(&mut self, source: u8, at: Time<VesselClock>) -> bool {
+        let accepts = self
             .0
-            .is_none_or(|(used, last)| used == source || at - last > Span::from_secs(SILENT_S));
-        if takes {
+            .is_none_or(|(used, last)| used == source || at - last > Span::from_secs(SOURCE_TIMEOUT_S));
+        if accepts {
             self.0 = Some((source, at));
         }
-        takes
+        accepts
     }
 }
 
@@ -127,8 +127,8 @@ impl Pace {
         Pace { hz, next: None }
     }
     /// Whether it is due, at this share of its full rate.
-    fn due(&mut self, now: Time<VesselClock>, share: f64) -> bool {
-        let period = Span::from_secs(1.0 / (self.hz * share));
+    fn due(&mut self, now: Time<VesselClock>, rate_fraction: f64) -> bool {
+        let period = Span::from_secs(1.0 / (self.hz * rate_fraction));
         match self.next {
             Some(t) if now < t => false,
             Some(t) if now - t < period => {
@@ -151,15 +151,15 @@ pub struct VesselNode {
     vessel: u32,
     boot: u32,
     estimator: Estimator,
-    refused: Refused,
-    sources: [[Known; MAX_SOURCES]; KINDS.len()],
-    in_use: [InUse; 2],
+    rejected: Rejections,
+    sources: [[SourceState; MAX_SOURCES]; KINDS.len()],
+    in_use: [SelectedSource; 2],
     estimate: (Pace, u32),
     wave: (Pace, u32),
     prediction: (Pace, u32),
     replies: u32,
-    felt: (Pace, Felt),
-    throttle: Throttle,
+    apparent_slope: (Pace, ApparentSlope),
+    rate_control: RateControl,
 }
 
 impl VesselNode {
@@ -171,27 +171,32 @@ impl VesselNode {
             vessel: vessel_id,
             boot,
             estimator: Estimator::new(config),
-            refused: Refused::default(),
+            rejected: Rejections::default(),
             sources: Default::default(),
             in_use: Default::default(),
             estimate: (Pace::new(b.estimate_hz), 0),
             wave: (Pace::new(b.wave_hz), 0),
             prediction: (Pace::new(b.prediction_hz), 0),
             replies: 0,
-            felt: (Pace::new(felt::RATE_HZ), Felt::default()),
-            throttle: Throttle::new(&b.throttle),
+            apparent_slope: (Pace::new(apparent_slope::RATE_HZ), ApparentSlope::default()),
+            rate_control: RateControl::new(&b.rate_control),
         }
     }
     /// A node that is told the waves' angular frequencies (rad/s) and directions (rad), for studies.
-    pub fn told(config: &VesselNodeConfig, vessel_id: u32, boot: u32, components: &[(f64, f64)]) -> Self {
+    pub fn with_known_waves(
+        config: &VesselNodeConfig,
+        vessel_id: u32,
+        boot: u32,
+        components: &[(f64, f64)],
+    ) -> Self {
         VesselNode {
-            estimator: Estimator::told(config, components),
+            estimator: Estimator::with_known_waves(config, components),
             ..Self::new(config, vessel_id, boot)
         }
     }
     /// Inputs refused at the door.
-    pub fn refused(&self) -> Refused {
-        self.refused
+    pub fn rejected(&self) -> Rejections {
+        self.rejected
     }
     /// Measurements refused by the filter's gates.
     pub fn gated(&self) -> Gated {
@@ -199,12 +204,12 @@ impl VesselNode {
     }
     /// What became of the measurements of source `source` of kind `kind` of [`KINDS`].
     pub fn source(&self, kind: usize, source: usize) -> SourceCounts {
-        let known = self.sources.get(kind).and_then(|k| k.get(source));
-        known.map(|k| k.counts).unwrap_or_default()
+        let source = self.sources.get(kind).and_then(|k| k.get(source));
+        source.map(|k| k.counts).unwrap_or_default()
     }
     /// The share of its full rates that it uses.
-    pub fn share(&self) -> f64 {
-        self.throttle.share()
+    pub fn rate_fraction(&self) -> f64 {
+        self.rate_control.rate_fraction()
     }
     /// The estimator, for display and tests.
     pub fn estimator(&self) -> &Estimator {
@@ -212,73 +217,73 @@ impl VesselNode {
     }
 
     fn admit<M: Message<Clock = VesselClock>>(
-        refused: &mut Refused,
-        known: &mut Known,
+        rejected: &mut Rejections,
+        source: &mut SourceState,
         now: Time<VesselClock>,
-        oldest_s: f64,
+        max_age_s: f64,
         m: &M,
     ) -> bool {
         let at = m.header().at;
         let reason = if m.header().version != MESSAGE_VERSION || m.check().is_err() {
-            &mut refused.absurd
+            &mut rejected.absurd
         } else if at > now + Span::from_secs(FUTURE_S) {
-            &mut refused.future
-        } else if now - at > Span::from_secs(oldest_s) {
-            &mut refused.stale
-        } else if known.newest.is_some_and(|n| at <= n) {
-            refused.order += 1;
-            known.counts.order += 1;
+            &mut rejected.future
+        } else if now - at > Span::from_secs(max_age_s) {
+            &mut rejected.stale
+        } else if source.newest.is_some_and(|n| at <= n) {
+            rejected.order += 1;
+            source.counts.order += 1;
             return false;
         } else {
-            known.newest = Some(at);
+            source.newest = Some(at);
             return true;
         };
         *reason += 1;
-        known.counts.refused += 1;
+        source.counts.rejected += 1;
         false
     }
 
-    fn listen(&mut self, now: Time<VesselClock>, input: &VesselIn) {
-        let (refused, config, estimator) = (&mut self.refused, &self.config, &mut self.estimator);
+    fn take_measurements(&mut self, now: Time<VesselClock>, input: &VesselIn) {
+        let (rejected, config, estimator) = (&mut self.rejected, &self.config, &mut self.estimator);
         // A source beyond the last is absurd, and counted with the last.
         let place = |source: u8| usize::from(source).min(MAX_SOURCES - 1);
         let [imu_in_use, attitude_in_use] = &mut self.in_use;
         // Oldest first within a step: inertial samples bring the state to the others' time.
-        for m in input.imu.iter().take(MOST_PER_STEP) {
-            let known = &mut self.sources[IMU][place(m.source)];
-            if Self::admit(refused, known, now, 0.5, m) {
-                if imu_in_use.takes(m.source, m.header.at) {
+        for m in input.imu.iter().take(MAX_PER_STEP) {
+            let source = &mut self.sources[IMU][place(m.source)];
+            if Self::admit(rejected, source, now, 0.5, m) {
+                if imu_in_use.accepts(m.source, m.header.at) {
                     let gated = estimator.gated().imu;
                     estimator.imu(m);
-                    known.counts.taken += 1;
-                    known.counts.gated += u64::from(estimator.gated().imu > gated);
+                    source.counts.taken += 1;
+                    source.counts.gated += u64::from(estimator.gated().imu > gated);
                 } else {
-                    known.counts.spare += 1;
+                    source.counts.spare += 1;
                 }
             }
         }
-        for m in input.attitude.iter().take(MOST_PER_STEP) {
-            let known = &mut self.sources[ATTITUDE][place(m.source)];
-            if Self::admit(refused, known, now, OLDEST_ATTITUDE_S, m) {
-                let used = attitude_in_use.takes(m.source, m.header.at);
+        for m in input.attitude.iter().take(MAX_PER_STEP) {
+            let source = &mut self.sources[ATTITUDE][place(m.source)];
+            if Self::admit(rejected, source, now, MAX_ATTITUDE_AGE_S, m) {
+                let used = attitude_in_use.accepts(m.source, m.header.at);
                 let (used, gated) = if used { estimator.attitude(m) } else { (false, 0) };
-                known.counts.taken += u64::from(used);
-                known.counts.spare += u64::from(!used);
-                known.counts.gated += u64::from(gated > 0);
+                source.counts.taken += u64::from(used);
+                source.counts.spare += u64::from(!used);
+                source.counts.gated += u64::from(gated > 0);
             }
         }
-        for m in input.gnss.iter().take(MOST_PER_STEP) {
-            let known = &mut self.sources[GNSS][place(m.source)];
-            if Self::admit(refused, known, now, config.gnss.oldest_s, m) {
-                known.counts.taken += 1;
-                known.counts.gated += u64::from(estimator.gnss(m) > 0);
+        for m in input.gnss.iter().take(MAX_PER_STEP) {
+            let source = &mut self.sources[GNSS][place(m.source)];
+            if Self::admit(rejected, source, now, config.gnss.max_age_s, m) {
+                source.counts.taken += 1;
+                source.counts.gated += u64::from(estimator.gnss(m) > 0);
             }
         }
-        for m in input.heading.iter().take(MOST_PER_STEP) {
-            let known = &mut self.sources[HEADING][place(m.source)];
-            if Self::admit(refused, known, now, config.heading.oldest_s, m) {
-                known.counts.taken += 1;
-                known.counts.gated += u64::from(!estimator.heading(m));
+        for m in input.heading.iter().take(MAX_PER_STEP) {
+            let source = &mut self.sources[HEADING][place(m.source)];
+            if Self::admit(rejected, source, now, config.heading.max_age_s, m) {
+                source.counts.taken += 1;
+                source.counts.gated += u64::from(!estimator.heading(m));
             }
         }
         for n in [
@@ -288,27 +293,29 @@ impl VesselNode {
             input.attitude.len(),
             input.time_requests.len(),
         ] {
-            refused.flood += n.saturating_sub(MOST_PER_STEP) as u64;
+            rejected.flood += n.saturating_sub(MAX_PER_STEP) as u64;
         }
     }
 
     fn reply(&mut self, now: Time<VesselClock>, input: &VesselIn) -> Vec<TimeReply<VesselClock, DroneClock>> {
         let mut replies = Vec::new();
-        for request in input.time_requests.iter().take(MOST_PER_STEP) {
+        for request in input.time_requests.iter().take(MAX_PER_STEP) {
             let asked = &request.value.header;
             if asked.version != MESSAGE_VERSION || request.at > now {
-                self.refused.absurd += 1;
+                self.rejected.absurd += 1;
             } else if asked.vessel != self.vessel {
-                self.refused.other_vessel += 1;
+                self.rejected.other_vessel += 1;
             } else {
-                let period_s = 1.0 / (self.config.broadcast.estimate_hz * self.throttle.of_state());
+                let period_s =
+                    1.0 / (self.config.broadcast.estimate_hz * self.rate_control.estimate_fraction());
                 if asked_boot(&request.value) == Some(self.boot) {
                     let newest = request.value.newest_at;
-                    self.throttle.heard(request.at, asked.drone, newest, period_s);
+                    self.rate_control
+                        .observe(request.at, asked.drone, newest, period_s);
                 }
                 replies.push(TimeReply {
                     header: Header::new(self.vessel, asked.drone, self.boot, self.replies, now),
-                    asked_at: asked.at,
+                    requested_at: asked.at,
                     received_at: request.at,
                 });
                 self.replies = self.replies.wrapping_add(1);
@@ -327,10 +334,10 @@ fn asked_boot(request: &TimeRequest<DroneClock>) -> Option<u32> {
 fn checked<M: Message<Clock = VesselClock>>(
     message: M,
     sequence: &mut u32,
-    refused: &mut Refused,
+    rejected: &mut Rejections,
 ) -> Option<M> {
     if message.check().is_err() {
-        refused.withheld += 1;
+        rejected.withheld += 1;
         return None;
     }
     *sequence = sequence.wrapping_add(1);
@@ -343,30 +350,36 @@ impl Node for VesselNode {
     type Out = VesselOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) -> VesselOut {
-        self.listen(now, input);
+        self.take_measurements(now, input);
         self.estimator.tick(now);
         let mut out = VesselOut {
             time_replies: self.reply(now, input),
             ..VesselOut::default()
         };
-        let Some(filter) = self.estimator.filter().filter(|f| f.may_speak(&self.config, now)) else {
+        let Some(filter) = self
+            .estimator
+            .filter()
+            .filter(|f| f.can_publish(&self.config, now))
+        else {
             return out;
         };
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
-        if self.estimate.0.due(now, self.throttle.of_state()) {
+        if self.estimate.0.due(now, self.rate_control.estimate_fraction()) {
             let m = filter.estimate(&self.config, header(self.estimate.1));
-            out.estimate = checked(m, &mut self.estimate.1, &mut self.refused);
+            out.estimate = checked(m, &mut self.estimate.1, &mut self.rejected);
         }
-        if self.felt.0.due(now, 1.0) {
-            self.felt.1.hear(&filter.estimate(&self.config, header(0)));
+        if self.apparent_slope.0.due(now, 1.0) {
+            self.apparent_slope
+                .1
+                .update(&filter.estimate(&self.config, header(0)));
         }
-        if self.wave.0.due(now, self.throttle.of_models()) {
-            let m = filter.wave_model(header(self.wave.1), self.felt.1.slopes(now));
-            out.wave = checked(m, &mut self.wave.1, &mut self.refused);
+        if self.wave.0.due(now, self.rate_control.model_fraction()) {
+            let m = filter.wave_model(header(self.wave.1), self.apparent_slope.1.slopes(now));
+            out.wave = checked(m, &mut self.wave.1, &mut self.rejected);
         }
-        if self.prediction.0.due(now, self.throttle.of_models()) {
+        if self.prediction.0.due(now, self.rate_control.model_fraction()) {
             let m = filter.prediction(&self.config, header(self.prediction.1));
-            out.prediction = checked(m, &mut self.prediction.1, &mut self.refused);
+            out.prediction = checked(m, &mut self.prediction.1, &mut self.rejected);
         }
         out
     }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::config;
 use alight_usv::VesselNodeConfig;
-use alight_usv::log::{self, Recorded};
+use alight_usv::log::{self, Recording};
 use alight_usv::review::review;
 use alight_usv::sensors::Mount;
 use clap::Args;
@@ -16,11 +16,11 @@ use clap::Args;
 use crate::live::config::VesselComputer;
 #[cfg(feature = "record")]
 use crate::record::readings;
-use crate::say::note;
-use crate::{End, Refused, say};
+use crate::terminal::note;
+use crate::{CliError, Exit, terminal};
 
 /// Largest recording that is read, bytes.
-const MOST_BYTES: u64 = 512 << 20;
+const MAX_BYTES: u64 = 512 << 20;
 
 /// A recording to estimate.
 #[derive(Args, Debug)]
@@ -42,22 +42,22 @@ pub struct EstimateArgs {
 }
 
 /// Reads, estimates, reports.
-pub fn run(args: &EstimateArgs) -> Result<End, Refused> {
-    let told: Option<VesselComputer> = match &args.config {
-        Some(path) => Some(config::load(path).map_err(|e| Refused(e.to_string()))?),
+pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
+    let named: Option<VesselComputer> = match &args.config {
+        Some(path) => Some(config::load(path).map_err(|e| CliError(e.to_string()))?),
         None => None,
     };
     let origin = args.log.display().to_string();
-    let mount = mount(told.as_ref(), args.source.as_deref())?;
+    let mount = mount(named.as_ref(), args.source.as_deref())?;
     let (recorded, own) = recorded(&args.log, &origin, &mount)?;
-    let vessel = match (told, own) {
+    let vessel = match (named, own) {
         (Some(computer), _) => computer.vessel,
         (None, Some(own)) => own,
         (None, None) => VesselNodeConfig::default(),
     };
     let review = review(&vessel, &recorded);
     if review.estimates == 0 {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "{origin}: the estimator never started; it needs inertial samples or attitudes, for at least a few \
              seconds without a break{}",
             review.notes.iter().map(|n| format!("; {n}")).collect::<String>()
@@ -65,22 +65,23 @@ pub fn run(args: &EstimateArgs) -> Result<End, Refused> {
     }
     note(args.json, show::table(&origin, &review).trim_end());
     if args.json {
-        let object = serde_json::to_string(&review).map_err(|e| Refused::because("writing the report", e))?;
-        say::line(object);
+        let object =
+            serde_json::to_string(&review).map_err(|e| CliError::because("writing the report", e))?;
+        terminal::line(object);
     }
-    Ok(End::Success)
+    Ok(Exit::Success)
 }
 
 /// How the recorded sensors are mounted.
-fn mount(told: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, Refused> {
-    let sources = told.map(|c| c.sensor.sources.as_slice()).unwrap_or_default();
+fn mount(named: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, CliError> {
+    let sources = named.map(|c| c.sensor.sources.as_slice()).unwrap_or_default();
     match name {
         None => Ok(sources.first().map(|s| s.mount.clone()).unwrap_or_default()),
         Some(name) => {
             let source = sources.iter().find(|s| s.name == name);
             source.map(|s| s.mount.clone()).ok_or_else(|| {
                 let names: Vec<&str> = sources.iter().map(|s| s.name.as_str()).collect();
-                Refused(format!(
+                CliError(format!(
                     "no source is called {name:?}; there are: {}",
                     names.join(", ")
                 ))
@@ -90,9 +91,9 @@ fn mount(told: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, Ref
 }
 
 /// The file's bytes, if it is not too large.
-fn read(path: &Path) -> Result<Vec<u8>, Refused> {
+fn read(path: &Path) -> Result<Vec<u8>, CliError> {
     let reading = |e: &dyn std::fmt::Display| {
-        Refused(format!(
+        CliError(format!(
             "reading {}: {e}; check the path and its permissions",
             path.display()
         ))
@@ -100,14 +101,14 @@ fn read(path: &Path) -> Result<Vec<u8>, Refused> {
     let file = File::open(path).map_err(|e| reading(&e))?;
     let mut bytes = Vec::new();
     // A device or a pipe has no length to ask for.
-    file.take(MOST_BYTES + 1)
+    file.take(MAX_BYTES + 1)
         .read_to_end(&mut bytes)
         .map_err(|e| reading(&e))?;
-    if bytes.len() as u64 > MOST_BYTES {
-        return Err(Refused(format!(
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(CliError(format!(
             "{}: more than {} MB; cut the recording into parts",
             path.display(),
-            MOST_BYTES >> 20
+            MAX_BYTES >> 20
         )));
     }
     Ok(bytes)
@@ -118,7 +119,7 @@ fn recorded(
     path: &Path,
     origin: &str,
     mount: &Mount,
-) -> Result<(Recorded, Option<VesselNodeConfig>), Refused> {
+) -> Result<(Recording, Option<VesselNodeConfig>), CliError> {
     let bytes = read(path)?;
     #[cfg(feature = "record")]
     if readings::is_mcap(&bytes) {
@@ -127,5 +128,5 @@ fn recorded(
     }
     log::read(&bytes, origin, mount)
         .map(|r| (r, None))
-        .map_err(|e| Refused(e.to_string()))
+        .map_err(|e| CliError(e.to_string()))
 }

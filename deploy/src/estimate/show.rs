@@ -38,7 +38,7 @@ pub fn table(origin: &str, r: &Review) -> String {
             s.taken,
             s.gated,
             s.out_of_order,
-            s.refused,
+            s.rejected,
             s.spare
         ));
     }
@@ -57,7 +57,7 @@ pub fn table(origin: &str, r: &Review) -> String {
         "sea state   Hs {} m   peak period {} s   identified {:.0} % of the time, confidence {:.2}",
         cell(sea.significant_height_m, 2),
         cell(sea.peak_period_s, 2),
-        100.0 * sea.identified_share,
+        100.0 * sea.identified_fraction,
         sea.confidence
     ));
     line(String::new());
@@ -80,7 +80,7 @@ pub fn table(origin: &str, r: &Review) -> String {
         line("none identified".into());
     }
     line(String::new());
-    line(format!("from {:.0} s on:", r.judged_from_s));
+    line(format!("from {:.0} s on:", r.evaluated_from_s));
     line(format!(
         "{:<20}{:>10}{:>10}{:>14}{:>16}",
         "innovations", "fused", "gated", "mean NIS (1)", "in 95 % (95)"

@@ -7,15 +7,15 @@ use alight_shared::msg::State;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::TlsConfig;
+use alight_sim::harness::scenario::StateOutage;
 use alight_sim::radio::{ChannelCounts, Congestion};
-use alight_sim::scenario::StateOutage;
 use serde::{Deserialize, Serialize};
 
 use super::args::{Emulate, LandArgs};
 use super::config::LinkImpairment;
-use super::display::{Picture, time};
-use super::emulator::{Emulation, LinkWord, Order};
-use super::instance::Owned;
+use super::display::{Snapshot, time};
+use super::emulator::{Emulation, EmulatorReport, Order};
+use super::instance::OwnedInstance;
 use super::keys;
 use super::land::{free_port, write};
 use super::namespaces::{ADDRESSES, OwnSpaces};
@@ -23,17 +23,17 @@ use super::packets::{OnAir, Recent};
 use super::plant::AutopilotKind;
 use super::profile;
 use super::supervisor::Supervisor;
-use crate::Refused;
+use crate::CliError;
 use crate::scene::Scene;
 
 /// The vessel's port in its own namespace, zenoh's usual one.
 const PORT: u16 = 7447;
 
 /// Ages that are kept: an hour of ten a second.
-const MOST_AGES: usize = 36_000;
+const MAX_AGES: usize = 36_000;
 
 /// Ages of the first five seconds, while clocks and session settle.
-const SETTLING: usize = 50;
+const WARM_UP_AGES: usize = 50;
 
 /// How this computer's kernel answers a loss in a stream, for the lock-step model of it.
 pub fn congestion() -> Congestion {
@@ -45,7 +45,7 @@ pub fn congestion() -> Congestion {
 }
 
 /// The link as it is arranged before the processes start.
-pub struct Air {
+pub struct RadioPath {
     spaces: Option<OwnSpaces>,
     emulator: Option<PathBuf>,
     outage: Option<StateOutage>,
@@ -59,9 +59,14 @@ pub struct Air {
     pub tls: [TlsConfig; 2],
 }
 
-impl Air {
+impl RadioPath {
     /// As the flags say; `epoch_ns` is the profile's time zero on the steady clock.
-    pub fn of(scene: &Scene, args: &LandArgs, owned: &Owned, epoch_ns: i64) -> Result<Air, Refused> {
+    pub fn of(
+        scene: &Scene,
+        args: &LandArgs,
+        owned: &OwnedInstance,
+        epoch_ns: i64,
+    ) -> Result<RadioPath, CliError> {
         let profile = match args.link.as_str() {
             "scenario" => scene.scenario.radio.clone(),
             name => profile::load(name)?,
@@ -69,7 +74,7 @@ impl Air {
         let firmware = args.autopilot != AutopilotKind::Internal;
         let spaces = match args.emulate {
             Emulate::Always if firmware => {
-                return Err(Refused(
+                return Err(CliError(
                     "--emulate always: a firmware beside could not reach the drone's namespace; leave it out"
                         .into(),
                 ));
@@ -103,7 +108,7 @@ impl Air {
                 epoch_ns,
                 link,
             };
-            Air {
+            RadioPath {
                 spaces,
                 emulator: Some(write(owned, "link.toml", &emulation)?),
                 outage,
@@ -116,7 +121,7 @@ impl Air {
         } else {
             let nothing = args.link == "clean" && outage.is_none();
             let endpoint = address("127.0.0.1", free_port()?);
-            Air {
+            RadioPath {
                 spaces: None,
                 emulator: None,
                 outage,
@@ -136,7 +141,7 @@ impl Air {
         }
     }
     /// Starts the emulator, if there is one.
-    pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), Refused> {
+    pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), CliError> {
         match &self.emulator {
             Some(config) => supervisor.start(ProcessKind::Link, config.clone(), Vec::new()),
             None => Ok(()),
@@ -161,7 +166,7 @@ impl Air {
 }
 
 /// The certificates of vessel and drone: those named, else some made for this landing alone.
-fn certificates(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<[TlsConfig; 2], Refused> {
+fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<[TlsConfig; 2], CliError> {
     if args.transport != "quic" {
         return Ok([TlsConfig::default(), TlsConfig::default()]);
     }
@@ -176,7 +181,7 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<[TlsCon
             if directory.exists() {
                 // Of a landing that was killed.
                 std::fs::remove_dir_all(&directory)
-                    .map_err(|e| Refused::because(format!("removing {}", directory.display()), e))?;
+                    .map_err(|e| CliError::because(format!("removing {}", directory.display()), e))?;
             }
             keys::init(&directory, 1)?;
             let hosts = ["127.0.0.1", ADDRESSES[0], ADDRESSES[1]].map(String::from);
@@ -194,61 +199,61 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<[TlsCon
 }
 
 /// What is seen of the link while it is flown.
-pub struct Watch {
+pub struct RadioWatch {
     packets: Option<[ChannelCounts; 2]>,
     recent: Recent,
     ages_s: Vec<f64>,
     /// Ages yet to come while clocks and session settle, which are not kept.
     unsettled: usize,
-    told: bool,
+    outage_announced: bool,
 }
 
-impl Default for Watch {
+impl Default for RadioWatch {
     fn default() -> Self {
-        Watch {
+        RadioWatch {
             packets: None,
             recent: Recent::default(),
             ages_s: Vec::new(),
-            unsettled: SETTLING,
-            told: false,
+            unsettled: WARM_UP_AGES,
+            outage_announced: false,
         }
     }
 }
 
-impl Watch {
+impl RadioWatch {
     /// Takes in what the emulator said, and the age of the vessel's newest state; tells the emulator
     /// when the outage begins.
     pub fn look(
         &mut self,
-        air: &Air,
+        air: &RadioPath,
         said: &[String],
         ages_s: &[f64],
         state: Option<State>,
         supervisor: &mut Supervisor,
     ) {
         let counts = |line: &String| match serde_json::from_str(line) {
-            Ok(LinkWord::Packets(to_drone, to_vessel)) => Some([to_drone, to_vessel]),
-            Ok(LinkWord::Flows(_)) | Err(_) => None,
+            Ok(EmulatorReport::Packets(to_drone, to_vessel)) => Some([to_drone, to_vessel]),
+            Ok(EmulatorReport::Flows(_)) | Err(_) => None,
         };
         for line in said {
-            if let Ok(LinkWord::Flows(flows)) = serde_json::from_str(line) {
-                self.recent.hear(steady_ns(), flows);
+            if let Ok(EmulatorReport::Flows(flows)) = serde_json::from_str(line) {
+                self.recent.observe(steady_ns(), flows);
             }
         }
         self.packets = said.iter().rev().find_map(counts).or(self.packets);
-        let room = MOST_AGES.saturating_sub(self.ages_s.len());
+        let room = MAX_AGES.saturating_sub(self.ages_s.len());
         let mut known: Vec<f64> = ages_s.iter().copied().filter(|a| a.is_finite()).collect();
         let early = known.len().min(self.unsettled);
         self.unsettled -= early;
         known.drain(..early);
         self.ages_s.extend(known.into_iter().take(room));
-        if !self.told && air.outage.is_some_and(|o| Some(o.state) == state) {
-            self.told = true;
-            supervisor.tell(ProcessKind::Link, Order::Outage.line());
+        if !self.outage_announced && air.outage.is_some_and(|o| Some(o.state) == state) {
+            self.outage_announced = true;
+            supervisor.write_line(ProcessKind::Link, Order::Outage.line());
         }
     }
     /// The figures at the end, `seconds` after the profile's time zero.
-    pub fn report(&self, seconds: f64, picture: &Picture) -> RadioReport {
+    pub fn report(&self, seconds: f64, snapshot: &Snapshot) -> RadioReport {
         let way = |c: ChannelCounts| WayReport {
             packets: c.sent,
             bytes_per_s: c.sent_bytes as f64 / seconds.max(1.0),
@@ -266,7 +271,7 @@ impl Watch {
             age_p95_s: age(0.95),
             age_max_s: age(1.0),
             emulated: self.packets.map(|ways| ways.map(way)),
-            on_air: self.recent.on_air(picture, PORT),
+            on_air: self.recent.on_air(snapshot, PORT),
         }
     }
 }

@@ -16,7 +16,7 @@ use super::emulator::LinkArgs;
 #[cfg(feature = "live")]
 use super::fault::FaultSpec;
 #[cfg(feature = "live")]
-use super::follow::LONGEST_FOLLOW_S;
+use super::follow::MAX_FOLLOW_S;
 use super::keys::KeysArgs;
 #[cfg(feature = "live")]
 use super::latency::LatencyArgs;
@@ -213,10 +213,10 @@ pub struct FaultsArgs {
 #[cfg(feature = "live")]
 fn follow_s(text: &str) -> Result<f64, String> {
     let s: f64 = text.parse().map_err(|e| format!("{e}"))?;
-    if (1.0..=LONGEST_FOLLOW_S).contains(&s) {
+    if (1.0..=MAX_FOLLOW_S).contains(&s) {
         Ok(s)
     } else {
-        Err(format!("1 to {LONGEST_FOLLOW_S} seconds"))
+        Err(format!("1 to {MAX_FOLLOW_S} seconds"))
     }
 }
 

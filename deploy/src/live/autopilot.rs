@@ -12,20 +12,20 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::autopilot::wire::{Decoder, encode};
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MOST_FRAMES};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
 use alight_uav::pilot::Output;
 
 use super::args::AutopilotArgs;
-use super::autopilot_url::AutopilotUrl;
-use super::autopilot_wire::AutopilotWire;
+use super::byte_link::ByteLink;
 use super::config::DroneComputer;
+use super::link_url::LinkUrl;
 use super::process::Process;
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 
 /// Without news of the link it looks again after this long.
-const BEAT: Duration = Duration::from_millis(2);
+const IDLE_WAIT: Duration = Duration::from_millis(2);
 /// A step is due after this long without news, ns.
-const LONGEST_NS: i64 = 10_000_000;
+const MAX_STEP_PERIOD_NS: i64 = 10_000_000;
 
 /// The node of this computer, for a start with this boot id.
 pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
@@ -43,11 +43,11 @@ pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
 }
 
 /// Runs until told to end.
-pub fn run(args: &AutopilotArgs) -> Result<End, Refused> {
-    let computer: DroneComputer = config::load(&args.process.config).map_err(|e| Refused(e.to_string()))?;
+pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.process.config).map_err(|e| CliError(e.to_string()))?;
     let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
-    let url: AutopilotUrl = name.parse().map_err(Refused)?;
-    let mut wire = AutopilotWire::new(url.clone(), steady_ns())?;
+    let url: LinkUrl = name.parse().map_err(CliError)?;
+    let mut wire = ByteLink::new(url.clone(), steady_ns())?;
     let make = |boot| node(&computer, boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
@@ -59,22 +59,25 @@ pub fn run(args: &AutopilotArgs) -> Result<End, Refused> {
     let mut ranges = memory.publisher::<RangeSample>()?;
     let mut said = memory.publisher()?;
     let (mut decoder, mut sequence, mut stepped_ns) = (Decoder::default(), 0_u8, 0_i64);
-    say::line(format_args!("autopilot: {url}"));
+    terminal::line(format_args!("autopilot: {url}"));
 
     while !process.ended() {
         wire.read(steady_ns(), |bytes| decoder.push(bytes));
         let mut input = AutopilotIn::default();
-        while input.heard.len() < MOST_FRAMES
+        while input.received.len() < MAX_FRAMES
             && let Some(frame) = decoder.next_frame()
         {
-            input.heard.push(frame);
+            input.received.push(frame);
         }
         let t = process.now().nanos();
         input.set_point = set_points.newest(t);
         input.mission = missions.newest(t);
         input.forecast = forecasts.newest(t);
-        if input.heard.is_empty() && input.set_point.is_none() && steady_ns() - stepped_ns < LONGEST_NS {
-            if !memory.wait(BEAT) {
+        if input.received.is_empty()
+            && input.set_point.is_none()
+            && steady_ns() - stepped_ns < MAX_STEP_PERIOD_NS
+        {
+            if !memory.wait(IDLE_WAIT) {
                 break;
             }
             continue;
@@ -84,7 +87,7 @@ pub fn run(args: &AutopilotArgs) -> Result<End, Refused> {
         let now = process.now();
         let out = process.step(now, &input, |out| {
             // The link first: what is flown waits for nothing.
-            for message in &out.say {
+            for message in &out.messages {
                 sequence = sequence.wrapping_add(1);
                 if let Some(bytes) = encode(out.from, sequence, message) {
                     wire.write(steady_ns(), &bytes);
@@ -94,15 +97,15 @@ pub fn run(args: &AutopilotArgs) -> Result<End, Refused> {
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
             out.odometry.iter().for_each(|m| odometry.send(m));
-            !input.heard.is_empty()
+            !input.received.is_empty()
         });
-        for text in out.texts.iter().chain(wire.complaint().as_ref()) {
-            say::line(format_args!("autopilot: {text}"));
+        for text in out.texts.iter().chain(wire.last_error().as_ref()) {
+            terminal::line(format_args!("autopilot: {text}"));
         }
-        let f = process.node().figures(now);
+        let f = process.node().metrics(now);
         process.life.figures = Seq::filled([
-            f.clock_doubt_s,
-            f64::from(f.refused),
+            f.clock_uncertainty_s,
+            f64::from(f.rejected),
             f64::from(f.restarts),
             f.hover_thrust,
             f64::from(f.set_points),
@@ -119,5 +122,5 @@ pub fn run(args: &AutopilotArgs) -> Result<End, Refused> {
         let state = process.state(inputs, unsent);
         said.send_any(state.as_ref());
     }
-    Ok(End::Success)
+    Ok(Exit::Success)
 }

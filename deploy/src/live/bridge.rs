@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind, Reason, Rejections};
+use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind, RejectionReason, Rejections};
 use alight_shared::config;
 use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
 use alight_shared::seq::Seq;
@@ -10,23 +10,23 @@ use alight_shared::time::Stamped;
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
-use alight_shared::transport::process::{MOST_FIGURES, ProcessKind, ProcessState};
-use alight_shared::transport::radio::{Outlet, Radio, RadioCounts, Urgency};
+use alight_shared::transport::process::{MAX_METRICS, ProcessKind, ProcessState};
+use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
 use alight_shared::transport::relay;
 use alight_shared::wire;
 
 use super::args::ProcessArgs;
 use super::config::DroneComputer;
-use super::flows::Flows;
 use super::link::{Impaired, STATUS, drone_key, vessel_key};
 use super::process::Process;
-use super::relay::RadioEnd;
-use crate::{End, Refused};
+use super::radio_rates::RadioRates;
+use super::relay::RadioRelay;
+use crate::{CliError, Exit};
 
 /// Without packets the process wakes this often all the same.
-const LONGEST: Duration = Duration::from_millis(5);
+const MAX_WAIT: Duration = Duration::from_millis(5);
 /// Figures before those of the relay.
-pub const RELAY_FIGURES: usize = 4 + Reason::ALL.len();
+pub const RELAY_FIGURES: usize = 4 + RejectionReason::ALL.len();
 /// What comes on each subscription; the vessel's word about itself is the one after.
 const KINDS: [PacketKind; 6] = [
     PacketKind::Estimate,
@@ -38,8 +38,8 @@ const KINDS: [PacketKind; 6] = [
 ];
 
 /// Runs until told to end. Twice a second it tells the vessel how the drone's mission stands.
-pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
-    let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
     let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
     let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
         Bridge::new(&computer.bridge, boot)
@@ -51,7 +51,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let relayed = computer
         .relay
         .as_ref()
-        .map(|r| RadioEnd::listen(r.port))
+        .map(|r| RadioRelay::listen(r.port))
         .transpose()?;
     let mut estimate = memory.publisher()?;
     let mut wave = memory.publisher()?;
@@ -67,13 +67,13 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     let mut age_s = f64::INFINITY;
     let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
 
-    let outlet = |name: &str, urgency| Outlet {
+    let publication = |name: &str, urgency| Publication {
         key: drone_key(&own, name),
         urgency,
     };
-    let outlets = vec![
-        outlet(topics::TIME_REQUEST.name, Urgency::State),
-        outlet(topics::DRONE_STATUS.name, Urgency::Status),
+    let publications = vec![
+        publication(topics::TIME_REQUEST.name, Urgency::State),
+        publication(topics::DRONE_STATUS.name, Urgency::Status),
     ];
     let names = [
         topics::ESTIMATE.name,
@@ -88,12 +88,12 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
         .chain([&STATUS])
         .map(|name| vessel_key(vessel, name))
         .collect();
-    let mut radio = Radio::open(&computer.radio, outlets, keys)?;
+    let mut radio = Radio::open(&computer.radio, publications, keys)?;
     let mut impaired: Impaired<Packet> = computer.heard();
 
-    let mut flows = Flows::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
+    let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
     while !process.ended() {
-        let mut heard = radio.receive(LONGEST);
+        let mut heard = radio.receive(MAX_WAIT);
         while let Some(packet) = heard {
             heard_bytes += packet.bytes.len() as u64;
             if let (Some(relayed), 0) = (&relayed, packet.subscription) {
@@ -164,7 +164,7 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
             }
         }
     }
-    Ok(End::Success)
+    Ok(Exit::Success)
 }
 
 /// The bridge's figures, in the order of [`super::figures`].
@@ -173,14 +173,14 @@ fn figures(
     heard_bytes: u64,
     refused: u64,
     counts: &RadioCounts,
-) -> Seq<f64, MOST_FIGURES> {
+) -> Seq<f64, MAX_METRICS> {
     let own = [
         heard_bytes as f64,
         counts.dropped as f64,
         counts.reopened as f64,
         refused as f64,
     ];
-    let of = Reason::ALL.map(|reason| f64::from(rejections.of(reason)));
+    let of = RejectionReason::ALL.map(|reason| f64::from(rejections.of(reason)));
     Seq::filled(own.into_iter().chain(of))
 }
 

@@ -15,26 +15,26 @@ use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::images::ImageSubscriber;
-use alight_shared::transport::intake::Quantiles;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
-use alight_uav::camera::node::Names;
+use alight_shared::transport::statistics::Quantiles;
+use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::camera::{CameraIn, CameraNode, Frame, Grey};
+use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage};
 use serde_json::{Value, json};
 
 use super::args::CameraArgs;
 use super::camera_source::{CameraSource, Images};
 use super::config::DroneComputer;
 use super::process::{Life, draw_boot};
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 
 /// Without news it looks again after this long.
-const BEAT: Duration = Duration::from_millis(2);
+const IDLE_WAIT: Duration = Duration::from_millis(2);
 /// Images that wait for the node; more are lost.
-const WAITING: usize = 2;
+const QUEUE_LENGTH: usize = 2;
 /// A source that broke is opened again after this long.
-const AGAIN: Duration = Duration::from_secs(1);
+const RETRY_PERIOD: Duration = Duration::from_secs(1);
 
 /// Where sightings go.
 struct Shared {
@@ -43,7 +43,7 @@ struct Shared {
 }
 
 /// What looks at images, and where it says what it saw.
-enum Eye {
+enum Detector {
     /// For the tag.
     Tag(CameraNode, Option<Publisher<TagPose>>),
     /// For the blinking markers.
@@ -51,32 +51,32 @@ enum Eye {
 }
 
 /// A sighting as people read it.
-struct Sighting {
+struct Detection {
     at: Time<DroneClock>,
     line: Value,
 }
 
-impl Eye {
+impl Detector {
     fn new(
         kind: ProcessKind,
         computer: &DroneComputer,
-        names: Names,
+        names: CameraIdentity,
         memory: Option<&Memory>,
-    ) -> Result<Eye, Refused> {
+    ) -> Result<Detector, CliError> {
         let settings = &computer.drone.camera;
         Ok(if kind == ProcessKind::Uvdar {
             let fixes = memory.map(Memory::publisher).transpose()?;
-            Eye::Markers(UvdarNode::new(&settings.uvdar, names), fixes)
+            Detector::Markers(UvdarNode::new(&settings.uvdar, names), fixes)
         } else {
             let tags = memory.map(Memory::publisher).transpose()?;
             let node = CameraNode::new(settings, computer.drone.deck.tag_side_m, names);
-            Eye::Tag(node, tags)
+            Detector::Tag(node, tags)
         })
     }
     /// Looks, and says what it saw.
-    fn look(&mut self, now: Time<DroneClock>, input: &CameraIn) -> Vec<Sighting> {
+    fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> Vec<Detection> {
         match self {
-            Eye::Tag(node, port) => {
+            Detector::Tag(node, port) => {
                 let tags = node.step(now, input).tags;
                 if let Some(port) = port {
                     tags.iter().for_each(|tag| port.send(tag));
@@ -90,13 +90,13 @@ impl Eye {
                     })
                 };
                 tags.iter()
-                    .map(|m| Sighting {
+                    .map(|m| Detection {
                         at: m.header.at,
                         line: line(m),
                     })
                     .collect()
             }
-            Eye::Markers(node, port) => {
+            Detector::Markers(node, port) => {
                 let fixes = node.step(now, input).fixes;
                 if let Some(port) = port {
                     fixes.iter().for_each(|fix| port.send(fix));
@@ -110,7 +110,7 @@ impl Eye {
                 };
                 fixes
                     .iter()
-                    .map(|m| Sighting {
+                    .map(|m| Detection {
                         at: m.header.at,
                         line: line(m),
                     })
@@ -121,18 +121,18 @@ impl Eye {
     /// Messages that could not be sent.
     fn unsent(&self) -> u64 {
         match self {
-            Eye::Tag(_, port) => port.as_ref().map_or(0, Publisher::unsent),
-            Eye::Markers(_, port) => port.as_ref().map_or(0, Publisher::unsent),
+            Detector::Tag(_, port) => port.as_ref().map_or(0, Publisher::unsent),
+            Detector::Markers(_, port) => port.as_ref().map_or(0, Publisher::unsent),
         }
     }
     /// What became of images, in the order of the figures.
     fn figures(&self) -> Vec<u64> {
         match self {
-            Eye::Tag(node, _) => {
+            Detector::Tag(node, _) => {
                 let c = node.counts();
                 vec![
                     c.images,
-                    c.seen,
+                    c.detected,
                     c.other_tags,
                     c.faint,
                     c.misshapen,
@@ -140,7 +140,7 @@ impl Eye {
                     c.wrong_size,
                 ]
             }
-            Eye::Markers(node, _) => {
+            Detector::Markers(node, _) => {
                 let c = &node.counts;
                 vec![c.images, c.fixes, c.markers, c.single, c.misfit, c.wrong_size]
             }
@@ -149,8 +149,8 @@ impl Eye {
     /// The same for people.
     fn counts(&self) -> Value {
         match self {
-            Eye::Tag(node, _) => json!(node.counts()),
-            Eye::Markers(node, _) => json!(node.counts),
+            Detector::Tag(node, _) => json!(node.counts()),
+            Detector::Markers(node, _) => json!(node.counts),
         }
     }
 }
@@ -160,23 +160,23 @@ enum Source {
     /// The simulated world, through shared memory.
     Simulation(ImageSubscriber),
     /// A thread that waits for a device, a pipe or files.
-    Outside(Receiver<Word>),
+    Thread(Receiver<SourceEvent>),
 }
 
 /// What that thread says.
-enum Word {
+enum SourceEvent {
     /// An image.
     Image(Frame),
     /// It broke; it is tried again.
-    Broke(String),
+    Failed(String),
     /// There are no more images.
-    End,
+    Finished,
 }
 
 /// Runs until told to end, as the belly camera or as the ultraviolet one.
-pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<End, Refused> {
+pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
     let mut computer: DroneComputer =
-        config::load(&args.process.config).map_err(|e| Refused(e.to_string()))?;
+        config::load(&args.process.config).map_err(|e| CliError(e.to_string()))?;
     let markers = kind == ProcessKind::Uvdar;
     if let Some(source) = &args.source {
         let named = if markers {
@@ -192,16 +192,16 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<End, Refused> {
         computer.camera.clone()
     };
     // What was named here is held to the same rules.
-    computer.check(&Keys::ROOT).map_err(|e| Refused(e.to_string()))?;
+    computer.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
     if !config.is_there() {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "{}: no camera is configured; set source in [{}] to a V4L2 device such as /dev/video0, or name one \
              with --source",
             args.process.config.display(),
             kind.name()
         )));
     }
-    let names = Names {
+    let names = CameraIdentity {
         vessel: computer.bridge.vessel_id,
         drone: computer.bridge.drone_id,
         boot: draw_boot(),
@@ -216,10 +216,10 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<End, Refused> {
         })
     };
     let mut shared = shared;
-    let mut eye = Eye::new(kind, &computer, names, shared.as_ref().map(|s| &s.memory))?;
+    let mut detector = Detector::new(kind, &computer, names, shared.as_ref().map(|s| &s.memory))?;
     let mut source = match &shared {
         Some(shared) if config.is_simulation() => Source::Simulation(shared.memory.image_subscriber()?),
-        Some(_) | None => Source::Outside(outside(kind, &config, &computer)?),
+        Some(_) | None => Source::Thread(spawn_source(kind, &config, &computer)?),
     };
     let mut life = Life::begin(kind, names.boot, args.process.supervised);
     let mut ages = Quantiles::default();
@@ -229,24 +229,24 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<End, Refused> {
         let mut over = false;
         match &mut source {
             Source::Simulation(images) => {
-                while input.frames.len() < WAITING
+                while input.frames.len() < QUEUE_LENGTH
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.size.map(|s| s as usize);
                     // One of another size than it says is what no publisher of ours sends.
-                    if let Ok(grey) = Grey::new(width, height, image.pixels) {
+                    if let Ok(grey) = GreyImage::new(width, height, image.pixels) {
                         let at = Time::from_nanos(image.at_ns);
                         input.frames.push(Frame { at, image: grey });
                     }
                 }
             }
-            Source::Outside(words) => match words.recv_timeout(BEAT) {
-                Ok(Word::Image(frame)) => input.frames.push(frame),
-                Ok(Word::Broke(why)) => {
+            Source::Thread(events) => match events.recv_timeout(IDLE_WAIT) {
+                Ok(SourceEvent::Image(frame)) => input.frames.push(frame),
+                Ok(SourceEvent::Failed(why)) => {
                     opened = opened.saturating_add(1);
                     eprintln!("{}: {why}; trying again", kind.name());
                 }
-                Ok(Word::End) => over = true,
+                Ok(SourceEvent::Finished) => over = true,
                 Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
                 Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => over = true,
             },
@@ -254,7 +254,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<End, Refused> {
         if !input.frames.is_empty() {
             last = last.max(computer.clock.now());
             let before = steady_ns();
-            let seen = eye.look(last, &input);
+            let seen = detector.detect(last, &input);
             life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
             let sent: Time<DroneClock> = computer.clock.now();
             seen.iter().for_each(|s| ages.add((sent - s.at).secs()));
@@ -262,15 +262,15 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<End, Refused> {
                 print(&input, &seen);
             }
         } else if let (Some(shared), Source::Simulation(_)) = (&shared, &source)
-            && !shared.memory.wait(BEAT)
+            && !shared.memory.wait(IDLE_WAIT)
         {
             break;
         }
-        let figures = eye.figures().into_iter().map(|n| n as f64);
+        let figures = detector.figures().into_iter().map(|n| n as f64);
         let times = [ages.quantile(0.5), ages.quantile(0.99), f64::from(opened)];
         life.figures = Seq::filled(figures.chain(times));
         if let Some(shared) = &mut shared
-            && let Some(said) = life.state(Vec::new, eye.unsent())
+            && let Some(said) = life.state(Vec::new, detector.unsent())
         {
             shared.states.send(&said);
         }
@@ -279,19 +279,19 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<End, Refused> {
         }
     }
     if args.print {
-        say::line(json!({"counts": eye.counts()}));
+        terminal::line(json!({"counts": detector.counts()}));
     }
-    Ok(End::Success)
+    Ok(Exit::Success)
 }
 
 /// Waits for images on a thread of its own, so that the process goes on saying that it lives.
-fn outside(
+fn spawn_source(
     kind: ProcessKind,
     config: &CameraSource,
     computer: &DroneComputer,
-) -> Result<Receiver<Word>, Refused> {
-    let eyes = &computer.drone.camera;
-    let (tag, markers) = (&eyes.lens, &eyes.uvdar.lens);
+) -> Result<Receiver<SourceEvent>, CliError> {
+    let settings = &computer.drone.camera;
+    let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
     let size = if kind == ProcessKind::Uvdar {
         [markers.width_px, markers.height_px]
     } else {
@@ -300,7 +300,7 @@ fn outside(
     let size = size.map(|s| s as usize);
     // Bad input is refused at once; what breaks later is tried again.
     let mut images = Images::open(config, size)?;
-    let (sender, receiver) = sync_channel(WAITING);
+    let (sender, receiver) = sync_channel(QUEUE_LENGTH);
     let (config, clock) = (config.clone(), computer.clock);
     std::thread::spawn(move || {
         loop {
@@ -309,10 +309,10 @@ fn outside(
                     Ok(Some(frame)) => {
                         // Files wait for the node; of a camera the newest counts.
                         let sent = if matches!(images, Images::Files(_)) {
-                            sender.send(Word::Image(frame)).is_ok()
+                            sender.send(SourceEvent::Image(frame)).is_ok()
                         } else {
                             !matches!(
-                                sender.try_send(Word::Image(frame)),
+                                sender.try_send(SourceEvent::Image(frame)),
                                 Err(std::sync::mpsc::TrySendError::Disconnected(_))
                             )
                         };
@@ -321,26 +321,26 @@ fn outside(
                         }
                     }
                     Ok(None) => {
-                        let _gone = sender.send(Word::End);
+                        let _gone = sender.send(SourceEvent::Finished);
                         return;
                     }
-                    Err(Refused(why)) if matches!(images, Images::Files(_)) => {
+                    Err(CliError(why)) if matches!(images, Images::Files(_)) => {
                         // The next file may be sound.
-                        if sender.send(Word::Broke(why)).is_err() {
+                        if sender.send(SourceEvent::Failed(why)).is_err() {
                             return;
                         }
                     }
-                    Err(Refused(why)) => break why,
+                    Err(CliError(why)) => break why,
                 }
             };
-            if sender.send(Word::Broke(why)).is_err() {
+            if sender.send(SourceEvent::Failed(why)).is_err() {
                 return;
             }
-            super::supervisor::pause(AGAIN);
+            super::supervisor::pause(RETRY_PERIOD);
             match Images::open(&config, size) {
                 Ok(again) => images = again,
-                Err(Refused(why)) => {
-                    if sender.send(Word::Broke(why)).is_err() {
+                Err(CliError(why)) => {
+                    if sender.send(SourceEvent::Failed(why)).is_err() {
                         return;
                     }
                 }
@@ -351,10 +351,10 @@ fn outside(
 }
 
 /// A line for each image: where tag or deck is, or that it is not seen.
-fn print(input: &CameraIn, seen: &[Sighting]) {
+fn print(input: &CameraIn, seen: &[Detection]) {
     for frame in &input.frames {
         let found = seen.iter().find(|s| s.at == frame.at);
         let none = json!({"at_s": frame.at.secs(), "position_m": null});
-        say::line(found.map_or(none, |s| s.line.clone()));
+        terminal::line(found.map_or(none, |s| s.line.clone()));
     }
 }

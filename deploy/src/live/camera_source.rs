@@ -7,18 +7,18 @@ use std::path::{Path, PathBuf};
 use alight_shared::config;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
-use alight_uav::camera::{Frame, Grey};
+use alight_uav::camera::{Frame, GreyImage};
 
-use crate::Refused;
+use crate::CliError;
 
 /// The source's name of images that the simulated world renders.
 const SIMULATION: &str = "simulation";
 /// Most files of a directory.
-const MOST_FILES: usize = 100_000;
+const MAX_FILES: usize = 100_000;
 /// Files shown this late, ns, are shown later from then on.
-const LATEST_NS: i64 = 1_000_000_000;
+const MAX_LATENESS_NS: i64 = 1_000_000_000;
 /// Largest file that is read, bytes.
-const MOST_BYTES: u64 = 16 << 20;
+const MAX_BYTES: u64 = 16 << 20;
 
 config! {
     /// Where images come from.
@@ -113,11 +113,11 @@ pub enum Images {
 
 impl Images {
     /// Opens what `config` names, for images of `size` (width, height), px.
-    pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, Refused> {
+    pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, CliError> {
         let path = Path::new(&config.source);
         let doing = || format!("opening the camera's source {}", config.source);
         let meta = std::fs::metadata(path).map_err(|e| {
-            Refused(format!(
+            CliError(format!(
                 "{}: {e}; a camera's source is a V4L2 device, a PGM file or a directory of them, or a named pipe",
                 doing()
             ))
@@ -129,7 +129,7 @@ impl Images {
         if meta.file_type().is_fifo() {
             // For writing too: so it opens without waiting for a writer, and stays open when one ends.
             let file = File::options().read(true).write(true).open(path);
-            let file = file.map_err(|e| Refused::because(doing(), e))?;
+            let file = file.map_err(|e| CliError::because(doing(), e))?;
             return Ok(Images::Pipe(Pipe {
                 file,
                 delay: Span::from_secs(config.delay_s),
@@ -139,7 +139,7 @@ impl Images {
         Ok(Images::Device(Device::open(config, size)?))
     }
     /// The next image; waits for it. None: there are no more.
-    pub fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, Refused> {
+    pub fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, CliError> {
         match self {
             Images::Device(device) => device.next_frame(clock).map(Some),
             Images::Files(files) => files.next_frame(clock),
@@ -156,12 +156,12 @@ pub struct Files {
 }
 
 impl Files {
-    fn open(path: &Path, rate_hz: f64) -> Result<Files, Refused> {
+    fn open(path: &Path, rate_hz: f64) -> Result<Files, CliError> {
         let mut paths = Vec::new();
         if path.is_dir() {
             let entries = std::fs::read_dir(path)
-                .map_err(|e| Refused::because(format!("reading the directory {}", path.display()), e))?;
-            for entry in entries.flatten().take(MOST_FILES) {
+                .map_err(|e| CliError::because(format!("reading the directory {}", path.display()), e))?;
+            for entry in entries.flatten().take(MAX_FILES) {
                 let path = entry.path();
                 if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pgm")) {
                     paths.push(path);
@@ -169,7 +169,7 @@ impl Files {
             }
             paths.sort();
             if paths.is_empty() {
-                return Err(Refused(format!(
+                return Err(CliError(format!(
                     "{}: no .pgm file in it; convert images with: ffmpeg -i IMAGE -pix_fmt gray IMAGE.pgm",
                     path.display()
                 )));
@@ -183,7 +183,7 @@ impl Files {
             next_ns: steady_ns(),
         })
     }
-    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, Refused> {
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, CliError> {
         let Some(path) = self.paths.next() else {
             return Ok(None);
         };
@@ -194,19 +194,19 @@ impl Files {
         }
         // Images come at the rate's instants also when this computer is late for one: markers blink by them.
         let at = clock.read(self.next_ns);
-        self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - LATEST_NS);
+        self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - MAX_LATENESS_NS);
         Ok(Some(Frame { at, image }))
     }
 }
 
 /// A PGM file of bounded size.
-fn read_pgm(path: &Path) -> Result<Grey, Refused> {
+fn read_pgm(path: &Path) -> Result<GreyImage, CliError> {
     let doing = || format!("reading the image {}", path.display());
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(|e| Refused::because(doing(), e))?;
-    let read = file.take(MOST_BYTES).read_to_end(&mut bytes);
-    read.map_err(|e| Refused::because(doing(), e))?;
-    Grey::from_pgm(&bytes).map_err(|e| Refused::because(doing(), e))
+    let file = File::open(path).map_err(|e| CliError::because(doing(), e))?;
+    let read = file.take(MAX_BYTES).read_to_end(&mut bytes);
+    read.map_err(|e| CliError::because(doing(), e))?;
+    GreyImage::from_pgm(&bytes).map_err(|e| CliError::because(doing(), e))
 }
 
 /// Raw grey images one after the other, each as many bytes as the lens has pixels.
@@ -217,15 +217,16 @@ pub struct Pipe {
 }
 
 impl Pipe {
-    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, Refused> {
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Option<Frame>, CliError> {
         let [width, height] = self.size;
         let mut pixels = vec![0; width * height];
         match self.file.read_exact(&mut pixels) {
             Ok(()) => {}
-            Err(e) => return Err(Refused::because("reading images from a pipe", e)),
+            Err(e) => return Err(CliError::because("reading images from a pipe", e)),
         }
         let now: Time<DroneClock> = clock.now();
-        let image = Grey::new(width, height, pixels).map_err(|e| Refused::because("reading a pipe", e))?;
+        let image =
+            GreyImage::new(width, height, pixels).map_err(|e| CliError::because("reading a pipe", e))?;
         Ok(Some(Frame {
             at: now - self.delay,
             image,
@@ -244,10 +245,10 @@ pub struct Device {
 }
 
 impl Device {
-    fn open(config: &CameraSource, size: [usize; 2]) -> Result<Device, Refused> {
+    fn open(config: &CameraSource, size: [usize; 2]) -> Result<Device, CliError> {
         let [width, height] = size.map(|s| s as u32);
         let doing = || format!("opening the camera {}", config.source);
-        let mut camera = rscam::new(&config.source).map_err(|e| Refused::because(doing(), e))?;
+        let mut camera = rscam::new(&config.source).map_err(|e| CliError::because(doing(), e))?;
         let rate = (config.rate_hz.round() as u32).max(1);
         camera
             .start(&rscam::Config {
@@ -257,7 +258,7 @@ impl Device {
                 ..Default::default()
             })
             .map_err(|e| {
-                Refused(format!(
+                CliError(format!(
                     "{} with {width} x {height} px, {}, {rate} Hz: {e}; v4l2-ctl --list-formats-ext says what it has",
                     doing(),
                     config.format
@@ -272,10 +273,10 @@ impl Device {
             delay: Span::from_secs(config.delay_s),
         })
     }
-    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Frame, Refused> {
+    fn next_frame(&mut self, clock: &ProcessClock) -> Result<Frame, CliError> {
         let doing = || format!("reading the camera {}", self.name);
         let [width, height] = self.size;
-        let frame = self.camera.capture().map_err(|e| Refused::because(doing(), e))?;
+        let frame = self.camera.capture().map_err(|e| CliError::because(doing(), e))?;
         // The driver stamps with the system's steady clock; one that does not is dated by its arrival.
         let now_ns = steady_ns();
         let stamped_ns = i64::try_from(frame.get_timestamp())
@@ -290,7 +291,7 @@ impl Device {
             .take(width * height)
             .copied()
             .collect();
-        let image = Grey::new(width, height, pixels).map_err(|e| Refused::because(doing(), e))?;
+        let image = GreyImage::new(width, height, pixels).map_err(|e| CliError::because(doing(), e))?;
         Ok(Frame {
             at: at - self.delay,
             image,
@@ -311,14 +312,14 @@ mod tests {
     }
 
     #[test]
-    fn files_are_shown_by_name_and_what_is_none_is_refused_with_advice() {
+    fn camera_source_reads_files_by_name_and_refuses_other_sources_with_advice() {
         let directory = std::env::temp_dir().join(format!("alight-images-{}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
         let (size, clock) = ([40, 32], ProcessClock::default());
-        let told = |e: Result<Images, Refused>| e.err().unwrap().to_string();
+        let told = |e: Result<Images, CliError>| e.err().unwrap().to_string();
         assert!(told(Images::open(&source(&directory), size)).contains("no .pgm file"));
         for (name, level) in [("b.pgm", 20), ("a.pgm", 10)] {
-            let image = Grey::new(40, 32, vec![level; 40 * 32]).unwrap();
+            let image = GreyImage::new(40, 32, vec![level; 40 * 32]).unwrap();
             std::fs::write(directory.join(name), image.to_pgm()).unwrap();
         }
         let mut images = Images::open(&source(&directory), size).unwrap();

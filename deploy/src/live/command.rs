@@ -11,27 +11,27 @@ use alight_shared::msg::{
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::topics;
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
-use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, Urgency};
+use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_shared::transport::wake::end_requested;
 use alight_shared::wire;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::config::DroneComputer;
-use super::instance::runs;
+use super::instance::is_running;
 use super::keys;
 use super::link::vessel_key;
 use super::process::draw_boot;
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 
 /// The mission has this long to show that it took the command: its state comes at 50 Hz ...
-const LOOKS: u32 = 40;
+const MAX_POLLS: u32 = 40;
 /// ... looked at this often.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// From ashore it takes a session and two radios.
-const LOOKS_ASHORE: u32 = 240;
+const MAX_POLLS_ASHORE: u32 = 240;
 /// A command that shows no effect is repeated after so many looks.
-const AGAIN: u32 = 10;
+const REPEAT_POLLS: u32 = 10;
 
 /// What an operator says.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
@@ -93,7 +93,7 @@ pub struct CommandArgs {
 }
 
 /// Commands, waits for the mission's answer and shows it.
-pub fn run(args: &CommandArgs) -> Result<End, Refused> {
+pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore(args, endpoint, keys),
         (_, _) => here(args),
@@ -101,12 +101,12 @@ pub fn run(args: &CommandArgs) -> Result<End, Refused> {
 }
 
 /// Through the shared memory of the drone's computer.
-fn here(args: &CommandArgs) -> Result<End, Refused> {
-    let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+fn here(args: &CommandArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
     let instance = Instance::new(name)?;
-    if !runs(&instance) {
-        return Err(Refused(format!(
+    if !is_running(&instance) {
+        return Err(CliError(format!(
             "no mission runs under the name {name}: systemctl status alight-drone"
         )));
     }
@@ -123,95 +123,97 @@ fn here(args: &CommandArgs) -> Result<End, Refused> {
     let kind = args.order.kind();
     let is_met = |m: &MissionState| kind.is_none_or(|k| k.is_met(m.state, m.waiting.code));
     let mut newest: Option<MissionState> = None;
-    for look in 0..LOOKS {
+    for poll in 0..MAX_POLLS {
         let now: Time<DroneClock> = computer.clock.now();
         newest = missions.newest(now.nanos()).or(newest);
-        if newest.is_some_and(|m| is_met(&m)) && look > 0 {
+        if newest.is_some_and(|m| is_met(&m)) && poll > 0 {
             break;
         }
         if let Some(kind) = kind
-            && look % AGAIN == 0
+            && poll % REPEAT_POLLS == 0
         {
             header.sequence += 1;
             header.at = now;
             commands.send(&Command { header, kind });
         }
-        if !memory.wait(LOOK) {
-            return Ok(End::Failed);
+        if !memory.wait(POLL_PERIOD) {
+            return Ok(Exit::Failed);
         }
     }
     let Some(mission) = newest else {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "no mission is heard under the name {name}: alight status --instance {name} shows what runs"
         )));
     };
     let taken = is_met(&mission);
     if args.json {
-        say::line(json!({ "taken": taken, "mission": mission }));
+        terminal::line(json!({ "taken": taken, "mission": mission }));
     } else {
-        tell(mission.state, &mission.entered, &mission.waiting, taken);
+        print_answer(mission.state, &mission.entered, &mission.waiting, taken);
     }
-    Ok(if taken { End::Success } else { End::Failed })
+    Ok(if taken { Exit::Success } else { Exit::Failed })
 }
 
 /// Through the vessel, over the secured radio.
-fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<End, Refused> {
-    let own = keys::look(&keys.join("certificate.pem"))?.certificate.name;
+fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliError> {
+    let own = keys::read_certificate(&keys.join("certificate.pem"))?
+        .certificate
+        .name;
     let config = RadioConfig {
         connect: vec![endpoint.into()],
         tls: keys::files(keys, vec![keys::common_name("vessel", args.vessel_id)])?,
         ..RadioConfig::default()
     };
-    config.check(&Keys::ROOT).map_err(|e| Refused(e.to_string()))?;
-    let outlets = vec![Outlet {
+    config.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
+    let publications = vec![Publication {
         key: format!("alight/{own}/{}", topics::OPERATOR.name),
         urgency: Urgency::State,
     }];
-    let heard = vessel_key(args.vessel_id, topics::DRONES.name);
-    let mut radio = Radio::open(&config, outlets, vec![heard])?;
+    let received = vessel_key(args.vessel_id, topics::DRONES.name);
+    let mut radio = Radio::open(&config, publications, vec![received])?;
     let kind = args.order.kind();
     let header: Header<VesselClock> = Header::new(args.vessel_id, args.drone, draw_boot(), 1, Time::EPOCH);
     let (mut newest, mut waited): (Option<DroneStatus>, u32) = (None, 0);
     let is_met = |w: &DroneStatus| kind.is_none_or(|k| k.is_met(w.state, w.waiting.code));
-    while waited < LOOKS_ASHORE && !end_requested() {
+    while waited < MAX_POLLS_ASHORE && !end_requested() {
         // The session may not be there yet: the same command again is one command.
         if let Some(Ok(bytes)) = kind
-            .filter(|_| waited.is_multiple_of(AGAIN))
+            .filter(|_| waited.is_multiple_of(REPEAT_POLLS))
             .map(|kind| wire::encode(&OperatorCommand { header, kind }))
         {
             radio.send(0, bytes);
         }
         waited += 1;
-        let word = radio
-            .receive(LOOK)
-            .and_then(|heard| wire::decode::<DroneStatus>(&heard.bytes).ok())
+        let status = radio
+            .receive(POLL_PERIOD)
+            .and_then(|received| wire::decode::<DroneStatus>(&received.bytes).ok())
             .filter(|w| w.header.version == MESSAGE_VERSION && w.header.drone == args.drone);
-        newest = word.or(newest);
-        if word.is_some_and(|w| is_met(&w)) {
+        newest = status.or(newest);
+        if status.is_some_and(|w| is_met(&w)) {
             break;
         }
     }
-    let Some(word) = newest else {
-        return Err(Refused(format!(
+    let Some(status) = newest else {
+        return Err(CliError(format!(
             "{endpoint} passes on no word of drone {}: does the vessel run, does it list {own} in radio.tls.peers, \
              and does it hear the drone (systemctl status alight-vessel)?",
             args.drone
         )));
     };
-    let taken = is_met(&word);
+    let taken = is_met(&status);
     if args.json {
-        say::line(json!({ "taken": taken, "drone": word }));
+        terminal::line(json!({ "taken": taken, "drone": status }));
     } else {
-        tell(word.state, &word.entered, &word.waiting, taken);
-        say::line(format_args!("battery {:.0} %", 100.0 * word.battery));
+        print_answer(status.state, &status.entered, &status.waiting, taken);
+        terminal::line(format_args!("battery {:.0} %", 100.0 * status.battery));
     }
-    Ok(if taken { End::Success } else { End::Failed })
+    Ok(if taken { Exit::Success } else { Exit::Failed })
 }
 
-fn tell(state: State, entered: &Reason, waiting: &Reason, taken: bool) {
-    say::line(format_args!("{}: {entered}", state.name()));
-    say::line(format_args!("waiting: {waiting}"));
+fn print_answer(state: State, entered: &Reason, waiting: &Reason, taken: bool) {
+    terminal::line(format_args!("{}: {entered}", state.name()));
+    terminal::line(format_args!("waiting: {waiting}"));
     if !taken {
-        say::line("the mission did not take the command");
+        terminal::line("the mission did not take the command");
     }
 }

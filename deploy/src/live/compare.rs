@@ -5,11 +5,11 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use super::display::time;
-use super::lands::{self, Plan, Summary};
-use crate::Refused;
+use super::lands::{self, PairedSummary, Plan};
+use crate::CliError;
 use crate::args::StudyArgs;
-use crate::say::note;
-use crate::study::link::{Curve, drawing, picture};
+use crate::study::link::{Curve, chart, chart_sheet};
+use crate::terminal::note;
 
 /// The links: name, and flags of `alight land`.
 const LINKS: [(&str, &[&str]); 5] = [
@@ -38,14 +38,14 @@ const LINKS: [(&str, &[&str]); 5] = [
 const BANDS: [[f64; 2]; 2] = [[0.67, 1.5], [0.5, 2.0]];
 
 /// A link over a transport.
-struct Row {
+struct LinkRow {
     link: &'static str,
     transport: &'static str,
     n: u32,
-    summary: Summary,
+    summary: PairedSummary,
 }
 
-impl Row {
+impl LinkRow {
     /// Lock-step over live, median and 95th percentile of the age.
     fn ratios(&self) -> [f64; 2] {
         let (live, model) = (self.summary.age_s, self.summary.age_lock_step_s);
@@ -85,7 +85,7 @@ const HEAD: [&str; 2] = [
 ];
 
 /// Flies `n` seeds of every link over UDP and over QUIC.
-pub fn run(args: &StudyArgs, n: u32) -> Result<Value, Refused> {
+pub fn run(args: &StudyArgs, n: u32) -> Result<Value, CliError> {
     let say = |line: String| note(args.json, line);
     let certificates = args.certificates.as_ref().map(|d| d.display().to_string());
     let stream = "quic";
@@ -106,7 +106,7 @@ pub fn run(args: &StudyArgs, n: u32) -> Result<Value, Refused> {
                 instance: "study".into(),
                 land,
             })?;
-            let row = Row {
+            let row = LinkRow {
                 link,
                 transport,
                 n,
@@ -138,22 +138,22 @@ pub fn run(args: &StudyArgs, n: u32) -> Result<Value, Refused> {
     Ok(value)
 }
 
-fn write(out: &Path, rows: &[Row], verdict: &str, value: &Value, stream: &str) -> Result<(), Refused> {
+fn write(out: &Path, rows: &[LinkRow], verdict: &str, value: &Value, stream: &str) -> Result<(), CliError> {
     let mut table: Vec<String> = HEAD.iter().map(|l| (*l).to_string()).collect();
-    table.extend(rows.iter().map(Row::line));
+    table.extend(rows.iter().map(LinkRow::line));
     let text = format!(
         "# Links, live beside lock-step\n\n{}\n\n{verdict}.\n\n![live beside lock-step](live.svg)\n",
         table.join("\n")
     );
-    std::fs::create_dir_all(out).map_err(|e| Refused::because(format!("making {}", out.display()), e))?;
+    std::fs::create_dir_all(out).map_err(|e| CliError::because(format!("making {}", out.display()), e))?;
     for (name, text) in [
         ("live.md", text),
         ("live.json", value.to_string()),
-        ("live.svg", picture(&figures(rows, stream))),
+        ("live.svg", chart_sheet(&charts(rows, stream))),
     ] {
         let path = out.join(name);
         std::fs::write(&path, text)
-            .map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
+            .map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
     }
     Ok(())
 }
@@ -161,8 +161,8 @@ fn write(out: &Path, rows: &[Row], verdict: &str, value: &Value, stream: &str) -
 /// What is drawn: caption, the figure live, the figure in lock-step.
 type Drawn = (
     &'static str,
-    fn(&Summary) -> Option<f64>,
-    fn(&Summary) -> Option<f64>,
+    fn(&PairedSummary) -> Option<f64>,
+    fn(&PairedSummary) -> Option<f64>,
 );
 
 const DRAWN: [Drawn; 6] = [
@@ -198,13 +198,13 @@ const DRAWN: [Drawn; 6] = [
     ),
 ];
 
-fn figures(rows: &[Row], stream: &str) -> Vec<(String, String)> {
+fn charts(rows: &[LinkRow], stream: &str) -> Vec<(String, String)> {
     // Short, so that they stand side by side; the table has the names.
     let labels = ["wifi-near", "wifi-far", "storm", "storm, 2 s", "mesh, 10 s"].map(String::from);
     DRAWN
         .iter()
         .map(|(caption, live, model)| {
-            let curve = |transport: &str, name: &str, f: &fn(&Summary) -> Option<f64>| Curve {
+            let curve = |transport: &str, name: &str, f: &fn(&PairedSummary) -> Option<f64>| Curve {
                 name: format!("{transport} {name}"),
                 points: LINKS
                     .iter()
@@ -222,7 +222,7 @@ fn figures(rows: &[Row], stream: &str) -> Vec<(String, String)> {
                 .collect();
             (
                 format!("{caption}, links in the table's order"),
-                drawing(&labels, &curves),
+                chart(&labels, &curves),
             )
         })
         .collect()

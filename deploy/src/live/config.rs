@@ -8,11 +8,11 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::RadioConfig;
 #[cfg(feature = "live")]
-use alight_sim::firmware::FirmwareConfig;
+use alight_sim::autopilots::FirmwareConfig;
+#[cfg(feature = "live")]
+use alight_sim::harness::scenario::{Scenario, StateOutage};
 #[cfg(feature = "live")]
 use alight_sim::radio::{Direction, RadioConfig as Impairment};
-#[cfg(feature = "live")]
-use alight_sim::scenario::{Scenario, StateOutage};
 use alight_uav::autopilot::AutopilotLinkConfig;
 #[cfg(feature = "live")]
 use alight_uav::odometry::OdometryConfig;
@@ -250,7 +250,7 @@ mod tests {
     use alight_shared::config;
 
     #[test]
-    fn written_defaults_read_back_as_the_defaults() {
+    fn computer_configurations_round_trip_through_toml() {
         let text = toml::to_string(&VesselComputer::default()).unwrap();
         assert_eq!(
             config::parse::<VesselComputer>(&text, "vessel").unwrap(),
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_radio_neither_listening_nor_dialling_is_refused() {
+    fn configuration_refuses_a_radio_that_neither_listens_nor_connects() {
         let config = DroneComputer {
             radio: RadioConfig::default(),
             ..DroneComputer::default()

@@ -21,7 +21,7 @@ pub fn time(s: f64) -> String {
 
 /// The newest that was seen of everything.
 #[derive(Default)]
-pub struct Picture {
+pub struct Snapshot {
     /// Processes by kind.
     pub processes: BTreeMap<ProcessKind, ProcessState>,
     /// Mission.
@@ -32,7 +32,7 @@ pub struct Picture {
     pub plan: Option<(Plan, f64)>,
 }
 
-impl Picture {
+impl Snapshot {
     /// One line of at most 100 columns.
     pub fn line(&self) -> String {
         let state = self.mission.map_or("-", |m| m.state.name());
@@ -201,21 +201,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_short_and_a_line_fits() {
+    fn status_line_fits_100_columns_and_durations_are_short() {
         assert_eq!(time(0.000_042), "42 us");
         assert_eq!(time(0.0217), "21.7 ms");
         assert_eq!(time(12.34), "12.3 s");
         assert_eq!(time(f64::INFINITY), "-");
-        let picture = Picture {
+        let snapshot = Snapshot {
             mission: Some(MissionState::default()),
             link: Some(LinkState {
                 age_s: 0.062,
                 loss: 0.02,
                 ..LinkState::default()
             }),
-            ..Picture::default()
+            ..Snapshot::default()
         };
-        let line = picture.line();
+        let line = snapshot.line();
         assert!(
             line.contains("62.0 ms") && line.contains("2 % lost") && line.chars().count() <= 100,
             "{line}"

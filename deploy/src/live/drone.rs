@@ -17,19 +17,19 @@ use alight_shared::transport::wake::end_requested;
 
 use super::args::ProcessArgs;
 use super::config::DroneComputer;
-use super::instance::Owned;
+use super::instance::OwnedInstance;
 use super::notify::Notify;
 use super::process::end_with_supervisor;
-use super::status::Onlooker;
+use super::status::Observer;
 use super::supervisor::{Event, Supervisor, pause};
-use crate::{End, Refused};
+use crate::{CliError, Exit};
 
 /// The supervisor looks after things this often.
-const BEAT: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// Succeeds where the system permits real-time priorities.
 pub const REALTIME: [&str; 4] = ["chrt", "-f", "1", "true"];
 /// Processors that a process can be kept to, at most.
-const PROCESSORS: usize = 64;
+const MAX_PROCESSORS: usize = 64;
 
 config! {
     /// How the drone's processes are run.
@@ -51,7 +51,7 @@ config! {
     }
     check |this, at| {
         at.require(
-            this.processors.len() <= PROCESSORS,
+            this.processors.len() <= MAX_PROCESSORS,
             "processors",
             this.processors.len(),
             "64 numbers at most",
@@ -107,21 +107,21 @@ pub fn permitted(words: &[&str]) -> bool {
 }
 
 /// Runs the drone's processes until told to end.
-pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
-    let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
     // Everything is refused before anything is started. The first question puts the signals' handler
     // in place.
     let told_to_end = end_with_supervisor(args.supervised);
     if end_requested() {
-        return Ok(End::Success);
+        return Ok(Exit::Success);
     }
     let realtime = permitted(&REALTIME);
-    let owned = Owned::take(&computer.instance)?;
+    let owned = OwnedInstance::take(&computer.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;
     owned.ready()?;
-    let mut onlooker = Onlooker::join(&memory)?;
-    let mut supervisor = Supervisor::new(owned.instance().directory(), args.log.clone()).journalled();
+    let mut observer = Observer::join(&memory)?;
+    let mut supervisor = Supervisor::new(owned.instance().directory(), args.log.clone()).inheriting_stderr();
     let mut kinds = computer.supervision.processes();
     let cameras = [
         (ProcessKind::Camera, computer.camera.clone()),
@@ -142,19 +142,19 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
     }
     let mut notify = Notify::from_environment();
     let mut killed: BTreeMap<ProcessKind, i64> = BTreeMap::new();
-    while memory.wait(BEAT) && !told_to_end.load(std::sync::atomic::Ordering::Relaxed) {
-        onlooker.look(None);
-        for line in supervisor.said() {
+    while memory.wait(POLL_PERIOD) && !told_to_end.load(std::sync::atomic::Ordering::Relaxed) {
+        observer.poll(None);
+        for line in supervisor.output_lines() {
             eprintln!("{line}");
         }
-        for Event::Ended(kind, status) in supervisor.tend()? {
-            memory.bury_the_dead();
+        for Event::Ended(kind, status) in supervisor.poll()? {
+            memory.reap();
             eprintln!("{} ended ({status}) and is started again", kind.name());
         }
         let now = steady_ns();
         for &kind in &kinds {
-            let heard = onlooker.picture.processes.get(&kind).map(|p| p.at_ns);
-            let began = supervisor.began_ns(kind);
+            let heard = observer.snapshot.processes.get(&kind).map(|p| p.at_ns);
+            let began = supervisor.started_ns(kind);
             let sign = [heard, began, killed.get(&kind).copied()];
             let last = sign.into_iter().flatten().max().unwrap_or(now);
             let silent_s = (now - last) as f64 * 1e-9;
@@ -164,18 +164,18 @@ pub fn run(args: &ProcessArgs) -> Result<End, Refused> {
                 killed.insert(kind, now);
             }
         }
-        let all = |k: &ProcessKind| onlooker.picture.processes.contains_key(k);
+        let all = |k: &ProcessKind| observer.snapshot.processes.contains_key(k);
         if kinds.iter().all(all) {
             notify.ready();
         }
-        notify.alive(now, || onlooker.picture.line());
+        notify.alive(now, || observer.snapshot.line());
     }
     notify.stopping();
     supervisor.stop(pause);
     drop(services);
     drop(memory);
     drop(owned);
-    Ok(End::Success)
+    Ok(Exit::Success)
 }
 
 #[cfg(test)]
@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_pilot_and_planner_are_raised_and_only_where_it_is_permitted() {
+    fn supervision_raises_only_pilot_and_planner_and_only_where_permitted() {
         let supervision = Supervision {
             processors: vec![2, 3],
             planner_priority: 0,

@@ -14,9 +14,9 @@ use alight_shared::config::{self, Check, ConfigError, Keys};
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::wake::end_requested;
+use alight_sim::harness::scenario::StateOutage;
+use alight_sim::physics::streams::Streams;
 use alight_sim::radio::{ChannelCounts, Direction, Radio};
-use alight_sim::scenario::StateOutage;
-use alight_sim::streams::Streams;
 use clap::Args;
 use serde::{Deserialize, Serialize};
 use tun_rs::SyncDevice;
@@ -25,14 +25,14 @@ use super::config::LinkImpairment;
 use super::namespaces::{ADDRESSES, Namespaces};
 use super::packets::{FlowCount, Flows};
 use super::profile;
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 
 /// Packets between a device and the emulator; what comes on top is lost, as in a full card.
 const INBOX: usize = 1024;
 /// Longest wait without a look at whether to end.
-const LONGEST: Duration = Duration::from_millis(100);
+const MAX_WAIT: Duration = Duration::from_millis(100);
 /// Time between two words about what was counted, ns.
-const WORD_NS: i64 = 1_000_000_000;
+const REPORT_PERIOD_NS: i64 = 1_000_000_000;
 
 /// A link between two namespaces of this computer.
 #[derive(Args, Debug)]
@@ -75,7 +75,7 @@ impl Check for Emulation {
 /// What the emulator says on standard output, one JSON object per line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum LinkWord {
+pub enum EmulatorReport {
     /// The packets so far: to the drone, to the vessel.
     Packets(ChannelCounts, ChannelCounts),
     /// The same packets by flow.
@@ -99,9 +99,9 @@ impl Order {
 }
 
 /// Runs until told to end.
-pub fn run(args: &LinkArgs) -> Result<End, Refused> {
+pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
     let emulation = match &args.config {
-        Some(file) => config::load::<Emulation>(file).map_err(|e| Refused(e.to_string()))?,
+        Some(file) => config::load::<Emulation>(file).map_err(|e| CliError(e.to_string()))?,
         None => Emulation {
             name: args.name.clone(),
             epoch_ns: steady_ns(),
@@ -117,7 +117,7 @@ pub fn run(args: &LinkArgs) -> Result<End, Refused> {
         spaces.remove();
     }
     spaces.make().map_err(|e| {
-        Refused(format!(
+        CliError(format!(
             "network namespaces are not permitted here ({e}); run as root, or use the impairment inside \
              the processes (`alight land --link {} --emulate never`)",
             args.profile
@@ -131,7 +131,7 @@ pub fn run(args: &LinkArgs) -> Result<End, Refused> {
         }
     };
     if !args.supervised {
-        say::line(format_args!(
+        terminal::line(format_args!(
             "vessel {} in {}, drone {} in {}; run a command there with: ip netns exec NAMESPACE COMMAND",
             ADDRESSES[0],
             spaces.space(0),
@@ -145,20 +145,20 @@ pub fn run(args: &LinkArgs) -> Result<End, Refused> {
 }
 
 /// A packet that came out of a device.
-struct Came {
+struct ReceivedPacket {
     side: usize,
     at_ns: i64,
     packet: Vec<u8>,
 }
 
-fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<Came>) {
+fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>) {
     let mut buffer = [0_u8; 65_536];
     while let Ok(length) = device.recv(&mut buffer) {
         let packet = buffer.get(..length).unwrap_or_default().to_vec();
         // IPv4 only: what the kernel says about itself on IPv6 is not ours.
         let is_ours = packet.first().is_some_and(|b| b >> 4 == 4);
         let at_ns = steady_ns();
-        if is_ours && sender.try_send(Came { side, at_ns, packet }).is_err() && end_requested() {
+        if is_ours && sender.try_send(ReceivedPacket { side, at_ns, packet }).is_err() && end_requested() {
             return;
         }
     }
@@ -173,19 +173,19 @@ fn listen(orders: Sender<Order>) {
     }
 }
 
-fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool) -> Result<End, Refused> {
+fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool) -> Result<Exit, CliError> {
     let (sender, inbox) = sync_channel(INBOX);
     for (side, device) in devices.iter().enumerate() {
         let (device, sender) = (Arc::clone(device), sender.clone());
         std::thread::spawn(move || read(side, device, sender));
     }
     let orders = supervised.then(|| {
-        let (tell, orders) = channel();
-        std::thread::spawn(move || listen(tell));
+        let (order_sender, orders) = channel();
+        std::thread::spawn(move || listen(order_sender));
         orders
     });
     let mut link = Link::new(emulation);
-    let mut next_word_ns = steady_ns() + WORD_NS;
+    let mut next_word_ns = steady_ns() + REPORT_PERIOD_NS;
     while !end_requested() {
         match link.turn(&inbox, orders.as_ref()) {
             Turn::Deliver(out) => {
@@ -199,21 +199,23 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
             Turn::End => break,
         }
         if steady_ns() >= next_word_ns {
-            next_word_ns += WORD_NS;
+            next_word_ns += REPORT_PERIOD_NS;
             if supervised {
-                say_counts(&link)?;
+                report_counts(&link)?;
             }
         }
     }
-    say_counts(&link)?;
-    Ok(End::Success)
+    report_counts(&link)?;
+    Ok(Exit::Success)
 }
 
-fn say_counts(link: &Link) -> Result<(), Refused> {
+fn report_counts(link: &Link) -> Result<(), CliError> {
     let [to_drone, to_vessel] = &link.radios;
-    let packets = LinkWord::Packets(to_drone.counts(), to_vessel.counts());
-    for word in [packets, LinkWord::Flows(link.flows.counts())] {
-        say::line(serde_json::to_string(&word).map_err(|e| Refused::because("writing the counts", e))?);
+    let packets = EmulatorReport::Packets(to_drone.counts(), to_vessel.counts());
+    for report in [packets, EmulatorReport::Flows(link.flows.counts())] {
+        terminal::line(
+            serde_json::to_string(&report).map_err(|e| CliError::because("writing the counts", e))?,
+        );
     }
     Ok(())
 }
@@ -249,19 +251,19 @@ impl Link {
     /// How long nothing is due.
     fn idle(&self, now: Time<TrueTime>) -> Duration {
         let next = self.radios.iter().filter_map(Radio::next).min();
-        next.map_or(LONGEST, |at| {
-            Duration::from_nanos((at - now).nanos().max(0).unsigned_abs()).min(LONGEST)
+        next.map_or(MAX_WAIT, |at| {
+            Duration::from_nanos((at - now).nanos().max(0).unsigned_abs()).min(MAX_WAIT)
         })
     }
     /// Waits for a packet or until one is due, and says what is due.
-    fn turn(&mut self, inbox: &Receiver<Came>, orders: Option<&Receiver<Order>>) -> Turn {
+    fn turn(&mut self, inbox: &Receiver<ReceivedPacket>, orders: Option<&Receiver<Order>>) -> Turn {
         match inbox.recv_timeout(self.idle(self.time(steady_ns()))) {
             Ok(first) => {
-                for came in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
-                    let at = self.time(came.at_ns);
-                    self.flows.count(u8::from(came.side == 1), &came.packet);
-                    if let Some(radio) = self.radios.get_mut(came.side) {
-                        radio.send(at, came.packet.len(), came.packet);
+                for received in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
+                    let at = self.time(received.at_ns);
+                    self.flows.count(u8::from(received.side == 1), &received.packet);
+                    if let Some(radio) = self.radios.get_mut(received.side) {
+                        radio.send(at, received.packet.len(), received.packet);
                     }
                 }
             }
@@ -272,7 +274,7 @@ impl Link {
             Some(Ok(Order::Outage)) => {
                 if let Some(outage) = self.outage {
                     let window = outage.window(self.time(steady_ns()));
-                    self.radios.iter_mut().for_each(|r| r.fall_silent(window));
+                    self.radios.iter_mut().for_each(|r| r.set_outage(window));
                 }
             }
             None | Some(Err(TryRecvError::Empty)) => {}

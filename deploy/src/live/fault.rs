@@ -5,15 +5,15 @@ use core::str::FromStr;
 
 use alight_shared::msg::{MissionState, State};
 use alight_shared::transport::process::{ProcessKind, Signal, signal};
+use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::noise::Noise;
-use alight_sim::streams::Streams;
 use serde::{Deserialize, Serialize};
 
-use super::display::Picture;
-use crate::Refused;
+use super::display::Snapshot;
+use crate::CliError;
 
 /// How long a frozen process stays frozen, ns.
-const FROZEN_NS: i64 = 2_000_000_000;
+const FREEZE_DURATION_NS: i64 = 2_000_000_000;
 
 /// What happens to the process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -116,12 +116,12 @@ pub struct FaultReport {
     /// The mission's state when it happened.
     pub state: Option<State>,
     /// From the fault to the first word of the process afterwards, s; null if none came.
-    pub back_s: Option<f64>,
+    pub recovery_s: Option<f64>,
 }
 
 /// How far it has come.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Stage {
+enum FaultStage {
     /// The state has not been entered yet.
     Waits,
     /// It will happen at this time of the steady clock, ns.
@@ -140,7 +140,7 @@ enum Stage {
 pub struct Fault {
     spec: FaultSpec,
     delay_ns: i64,
-    stage: Stage,
+    stage: FaultStage,
     /// What came of it so far.
     pub report: FaultReport,
 }
@@ -153,68 +153,68 @@ impl Fault {
         Fault {
             spec,
             delay_ns: (delay_s * 1e9) as i64,
-            stage: Stage::Waits,
+            stage: FaultStage::Waits,
             report: FaultReport {
                 fault: spec.to_string(),
                 at_s: None,
                 state: None,
-                back_s: None,
+                recovery_s: None,
             },
         }
     }
 
     /// It happened, and the process has not been heard again.
     pub fn is_under_way(&self) -> bool {
-        matches!(self.stage, Stage::Happened { .. })
+        matches!(self.stage, FaultStage::Happened { .. })
     }
 
     /// Looks whether it is time for something; `t_s` is the time since the start. True when the
     /// fault has just happened.
-    pub fn tend(&mut self, now_ns: i64, t_s: f64, picture: &Picture) -> Result<bool, Refused> {
-        let Some(mission) = picture.mission else {
+    pub fn poll(&mut self, now_ns: i64, t_s: f64, snapshot: &Snapshot) -> Result<bool, CliError> {
+        let Some(mission) = snapshot.mission else {
             return Ok(false);
         };
         match self.stage {
-            Stage::Waits => {
+            FaultStage::Waits => {
                 if mission.state == self.spec.state {
-                    self.stage = Stage::Due(now_ns + self.delay_ns);
+                    self.stage = FaultStage::Due(now_ns + self.delay_ns);
                 }
             }
-            Stage::Due(at_ns) if now_ns >= at_ns => return self.strike(now_ns, t_s, &mission, picture),
-            Stage::Happened {
+            FaultStage::Due(at_ns) if now_ns >= at_ns => return self.inject(now_ns, t_s, &mission, snapshot),
+            FaultStage::Happened {
                 at_ns,
                 pid,
                 frozen_until_ns,
             } => {
                 if frozen_until_ns.is_some_and(|until| now_ns >= until) {
                     self.send(pid, Signal::Continue)?;
-                    self.stage = Stage::Happened {
+                    self.stage = FaultStage::Happened {
                         at_ns,
                         pid,
                         frozen_until_ns: None,
                     };
                 } else if frozen_until_ns.is_none()
-                    && let Some(p) = picture.processes.get(&self.spec.process)
+                    && let Some(p) = snapshot.processes.get(&self.spec.process)
                     && p.at_ns > at_ns
                     && (self.spec.kind == FaultKind::Freeze || p.pid != pid)
                 {
-                    self.report.back_s = Some((p.at_ns - at_ns) as f64 * 1e-9);
-                    self.stage = Stage::Over;
+                    self.report.recovery_s = Some((p.at_ns - at_ns) as f64 * 1e-9);
+                    self.stage = FaultStage::Over;
                 }
             }
-            Stage::Due(_) | Stage::Over => {}
+            FaultStage::Due(_) | FaultStage::Over => {}
         }
         Ok(false)
     }
 
-    fn strike(
+    fn inject(
         &mut self,
         now_ns: i64,
         t_s: f64,
         mission: &MissionState,
-        picture: &Picture,
-    ) -> Result<bool, Refused> {
-        let Some(process) = picture.processes.get(&self.spec.process) else {
+        snapshot: &Snapshot,
+    ) -> Result<bool, CliError> {
+        let Some(process) = snapshot.processes.get(&self.spec.process) else {
             return Ok(false);
         };
         let frozen_until_ns = match self.spec.kind {
@@ -224,12 +224,12 @@ impl Fault {
             }
             FaultKind::Freeze => {
                 self.send(process.pid, Signal::Freeze)?;
-                Some(now_ns + FROZEN_NS)
+                Some(now_ns + FREEZE_DURATION_NS)
             }
         };
         self.report.at_s = Some(t_s);
         self.report.state = Some(mission.state);
-        self.stage = Stage::Happened {
+        self.stage = FaultStage::Happened {
             at_ns: now_ns,
             pid: process.pid,
             frozen_until_ns,
@@ -237,8 +237,8 @@ impl Fault {
         Ok(true)
     }
 
-    fn send(&self, pid: u32, what: Signal) -> Result<(), Refused> {
-        signal(pid, what).map_err(|e| Refused::because(format!("the fault {}", self.spec), e))
+    fn send(&self, pid: u32, what: Signal) -> Result<(), CliError> {
+        signal(pid, what).map_err(|e| CliError::because(format!("the fault {}", self.spec), e))
     }
 }
 
@@ -247,7 +247,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_fault_is_read_as_it_is_written_and_others_are_refused() {
+    fn fault_spec_round_trips_and_rejects_others() {
         for process in PROCESSES {
             for kind in FaultKind::ALL {
                 for (_, state, _) in STATES {

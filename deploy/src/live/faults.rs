@@ -2,14 +2,14 @@
 //! of it.
 
 use alight_shared::msg::State;
-use alight_sim::outcome::Ending;
+use alight_sim::harness::outcome::Ending;
 use serde::Serialize;
 
 use super::args::FaultsArgs;
 use super::fault::{FaultKind, FaultSpec, PROCESSES};
 use super::fleet::{self, Done, Job};
-use crate::say::{self, note};
-use crate::{End, Refused, table};
+use crate::terminal::{self, note};
+use crate::{CliError, Exit, table};
 
 /// The phases of the table.
 const PHASES: [State; 4] = [State::Approach, State::Tracking, State::Descent, State::Flare];
@@ -22,7 +22,7 @@ struct Case {
     /// The state in which it happened.
     state: Option<State>,
     at_s: Option<f64>,
-    back_s: Option<f64>,
+    recovery_s: Option<f64>,
     /// First contact minus fault, s.
     contact_after_s: Option<f64>,
     outcome: Option<Ending>,
@@ -31,7 +31,7 @@ struct Case {
     position_error_m: Option<f64>,
     attempts: u32,
     restarts: u32,
-    left: Vec<String>,
+    leftovers: Vec<String>,
     /// The mission's states from the fault on.
     then: Vec<String>,
 }
@@ -47,18 +47,18 @@ impl Case {
             seed,
             state: fault.and_then(|f| f.state),
             at_s,
-            back_s: fault.and_then(|f| f.back_s),
+            recovery_s: fault.and_then(|f| f.recovery_s),
             contact_after_s: contact.zip(at_s).map(|(c, f)| c - f),
             outcome: report.map(|r| r.outcome.outcome),
             reason: report.map_or_else(
-                || done.said.lines().last().unwrap_or_default().to_string(),
+                || done.output.lines().last().unwrap_or_default().to_string(),
                 |r| r.outcome.reason.clone(),
             ),
             unsafe_contacts: report.map_or(0, |r| r.outcome.unsafe_contacts),
             position_error_m: report.and_then(|r| r.outcome.position_error_m),
             attempts: report.map_or(0, |r| r.outcome.attempts),
             restarts: report.map_or(0, |r| r.live.restarts),
-            left: done.left.clone(),
+            leftovers: done.leftovers.clone(),
             then: report
                 .into_iter()
                 .flat_map(|r| &r.live.phases)
@@ -68,17 +68,17 @@ impl Case {
         }
     }
     /// Whether the fault met the landing at all.
-    fn happened(&self) -> bool {
+    fn was_injected(&self) -> bool {
         self.at_s.is_some()
     }
     /// Not into the water, no unsafe contact but in the flare, back, and nothing left.
     fn holds(&self) -> bool {
         let in_flare = self.state == Some(State::Flare);
-        self.happened()
+        self.was_injected()
             && self.outcome.is_some_and(|o| o != Ending::Water)
             && (self.unsafe_contacts == 0 || in_flare)
-            && self.back_s.is_some()
-            && self.left.is_empty()
+            && self.recovery_s.is_some()
+            && self.leftovers.is_empty()
     }
     fn line(&self) -> String {
         let seconds = |v: Option<f64>| v.map_or_else(|| "-".into(), |v| format!("{v:.2}"));
@@ -87,7 +87,7 @@ impl Case {
             self.fault,
             self.seed,
             self.state.map_or("never", State::name),
-            seconds(self.back_s),
+            seconds(self.recovery_s),
             self.outcome.map_or("none", Ending::name),
             self.unsafe_contacts,
             self.attempts,
@@ -103,7 +103,7 @@ impl Case {
 }
 
 /// Flies all cases and shows the table.
-pub fn run(args: &FaultsArgs) -> Result<End, Refused> {
+pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
     let mut specs = args.fault.clone();
     if specs.is_empty() {
         for state in PHASES {
@@ -145,12 +145,12 @@ pub fn run(args: &FaultsArgs) -> Result<End, Refused> {
         ),
     );
     if args.json {
-        say::line(serde_json::to_string(&cases).map_err(|e| Refused::because("writing JSON", e))?);
+        terminal::line(serde_json::to_string(&cases).map_err(|e| CliError::because("writing JSON", e))?);
     }
     Ok(if held == cases.len() {
-        End::Success
+        Exit::Success
     } else {
-        End::Failed
+        Exit::Failed
     })
 }
 
@@ -178,7 +178,7 @@ fn matrix(specs: &[FaultSpec], cases: &[Case]) -> String {
                         flown += 1;
                         landed += u32::from(c.outcome == Some(Ending::Success));
                         unsafe_contacts += u32::from(c.unsafe_contacts > 0);
-                        missing += u32::from(!c.happened());
+                        missing += u32::from(!c.was_injected());
                     }
                     let mut text = format!("{landed} of {flown} landed");
                     for (n, what) in [(unsafe_contacts, "unsafe"), (missing, "not met")] {

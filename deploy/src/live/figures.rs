@@ -1,11 +1,11 @@
 //! What the figures of each process mean, by their order.
 
-use alight_bridge::Reason;
+use alight_bridge::RejectionReason;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
-use alight_shared::transport::refusals::Refusal;
+use alight_shared::transport::rejections::AccessRejection;
 
 use super::display::time;
-use super::heard_drone::state;
+use super::drone_monitor::state;
 
 /// How a figure reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,7 +17,7 @@ enum Unit {
     /// 0 to 1.
     Share,
     /// Why somebody was refused; 0: nobody was.
-    Refusal,
+    AccessRejection,
     /// A state of the mission.
     State,
 }
@@ -38,7 +38,7 @@ const VESSEL: [(&str, Unit); VESSEL_FIGURES] = [
     ("drone's battery", Unit::Share),
     ("share of the full rates", Unit::Share),
     ("strangers refused", Unit::Count),
-    ("the last for", Unit::Refusal),
+    ("the last for", Unit::AccessRejection),
     ("measurement to estimate sent p50", Unit::Time),
     ("measurement to estimate sent p99", Unit::Time),
 ];
@@ -107,7 +107,7 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
         ProcessKind::Bridge => {
             let mut all: Vec<(String, Unit)> = own(&BRIDGE);
             all.extend(
-                Reason::ALL
+                RejectionReason::ALL
                     .iter()
                     .map(|r| (format!("refused: {}", r.name()), Unit::Count)),
             );
@@ -139,13 +139,13 @@ pub fn text(p: &ProcessState) -> String {
     let shown: Vec<String> = names(p.kind)
         .into_iter()
         .zip(p.figures.iter())
-        .filter(|((_, unit), value)| !matches!(unit, Unit::Count | Unit::Refusal) || **value != 0.0)
+        .filter(|((_, unit), value)| !matches!(unit, Unit::Count | Unit::AccessRejection) || **value != 0.0)
         .map(|((name, unit), value)| {
             let value = match unit {
                 Unit::Count => format!("{value:.0}"),
                 Unit::Time => time(*value),
                 Unit::Share => format!("{:.0} %", 100.0 * value),
-                Unit::Refusal => Refusal::numbered(*value).map_or("-", |r| r.name()).into(),
+                Unit::AccessRejection => AccessRejection::numbered(*value).map_or("-", |r| r.name()).into(),
                 Unit::State => state(*value).map_or("-", |s| s.name()).into(),
             };
             format!("{name} {value}")
@@ -158,12 +158,12 @@ pub fn text(p: &ProcessState) -> String {
 mod tests {
     use super::*;
     use alight_shared::seq::Seq;
-    use alight_shared::transport::process::MOST_FIGURES;
+    use alight_shared::transport::process::MAX_METRICS;
 
     #[test]
-    fn every_process_has_room_for_its_figures_and_they_are_named_in_order() {
+    fn metrics_of_every_process_fit_and_are_named() {
         for kind in ProcessKind::ALL {
-            assert!(names(kind).len() <= MOST_FIGURES, "{kind:?}");
+            assert!(names(kind).len() <= MAX_METRICS, "{kind:?}");
         }
         let figures = [
             0.0, 1200.0, 0.0, 3.0, 9.0, 0.0, 0.25, 3.0, 0.0, 0.8, 1.0, 4.0, 3.0, 0.01, 0.02,

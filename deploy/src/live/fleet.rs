@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use alight_shared::transport::memory::Instance;
 
 use super::report::LiveOutcome;
-use crate::Refused;
+use crate::CliError;
 
 /// One landing to fly.
 #[derive(Clone, Debug)]
@@ -25,9 +25,9 @@ pub struct Done {
     /// What it says, if it ended with an outcome.
     pub landed: Option<LiveOutcome>,
     /// What it wrote to standard error.
-    pub said: String,
+    pub output: String,
     /// Files and processes that it left behind.
-    pub left: Vec<String>,
+    pub leftovers: Vec<String>,
 }
 
 /// Flies all jobs, `side_by_side` at a time; `done` hears of each as it ends. In the order of jobs.
@@ -35,9 +35,9 @@ pub fn fly(
     jobs: &[Job],
     side_by_side: usize,
     done: impl Fn(usize, &Done) + Sync,
-) -> Result<Vec<Done>, Refused> {
+) -> Result<Vec<Done>, CliError> {
     let next = AtomicUsize::new(0);
-    let all: Mutex<Vec<Option<Result<Done, Refused>>>> = Mutex::new(jobs.iter().map(|_| None).collect());
+    let all: Mutex<Vec<Option<Result<Done, CliError>>>> = Mutex::new(jobs.iter().map(|_| None).collect());
     std::thread::scope(|scope| {
         for _ in 0..side_by_side.clamp(1, jobs.len().max(1)) {
             scope.spawn(|| {
@@ -63,9 +63,9 @@ pub fn fly(
         .collect()
 }
 
-fn one(job: &Job) -> Result<Done, Refused> {
+fn one(job: &Job) -> Result<Done, CliError> {
     let doing = || format!("starting the landing {}", job.instance);
-    let program = std::env::current_exe().map_err(|e| Refused::because(doing(), e))?;
+    let program = std::env::current_exe().map_err(|e| CliError::because(doing(), e))?;
     let mut child = Command::new(program)
         .args(["land", "--json", "--supervised", "--instance", &job.instance])
         .args(&job.flags)
@@ -74,27 +74,27 @@ fn one(job: &Job) -> Result<Done, Refused> {
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .map_err(|e| Refused::because(doing(), e))?;
+        .map_err(|e| CliError::because(doing(), e))?;
     let lifeline = child.stdin.take();
     let out = child
         .wait_with_output()
-        .map_err(|e| Refused::because(doing(), e))?;
+        .map_err(|e| CliError::because(doing(), e))?;
     drop(lifeline);
-    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    let output = String::from_utf8_lossy(&out.stderr).into_owned();
     if out.status.code() == Some(2) {
-        let last = said.lines().last().unwrap_or_default();
-        return Err(Refused::because(format!("the landing {}", job.instance), last));
+        let last = output.lines().last().unwrap_or_default();
+        return Err(CliError::because(format!("the landing {}", job.instance), last));
     }
     let text = String::from_utf8_lossy(&out.stdout);
     Ok(Done {
         landed: text.lines().last().and_then(|l| serde_json::from_str(l).ok()),
-        said,
-        left: left(&Instance::new(&job.instance)?),
+        output,
+        leftovers: leftovers(&Instance::new(&job.instance)?),
     })
 }
 
 /// What an instance that ended has left on this computer.
-fn left(instance: &Instance) -> Vec<String> {
+fn leftovers(instance: &Instance) -> Vec<String> {
     let prefix = instance.prefix();
     let mut found = Vec::new();
     for place in ["/dev/shm", "/tmp"] {
@@ -145,13 +145,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_an_instance_leaves_is_found() {
+    fn leftovers_of_an_instance_are_found() {
         let instance = Instance::new(&format!("left-{}", std::process::id())).unwrap();
-        assert!(left(&instance).is_empty());
+        assert!(leftovers(&instance).is_empty());
         std::fs::create_dir_all(instance.directory()).unwrap();
         let file = Path::new("/tmp").join(format!("{}x", instance.prefix()));
         std::fs::write(&file, "").unwrap();
-        let found = left(&instance);
+        let found = leftovers(&instance);
         std::fs::remove_file(&file).unwrap();
         std::fs::remove_dir(instance.directory()).unwrap();
         assert_eq!(found.len(), 2, "{found:?}");

@@ -8,17 +8,17 @@ use serde::{Deserialize, Serialize};
 use crate::scene::Scene;
 
 /// The longest time to follow: the longest mission that the configuration allows, s.
-pub const LONGEST_FOLLOW_S: f64 = 36_000.0;
+pub const MAX_FOLLOW_S: f64 = 36_000.0;
 /// No forecast knows the deck this well: the mission follows and does not descend, m.
-const NEVER_KNOWN_M: f64 = 0.01;
+const UNREACHABLE_SD_M: f64 = 0.01;
 /// A battery for the longest time ten times over, s.
-const ENDURANCE_S: f64 = 10.0 * LONGEST_FOLLOW_S;
+const ENDURANCE_S: f64 = 10.0 * MAX_FOLLOW_S;
 
 /// Changes what the mission permits: everything but the descent.
-pub fn withhold_the_landing(scene: &mut Scene) {
+pub fn disable_landing(scene: &mut Scene) {
     let mission = &mut scene.nodes.drone.mission;
-    mission.horizontal_sd_m = NEVER_KNOWN_M;
-    mission.mission_timeout_s = LONGEST_FOLLOW_S;
+    mission.horizontal_sd_m = UNREACHABLE_SD_M;
+    mission.mission_timeout_s = MAX_FOLLOW_S;
     scene.scenario.drone.autopilot.endurance_s = ENDURANCE_S;
 }
 
@@ -37,7 +37,7 @@ pub struct Followed {
 
 impl Followed {
     /// A tick of `dt_s` at `t_s` since the start.
-    pub fn see(&mut self, t_s: f64, dt_s: f64, state: State) {
+    pub fn update(&mut self, t_s: f64, dt_s: f64, state: State) {
         if t_s <= 0.0 {
             return;
         }
@@ -73,9 +73,9 @@ mod tests {
             State::Hold,
             State::Tracking,
         ];
-        followed.see(-1.0, 1.0, State::Tracking);
+        followed.update(-1.0, 1.0, State::Tracking);
         for (k, state) in states.into_iter().enumerate() {
-            followed.see(k as f64 + 1.0, 1.0, state);
+            followed.update(k as f64 + 1.0, 1.0, state);
         }
         assert_eq!(
             (followed.followed_s, followed.above_deck_s, followed.left),

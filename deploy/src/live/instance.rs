@@ -6,46 +6,46 @@ use std::path::{Path, PathBuf};
 use alight_shared::transport::memory::Instance;
 
 use super::supervisor::pause;
-use crate::Refused;
+use crate::CliError;
 
 /// The lock file's name in the instance's directory.
 const LOCK: &str = "lock";
 /// This file says that all services are there: onlookers may join from now on. It holds the process
-/// number of the owner who said so, because a killed owner's file outlives it.
+/// number of the owner who said so, because a killed owner's file survives_pause it.
 const READY: &str = "ready";
 /// A name that is in use is asked for this often ...
-const TRIES: u32 = 20;
+const MAX_TRIES: u32 = 20;
 /// ... with this pause.
-const PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
+const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
 
 /// An instance that is ours: nobody else runs under its name while this lives.
-pub struct Owned {
+pub struct OwnedInstance {
     instance: Instance,
     _lock: File,
 }
 
-impl Owned {
+impl OwnedInstance {
     /// Takes the name and starts from a clean slate.
-    pub fn take(name: &str) -> Result<Owned, Refused> {
+    pub fn take(name: &str) -> Result<OwnedInstance, CliError> {
         let instance = Instance::new(name)?;
         let directory = instance.directory();
         let doing = || format!("preparing {}", directory.display());
-        std::fs::create_dir_all(&directory).map_err(|e| Refused::because(doing(), e))?;
+        std::fs::create_dir_all(&directory).map_err(|e| CliError::because(doing(), e))?;
         // Its files are going to be removed: nobody sends us to another directory's.
         if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
-            return Err(Refused(format!(
+            return Err(CliError(format!(
                 "{}: a link leads elsewhere; remove it",
                 directory.display()
             )));
         }
-        let lock = File::create(directory.join(LOCK)).map_err(|e| Refused::because(doing(), e))?;
+        let lock = File::create(directory.join(LOCK)).map_err(|e| CliError::because(doing(), e))?;
         // A former owner's child that is just being born holds the lock for some milliseconds more.
         let mut tries = 0;
         let taken = loop {
             match lock.try_lock() {
-                Err(TryLockError::WouldBlock) if tries < TRIES => {
+                Err(TryLockError::WouldBlock) if tries < MAX_TRIES => {
                     tries += 1;
-                    pause(PAUSE);
+                    pause(RETRY_PAUSE);
                 }
                 other => break other,
             }
@@ -53,17 +53,17 @@ impl Owned {
         match taken {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                return Err(Refused(format!(
+                return Err(CliError(format!(
                     "an instance named {name} runs already; stop it, or choose another --instance"
                 )));
             }
-            Err(TryLockError::Error(e)) => return Err(Refused::because(doing(), e)),
+            Err(TryLockError::Error(e)) => return Err(CliError::because(doing(), e)),
         }
         // A former owner that was killed left its files: the mark first, so that nobody joins.
         let _none = std::fs::remove_file(directory.join(READY));
-        empty(&directory).map_err(|e| Refused::because(doing(), e))?;
-        instance.wipe().map_err(|e| Refused::because(doing(), e))?;
-        Ok(Owned {
+        remove_contents(&directory).map_err(|e| CliError::because(doing(), e))?;
+        instance.wipe().map_err(|e| CliError::because(doing(), e))?;
+        Ok(OwnedInstance {
             instance,
             _lock: lock,
         })
@@ -73,10 +73,10 @@ impl Owned {
         &self.instance
     }
     /// All services are there.
-    pub fn ready(&self) -> Result<(), Refused> {
+    pub fn ready(&self) -> Result<(), CliError> {
         let path = self.file(READY);
         std::fs::write(&path, std::process::id().to_string())
-            .map_err(|e| Refused::because(format!("writing {}", path.display()), e))
+            .map_err(|e| CliError::because(format!("writing {}", path.display()), e))
     }
     /// A file of the instance.
     pub fn file(&self, name: &str) -> PathBuf {
@@ -84,7 +84,7 @@ impl Owned {
     }
 }
 
-impl Drop for Owned {
+impl Drop for OwnedInstance {
     fn drop(&mut self) {
         // Onlookers first: nobody joins what is being removed.
         let _none = std::fs::remove_file(self.file(READY));
@@ -95,7 +95,7 @@ impl Drop for Owned {
 }
 
 /// Removes what is in a former owner's directory, but not the lock that we hold.
-fn empty(directory: &Path) -> std::io::Result<()> {
+fn remove_contents(directory: &Path) -> std::io::Result<()> {
     for entry in std::fs::read_dir(directory)? {
         let entry = entry?;
         if entry.file_name() == LOCK {
@@ -119,7 +119,7 @@ pub fn owner(instance: &Instance) -> Option<u32> {
 }
 
 /// Whether an instance of this name runs and is ready.
-pub fn runs(instance: &Instance) -> bool {
+pub fn is_running(instance: &Instance) -> bool {
     // The lock alone does not tell: a next owner holds it before it has removed a killed one's mark.
     if owner(instance).is_none() {
         return false;
@@ -133,24 +133,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_taken_once_and_leaves_nothing() {
+    fn instance_is_owned_once_and_leaves_nothing() {
         let name = format!("test-{}", std::process::id());
-        let owned = Owned::take(&name).unwrap();
+        let owned = OwnedInstance::take(&name).unwrap();
         let instance = owned.instance().clone();
-        assert!(!runs(&instance));
+        assert!(!is_running(&instance));
         owned.ready().unwrap();
-        assert!(runs(&instance));
-        let Err(refused) = Owned::take(&name) else {
+        assert!(is_running(&instance));
+        let Err(refused) = OwnedInstance::take(&name) else {
             panic!("taken twice")
         };
         assert!(refused.0.contains("runs already"), "{refused}");
         drop(owned);
-        assert!(!instance.directory().exists() && !runs(&instance));
+        assert!(!instance.directory().exists() && !is_running(&instance));
         assert!(Instance::new("No/such name").is_err());
     }
 
     #[test]
-    fn what_a_killed_owner_left_is_gone_before_the_next_begins() {
+    fn instance_removes_the_files_of_a_killed_owner() {
         let name = format!("test-left-{}", std::process::id());
         let directory = Instance::new(&name).unwrap().directory();
         let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
@@ -160,25 +160,25 @@ mod tests {
         std::fs::write(directory.join("log/old/pilot.log"), "old").unwrap();
         std::fs::write(&elsewhere, "somebody else's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, directory.join("link")).unwrap();
-        let owned = Owned::take(&name).unwrap();
+        let owned = OwnedInstance::take(&name).unwrap();
         let left: Vec<_> = std::fs::read_dir(&directory)
             .unwrap()
             .map(|e| e.unwrap().file_name())
             .collect();
         assert_eq!(left, [LOCK]);
-        assert!(elsewhere.exists() && !runs(owned.instance()));
+        assert!(elsewhere.exists() && !is_running(owned.instance()));
         std::fs::remove_file(elsewhere).unwrap();
     }
 
     #[test]
-    fn a_link_in_the_directorys_place_is_refused_and_nothing_removed() {
+    fn instance_refuses_a_symbolic_link_and_removes_nothing() {
         let name = format!("test-link-{}", std::process::id());
         let directory = Instance::new(&name).unwrap().directory();
         let elsewhere = directory.with_extension("elsewhere");
         std::fs::create_dir_all(&elsewhere).unwrap();
         std::fs::write(elsewhere.join("file"), "somebody else's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, &directory).unwrap();
-        let Err(refused) = Owned::take(&name) else {
+        let Err(refused) = OwnedInstance::take(&name) else {
             panic!("taken through a link")
         };
         assert!(refused.0.contains("a link leads elsewhere"), "{refused}");

@@ -20,7 +20,7 @@ use x509_parser::extensions::ParsedExtension;
 use x509_parser::pem::parse_x509_pem;
 
 use super::check::facts::Certificate;
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 
 /// The authority's name: its certificate and every signature carry it.
 const AUTHORITY: &str = "Alight private authority";
@@ -31,11 +31,11 @@ const AUTHORITY_KEY: &str = "authority-key.pem";
 const CERTIFICATE_FILE: &str = "certificate.pem";
 const KEY_FILE: &str = "key.pem";
 /// Less than this left, days, is worth a warning.
-pub const SOON_DAYS: i64 = 30;
+pub const RENEWAL_DAYS: i64 = 30;
 /// Addresses of one certificate at most.
-const ADDRESSES: usize = 16;
+const MAX_ADDRESSES: usize = 16;
 /// Certificates of one directory that are shown at most.
-const SHOWN: usize = 256;
+const MAX_SHOWN: usize = 256;
 
 /// Certificates.
 #[derive(Args, Debug)]
@@ -95,30 +95,30 @@ pub struct SideArgs {
 }
 
 /// Makes or shows.
-pub fn run(args: &KeysArgs) -> Result<End, Refused> {
+pub fn run(args: &KeysArgs) -> Result<Exit, CliError> {
     match &args.what {
         KeysVerb::Init { dir, days } => {
             init(dir, *days)?;
-            say::line(format_args!(
+            terminal::line(format_args!(
                 "authority in {}; keep {AUTHORITY_KEY} off the vehicles: it lets its holder make certificates",
                 dir.display()
             ));
-            Ok(End::Success)
+            Ok(Exit::Success)
         }
-        KeysVerb::Vessel(side) => made(side, "vessel"),
-        KeysVerb::Drone(side) => made(side, "drone"),
-        KeysVerb::Operator(side) => made(side, "operator"),
+        KeysVerb::Vessel(side) => issue_and_report(side, "vessel"),
+        KeysVerb::Drone(side) => issue_and_report(side, "drone"),
+        KeysVerb::Operator(side) => issue_and_report(side, "operator"),
         KeysVerb::Show { dir, json } => show(dir, *json),
     }
 }
 
-fn made(side: &SideArgs, kind: &str) -> Result<End, Refused> {
+fn issue_and_report(side: &SideArgs, kind: &str) -> Result<Exit, CliError> {
     let directory = issue(&side.dir, kind, side.name, &side.address, side.days)?;
-    say::line(format_args!(
+    terminal::line(format_args!(
         "copy {} to the {kind}, and name its files in the radio's tls section",
         directory.display()
     ));
-    Ok(End::Success)
+    Ok(Exit::Success)
 }
 
 /// The name in a side's certificate.
@@ -139,16 +139,16 @@ fn params(name: &str, days: u32) -> CertificateParams {
 }
 
 /// Makes the authority in `dir`; one that is there is left alone.
-pub fn init(dir: &Path, days: u32) -> Result<(), Refused> {
+pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
     let doing = || format!("making an authority in {}", dir.display());
-    fs::create_dir_all(dir).map_err(|e| Refused::because(doing(), e))?;
+    fs::create_dir_all(dir).map_err(|e| CliError::because(doing(), e))?;
     let mut params = params(AUTHORITY, days);
     params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
     params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
-    let key = KeyPair::generate().map_err(|e| Refused::because(doing(), e))?;
+    let key = KeyPair::generate().map_err(|e| CliError::because(doing(), e))?;
     let certificate = params
         .self_signed(&key)
-        .map_err(|e| Refused::because(doing(), e))?;
+        .map_err(|e| CliError::because(doing(), e))?;
     write(&dir.join(AUTHORITY_KEY), &key.serialize_pem())?;
     write(&dir.join(AUTHORITY_FILE), &certificate.pem())
 }
@@ -160,12 +160,12 @@ pub fn issue(
     number: u32,
     addresses: &[String],
     days: u32,
-) -> Result<PathBuf, Refused> {
+) -> Result<PathBuf, CliError> {
     let name = common_name(kind, number);
     let doing = || format!("making the certificate of {name}");
-    if addresses.len() > ADDRESSES {
-        return Err(Refused(format!(
-            "{} addresses for {name}: a certificate names at most {ADDRESSES}",
+    if addresses.len() > MAX_ADDRESSES {
+        return Err(CliError(format!(
+            "{} addresses for {name}: a certificate names at most {MAX_ADDRESSES}",
             addresses.len()
         )));
     }
@@ -174,7 +174,7 @@ pub fn issue(
         "make an authority first: alight keys init",
     )?;
     let key = read(&dir.join(AUTHORITY_KEY), "it is needed to sign")?;
-    let key = KeyPair::from_pem(&key).map_err(|e| Refused::because(doing(), e))?;
+    let key = KeyPair::from_pem(&key).map_err(|e| CliError::because(doing(), e))?;
     let until = expiry(&authority, &dir.join(AUTHORITY_FILE))?;
     let mut params = params(&name, days);
     if params.not_after > until {
@@ -186,7 +186,7 @@ pub fn issue(
         addresses.to_vec()
     };
     params.subject_alt_names = CertificateParams::new(own)
-        .map_err(|e| Refused::because(doing(), e))?
+        .map_err(|e| CliError::because(doing(), e))?
         .subject_alt_names;
     // Either side may listen: both are server and client.
     params.extended_key_usages = vec![
@@ -198,12 +198,12 @@ pub fn issue(
     // The signature needs the authority's name and key only, both are known.
     let signer = self::params(AUTHORITY, 1);
     let issuer = Issuer::from_params(&signer, &key);
-    let own_key = KeyPair::generate().map_err(|e| Refused::because(doing(), e))?;
+    let own_key = KeyPair::generate().map_err(|e| CliError::because(doing(), e))?;
     let certificate = params
         .signed_by(&own_key, &issuer)
-        .map_err(|e| Refused::because(doing(), e))?;
+        .map_err(|e| CliError::because(doing(), e))?;
     let directory = dir.join(&name);
-    fs::create_dir_all(&directory).map_err(|e| Refused::because(doing(), e))?;
+    fs::create_dir_all(&directory).map_err(|e| CliError::because(doing(), e))?;
     write(&directory.join(KEY_FILE), &own_key.serialize_pem())?;
     write(&directory.join(CERTIFICATE_FILE), &certificate.pem())?;
     write(&directory.join(AUTHORITY_FILE), &authority)?;
@@ -211,12 +211,12 @@ pub fn issue(
 }
 
 /// The files of one side, as the radio's configuration names them; it hears `peers`.
-pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, Refused> {
+pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError> {
     let file = |name: &str| {
         let path = directory.join(name);
         match path.canonicalize() {
             Ok(whole) => Ok(whole.display().to_string()),
-            Err(e) => Err(Refused::because(
+            Err(e) => Err(CliError::because(
                 format!("looking for {} (alight keys makes it)", path.display()),
                 e,
             )),
@@ -231,14 +231,14 @@ pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, Refused>
 }
 
 /// Writes a new file that only its owner reads.
-fn write(path: &Path, text: &str) -> Result<(), Refused> {
+fn write(path: &Path, text: &str) -> Result<(), CliError> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true).mode(0o600);
     let written = options
         .open(path)
         .and_then(|mut file| file.write_all(text.as_bytes()));
     written.map_err(|e| {
-        Refused::because(
+        CliError::because(
             format!(
                 "writing {} (a file that is there is never replaced)",
                 path.display()
@@ -248,12 +248,12 @@ fn write(path: &Path, text: &str) -> Result<(), Refused> {
     })
 }
 
-fn read(path: &Path, hint: &str) -> Result<String, Refused> {
-    fs::read_to_string(path).map_err(|e| Refused::because(format!("reading {} ({hint})", path.display()), e))
+fn read(path: &Path, hint: &str) -> Result<String, CliError> {
+    fs::read_to_string(path).map_err(|e| CliError::because(format!("reading {} ({hint})", path.display()), e))
 }
 
 /// A certificate that was read.
-pub struct Look {
+pub struct CertificateDetails {
     /// What a person reads of it.
     pub certificate: Certificate,
     /// Its public key, as the certificate holds it (SubjectPublicKeyInfo, DER).
@@ -265,11 +265,11 @@ pub struct Look {
 }
 
 /// Reads a certificate's file.
-pub fn look(path: &Path) -> Result<Look, Refused> {
+pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
     let pem = read(path, "alight keys makes it")?;
     let doing = || format!("{} is not a certificate", path.display());
-    let (_rest, found) = parse_x509_pem(pem.as_bytes()).map_err(|e| Refused::because(doing(), e))?;
-    let certificate = found.parse_x509().map_err(|e| Refused::because(doing(), e))?;
+    let (_rest, found) = parse_x509_pem(pem.as_bytes()).map_err(|e| CliError::because(doing(), e))?;
+    let certificate = found.parse_x509().map_err(|e| CliError::because(doing(), e))?;
     let (mut key_id, mut signed_with) = (None, None);
     for extension in certificate.extensions() {
         match extension.parsed_extension() {
@@ -282,7 +282,7 @@ pub fn look(path: &Path) -> Result<Look, Refused> {
     }
     let (now, validity) = (OffsetDateTime::now_utc(), certificate.validity());
     let name = certificate.subject().iter_common_name().next();
-    Ok(Look {
+    Ok(CertificateDetails {
         certificate: Certificate {
             path: path.into(),
             days_left: (validity.not_after.to_datetime() - now)
@@ -298,12 +298,12 @@ pub fn look(path: &Path) -> Result<Look, Refused> {
 }
 
 /// Whether the key in `pem` is the certificate's.
-pub fn belongs(pem: &str, own: &Look) -> bool {
+pub fn key_matches(pem: &str, own: &CertificateDetails) -> bool {
     KeyPair::from_pem(pem).is_ok_and(|key| key.subject_public_key_info() == own.public_key)
 }
 
 /// Whether `own` says that it was signed with the key of `authority`; None when one of them is silent.
-pub fn signed_with(own: &Look, authority: &Look) -> Option<bool> {
+pub fn is_signed_by(own: &CertificateDetails, authority: &CertificateDetails) -> Option<bool> {
     Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
 }
 
@@ -313,29 +313,29 @@ pub fn today_s() -> i64 {
 }
 
 /// When a certificate expires.
-pub fn expiry(pem: &str, path: &Path) -> Result<OffsetDateTime, Refused> {
+pub fn expiry(pem: &str, path: &Path) -> Result<OffsetDateTime, CliError> {
     let (_rest, found) = parse_x509_pem(pem.as_bytes())
-        .map_err(|e| Refused::because(format!("{} is not a certificate", path.display()), e))?;
+        .map_err(|e| CliError::because(format!("{} is not a certificate", path.display()), e))?;
     let certificate = found
         .parse_x509()
-        .map_err(|e| Refused::because(format!("{} is not a certificate", path.display()), e))?;
+        .map_err(|e| CliError::because(format!("{} is not a certificate", path.display()), e))?;
     Ok(certificate.validity().not_after.to_datetime())
 }
 
-fn show(dir: &Path, as_json: bool) -> Result<End, Refused> {
+fn show(dir: &Path, as_json: bool) -> Result<Exit, CliError> {
     let doing = || format!("looking into {}", dir.display());
     let mut found = vec![dir.join(AUTHORITY_FILE), dir.join(CERTIFICATE_FILE)];
     for entry in fs::read_dir(dir)
-        .map_err(|e| Refused::because(doing(), e))?
-        .take(SHOWN)
+        .map_err(|e| CliError::because(doing(), e))?
+        .take(MAX_SHOWN)
     {
-        let entry = entry.map_err(|e| Refused::because(doing(), e))?;
+        let entry = entry.map_err(|e| CliError::because(doing(), e))?;
         found.push(entry.path().join(CERTIFICATE_FILE));
     }
     found.retain(|path| path.exists());
     found.sort();
     if found.is_empty() {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "no certificate in {}; alight keys init --dir {} makes an authority",
             dir.display(),
             dir.display()
@@ -352,21 +352,21 @@ fn show(dir: &Path, as_json: bool) -> Result<End, Refused> {
             .iter()
             .map(|(file, days)| json!({ "file": file, "days_left": days }))
             .collect();
-        say::line(json!({ "certificates": rows }));
+        terminal::line(json!({ "certificates": rows }));
     } else {
         for (file, days) in &rows {
             let word = match *days {
                 d if d < 0 => "EXPIRED",
-                d if d < SOON_DAYS => "expires soon: make a new one",
+                d if d < RENEWAL_DAYS => "expires soon: make a new one",
                 _ => "",
             };
-            say::line(format_args!("{days:>6} days  {file}  {word}"));
+            terminal::line(format_args!("{days:>6} days  {file}  {word}"));
         }
     }
-    Ok(if worst < SOON_DAYS {
-        End::Failed
+    Ok(if worst < RENEWAL_DAYS {
+        Exit::Failed
     } else {
-        End::Success
+        Exit::Success
     })
 }
 
@@ -375,7 +375,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_certificate_ends_no_later_than_its_authority_and_nothing_is_replaced() {
+    fn certificate_expires_no_later_than_its_authority_and_replaces_no_file() {
         let dir = std::env::temp_dir().join(format!("alight-keys-{}", std::process::id()));
         init(&dir, 10).unwrap();
         assert!(init(&dir, 10).is_err(), "an authority is never replaced");
@@ -388,7 +388,7 @@ mod tests {
             &fs::metadata(side.join(KEY_FILE)).unwrap().permissions(),
         );
         assert_eq!(mode & 0o777, 0o600);
-        assert_eq!(show(&dir, true).unwrap(), End::Failed, "ten days are few");
+        assert_eq!(show(&dir, true).unwrap(), Exit::Failed, "ten days are few");
         assert!(
             files(&dir, Vec::new()).is_err(),
             "the authority has no side of its own"

@@ -17,41 +17,41 @@ use alight_shared::transport::memory::{Memory, Publisher, Services};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::RadioConfig;
 use alight_shared::transport::wake::end_requested;
-use alight_sim::firmware::FirmwareConfig;
+use alight_sim::autopilots::FirmwareConfig;
+use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
-use alight_sim::streams::Streams;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_usv::DeckConfig;
 use serde::Serialize;
 
-use super::air::{Air, Watch};
+use super::air::{RadioPath, RadioWatch};
 use super::args::LandArgs;
 use super::camera_source::{CameraSource, UltravioletSource};
 use super::config::{DroneComputer, SimulatedWorld, VesselComputer};
 use super::drone::Supervision;
 use super::fault::Fault;
 use super::follow;
-use super::instance::Owned;
+use super::instance::OwnedInstance;
 use super::plant::AutopilotKind;
 use super::process::{draw_boot, end_with_supervisor};
 use super::relay::{DroneRelay, Tap};
 use super::report::{LiveOutcome, LiveReport, PhaseEntry};
-use super::status::Onlooker;
+use super::status::Observer;
 use super::supervisor::{Event, Supervisor, pause};
 use super::usage::UsageLog;
-use super::world::Word;
-use crate::say::{self, note};
+use super::world::WorldReport;
 use crate::scene::Scene;
-use crate::{End, Refused, plot, table};
+use crate::terminal::{self, note};
+use crate::{CliError, Exit, plot, table};
 
 /// The world's time zero lies this much in the future when the processes start, ns.
-const RUN_UP_NS: i64 = 1_500_000_000;
+const START_DELAY_NS: i64 = 1_500_000_000;
 /// The supervisor looks after things this often.
-const BEAT: Duration = Duration::from_millis(50);
+const SUPERVISION_PERIOD: Duration = Duration::from_millis(50);
 /// A process that a fault met has this long to be heard again after the landing, ns.
-const RETURN_NS: i64 = 10_000_000_000;
+const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 /// Entries of the mission's states that are kept.
-const MOST_PHASES: usize = 1000;
+const MAX_PHASES: usize = 1000;
 /// Where the simulated sea is for a firmware, in the Adriatic.
 const AT_SEA: Datum = Datum {
     latitude_deg: 43.5,
@@ -59,10 +59,10 @@ const AT_SEA: Datum = Datum {
     height_m: 0.0,
 };
 /// A command that shows no effect is repeated after this long, s.
-const COMMAND_AGAIN_S: f64 = 1.0;
+const COMMAND_REPEAT_S: f64 = 1.0;
 
 /// What is flown, with the flags of the live system over it.
-pub fn scene(args: &LandArgs) -> Result<Scene, Refused> {
+pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     let mut scene = Scene::of(&args.scene)?;
     if let Some(warm_up_s) = args.warm_up {
         scene.scenario.start.warm_up_s = warm_up_s;
@@ -77,19 +77,19 @@ pub fn scene(args: &LandArgs) -> Result<Scene, Refused> {
         scene.nodes.drone.predictor.datum = Some(*datum);
     }
     if args.follow.is_some() {
-        follow::withhold_the_landing(&mut scene);
+        follow::disable_landing(&mut scene);
     }
     Ok(scene)
 }
 
 /// One landing.
-pub fn run(args: &LandArgs) -> Result<End, Refused> {
+pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     let scene = scene(args)?;
     if let Some(path) = &args.plot {
         plot::can_write(path)?;
     }
     if i64::try_from(args.seed).is_err() {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "--seed {}: at most {}; choose a smaller one",
             args.seed,
             i64::MAX
@@ -98,22 +98,22 @@ pub fn run(args: &LandArgs) -> Result<End, Refused> {
     // The first question puts the handler in place: a signal from here on stops the processes instead
     // of leaving them to find out.
     if end_requested() {
-        return Ok(End::Failed);
+        return Ok(Exit::Failed);
     }
-    let owned = Owned::take(&args.instance)?;
+    let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;
     owned.ready()?;
-    let plan = Arrangement::of(&scene, args, &owned)?;
+    let plan = LandingSetup::of(&scene, args, &owned)?;
     let landing = match Landing::begin(args, &memory, &plan, &owned) {
         // A signal can end a start half way; what it broke there is no error of the input.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
             eprintln!("stopped");
-            return Ok(End::Failed);
+            return Ok(Exit::Failed);
         }
         begun => begun?,
     };
-    let ended = landing.go_on(&memory);
+    let ended = landing.run(&memory);
     #[cfg(feature = "record")]
     let ended = ended.and_then(|ending| {
         if let Some(ending) = &ending {
@@ -128,7 +128,7 @@ pub fn run(args: &LandArgs) -> Result<End, Refused> {
         Some(ending) => ending.show(args),
         None => {
             eprintln!("stopped");
-            Ok(End::Failed)
+            Ok(Exit::Failed)
         }
     }
 }
@@ -146,8 +146,9 @@ fn recording(args: &LandArgs) -> Option<&Path> {
 
 /// Records the landing that just ended, when it was asked for.
 #[cfg(feature = "record")]
-fn record(args: &LandArgs, scene: &Scene, plan: &Arrangement, ending: &Ending) -> Result<(), Refused> {
-    let (Some(path), Some(log), Word::Landed(landed)) = (recording(args), &plan.log, &ending.word) else {
+fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) -> Result<(), CliError> {
+    let (Some(path), Some(log), WorldReport::Landed(landed)) = (recording(args), &plan.log, &ending.result)
+    else {
         return Ok(());
     };
     let computers = super::recording::Computers {
@@ -174,28 +175,28 @@ fn record(args: &LandArgs, scene: &Scene, plan: &Arrangement, ending: &Ending) -
 
 /// How a landing that was not stopped from outside ended.
 struct Ending {
-    word: Word,
+    result: WorldReport,
     usage: String,
     report: LiveReport,
 }
 
 impl Ending {
-    fn show(self, args: &LandArgs) -> Result<End, Refused> {
-        let json = |e| Refused::because("writing JSON", e);
+    fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
+        let json = |e| CliError::because("writing JSON", e);
         let report = format!("{}{}", self.usage, self.report.text());
-        match self.word {
-            Word::Followed(followed) => {
+        match self.result {
+            WorldReport::Followed(followed) => {
                 note(true, report);
                 let text = serde_json::to_string(&followed).map_err(json)?;
-                say::line(if args.json { text } else { followed.to_string() });
-                Ok(End::Success)
+                terminal::line(if args.json { text } else { followed.to_string() });
+                Ok(Exit::Success)
             }
-            Word::Landed(landed) => {
+            WorldReport::Landed(landed) => {
                 let outcome = landed.outcome;
                 let end = if outcome.success {
-                    End::Success
+                    Exit::Success
                 } else {
-                    End::Failed
+                    Exit::Failed
                 };
                 if args.json {
                     note(true, report);
@@ -203,11 +204,11 @@ impl Ending {
                         first_contact_s: landed.first_contact_s,
                         ..self.report
                     };
-                    say::line(serde_json::to_string(&LiveOutcome { outcome, live }).map_err(json)?);
+                    terminal::line(serde_json::to_string(&LiveOutcome { outcome, live }).map_err(json)?);
                 } else {
-                    say::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
+                    terminal::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
                     if let Some(path) = &args.plot {
-                        say::line(format_args!("plot: {}", path.display()));
+                        terminal::line(format_args!("plot: {}", path.display()));
                     }
                 }
                 Ok(end)
@@ -217,8 +218,8 @@ impl Ending {
 }
 
 /// The files of the computers, and the drone's clock.
-struct Arrangement {
-    air: Air,
+struct LandingSetup {
+    air: RadioPath,
     vessel: VesselComputer,
     drone: DroneComputer,
     vessel_file: PathBuf,
@@ -230,9 +231,9 @@ struct Arrangement {
     ids: (u32, u32),
 }
 
-impl Arrangement {
-    fn of(scene: &Scene, args: &LandArgs, owned: &Owned) -> Result<Arrangement, Refused> {
-        let epoch_ns = steady_ns() + RUN_UP_NS;
+impl LandingSetup {
+    fn of(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<LandingSetup, CliError> {
+        let epoch_ns = steady_ns() + START_DELAY_NS;
         let streams = Streams::new(args.seed);
         let clocks = Clocks::new(&scene.scenario.sensors.clocks, &streams);
         let clock = |c: &ClockModel| ProcessClock {
@@ -240,7 +241,7 @@ impl Arrangement {
             offset_s: c.offset().secs(),
             drift_ppm: c.drift() * 1e6,
         };
-        let air = Air::of(scene, args, owned, epoch_ns)?;
+        let air = RadioPath::of(scene, args, owned, epoch_ns)?;
         let [vessel_tls, drone_tls] = air.tls.clone();
         let sensors = format!("127.0.0.1:{}", free_port()?);
         let relay = if args.relay {
@@ -298,13 +299,13 @@ impl Arrangement {
             plot: args.plot.clone(),
             autopilot: args.autopilot,
             firmware: match &args.firmware {
-                Some(path) => config::load(path).map_err(|e| Refused(e.to_string()))?,
+                Some(path) => config::load(path).map_err(|e| CliError(e.to_string()))?,
                 None => FirmwareConfig::default(),
             },
             odometry: scene.nodes.drone.odometry,
             scenario: scene.scenario.clone(),
         };
-        Ok(Arrangement {
+        Ok(LandingSetup {
             air,
             vessel_file: write(owned, "vessel.toml", &vessel)?,
             drone_file: write(owned, "drone.toml", &drone)?,
@@ -325,34 +326,34 @@ impl Arrangement {
 }
 
 /// Writes a configuration into the instance's directory.
-pub fn write<C: Serialize>(owned: &Owned, name: &str, config: &C) -> Result<PathBuf, Refused> {
+pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Result<PathBuf, CliError> {
     let path = owned.file(name);
-    let text = toml::to_string(config).map_err(|e| Refused::because(format!("writing {name}"), e))?;
-    std::fs::write(&path, text).map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
+    let text = toml::to_string(config).map_err(|e| CliError::because(format!("writing {name}"), e))?;
+    std::fs::write(&path, text).map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
     Ok(path)
 }
 
 /// A port of the loopback interface that is free now.
-pub fn free_port() -> Result<u16, Refused> {
+pub fn free_port() -> Result<u16, CliError> {
     let socket =
-        UdpSocket::bind("127.0.0.1:0").map_err(|e| Refused::because("looking for a free port", e))?;
+        UdpSocket::bind("127.0.0.1:0").map_err(|e| CliError::because("looking for a free port", e))?;
     Ok(socket
         .local_addr()
-        .map_err(|e| Refused::because("looking for a free port", e))?
+        .map_err(|e| CliError::because("looking for a free port", e))?
         .port())
 }
 
 /// The world's last word among what it said.
-fn verdict(lines: &[String]) -> Option<Word> {
+fn verdict(lines: &[String]) -> Option<WorldReport> {
     lines.iter().find_map(|line| serde_json::from_str(line).ok())
 }
 
 /// A landing under way.
 struct Landing<'a> {
     args: &'a LandArgs,
-    plan: &'a Arrangement,
+    plan: &'a LandingSetup,
     supervisor: Supervisor,
-    onlooker: Onlooker,
+    observer: Observer,
     commands: Publisher<Command>,
     boot: u32,
     sequence: u32,
@@ -360,9 +361,9 @@ struct Landing<'a> {
     state: State,
     phases: Vec<PhaseEntry>,
     fault: Option<Fault>,
-    told_to_end: Arc<AtomicBool>,
+    stop_requested: Arc<AtomicBool>,
     usage: Option<UsageLog>,
-    watch: Watch,
+    watch: RadioWatch,
     tap: Option<Tap>,
 }
 
@@ -370,10 +371,10 @@ impl<'a> Landing<'a> {
     fn begin(
         args: &'a LandArgs,
         memory: &Memory,
-        plan: &'a Arrangement,
-        owned: &Owned,
-    ) -> Result<Landing<'a>, Refused> {
-        let onlooker = Onlooker::join(memory)?;
+        plan: &'a LandingSetup,
+        owned: &OwnedInstance,
+    ) -> Result<Landing<'a>, CliError> {
+        let observer = Observer::join(memory)?;
         let tap = plan.drone.relay.as_ref().map(|r| Tap::open(owned.instance(), r));
         let tap = tap.transpose()?;
         let commands = memory.publisher()?;
@@ -408,7 +409,7 @@ impl<'a> Landing<'a> {
             args,
             plan,
             supervisor,
-            onlooker,
+            observer,
             commands,
             boot: draw_boot(),
             sequence: 0,
@@ -416,27 +417,27 @@ impl<'a> Landing<'a> {
             state: State::Idle,
             phases: Vec::new(),
             fault: args.fault.map(|spec| Fault::new(spec, args.seed)),
-            told_to_end: end_with_supervisor(args.supervised),
+            stop_requested: end_with_supervisor(args.supervised),
             usage: args
                 .usage
                 .as_deref()
                 .map(|path| UsageLog::create(path, owned.instance()))
                 .transpose()?,
-            watch: Watch::default(),
+            watch: RadioWatch::default(),
             tap,
         })
     }
 
     /// To the end; None when it was stopped from outside.
-    fn go_on(mut self, memory: &Memory) -> Result<Option<Ending>, Refused> {
+    fn run(mut self, memory: &Memory) -> Result<Option<Ending>, CliError> {
         let shown = std::io::stderr().is_terminal();
         loop {
-            if !memory.wait(BEAT) || self.told_to_end.load(Ordering::Relaxed) {
+            if !memory.wait(SUPERVISION_PERIOD) || self.stop_requested.load(Ordering::Relaxed) {
                 self.supervisor.stop(pause);
                 return Ok(None);
             }
             let now: Time<DroneClock> = self.plan.clock.now();
-            self.onlooker.look(Some(now.nanos()));
+            self.observer.poll(Some(now.nanos()));
             let true_s = ProcessClock {
                 epoch_ns: self.plan.clock.epoch_ns,
                 ..ProcessClock::default()
@@ -445,48 +446,48 @@ impl<'a> Landing<'a> {
             .secs();
             self.phase(true_s - self.plan.warm_up_s, shown);
             self.command(now, true_s - self.plan.warm_up_s);
-            self.tend_fault(true_s - self.plan.warm_up_s)?;
+            self.poll_fault(true_s - self.plan.warm_up_s)?;
             if let Some(usage) = &mut self.usage {
-                usage.note(steady_ns(), &self.onlooker.picture)?;
+                usage.note(steady_ns(), &self.observer.snapshot)?;
             }
-            let said = self.supervisor.said();
-            let state = self.onlooker.picture.mission.map(|m| m.state);
-            let ages_s = std::mem::take(&mut self.onlooker.ages_s);
+            let said = self.supervisor.output_lines();
+            let state = self.observer.snapshot.mission.map(|m| m.state);
+            let ages_s = std::mem::take(&mut self.observer.ages_s);
             let (watch, air) = (&mut self.watch, &self.plan.air);
             watch.look(air, &said, &ages_s, state, &mut self.supervisor);
             if let Some(outcome) = verdict(&said) {
-                self.await_return(memory, true_s - self.plan.warm_up_s)?;
-                return Ok(Some(self.over(outcome)));
+                self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                return Ok(Some(self.finish(outcome)));
             }
-            for Event::Ended(kind, status) in self.supervisor.tend()? {
-                memory.bury_the_dead();
+            for Event::Ended(kind, status) in self.supervisor.poll()? {
+                memory.reap();
                 if kind == ProcessKind::World
-                    && let Some(outcome) = verdict(&self.supervisor.last_words())
+                    && let Some(outcome) = verdict(&self.supervisor.remaining_lines())
                 {
-                    self.await_return(memory, true_s - self.plan.warm_up_s)?;
-                    return Ok(Some(self.over(outcome)));
+                    self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                    return Ok(Some(self.finish(outcome)));
                 }
-                self.mourn(kind, &status)?;
+                self.on_exit(kind, &status)?;
             }
         }
     }
 
     /// A process ended that should not have.
-    fn mourn(&mut self, kind: ProcessKind, status: &str) -> Result<(), Refused> {
-        let why = self.supervisor.complaint(kind).unwrap_or_default();
+    fn on_exit(&mut self, kind: ProcessKind, status: &str) -> Result<(), CliError> {
+        let why = self.supervisor.last_error_line(kind).unwrap_or_default();
         if kind == ProcessKind::World {
-            return Err(Refused(format!("the simulated world ended ({status}): {why}")));
+            return Err(CliError(format!("the simulated world ended ({status}): {why}")));
         }
         eprintln!("{} ended ({status}) and is started again; {why}", kind.name());
         Ok(())
     }
 
     /// Lets the fault happen when it is time.
-    fn tend_fault(&mut self, t_s: f64) -> Result<(), Refused> {
+    fn poll_fault(&mut self, t_s: f64) -> Result<(), CliError> {
         let Some(fault) = &mut self.fault else {
             return Ok(());
         };
-        if fault.tend(steady_ns(), t_s, &self.onlooker.picture)? {
+        if fault.poll(steady_ns(), t_s, &self.observer.snapshot)? {
             note(
                 self.args.json,
                 format!("{t_s:>7.2} s  fault {}", fault.report.fault),
@@ -497,15 +498,15 @@ impl<'a> Landing<'a> {
 
     /// The landing is over: waits a little for a process that a fault met and that has not been heard
     /// again yet.
-    fn await_return(&mut self, memory: &Memory, t_s: f64) -> Result<(), Refused> {
-        let until = steady_ns() + RETURN_NS;
+    fn await_recovery(&mut self, memory: &Memory, t_s: f64) -> Result<(), CliError> {
+        let until = steady_ns() + RECOVERY_TIMEOUT_NS;
         while self.fault.as_ref().is_some_and(Fault::is_under_way) && steady_ns() < until {
-            if !memory.wait(BEAT) {
+            if !memory.wait(SUPERVISION_PERIOD) {
                 break;
             }
-            self.onlooker.look(None);
-            self.tend_fault(t_s)?;
-            self.supervisor.tend()?;
+            self.observer.poll(None);
+            self.poll_fault(t_s)?;
+            self.supervisor.poll()?;
         }
         Ok(())
     }
@@ -515,7 +516,7 @@ impl<'a> Landing<'a> {
         if shown {
             eprint!("\r\x1b[K");
         }
-        if let Some(m) = self.onlooker.picture.mission
+        if let Some(m) = self.observer.snapshot.mission
             && m.state != self.state
         {
             self.state = m.state;
@@ -523,7 +524,7 @@ impl<'a> Landing<'a> {
                 self.args.json,
                 format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered),
             );
-            if self.phases.len() < MOST_PHASES {
+            if self.phases.len() < MAX_PHASES {
                 self.phases.push(PhaseEntry {
                     t_s,
                     state: m.state.name().into(),
@@ -532,7 +533,7 @@ impl<'a> Landing<'a> {
             }
         }
         if shown {
-            eprint!("{t_s:>7.2} s  {}", self.onlooker.picture.line());
+            eprint!("{t_s:>7.2} s  {}", self.observer.snapshot.line());
             let _unseen = std::io::stderr().flush();
         }
     }
@@ -540,11 +541,11 @@ impl<'a> Landing<'a> {
     /// Commands the landing when it is time, and again while a mission that began anew waits for it.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =
-            self.onlooker.picture.mission.is_some_and(|m| {
+            self.observer.snapshot.mission.is_some_and(|m| {
                 m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotCommanded)
             });
         let first = self.sequence == 0;
-        if t_s < 0.0 || !(first || waits && t_s > self.commanded_s + COMMAND_AGAIN_S) {
+        if t_s < 0.0 || !(first || waits && t_s > self.commanded_s + COMMAND_REPEAT_S) {
             return;
         }
         self.sequence += 1;
@@ -558,19 +559,19 @@ impl<'a> Landing<'a> {
     }
 
     /// The world's word, and what the processes used.
-    fn over(mut self, word: Word) -> Ending {
-        let picture = &self.onlooker.picture;
+    fn finish(mut self, result: WorldReport) -> Ending {
+        let snapshot = &self.observer.snapshot;
         let ending = Ending {
-            word,
-            usage: [picture.usage(steady_ns()), picture.stages(), picture.radio()].concat(),
+            result,
+            usage: [snapshot.usage(steady_ns()), snapshot.stages(), snapshot.radio()].concat(),
             report: LiveReport {
                 phases: std::mem::take(&mut self.phases),
                 fault: self.fault.take().map(|f| f.report),
-                stages: self.tap.as_ref().map_or_else(Vec::new, |t| t.rows(picture)),
+                stages: self.tap.as_ref().map_or_else(Vec::new, |t| t.rows(snapshot)),
                 radio: self
                     .watch
-                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9, picture),
-                ..LiveReport::of(picture, self.supervisor.restarts())
+                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9, snapshot),
+                ..LiveReport::of(snapshot, self.supervisor.restarts())
             },
         };
         self.supervisor.stop(pause);

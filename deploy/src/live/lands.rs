@@ -1,8 +1,8 @@
 //! `alight lands`: live landings of many seeds, beside the lock-step landings of the same seeds.
 
-use alight_sim::age::AgeTap;
-use alight_sim::outcome::Outcome;
-use alight_sim::trial::{Watch, fly_with};
+use alight_sim::harness::age::AgeTap;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::trial::{Watch, fly_with};
 use clap::Parser;
 use serde::Serialize;
 
@@ -12,27 +12,27 @@ use super::fleet::{self, Job, median};
 use super::report::LiveReport;
 use super::{air, land, profile};
 use crate::cli::{Cli, Verb};
-use crate::say::{self, note};
 use crate::study::link::aborts;
-use crate::{End, Refused};
+use crate::terminal::{self, note};
+use crate::{CliError, Exit};
 
 /// Before this time of a trial clocks and sessions settle: ages are not counted, s.
-const SETTLED_S: f64 = 5.0;
+const WARM_UP_S: f64 = 5.0;
 
 /// One seed, both ways.
 #[derive(Clone, Debug, Serialize)]
-struct Pair {
+struct LandingPair {
     seed: u64,
     live: Option<Outcome>,
     lock_step: Outcome,
     age_lock_step_s: [f64; 2],
     report: Option<LiveReport>,
-    left: Vec<String>,
+    leftovers: Vec<String>,
 }
 
 /// All pairs in figures.
 #[derive(Clone, Debug, Serialize)]
-pub struct Summary {
+pub struct PairedSummary {
     /// Seeds.
     pub trials: usize,
     /// That landed live.
@@ -61,7 +61,7 @@ pub struct Summary {
     pub touchdown_age_s: [Option<f64>; 2],
     /// Of all that landed in lock-step.
     pub position_error_lock_step_m: f64,
-    pairs: Vec<Pair>,
+    pairs: Vec<LandingPair>,
 }
 
 /// What is flown, both ways.
@@ -79,7 +79,7 @@ pub struct Plan {
 }
 
 /// Flies all seeds and shows the table.
-pub fn run(args: &LandsArgs) -> Result<End, Refused> {
+pub fn run(args: &LandsArgs) -> Result<Exit, CliError> {
     let summary = fly_pairs(&Plan {
         trials: args.trials,
         seed0: args.seed0,
@@ -89,17 +89,17 @@ pub fn run(args: &LandsArgs) -> Result<End, Refused> {
     })?;
     note(args.json, summary.table());
     if args.json {
-        say::line(serde_json::to_string(&summary).map_err(|e| Refused::because("writing JSON", e))?);
+        terminal::line(serde_json::to_string(&summary).map_err(|e| CliError::because("writing JSON", e))?);
     }
     Ok(if summary.landed == summary.trials {
-        End::Success
+        Exit::Success
     } else {
-        End::Failed
+        Exit::Failed
     })
 }
 
 /// Flies all seeds live, then in lock-step.
-pub fn fly_pairs(args: &Plan) -> Result<Summary, Refused> {
+pub fn fly_pairs(args: &Plan) -> Result<PairedSummary, CliError> {
     let flags = land_flags(&args.land)?;
     let seeds: Vec<u64> = (args.seed0..).take(args.trials as usize).collect();
     let jobs: Vec<Job> = seeds
@@ -114,7 +114,7 @@ pub fn fly_pairs(args: &Plan) -> Result<Summary, Refused> {
         .collect();
     let done = fleet::fly(&jobs, usize::from(args.jobs), |k, d| {
         let text = d.landed.as_ref().map_or_else(
-            || format!("no outcome: {}", d.said.lines().last().unwrap_or_default()),
+            || format!("no outcome: {}", d.output.lines().last().unwrap_or_default()),
             |l| {
                 format!(
                     "{}: {}, {} m, {} s",
@@ -134,33 +134,33 @@ pub fn fly_pairs(args: &Plan) -> Result<Summary, Refused> {
     for (seed, d) in seeds.iter().zip(done) {
         let (live, report) = d.landed.map(|l| (l.outcome, l.live)).unzip();
         let (lock_step, age_lock_step_s) = lock_step(&flags, *seed)?;
-        pairs.push(Pair {
+        pairs.push(LandingPair {
             seed: *seed,
             live,
             lock_step,
             age_lock_step_s,
             report,
-            left: d.left,
+            leftovers: d.leftovers,
         });
     }
-    Ok(Summary::of(pairs))
+    Ok(PairedSummary::of(pairs))
 }
 
 /// The flags after `--`, read as those of `alight land`.
-fn land_flags(flags: &[String]) -> Result<Box<LandArgs>, Refused> {
+fn land_flags(flags: &[String]) -> Result<Box<LandArgs>, CliError> {
     let words = ["alight", "land"].map(str::to_string);
     let cli = Cli::try_parse_from(words.iter().chain(flags))
-        .map_err(|e| Refused::because("the flags after --", e))?;
+        .map_err(|e| CliError::because("the flags after --", e))?;
     match cli.command {
         Verb::Live(LiveVerb::Land(args)) => Ok(args),
-        _ => Err(Refused(
+        _ => Err(CliError(
             "the flags after -- are not those of `alight land`".into(),
         )),
     }
 }
 
 /// The same seed in lock-step.
-fn lock_step(args: &LandArgs, seed: u64) -> Result<(Outcome, [f64; 2]), Refused> {
+fn lock_step(args: &LandArgs, seed: u64) -> Result<(Outcome, [f64; 2]), CliError> {
     let mut scene = land::scene(args)?;
     if args.link != "scenario" {
         scene.scenario.radio = profile::load(&args.link)?;
@@ -172,18 +172,18 @@ fn lock_step(args: &LandArgs, seed: u64) -> Result<(Outcome, [f64; 2]), Refused>
         on_event: &mut quiet,
         trace_step_s: None,
     };
-    let mut ages = AgeTap::from(SETTLED_S);
+    let mut ages = AgeTap::from(WARM_UP_S);
     fly_with(&scene.scenario, &scene.nodes, seed, &scene.sea, watch, &mut ages)
         .map(|flight| (flight.outcome, [0.5, 0.95].map(|q| ages.quantile(q))))
-        .map_err(|e| Refused::because(format!("setting up the trial of seed {seed}"), e))
+        .map_err(|e| CliError::because(format!("setting up the trial of seed {seed}"), e))
 }
 
 fn figure(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
 }
 
-impl Summary {
-    fn of(pairs: Vec<Pair>) -> Summary {
+impl PairedSummary {
+    fn of(pairs: Vec<LandingPair>) -> PairedSummary {
         let live = || pairs.iter().filter_map(|p| p.live.as_ref());
         let both = |f: fn(&Outcome) -> Option<f64>| {
             median(pairs.iter().filter_map(|p| {
@@ -195,7 +195,7 @@ impl Summary {
         let locked = || pairs.iter().map(|p| &p.lock_step);
         let worst = |ages: Vec<f64>| ages.into_iter().max_by(f64::total_cmp);
         let mean = |all: Vec<f64>| all.iter().sum::<f64>() / all.len().max(1) as f64;
-        Summary {
+        PairedSummary {
             aborts: [
                 mean(live().map(aborts).collect()),
                 mean(locked().map(aborts).collect()),
@@ -275,9 +275,9 @@ impl Summary {
             time(self.age_lock_step_s[1]),
             self.used(),
         ));
-        let left: Vec<&String> = self.pairs.iter().flat_map(|p| &p.left).collect();
-        if !left.is_empty() {
-            out.push_str(&format!("left behind: {left:?}\n"));
+        let leftovers: Vec<&String> = self.pairs.iter().flat_map(|p| &p.leftovers).collect();
+        if !leftovers.is_empty() {
+            out.push_str(&format!("left behind: {leftovers:?}\n"));
         }
         out
     }
@@ -291,7 +291,7 @@ impl Summary {
             return String::new();
         };
         for process in &first.processes {
-            let of = |f: fn(&super::report::Used) -> f64| {
+            let of = |f: fn(&super::report::ProcessUsage) -> f64| {
                 median(
                     reports
                         .iter()

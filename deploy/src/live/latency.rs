@@ -16,22 +16,22 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Services};
-use alight_shared::transport::radio::{Outlet, Radio, RadioConfig, Urgency};
+use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_shared::transport::wake;
 use alight_shared::wire;
 use clap::Args;
 use serde_json::json;
 
 use super::display::time;
-use super::instance::Owned;
-use crate::{End, Refused, say};
+use super::instance::OwnedInstance;
+use crate::{CliError, Exit, terminal};
 
 /// Messages a second.
 const RATE_HZ: u32 = 100;
 /// Messages before the count begins, while sessions open.
-const RUN_UP: u32 = 100;
+const WARM_UP_MESSAGES: u32 = 100;
 /// Longest wait of a receiver without a look at whether to end.
-const LONGEST: Duration = Duration::from_millis(50);
+const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// Latency of one hop.
 #[derive(Args, Debug)]
@@ -66,13 +66,13 @@ fn message(sequence: u32) -> Message {
 
 /// Takes note of a message that came just now.
 fn note(times: &mut Times, message: &Message) {
-    if message.header.sequence >= RUN_UP {
+    if message.header.sequence >= WARM_UP_MESSAGES {
         times.push((steady_ns() - message.header.at.nanos()) as f64 * 1e-9);
     }
 }
 
-fn refused(doing: &'static str) -> impl Fn(std::io::Error) -> Refused {
-    move |e| Refused::because(doing, e)
+fn refused(doing: &'static str) -> impl Fn(std::io::Error) -> CliError {
+    move |e| CliError::because(doing, e)
 }
 
 /// Something that carries the message: how to send it, and the thread that receives it.
@@ -100,10 +100,10 @@ fn read(
     })
 }
 
-fn unix(end: &Arc<AtomicBool>) -> Result<Hop, Refused> {
+fn unix(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
     let fail = refused("making a pair of Unix sockets");
     let (from, to) = UnixDatagram::pair().map_err(&fail)?;
-    to.set_read_timeout(Some(LONGEST)).map_err(&fail)?;
+    to.set_read_timeout(Some(MAX_WAIT)).map_err(&fail)?;
     Ok(Hop {
         name: "Unix datagram socket",
         send: Box::new(move |m| {
@@ -115,12 +115,12 @@ fn unix(end: &Arc<AtomicBool>) -> Result<Hop, Refused> {
     })
 }
 
-fn udp(end: &Arc<AtomicBool>) -> Result<Hop, Refused> {
+fn udp(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
     let fail = refused("making UDP sockets");
     let to = UdpSocket::bind("127.0.0.1:0").map_err(&fail)?;
     let from = UdpSocket::bind("127.0.0.1:0").map_err(&fail)?;
     from.connect(to.local_addr().map_err(&fail)?).map_err(&fail)?;
-    to.set_read_timeout(Some(LONGEST)).map_err(&fail)?;
+    to.set_read_timeout(Some(MAX_WAIT)).map_err(&fail)?;
     Ok(Hop {
         name: "plain UDP",
         send: Box::new(move |m| {
@@ -132,7 +132,7 @@ fn udp(end: &Arc<AtomicBool>) -> Result<Hop, Refused> {
     })
 }
 
-fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<Hop, Refused> {
+fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<Hop, CliError> {
     let port = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr());
     let endpoint = format!(
         "{transport}/{}",
@@ -146,19 +146,19 @@ fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<H
         connect: vec![endpoint],
         ..RadioConfig::default()
     };
-    let outlet = Outlet {
+    let publication = Publication {
         key: "alight/latency".into(),
         urgency: Urgency::State,
     };
-    let mut from = Radio::open(&listen, vec![outlet], Vec::new())?;
+    let mut from = Radio::open(&listen, vec![publication], Vec::new())?;
     let mut to = Radio::open(&dial, Vec::new(), vec!["alight/latency".into()])?;
     let end = Arc::clone(end);
     let receiver = std::thread::spawn(move || {
         let mut times = Times::new();
         while !end.load(Ordering::Relaxed) {
             to.watch(0.0);
-            if let Some(heard) = to.receive(LONGEST)
-                && let Ok(message) = wire::decode(&heard.bytes)
+            if let Some(received) = to.receive(MAX_WAIT)
+                && let Ok(message) = wire::decode(&received.bytes)
             {
                 note(&mut times, &message);
             }
@@ -176,7 +176,7 @@ fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<H
     })
 }
 
-fn shared_memory(end: &Arc<AtomicBool>, owned: &Owned, memory: &Memory) -> Result<Hop, Refused> {
+fn shared_memory(end: &Arc<AtomicBool>, owned: &OwnedInstance, memory: &Memory) -> Result<Hop, CliError> {
     let mut publisher = memory.publisher::<Message>()?;
     let (instance, end) = (owned.instance().clone(), Arc::clone(end));
     let receiver = std::thread::spawn(move || {
@@ -185,7 +185,7 @@ fn shared_memory(end: &Arc<AtomicBool>, owned: &Owned, memory: &Memory) -> Resul
             let memory = Memory::join(&instance, "receiver")?;
             let mut subscriber = memory.subscriber::<Message>()?;
             let listener = memory.listener::<Message>()?;
-            wake::run(&[&listener], LONGEST, || {
+            wake::run(&[&listener], MAX_WAIT, || {
                 for message in subscriber.all(steady_ns()) {
                     note(times, &message);
                 }
@@ -215,8 +215,8 @@ fn quantile(sorted: &[f64], q: f64) -> f64 {
 }
 
 /// Measures and shows the table.
-pub fn run(args: &LatencyArgs) -> Result<End, Refused> {
-    let owned = Owned::take(&format!("latency-{}", std::process::id()))?;
+pub fn run(args: &LatencyArgs) -> Result<Exit, CliError> {
+    let owned = OwnedInstance::take(&format!("latency-{}", std::process::id()))?;
     let memory = Memory::join(owned.instance(), "sender")?;
     let services = Services::create(&memory)?;
     let end = Arc::new(AtomicBool::new(false));
@@ -228,21 +228,21 @@ pub fn run(args: &LatencyArgs) -> Result<End, Refused> {
         zenoh(&end, "zenoh over TCP", "tcp")?,
     ];
     let count = args.seconds * RATE_HZ;
-    for sequence in 0..count + RUN_UP {
+    for sequence in 0..count + WARM_UP_MESSAGES {
         if !memory.wait(Duration::from_secs(1) / RATE_HZ) {
             end.store(true, Ordering::Relaxed);
-            return Ok(End::Failed);
+            return Ok(Exit::Failed);
         }
         for hop in &mut hops {
             (hop.send)(&message(sequence));
         }
     }
     // What is under way has this long to come.
-    let _told_to_end = memory.wait(2 * LONGEST);
+    let _told_to_end = memory.wait(2 * MAX_WAIT);
     end.store(true, Ordering::Relaxed);
     let mut rows = Vec::new();
     if !args.json {
-        say::line(format_args!(
+        terminal::line(format_args!(
             "one hop of the vessel's estimate (246 B) at {RATE_HZ} Hz, {} s, one after the other\n\n  {:<24}{:>10}{:>12}{:>12}{:>12}",
             args.seconds, "hop", "came", "p50", "p99", "longest"
         ));
@@ -253,7 +253,7 @@ pub fn run(args: &LatencyArgs) -> Result<End, Refused> {
         let (p50, p99) = (quantile(&times, 0.5), quantile(&times, 0.99));
         let longest = times.last().copied().unwrap_or(f64::NAN);
         if !args.json {
-            say::line(format_args!(
+            terminal::line(format_args!(
                 "  {:<24}{:>9.1}%{:>12}{:>12}{:>12}",
                 hop.name,
                 100.0 * times.len() as f64 / f64::from(count),
@@ -268,7 +268,7 @@ pub fn run(args: &LatencyArgs) -> Result<End, Refused> {
     }
     drop(services);
     if args.json {
-        say::line(json!({ "rate_hz": RATE_HZ, "sent": count, "hops": rows }));
+        terminal::line(json!({ "rate_hz": RATE_HZ, "sent": count, "hops": rows }));
     }
-    Ok(End::Success)
+    Ok(Exit::Success)
 }

@@ -5,11 +5,11 @@ use alight_shared::msg::State;
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
 #[cfg(feature = "live")]
+use alight_sim::harness::scenario::StateOutage;
+#[cfg(feature = "live")]
+use alight_sim::physics::streams::Streams;
+#[cfg(feature = "live")]
 use alight_sim::radio::{Direction, Radio, on_air};
-#[cfg(feature = "live")]
-use alight_sim::scenario::StateOutage;
-#[cfg(feature = "live")]
-use alight_sim::streams::Streams;
 
 #[cfg(feature = "live")]
 use super::config::LinkImpairment;
@@ -110,7 +110,7 @@ impl<T: Clone> Impaired<T> {
     pub fn enter(&mut self, now_ns: i64, state: State) {
         let now = self.true_time(now_ns);
         if let (Some(radio), Some(outage)) = (&mut self.radio, self.outage.filter(|o| o.state == state)) {
-            radio.fall_silent(outage.window(now));
+            radio.set_outage(outage.window(now));
         }
     }
 }
@@ -122,13 +122,13 @@ mod tests {
     use alight_sim::radio::RadioConfig;
 
     #[test]
-    fn an_impaired_link_delays_and_cuts_and_a_clean_one_does_not() {
+    fn impaired_link_delays_and_loses_and_a_clean_link_does_not() {
         let link = LinkImpairment {
             seed: 3,
             outage: Some(StateOutage {
                 state: State::Flare,
                 after_s: 0.5,
-                length_s: 1.0,
+                duration_s: 1.0,
             }),
             profile: RadioConfig {
                 loss: 0.0,

@@ -13,9 +13,8 @@
 mod air;
 pub mod args;
 mod autopilot;
-mod autopilot_url;
-mod autopilot_wire;
 mod bridge;
+mod byte_link;
 mod calibrate;
 mod camera;
 mod camera_source;
@@ -26,6 +25,7 @@ pub mod compare;
 pub mod config;
 mod display;
 mod drone;
+mod drone_monitor;
 #[cfg(feature = "live")]
 pub mod emulator;
 #[cfg(feature = "live")]
@@ -35,10 +35,8 @@ mod faults;
 mod figures;
 #[cfg(feature = "live")]
 mod fleet;
-mod flows;
 #[cfg(feature = "live")]
 mod follow;
-mod heard_drone;
 mod instance;
 mod interface;
 pub mod keys;
@@ -49,14 +47,14 @@ mod lands;
 #[cfg(feature = "live")]
 pub mod latency;
 mod link;
+mod link_url;
 mod mission;
 #[cfg(feature = "live")]
 mod namespaces;
+mod node_log;
 mod notify;
 #[cfg(feature = "live")]
 mod packets;
-#[cfg(feature = "live")]
-mod painter;
 mod pilot;
 mod planner;
 #[cfg(feature = "live")]
@@ -65,15 +63,17 @@ mod predictor;
 mod process;
 #[cfg(feature = "live")]
 mod profile;
-mod record;
+mod radio_rates;
 #[cfg(all(feature = "live", feature = "record"))]
 mod recording;
 mod relay;
 #[cfg(feature = "live")]
+mod render_thread;
+#[cfg(feature = "live")]
 pub mod replay;
 #[cfg(feature = "live")]
 mod report;
-mod sensor_ward;
+mod sensor_supervisor;
 mod shell;
 mod sources;
 mod status;
@@ -84,24 +84,24 @@ mod truth;
 mod usage;
 mod vessel;
 mod vessel_status;
-mod vessel_word;
+mod vessel_status_file;
 #[cfg(feature = "live")]
 mod world;
 
 use alight_shared::transport::TransportError;
 use alight_shared::transport::process::ProcessKind;
 
-use crate::{End, Refused};
+use crate::{CliError, Exit};
 use args::LiveVerb;
 
-impl From<TransportError> for Refused {
+impl From<TransportError> for CliError {
     fn from(e: TransportError) -> Self {
-        Refused(e.to_string())
+        CliError(e.to_string())
     }
 }
 
 /// Runs a command of the live system.
-pub fn run(verb: &LiveVerb) -> Result<End, Refused> {
+pub fn run(verb: &LiveVerb) -> Result<Exit, CliError> {
     match verb {
         #[cfg(feature = "live")]
         LiveVerb::Land(a) => land::run(a),

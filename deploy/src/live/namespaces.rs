@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use tun_rs::{DeviceBuilder, SyncDevice};
 
-use crate::Refused;
+use crate::CliError;
 
 /// The vessel's address, and the drone's.
 pub const ADDRESSES: [&str; 2] = ["10.77.0.1", "10.77.0.2"];
@@ -19,18 +19,18 @@ pub struct Namespaces {
     name: String,
 }
 
-fn ip(arguments: &[&str]) -> Result<(), Refused> {
+fn ip(arguments: &[&str]) -> Result<(), CliError> {
     let doing = || format!("running ip {}", arguments.join(" "));
     let out = Command::new("ip")
         .args(arguments)
         .stdin(Stdio::null())
         .output()
-        .map_err(|e| Refused::because(doing(), e))?;
+        .map_err(|e| CliError::because(doing(), e))?;
     if out.status.success() {
         return Ok(());
     }
-    let said = String::from_utf8_lossy(&out.stderr);
-    Err(Refused::because(doing(), said.trim()))
+    let error = String::from_utf8_lossy(&out.stderr);
+    Err(CliError::because(doing(), error.trim()))
 }
 
 impl Namespaces {
@@ -44,7 +44,7 @@ impl Namespaces {
         format!("alight-{}-{side}", self.name)
     }
     /// Makes those that are not there.
-    pub fn make(&self) -> Result<(), Refused> {
+    pub fn make(&self) -> Result<(), CliError> {
         for side in 0..2 {
             let space = self.space(side);
             if ip(&["-n", &space, "link", "show", "lo"]).is_err() {
@@ -62,10 +62,10 @@ impl Namespaces {
         }
     }
     /// A device in each namespace, up and with its address; gone when the program is.
-    pub fn devices(&self) -> Result<[SyncDevice; 2], Refused> {
+    pub fn devices(&self) -> Result<[SyncDevice; 2], CliError> {
         Ok([self.device(0)?, self.device(1)?])
     }
-    fn device(&self, side: usize) -> Result<SyncDevice, Refused> {
+    fn device(&self, side: usize) -> Result<SyncDevice, CliError> {
         // Born in our namespace under a name that nobody else uses, then moved: the file that we
         // hold stays attached to it.
         let (space, born) = (self.space(side), format!("al{}{side}", std::process::id()));
@@ -73,7 +73,7 @@ impl Namespaces {
             .name(&born)
             .mtu(MTU)
             .build_sync()
-            .map_err(|e| Refused::because(format!("making the TUN device {born}"), e))?;
+            .map_err(|e| CliError::because(format!("making the TUN device {born}"), e))?;
         ip(&["link", "set", &born, "netns", &space, "name", "radio"])?;
         let address = format!("{}/24", ADDRESSES[side.min(1)]);
         ip(&["-n", &space, "addr", "add", &address, "dev", "radio"])?;
@@ -93,7 +93,7 @@ pub struct OwnSpaces(Namespaces);
 
 impl OwnSpaces {
     /// New ones; those of a run that was killed are removed before.
-    pub fn make(name: &str) -> Result<OwnSpaces, Refused> {
+    pub fn make(name: &str) -> Result<OwnSpaces, CliError> {
         let own = OwnSpaces(Namespaces::named(name));
         own.0.remove();
         own.0.make()?;

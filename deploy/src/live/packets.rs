@@ -8,10 +8,10 @@ use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::HEADER_BYTES;
 use serde::{Deserialize, Serialize};
 
-use super::display::Picture;
+use super::display::Snapshot;
 
 /// Flows that are told apart; what comes beyond counts with the last.
-const MOST_FLOWS: usize = 16;
+const MAX_FLOWS: usize = 16;
 /// Words of the emulator over which rates are taken, one a second.
 const KEPT: usize = 11;
 
@@ -51,7 +51,7 @@ impl Flows {
             _ => (0, 0),
         };
         let key = (way, protocol, port);
-        if self.0.len() >= MOST_FLOWS && !self.0.contains_key(&key) {
+        if self.0.len() >= MAX_FLOWS && !self.0.contains_key(&key) {
             return;
         }
         let flow = self.0.entry(key).or_insert(FlowCount {
@@ -113,14 +113,14 @@ pub struct Recent(VecDeque<(i64, Vec<FlowCount>)>);
 
 impl Recent {
     /// Counts that were said at `at_ns`.
-    pub fn hear(&mut self, at_ns: i64, counts: Vec<FlowCount>) {
+    pub fn observe(&mut self, at_ns: i64, counts: Vec<FlowCount>) {
         if self.0.len() == KEPT {
             self.0.pop_front();
         }
         self.0.push_back((at_ns, counts));
     }
     /// In rates, with the topics as the processes say they send them over `port`.
-    pub fn on_air(&self, picture: &Picture, port: u16) -> Option<OnAir> {
+    pub fn on_air(&self, snapshot: &Snapshot, port: u16) -> Option<OnAir> {
         let ((from_ns, before), (until_ns, now)) = (self.0.front()?, self.0.back()?);
         let span_s = until_ns.saturating_sub(*from_ns) as f64 * 1e-9;
         if span_s <= 0.0 {
@@ -152,7 +152,7 @@ impl Recent {
         }
         let mut topics = Vec::new();
         for (kind, measured) in [ProcessKind::Vessel, ProcessKind::Bridge].into_iter().zip(ways) {
-            let sent: Vec<(String, f64, f64)> = picture
+            let sent: Vec<(String, f64, f64)> = snapshot
                 .processes
                 .get(&kind)
                 .into_iter()
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_are_told_apart_by_their_headers_and_rates_are_the_last_seconds() {
+    fn flows_are_separated_by_packet_headers_and_rates_cover_the_last_seconds() {
         let mut flows = Flows::default();
         let mut recent = Recent::default();
         for second in 0..20_i64 {
@@ -240,10 +240,10 @@ mod tests {
                 flows.count(0, &packet(17, 300));
                 flows.count(1, &packet(6, 100));
             }
-            recent.hear(second * 1_000_000_000, flows.counts());
+            recent.observe(second * 1_000_000_000, flows.counts());
         }
         flows.count(0, &[]);
-        let air = recent.on_air(&Picture::default(), 7447).unwrap();
+        let air = recent.on_air(&Snapshot::default(), 7447).unwrap();
         let (udp, tcp) = (&air.flows[0], &air.flows[1]);
         assert_eq!(
             (udp.flow.as_str(), tcp.flow.as_str()),

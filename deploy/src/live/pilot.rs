@@ -7,9 +7,9 @@ use alight_shared::msg::{
 };
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
-use alight_shared::transport::intake::Quantiles;
 use alight_shared::transport::memory::{Listener, Memory, Publisher};
 use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::statistics::Quantiles;
 use alight_uav::pilot::{Pilot, PilotIn, PilotOut};
 
 use super::config::DroneComputer;

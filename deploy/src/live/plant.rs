@@ -1,4 +1,4 @@
-//! The world's end of a firmware's lock-step: sockets around [`alight_sim::firmware`]. A firmware that
+//! The world's end of a firmware's lock-step: sockets around [`alight_sim::autopilots`]. A firmware that
 //! is not there, or answers too late, is not waited for: the drone stands on its pad, or flies on with
 //! the motors of before, and the sea goes on in real time.
 
@@ -8,15 +8,15 @@ use std::time::Duration;
 
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::Memory;
-use alight_sim::drone::ROTORS;
-use alight_sim::firmware::px4::Px4Plant;
-use alight_sim::firmware::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
-use alight_sim::physics::{Felt, Physics, TICK};
+use alight_sim::autopilots::px4::Px4Plant;
+use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
+use alight_sim::physics::drone::ROTORS;
+use alight_sim::physics::{Physics, PlantState, TICK};
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 use super::world::wait_until;
-use crate::{Refused, say};
+use crate::{CliError, terminal};
 
 /// Who flies the simulated drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
@@ -46,7 +46,7 @@ const READ: Duration = Duration::from_millis(2);
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
 /// Reads in one slice, at most.
-const MOST_READS: u32 = 64;
+const MAX_READS: u32 = 64;
 
 /// The link to one firmware.
 enum Link {
@@ -78,7 +78,7 @@ pub struct Plant {
     link: Link,
     config: FirmwareConfig,
     /// Exchanges in a tick.
-    slices: u32,
+    exchanges: u32,
     heard_ns: i64,
     late: u64,
 }
@@ -89,7 +89,7 @@ impl Plant {
         kind: AutopilotKind,
         config: &FirmwareConfig,
         sensors: FirmwareSensors,
-    ) -> Result<Option<Plant>, Refused> {
+    ) -> Result<Option<Plant>, CliError> {
         let (usual, hz) = match kind {
             AutopilotKind::Internal => return Ok(None),
             AutopilotKind::Px4 => (px4::PORT, px4::EXCHANGE_HZ),
@@ -102,7 +102,7 @@ impl Plant {
             AutopilotKind::Px4 => {
                 let door = TcpListener::bind(("0.0.0.0", port))
                     .and_then(|door| door.set_nonblocking(true).map(|()| door))
-                    .map_err(|e| Refused::because(doing(), e))?;
+                    .map_err(|e| CliError::because(doing(), e))?;
                 Link::Px4 {
                     door,
                     stream: None,
@@ -112,7 +112,7 @@ impl Plant {
             AutopilotKind::Ardupilot => {
                 let socket = UdpSocket::bind(("0.0.0.0", port))
                     .and_then(|s| s.set_read_timeout(Some(READ)).map(|()| s))
-                    .map_err(|e| Refused::because(doing(), e))?;
+                    .map_err(|e| CliError::because(doing(), e))?;
                 Link::Ardupilot {
                     socket,
                     asker: None,
@@ -123,7 +123,7 @@ impl Plant {
         Ok(Some(Plant {
             link,
             config: config.clone(),
-            slices: config.slices(hz),
+            exchanges: config.exchanges(hz),
             heard_ns: 0,
             late: 0,
         }))
@@ -134,20 +134,20 @@ impl Plant {
     }
     /// Moves the world on by one tick, each slice when the clock has come to it.
     pub fn advance(&mut self, physics: &mut Physics, memory: &Memory, clock: &ProcessClock) {
-        physics.advance_under(self.slices, |felt| {
-            wait_until(memory, clock, felt.at);
-            self.exchange(felt)
+        physics.advance_with_firmware(self.exchanges, |sensed| {
+            wait_until(memory, clock, sensed.at);
+            self.exchange(sensed)
         });
     }
 
     /// What the drone feels to the firmware, its motors back.
-    fn exchange(&mut self, felt: &Felt) -> Option<[f64; ROTORS]> {
+    fn exchange(&mut self, sensed: &PlantState) -> Option<[f64; ROTORS]> {
         let now = steady_ns();
-        let patience_ns = (self.config.patience_s * 1e9) as i64;
+        let answer_timeout_ns = (self.config.answer_timeout_s * 1e9) as i64;
         // Who was not heard lately is not waited for.
         let present = now - self.heard_ns < GONE_NS;
-        let until = now + if present { patience_ns } else { 0 };
-        let rate_hz = f64::from(self.slices) / TICK.secs();
+        let until = now + if present { answer_timeout_ns } else { 0 };
+        let rate_hz = f64::from(self.exchanges) / TICK.secs();
         let (turn, motors) = match &mut self.link {
             Link::Px4 { door, stream, plant } => {
                 if stream.is_none()
@@ -158,13 +158,13 @@ impl Plant {
                         .and_then(|()| new.set_read_timeout(Some(READ)))
                         .is_ok()
                 {
-                    say::line(format_args!("world: PX4 is there ({from})"));
+                    terminal::line(format_args!("world: PX4 is there ({from})"));
                     *stream = Some(new);
                 }
-                let said = plant.say(felt, rate_hz);
-                let answered = stream.as_mut().map(|s| px4_turn(s, plant, &said, until));
+                let sent = plant.encode_sensors(sensed, rate_hz);
+                let answered = stream.as_mut().map(|s| px4_turn(s, plant, &sent, until));
                 if matches!(answered, Some(Err(()))) {
-                    say::line("world: PX4 closed the link");
+                    terminal::line("world: PX4 closed the link");
                     *stream = None;
                     plant.lost();
                 }
@@ -179,13 +179,13 @@ impl Plant {
                 asker,
                 motors,
             } => {
-                let answer = ardupilot::answer(felt, 0.0);
+                let answer = ardupilot::answer(sensed, 0.0);
                 // The packet of the last slice is answered with where it led.
                 if let Some((to, _)) = asker {
                     let _lost = socket.send_to(answer.as_bytes(), *to);
                 }
-                let heard = ardupilot_turn(socket, asker, &answer, until);
-                let turn = match heard {
+                let received = ardupilot_turn(socket, asker, &answer, until);
+                let turn = match received {
                     Some(servos) => {
                         *motors = ardupilot::rotors(&self.config, &servos);
                         Turn::Answered
@@ -209,16 +209,16 @@ impl Plant {
 
 /// Sends what the sensors say and, where motors are due, reads until they came or it is `until`. Err: the
 /// link is gone.
-fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, said: &[u8], until: i64) -> Result<Turn, ()> {
-    stream.write_all(said).map_err(|_| ())?;
+fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Result<Turn, ()> {
+    stream.write_all(sent).map_err(|_| ())?;
     if !plant.due() {
         return Ok(Turn::NoneDue);
     }
     let mut buffer = [0_u8; 2048];
-    for _ in 0..MOST_READS {
+    for _ in 0..MAX_READS {
         match stream.read(&mut buffer) {
             Ok(0) => return Err(()),
-            Ok(n) if plant.hear(buffer.get(..n).unwrap_or_default()) => return Ok(Turn::Answered),
+            Ok(n) if plant.decode(buffer.get(..n).unwrap_or_default()) => return Ok(Turn::Answered),
             Ok(_) => {}
             Err(e)
                 if matches!(
@@ -242,7 +242,7 @@ fn ardupilot_turn(
     until: i64,
 ) -> Option<ardupilot::Servos> {
     let mut buffer = [0_u8; 256];
-    for _ in 0..MOST_READS {
+    for _ in 0..MAX_READS {
         if let Ok((n, from)) = socket.recv_from(&mut buffer)
             && let Some(servos) = ardupilot::servos(buffer.get(..n).unwrap_or_default())
         {
@@ -250,7 +250,7 @@ fn ardupilot_turn(
                 let _lost = socket.send_to(answer.as_bytes(), from);
             } else {
                 if asker.is_none() {
-                    say::line(format_args!("world: ArduPilot is there ({from})"));
+                    terminal::line(format_args!("world: ArduPilot is there ({from})"));
                 }
                 *asker = Some((from, servos.frame));
                 return Some(servos);
@@ -267,7 +267,7 @@ fn ardupilot_turn(
 mod tests {
     use super::*;
     use alight_shared::time::Time;
-    use alight_sim::streams::Streams;
+    use alight_sim::physics::streams::Streams;
     use alight_uav::autopilot::message::{Address, Message};
     use alight_uav::autopilot::wire::{Decoder, encode};
     use nalgebra::{UnitQuaternion, Vector3};
@@ -275,8 +275,8 @@ mod tests {
     /// Slices that are exchanged at most before a test gives up.
     const MOST: i64 = 2000;
 
-    fn felt(k: i64) -> Felt {
-        Felt {
+    fn sensed(k: i64) -> PlantState {
+        PlantState {
             at: Time::from_nanos(k * 2_500_000),
             position: Vector3::new(0.0, 0.0, -1.0),
             velocity: Vector3::zeros(),
@@ -297,7 +297,7 @@ mod tests {
     fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; ROTORS]>) -> bool) -> i64 {
         (from..from + MOST)
             .find(|k| {
-                let done = wanted(plant.exchange(&felt(*k)));
+                let done = wanted(plant.exchange(&sensed(*k)));
                 crate::live::supervisor::pause(Duration::from_millis(1));
                 done
             })
@@ -312,7 +312,7 @@ mod tests {
         let port = crate::live::land::free_port().unwrap();
         let mut plant = open(AutopilotKind::Px4, port);
         // Nobody is there: the drone stands, and nothing waits.
-        assert!(plant.exchange(&felt(0)).is_none() && plant.late() == 0);
+        assert!(plant.exchange(&sensed(0)).is_none() && plant.late() == 0);
         let firmware = std::thread::spawn(move || {
             let mut link = TcpStream::connect(("127.0.0.1", port)).unwrap();
             let (mut decoder, mut times) = (Decoder::default(), Vec::new());
@@ -379,6 +379,6 @@ mod tests {
         until(&mut plant, k + 1, |m| m.is_none());
         let stamps = firmware.join().unwrap();
         assert!(stamps.windows(2).all(|w| w[1] >= w[0]), "{stamps:?}");
-        assert!(plant.exchange(&felt(9999)).is_none());
+        assert!(plant.exchange(&sensed(9999)).is_none());
     }
 }

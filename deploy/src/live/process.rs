@@ -10,14 +10,14 @@ use alight_shared::node::Node;
 use alight_shared::seq::Seq;
 use alight_shared::time::Time;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
-use alight_shared::transport::intake::Quantiles;
-use alight_shared::transport::process::{InputState, MOST_FIGURES, ProcessKind, ProcessState};
+use alight_shared::transport::process::{InputState, MAX_METRICS, ProcessKind, ProcessState};
+use alight_shared::transport::statistics::Quantiles;
 use alight_shared::transport::wake::end_requested;
 use serde::Serialize;
 
 use super::args::ProcessArgs;
-use super::record::{Head, Recorder};
-use crate::Refused;
+use super::node_log::{LogHeader, LogWriter};
+use crate::CliError;
 
 /// Time between two words about itself, ns.
 const STATE_PERIOD_NS: i64 = 500_000_000;
@@ -32,7 +32,7 @@ pub struct Life {
     next_state_ns: i64,
     end: Arc<AtomicBool>,
     /// Figures of the process's own, shown by `alight status`.
-    pub figures: Seq<f64, MOST_FIGURES>,
+    pub figures: Seq<f64, MAX_METRICS>,
 }
 
 impl Life {
@@ -97,7 +97,7 @@ pub struct Process<N: Node> {
     node: N,
     clock: ProcessClock,
     last: Time<N::Clock>,
-    recorder: Option<Recorder>,
+    log_writer: Option<LogWriter>,
     /// What it says about itself.
     pub life: Life,
 }
@@ -134,17 +134,17 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
         args: &ProcessArgs,
         clock: ProcessClock,
         make: impl FnOnce(u32) -> N,
-    ) -> Result<Process<N>, Refused> {
+    ) -> Result<Process<N>, CliError> {
         let boot = draw_boot();
-        let recorder = match &args.log {
-            Some(directory) => Some(recorder(directory, kind, boot, &args.config)?),
+        let log_writer = match &args.log {
+            Some(directory) => Some(log_writer(directory, kind, boot, &args.config)?),
             None => None,
         };
         Ok(Process {
             node: make(boot),
             clock,
             last: Time::from_nanos(i64::MIN),
-            recorder,
+            log_writer,
             life: Life::begin(kind, boot, args.supervised),
         })
     }
@@ -165,8 +165,8 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
         let time_s = (steady_ns() - before) as f64 * 1e-9;
         // The steps in which a node has nothing to do say nothing about what its work takes.
         self.life.stepped(if send(&out) { Some(time_s) } else { None });
-        if let Some(recorder) = &mut self.recorder {
-            recorder.write(now.nanos(), input, &out);
+        if let Some(log_writer) = &mut self.log_writer {
+            log_writer.write(now.nanos(), input, &out);
         }
         out
     }
@@ -181,24 +181,29 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     /// What the process says about itself, when it is time again.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let said = self.life.state(inputs, unsent);
-        if let (Some(_), Some(recorder)) = (&said, &mut self.recorder) {
-            recorder.flush();
+        if let (Some(_), Some(log_writer)) = (&said, &mut self.log_writer) {
+            log_writer.flush();
         }
         said
     }
 }
 
 /// The log of a process in `directory`.
-pub fn recorder(directory: &Path, kind: ProcessKind, boot: u32, config: &Path) -> Result<Recorder, Refused> {
+pub fn log_writer(
+    directory: &Path,
+    kind: ProcessKind,
+    boot: u32,
+    config: &Path,
+) -> Result<LogWriter, CliError> {
     let config = std::fs::read_to_string(config)
-        .map_err(|e| Refused::because(format!("reading {}", config.display()), e))?;
-    let head = Head {
+        .map_err(|e| CliError::because(format!("reading {}", config.display()), e))?;
+    let head = LogHeader {
         process: kind.name().into(),
         boot,
         config,
     };
-    Recorder::create(directory, &head)
-        .map_err(|e| Refused::because(format!("writing a log into {}", directory.display()), e))
+    LogWriter::create(directory, &head)
+        .map_err(|e| CliError::because(format!("writing a log into {}", directory.display()), e))
 }
 
 /// Processor time, s, and resident memory, bytes, of this process (Linux; zero elsewhere).
@@ -229,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_knows_what_it_uses() {
+    fn process_measures_its_processor_time_and_memory() {
         let (cpu_s, bytes) = usage();
         assert!(cpu_s >= 0.0 && bytes > 100_000, "{cpu_s} s, {bytes} bytes");
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use alight_shared::config;
 use alight_sim::radio::RadioConfig;
 
-use crate::Refused;
+use crate::CliError;
 
 /// The named profiles.
 const PROFILES: [(&str, &str); 7] = [
@@ -19,18 +19,18 @@ const PROFILES: [(&str, &str); 7] = [
 ];
 
 /// The profile called `name`, or the one in the TOML file of that name.
-pub fn load(name: &str) -> Result<RadioConfig, Refused> {
+pub fn load(name: &str) -> Result<RadioConfig, CliError> {
     if let Some((_, text)) = PROFILES.iter().find(|(n, _)| *n == name) {
-        return config::parse(text, name).map_err(|e| Refused(e.to_string()));
+        return config::parse(text, name).map_err(|e| CliError(e.to_string()));
     }
     if !Path::new(name).exists() {
         let known: Vec<&str> = PROFILES.iter().map(|(n, _)| *n).collect();
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "the link {name}: neither a profile ({}) nor a file; choose one of them",
             known.join(", ")
         )));
     }
-    config::load(Path::new(name)).map_err(|e| Refused(e.to_string()))
+    config::load(Path::new(name)).map_err(|e| CliError(e.to_string()))
 }
 
 #[cfg(test)]
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_profile_is_valid_and_a_wrong_name_is_told_the_right_ones() {
+    fn every_profile_is_valid_and_an_unknown_name_lists_them() {
         for (name, _) in PROFILES {
             load(name).unwrap();
         }

@@ -7,32 +7,32 @@ use alight_bridge::Bridge;
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::transport::clock::ProcessClock;
-use alight_sim::outcome::Outcome;
-use alight_sim::tap::Tap;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::tap::Tap;
 use alight_usv::VesselNode;
 use serde::de::DeserializeOwned;
 
 use super::config::{DroneComputer, VesselComputer};
 use super::mission::MissionShell;
+use super::node_log::LogReader;
 use super::pilot::PilotShell;
 use super::planner::PlannerShell;
 use super::predictor::PredictorShell;
-use super::record::Log;
 use super::shell::Shell;
 use super::truth::Truth;
-use crate::Refused;
+use crate::CliError;
 use crate::record::{NODES, Recorder, Subject, ending};
 
 /// A log that is read step by step.
-struct Stream<I> {
-    log: Log,
+struct LogStream<I> {
+    log: LogReader,
     next: Option<(i64, I)>,
     path: PathBuf,
 }
 
-impl<I: DeserializeOwned> Stream<I> {
-    fn new(log: Log, path: &Path) -> Result<Stream<I>, Refused> {
-        let mut stream = Stream {
+impl<I: DeserializeOwned> LogStream<I> {
+    fn new(log: LogReader, path: &Path) -> Result<LogStream<I>, CliError> {
+        let mut stream = LogStream {
             log,
             next: None,
             path: path.into(),
@@ -40,39 +40,39 @@ impl<I: DeserializeOwned> Stream<I> {
         stream.advance()?;
         Ok(stream)
     }
-    fn advance(&mut self) -> Result<(), Refused> {
+    fn advance(&mut self) -> Result<(), CliError> {
         let step = self.log.step();
-        let step = step.map_err(|e| Refused::because(format!("reading {}", self.path.display()), e))?;
+        let step = step.map_err(|e| CliError::because(format!("reading {}", self.path.display()), e))?;
         self.next = step.map(|(now_ns, input, _)| (now_ns, input));
         Ok(())
     }
 }
 
 /// A log whose steps are recorded one by one.
-trait Played {
+trait Playback {
     /// True time of the next step.
     fn due(&self) -> Option<Time<TrueTime>>;
     /// Records the next step.
-    fn play(&mut self, recorder: &mut Recorder) -> Result<(), Refused>;
+    fn play(&mut self, recorder: &mut Recorder) -> Result<(), CliError>;
 }
 
 /// How a step is recorded.
-type Show<N> =
+type RecordStep<N> =
     fn(&mut Recorder, Time<TrueTime>, Time<<N as Node>::Clock>, &<N as Node>::In, &<N as Node>::Out);
 
-struct PlayedNode<N: Node> {
+struct NodePlayback<N: Node> {
     node: N,
-    stream: Stream<N::In>,
+    stream: LogStream<N::In>,
     clock: ProcessClock,
-    show: Show<N>,
+    show: RecordStep<N>,
 }
 
-impl<N: Node<In: DeserializeOwned>> Played for PlayedNode<N> {
+impl<N: Node<In: DeserializeOwned>> Playback for NodePlayback<N> {
     fn due(&self) -> Option<Time<TrueTime>> {
         let (now_ns, _) = self.stream.next.as_ref()?;
         Some(true_time(&self.clock, *now_ns))
     }
-    fn play(&mut self, recorder: &mut Recorder) -> Result<(), Refused> {
+    fn play(&mut self, recorder: &mut Recorder) -> Result<(), CliError> {
         if let (Some(t), Some((now_ns, input))) = (self.due(), &self.stream.next) {
             let now: Time<N::Clock> = Time::from_nanos(*now_ns);
             let out = self.node.step(now, input);
@@ -82,11 +82,11 @@ impl<N: Node<In: DeserializeOwned>> Played for PlayedNode<N> {
     }
 }
 
-impl Played for Stream<Truth> {
+impl Playback for LogStream<Truth> {
     fn due(&self) -> Option<Time<TrueTime>> {
         self.next.as_ref().map(|(ns, _)| Time::from_nanos(*ns))
     }
-    fn play(&mut self, recorder: &mut Recorder) -> Result<(), Refused> {
+    fn play(&mut self, recorder: &mut Recorder) -> Result<(), CliError> {
         if let Some((ns, truth)) = &self.next {
             recorder.truth(Time::from_nanos(*ns), &truth.vessel(), truth.drone().as_ref());
         }
@@ -102,9 +102,9 @@ fn true_time(clock: &ProcessClock, now_ns: i64) -> Time<TrueTime> {
 }
 
 /// The logs of a process in `directory`, the first start's first.
-fn logs(directory: &Path, process: &str) -> Result<Vec<PathBuf>, Refused> {
+fn logs(directory: &Path, process: &str) -> Result<Vec<PathBuf>, CliError> {
     let entries = std::fs::read_dir(directory)
-        .map_err(|e| Refused::because(format!("reading the logs in {}", directory.display()), e))?;
+        .map_err(|e| CliError::because(format!("reading the logs in {}", directory.display()), e))?;
     let mut found: Vec<_> = entries
         .flatten()
         .filter(|e| {
@@ -119,11 +119,11 @@ fn logs(directory: &Path, process: &str) -> Result<Vec<PathBuf>, Refused> {
 }
 
 /// Opens the log of a process's first start.
-fn open(directory: &Path, process: &str) -> Result<(Log, u32, PathBuf), Refused> {
+fn open(directory: &Path, process: &str) -> Result<(LogReader, u32, PathBuf), CliError> {
     let first = logs(directory, process)?.into_iter().next();
-    let path = first.ok_or_else(|| Refused(format!("the {process} has logged nothing to record")))?;
+    let path = first.ok_or_else(|| CliError(format!("the {process} has logged nothing to record")))?;
     let (log, head) =
-        Log::open(&path).map_err(|e| Refused::because(format!("reading {}", path.display()), e))?;
+        LogReader::open(&path).map_err(|e| CliError::because(format!("reading {}", path.display()), e))?;
     Ok((log, head.boot, path))
 }
 
@@ -143,18 +143,18 @@ pub fn write(
     computers: &Computers<'_>,
     subject: Subject<'_>,
     outcome: &Outcome,
-) -> Result<Vec<&'static str>, Refused> {
+) -> Result<Vec<&'static str>, CliError> {
     let Computers { vessel, drone } = computers;
     let (world, _, world_path) = open(directory, "world")?;
-    let mut all: Vec<Box<dyn Played>> = vec![Box::new(Stream::<Truth>::new(world, &world_path)?)];
+    let mut all: Vec<Box<dyn Playback>> = vec![Box::new(LogStream::<Truth>::new(world, &world_path)?)];
     let mut boots = Vec::new();
     macro_rules! play {
         ($name:literal, $clock:expr, $node:expr, $show:ident) => {{
             let (log, boot, path) = open(directory, $name)?;
             boots.push(boot);
-            all.push(Box::new(PlayedNode {
+            all.push(Box::new(NodePlayback {
                 node: $node(boot),
-                stream: Stream::new(log, &path)?,
+                stream: LogStream::new(log, &path)?,
                 clock: $clock,
                 show: |r, t, now, i, o| r.$show(t, now, i, o),
             }));
@@ -208,13 +208,13 @@ pub fn write(
         played.play(&mut recorder)?;
     }
     recorder.finish(path, &ending(outcome))?;
-    let mut again = Vec::new();
+    let mut restarted = Vec::new();
     for node in NODES {
         if logs(directory, node)?.len() > 1 {
-            again.push(node);
+            restarted.push(node);
         }
     }
-    Ok(again)
+    Ok(restarted)
 }
 
 #[cfg(test)]

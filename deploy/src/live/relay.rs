@@ -22,12 +22,12 @@ use alight_shared::wire;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::display::{Picture, time};
+use super::display::{Snapshot, time};
 use super::figures::VESSEL_FIGURES;
-use crate::Refused;
+use crate::CliError;
 
 /// Longest wait of a receiver without a look at whether to end.
-const LONGEST: Duration = Duration::from_millis(50);
+const MAX_WAIT: Duration = Duration::from_millis(50);
 
 /// Where the drone's ends of the plain relays are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,14 +46,14 @@ fn lock<T>(shared: &Shared<T>) -> MutexGuard<'_, T> {
 }
 
 /// The drone's end of the plain relay over UDP, in the bridge's process.
-pub struct RadioEnd {
+pub struct RadioRelay {
     hop: Shared<Hop>,
 }
 
-impl RadioEnd {
+impl RadioRelay {
     /// Listens at `port`, on every address: the drone's may come up later.
-    pub fn listen(port: u16) -> Result<RadioEnd, Refused> {
-        let fail = |e| Refused::because(format!("listening for the plain relay on port {port}"), e);
+    pub fn listen(port: u16) -> Result<RadioRelay, CliError> {
+        let fail = |e| CliError::because(format!("listening for the plain relay on port {port}"), e);
         let socket = UdpSocket::bind(("0.0.0.0", port)).map_err(fail)?;
         let hop = Shared::<Hop>::default();
         let own = Arc::clone(&hop);
@@ -61,12 +61,12 @@ impl RadioEnd {
         std::thread::spawn(move || {
             let mut buffer = vec![0_u8; LARGEST];
             while let Ok(length) = socket.recv(&mut buffer) {
-                if let Some(heard) = read(buffer.get(..length).unwrap_or_default()) {
-                    lock(&own).copy(&heard, steady_ns());
+                if let Some(received) = read(buffer.get(..length).unwrap_or_default()) {
+                    lock(&own).copy(&received, steady_ns());
                 }
             }
         });
-        Ok(RadioEnd { hop })
+        Ok(RadioRelay { hop })
     }
     /// The original with this key came at `at_ns`.
     pub fn original(&self, key: u64, at_ns: i64) {
@@ -93,10 +93,10 @@ impl Drop for Tap {
 
 impl Tap {
     /// Opens both ends; to be called before the processes that send start.
-    pub fn open(instance: &Instance, relay: &DroneRelay) -> Result<Tap, Refused> {
-        let fail = |e| Refused::because(format!("listening at {}", relay.socket.display()), e);
+    pub fn open(instance: &Instance, relay: &DroneRelay) -> Result<Tap, CliError> {
+        let fail = |e| CliError::because(format!("listening at {}", relay.socket.display()), e);
         let socket = UnixDatagram::bind(&relay.socket).map_err(fail)?;
-        socket.set_read_timeout(Some(LONGEST)).map_err(fail)?;
+        socket.set_read_timeout(Some(MAX_WAIT)).map_err(fail)?;
         let tap = Tap {
             hops: Shared::default(),
             end: Arc::default(),
@@ -120,10 +120,10 @@ impl Tap {
         Ok(tap)
     }
     /// The table's rows: what the landing took, stage by stage.
-    pub fn rows(&self, picture: &Picture) -> Vec<Stage> {
+    pub fn rows(&self, snapshot: &Snapshot) -> Vec<Stage> {
         let hops = lock(&self.hops).each_ref().map(Hop::quantiles);
         let step = |kind, name: &str| {
-            let p = picture.processes.get(&kind);
+            let p = snapshot.processes.get(&kind);
             Stage::computed(name, p.map_or([f64::NAN; 2], |p| [p.step_p50_s, p.step_p99_s]))
         };
         let hop = |k: usize, name: &str| {
@@ -134,7 +134,7 @@ impl Tap {
                 plain_s: Some(plain_s),
             }
         };
-        let figure = |kind, k| picture.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
+        let figure = |kind, k| snapshot.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
         let bridge = |k| figure(ProcessKind::Bridge, k);
         let from = super::bridge::RELAY_FIGURES;
         let radio = Stage {
@@ -142,10 +142,10 @@ impl Tap {
             middleware_s: [bridge(from), bridge(from + 1)],
             plain_s: Some([bridge(from + 2), bridge(from + 3)]),
         };
-        let said = [0, 1].map(|k| figure(ProcessKind::Vessel, VESSEL_FIGURES - 2 + k));
+        let vessel = [0, 1].map(|k| figure(ProcessKind::Vessel, VESSEL_FIGURES - 2 + k));
         let all = [0, 1].map(|k| figure(ProcessKind::Pilot, k));
         let mut rows = vec![
-            Stage::computed("vessel: measurement to estimate sent", said),
+            Stage::computed("vessel: measurement to estimate sent", vessel),
             radio,
             step(ProcessKind::Bridge, "bridge: a step"),
             hop(0, "estimate: iceoryx2 | Unix socket"),
@@ -180,17 +180,17 @@ fn copies(socket: &UnixDatagram, hops: &Shared<[Hop; RELAYED.len()]>, end: &Atom
         let Ok(length) = socket.recv(&mut buffer) else {
             continue;
         };
-        let Some(heard) = read(buffer.get(..length).unwrap_or_default()) else {
+        let Some(received) = read(buffer.get(..length).unwrap_or_default()) else {
             continue;
         };
-        let decoded = match heard.topic {
-            0 => decodes::<VesselEstimate<DroneClock>>(heard.bytes),
-            1 => decodes::<DeckForecast>(heard.bytes),
-            2 => decodes::<Plan>(heard.bytes),
-            _ => decodes::<SetPoint>(heard.bytes),
+        let decoded = match received.topic {
+            0 => decodes::<VesselEstimate<DroneClock>>(received.bytes),
+            1 => decodes::<DeckForecast>(received.bytes),
+            2 => decodes::<Plan>(received.bytes),
+            _ => decodes::<SetPoint>(received.bytes),
         };
-        if let (true, Some(hop)) = (decoded, lock(hops).get_mut(heard.topic as usize)) {
-            hop.copy(&heard, steady_ns());
+        if let (true, Some(hop)) = (decoded, lock(hops).get_mut(received.topic as usize)) {
+            hop.copy(&received, steady_ns());
         }
     }
 }
@@ -209,7 +209,7 @@ fn originals<T: Plain>(
     let memory = Memory::join(instance, "relay")?;
     let mut subscriber: Subscriber<T> = memory.subscriber()?;
     let listener = memory.listener::<T>()?;
-    wake::run(&[&listener], LONGEST, || {
+    wake::run(&[&listener], MAX_WAIT, || {
         let came = subscriber.all(steady_ns());
         let at_ns = steady_ns();
         if let Some(hop) = lock(hops).get_mut(k) {

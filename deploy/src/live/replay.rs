@@ -12,12 +12,12 @@ use serde::de::DeserializeOwned;
 
 use super::config::{DroneComputer, VesselComputer};
 use super::mission::MissionShell;
+use super::node_log::{LogHeader, LogReader};
 use super::pilot::PilotShell;
 use super::planner::PlannerShell;
 use super::predictor::PredictorShell;
-use super::record::{Head, Log};
 use super::shell::Shell;
-use crate::{End, Refused, say, table};
+use crate::{CliError, Exit, table, terminal};
 
 /// Whether this is a log of a process, or a directory of them.
 #[cfg(feature = "record")]
@@ -26,7 +26,7 @@ pub fn takes(path: &Path) -> bool {
 }
 
 /// Replays one log or all logs of a directory.
-pub fn run(path: &Path) -> Result<End, Refused> {
+pub fn run(path: &Path) -> Result<Exit, CliError> {
     let mut same = true;
     for path in logs(path)? {
         let (steps, different) = replay(&path)?;
@@ -36,29 +36,29 @@ pub fn run(path: &Path) -> Result<End, Refused> {
             .to_string_lossy()
             .into_owned();
         match different {
-            None => say::line(format_args!(
+            None => terminal::line(format_args!(
                 "{name:<28} {steps:>8} steps  {}",
                 table::verdict("identical", true)
             )),
             Some(step) => {
                 same = false;
                 let text = format!("differs from step {step} on");
-                say::line(format_args!(
+                terminal::line(format_args!(
                     "{name:<28} {steps:>8} steps  {}",
                     table::verdict(&text, false)
                 ));
             }
         }
     }
-    Ok(if same { End::Success } else { End::Failed })
+    Ok(if same { Exit::Success } else { Exit::Failed })
 }
 
-fn logs(path: &Path) -> Result<Vec<PathBuf>, Refused> {
+fn logs(path: &Path) -> Result<Vec<PathBuf>, CliError> {
     if path.is_file() {
         return Ok(vec![path.into()]);
     }
     let entries = std::fs::read_dir(path)
-        .map_err(|e| Refused::because(format!("reading the logs in {}", path.display()), e))?;
+        .map_err(|e| CliError::because(format!("reading the logs in {}", path.display()), e))?;
     let mut logs: Vec<PathBuf> = entries
         .flatten()
         .map(|e| e.path())
@@ -71,7 +71,7 @@ fn logs(path: &Path) -> Result<Vec<PathBuf>, Refused> {
         .collect();
     logs.sort();
     if logs.is_empty() {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "{}: no log (*.log) there; `alight land --log DIR` writes some",
             path.display()
         )));
@@ -80,20 +80,20 @@ fn logs(path: &Path) -> Result<Vec<PathBuf>, Refused> {
 }
 
 /// Steps of the log, and the first whose output differs.
-fn replay(path: &Path) -> Result<(u64, Option<u64>), Refused> {
+fn replay(path: &Path) -> Result<(u64, Option<u64>), CliError> {
     let (log, head) =
-        Log::open(path).map_err(|e| Refused::because(format!("reading {}", path.display()), e))?;
-    let Head {
+        LogReader::open(path).map_err(|e| CliError::because(format!("reading {}", path.display()), e))?;
+    let LogHeader {
         process,
         boot,
         config,
     } = head;
     let origin = path.display().to_string();
     if process == "vessel" {
-        let c: VesselComputer = config::parse(&config, &origin).map_err(|e| Refused(e.to_string()))?;
+        let c: VesselComputer = config::parse(&config, &origin).map_err(|e| CliError(e.to_string()))?;
         return through(log, path, VesselNode::new(&c.vessel, c.vessel_id, boot));
     }
-    let c: DroneComputer = config::parse(&config, &origin).map_err(|e| Refused(e.to_string()))?;
+    let c: DroneComputer = config::parse(&config, &origin).map_err(|e| CliError(e.to_string()))?;
     match process.as_str() {
         "bridge" => through(log, path, Bridge::new(&c.bridge, boot)),
         "predictor" => through(log, path, PredictorShell::node(&c, boot)),
@@ -101,16 +101,16 @@ fn replay(path: &Path) -> Result<(u64, Option<u64>), Refused> {
         "planner" => through(log, path, PlannerShell::node(&c, boot)),
         "pilot" => through(log, path, PilotShell::node(&c, boot)),
         "autopilot" => through(log, path, super::autopilot::node(&c, boot)),
-        other => Err(Refused(format!(
+        other => Err(CliError(format!(
             "{origin}: the log of a process {other:?}, which this program does not have"
         ))),
     }
 }
 
-fn through<N>(log: Log, path: &Path, mut node: N) -> Result<(u64, Option<u64>), Refused>
+fn through<N>(log: LogReader, path: &Path, mut node: N) -> Result<(u64, Option<u64>), CliError>
 where
     N: Node<In: DeserializeOwned, Out: Serialize>,
 {
     log.replay(|now_ns, input| node.step(Time::from_nanos(now_ns), input))
-        .map_err(|e| Refused::because(format!("reading {}", path.display()), e))
+        .map_err(|e| CliError::because(format!("reading {}", path.display()), e))
 }

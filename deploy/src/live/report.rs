@@ -2,17 +2,17 @@
 //! a fault did.
 
 use alight_shared::transport::process::ProcessKind;
-use alight_sim::outcome::Outcome;
+use alight_sim::harness::outcome::Outcome;
 use serde::{Deserialize, Serialize};
 
 use super::air::RadioReport;
-use super::display::{Picture, time};
+use super::display::{Snapshot, time};
 use super::fault::FaultReport;
 use super::relay;
 
 /// What one process used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Used {
+pub struct ProcessUsage {
     /// Its name.
     pub process: String,
     /// Processor time by time since its last start, per cent of one core.
@@ -42,7 +42,7 @@ pub struct LiveReport {
     /// Starts of processes beyond the first.
     pub restarts: u32,
     /// What each process used.
-    pub processes: Vec<Used>,
+    pub processes: Vec<ProcessUsage>,
     /// Measurement on the vessel to set-point on the drone, median and 99th percentile, s.
     pub vessel_to_set_point_s: [f64; 2],
     /// Odometry to set-point, the same, s.
@@ -76,15 +76,15 @@ pub struct LiveOutcome {
 
 impl LiveReport {
     /// From what the processes said last.
-    pub fn of(picture: &Picture, restarts: u32) -> LiveReport {
-        let figure = |kind, k| picture.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
+    pub fn of(snapshot: &Snapshot, restarts: u32) -> LiveReport {
+        let figure = |kind, k| snapshot.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
         let pilot = |k| figure(ProcessKind::Pilot, k);
         LiveReport {
             restarts,
-            processes: picture
+            processes: snapshot
                 .processes
                 .values()
-                .map(|p| Used {
+                .map(|p| ProcessUsage {
                     process: p.kind.name().into(),
                     cpu_percent: 100.0 * p.cpu_s / ((p.at_ns - p.began_ns) as f64 * 1e-9).max(1e-3),
                     memory_mb: p.resident_bytes as f64 / 1e6,
@@ -113,7 +113,7 @@ impl LiveReport {
         out.push_str(&self.radio.text());
         out.push_str(&relay::text(&self.stages));
         if let Some(f) = &self.fault {
-            let what = match (f.at_s, f.state, f.back_s) {
+            let what = match (f.at_s, f.state, f.recovery_s) {
                 (Some(at), Some(state), Some(back)) => {
                     format!("at {at:.2} s in {}, heard again after {back:.2} s", state.name())
                 }

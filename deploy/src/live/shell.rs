@@ -17,10 +17,10 @@ use serde::Serialize;
 use super::args::ProcessArgs;
 use super::config::DroneComputer;
 use super::process::Process;
-use crate::{End, Refused};
+use crate::{CliError, Exit};
 
 /// Without news a process wakes this often all the same.
-const LONGEST: Duration = Duration::from_millis(20);
+const MAX_WAIT: Duration = Duration::from_millis(20);
 
 /// The topics that a node reads.
 pub trait Reads: Sized {
@@ -88,8 +88,8 @@ pub trait Shell: Sized {
 }
 
 /// Runs until told to end.
-pub fn run<S: Shell>(args: &ProcessArgs) -> Result<End, Refused> {
-    let computer: DroneComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
     let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;
     let mut memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
     if let Some(relay) = &computer.relay {
@@ -100,7 +100,7 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<End, Refused> {
     let mut state = memory.publisher()?;
     let wakes = S::wakes(&memory)?;
 
-    wake::run(&wakes.iter().collect::<Vec<_>>(), LONGEST, || {
+    wake::run(&wakes.iter().collect::<Vec<_>>(), MAX_WAIT, || {
         let input = reads.read(process.now().nanos());
         // Read after the messages: a step is never earlier than one whose words it has heard, however
         // long the process was kept waiting in between.
@@ -117,5 +117,5 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<End, Refused> {
             ControlFlow::Continue(())
         }
     })?;
-    Ok(End::Success)
+    Ok(Exit::Success)
 }

@@ -8,32 +8,32 @@ use alight_shared::node::Node;
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::clock::steady_ns;
 use alight_usv::KINDS;
-use alight_usv::sensors::{MOST_BYTES, SensorNode, SensorsIn, SourceConfig};
+use alight_usv::sensors::{MAX_STEP_BYTES, SensorNode, SensorsIn, SourceConfig};
 use serde_json::json;
 
 use super::args::SensorsArgs;
-use super::autopilot_url::AutopilotUrl;
-use super::autopilot_wire::AutopilotWire;
+use super::byte_link::ByteLink;
 use super::config::VesselComputer;
-use super::interface::sensors::SimulatedSensors;
+use super::interface::sensors::SensorSender;
+use super::link_url::LinkUrl;
 use super::process::{draw_boot, end_with_supervisor};
-use super::sensor_ward::{self, SourceWord};
+use super::sensor_supervisor::{self, SourceReport};
 use super::supervisor::pause;
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 use alight_shared::transport::wake::end_requested;
 use std::sync::atomic::Ordering;
 
 /// Without news of any source it looks again after this long.
-const BEAT: Duration = Duration::from_millis(2);
+const IDLE_PAUSE: Duration = Duration::from_millis(2);
 /// Time between two words about the sources to a person, ns.
-const WORD_NS: i64 = 10_000_000_000;
+const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 
 /// Runs until told to end.
-pub fn run(args: &SensorsArgs) -> Result<End, Refused> {
-    let computer: VesselComputer = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
+    let computer: VesselComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
     let sources = &computer.sensor.sources;
     if sources.is_empty() {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "{}: no sensor is configured; add for each one a table [[sensor.sources]] with connect = \
              \"serial:///dev/ttyUSB0:115200\" (or udpin://, tcpout://) and format = \"nmea\", \"ubx\" or \"mavlink\"",
             args.config.display()
@@ -41,20 +41,20 @@ pub fn run(args: &SensorsArgs) -> Result<End, Refused> {
     }
     let mut wires = Vec::new();
     for source in sources {
-        let url: AutopilotUrl = source.connect.parse().map_err(Refused)?;
-        say::line(format_args!("{}: {url}", source.name));
-        wires.push(AutopilotWire::new(url, steady_ns())?);
+        let url: LinkUrl = source.connect.parse().map_err(CliError)?;
+        terminal::line(format_args!("{}: {url}", source.name));
+        wires.push(ByteLink::new(url, steady_ns())?);
     }
-    let to = SimulatedSensors::to(&computer.sensors)
-        .map_err(|e| Refused::because(format!("sending to {}", computer.sensors), e))?;
+    let to = SensorSender::to(&computer.sensors)
+        .map_err(|e| CliError::because(format!("sending to {}", computer.sensors), e))?;
     let mut node = SensorNode::new(&computer.sensor, computer.vessel_id, draw_boot());
     let end = end_with_supervisor(args.supervised);
-    let word_ns = if args.supervised {
-        sensor_ward::WORD_NS
+    let report_period_ns = if args.supervised {
+        sensor_supervisor::REPORT_PERIOD_NS
     } else {
-        WORD_NS
+        SUMMARY_PERIOD_NS
     };
-    let mut next_word_ns = steady_ns() + word_ns;
+    let mut next_report_ns = steady_ns() + report_period_ns;
     let mut why: Vec<Option<String>> = vec![None; wires.len()];
     while !(end.load(Ordering::Relaxed) || end_requested()) {
         let mut input = SensorsIn {
@@ -69,17 +69,17 @@ pub fn run(args: &SensorsArgs) -> Result<End, Refused> {
             };
             // What a flood brings beyond one step's share waits in the system's own buffers.
             any |= wire.read(steady_ns(), |b| {
-                if bytes.len() < 2 * MOST_BYTES {
+                if bytes.len() < 2 * MAX_STEP_BYTES {
                     bytes.extend_from_slice(b);
                 }
             });
             if !bytes.is_empty() {
                 *why = None;
             }
-            if let Some(complaint) = wire.complaint() {
+            if let Some(complaint) = wire.last_error() {
                 // A link that is tried again and again has one complaint.
                 if why.as_ref() != Some(&complaint) {
-                    say::line(format_args!("{}: {complaint}", source.name));
+                    terminal::line(format_args!("{}: {complaint}", source.name));
                 }
                 *why = Some(complaint);
             }
@@ -93,28 +93,28 @@ pub fn run(args: &SensorsArgs) -> Result<End, Refused> {
                 wire.write(steady_ns(), bytes);
             }
         }
-        if steady_ns() >= next_word_ns {
-            next_word_ns = steady_ns() + word_ns;
-            tell(args, &words(sources, &node, now, &why));
+        if steady_ns() >= next_report_ns {
+            next_report_ns = steady_ns() + report_period_ns;
+            print_reports(args, &reports(sources, &node, now, &why));
         }
         if !any {
-            pause(BEAT);
+            pause(IDLE_PAUSE);
         }
     }
     let now = computer.clock.read(steady_ns());
-    tell(args, &words(sources, &node, now, &why));
-    Ok(End::Success)
+    print_reports(args, &reports(sources, &node, now, &why));
+    Ok(Exit::Success)
 }
 
 /// What is to be said of each source.
-fn words(
+fn reports(
     sources: &[SourceConfig],
     node: &SensorNode,
     now: Time<VesselClock>,
     why: &[Option<String>],
-) -> Vec<SourceWord> {
+) -> Vec<SourceReport> {
     let each = sources.iter().zip(node.status()).zip(why).enumerate();
-    each.map(|(number, ((source, status), why))| SourceWord {
+    each.map(|(number, ((source, status), why))| SourceReport {
         number,
         source: source.name.clone(),
         status,
@@ -125,13 +125,13 @@ fn words(
 }
 
 /// A line for each source: for a person, or as JSON, which the vessel's process reads too.
-fn tell(args: &SensorsArgs, all: &[SourceWord]) {
-    for word in all {
+fn print_reports(args: &SensorsArgs, all: &[SourceReport]) {
+    for report in all {
         if args.json || args.supervised {
-            say::line(json!(word));
+            terminal::line(json!(report));
             continue;
         }
-        let (name, s) = (&word.source, &word.status);
+        let (name, s) = (&report.source, &report.status);
         let given: Vec<String> = KINDS
             .iter()
             .zip(s.given)
@@ -144,15 +144,22 @@ fn tell(args: &SensorsArgs, all: &[SourceWord]) {
             given.join(", ")
         };
         let d = &s.decoded;
-        let pulses = match (d.pulses, d.pulses_apart) {
+        let pulses = match (d.pulses, d.mismatched_pulses) {
             (0, _) => String::new(),
             (n, 0) => format!("; {n} time pulses announced"),
             (n, apart) => format!("; {n} time pulses announced, {apart} of another time base than the fixes"),
         };
-        say::line(format_args!(
+        terminal::line(format_args!(
             "{name}: {given}; messages {} good, {} corrupted, {} of other kinds; {} without a time, {} \
-             misdated, {} out of order, {} repeated, {} bytes lost{pulses}",
-            d.good, d.corrupted, d.ignored, d.undated, s.misdated, s.out_of_order, s.duplicated, s.lost_bytes
+             implausible_time, {} out of order, {} repeated, {} bytes lost{pulses}",
+            d.good,
+            d.corrupted,
+            d.ignored,
+            d.undated,
+            s.implausible_time,
+            s.out_of_order,
+            s.duplicated,
+            s.lost_bytes
         ));
     }
 }

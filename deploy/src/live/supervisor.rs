@@ -1,7 +1,7 @@
 //! Starts the processes, starts again what died, ends them all.
 //!
 //! Every process holds the reading end of a pipe as its standard input and ends when that closes,
-//! so that none outlives a supervisor that was killed.
+//! so that none survives_pause a supervisor that was killed.
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Write};
@@ -14,14 +14,14 @@ use std::time::Duration;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::ProcessKind;
 
-use crate::Refused;
+use crate::CliError;
 
 /// First pause before a process is started again; doubles with each failure.
-const FIRST_PAUSE_NS: i64 = 100_000_000;
+const INITIAL_BACKOFF_NS: i64 = 100_000_000;
 /// Longest pause.
-const LONGEST_PAUSE_NS: i64 = 2_000_000_000;
+const MAX_BACKOFF_NS: i64 = 2_000_000_000;
 /// A process that ran this long had a good start: the pause begins anew.
-const GOOD_RUN_NS: i64 = 5_000_000_000;
+const STABLE_RUN_NS: i64 = 5_000_000_000;
 /// Processes that were told to end have this long.
 const GRACE_NS: i64 = 800_000_000;
 
@@ -31,27 +31,27 @@ const GRACE_NS: i64 = 800_000_000;
 const NICENESS: &str = "-10";
 
 /// One process under supervision.
-struct Ward {
+struct ManagedProcess {
     kind: ProcessKind,
     config: PathBuf,
     /// What stands before its command: the way into its network namespace.
     enter: Vec<String>,
     child: Option<Child>,
-    began_ns: i64,
-    pause_ns: i64,
+    started_ns: i64,
+    backoff_ns: i64,
     start_at_ns: i64,
     starts: u32,
 }
 
 /// The supervisor.
 pub struct Supervisor {
-    wards: Vec<Ward>,
+    processes: Vec<ManagedProcess>,
     directory: PathBuf,
     log: Option<PathBuf>,
     /// Processes write errors where the supervisor does, not into files.
-    to_journal: bool,
+    inherit_stderr: bool,
     /// Processes run at the supervisor's own priority.
-    unraised: bool,
+    at_own_priority: bool,
     lines: (Sender<String>, Receiver<String>),
 }
 
@@ -66,70 +66,74 @@ impl Supervisor {
     /// Nobody yet; `directory` takes what processes write to standard error.
     pub fn new(directory: PathBuf, log: Option<PathBuf>) -> Supervisor {
         Supervisor {
-            wards: Vec::new(),
+            processes: Vec::new(),
             directory,
             log,
-            to_journal: false,
-            unraised: false,
+            inherit_stderr: false,
+            at_own_priority: false,
             lines: channel(),
         }
     }
     /// Processes write errors where the supervisor does: a service's journal keeps and rotates them.
-    pub fn journalled(mut self) -> Supervisor {
-        self.to_journal = true;
+    pub fn inheriting_stderr(mut self) -> Supervisor {
+        self.inherit_stderr = true;
         self
     }
     /// Processes run at the supervisor's own priority: it has the one that they want.
-    pub fn unraised(mut self) -> Supervisor {
-        self.unraised = true;
+    pub fn at_own_priority(mut self) -> Supervisor {
+        self.at_own_priority = true;
         self
     }
     /// Starts a process; `enter` stands before its command.
-    pub fn start(&mut self, kind: ProcessKind, config: PathBuf, enter: Vec<String>) -> Result<(), Refused> {
-        let mut ward = Ward {
+    pub fn start(&mut self, kind: ProcessKind, config: PathBuf, enter: Vec<String>) -> Result<(), CliError> {
+        let mut managed = ManagedProcess {
             kind,
             config,
             enter,
             child: None,
-            began_ns: 0,
-            pause_ns: FIRST_PAUSE_NS,
+            started_ns: 0,
+            backoff_ns: INITIAL_BACKOFF_NS,
             start_at_ns: 0,
             starts: 0,
         };
-        self.spawn(&mut ward)?;
-        self.wards.push(ward);
+        self.spawn(&mut managed)?;
+        self.processes.push(managed);
         Ok(())
     }
 
-    fn spawn(&self, ward: &mut Ward) -> Result<(), Refused> {
-        let name = ward.kind.name();
+    fn spawn(&self, managed: &mut ManagedProcess) -> Result<(), CliError> {
+        let name = managed.kind.name();
         let doing = || format!("starting the process {name}");
-        let program = own_program().map_err(|e| Refused::because(doing(), e))?;
-        let errors = if self.to_journal {
+        let program = own_program().map_err(|e| CliError::because(doing(), e))?;
+        let errors = if self.inherit_stderr {
             Stdio::inherit()
         } else {
             OpenOptions::new()
                 .create(true)
                 .append(true)
                 .open(self.directory.join(format!("{name}.err")))
-                .map_err(|e| Refused::because(doing(), e))?
+                .map_err(|e| CliError::because(doing(), e))?
                 .into()
         };
-        let nice: &[&str] = if self.unraised {
+        let nice: &[&str] = if self.at_own_priority {
             &[]
         } else {
             &["nice", "-n", NICENESS]
         };
-        let before = ward.enter.iter().map(String::as_str).chain(nice.iter().copied());
-        let mut words = before.map(Path::new).chain([program.as_path()]);
-        let mut command = Command::new(words.next().unwrap_or(&program));
+        let before = managed
+            .enter
+            .iter()
+            .map(String::as_str)
+            .chain(nice.iter().copied());
+        let mut arguments = before.map(Path::new).chain([program.as_path()]);
+        let mut command = Command::new(arguments.next().unwrap_or(&program));
         command
-            .args(words)
+            .args(arguments)
             .arg(name)
             .arg("--config")
-            .arg(&ward.config)
+            .arg(&managed.config)
             .arg("--supervised");
-        if let Some(log) = self.log.as_ref().filter(|_| ward.kind != ProcessKind::Link) {
+        if let Some(log) = self.log.as_ref().filter(|_| managed.kind != ProcessKind::Link) {
             command.arg("--log").arg(log);
         }
         // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
@@ -138,7 +142,7 @@ impl Supervisor {
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(errors);
-        let mut child = command.spawn().map_err(|e| Refused::because(doing(), e))?;
+        let mut child = command.spawn().map_err(|e| CliError::because(doing(), e))?;
         if let Some(output) = child.stdout.take() {
             let sender = self.lines.0.clone();
             std::thread::spawn(move || {
@@ -149,44 +153,44 @@ impl Supervisor {
                 }
             });
         }
-        ward.child = Some(child);
-        ward.began_ns = steady_ns();
-        ward.starts += 1;
+        managed.child = Some(child);
+        managed.started_ns = steady_ns();
+        managed.starts += 1;
         Ok(())
     }
 
     /// Looks after all: what ended is started again after a pause.
-    pub fn tend(&mut self) -> Result<Vec<Event>, Refused> {
+    pub fn poll(&mut self) -> Result<Vec<Event>, CliError> {
         let mut events = Vec::new();
         let mut failed = None;
         let now = steady_ns();
-        let mut wards = std::mem::take(&mut self.wards);
-        for ward in &mut wards {
-            if let Some(child) = &mut ward.child
+        let mut processes = std::mem::take(&mut self.processes);
+        for managed in &mut processes {
+            if let Some(child) = &mut managed.child
                 && let Ok(Some(status)) = child.try_wait()
             {
-                ward.child = None;
-                if now - ward.began_ns > GOOD_RUN_NS {
-                    ward.pause_ns = FIRST_PAUSE_NS;
+                managed.child = None;
+                if now - managed.started_ns > STABLE_RUN_NS {
+                    managed.backoff_ns = INITIAL_BACKOFF_NS;
                 }
-                ward.start_at_ns = now + ward.pause_ns;
-                ward.pause_ns = (2 * ward.pause_ns).min(LONGEST_PAUSE_NS);
-                events.push(Event::Ended(ward.kind, format!("{status}")));
+                managed.start_at_ns = now + managed.backoff_ns;
+                managed.backoff_ns = (2 * managed.backoff_ns).min(MAX_BACKOFF_NS);
+                events.push(Event::Ended(managed.kind, format!("{status}")));
             }
             // A world that ended has lost the truth: nothing starts it again.
-            if ward.child.is_none() && ward.kind != ProcessKind::World && now >= ward.start_at_ns {
-                failed = self.spawn(ward).err().or(failed);
+            if managed.child.is_none() && managed.kind != ProcessKind::World && now >= managed.start_at_ns {
+                failed = self.spawn(managed).err().or(failed);
             }
         }
-        self.wards = wards;
+        self.processes = processes;
         failed.map_or(Ok(events), Err)
     }
     /// Lines that processes wrote to standard output since the last call.
-    pub fn said(&self) -> Vec<String> {
+    pub fn output_lines(&self) -> Vec<String> {
         self.lines.1.try_iter().collect()
     }
     /// Waits for a line that is still under way from a process that ended.
-    pub fn last_words(&self) -> Vec<String> {
+    pub fn remaining_lines(&self) -> Vec<String> {
         self.lines
             .1
             .recv_timeout(Duration::from_millis(500))
@@ -195,41 +199,41 @@ impl Supervisor {
             .collect()
     }
     /// Tells a process something on its standard input.
-    pub fn tell(&mut self, kind: ProcessKind, line: &str) {
+    pub fn write_line(&mut self, kind: ProcessKind, line: &str) {
         let child = self
-            .wards
+            .processes
             .iter_mut()
             .find(|w| w.kind == kind)
             .and_then(|w| w.child.as_mut());
         if let Some(input) = child.and_then(|c| c.stdin.as_mut()) {
             // One that is gone is started again, and has missed it.
-            let _missed = writeln!(input, "{line}").and_then(|()| input.flush());
+            let _unsent = writeln!(input, "{line}").and_then(|()| input.flush());
         }
     }
     /// When a process that lives began, on the steady clock, ns.
-    pub fn began_ns(&self, kind: ProcessKind) -> Option<i64> {
-        let ward = self.wards.iter().find(|w| w.kind == kind)?;
-        ward.child.as_ref().map(|_| ward.began_ns)
+    pub fn started_ns(&self, kind: ProcessKind) -> Option<i64> {
+        let managed = self.processes.iter().find(|w| w.kind == kind)?;
+        managed.child.as_ref().map(|_| managed.started_ns)
     }
     /// The number of a process that lives.
     pub fn pid(&self, kind: ProcessKind) -> Option<u32> {
-        let ward = self.wards.iter().find(|w| w.kind == kind)?;
-        ward.child.as_ref().map(Child::id)
+        let managed = self.processes.iter().find(|w| w.kind == kind)?;
+        managed.child.as_ref().map(Child::id)
     }
     /// Kills a process; looking after it starts it again.
     pub fn kill(&mut self, kind: ProcessKind) {
-        let ward = self.wards.iter_mut().find(|w| w.kind == kind);
-        if let Some(child) = ward.and_then(|w| w.child.as_mut()) {
+        let managed = self.processes.iter_mut().find(|w| w.kind == kind);
+        if let Some(child) = managed.and_then(|w| w.child.as_mut()) {
             // One that is gone meanwhile needs no killing.
             let _gone = child.kill();
         }
     }
     /// Starts beyond the first, of all processes.
     pub fn restarts(&self) -> u32 {
-        self.wards.iter().map(|w| w.starts.saturating_sub(1)).sum()
+        self.processes.iter().map(|w| w.starts.saturating_sub(1)).sum()
     }
     /// The last thing that a process wrote to standard error.
-    pub fn complaint(&self, kind: ProcessKind) -> Option<String> {
+    pub fn last_error_line(&self, kind: ProcessKind) -> Option<String> {
         let text = std::fs::read_to_string(self.directory.join(format!("{}.err", kind.name()))).ok()?;
         text.lines()
             .rev()
@@ -239,30 +243,30 @@ impl Supervisor {
 
     /// Ends all: asks by closing their standard input, and after its grace does not ask any more.
     pub fn stop(&mut self, pause: impl Fn(Duration)) {
-        for ward in &mut self.wards {
-            if let Some(child) = &mut ward.child {
+        for managed in &mut self.processes {
+            if let Some(child) = &mut managed.child {
                 drop(child.stdin.take());
             }
         }
-        let patience = steady_ns() + GRACE_NS;
+        let deadline_ns = steady_ns() + GRACE_NS;
         loop {
-            for ward in &mut self.wards {
-                if let Some(child) = &mut ward.child
+            for managed in &mut self.processes {
+                if let Some(child) = &mut managed.child
                     && matches!(child.try_wait(), Ok(Some(_)) | Err(_))
                 {
-                    ward.child = None;
+                    managed.child = None;
                 }
             }
-            if self.wards.iter().all(|w| w.child.is_none()) {
+            if self.processes.iter().all(|w| w.child.is_none()) {
                 return;
             }
-            if steady_ns() > patience {
+            if steady_ns() > deadline_ns {
                 break;
             }
             pause(Duration::from_millis(10));
         }
-        for ward in &mut self.wards {
-            if let Some(mut child) = ward.child.take() {
+        for managed in &mut self.processes {
+            if let Some(mut child) = managed.child.take() {
                 // A process that is gone meanwhile needs no killing.
                 let _gone = child.kill();
                 let _status = child.wait();

@@ -1,8 +1,8 @@
 //! The truth as the world's process logs it: both bodies at the beginning of every tick.
 
 use alight_shared::frames::{DroneBody, Point, Rotation, Vector, VesselBody};
-use alight_sim::body::RigidState;
 use alight_sim::physics::Physics;
+use alight_sim::physics::body::RigidState;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_body_comes_back_as_it_was() {
+    fn truth_round_trips_a_body() {
         let state = RigidState::<DroneBody> {
             position: Point::from(Vector3::new(1.0, -2.0, 3.5)),
             velocity: Vector::from(Vector3::new(0.1, 0.2, 0.3)),

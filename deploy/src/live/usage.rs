@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use alight_shared::transport::memory::Instance;
 use alight_shared::transport::process::ProcessKind;
 
-use super::display::Picture;
+use super::display::Snapshot;
 use super::process::usage;
-use crate::Refused;
+use crate::CliError;
 
 /// Time between two lines, ns.
 const PERIOD_NS: i64 = 60_000_000_000;
@@ -25,15 +25,15 @@ pub struct UsageLog {
 
 impl UsageLog {
     /// Begins the file with the names of its columns.
-    pub fn create(path: &Path, instance: &Instance) -> Result<UsageLog, Refused> {
+    pub fn create(path: &Path, instance: &Instance) -> Result<UsageLog, CliError> {
         let doing = || format!("writing the usage to {}", path.display());
-        let mut file = File::create(path).map_err(|e| Refused::because(doing(), e))?;
+        let mut file = File::create(path).map_err(|e| CliError::because(doing(), e))?;
         let mut head = String::from("t_s,supervisor_kb,supervisor_cpu_s");
         for kind in ProcessKind::ALL {
             head.push_str(&format!(",{0}_kb,{0}_cpu_s", kind.name()));
         }
         head.push_str(",shm_files,shm_kb,own_files,own_kb");
-        writeln!(file, "{head}").map_err(|e| Refused::because(doing(), e))?;
+        writeln!(file, "{head}").map_err(|e| CliError::because(doing(), e))?;
         Ok(UsageLog {
             file,
             path: path.into(),
@@ -43,8 +43,8 @@ impl UsageLog {
         })
     }
     /// Writes a line when it is time.
-    pub fn note(&mut self, now_ns: i64, picture: &Picture) -> Result<(), Refused> {
-        if now_ns < self.next_ns || picture.processes.len() < ProcessKind::ALL.len() {
+    pub fn note(&mut self, now_ns: i64, snapshot: &Snapshot) -> Result<(), CliError> {
+        if now_ns < self.next_ns || snapshot.processes.len() < ProcessKind::ALL.len() {
             return Ok(());
         }
         self.next_ns = now_ns + PERIOD_NS;
@@ -56,7 +56,7 @@ impl UsageLog {
             bytes / 1000
         );
         for kind in ProcessKind::ALL {
-            let (bytes, cpu_s) = picture
+            let (bytes, cpu_s) = snapshot
                 .processes
                 .get(&kind)
                 .map_or((0, 0.0), |p| (p.resident_bytes, p.cpu_s));
@@ -73,7 +73,7 @@ impl UsageLog {
             own.1 / 1000
         ));
         writeln!(self.file, "{line}")
-            .map_err(|e| Refused::because(format!("writing the usage to {}", self.path.display()), e))
+            .map_err(|e| CliError::because(format!("writing the usage to {}", self.path.display()), e))
     }
 }
 
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_of_a_name_are_summed_with_those_below() {
+    fn usage_log_sums_files_of_a_prefix_recursively() {
         let directory = std::env::temp_dir().join(format!("alight-usage-{}", std::process::id()));
         std::fs::create_dir_all(directory.join("mine-below")).unwrap();
         std::fs::write(directory.join("mine-1"), [0; 10]).unwrap();

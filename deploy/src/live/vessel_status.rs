@@ -10,47 +10,47 @@ use super::check;
 use super::check::rules::{Finding, Level};
 use super::config::VesselComputer;
 use super::display::time;
-use super::keys::SOON_DAYS;
+use super::keys::RENEWAL_DAYS;
 use super::supervisor::pause;
-use super::vessel_word::{self, CertificateWord, EstimatorWord, SourceSaid, VesselWord};
-use crate::{End, Refused, say};
+use super::vessel_status_file::{self, CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
+use crate::{CliError, Exit, terminal};
 
 /// A word older than this is a dead process's or one that stands still, s: six of its periods.
 const SILENT_S: f64 = 3.0;
 /// A sensor or an estimate older than this is missing, s.
 const MISSING_S: f64 = 2.0;
 /// A drone that speaks at 2 Hz is gone after this, s.
-const GONE_S: f64 = 5.0;
+const LOST_CONTACT_S: f64 = 5.0;
 /// Shown again this often.
-const AGAIN: Duration = Duration::from_secs(1);
+const WATCH_PERIOD: Duration = Duration::from_secs(1);
 
 /// Shows once, or until stopped.
-pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -> Result<End, Refused> {
+pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -> Result<Exit, CliError> {
     loop {
-        let word = match vessel_word::read(computer) {
+        let word = match vessel_status_file::read(computer) {
             None => {
                 let what = "no vessel's process runs on this computer, or this user may not see it";
                 if as_json {
-                    say::line(json!({ "config": path, "running": false }));
+                    terminal::line(json!({ "config": path, "running": false }));
                 } else {
-                    say::line(format_args!(
+                    terminal::line(format_args!(
                         "{what}: systemctl status alight-vessel, and sudo -u alight"
                     ));
                 }
-                return Ok(End::Failed);
+                return Ok(Exit::Failed);
             }
-            Some(Err(e)) => return Err(Refused(format!("{e}; restart the vessel's process"))),
+            Some(Err(e)) => return Err(CliError(format!("{e}; restart the vessel's process"))),
             Some(Ok(word)) => word,
         };
         let findings = judge(&word, steady_ns());
         let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
         if as_json {
             let config: PathBuf = path.into();
-            say::line(json!({
+            terminal::line(json!({
                 "config": config, "running": true, "worst": worst, "findings": findings, "word": word,
             }));
         } else {
-            say::line(format_args!(
+            terminal::line(format_args!(
                 "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
                 word.vessel,
                 word.process.pid,
@@ -62,28 +62,28 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
         }
         if !watch {
             return Ok(match worst {
-                Level::Fine => End::Success,
-                Level::Warning => End::Failed,
-                Level::Broken => End::Broken,
+                Level::Fine => Exit::Success,
+                Level::Warning => Exit::Failed,
+                Level::Broken => Exit::Broken,
             });
         }
-        pause(AGAIN);
+        pause(WATCH_PERIOD);
     }
 }
 
 /// What the word means at `now_ns` of the steady clock.
-fn judge(word: &VesselWord, now_ns: i64) -> Vec<Finding> {
+fn judge(word: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(word, now_ns)];
     all.extend(word.sources.iter().map(source));
     all.extend(estimator(&word.estimator));
     all.push(certificate(&word.certificate));
-    all.push(strangers(word));
+    all.push(unauthorised_peers(word));
     all.push(deck(word));
     all.extend(drones(word));
     all
 }
 
-fn process(word: &VesselWord, now_ns: i64) -> Finding {
+fn process(word: &VesselStatus, now_ns: i64) -> Finding {
     let age_s = (now_ns - word.process.at_ns) as f64 * 1e-9;
     if age_s > SILENT_S {
         return Finding::broken(
@@ -104,11 +104,11 @@ fn process(word: &VesselWord, now_ns: i64) -> Finding {
 }
 
 /// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
-fn source(s: &SourceSaid) -> Finding {
+fn source(s: &SourceHealth) -> Finding {
     const TOPIC: &str = "source";
     let counts = format!(
         "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} refused",
-        s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.refused
+        s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.rejected
     );
     let silent = match (s.age_s, &s.why) {
         (Some(age_s), _) if age_s <= MISSING_S => None,
@@ -122,11 +122,11 @@ fn source(s: &SourceSaid) -> Finding {
             format!("{counts}; {why}"),
             "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
         ),
-        None if s.pulses_apart > 0 => Finding::warning(
+        None if s.mismatched_pulses > 0 => Finding::warning(
             TOPIC,
             format!(
                 "{counts}; {} time pulses of another time base than its fixes",
-                s.pulses_apart
+                s.mismatched_pulses
             ),
             "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
         ),
@@ -137,13 +137,13 @@ fn source(s: &SourceSaid) -> Finding {
     }
 }
 
-fn estimator(e: &EstimatorWord) -> Vec<Finding> {
+fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
     let mut all = Vec::new();
     for (k, name) in ["inertial or attitude sensor", "GNSS", "heading"]
         .iter()
         .enumerate()
     {
-        let found = match e.sensors_s.get(k).copied().flatten() {
+        let found = match e.sensor_age_s.get(k).copied().flatten() {
             Some(s) if s <= MISSING_S => continue,
             Some(s) => format!("{name}: nothing for {s:.0} s"),
             None => format!("{name}: nothing yet"),
@@ -155,7 +155,7 @@ fn estimator(e: &EstimatorWord) -> Vec<Finding> {
         ));
     }
     let [horizontal, height, tilt, heading] = e.sd;
-    all.push(match e.said_s {
+    all.push(match e.estimate_age_s {
         Some(s) if s <= MISSING_S => Finding::fine(
             "estimator",
             format!(
@@ -167,7 +167,7 @@ fn estimator(e: &EstimatorWord) -> Vec<Finding> {
                     || "no waves yet".into(),
                     |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
                 ),
-                e.refused,
+                e.rejected,
                 e.gated,
                 e.restarts,
             ),
@@ -186,41 +186,41 @@ fn estimator(e: &EstimatorWord) -> Vec<Finding> {
     all
 }
 
-fn certificate(c: &CertificateWord) -> Finding {
+fn certificate(c: &CertificateStatus) -> Finding {
     match c {
-        CertificateWord::None => Finding::warning(
+        CertificateStatus::None => Finding::warning(
             "certificate",
             "none: whoever reaches the radio may speak",
             "README, \"Certificates\", unless the radio is inside WireGuard",
         ),
-        CertificateWord::Unreadable(e) => {
+        CertificateStatus::Unreadable(e) => {
             Finding::broken("certificate", e.clone(), "alight check says what to do")
         }
-        CertificateWord::Held { name, days_left } if *days_left < 0 => Finding::broken(
+        CertificateStatus::Held { name, days_left } if *days_left < 0 => Finding::broken(
             "certificate",
             format!("{name}'s expired {} days ago", -days_left),
             "alight keys vessel NUMBER, copy it here, restart",
         ),
-        CertificateWord::Held { name, days_left } if *days_left < SOON_DAYS => Finding::warning(
+        CertificateStatus::Held { name, days_left } if *days_left < RENEWAL_DAYS => Finding::warning(
             "certificate",
             format!("{name}'s expires in {days_left} days"),
             "alight keys vessel NUMBER, copy it here, restart",
         ),
-        CertificateWord::Held { name, days_left } => {
+        CertificateStatus::Held { name, days_left } => {
             Finding::fine("certificate", format!("{name}'s, {days_left} days left"))
         }
     }
 }
 
-fn strangers(word: &VesselWord) -> Finding {
-    if word.refused.is_empty() {
+fn unauthorised_peers(word: &VesselStatus) -> Finding {
+    if word.rejected.is_empty() {
         return Finding::fine(
             "strangers",
             format!("none refused; admitted are {}", word.peers.join(", ")),
         );
     }
     let each: Vec<String> = word
-        .refused
+        .rejected
         .iter()
         .map(|(why, n)| format!("{n} for {why}"))
         .collect();
@@ -229,25 +229,25 @@ fn strangers(word: &VesselWord) -> Finding {
         format!(
             "refused: {}; the last for {}",
             each.join(", "),
-            word.refused_last.as_deref().unwrap_or("-")
+            word.rejected_last.as_deref().unwrap_or("-")
         ),
         "somebody without the right certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
     )
 }
 
-fn deck(word: &VesselWord) -> Finding {
-    let holder = word
-        .holder
+fn deck(word: &VesselStatus) -> Finding {
+    let deck_owner = word
+        .deck_owner
         .map_or_else(|| "nobody's".to_owned(), |id| format!("drone {id}'s"));
     let on = if word.occupied {
         ", a drone stands on it"
     } else {
         ""
     };
-    Finding::fine("deck", format!("{holder}{on}"))
+    Finding::fine("deck", format!("{deck_owner}{on}"))
 }
 
-fn drones(word: &VesselWord) -> Vec<Finding> {
+fn drones(word: &VesselStatus) -> Vec<Finding> {
     if word.drones.is_empty() {
         return vec![Finding::warning(
             "drones",
@@ -266,7 +266,7 @@ fn drones(word: &VesselWord) -> Vec<Finding> {
                 100.0 * d.battery,
                 time(d.age_s)
             );
-            if d.age_s > GONE_S {
+            if d.age_s > LOST_CONTACT_S {
                 Finding::warning("drones", found, "it is out of reach or switched off")
             } else {
                 Finding::fine("drones", found)
@@ -278,56 +278,56 @@ fn drones(word: &VesselWord) -> Vec<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::vessel_word::HeardFrom;
-    use crate::live::vessel_word::ProcessWord;
+    use crate::live::vessel_status_file::DroneContact;
+    use crate::live::vessel_status_file::ProcessStatus;
 
-    fn word() -> VesselWord {
-        VesselWord {
+    fn word() -> VesselStatus {
+        VesselStatus {
             vessel: 1,
-            process: ProcessWord {
+            process: ProcessStatus {
                 at_ns: 100_000_000_000,
-                ..ProcessWord::default()
+                ..ProcessStatus::default()
             },
             listen: vec!["tls/0.0.0.0:7447".into()],
             peers: vec!["drone-1".into()],
-            certificate: CertificateWord::Held {
+            certificate: CertificateStatus::Held {
                 name: "vessel-1".into(),
                 days_left: 300,
             },
-            refused: Vec::new(),
-            refused_last: None,
-            holder: Some(1),
+            rejected: Vec::new(),
+            rejected_last: None,
+            deck_owner: Some(1),
             occupied: false,
-            drones: vec![HeardFrom {
+            drones: vec![DroneContact {
                 drone: 1,
                 age_s: 0.3,
                 state: "Descent".into(),
                 entered: "the deck is calm".into(),
                 battery: 0.8,
             }],
-            estimator: EstimatorWord {
-                sensors_s: [Some(0.01), Some(0.1), Some(0.1)],
-                said_s: Some(0.03),
+            estimator: EstimatorStatus {
+                sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
+                estimate_age_s: Some(0.03),
                 sd: [0.5, 0.1, 0.005, 0.01],
                 waves: Some([0.9, 1.0]),
                 gated: [0; 3],
                 restarts: 0,
-                refused: 0,
+                rejected: 0,
             },
             sensors_pid: Some(7),
-            sources: vec![SourceSaid {
+            sources: vec![SourceHealth {
                 name: "receiver".into(),
                 age_s: Some(0.1),
                 good: 900,
                 used: 880,
-                ..SourceSaid::default()
+                ..SourceHealth::default()
             }],
         }
     }
 
-    type Change<'a> = &'a dyn Fn(&mut VesselWord);
+    type Change<'a> = &'a dyn Fn(&mut VesselStatus);
 
-    fn worst(word: &VesselWord, now_s: i64) -> (Level, Vec<&'static str>) {
+    fn worst(word: &VesselStatus, now_s: i64) -> (Level, Vec<&'static str>) {
         let all = judge(word, now_s * 1_000_000_000);
         let worst = all.iter().map(|f| f.level).max().unwrap();
         let at = all.iter().filter(|f| f.level == worst).map(|f| f.topic);
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_is_named_and_judged_by_itself() {
+    fn vessel_status_judges_each_fault_by_itself() {
         assert_eq!(worst(&word(), 100).0, Level::Fine);
         assert_eq!(worst(&word(), 110), (Level::Broken, vec!["process"]));
         let case = |change: Change<'_>| {
@@ -343,13 +343,13 @@ mod tests {
             change(&mut w);
             worst(&w, 100)
         };
-        let held = |days_left| CertificateWord::Held {
+        let held = |days_left| CertificateStatus::Held {
             name: "vessel-1".into(),
             days_left,
         };
         let cases: [(Change<'_>, Level, &str); 10] = [
             (
-                &|w| w.estimator.sensors_s[1] = Some(9.0),
+                &|w| w.estimator.sensor_age_s[1] = Some(9.0),
                 Level::Broken,
                 "sensors",
             ),
@@ -359,12 +359,12 @@ mod tests {
                 Level::Warning,
                 "source",
             ),
-            (&|w| w.sources[0].pulses_apart = 1, Level::Warning, "source"),
-            (&|w| w.estimator.said_s = None, Level::Broken, "estimator"),
+            (&|w| w.sources[0].mismatched_pulses = 1, Level::Warning, "source"),
+            (&|w| w.estimator.estimate_age_s = None, Level::Broken, "estimator"),
             (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
             (&|w| w.certificate = held(10), Level::Warning, "certificate"),
             (
-                &|w| w.refused = vec![("no TLS".into(), 3)],
+                &|w| w.rejected = vec![("no TLS".into(), 3)],
                 Level::Warning,
                 "strangers",
             ),
@@ -377,8 +377,8 @@ mod tests {
     }
 
     #[test]
-    fn a_word_reads_back_as_it_was_written() {
+    fn vessel_status_file_round_trips() {
         let text = serde_json::to_string(&word()).unwrap();
-        assert_eq!(serde_json::from_str::<VesselWord>(&text).unwrap(), word());
+        assert_eq!(serde_json::from_str::<VesselStatus>(&text).unwrap(), word());
     }
 }

@@ -11,10 +11,10 @@ use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
-use alight_sim::firmware::FirmwareSensors;
-use alight_sim::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::autopilots::FirmwareSensors;
+use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::trace::Trace;
 use alight_sim::physics::{Physics, TICK};
-use alight_sim::trace::Trace;
 use serde::{Deserialize, Serialize};
 
 use super::args::WorldArgs;
@@ -22,17 +22,17 @@ use super::config::SimulatedWorld;
 use super::follow::Followed;
 use super::instance::owner;
 use super::interface::autopilot::SimulatedAutopilot;
-use super::interface::sensors::{Readings, SimulatedSensors};
-use super::painter::Painter;
+use super::interface::sensors::{Readings, SensorSender};
 use super::plant::Plant;
-use super::process::{Life, draw_boot, recorder};
+use super::process::{Life, draw_boot, log_writer};
+use super::render_thread::RenderThread;
 use super::truth::Truth;
-use crate::{End, Refused, plot, say};
+use crate::{CliError, Exit, plot, terminal};
 
 /// What the world tells its supervisor, one JSON object per line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Word {
+pub enum WorldReport {
     /// How it ended, judged from the truth.
     Landed(Box<Landed>),
     /// It was told to follow only, and followed.
@@ -51,11 +51,11 @@ pub struct Landed {
 /// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
 /// (s), ticks later than one period, true time since the start (s), slices that a firmware left
 /// unanswered.
-pub fn run(args: &WorldArgs) -> Result<End, Refused> {
+pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
-    let world: SimulatedWorld = config::load(&args.config).map_err(|e| Refused(e.to_string()))?;
+    let world: SimulatedWorld = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
     let mut physics = Physics::new(&world.scenario, world.seed)
-        .map_err(|e| Refused::because("setting up the simulated world", e))?;
+        .map_err(|e| CliError::because("setting up the simulated world", e))?;
     let mut plant = {
         let (scenario, firmware) = (&world.scenario, &world.firmware);
         let (navigation, datum) = (&scenario.drone.navigation, scenario.sensors.vessel_gnss.datum);
@@ -64,8 +64,8 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
     };
     let instance = Instance::new(&world.instance)?;
     let mut computer = DroneSide::join(&instance, &world)?;
-    let sensors = SimulatedSensors::to(&world.sensors)
-        .map_err(|e| Refused::because(format!("sending sensors to {}", world.sensors), e))?;
+    let sensors = SensorSender::to(&world.sensors)
+        .map_err(|e| CliError::because(format!("sending sensors to {}", world.sensors), e))?;
     let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
     let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
     let clock = ProcessClock {
@@ -82,7 +82,7 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
     let mut stays_until_s: Option<f64> = None;
 
     let mut truth = match &args.log {
-        Some(directory) if world.truth => Some(recorder(
+        Some(directory) if world.truth => Some(log_writer(
             directory,
             ProcessKind::World,
             life.boot(),
@@ -99,7 +99,7 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
             mission,
             forecasts,
             state,
-            painter,
+            render_thread,
             ..
         } = &mut computer;
         // The truth at `t` is made and measured when the computer's clock reads `t`.
@@ -119,7 +119,7 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
         if physics.drone().is_none() {
             if plant.is_some() {
                 // A firmware wakes up on the ground, and is flown from there by a person.
-                physics.place_drone_standing();
+                physics.place_drone_on_pad();
             } else if physics.now() >= physics.hover_from() {
                 physics.place_drone();
             }
@@ -134,13 +134,13 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
             heading: readings.heading,
             ..Readings::default()
         });
-        if let Some(flight) = physics.flight() {
-            autopilot.say_seen(&flight.seen);
-            if let Some(painter) = painter {
-                painter.take(&flight.seen.shots);
+        if let Some(flight) = physics.drone_measurements() {
+            autopilot.publish_detections(&flight.readings);
+            if let Some(render_thread) = render_thread {
+                render_thread.take(&flight.readings.shots);
             }
             if plant.is_none() {
-                autopilot.say(&flight);
+                autopilot.publish(&flight);
             }
         }
         // Set-points have until the next tick to arrive: what the vehicle does in between follows
@@ -160,10 +160,10 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
         phase = mission.newest(drone_ns).unwrap_or(phase);
         let unanswered = plant.as_ref().map_or(0, Plant::late) as f64;
         let t_s = physics.time_since_start().secs();
-        let lost = painter.as_ref().map_or(0, Painter::lost) as f64;
+        let lost = render_thread.as_ref().map_or(0, RenderThread::lost) as f64;
         life.figures = Seq::filled([latest_s, f64::from(late_ticks), t_s, unanswered, lost]);
-        history.see(&physics, t_s, &phase);
-        followed.see(t_s, TICK.secs(), phase.state);
+        history.update(&physics, t_s, &phase);
+        followed.update(t_s, TICK.secs(), phase.state);
         if world.follow_s.is_some_and(|f| t_s >= f) {
             break;
         }
@@ -194,7 +194,7 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
     }
     let sim_time_s = physics.now().secs();
     let mut outcome = judge.outcome(world.seed, &world.sea, &world.planner, sim_time_s);
-    [outcome.radio_age_s, outcome.sight_age_s] =
+    [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i: usize| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     outcome.digest = format!("{:016x}", physics.digest());
     outcome.wall_time_s = clock.now::<TrueTime>().secs();
@@ -203,17 +203,17 @@ pub fn run(args: &WorldArgs) -> Result<End, Refused> {
         plot::landing(&trace, &outcome, path)?;
     }
     let untouched = outcome.outcome == Ending::Timeout && outcome.touchdown_speed_mps.is_none();
-    let word = if world.follow_s.is_some() && untouched {
-        Word::Followed(followed)
+    let report = if world.follow_s.is_some() && untouched {
+        WorldReport::Followed(followed)
     } else {
-        Word::Landed(Box::new(Landed {
+        WorldReport::Landed(Box::new(Landed {
             outcome,
             first_contact_s: judge.first_contact_s(),
         }))
     };
-    let word = serde_json::to_string(&word).map_err(|e| Refused::because("writing the outcome", e))?;
-    say::line(word);
-    Ok(End::Success)
+    let report = serde_json::to_string(&report).map_err(|e| CliError::because("writing the outcome", e))?;
+    terminal::line(report);
+    Ok(Exit::Success)
 }
 
 /// The drone's memory as the simulated vehicle uses it.
@@ -226,14 +226,14 @@ struct DroneSide {
     forecasts: Subscriber<DeckForecast>,
     state: Publisher<ProcessState>,
     /// The simulated camera, where images are rendered.
-    painter: Option<Painter>,
+    render_thread: Option<RenderThread>,
 }
 
 impl DroneSide {
     /// Whether the computer was started anew is looked for this often, ns.
     const LOOK_NS: i64 = 200_000_000;
 
-    fn join(instance: &Instance, world: &SimulatedWorld) -> Result<DroneSide, Refused> {
+    fn join(instance: &Instance, world: &SimulatedWorld) -> Result<DroneSide, CliError> {
         let owner = owner(instance);
         let memory = Memory::join(instance, "world")?;
         Ok(DroneSide {
@@ -243,7 +243,7 @@ impl DroneSide {
             mission: memory.subscriber()?,
             forecasts: memory.subscriber()?,
             state: memory.publisher()?,
-            painter: Painter::of(instance, &world.scenario, world.seed)?,
+            render_thread: RenderThread::of(instance, &world.scenario, world.seed)?,
             memory,
         })
     }
@@ -289,7 +289,7 @@ impl History {
             next_s: 0.0,
         }
     }
-    fn see(&mut self, physics: &Physics, t_s: f64, mission: &MissionState) {
+    fn update(&mut self, physics: &Physics, t_s: f64, mission: &MissionState) {
         let Some(trace) = &mut self.trace else { return };
         if mission.state != self.state {
             self.state = mission.state;

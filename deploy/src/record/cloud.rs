@@ -2,7 +2,7 @@
 //! those that do not know the shapes of a `foxglove.SceneUpdate`.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_sim::scenario::Scenario;
+use alight_sim::harness::scenario::Scenario;
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{PackedElementField, PointCloud, Pose, Timestamp};
 
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_lie_on_the_deck_and_their_number_is_bounded() {
+    fn deck_cloud_lies_on_the_deck_and_is_bounded() {
         let now = Timestamp::new(0, 0);
         let long = DeckGeometry {
             length_m: 1e9,

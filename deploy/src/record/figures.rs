@@ -42,11 +42,11 @@ pub const WAVE: Flat = Flat {
     fields: &[
         ("significant_height_m", Number),
         ("confidence", Number),
-        ("orbital_slip", Number),
+        ("wave_following_deficit", Number),
         ("omega_radps", Numbers),
         ("direction_rad", Numbers),
         ("omega_encounter_radps", Numbers),
-        ("felt_slopes", Numbers),
+        ("apparent_slopes", Numbers),
     ],
 };
 /// The vessel's inertial sensor.
@@ -87,7 +87,7 @@ pub const LINK: Flat = Flat {
         ("clock_offset_sd_s", Number),
         ("age_s", Number),
         ("loss", Number),
-        ("overtaken", Number),
+        ("out_of_order", Number),
         ("latency_p50_s", Number),
         ("latency_p99_s", Number),
         ("rejected", Number),
@@ -102,14 +102,14 @@ pub const FORECAST: Flat = Flat {
         ("vision_age_s", Number),
         ("tag_age_s", Number),
         ("wave_confidence", Number),
-        ("orbital_slip", Number),
+        ("wave_following_deficit", Number),
         ("position_sd_m", Numbers),
         ("euler_sd_rad", Numbers),
         ("ahead_1s_position_sd_m", Numbers),
         ("ahead_1s_heave_m", Number),
         ("ahead_1s_roll_deg", Number),
         ("ahead_1s_pitch_deg", Number),
-        ("foretold_slopes", Numbers),
+        ("predicted_slopes", Numbers),
     ],
 };
 /// The mission.

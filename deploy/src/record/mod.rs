@@ -22,17 +22,17 @@ mod sink;
 
 use std::path::Path;
 
-use alight_sim::outcome::Outcome;
-use alight_sim::trial::{Flight, Watch};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::trial::{FlownTrial, Watch};
 
-use crate::Refused;
+use crate::CliError;
 
 pub use recorder::{Recorder, Subject};
 
 /// The nodes in data-flow order.
 pub const NODES: [&str; 6] = ["vessel", "bridge", "predictor", "mission", "planner", "pilot"];
 /// Boot ids of the nodes in lock-step.
-pub const LOCK_STEP_BOOTS: [u32; NODES.len()] = [alight_sim::world::BOOT; NODES.len()];
+pub const LOCK_STEP_BOOTS: [u32; NODES.len()] = [alight_sim::harness::world::BOOT; NODES.len()];
 /// Name of the metadata that says what was recorded.
 const RECORDING: &str = "recording";
 /// Name of the attached configuration of the vessel's side.
@@ -41,7 +41,7 @@ pub const VESSEL_FILE: &str = "vessel.toml";
 pub const DRONE_FILE: &str = "drone.toml";
 
 /// Flies the subject's trial and records it to `path`.
-pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Flight, Refused> {
+pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
     let mut recorder = Recorder::create(path, subject)?;
     let Subject {
         scenario,
@@ -50,8 +50,8 @@ pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Fligh
         sea,
         boots: _,
     } = *subject;
-    let flight = alight_sim::trial::fly_with(scenario, nodes, seed, sea, watch, &mut recorder)
-        .map_err(|e| Refused::because("setting up the trial", e))?;
+    let flight = alight_sim::harness::trial::fly_with(scenario, nodes, seed, sea, watch, &mut recorder)
+        .map_err(|e| CliError::because("setting up the trial", e))?;
     recorder.finish(path, &ending(&flight.outcome))?;
     Ok(flight)
 }

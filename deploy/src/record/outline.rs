@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_files_pass_and_false_claims_do_not() {
+    fn outline_accepts_whole_files_and_rejects_false_lengths() {
         assert!(check(&file(1, 3, b"abc")).is_ok());
         assert!(check(&file(1, u64::MAX, b"abc")).is_err());
         assert!(check(b"not a recording").is_err());

@@ -10,7 +10,7 @@ use mcap::{MessageStream, Summary};
 
 use super::entry::{ENCODING, FORMAT};
 use super::{NODES, RECORDING, topic};
-use crate::Refused;
+use crate::CliError;
 
 /// No recording that this program makes is larger, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
@@ -24,14 +24,14 @@ pub struct Recording {
 
 /// Runs `read`, with a panic of the MCAP reader made an error: version 0.26 reserves what some damaged
 /// length fields claim and panics on an overflow of the capacity.
-pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, Refused>) -> Result<T, Refused> {
+pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> Result<T, CliError> {
     let loud = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
     let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(read));
     std::panic::set_hook(loud);
     done.unwrap_or_else(|_| {
         let origin = path.display();
-        Err(Refused(format!(
+        Err(CliError(format!(
             "reading {origin}: the recording is damaged; record it again"
         )))
     })
@@ -39,9 +39,9 @@ pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, Refused>) -> R
 
 impl Recording {
     /// Reads the file.
-    pub fn open(path: &Path) -> Result<Recording, Refused> {
+    pub fn open(path: &Path) -> Result<Recording, CliError> {
         let origin = path.display().to_string();
-        let reading = |e: &dyn Display| Refused::because(format!("reading {origin}"), e);
+        let reading = |e: &dyn Display| CliError::because(format!("reading {origin}"), e);
         let size = std::fs::metadata(path).map_err(|e| reading(&e))?.len();
         if size > MAX_FILE_BYTES {
             return Err(reading(&format_args!(
@@ -60,7 +60,7 @@ impl Recording {
         };
         let format: u32 = recording.number("format")?;
         if format != FORMAT {
-            return Err(Refused(format!(
+            return Err(CliError(format!(
                 "{}: recorded in format {format}, this program reads format {FORMAT}; record it again",
                 recording.origin
             )));
@@ -72,14 +72,14 @@ impl Recording {
         &self.origin
     }
     /// An attached file.
-    pub fn text(&self, name: &str) -> Result<String, Refused> {
+    pub fn text(&self, name: &str) -> Result<String, CliError> {
         let index = self.summary.attachment_indexes.iter().find(|a| a.name == name);
         let index = index.ok_or_else(|| self.foreign(name))?;
         let attached = mcap::read::attachment(&self.file, index).map_err(|e| unreadable(&self.origin, &e))?;
         String::from_utf8(attached.data.into_owned()).map_err(|e| unreadable(&self.origin, &e))
     }
     /// A number that says what was recorded.
-    pub fn number(&self, name: &str) -> Result<u32, Refused> {
+    pub fn number(&self, name: &str) -> Result<u32, CliError> {
         let index = self.summary.metadata_indexes.iter().find(|m| m.name == RECORDING);
         let index = index.ok_or_else(|| self.foreign(RECORDING))?;
         let values: BTreeMap<String, String> = mcap::read::metadata(&self.file, index)
@@ -92,7 +92,7 @@ impl Recording {
     pub fn steps(
         &self,
         mut each: impl FnMut(usize, f64, &[u8]) -> Result<(), WireError>,
-    ) -> Result<(), Refused> {
+    ) -> Result<(), CliError> {
         let topics = NODES.map(topic);
         let checked = Options::ValidateChunkCrcs.into();
         let messages = MessageStream::new_with_options(&self.file, checked);
@@ -106,7 +106,7 @@ impl Recording {
             };
             let t_s = message.log_time as f64 * 1e-9;
             each(k, t_s, &message.data).map_err(|e| {
-                Refused(format!(
+                CliError(format!(
                     "{}: the step of `{}` at {t_s:.2} s: {e}",
                     self.origin, NODES[k]
                 ))
@@ -114,16 +114,16 @@ impl Recording {
         }
         Ok(())
     }
-    fn foreign(&self, what: &str) -> Refused {
-        Refused(format!(
+    fn foreign(&self, what: &str) -> CliError {
+        CliError(format!(
             "{}: not a recording of `alight --record`: `{what}` is missing in it",
             self.origin
         ))
     }
 }
 
-fn unreadable(origin: &str, e: &dyn Display) -> Refused {
-    Refused(format!(
+fn unreadable(origin: &str, e: &dyn Display) -> CliError {
+    CliError(format!(
         "{origin} is damaged, cut off or not an MCAP file: {e}; record it again \
          (`alight trial --seed N --record FILE.mcap`)"
     ))

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use alight_shared::config;
 use alight_shared::wire;
-use alight_usv::log::{LogError, MOST_MEASUREMENTS, Recorded};
+use alight_usv::log::{LogError, MAX_MEASUREMENTS, Recording};
 use alight_usv::sensors::{Decoded, Measurement};
 use alight_usv::{VesselIn, VesselNodeConfig};
 
 use super::entry::Entry;
-use super::reading::{Recording, contained};
+use super::reading::{self, contained};
 use super::{NODES, VESSEL_FILE};
-use crate::Refused;
+use crate::CliError;
 
 /// The first bytes of the format.
 const MAGIC: &[u8] = b"\x89MCAP";
@@ -22,21 +22,21 @@ pub fn is_mcap(bytes: &[u8]) -> bool {
 }
 
 /// The vessel's measurements and configuration.
-pub fn read(path: &Path) -> Result<(Recorded, VesselNodeConfig), Refused> {
+pub fn read(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
     contained(path, || read_sound(path))
 }
 
-fn read_sound(path: &Path) -> Result<(Recorded, VesselNodeConfig), Refused> {
-    let recording = Recording::open(path)?;
+fn read_sound(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
+    let recording = reading::Recording::open(path)?;
     let origin = recording.origin();
     let vessel = NODES.iter().position(|n| *n == "vessel");
     let text = recording.text(VESSEL_FILE)?;
     let config =
-        config::parse(&text, &format!("{origin}, {VESSEL_FILE}")).map_err(|e| Refused(e.to_string()))?;
+        config::parse(&text, &format!("{origin}, {VESSEL_FILE}")).map_err(|e| CliError(e.to_string()))?;
     let mut measurements = Vec::new();
     let mut decoded = Decoded::default();
     recording.steps(|node, _, bytes| {
-        if Some(node) != vessel || measurements.len() > MOST_MEASUREMENTS {
+        if Some(node) != vessel || measurements.len() > MAX_MEASUREMENTS {
             return Ok(());
         }
         let entry: Entry<VesselIn> = wire::decode_record(bytes)?;
@@ -59,15 +59,15 @@ fn read_sound(path: &Path) -> Result<(Recorded, VesselNodeConfig), Refused> {
             origin: origin.into(),
             message,
         };
-        Refused(error.to_string())
+        CliError(error.to_string())
     };
     if measurements.is_empty() {
         return Err(whole("holds no measurement of a vessel".into()));
     }
-    if measurements.len() > MOST_MEASUREMENTS {
-        return Err(whole(format!("more than {MOST_MEASUREMENTS} measurements")));
+    if measurements.len() > MAX_MEASUREMENTS {
+        return Err(whole(format!("more than {MAX_MEASUREMENTS} measurements")));
     }
-    let recorded = Recorded {
+    let recorded = Recording {
         format: "MCAP",
         measurements,
         decoded,

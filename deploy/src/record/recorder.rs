@@ -6,10 +6,10 @@ use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
 use alight_shared::wire::{self, WireError};
-use alight_sim::body::RigidState;
-use alight_sim::scenario::{NodeConfigs, Scenario};
-use alight_sim::tap::Tap;
-use alight_sim::world::{DRONE_ID, VESSEL_ID};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::Tap;
+use alight_sim::harness::world::{DRONE_ID, VESSEL_ID};
+use alight_sim::physics::body::RigidState;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::{PlannerIn, PlannerOut};
@@ -22,7 +22,7 @@ use super::entry::{ENCODING, Entry, FORMAT, MissionEntry, Newest, PilotEntry, Pl
 use super::show::Show;
 use super::sink::{Channel, Opening, Sink};
 use super::{NODES, topic};
-use crate::Refused;
+use crate::CliError;
 use crate::configs::DroneFile;
 
 /// What is recorded.
@@ -52,22 +52,22 @@ pub struct Recorder {
 impl Recorder {
     /// Creates the file and writes what does not change: configurations and initial state (a node
     /// begins as its configuration makes it).
-    pub fn create(path: &Path, subject: &Subject<'_>) -> Result<Recorder, Refused> {
+    pub fn create(path: &Path, subject: &Subject<'_>) -> Result<Recorder, CliError> {
         let doing = || format!("recording to {}", path.display());
-        let vessel = toml::to_string(&subject.nodes.vessel).map_err(|e| Refused::because(doing(), e))?;
+        let vessel = toml::to_string(&subject.nodes.vessel).map_err(|e| CliError::because(doing(), e))?;
         let drone = toml::to_string(&DroneFile {
             bridge: subject.nodes.bridge.clone(),
             drone: subject.nodes.drone.clone(),
         })
-        .map_err(|e| Refused::because(doing(), e))?;
-        let scenario = toml::to_string(subject.scenario).map_err(|e| Refused::because(doing(), e))?;
+        .map_err(|e| CliError::because(doing(), e))?;
+        let scenario = toml::to_string(subject.scenario).map_err(|e| CliError::because(doing(), e))?;
         let texts = [
             (super::VESSEL_FILE, vessel),
             (super::DRONE_FILE, drone),
             ("scenario.toml", scenario),
         ];
         Self::open(path, subject, &texts)
-            .map_err(|e| Refused::because(doing(), format!("{e}; choose a path that can be written")))
+            .map_err(|e| CliError::because(doing(), format!("{e}; choose a path that can be written")))
     }
     fn open(path: &Path, subject: &Subject<'_>, texts: &[(&str, String)]) -> Result<Recorder, McapError> {
         let mut opening = Opening::create(path)?;
@@ -128,13 +128,13 @@ impl Recorder {
     }
 
     /// Ends the recording with what came out of the flight.
-    pub fn finish(self, path: &Path, outcome: &[(&str, String)]) -> Result<(), Refused> {
+    pub fn finish(self, path: &Path, outcome: &[(&str, String)]) -> Result<(), CliError> {
         let doing = || format!("recording to {}", path.display());
         self.sink
             .finish("outcome", outcome)
-            .map_err(|e| Refused::because(doing(), e))?;
+            .map_err(|e| CliError::because(doing(), e))?;
         match self.failed {
-            Some(e) => Err(Refused::because(doing(), e)),
+            Some(e) => Err(CliError::because(doing(), e)),
             None => Ok(()),
         }
     }

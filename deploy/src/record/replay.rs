@@ -21,8 +21,8 @@ use super::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEn
 use super::reading::{Recording, contained};
 use super::{DRONE_FILE, NODES, VESSEL_FILE};
 use crate::configs::DroneFile;
-use crate::say::{self, note};
-use crate::{End, Refused};
+use crate::terminal::{self, note};
+use crate::{CliError, Exit};
 
 /// How one node's replay went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,15 +43,15 @@ pub struct Replayed {
 }
 
 /// Replays and says how it went.
-pub fn run(args: &ReplayArgs) -> Result<End, Refused> {
+pub fn run(args: &ReplayArgs) -> Result<Exit, CliError> {
     let replayed = contained(&args.path, || replay(&args.path))?;
     let say = |line: String| note(args.json, line);
     for (name, verdict) in NODES.iter().zip(&replayed.nodes) {
-        let word = match verdict.differs_at_s {
+        let verdict_text = match verdict.differs_at_s {
             None => "identical".to_string(),
             Some(t) => format!("differs from {t:.2} s on"),
         };
-        say(format!("{name:<10} {:>8} steps  {word}", verdict.steps));
+        say(format!("{name:<10} {:>8} steps  {verdict_text}", verdict.steps));
     }
     let text = match replayed.first {
         None => "bit-identical".to_string(),
@@ -63,19 +63,19 @@ pub fn run(args: &ReplayArgs) -> Result<End, Refused> {
             .zip(&replayed.nodes)
             .map(|(name, v)| json!({"node": name, "steps": v.steps, "differs_at_s": v.differs_at_s}))
             .collect();
-        say::line(json!({"identical": replayed.first.is_none(), "verdict": text, "nodes": nodes}));
+        terminal::line(json!({"identical": replayed.first.is_none(), "verdict": text, "nodes": nodes}));
     } else {
-        say::line(text);
+        terminal::line(text);
     }
     Ok(if replayed.first.is_none() {
-        End::Success
+        Exit::Success
     } else {
-        End::Failed
+        Exit::Failed
     })
 }
 
 /// Replays the recording at `path`.
-pub fn replay(path: &Path) -> Result<Replayed, Refused> {
+pub fn replay(path: &Path) -> Result<Replayed, CliError> {
     let recording = Recording::open(path)?;
     let mut nodes = Nodes::of(&recording)?;
     let mut replayed = Replayed::default();
@@ -90,7 +90,7 @@ pub fn replay(path: &Path) -> Result<Replayed, Refused> {
         Ok(())
     })?;
     if replayed.nodes.iter().all(|v| v.steps == 0) {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "{}: holds no step of any node",
             recording.origin()
         )));
@@ -111,7 +111,7 @@ struct Nodes {
 
 impl Nodes {
     /// From the recorded configurations.
-    fn of(recording: &Recording) -> Result<Nodes, Refused> {
+    fn of(recording: &Recording) -> Result<Nodes, CliError> {
         let origin = recording.origin();
         let number = |name: &str| recording.number(name);
         let (vessel_id, id) = (number("vessel_id")?, number("drone_id")?);
@@ -120,7 +120,7 @@ impl Nodes {
             *boot = number(&super::boot(node))?;
         }
         let [v, b, p, m, l, t] = boots;
-        let refused = |e: config::ConfigError| Refused(e.to_string());
+        let refused = |e: config::ConfigError| CliError(e.to_string());
         let vessel: VesselNodeConfig =
             config::parse(&recording.text(VESSEL_FILE)?, &format!("{origin}, {VESSEL_FILE}"))
                 .map_err(refused)?;

@@ -1,7 +1,7 @@
 //! Shapes of vessel, deck, drone and water as a `foxglove.SceneUpdate`.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_sim::scenario::Scenario;
+use alight_sim::harness::scenario::Scenario;
 use foxglove::messages::{
     Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive,
     Timestamp, Vector3,

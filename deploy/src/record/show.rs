@@ -6,8 +6,8 @@ use alight_shared::msg::{
     DeckForecast, DroneState, Motors, Plan, ReasonCode, SLOPE_STEP, SetPointKind, State,
 };
 use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_sim::body::RigidState;
-use alight_sim::scenario::Scenario;
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::physics::body::RigidState;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::PlannerOut;
@@ -119,7 +119,7 @@ pub struct Show {
     set_point: Figures,
     /// The true drone at this tick.
     drone: Option<[f64; 3]>,
-    said: Option<(State, ReasonCode)>,
+    shown_state: Option<(State, ReasonCode)>,
     plan_at: Option<Time<DroneClock>>,
     plan_shown: Time<TrueTime>,
     estimate_shown: Time<TrueTime>,
@@ -156,7 +156,7 @@ impl Show {
             autopilot: Figures::open(o, "/drone/autopilot", figures::AUTOPILOT)?,
             set_point: Figures::open(o, "/pilot/set_point", figures::SET_POINT)?,
             drone: None,
-            said: None,
+            shown_state: None,
             plan_at: None,
             plan_shown: Time::EPOCH,
             estimate_shown: Time::EPOCH,
@@ -319,7 +319,7 @@ impl Show {
             let values = [
                 N(f64::from(w.significant_height_m)),
                 N(f64::from(w.confidence)),
-                N(f64::from(w.orbital_slip)),
+                N(f64::from(w.wave_following_deficit)),
                 V(&of(|c| c.omega)),
                 V(&of(|c| c.direction)),
                 V(&of(|c| c.omega_encounter)),
@@ -337,7 +337,7 @@ impl Show {
             l.clock_offset_sd_s,
             l.age_s,
             l.loss,
-            l.overtaken,
+            l.out_of_order,
             l.latency_p50_s,
             l.latency_p99_s,
             f64::from(l.rejected),
@@ -416,7 +416,11 @@ impl Show {
         );
         put(sink, self.forecast_path, t, &path);
         let source = format!("{:?}", f.source);
-        let foretold: Vec<f64> = f.foretold.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect();
+        let predicted_slopes: Vec<f64> = f
+            .predicted_slopes
+            .iter()
+            .map(|s| f64::from(*s) * SLOPE_STEP)
+            .collect();
         let none = [f64::NAN; 3];
         let now = f.stages.first();
         let ahead = f.at(f.header.at + alight_shared::time::Span::from_secs(1.0));
@@ -427,14 +431,14 @@ impl Show {
             N(f.vision_age_s),
             N(f.tag_age_s),
             N(f.wave_confidence),
-            N(f.orbital_slip),
+            N(f.wave_following_deficit),
             V(now.map_or(&none, |s| &s.position_sd)),
             V(now.map_or(&none, |s| &s.euler_sd)),
             V(ahead.as_ref().map_or(&none, |s| &s.position_sd)),
             N(ahead_is(|s| -s.position[2])),
             N(ahead_is(|s| s.euler[0].to_degrees())),
             N(ahead_is(|s| s.euler[1].to_degrees())),
-            V(&foretold),
+            V(&predicted_slopes),
         ];
         self.forecast.put(sink, t, &values);
     }
@@ -457,8 +461,8 @@ impl Show {
         }
         let Some(m) = &o.state else { return };
         let now = Some((m.state, m.waiting.code));
-        let entered = self.said.map(|s| s.0) != Some(m.state);
-        if entered || self.said != now || due(t, SLOW_MS) {
+        let entered = self.shown_state.map(|s| s.0) != Some(m.state);
+        if entered || self.shown_state != now || due(t, SLOW_MS) {
             let (because, waiting) = (m.entered.to_string(), m.waiting.to_string());
             let values = [
                 T(m.state.name()),
@@ -484,12 +488,12 @@ impl Show {
                     | State::Landed => log::Level::Info,
                 };
                 self.line(sink, t, level, format!("{}: {because}", m.state.name()));
-            } else if self.said != now && m.waiting.code != ReasonCode::None {
+            } else if self.shown_state != now && m.waiting.code != ReasonCode::None {
                 let text = format!("{} waits: {waiting}", m.state.name());
                 self.line(sink, t, log::Level::Debug, text);
             }
         }
-        self.said = now;
+        self.shown_state = now;
     }
 
     fn line(&self, sink: &mut Sink, t: Time<TrueTime>, level: log::Level, message: String) {

@@ -1,13 +1,13 @@
 //! What `alight` is made of, each ingredient switched off in turn by the configuration.
 
 use alight_shared::config::{Check, Keys};
-use alight_sim::scenario::NodeConfigs;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_uav::pilot::config::Output;
 use alight_uav::planner::PlannerKind;
-use alight_uav::planner::rendezvous::config::Meeting;
+use alight_uav::planner::rendezvous::config::WeightSchedule;
 use alight_uav::planner::weights::FaaDistance;
 
-use super::flown::{Change, Flown};
+use super::flown::{Change, PlannerVariant};
 
 /// Seas of the study: the paper's Moderate, its steepest and its shortest.
 pub const SEAS: [&str; 3] = ["0.5,5", "0.8,5", "0.4,4"];
@@ -16,12 +16,12 @@ pub const SEAS: [&str; 3] = ["0.5,5", "0.8,5", "0.4,4"];
 const INGREDIENTS: [(&str, Change); 16] = [
     // The instant of contact is not chosen.
     ("earliest instant", |n| {
-        n.drone.planner.rendezvous.instant.window_s = 0.0;
+        n.drone.planner.rendezvous.touchdown_time.window_s = 0.0;
     }),
     // Attitude is not matched at the contact.
     ("no attitude alignment", |n| {
         let r = &mut n.drone.planner.rendezvous;
-        let none = Meeting {
+        let none = WeightSchedule {
             far: 0.0,
             contact: 0.0,
         };
@@ -69,7 +69,7 @@ const INGREDIENTS: [(&str, Change); 16] = [
     }),
     // A landing goes on from the plan of following.
     ("begins at the plan", |n| {
-        n.drone.planner.rendezvous.begins_measured = false;
+        n.drone.planner.rendezvous.start_from_measured = false;
     }),
     // Position and velocity as the autopilot says them, corrected by every fix.
     ("autopilot's odometry", |n| n.drone.odometry.smooth = false),
@@ -78,16 +78,16 @@ const INGREDIENTS: [(&str, Change); 16] = [
     // Once the tag has been seen, nothing by radio.
     ("no radio after sight", |n| {
         n.drone.predictor.use_wave_model = false;
-        n.drone.predictor.radio_after_sight_s = 4.5;
+        n.drone.predictor.radio_after_vision_s = 4.5;
     }),
 ];
 
 /// `alight` whole, then without each ingredient. Refused when the base leaves no room for a switch.
-pub fn planners(base: &NodeConfigs) -> Result<Vec<Flown>, String> {
+pub fn planners(base: &NodeConfigs) -> Result<Vec<PlannerVariant>, String> {
     let kind = PlannerKind::Alight;
-    let mut all = vec![Flown::from(kind)];
+    let mut all = vec![PlannerVariant::from(kind)];
     for (name, change) in INGREDIENTS {
-        let flown = Flown {
+        let flown = PlannerVariant {
             name: format!("{}, {name}", kind.name()),
             kind,
             change: Some(change),

@@ -1,15 +1,15 @@
 //! `alight study camera`: what the camera node sees in rendered images, beside the measurement model of
 //! lock-step.
 
-use alight_sim::studies::camera::{Bench, Condition, Misfit, Row};
-use alight_sim::studies::empty::{Empty, EmptyRow, Kind};
+use alight_sim::studies::camera::{CameraBench, CameraRow, Condition, ModelFit};
+use alight_sim::studies::false_detections::{FalseDetectionBench, FalseDetectionRow, SceneKind};
 use alight_sim::studies::uvdar;
 use serde_json::{Value, json};
 
-use crate::Refused;
+use crate::CliError;
 use crate::args::StudyArgs;
-use crate::say::note;
 use crate::scene::{Scene, stopwatch};
+use crate::terminal::note;
 
 const RANGES_M: [f64; 14] = [
     0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0, 23.0, 26.0, 30.0,
@@ -29,18 +29,18 @@ const EMPTY_PER_TRIAL: usize = 100;
 const FRAMES_PER_HOUR: f64 = 108_000.0;
 
 /// Runs it: `--trials` images a cell.
-pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
+pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     let scene = Scene::of(&args.scene)?;
     let images = args.trials as usize;
     let (sensors, settings) = (&scene.scenario.sensors, &scene.nodes.drone.camera);
-    let mut bench = Bench::new(sensors, settings, &scene.scenario.deck, args.seed0);
+    let mut bench = CameraBench::new(sensors, settings, &scene.scenario.deck, args.seed0);
     let say = |line: String| note(args.json, line);
     let cell = Condition::default();
     say(format!(
         "{images} rendered images a row, seed {}; in brackets the measurement model of lock-step",
         args.seed0
     ));
-    let mut table = |title: &str, conditions: Vec<Condition>| -> Vec<Row> {
+    let mut table = |title: &str, conditions: Vec<Condition>| -> Vec<CameraRow> {
         say(title.into());
         say(format!(
             "  {:>5}{:>5}{:>5}{:>6} {:>10} {:>12} {:>5} {:>13} {:>8} {:>14}",
@@ -88,7 +88,7 @@ pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
         "Glare near the tag",
         GLARES.map(|glare| Condition { glare, ..cell }).to_vec(),
     );
-    let misfit = Misfit::of(&[&range[..], &incidence, &blur].concat());
+    let misfit = ModelFit::of(&[&range[..], &incidence, &blur].concat());
     say(format!(
         "Misfit of the model without glare: {:.0} points of the share seen (root mean square); over {} rows where \
          both see it, corner noise {:.2} x that of the images (spread x/{:.2}), mean position error {:.2} x (x/{:.2})",
@@ -158,7 +158,7 @@ fn with_markers(scene: &Scene, flights: usize, seed: u64, say: &dyn Fn(String)) 
                 both(row.distance, row.model_distance, 3),
                 row.distance_bias,
                 row.nees,
-                row.wild
+                row.outliers
             ));
             row
         })
@@ -166,30 +166,30 @@ fn with_markers(scene: &Scene, flights: usize, seed: u64, say: &dyn Fn(String)) 
 }
 
 /// Images in which the deck's tag is not, or not whole: the last row is all of them.
-fn without_a_tag(scene: &Scene, args: &StudyArgs, say: &dyn Fn(String)) -> Vec<EmptyRow> {
+fn without_a_tag(scene: &Scene, args: &StudyArgs, say: &dyn Fn(String)) -> Vec<FalseDetectionRow> {
     let (sensors, settings) = (&scene.scenario.sensors, &scene.nodes.drone.camera);
-    let mut bench = Empty::new(sensors, settings, &scene.scenario.deck, args.seed0);
+    let mut bench = FalseDetectionBench::new(sensors, settings, &scene.scenario.deck, args.seed0);
     say("Without the deck's whole tag: others read, the deck's number reported, false sightings behind the gates".into());
     say(format!(
         "  {:<12}{:>8}{:>9}{:>10}{:>7}   {}",
         "shown", "images", "others", "reported", "false", "an hour at 30 Hz, 95 % interval"
     ));
-    let mut rows: Vec<EmptyRow> = Vec::new();
-    let mut tell = |row: EmptyRow| {
+    let mut rows: Vec<FalseDetectionRow> = Vec::new();
+    let mut show = |row: FalseDetectionRow| {
         let kind = row.kind.map_or("all".into(), |k| format!("{k:?}"));
         let [low, high] = row.share_95.map(|s| s * FRAMES_PER_HOUR);
         say(format!(
             "  {kind:<12}{:>8}{:>9}{:>10}{:>7}   {low:.1} to {high:.1}",
-            row.images, row.other_tags, row.reported, row.sightings
+            row.images, row.other_tags, row.reported, row.detections
         ));
         rows.push(row);
     };
-    let kinds: Vec<EmptyRow> = Kind::ALL
+    let kinds: Vec<FalseDetectionRow> = SceneKind::ALL
         .iter()
         .map(|kind| bench.row(*kind, args.trials as usize * EMPTY_PER_TRIAL))
-        .inspect(|row| tell(*row))
+        .inspect(|row| show(*row))
         .collect();
-    tell(EmptyRow::total(&kinds));
+    show(FalseDetectionRow::total(&kinds));
     rows
 }
 
@@ -198,7 +198,7 @@ fn both(a: f64, b: f64, digits: usize) -> String {
     format!("{a:.digits$} ({b:.digits$})")
 }
 
-fn line(row: &Row) -> String {
+fn line(row: &CameraRow) -> String {
     let (c, p, m) = (&row.condition, &row.pixels, &row.model);
     format!(
         "  {:>5.1}{:>5.0}{:>5.1}{:>6.1} {:>10} {:>12} {:>5.0} {:>13} {:>8} {:>14}",
@@ -216,7 +216,7 @@ fn line(row: &Row) -> String {
 }
 
 /// Mean and 99 % quantile of the time to draw an image and to search it, ms.
-fn times(bench: &mut Bench, images: usize) -> ([f64; 2], [f64; 2]) {
+fn times(bench: &mut CameraBench, images: usize) -> ([f64; 2], [f64; 2]) {
     let (mut drawn, mut looked) = (Vec::new(), Vec::new());
     for k in 0..images {
         let range_m = 1.5 + 13.5 * k as f64 / images as f64;
@@ -228,7 +228,7 @@ fn times(bench: &mut Bench, images: usize) -> ([f64; 2], [f64; 2]) {
         let Some(image) = bench.image(&shot) else { continue };
         drawn.push(1e3 * watch());
         let watch = stopwatch();
-        let _pose = bench.node().look(&image);
+        let _pose = bench.node().detect(&image);
         looked.push(1e3 * watch());
     }
     let figures = |mut v: Vec<f64>| {

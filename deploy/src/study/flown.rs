@@ -1,6 +1,6 @@
 //! What is compared within a study: planners, or one planner with something left out.
 
-use alight_sim::scenario::NodeConfigs;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_uav::planner::PlannerKind;
 use clap::ValueEnum;
 
@@ -11,7 +11,7 @@ pub type Change = fn(&mut NodeConfigs);
 
 /// A planner as a study flies it.
 #[derive(Clone, Debug)]
-pub struct Flown {
+pub struct PlannerVariant {
     /// Its name in tables and rows.
     pub name: String,
     /// The planner.
@@ -20,7 +20,7 @@ pub struct Flown {
     pub change: Option<Change>,
 }
 
-impl Flown {
+impl PlannerVariant {
     /// Of a row that was flown elsewhere: by the planner's name, or by that before a comma.
     pub fn named(name: &str) -> Self {
         let kind = name.split(',').next().and_then(|first| {
@@ -29,7 +29,7 @@ impl Flown {
                 .map(|p| p.kind())
                 .find(|k| k.name() == first)
         });
-        Flown {
+        PlannerVariant {
             name: name.into(),
             kind: kind.unwrap_or_default(),
             change: None,
@@ -46,9 +46,9 @@ impl Flown {
     }
 }
 
-impl From<PlannerKind> for Flown {
+impl From<PlannerKind> for PlannerVariant {
     fn from(kind: PlannerKind) -> Self {
-        Flown {
+        PlannerVariant {
             name: kind.name().into(),
             kind,
             change: None,

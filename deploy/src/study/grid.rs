@@ -1,23 +1,23 @@
 //! The rows of each study: which scenes are flown.
 
-use alight_sim::deck_motion::DeckMotionConfig;
-use alight_sim::deck_motion::rocking::RockingConfig;
-use alight_sim::outcome::Outcome;
-use alight_sim::scenario::{NodeConfigs, Scenario};
-use alight_sim::sea::{SeaConfig, SeaKind};
-use alight_sim::vessel::Course;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::deck_motion::rocking::RockingConfig;
+use alight_sim::physics::sea::{SeaConfig, SeaKind};
+use alight_sim::physics::vessel::Course;
 use alight_uav::planner::PlannerKind;
 
 use super::ablation;
-use super::flown::Flown;
+use super::flown::PlannerVariant;
 use super::link;
-use crate::Refused;
+use crate::CliError;
 use crate::args::Study;
 use crate::scene::Scene;
 
 /// One scene of a study.
 #[derive(Clone)]
-pub struct Row {
+pub struct StudyScene {
     /// Its name in tables.
     pub name: String,
     /// The world.
@@ -65,17 +65,17 @@ pub fn published(scenario: &str, planner: &str) -> Option<Published> {
 }
 
 /// The rows of `study` with the scene's settings as the base.
-pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
+pub fn rows(study: Study, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
     let row = |name: &str, change: &dyn Fn(&mut Scenario)| {
         let mut world = base.scenario.clone();
         change(&mut world);
-        Row {
+        StudyScene {
             name: name.into(),
             world,
             nodes: base.nodes.clone(),
         }
     };
-    let paper = |text: &str| text.parse::<SeaConfig>().map_err(Refused);
+    let paper = |text: &str| text.parse::<SeaConfig>().map_err(CliError);
     let rows = match study {
         Study::Table1 => {
             let (name, ..) = TABLE1;
@@ -88,7 +88,7 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
                 let sea = paper(name)?;
                 Ok(row(name, &|w| w.sea = sea.clone()))
             })
-            .collect::<Result<Vec<_>, Refused>>()?,
+            .collect::<Result<Vec<_>, CliError>>()?,
         Study::Coupling => {
             let mut rows = Vec::new();
             for name in ["0.5,5", "0.8,5"] {
@@ -108,7 +108,7 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
                 let sea = paper(name)?;
                 Ok(row(name, &|w| w.sea = sea.clone()))
             })
-            .collect::<Result<Vec<_>, Refused>>()?,
+            .collect::<Result<Vec<_>, CliError>>()?,
         Study::Faa => vec![row(&base.sea, &|_| {})],
         Study::Approach => vec![row("90 m, turning, gusts", &|w| {
             // Pitch to 8 and roll to 6 deg or more: the greatest of 40 s on this course are, in the
@@ -139,9 +139,12 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<Row>, Refused> {
 }
 
 /// Makes a row: its name, and what it changes in the scene.
-pub type RowOf<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> Row;
+pub type MakeScene<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> StudyScene;
 
-fn moving(row: RowOf<'_>, paper: &dyn Fn(&str) -> Result<SeaConfig, Refused>) -> Result<Vec<Row>, Refused> {
+fn moving(
+    row: MakeScene<'_>,
+    paper: &dyn Fn(&str) -> Result<SeaConfig, CliError>,
+) -> Result<Vec<StudyScene>, CliError> {
     let mut rows = Vec::new();
     for name in ["slight", "moderate"] {
         let sea = paper(name)?;
@@ -169,12 +172,17 @@ fn moving(row: RowOf<'_>, paper: &dyn Fn(&str) -> Result<SeaConfig, Refused>) ->
 const SPEED_RATE: f64 = 0.95;
 
 /// What a study asks beyond its table: the fastest straight course landed on.
-pub fn answer(study: Study, rows: &[Row], planners: &[Flown], outcomes: &[Outcome]) -> Vec<String> {
+pub fn answer(
+    study: Study,
+    rows: &[StudyScene],
+    planners: &[PlannerVariant],
+    outcomes: &[Outcome],
+) -> Vec<String> {
     if study != Study::Moving {
         return Vec::new();
     }
-    let of = |planner: &Flown| {
-        let rate = |row: &Row| {
+    let of = |planner: &PlannerVariant| {
+        let rate = |row: &StudyScene| {
             let (mut landed, mut flown) = (0_u32, 0_u32);
             for o in outcomes {
                 if o.sea == row.name && o.planner == planner.name {
@@ -197,7 +205,7 @@ pub fn answer(study: Study, rows: &[Row], planners: &[Flown], outcomes: &[Outcom
     planners.iter().map(of).collect()
 }
 
-fn seas(row: RowOf<'_>) -> Result<Vec<Row>, Refused> {
+fn seas(row: MakeScene<'_>) -> Result<Vec<StudyScene>, CliError> {
     let mut rows = Vec::new();
     for (height, peak) in [(0.5, 4.0), (1.0, 5.0), (1.5, 5.5), (2.0, 6.5), (3.0, 8.0)] {
         rows.push(row(&format!("JONSWAP Hs {height} m, Tp {peak} s"), &|w| {
@@ -251,7 +259,7 @@ fn seas(row: RowOf<'_>) -> Result<Vec<Row>, Refused> {
     Ok(rows)
 }
 
-fn sensors(row: RowOf<'_>) -> Vec<Row> {
+fn sensors(row: MakeScene<'_>) -> Vec<StudyScene> {
     let always = || vec![[0.0, 1.0e6]];
     let mut rows = vec![
         row("default", &|_| {}),

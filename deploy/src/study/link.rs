@@ -3,11 +3,11 @@
 use std::fmt::Write as _;
 
 use alight_shared::msg::State;
-use alight_sim::outcome::Outcome;
-use alight_sim::scenario::StateOutage;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::StateOutage;
 
-use super::flown::Flown;
-use super::grid::{Row, RowOf};
+use super::flown::PlannerVariant;
+use super::grid::{MakeScene, StudyScene};
 use super::report::{COLOURS, escape};
 
 /// Shares of packets that are lost.
@@ -30,9 +30,9 @@ fn sweep_name(loss: f64, delay_s: f64) -> String {
     format!("loss {loss}, delay {delay_s} s")
 }
 
-fn outage_name(state: State, length_s: f64) -> String {
-    let lasts = if length_s.is_finite() {
-        format!("{length_s} s")
+fn outage_name(state: State, duration_s: f64) -> String {
+    let lasts = if duration_s.is_finite() {
+        format!("{duration_s} s")
     } else {
         "for good".into()
     };
@@ -40,7 +40,7 @@ fn outage_name(state: State, length_s: f64) -> String {
 }
 
 /// The rows of the study.
-pub fn rows(row: RowOf<'_>) -> Vec<Row> {
+pub fn rows(row: MakeScene<'_>) -> Vec<StudyScene> {
     let mut rows = Vec::new();
     for loss in LOSSES {
         for delay_s in DELAYS_S {
@@ -54,12 +54,12 @@ pub fn rows(row: RowOf<'_>) -> Vec<Row> {
         }
     }
     for state in STATES {
-        for length_s in OUTAGES_S {
-            rows.push(row(&outage_name(state, length_s), &|w| {
+        for duration_s in OUTAGES_S {
+            rows.push(row(&outage_name(state, duration_s), &|w| {
                 w.radio_outage = Some(StateOutage {
                     state,
                     after_s: 0.0,
-                    length_s,
+                    duration_s,
                 });
             }));
         }
@@ -107,7 +107,7 @@ pub struct Curve {
 }
 
 /// The figures of a planner's landings: captions and SVG drawings.
-pub fn figures(planners: &[Flown], outcomes: &[Outcome]) -> Vec<(String, String)> {
+pub fn charts(planners: &[PlannerVariant], outcomes: &[Outcome]) -> Vec<(String, String)> {
     let mut out = Vec::new();
     for planner in planners {
         let figure = |scenario: &str, measure: fn(&[&Outcome]) -> Option<f64>| {
@@ -174,7 +174,7 @@ pub fn figures(planners: &[Flown], outcomes: &[Outcome]) -> Vec<(String, String)
                 ),
             ] {
                 if curves.iter().any(|c| c.points.iter().any(Option::is_some)) {
-                    out.push((format!("{caption} over {against}{of}"), drawing(&labels, &curves)));
+                    out.push((format!("{caption} over {against}{of}"), chart(&labels, &curves)));
                 }
             }
         }
@@ -186,7 +186,7 @@ const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 260.0;
 
 /// Curves over named places on the horizontal axis.
-pub fn drawing(labels: &[String], curves: &[Curve]) -> String {
+pub fn chart(labels: &[String], curves: &[Curve]) -> String {
     let top = curves
         .iter()
         .flat_map(|c| c.points.iter().flatten())
@@ -254,14 +254,14 @@ pub fn drawing(labels: &[String], curves: &[Curve]) -> String {
 }
 
 /// All figures as one picture, one below the other.
-pub fn picture(figures: &[(String, String)]) -> String {
+pub fn chart_sheet(charts: &[(String, String)]) -> String {
     let cell = HEIGHT + 30.0;
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{0}\" viewBox=\"0 0 {WIDTH} {0}\" \
          font-family=\"sans-serif\"><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>",
-        cell * figures.len() as f64
+        cell * charts.len() as f64
     );
-    for (k, (caption, svg)) in figures.iter().enumerate() {
+    for (k, (caption, svg)) in charts.iter().enumerate() {
         let top = cell * k as f64;
         let _ = write!(
             out,
@@ -283,7 +283,7 @@ pub fn picture(figures: &[(String, String)]) -> String {
 }
 
 /// The study's own table: what the link costs, row by row.
-pub fn table(planners: &[Flown], rows: &[Row], outcomes: &[Outcome]) -> Vec<String> {
+pub fn table(planners: &[PlannerVariant], rows: &[StudyScene], outcomes: &[Outcome]) -> Vec<String> {
     let mut out = vec![
         "| link | planner | landed | unsafe | error, m | time, s | aborts | worst age at touchdown, s |"
             .into(),

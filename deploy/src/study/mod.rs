@@ -12,35 +12,35 @@ mod report;
 pub mod run;
 mod search;
 
-use alight_sim::response::{self, ResponseConfig};
-use alight_sim::scenario::Scenario;
-use alight_sim::studies::airborne::{self, Airborne};
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::physics::vessel::{Course, VesselConfig};
+use alight_sim::studies::airborne::{self, AirborneReport};
 use alight_sim::studies::estimator as est;
-use alight_sim::vessel::{Course, VesselConfig};
+use alight_sim::studies::rao::{self, RaoConfig};
 use alight_uav::planner::PlannerKind;
 use indicatif::ParallelProgressIterator;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::args::{ResponseArgs, SceneArgs, SeaArg, Study, StudyArgs};
-use crate::say::{self, note};
 use crate::scene::Scene;
+use crate::terminal::{self, note};
 use crate::trials::{bar, pool, seeds};
-use crate::{End, Refused};
-use flown::Flown;
+use crate::{CliError, Exit};
+use flown::PlannerVariant;
 
 /// Runs a study.
-pub fn run(args: &StudyArgs) -> Result<End, Refused> {
+pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     if !args.dirs.is_empty() && args.name != Study::Merge {
-        return Err(Refused("directories are given to `study merge` only".into()));
+        return Err(CliError("directories are given to `study merge` only".into()));
     }
     #[cfg(feature = "live")]
     if let (Study::Link, Some(n)) = (args.name, args.live) {
         let value = crate::live::compare::run(args, n)?;
         if args.json {
-            say::line(value);
+            terminal::line(value);
         }
-        return Ok(End::Success);
+        return Ok(Exit::Success);
     }
     let value = match args.name {
         Study::Airborne => airborne_hours(args)?,
@@ -62,12 +62,12 @@ pub fn run(args: &StudyArgs) -> Result<End, Refused> {
         | Study::Link => grid_study(args)?,
     };
     if args.json {
-        say::line(value);
+        terminal::line(value);
     }
-    Ok(End::Success)
+    Ok(Exit::Success)
 }
 
-fn planners(args: &StudyArgs, base: &Scene) -> Vec<Flown> {
+fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerVariant> {
     let mut kinds: Vec<PlannerKind> = match (&args.planners[..], args.name) {
         ([], Study::Faa) => vec![PlannerKind::MpcFaa, PlannerKind::Mpc],
         ([], _) => vec![base.nodes.drone.planner.kind],
@@ -80,7 +80,7 @@ fn planners(args: &StudyArgs, base: &Scene) -> Vec<Flown> {
             true
         }
     });
-    kinds.into_iter().map(Flown::from).collect()
+    kinds.into_iter().map(PlannerVariant::from).collect()
 }
 
 fn title(study: Study) -> String {
@@ -93,25 +93,25 @@ fn title(study: Study) -> String {
     )
 }
 
-fn grid_study(args: &StudyArgs) -> Result<Value, Refused> {
+fn grid_study(args: &StudyArgs) -> Result<Value, CliError> {
     let base = Scene::of(&args.scene)?;
     let rows = grid::rows(args.name, &base)?;
     let planners = match args.name {
-        Study::Ablation if args.planners.is_empty() => ablation::planners(&base.nodes).map_err(Refused)?,
+        Study::Ablation if args.planners.is_empty() => ablation::planners(&base.nodes).map_err(CliError)?,
         _ => planners(args, &base),
     };
     let outcomes = run::fly_grid(args, &rows, &planners)?;
     let hash = run::configuration_hash(&base.nodes);
-    let figures = match args.name {
-        Study::Link => link::figures(&planners, &outcomes),
+    let charts = match args.name {
+        Study::Link => link::charts(&planners, &outcomes),
         _ => Vec::new(),
     };
     if let (Study::Link, Some(out)) = (args.name, &args.out) {
         let path = out.join("link.svg");
-        std::fs::write(&path, link::picture(&figures))
-            .map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
+        std::fs::write(&path, link::chart_sheet(&charts))
+            .map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
     }
-    let value = publish::publish(args, &title(args.name), &hash, &planners, &outcomes, figures)?;
+    let value = publish::publish(args, &title(args.name), &hash, &planners, &outcomes, charts)?;
     if args.name == Study::Link {
         for line in link::table(&planners, &rows, &outcomes) {
             note(args.json, line);
@@ -124,27 +124,31 @@ fn grid_study(args: &StudyArgs) -> Result<Value, Refused> {
 }
 
 /// Joins the rows of shards into `--out`.
-fn merge(args: &StudyArgs) -> Result<Value, Refused> {
+fn merge(args: &StudyArgs) -> Result<Value, CliError> {
     let Some(out) = &args.out else {
-        return Err(Refused(
+        return Err(CliError(
             "study merge: give the directory for the joined rows with --out".into(),
         ));
     };
     if args.dirs.is_empty() {
-        return Err(Refused("study merge: name the directories of the shards".into()));
+        return Err(CliError("study merge: name the directories of the shards".into()));
     }
     let (outcomes, hash) = run::join(&args.dirs, out)?;
-    let mut planners: Vec<Flown> = args.planners.iter().map(|p| Flown::from(p.kind())).collect();
+    let mut planners: Vec<PlannerVariant> = args
+        .planners
+        .iter()
+        .map(|p| PlannerVariant::from(p.kind()))
+        .collect();
     for o in &outcomes {
         if !planners.iter().any(|p| p.name == o.planner) {
-            planners.push(Flown::named(&o.planner));
+            planners.push(PlannerVariant::named(&o.planner));
         }
     }
     publish::publish(args, "Merged study", &hash, &planners, &outcomes, Vec::new())
 }
 
-fn sea(args: &SceneArgs, text: &str) -> Result<SceneArgs, Refused> {
-    let sea: SeaArg = text.parse().map_err(Refused)?;
+fn sea(args: &SceneArgs, text: &str) -> Result<SceneArgs, CliError> {
+    let sea: SeaArg = text.parse().map_err(CliError)?;
     Ok(SceneArgs {
         sea: Some(sea),
         ..args.clone()
@@ -156,32 +160,32 @@ const AIRBORNE_SEAS: [&str; 5] = ["calm", "slight", "moderate", "rough", "very-r
 /// One session of the airborne study, s.
 const SESSION_S: f64 = 600.0;
 
-fn airborne_hours(args: &StudyArgs) -> Result<Value, Refused> {
+fn airborne_hours(args: &StudyArgs) -> Result<Value, CliError> {
     let say = |line: String| note(args.json, line);
     let seeds = seeds(args.seed0, args.trials)?;
     let mut rows = Vec::new();
-    let mut total = Airborne {
+    let mut total = AirborneReport {
         lowest_m: f64::INFINITY,
-        ..Airborne::default()
+        ..AirborneReport::default()
     };
     for name in AIRBORNE_SEAS {
         let scene = Scene::of(&sea(&args.scene, name)?)?;
         let progress = bar(seeds.len() as u64, name);
-        let reports: Result<Vec<(u64, Airborne)>, Refused> = pool(args.jobs)?.install(|| {
+        let reports: Result<Vec<(u64, AirborneReport)>, CliError> = pool(args.jobs)?.install(|| {
             seeds
                 .par_iter()
                 .progress_with(progress.clone())
                 .map(|&seed| {
-                    airborne::session(&scene.scenario, &scene.nodes, seed, SESSION_S)
+                    airborne::fly_session(&scene.scenario, &scene.nodes, seed, SESSION_S)
                         .map(|report| (seed, report))
-                        .map_err(|e| Refused::because(format!("setting up the session of seed {seed}"), e))
+                        .map_err(|e| CliError::because(format!("setting up the session of seed {seed}"), e))
                 })
                 .collect()
         });
         progress.finish_and_clear();
         let reports = reports?;
         // By their seeds they can be flown again.
-        let of = |bad: fn(&Airborne) -> bool| -> Vec<u64> {
+        let of = |bad: fn(&AirborneReport) -> bool| -> Vec<u64> {
             reports
                 .iter()
                 .filter(|(_, r)| bad(r))
@@ -190,7 +194,7 @@ fn airborne_hours(args: &StudyArgs) -> Result<Value, Refused> {
         };
         let (stopped, drowned) = (of(|r| r.false_stops > 0), of(|r| r.water > 0));
         let all = reports.iter().map(|(_, report)| *report);
-        let sum = all.reduce(Airborne::and).unwrap_or_default();
+        let sum = all.reduce(AirborneReport::and).unwrap_or_default();
         say(format!(
             "{name:<12}{:>7.2} h in the air, {} false stops, {} aborts, {} contacts, {} in water, lowest {:.2} m",
             sum.hours, sum.false_stops, sum.aborts, sum.contacts, sum.water, sum.lowest_m
@@ -218,11 +222,11 @@ const ESTIMATOR_S: f64 = 60.0;
 /// Length of one run on a square course, s.
 const TURNS_S: f64 = 180.0;
 
-fn estimator(args: &StudyArgs) -> Result<Value, Refused> {
+fn estimator(args: &StudyArgs) -> Result<Value, CliError> {
     let say = |line: String| note(args.json, line);
     let scene = Scene::of(&args.scene)?;
     let seeds = seeds(args.seed0, args.trials)?;
-    let fly = |scenario: &Scenario, span_s: f64, what: &str| -> Result<Vec<est::Run>, Refused> {
+    let fly = |scenario: &Scenario, span_s: f64, what: &str| -> Result<Vec<est::Run>, CliError> {
         let progress = bar(seeds.len() as u64, what);
         let runs = pool(args.jobs)?.install(|| {
             seeds
@@ -230,7 +234,7 @@ fn estimator(args: &StudyArgs) -> Result<Value, Refused> {
                 .progress_with(progress.clone())
                 .map(|&seed| {
                     est::run(scenario, &scene.nodes.vessel, seed, span_s)
-                        .map_err(|e| Refused::because(format!("setting up the run of seed {seed}"), e))
+                        .map_err(|e| CliError::because(format!("setting up the run of seed {seed}"), e))
                 })
                 .collect()
         });
@@ -308,12 +312,12 @@ fn estimator(args: &StudyArgs) -> Result<Value, Refused> {
 }
 
 /// The response table.
-pub fn response(args: &ResponseArgs) -> Result<End, Refused> {
-    let table = response::response(&VesselConfig::default(), &ResponseConfig::default());
+pub fn response(args: &ResponseArgs) -> Result<Exit, CliError> {
+    let table = rao::rao(&VesselConfig::default(), &RaoConfig::default());
     if args.json {
-        say::line(serde_json::to_string(&table).map_err(|e| Refused::because("writing JSON", e))?);
+        terminal::line(serde_json::to_string(&table).map_err(|e| CliError::because("writing JSON", e))?);
     } else {
-        say::line(table);
+        terminal::line(table);
     }
-    Ok(End::Success)
+    Ok(Exit::Success)
 }

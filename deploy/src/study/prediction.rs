@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use alight_sim::scenario::Scenario;
-use alight_sim::statistics::bootstrap_ratio;
-use alight_sim::studies::prediction::{self as pred, Figure, HORIZONS_S, Scores, Source, Tally};
-use alight_sim::trial::SetupError;
+use alight_sim::harness::scenario::Scenario;
+use alight_sim::harness::trial::SetupError;
+use alight_sim::studies::prediction::{self as pred, HORIZONS_S, Quantity, Scores, Source, Tally};
+use alight_sim::studies::statistics::bootstrap_ratio;
 use indicatif::ParallelProgressIterator;
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -15,10 +15,10 @@ use serde_json::{Value, json};
 use super::grid::TABLE2;
 use super::prediction_report;
 use super::run::configuration_hash;
-use crate::Refused;
+use crate::CliError;
 use crate::args::StudyArgs;
-use crate::say::note;
 use crate::scene::Scene;
+use crate::terminal::note;
 use crate::trials::{bar, pool, seeds};
 
 /// Length of one run of the vessel after the warm-up, s.
@@ -28,10 +28,10 @@ const FOLLOW_S: f64 = 20.0;
 /// Index of 1 s in [`HORIZONS_S`].
 const ONE_SECOND: usize = 4;
 /// Most that the heave may be wrong by 1 s ahead, m, and by how much more than with the waves told.
-const ASKED: (f64, f64) = (0.05, 1.5);
+const REQUIRED: (f64, f64) = (0.05, 1.5);
 
 /// One sea.
-pub struct Row {
+pub struct PredictionRow {
     /// Its name.
     pub name: String,
     /// The wavelength scale where it is not drawn.
@@ -41,21 +41,21 @@ pub struct Row {
     scores: Vec<Scores>,
 }
 
-impl Row {
+impl PredictionRow {
     /// A figure of all seeds together.
-    pub fn of(&self, source: Source, figure: Figure, horizon: usize) -> Tally {
+    pub fn of(&self, source: Source, figure: Quantity, horizon: usize) -> Tally {
         self.each(source, figure, horizon)
             .into_iter()
             .fold(Tally::default(), Tally::and)
     }
-    fn each(&self, source: Source, figure: Figure, horizon: usize) -> Vec<Tally> {
+    fn each(&self, source: Source, figure: Quantity, horizon: usize) -> Vec<Tally> {
         let get = |s: &Scores| s.get(&(source, figure, horizon)).copied();
         self.scores.iter().map(|s| get(s).unwrap_or_default()).collect()
     }
     /// RMSE of the heave at a horizon over that with the waves told, with its 95 % interval.
     pub fn ratio(&self, horizon: usize) -> Option<(f64, [f64; 2])> {
-        let of = |source| self.each(source, Figure::Heave, horizon);
-        let (a, b) = (of(Source::Vessel), of(Source::VesselTold));
+        let of = |source| self.each(source, Quantity::Heave, horizon);
+        let (a, b) = (of(Source::Vessel), of(Source::VesselKnownWaves));
         let sum = |v: &[Tally]| v.iter().copied().fold(Tally::default(), Tally::and);
         let told = sum(&b);
         if told.count == 0 || !(told.rmse() > 0.0) {
@@ -81,10 +81,10 @@ fn one(scene: &Scene, world: &Scenario, seed: u64) -> Result<Scores, SetupError>
 
 /// The seas: `--sea` alone where given, else Table II, each with the drawn and the least
 /// wavelength scale.
-fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<Row>, Refused> {
+fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<PredictionRow>, CliError> {
     let mut rows = Vec::new();
     let mut push = |name: String, scale: Option<f64>, world: Scenario| {
-        rows.push(Row {
+        rows.push(PredictionRow {
             name,
             scale,
             world,
@@ -98,12 +98,12 @@ fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<Row>, Refused> {
     for scale in [None, Some(1.1)] {
         for (name, ..) in TABLE2 {
             let mut world = scene.scenario.clone();
-            world.sea = name.parse().map_err(Refused)?;
+            world.sea = name.parse().map_err(CliError)?;
             world.sea.wavelength_scale = scale;
             match scale {
                 None => push(name.into(), scale, world),
                 // A calm sea has no wavelengths.
-                Some(s) if world.sea.kind != alight_sim::sea::SeaKind::Calm => {
+                Some(s) if world.sea.kind != alight_sim::physics::sea::SeaKind::Calm => {
                     push(format!("{name} scale {s}"), scale, world);
                 }
                 Some(_) => {}
@@ -114,19 +114,19 @@ fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<Row>, Refused> {
 }
 
 /// The study.
-pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
+pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     let scene = Scene::of(&args.scene)?;
     let seeds = seeds(args.seed0, args.trials)?;
     let mut rows = rows(args, &scene)?;
     for row in &mut rows {
         let progress = bar(seeds.len() as u64, &row.name);
-        let scores: Result<Vec<Scores>, Refused> = pool(args.jobs)?.install(|| {
+        let scores: Result<Vec<Scores>, CliError> = pool(args.jobs)?.install(|| {
             seeds
                 .par_iter()
                 .progress_with(progress.clone())
                 .map(|&seed| {
                     one(&scene, &row.world, seed)
-                        .map_err(|e| Refused::because(format!("setting up the run of seed {seed}"), e))
+                        .map_err(|e| CliError::because(format!("setting up the run of seed {seed}"), e))
                 })
                 .collect()
         });
@@ -155,7 +155,7 @@ const HEADS: [&str; 9] = [
 ];
 
 /// One line of the table 1 s ahead.
-fn line(row: &Row) -> [String; 9] {
+fn line(row: &PredictionRow) -> [String; 9] {
     let of = |source, figure| row.of(source, figure, ONE_SECOND);
     let both = |t: Tally| {
         if t.count == 0 {
@@ -164,32 +164,32 @@ fn line(row: &Row) -> [String; 9] {
             format!("{:.3} ({:.0} %)", t.rmse(), 100.0 * t.inside())
         }
     };
-    let vessel = of(Source::Vessel, Figure::Heave);
+    let vessel = of(Source::Vessel, Quantity::Heave);
     [
         row.name.clone(),
         format!("{:.3}", vessel.rmse()),
-        format!("{:.3}", of(Source::VesselTold, Figure::Heave).rmse()),
+        format!("{:.3}", of(Source::VesselKnownWaves, Quantity::Heave).rmse()),
         row.ratio(ONE_SECOND)
             .map_or_else(|| "-".into(), |(r, [a, b])| format!("{r:.2} [{a:.2}, {b:.2}]")),
-        format!("{:.0}", 100.0 * of(Source::Vessel, Figure::Deck).inside()),
-        both(of(Source::Vessel, Figure::Height)),
-        both(of(Source::DroneFollowing, Figure::Height)),
-        both(of(Source::DroneDescending, Figure::Height)),
+        format!("{:.0}", 100.0 * of(Source::Vessel, Quantity::Deck).inside()),
+        both(of(Source::Vessel, Quantity::Height)),
+        both(of(Source::DroneFollowing, Quantity::Height)),
+        both(of(Source::DroneDescending, Quantity::Height)),
         format!(
             "{:.2} / {:.2}",
-            of(Source::Vessel, Figure::Tilt).rmse().to_degrees(),
-            of(Source::DroneDescending, Figure::Tilt).rmse().to_degrees()
+            of(Source::Vessel, Quantity::Tilt).rmse().to_degrees(),
+            of(Source::DroneDescending, Quantity::Tilt).rmse().to_degrees()
         ),
     ]
 }
 
-fn show(args: &StudyArgs, rows: &[Row]) {
+fn show(args: &StudyArgs, rows: &[PredictionRow]) {
     let say = |line: String| note(args.json, line);
     say(format!(
         "1 s ahead, {} seeds from {} on; RMSE (share of truths in the 95 % interval). Heave is against \
          the mean water level; asked at most {} m at 0.5,5 and {} times that with the waves told. `in 95 %`: \
          ellipsoid of heave, roll and pitch, asked 90 to 99. Tilt: vessel / drone descending",
-        args.trials, args.seed0, ASKED.0, ASKED.1
+        args.trials, args.seed0, REQUIRED.0, REQUIRED.1
     ));
     let print = |cells: [String; 9]| {
         let widths = [18, 8, 8, 20, 8, 14, 16, 17, 12];
@@ -213,10 +213,10 @@ fn show(args: &StudyArgs, rows: &[Row]) {
     }
 }
 
-fn summary(rows: &[Row], hash: &str) -> Value {
+fn summary(rows: &[PredictionRow], hash: &str) -> Value {
     let mut all = Vec::new();
     for row in rows {
-        let mut sum: BTreeMap<(Source, Figure, usize), Tally> = BTreeMap::new();
+        let mut sum: BTreeMap<(Source, Quantity, usize), Tally> = BTreeMap::new();
         for (key, tally) in row.scores.iter().flatten() {
             let held = sum.entry(*key).or_default();
             *held = held.and(*tally);
@@ -249,12 +249,12 @@ fn summary(rows: &[Row], hash: &str) -> Value {
 fn publish(
     args: &StudyArgs,
     out: &Path,
-    rows: &[Row],
+    rows: &[PredictionRow],
     seeds: &[u64],
     hash: &str,
     value: &Value,
-) -> Result<(), Refused> {
-    let failed = |e: &dyn std::fmt::Display| Refused::because(format!("writing into {}", out.display()), e);
+) -> Result<(), CliError> {
+    let failed = |e: &dyn std::fmt::Display| CliError::because(format!("writing into {}", out.display()), e);
     std::fs::create_dir_all(out).map_err(|e| failed(&e))?;
     let mut csv = csv::Writer::from_path(out.join("rows.csv")).map_err(|e| failed(&e))?;
     csv.write_record([
@@ -303,7 +303,7 @@ fn publish(
     Ok(())
 }
 
-fn markdown(args: &StudyArgs, rows: &[Row], hash: &str) -> String {
+fn markdown(args: &StudyArgs, rows: &[PredictionRow], hash: &str) -> String {
     let mut out = format!(
         "# Study prediction\n\nConfiguration `{hash}`, {} seeds from {} on.\n\n\
          Heave: height against the mean water level. GNSS height: heave and the receiver's slow bias, which \
@@ -324,17 +324,17 @@ fn markdown(args: &StudyArgs, rows: &[Row], hash: &str) -> String {
         out.push_str(&prediction_report::markdown(title, rows, scaled));
     }
     let tables = [
-        (Source::Vessel, Figure::Heave, 1.0),
-        (Source::VesselTold, Figure::Heave, 1.0),
-        (Source::Vessel, Figure::Height, 1.0),
-        (Source::Vessel, Figure::Tilt, 1f64.to_degrees()),
-        (Source::Vessel, Figure::Place, 1.0),
-        (Source::DroneFollowing, Figure::Height, 1.0),
-        (Source::DroneFollowing, Figure::Tilt, 1f64.to_degrees()),
-        (Source::DroneDescending, Figure::Height, 1.0),
-        (Source::DroneDescending, Figure::VerticalSpeed, 1.0),
-        (Source::DroneDescending, Figure::Place, 1.0),
-        (Source::DroneDescending, Figure::Tilt, 1f64.to_degrees()),
+        (Source::Vessel, Quantity::Heave, 1.0),
+        (Source::VesselKnownWaves, Quantity::Heave, 1.0),
+        (Source::Vessel, Quantity::Height, 1.0),
+        (Source::Vessel, Quantity::Tilt, 1f64.to_degrees()),
+        (Source::Vessel, Quantity::Place, 1.0),
+        (Source::DroneFollowing, Quantity::Height, 1.0),
+        (Source::DroneFollowing, Quantity::Tilt, 1f64.to_degrees()),
+        (Source::DroneDescending, Quantity::Height, 1.0),
+        (Source::DroneDescending, Quantity::VerticalSpeed, 1.0),
+        (Source::DroneDescending, Quantity::Place, 1.0),
+        (Source::DroneDescending, Quantity::Tilt, 1f64.to_degrees()),
     ];
     for (source, figure, scale) in tables {
         let name = figure.name().replace("rad", "deg");

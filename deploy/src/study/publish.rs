@@ -3,25 +3,25 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use alight_sim::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome};
-use alight_sim::paired::{self, Comparison};
-use alight_sim::statistics::{FIGURES, Summary, bootstrap_mean, wilson};
+use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome};
+use alight_sim::studies::paired::{self, Comparison};
+use alight_sim::studies::statistics::{METRICS, Summary, bootstrap_mean, wilson};
 use alight_uav::planner::PlannerKind;
 use serde_json::{Value, json};
 
-use super::flown::Flown;
+use super::flown::PlannerVariant;
 use super::grid::{self, TABLE2, TABLE2_FAILURES};
-use super::report::{self, Line, Page, Total};
+use super::report::{self, Page, ReportRow, Total};
 use super::run;
-use crate::Refused;
+use crate::CliError;
 use crate::args::{Study, StudyArgs};
-use crate::say::note;
 use crate::table;
+use crate::terminal::note;
 
 /// Failures that a report names with their reasons.
-const FAILURES: usize = 12;
+const MAX_FAILURES: usize = 12;
 /// Worst trials that a report names per row.
-const WORST: usize = 3;
+const WORST_COUNT: usize = 3;
 /// Position error that counts as the limits of speed and tilt do, m: half the deck's width less half
 /// of the feet's span.
 const POSITION_LIMIT_M: f64 = 0.65;
@@ -41,15 +41,15 @@ pub struct Extremes {
 }
 
 /// Table, JSON, Markdown and page of a set of rows. `planners` in the order of the table, the one
-/// that all others are compared with first; `figures` go into the page as they are.
+/// that all others are compared with first; `charts` go into the page as they are.
 pub fn publish(
     args: &StudyArgs,
     title: &str,
     hash: &str,
-    planners: &[Flown],
+    planners: &[PlannerVariant],
     outcomes: &[Outcome],
-    figures: Vec<(String, String)>,
-) -> Result<Value, Refused> {
+    charts: Vec<(String, String)>,
+) -> Result<Value, CliError> {
     let say = |line: &str| note(args.json, line);
     let mut keys: Vec<(&str, &str)> = Vec::new();
     for o in outcomes {
@@ -57,7 +57,7 @@ pub fn publish(
             keys.push((&o.sea, &o.planner));
         }
     }
-    let lines: Vec<Line> = keys.iter().map(|(s, p)| line(outcomes, s, p)).collect();
+    let lines: Vec<ReportRow> = keys.iter().map(|(s, p)| line(outcomes, s, p)).collect();
     let comparisons = comparisons(planners, &keys, outcomes);
     let faa = faa_ratio(args, planners, outcomes);
     let extremes: Vec<Extremes> = keys
@@ -73,7 +73,7 @@ pub fn publish(
         remarks: faa.iter().map(|f| f.text.clone()).collect(),
         comparisons,
         extremes,
-        figures,
+        charts,
         failures: failures(outcomes),
     };
     for text in console(&page) {
@@ -122,27 +122,27 @@ pub fn publish(
         ] {
             let path = out.join(name);
             std::fs::write(&path, text)
-                .map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
+                .map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
         }
         say(&format!("written: {}", out.join("report.html").display()));
     }
     Ok(value)
 }
 
-fn line(outcomes: &[Outcome], scenario: &str, planner: &str) -> Line {
+fn line(outcomes: &[Outcome], scenario: &str, planner: &str) -> ReportRow {
     let set: Vec<Outcome> = outcomes
         .iter()
         .filter(|o| o.sea == scenario && o.planner == planner)
         .cloned()
         .collect();
-    let intervals = FIGURES
+    let intervals = METRICS
         .iter()
         .map(|(name, f)| {
             let values: Vec<f64> = set.iter().filter_map(f).collect();
             (*name, bootstrap_mean(&values))
         })
         .collect();
-    Line {
+    ReportRow {
         scenario: scenario.into(),
         planner: planner.into(),
         summary: Summary::of(&set),
@@ -160,7 +160,7 @@ fn seeds_of(outcomes: &[Outcome]) -> String {
 }
 
 /// Each planner over all scenarios.
-fn totals(planners: &[Flown], outcomes: &[Outcome]) -> Vec<Total> {
+fn totals(planners: &[PlannerVariant], outcomes: &[Outcome]) -> Vec<Total> {
     let all_of_table2 = TABLE2
         .iter()
         .all(|(name, ..)| outcomes.iter().any(|o| o.sea == *name));
@@ -190,7 +190,7 @@ fn totals(planners: &[Flown], outcomes: &[Outcome]) -> Vec<Total> {
 }
 
 /// The first planner against each other one: scenario by scenario, and over all.
-fn comparisons(planners: &[Flown], keys: &[(&str, &str)], outcomes: &[Outcome]) -> Vec<Comparison> {
+fn comparisons(planners: &[PlannerVariant], keys: &[(&str, &str)], outcomes: &[Outcome]) -> Vec<Comparison> {
     let Some((first, others)) = planners.split_first() else {
         return Vec::new();
     };
@@ -210,14 +210,14 @@ fn comparisons(planners: &[Flown], keys: &[(&str, &str)], outcomes: &[Outcome]) 
         .collect()
 }
 
-struct Faa {
+struct FaaRatio {
     other: String,
     text: String,
     value: Value,
 }
 
 /// What attitude alignment is worth and what it costs (figure 3 of the paper).
-fn faa_ratio(args: &StudyArgs, planners: &[Flown], outcomes: &[Outcome]) -> Option<Faa> {
+fn faa_ratio(args: &StudyArgs, planners: &[PlannerVariant], outcomes: &[Outcome]) -> Option<FaaRatio> {
     let [with, without] = planners else {
         return None;
     };
@@ -229,8 +229,8 @@ fn faa_ratio(args: &StudyArgs, planners: &[Flown], outcomes: &[Outcome]) -> Opti
     let cost = comparison
         .differences
         .iter()
-        .find(|d| d.figure == "position_error_m")?;
-    Some(Faa {
+        .find(|d| d.metric == "position_error_m")?;
+    Some(FaaRatio {
         other: without.name.clone(),
         text: format!(
             "p95 of tilt_error: {ratio:.2} times smaller with {} than with {} (95 % interval {lo:.2} to \
@@ -246,18 +246,18 @@ fn faa_ratio(args: &StudyArgs, planners: &[Flown], outcomes: &[Outcome]) -> Opti
 }
 
 /// The share of a limit of success that the worst of a trial's figures takes; failures above all.
-fn strain(o: &Outcome) -> f64 {
-    let share = |value: Option<f64>, limit: f64| value.map_or(f64::INFINITY, |v| v / limit);
-    let most = share(o.position_error_m, POSITION_LIMIT_M)
-        .max(share(o.touchdown_speed_mps, MAX_CONTACT_MPS))
-        .max(share(o.tangential_speed_mps, MAX_CONTACT_MPS))
-        .max(share(o.tilt_error_deg, MAX_TILT_ERROR_RAD.to_degrees()));
+fn worst_limit_fraction(o: &Outcome) -> f64 {
+    let fraction = |value: Option<f64>, limit: f64| value.map_or(f64::INFINITY, |v| v / limit);
+    let most = fraction(o.position_error_m, POSITION_LIMIT_M)
+        .max(fraction(o.touchdown_speed_mps, MAX_CONTACT_MPS))
+        .max(fraction(o.tangential_speed_mps, MAX_CONTACT_MPS))
+        .max(fraction(o.tilt_error_deg, MAX_TILT_ERROR_RAD.to_degrees()));
     most + if o.success { 0.0 } else { 1e6 }
 }
 
 fn extremes(
     args: &StudyArgs,
-    planners: &[Flown],
+    planners: &[PlannerVariant],
     outcomes: &[Outcome],
     scenario: &str,
     planner: &str,
@@ -266,7 +266,11 @@ fn extremes(
         .iter()
         .filter(|o| o.sea == scenario && o.planner == planner)
         .collect();
-    set.sort_by(|a, b| strain(b).total_cmp(&strain(a)).then(a.seed.cmp(&b.seed)));
+    set.sort_by(|a, b| {
+        worst_limit_fraction(b)
+            .total_cmp(&worst_limit_fraction(a))
+            .then(a.seed.cmp(&b.seed))
+    });
     let kind = planners.iter().find(|p| p.name == planner).map(|p| p.kind);
     let command = args.out.as_ref().zip(kind).and_then(|(out, kind)| {
         let scene = run::scenario_file(out, scenario);
@@ -289,7 +293,7 @@ fn extremes(
     Some(Extremes {
         scenario: scenario.into(),
         planner: planner.into(),
-        worst: set.iter().take(WORST).map(|o| o.seed).collect(),
+        worst: set.iter().take(WORST_COUNT).map(|o| o.seed).collect(),
         best: set.last()?.seed,
         command,
     })
@@ -300,7 +304,7 @@ fn failures(outcomes: &[Outcome]) -> Vec<String> {
     let all: Vec<&Outcome> = outcomes.iter().filter(|o| !o.success).collect();
     let mut lines: Vec<String> = all
         .iter()
-        .take(FAILURES)
+        .take(MAX_FAILURES)
         .map(|o| {
             format!(
                 "{} {} seed {}: {} ({})",
@@ -312,15 +316,18 @@ fn failures(outcomes: &[Outcome]) -> Vec<String> {
             )
         })
         .collect();
-    if all.len() > FAILURES {
-        lines.push(format!("and {} more failures in rows.csv", all.len() - FAILURES));
+    if all.len() > MAX_FAILURES {
+        lines.push(format!(
+            "and {} more failures in rows.csv",
+            all.len() - MAX_FAILURES
+        ));
     }
     lines
 }
 
 /// The table of a terminal.
 fn console(page: &Page) -> Vec<String> {
-    let widest = |f: &dyn Fn(&Line) -> usize, most: usize| {
+    let widest = |f: &dyn Fn(&ReportRow) -> usize, most: usize| {
         page.lines.iter().map(f).max().unwrap_or(0).clamp(8, most) + 1
     };
     let (a, b) = (
@@ -350,7 +357,7 @@ fn console(page: &Page) -> Vec<String> {
     ];
     for l in &page.lines {
         let s = &l.summary;
-        let f = |name: &str| s.figure(name).unwrap_or_default();
+        let f = |name: &str| s.metric(name).unwrap_or_default();
         out.push(format!(
             "{:<a$}{:<b$}{:>9}{:>5}{:>4}{:>4} {:>6.3}{:>6.3} {:>5.2}{:>5.2}{:>5.2} {:>5.2}{:>5.2} {:>6.1}",
             short(&l.scenario, a),
@@ -392,7 +399,7 @@ fn console(page: &Page) -> Vec<String> {
         for d in &c.differences {
             out.push(format!(
                 "  {:<24}{:>+8.3}   ({:+.3} to {:+.3})",
-                d.figure, d.mean, d.interval[0], d.interval[1]
+                d.metric, d.mean, d.interval[0], d.interval[1]
             ));
         }
     }
@@ -404,7 +411,7 @@ fn console(page: &Page) -> Vec<String> {
             "{} {}: worst seeds {}, best {}  {command}",
             e.scenario,
             e.planner,
-            list(&e.worst),
+            seed_list(&e.worst),
             e.best
         ));
     }
@@ -412,7 +419,7 @@ fn console(page: &Page) -> Vec<String> {
 }
 
 /// `1, 2, 3`.
-pub fn list(seeds: &[u64]) -> String {
+pub fn seed_list(seeds: &[u64]) -> String {
     let texts: Vec<String> = seeds.iter().map(u64::to_string).collect();
     texts.join(", ")
 }
@@ -473,7 +480,7 @@ fn markdown(page: &Page) -> String {
         "---|".repeat(8),
     );
     for l in &page.lines {
-        let f = |name: &str| l.summary.figure(name).unwrap_or_default();
+        let f = |name: &str| l.summary.metric(name).unwrap_or_default();
         let known = |i: usize| {
             l.published
                 .and_then(|p| p.get(i).copied())
@@ -531,7 +538,7 @@ fn markdown(page: &Page) -> String {
             100.0 * r.interval[1]
         );
         for (name, _) in paired::COMPARED {
-            let _ = match c.differences.iter().find(|d| d.figure == name) {
+            let _ = match c.differences.iter().find(|d| d.metric == name) {
                 Some(d) => write!(
                     out,
                     " {:+.3} ({:+.3} to {:+.3}) |",
@@ -556,7 +563,7 @@ fn markdown(page: &Page) -> String {
             "| {} | {} | {} | {} | {command} |",
             e.scenario,
             e.planner,
-            list(&e.worst),
+            seed_list(&e.worst),
             e.best
         );
     }

@@ -2,14 +2,14 @@
 
 use std::fmt::Write as _;
 
-use alight_sim::paired::{COMPARED, Comparison};
-use alight_sim::statistics::{Figure, Summary, wilson};
+use alight_sim::studies::paired::{COMPARED, Comparison};
+use alight_sim::studies::statistics::{SampleStatistics, Summary, wilson};
 
 use super::grid::Published;
 use super::publish::{self, Extremes};
 
 /// One line of the report.
-pub struct Line {
+pub struct ReportRow {
     /// Scenario.
     pub scenario: String,
     /// Planner.
@@ -41,7 +41,7 @@ pub struct Page {
     /// Which seeds.
     pub seeds: String,
     /// Scenario by scenario.
-    pub lines: Vec<Line>,
+    pub lines: Vec<ReportRow>,
     /// Planner by planner.
     pub totals: Vec<Total>,
     /// What else the study found.
@@ -51,7 +51,7 @@ pub struct Page {
     /// Best and worst trials.
     pub extremes: Vec<Extremes>,
     /// What the study draws beside: captions and SVG.
-    pub figures: Vec<(String, String)>,
+    pub charts: Vec<(String, String)>,
     /// Failed trials.
     pub failures: Vec<String>,
 }
@@ -76,7 +76,7 @@ pub fn escape(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
-fn cell(f: Option<Figure>, digits: usize) -> String {
+fn cell(f: Option<SampleStatistics>, digits: usize) -> String {
     f.map_or_else(
         || "–".into(),
         |f| format!("{:.digits$} <small>p95 {:.digits$}</small>", f.mean, f.p95),
@@ -129,7 +129,7 @@ pub fn html(page: &Page) -> String {
             dots(&page.lines, name, k)
         );
     }
-    for (caption, svg) in &page.figures {
+    for (caption, svg) in &page.charts {
         let _ = write!(out, "<h2>{}</h2><div class=\"wide\">{svg}</div>", escape(caption));
     }
     differences(&mut out, &page.comparisons);
@@ -190,15 +190,15 @@ fn table(out: &mut String, page: &Page) {
             count(s.unsafe_contacts),
             count(s.water_contacts),
             count(s.contacts_above_2_mps),
-            cell(s.figure("position_error_m"), 3),
+            cell(s.metric("position_error_m"), 3),
             published(0),
-            cell(s.figure("touchdown_speed_mps"), 2),
+            cell(s.metric("touchdown_speed_mps"), 2),
             published(2),
-            cell(s.figure("tangential_speed_mps"), 2),
-            cell(s.figure("tilt_error_deg"), 2),
-            cell(s.figure("landing_time_s"), 1),
+            cell(s.metric("tangential_speed_mps"), 2),
+            cell(s.metric("tilt_error_deg"), 2),
+            cell(s.metric("landing_time_s"), 1),
             published(1),
-            cell(s.figure("over_deck_time_s"), 1),
+            cell(s.metric("over_deck_time_s"), 1),
         );
         before = &l.scenario;
     }
@@ -256,7 +256,7 @@ fn differences(out: &mut String, comparisons: &[Comparison]) {
         );
         for (name, _) in COMPARED {
             let digits = if name.ends_with("_m") { 3 } else { 2 };
-            row.push_str(&match c.differences.iter().find(|d| d.figure == name) {
+            row.push_str(&match c.differences.iter().find(|d| d.metric == name) {
                 Some(d) => cell(d.mean, d.interval, digits, false),
                 None => "<td>–".into(),
             });
@@ -292,7 +292,7 @@ fn extremes(out: &mut String, extremes: &[Extremes]) {
             "<tr><td class=\"text\">{}<td class=\"text\">{}<td>{}<td>{}<td class=\"text\"><code>{}</code></tr>",
             escape(&e.scenario),
             escape(&e.planner),
-            publish::list(&e.worst),
+            publish::seed_list(&e.worst),
             e.best,
             escape(e.command.as_deref().unwrap_or("–")),
         );
@@ -301,7 +301,7 @@ fn extremes(out: &mut String, extremes: &[Extremes]) {
 }
 
 /// What is published of the figure in the `shown`th plot.
-fn published(l: &Line, shown: usize) -> Option<f64> {
+fn published(l: &ReportRow, shown: usize) -> Option<f64> {
     match shown {
         0 => l.published.map(|p| p[0]),
         1 => l.published.map(|p| p[2]),
@@ -325,11 +325,11 @@ fn round_axis(top: f64) -> (f64, usize) {
 }
 
 /// Means with intervals, one line per scenario and planner.
-fn dots(lines: &[Line], figure: &str, shown: usize) -> String {
+fn dots(lines: &[ReportRow], figure: &str, shown: usize) -> String {
     let least = SHOWN.get(shown).map_or(1.0, |s| s.2);
     let top = lines
         .iter()
-        .flat_map(|l| [l.summary.figure(figure).map(|f| f.p95), published(l, shown)])
+        .flat_map(|l| [l.summary.metric(figure).map(|f| f.p95), published(l, shown)])
         .flatten()
         .fold(least, f64::max);
     let (top, decimals) = round_axis(top);
@@ -378,7 +378,7 @@ fn dots(lines: &[Line], figure: &str, shown: usize) -> String {
                 y + 6.0
             );
         }
-        if let Some(f) = l.summary.figure(figure) {
+        if let Some(f) = l.summary.metric(figure) {
             let interval = l
                 .intervals
                 .iter()
@@ -409,7 +409,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn axes_end_at_a_round_figure_not_far_beyond_the_largest_value() {
+    fn axis_ends_at_a_round_number_near_the_largest_value() {
         for (top, end, decimals) in [
             (0.17, 0.2, 2),
             (0.4, 0.4, 1),

@@ -5,21 +5,21 @@ use std::fs::OpenOptions;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use alight_sim::outcome::Outcome;
-use alight_sim::scenario::NodeConfigs;
-use alight_sim::trial::{Watch, fly};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::harness::trial::{Watch, fly};
 use alight_uav::planner::PlannerKind;
 use indicatif::ParallelProgressIterator;
 use rayon::prelude::*;
 
-use super::flown::Flown;
-use super::grid::Row;
-use crate::Refused;
+use super::flown::PlannerVariant;
+use super::grid::StudyScene;
+use crate::CliError;
 use crate::args::StudyArgs;
 use crate::configs::DroneFile;
-#[cfg(feature = "record")]
-use crate::say::note;
 use crate::scene::stopwatch;
+#[cfg(feature = "record")]
+use crate::terminal::note;
 use crate::trials::{bar, pool, seeds};
 
 /// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
@@ -66,17 +66,17 @@ fn rows_file(out: &Path) -> PathBuf {
 }
 
 /// The rows that `dir` already holds.
-pub fn read_rows(dir: &Path) -> Result<Vec<Outcome>, Refused> {
+pub fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
     let path = rows_file(dir);
-    let reading = |e: csv::Error| Refused::because(format!("reading the rows {}", path.display()), e);
+    let reading = |e: csv::Error| CliError::because(format!("reading the rows {}", path.display()), e);
     let mut reader = csv::Reader::from_path(&path).map_err(reading)?;
     reader.deserialize().map(|r| r.map_err(reading)).collect()
 }
 
 /// Joins what `dirs` hold into `out`: rows, and the files that fly a trial again. All have to be of
 /// one configuration, whose hash is given.
-pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), Refused> {
-    let writing = |e: &dyn std::fmt::Display| Refused::because(format!("writing into {}", out.display()), e);
+pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliError> {
+    let writing = |e: &dyn std::fmt::Display| CliError::because(format!("writing into {}", out.display()), e);
     let mut outcomes = Vec::new();
     let mut hashes = BTreeSet::new();
     std::fs::create_dir_all(out).map_err(|e| writing(&e))?;
@@ -93,7 +93,7 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), Refu
         }
     }
     if hashes.len() > 1 {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "study merge: the directories are of different configurations ({}); join those of one",
             hashes.into_iter().collect::<Vec<_>>().join(", ")
         )));
@@ -135,9 +135,9 @@ pub fn read_hash(dir: &Path) -> Option<String> {
 
 /// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
 /// another configuration or another scene.
-fn prepare(out: &Path, rows: &[Row], flown: &[Flown]) -> Result<(), Refused> {
+fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
-    let because = |e: &dyn std::fmt::Display| Refused::because(doing(), e);
+    let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
     let Some(base) = rows.first().map(|r| &r.nodes) else {
         return Ok(());
     };
@@ -165,7 +165,7 @@ fn prepare(out: &Path, rows: &[Row], flown: &[Flown]) -> Result<(), Refused> {
     let used = rows_file(out).exists();
     for (path, text) in files {
         if used && std::fs::read_to_string(&path).is_ok_and(|old| old != text) {
-            return Err(Refused(format!(
+            return Err(CliError(format!(
                 "{} was written by a study with another configuration or scene: its rows would be \
                  mixed with these; give another directory",
                 path.display()
@@ -194,7 +194,11 @@ fn file_name(scenario: &str) -> String {
 }
 
 /// Flies what is not flown yet; all rows in the order of scenario, planner and seed.
-pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[Flown]) -> Result<Vec<Outcome>, Refused> {
+pub fn fly_grid(
+    args: &StudyArgs,
+    rows: &[StudyScene],
+    planners: &[PlannerVariant],
+) -> Result<Vec<Outcome>, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let mut done = Vec::new();
     if let Some(out) = &args.out {
@@ -233,7 +237,7 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[Flown]) -> Result<Ve
                 .create(true)
                 .append(true)
                 .open(&path)
-                .map_err(|e| Refused::because(format!("writing the rows {}", path.display()), e))?;
+                .map_err(|e| CliError::because(format!("writing the rows {}", path.display()), e))?;
             Some(Mutex::new(
                 csv::WriterBuilder::new().has_headers(fresh).from_writer(file),
             ))
@@ -241,7 +245,7 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[Flown]) -> Result<Ve
         None => None,
     };
     let progress = bar(work.len() as u64, "trials");
-    let flown: Result<Vec<Outcome>, Refused> = pool(args.jobs)?.install(|| {
+    let flown: Result<Vec<Outcome>, CliError> = pool(args.jobs)?.install(|| {
         work.par_iter()
             .progress_with(progress.clone())
             .map(|(_, row, planner, seed)| {
@@ -253,7 +257,7 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[Flown]) -> Result<Ve
                     trace_step_s: None,
                 };
                 let flight = fly(&row.world, &nodes, *seed, &row.name, watch)
-                    .map_err(|e| Refused::because(format!("setting up `{}`, seed {seed}", row.name), e))?;
+                    .map_err(|e| CliError::because(format!("setting up `{}`, seed {seed}", row.name), e))?;
                 let outcome = Outcome {
                     wall_time_s: elapsed(),
                     planner: planner.name.clone(),
@@ -263,7 +267,7 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[Flown]) -> Result<Ve
                     writer
                         .serialize(&outcome)
                         .and_then(|()| writer.flush().map_err(Into::into))
-                        .map_err(|e| Refused::because("writing a row", e))?;
+                        .map_err(|e| CliError::because("writing a row", e))?;
                 }
                 Ok(outcome)
             })
@@ -290,18 +294,18 @@ pub fn fly_grid(args: &StudyArgs, rows: &[Row], planners: &[Flown]) -> Result<Ve
 
 /// Failed trials that are flown again and recorded.
 #[cfg(feature = "record")]
-const RECORDED: usize = 5;
+const MAX_RECORDED_FAILURES: usize = 5;
 
 /// Flies the first failed trials again, with a recording of each.
 #[cfg(feature = "record")]
 fn record_failed(
     args: &StudyArgs,
     out: &Path,
-    (rows, planners): (&[Row], &[Flown]),
+    (rows, planners): (&[StudyScene], &[PlannerVariant]),
     done: &[Outcome],
-) -> Result<(), Refused> {
+) -> Result<(), CliError> {
     let dir = out.join("failed");
-    for o in done.iter().filter(|o| !o.success).take(RECORDED) {
+    for o in done.iter().filter(|o| !o.success).take(MAX_RECORDED_FAILURES) {
         let Some(row) = rows.iter().find(|r| r.name == o.sea) else {
             continue;
         };
@@ -314,7 +318,7 @@ fn record_failed(
             continue;
         }
         std::fs::create_dir_all(&dir)
-            .map_err(|e| Refused::because(format!("making {}", dir.display()), e))?;
+            .map_err(|e| CliError::because(format!("making {}", dir.display()), e))?;
         let nodes = planner.nodes(&row.nodes);
         let subject = crate::record::Subject {
             scenario: &row.world,

@@ -5,20 +5,20 @@
 use std::fmt::Write as _;
 
 use alight_shared::config::{Check, Keys};
-use alight_sim::outcome::Outcome;
-use alight_sim::scenario::NodeConfigs;
-use alight_sim::sea::SeaConfig;
-use alight_sim::trial::{Watch, fly};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::physics::sea::SeaConfig;
 use alight_uav::planner::PlannerKind;
 use alight_uav::planner::baselines::mpc_ne::MpcNeConfig;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::Refused;
+use crate::CliError;
 use crate::args::StudyArgs;
 use crate::configs::DroneFile;
-use crate::say::note;
 use crate::scene::Scene;
+use crate::terminal::note;
 use crate::trials::{pool, seeds};
 
 /// Seas of the search: low, middle and high of Table II.
@@ -26,15 +26,15 @@ const SEAS: [&str; 3] = ["0.3,5", "0.5,5", "0.8,5"];
 /// Every number is tried twice at most this often, with smaller factors each time.
 const FACTORS: [f64; 2] = [2.0, 1.4];
 /// A candidate that is behind by this much after half of the seeds is given up.
-const HOPELESS: f64 = 0.1;
+const ABANDON_MARGIN: f64 = 0.1;
 
 /// A number of the search: its key, and where it is.
-type Knob = (&'static str, KnobAt);
-type KnobAt = fn(&mut MpcNeConfig) -> Vec<&mut f64>;
+type Parameter = (&'static str, ParameterOf);
+type ParameterOf = fn(&mut MpcNeConfig) -> Vec<&mut f64>;
 
 /// What Gupta et al. do not publish and what matters to a landing. S keeps its ratio of position to
 /// velocity in one of the knobs; h_d is published.
-const KNOBS: [Knob; 9] = [
+const PARAMETERS: [Parameter; 9] = [
     ("horizontal", |c| c.horizontal.iter_mut().collect()),
     ("horizontal velocity", |c| {
         c.horizontal.iter_mut().skip(1).collect()
@@ -51,7 +51,7 @@ const KNOBS: [Knob; 9] = [
 ];
 
 /// The numbers with one knob turned by the factor `f`, or by as much of it as the configuration takes.
-fn varied(of: &MpcNeConfig, at: KnobAt, mut f: f64) -> MpcNeConfig {
+fn scaled(of: &MpcNeConfig, at: ParameterOf, mut f: f64) -> MpcNeConfig {
     for _ in 0..8 {
         let mut tried = *of;
         for value in at(&mut tried) {
@@ -67,10 +67,10 @@ fn varied(of: &MpcNeConfig, at: KnobAt, mut f: f64) -> MpcNeConfig {
 
 /// What a trial costs: 1 for a failure, else up to 0.2 for time (40 s) and place (0.65 m, where a foot
 /// reaches the deck's edge).
-fn regret(o: &Outcome) -> f64 {
-    let share = |v: Option<f64>, most: f64| v.map_or(1.0, |v| (v / most).min(1.0));
+fn cost(o: &Outcome) -> f64 {
+    let fraction = |v: Option<f64>, most: f64| v.map_or(1.0, |v| (v / most).min(1.0));
     if o.success {
-        0.1 * share(o.landing_time_s, 40.0) + 0.1 * share(o.position_error_m, 0.65)
+        0.1 * fraction(o.landing_time_s, 40.0) + 0.1 * fraction(o.position_error_m, 0.65)
     } else {
         1.0
     }
@@ -79,7 +79,7 @@ fn regret(o: &Outcome) -> f64 {
 /// What a set of numbers does.
 #[derive(Clone, Copy, Debug, Default)]
 struct Score {
-    regret: f64,
+    cost: f64,
     successes: usize,
     trials: usize,
     position_m: f64,
@@ -94,7 +94,7 @@ impl Score {
             v.iter().sum::<f64>() / v.len().max(1) as f64
         };
         Score {
-            regret: mean(|o| Some(regret(o))),
+            cost: mean(|o| Some(cost(o))),
             successes: outcomes.iter().filter(|o| o.success).count(),
             trials: outcomes.len(),
             position_m: mean(|o| o.position_error_m),
@@ -109,21 +109,21 @@ impl core::fmt::Display for Score {
         write!(
             f,
             "{:.3}  {}/{} landed, {:.2} m, {:.1} s, {:.2} m/s",
-            self.regret, self.successes, self.trials, self.position_m, self.time_s, self.speed_mps
+            self.cost, self.successes, self.trials, self.position_m, self.time_s, self.speed_mps
         )
     }
 }
 
 /// The scenes of the search.
-struct Course<'a> {
+struct SearchGrid<'a> {
     base: &'a Scene,
     seas: Vec<(&'static str, SeaConfig)>,
     seeds: Vec<u64>,
     pool: rayon::ThreadPool,
 }
 
-impl Course<'_> {
-    fn fly(&self, c: &MpcNeConfig, seeds: &[u64]) -> Result<Vec<Outcome>, Refused> {
+impl SearchGrid<'_> {
+    fn fly(&self, c: &MpcNeConfig, seeds: &[u64]) -> Result<Vec<Outcome>, CliError> {
         let mut nodes = self.base.nodes.clone();
         nodes.drone.planner.kind = PlannerKind::MpcNe;
         nodes.drone.planner.baselines.mpc_ne = *c;
@@ -142,20 +142,20 @@ impl Course<'_> {
                     };
                     fly(&scenario, &nodes, *seed, name, watch)
                         .map(|f| f.outcome)
-                        .map_err(|e| Refused::because(format!("setting up `{name}`, seed {seed}"), e))
+                        .map_err(|e| CliError::because(format!("setting up `{name}`, seed {seed}"), e))
                 })
                 .collect()
         })
     }
 
     /// None when it was given up half way.
-    fn score(&self, c: &MpcNeConfig, best: Option<&[Outcome]>) -> Result<Option<Vec<Outcome>>, Refused> {
+    fn score(&self, c: &MpcNeConfig, best: Option<&[Outcome]>) -> Result<Option<Vec<Outcome>>, CliError> {
         let (first, rest) = self.seeds.split_at(self.seeds.len().div_ceil(2));
         let mut flown = self.fly(c, first)?;
         let behind = best
             .and_then(|b| b.get(..flown.len()))
-            .map_or(0.0, |b| Score::of(&flown).regret - Score::of(b).regret);
-        if behind > HOPELESS {
+            .map_or(0.0, |b| Score::of(&flown).cost - Score::of(b).cost);
+        if behind > ABANDON_MARGIN {
             return Ok(None);
         }
         flown.extend(self.fly(c, rest)?);
@@ -164,18 +164,18 @@ impl Course<'_> {
 }
 
 /// Searches, says every candidate, and ends with the configuration that did best.
-pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
+pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     if !args.planners.is_empty() && args.planners != [crate::args::Planner::MpcNe] {
-        return Err(Refused(
+        return Err(CliError(
             "study search: only mpc-ne has numbers to search for; leave --planners out or give mpc-ne".into(),
         ));
     }
     let base = Scene::of(&args.scene)?;
-    let course = Course {
+    let course = SearchGrid {
         seas: SEAS
             .iter()
-            .map(|s| Ok((*s, s.parse().map_err(Refused)?)))
-            .collect::<Result<_, Refused>>()?,
+            .map(|s| Ok((*s, s.parse().map_err(CliError)?)))
+            .collect::<Result<_, CliError>>()?,
         base: &base,
         seeds: seeds(args.seed0, args.trials)?,
         pool: pool(args.jobs)?,
@@ -186,23 +186,23 @@ pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
         let _ = writeln!(
             log,
             "{what},{},{},{},{},{},{}",
-            s.regret, s.successes, s.trials, s.position_m, s.time_s, s.speed_mps
+            s.cost, s.successes, s.trials, s.position_m, s.time_s, s.speed_mps
         );
     };
     let mut best = base.nodes.drone.planner.baselines.mpc_ne;
     let mut flown = course.score(&best, None)?.unwrap_or_default();
     record("as configured", &Score::of(&flown));
     for factor in FACTORS {
-        for (name, at) in KNOBS {
+        for (name, at) in PARAMETERS {
             for f in [factor, 1.0 / factor] {
-                let tried = varied(&best, at, f);
+                let tried = scaled(&best, at, f);
                 let what = format!("{name} x {f:.2}");
                 let Some(outcomes) = course.score(&tried, Some(&flown))? else {
                     note(args.json, format_args!("{what:<32}given up half way"));
                     continue;
                 };
                 let score = Score::of(&outcomes);
-                let better = score.regret < Score::of(&flown).regret;
+                let better = score.cost < Score::of(&flown).cost;
                 record(&format!("{what}{}", if better { " kept" } else { "" }), &score);
                 if better {
                     (best, flown) = (tried, outcomes);
@@ -214,25 +214,26 @@ pub fn run(args: &StudyArgs) -> Result<Value, Refused> {
     }
     let mut nodes: NodeConfigs = base.nodes.clone();
     nodes.drone.planner.baselines.mpc_ne = best;
-    let text = toml::to_string(&best).map_err(|e| Refused::because("writing the numbers", e))?;
+    let text = toml::to_string(&best).map_err(|e| CliError::because("writing the numbers", e))?;
     note(args.json, format_args!("best:\n{text}"));
     if let Some(out) = &args.out {
         let file = DroneFile {
             bridge: nodes.bridge,
             drone: nodes.drone,
         };
-        let drone = toml::to_string(&file).map_err(|e| Refused::because("writing the configuration", e))?;
-        std::fs::create_dir_all(out).map_err(|e| Refused::because(format!("making {}", out.display()), e))?;
+        let drone = toml::to_string(&file).map_err(|e| CliError::because("writing the configuration", e))?;
+        std::fs::create_dir_all(out)
+            .map_err(|e| CliError::because(format!("making {}", out.display()), e))?;
         for (name, text) in [("search.csv", &log), ("drone.toml", &drone)] {
             let path = out.join(name);
             std::fs::write(&path, text)
-                .map_err(|e| Refused::because(format!("writing {}", path.display()), e))?;
+                .map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
         }
     }
     let s = Score::of(&flown);
     Ok(json!({
         "planner": PlannerKind::MpcNe.name(),
-        "regret": s.regret,
+        "regret": s.cost,
         "successes": s.successes,
         "trials": s.trials,
         "configuration": best,
@@ -244,10 +245,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_knob_moves_something_and_stays_within_the_configuration() {
-        for (name, at) in KNOBS {
+    fn every_search_parameter_changes_a_valid_configuration() {
+        for (name, at) in PARAMETERS {
             for f in [4.0, 0.25] {
-                let c = varied(&MpcNeConfig::default(), at, f);
+                let c = scaled(&MpcNeConfig::default(), at, f);
                 assert_ne!(c, MpcNeConfig::default(), "{name}");
                 c.check(&Keys::ROOT).unwrap();
             }

@@ -174,7 +174,7 @@ fn count(status: &Value, process: &str, figure: &str) -> f64 {
 }
 
 #[test]
-fn hostile_packets_are_counted_and_shown_and_the_landing_goes_on() {
+fn landing_continues_while_hostile_packets_are_counted_and_shown() {
     let name = instance("hostile");
     // Without certificates, so that a stranger is heard at all.
     let child = land(&name, &["--warm-up", "30", "--seed", "5", "--transport", "udp"]);

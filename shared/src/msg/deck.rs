@@ -3,17 +3,17 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, SLOPES, within};
+use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, SLOPE_WINDOWS, within};
 use crate::seq::Seq;
 use crate::time::{DroneClock, Span};
 
 /// Stages of a deck forecast.
 pub const FORECAST_STAGES: usize = 41;
 
-/// Moments that [`DeckForecast::foretold`] tells of.
-pub const FORETOLD: usize = 48;
+/// Moments that [`DeckForecast::predicted_slopes`] tells of.
+pub const PREDICTED_SLOPES: usize = 48;
 /// Time between two of them, s; together twelve seconds.
-pub const FORETOLD_STEP_S: f64 = 0.25;
+pub const PREDICTED_SLOPE_STEP_S: f64 = 0.25;
 
 /// A 6-DOF sighting of the deck's fiducial tag.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -68,7 +68,7 @@ pub struct LinkState {
     /// Fraction of vessel estimates lost over the last seconds.
     pub loss: f64,
     /// Fraction of them that came after a newer one, and were not used.
-    pub overtaken: f64,
+    pub out_of_order: f64,
     /// Median latency of vessel estimates, s.
     pub latency_p50_s: f64,
     /// 99th percentile of the latency, s.
@@ -164,18 +164,18 @@ pub struct DeckForecast {
     /// Confidence in the wave model, 0 (broad default) to 1.
     pub wave_confidence: f64,
     /// Share of the water's orbital motion that passes under the hull, whose crests the trajectory holds
-    /// ([`super::WaveModel::orbital_slip`]).
-    pub orbital_slip: f64,
+    /// ([`super::WaveModel::wave_following_deficit`]).
+    pub wave_following_deficit: f64,
     /// The deck's mean heading without the waves' share, rad.
     pub mean_heading: f64,
     /// The trajectory.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
     /// How steep the deck felt of late, as the vessel told it ([`super::WaveModel::slopes`]); empty while
     /// nothing recent is known.
-    pub slopes: Seq<u8, SLOPES>,
-    /// How steep the deck is foretold to feel, every [`FORETOLD_STEP_S`] from now on, in steps of
+    pub slopes: Seq<u8, SLOPE_WINDOWS>,
+    /// How steep the deck is predicted_slopes to feel, every [`PREDICTED_SLOPE_STEP_S`] from now on, in steps of
     /// [`super::SLOPE_STEP`]; empty while no wave is named with confidence.
-    pub foretold: Seq<u8, FORETOLD>,
+    pub predicted_slopes: Seq<u8, PREDICTED_SLOPES>,
 }
 
 impl DeckForecast {
@@ -260,8 +260,8 @@ message!(DeckForecast, |m| {
     if m.step <= Span::ZERO {
         return Err("step");
     }
-    if !(0.0..=1.0).contains(&m.orbital_slip) {
-        return Err("orbital_slip");
+    if !(0.0..=1.0).contains(&m.wave_following_deficit) {
+        return Err("wave_following_deficit");
     }
     for s in m.stages.iter() {
         if !within(&s.position, MAX_POSITION_M)

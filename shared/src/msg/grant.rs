@@ -14,7 +14,7 @@ pub struct DeckGrant<C: Clock> {
     /// Identity; `at` is when it was said.
     pub header: Header<C>,
     /// The drone that has the deck; 0 when nobody has.
-    pub holder: u32,
+    pub owner: u32,
     /// It stands on it.
     pub occupied: bool,
 }
@@ -24,7 +24,7 @@ impl<C: Clock> DeckGrant<C> {
     pub fn restamped<D: Clock>(&self, at: Time<D>) -> DeckGrant<D> {
         DeckGrant {
             header: self.header.restamped(at),
-            holder: self.holder,
+            owner: self.owner,
             occupied: self.occupied,
         }
     }

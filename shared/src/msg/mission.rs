@@ -95,13 +95,13 @@ pub enum ReasonCode {
     /// No message of the vessel yet.
     NoVessel,
     /// The drone's own odometry is too old, s.
-    OdometryOld,
+    OdometryStale,
     /// The deck forecast is too old, s.
-    ForecastOld,
+    ForecastStale,
     /// Neither tag nor UVDAR has been seen yet.
-    NotSeen,
+    NoVision,
     /// The deck has not been seen for too long, s.
-    SightLost,
+    VisionLost,
     /// Horizontal distance to the deck is too large, m.
     TooFar,
     /// Relative horizontal speed is too large, m/s.
@@ -135,14 +135,14 @@ pub enum ReasonCode {
     /// The wind's push to be expected on the deck is too strong, m/s².
     TooWindy,
     /// The vessel's deck is another drone's: its number.
-    DeckTaken,
+    DeckReserved,
     /// The vessel has not said lately whose its deck is, s.
-    DeckUnknown,
+    DeckGrantStale,
     /// Waves that would shed a landed drone were felt that long ago, s: too lately, or so long ago that the
     /// next are due.
-    DeckSheds,
-    /// The deck is foretold to feel this steep before the drone would be at rest, tan of the angle.
-    DeckSteepens,
+    SlideObserved,
+    /// The deck is predicted_slopes to feel this steep before the drone would be at rest, tan of the angle.
+    SlidePredicted,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -182,10 +182,10 @@ impl fmt::Display for Reason {
             ReasonCode::NotCommanded => write!(f, "no landing commanded"),
             ReasonCode::NotFlying => write!(f, "not flying, not armed or not in offboard mode"),
             ReasonCode::NoVessel => write!(f, "no vessel state received"),
-            ReasonCode::OdometryOld => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
-            ReasonCode::ForecastOld => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
-            ReasonCode::NotSeen => write!(f, "deck not seen yet"),
-            ReasonCode::SightLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
+            ReasonCode::OdometryStale => write!(f, "own odometry {v:.2} s old (limit {l:.2})"),
+            ReasonCode::ForecastStale => write!(f, "deck forecast {v:.2} s old (limit {l:.2})"),
+            ReasonCode::NoVision => write!(f, "deck not seen yet"),
+            ReasonCode::VisionLost => write!(f, "deck not seen for {v:.2} s (limit {l:.2})"),
             ReasonCode::TooFar => write!(f, "{v:.2} m from above the deck (limit {l:.2})"),
             ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
             ReasonCode::Uncertain => write!(f, "deck known to {v:.2} m only (limit {l:.2})"),
@@ -208,19 +208,19 @@ impl fmt::Display for Reason {
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
             ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
-            ReasonCode::DeckTaken if v == 0.0 => write!(f, "the deck is nobody's yet"),
-            ReasonCode::DeckTaken => write!(f, "the deck is drone {v:.0}'s"),
-            ReasonCode::DeckUnknown => write!(f, "whose the deck is was said {v:.1} s ago (limit {l:.1})"),
-            ReasonCode::DeckSheds if v < l => {
+            ReasonCode::DeckReserved if v == 0.0 => write!(f, "the deck is nobody's yet"),
+            ReasonCode::DeckReserved => write!(f, "the deck is drone {v:.0}'s"),
+            ReasonCode::DeckGrantStale => write!(f, "whose the deck is was said {v:.1} s ago (limit {l:.1})"),
+            ReasonCode::SlideObserved if v < l => {
                 write!(f, "waves that shed a drone {v:.0} s ago (calm after {l:.0})")
             }
-            ReasonCode::DeckSheds => {
+            ReasonCode::SlideObserved => {
                 write!(
                     f,
                     "waves that shed a drone {v:.0} s ago, the next are due (limit {l:.0})"
                 )
             }
-            ReasonCode::DeckSteepens => {
+            ReasonCode::SlidePredicted => {
                 write!(f, "waves to come tilt the deck by {v:.2} (limit {l:.2})")
             }
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),

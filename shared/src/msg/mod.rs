@@ -12,8 +12,8 @@ mod sensors;
 pub mod vessel;
 
 pub use deck::{
-    DeckForecast, DeckStage, FORECAST_STAGES, FORETOLD, FORETOLD_STEP_S, LinkState, RangeSample, Source,
-    TagPose, UvdarFix,
+    DeckForecast, DeckStage, FORECAST_STAGES, LinkState, PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES,
+    RangeSample, Source, TagPose, UvdarFix,
 };
 pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, Motors, PLAN_STAGES, Plan, PlanStage, SetPoint,
@@ -25,7 +25,7 @@ pub use mission::{
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use vessel::{
-    MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, SLOPE_SPAN_S, SLOPE_STEP, SLOPES, TimeReply,
+    MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, WaveComponent, WaveModel,
 };
 

@@ -26,7 +26,7 @@ pub struct ImuSample {
     /// Which of the vessel's inertial sensors.
     pub source: u8,
     /// Its place in the vessel's body frame, m; none: where the configuration has it.
-    pub arm: Option<[f64; 3]>,
+    pub lever_arm: Option<[f64; 3]>,
 }
 
 /// A GNSS fix of the antenna.
@@ -48,7 +48,7 @@ pub struct GnssFix {
     /// Which of the vessel's receivers.
     pub source: u8,
     /// Its antenna in the vessel's body frame, m; none: where the configuration has it.
-    pub arm: Option<[f64; 3]>,
+    pub lever_arm: Option<[f64; 3]>,
 }
 
 /// A heading, from a compass or from two GNSS antennas.
@@ -89,11 +89,11 @@ pub struct AttitudeFix {
 }
 
 /// A source that there may be, in a place on a vessel.
-fn check_place(source: u8, arm: Option<&[f64; 3]>) -> Result<(), &'static str> {
+fn check_source(source: u8, lever_arm: Option<&[f64; 3]>) -> Result<(), &'static str> {
     if usize::from(source) >= MAX_SOURCES {
         return Err("source");
     }
-    if !arm.is_none_or(|a| within(a, 100.0)) {
+    if !lever_arm.is_none_or(|a| within(a, 100.0)) {
         return Err("arm");
     }
     Ok(())
@@ -111,7 +111,7 @@ impl Message for ImuSample {
         if !within(&self.accelerometer, 500.0) {
             return Err("accelerometer");
         }
-        check_place(self.source, self.arm.as_ref())?;
+        check_source(self.source, self.lever_arm.as_ref())?;
         Ok(())
     }
 }
@@ -141,7 +141,7 @@ impl Message for GnssFix {
         {
             return Err("standard deviations");
         }
-        check_place(self.source, self.arm.as_ref())?;
+        check_source(self.source, self.lever_arm.as_ref())?;
         Ok(())
     }
 }
@@ -160,7 +160,7 @@ impl Message for HeadingFix {
         if !self.rate.is_none_or(|r| within([&r], MAX_RATE_RPS)) {
             return Err("rate");
         }
-        check_place(self.source, None)
+        check_source(self.source, None)
     }
 }
 impl Message for AttitudeFix {
@@ -185,6 +185,6 @@ impl Message for AttitudeFix {
         {
             return Err("heave");
         }
-        check_place(self.source, None)
+        check_source(self.source, None)
     }
 }

@@ -59,9 +59,9 @@ use crate::time::{Clock, Time, VesselClock};
 /// Most wave components that a wave model carries.
 pub const MAX_COMPONENTS: usize = 6;
 /// Spans of time that [`WaveModel::slopes`] looks back over.
-pub const SLOPES: usize = 60;
+pub const SLOPE_WINDOWS: usize = 60;
 /// Length of each of these spans, s; together two minutes.
-pub const SLOPE_SPAN_S: f64 = 2.0;
+pub const SLOPE_WINDOW_S: f64 = 2.0;
 /// One step of a slope; the largest one stands for all above it.
 pub const SLOPE_STEP: f64 = 0.01;
 /// Stages of the vessel's own prediction.
@@ -131,18 +131,18 @@ pub struct WaveModel<C: Clock> {
     pub confidence: f32,
     /// Share of the water's horizontal orbital motion that passes under the hull: 0 when it is carried along
     /// (a light free hull), 1 when it stands. Above 0 its motion is not the plain sum of the components
-    /// (`alight_shared::vessel_model::bound`).
-    pub orbital_slip: f32,
+    /// (`alight_shared::vessel_model::bound_waves`).
+    pub wave_following_deficit: f32,
     /// Share, 0 to 1, of what crests are steeper by than the sum of the components' slopes on a hull that is
     /// carried along.
-    pub sharpness: f32,
+    pub crest_steepening: f32,
     /// Components, strongest first.
     pub components: Seq<WaveComponent, MAX_COMPONENTS>,
-    /// The steepest slope that something standing on the deck felt in each span of [`SLOPE_SPAN_S`], the
+    /// The steepest slope that something standing on the deck felt in each span of [`SLOPE_WINDOW_S`], the
     /// present one first, in steps of [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second.
     /// Above the coefficient of friction it slides. What no sum of waves foretells (a hull that leaves the
     /// water over a steep crest) comes again as it came before.
-    pub slopes: Seq<u8, SLOPES>,
+    pub slopes: Seq<u8, SLOPE_WINDOWS>,
 }
 
 /// One stage of the vessel's prediction.
@@ -195,7 +195,7 @@ pub struct TimeReply<V: Clock, D: Clock> {
     pub header: Header<V>,
     /// The request's time of sending on the drone's clock (t1).
     #[serde(bound = "")]
-    pub asked_at: Time<D>,
+    pub requested_at: Time<D>,
     /// The request's time of arrival on the vessel's clock (t2).
     #[serde(bound = "")]
     pub received_at: Time<V>,
@@ -227,8 +227,8 @@ impl<C: Clock> PartialEq for WaveModel<C> {
         self.header == o.header
             && self.significant_height_m == o.significant_height_m
             && self.confidence == o.confidence
-            && self.orbital_slip == o.orbital_slip
-            && self.sharpness == o.sharpness
+            && self.wave_following_deficit == o.wave_following_deficit
+            && self.crest_steepening == o.crest_steepening
             && self.components == o.components
             && self.slopes == o.slopes
     }
@@ -273,8 +273,8 @@ impl<C: Clock> WaveModel<C> {
             header: self.header.restamped(at),
             significant_height_m: self.significant_height_m,
             confidence: self.confidence,
-            orbital_slip: self.orbital_slip,
-            sharpness: self.sharpness,
+            wave_following_deficit: self.wave_following_deficit,
+            crest_steepening: self.crest_steepening,
             components: self.components,
             slopes: self.slopes,
         }
@@ -372,10 +372,10 @@ impl<C: Clock> Message for WaveModel<C> {
         if !(0.0..=1.0).contains(&self.confidence) {
             return Err("confidence");
         }
-        if !(0.0..=1.0).contains(&self.orbital_slip) {
-            return Err("orbital_slip");
+        if !(0.0..=1.0).contains(&self.wave_following_deficit) {
+            return Err("wave_following_deficit");
         }
-        if !(0.0..=1.0).contains(&self.sharpness) {
+        if !(0.0..=1.0).contains(&self.crest_steepening) {
             return Err("sharpness");
         }
         for c in self.components.iter() {

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_peer_is_heard_under_its_own_name_only_and_zenoh_takes_the_rules() {
+    fn access_rules_admit_each_peer_under_its_own_name_only() {
         let own = vec!["alight/vessel-1/estimate".to_owned()];
         let peers = ["drone-1".to_owned(), "drone-2".to_owned()];
         let rules = rules(&own, &peers);

@@ -15,11 +15,11 @@ use crate::transport::memory::Ipc;
 /// Name of the service, after [`crate::topics`]'s.
 pub(crate) const NAME: &str = "camera/image";
 /// Bytes before the pixels: time (8), width (4), height (4).
-const HEAD: usize = 16;
+const HEADER_BYTES: usize = 16;
 /// Images that wait for a reader.
 const BUFFER: usize = 2;
 /// Images that a reader holds at a time.
-const HELD: usize = 1;
+const BORROWED: usize = 1;
 /// Who may publish, and who may read, at a time; those that were killed keep their place for a while.
 const PORTS: usize = 4;
 
@@ -43,20 +43,20 @@ pub(crate) fn messages(node: &Node<Ipc>, name: &ServiceName) -> Messages {
         .enable_safe_overflow(true)
         .history_size(0)
         .subscriber_max_buffer_size(BUFFER)
-        .subscriber_max_borrowed_samples(HELD)
+        .subscriber_max_borrowed_samples(BORROWED)
         .max_publishers(PORTS)
         .max_subscribers(PORTS)
         .max_nodes(4 * PORTS)
 }
 /// The service, held open by who created it.
-pub(crate) struct Held {
+pub(crate) struct ImageService {
     _messages: port_factory::publish_subscribe::PortFactory<Ipc, [u8], ()>,
 }
 
-impl Held {
-    pub(crate) fn create(node: &Node<Ipc>, name: &ServiceName) -> Result<Held, TransportError> {
+impl ImageService {
+    pub(crate) fn create(node: &Node<Ipc>, name: &ServiceName) -> Result<ImageService, TransportError> {
         let fail = |e: &dyn core::fmt::Debug| TransportError::because(format!("creating {NAME}"), e);
-        Ok(Held {
+        Ok(ImageService {
             _messages: messages(node, name).create().map_err(|e| fail(&e))?,
         })
     }
@@ -65,7 +65,7 @@ impl Held {
 /// Publishes images of at most so many pixels.
 pub struct ImagePublisher {
     port: IoxPublisher<Ipc, [u8], ()>,
-    most: usize,
+    max_bytes: usize,
     unsent: u64,
 }
 
@@ -80,27 +80,27 @@ impl ImagePublisher {
             .open()
             .map_err(|e| fail(&e))?
             .publisher_builder()
-            .initial_max_slice_len(HEAD + pixels)
+            .initial_max_slice_len(HEADER_BYTES + pixels)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .map_err(|e| fail(&e))?;
         Ok(ImagePublisher {
             port,
-            most: HEAD + pixels,
+            max_bytes: HEADER_BYTES + pixels,
             unsent: 0,
         })
     }
     /// Sends an image; one that is larger than was said is counted as not sent.
     pub fn send(&mut self, at_ns: i64, size: [u32; 2], pixels: &[u8]) {
-        let length = HEAD + pixels.len();
-        let sent = length <= self.most
+        let length = HEADER_BYTES + pixels.len();
+        let sent = length <= self.max_bytes
             && self.port.loan_slice(length).is_ok_and(|mut slot| {
-                let (head, rest) = slot.payload_mut().split_at_mut(HEAD);
-                let said = at_ns
+                let (head, rest) = slot.payload_mut().split_at_mut(HEADER_BYTES);
+                let header = at_ns
                     .to_le_bytes()
                     .into_iter()
                     .chain(size.into_iter().flat_map(u32::to_le_bytes));
-                head.iter_mut().zip(said).for_each(|(to, byte)| *to = byte);
+                head.iter_mut().zip(header).for_each(|(to, byte)| *to = byte);
                 rest.copy_from_slice(pixels);
                 slot.send().is_ok()
             });
@@ -154,7 +154,7 @@ mod tests {
     use crate::transport::memory::{Instance, Memory, Services};
 
     #[test]
-    fn an_image_arrives_whole_and_a_larger_one_is_counted() {
+    fn image_arrives_whole_and_an_oversized_one_is_counted() {
         let instance = Instance::new(&format!("images-test-{}", std::process::id())).unwrap();
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();

@@ -21,10 +21,10 @@ use crate::time::DroneClock;
 use crate::topics::Topic;
 use crate::transport::TransportError;
 use crate::transport::images::{self, ImagePublisher, ImageSubscriber};
-use crate::transport::intake::Intake;
 use crate::transport::plain::Plain;
 use crate::transport::process::ProcessState;
 use crate::transport::relay::{Copier, RELAYED, key_in_memory};
+use crate::transport::statistics::InputStatistics;
 use crate::wire;
 
 /// The kind of iceoryx2 service: between processes, ports used by one thread each.
@@ -40,7 +40,7 @@ const NODES: usize = 32;
 /// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
 const SERVICE: &str = "/run/alight";
 /// Most messages that one call reads: a publisher that runs wild does not hold its reader.
-const MOST_PER_READ: usize = 64;
+const MAX_PER_READ: usize = 64;
 
 /// One set of processes on a computer; several may run side by side under different names.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -154,7 +154,7 @@ impl Memory {
         self.copies = Some(path);
     }
     /// Removes what processes that were killed left behind.
-    pub fn bury_the_dead(&self) {
+    pub fn reap(&self) {
         let _left = self.node.try_cleanup_dead_nodes();
     }
     /// Waits, no longer than `span`; false when the process was asked to end. Another signal only
@@ -236,7 +236,7 @@ impl Memory {
             .map_err(|e| fail(&e))?;
         Ok(Subscriber {
             port,
-            intake: Intake::new(T::TOPIC),
+            intake: InputStatistics::new(T::TOPIC),
         })
     }
     /// A publisher of images of at most `pixels`.
@@ -271,7 +271,7 @@ type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 pub struct Services {
     held: Vec<Held>,
     /// That of images, which are no messages.
-    _images: images::Held,
+    _images: images::ImageService,
 }
 
 impl Services {
@@ -279,7 +279,7 @@ impl Services {
     pub fn create(memory: &Memory) -> Result<Services, TransportError> {
         let mut services = Services {
             held: Vec::new(),
-            _images: images::Held::create(&memory.node, &named(images::NAME)?)?,
+            _images: images::ImageService::create(&memory.node, &named(images::NAME)?)?,
         };
         macro_rules! each {
             ($($ty:ty),* $(,)?) => { $(services.add::<$ty>(memory)?;)* };
@@ -386,7 +386,7 @@ pub struct Listener {
 /// Reads messages `T`.
 pub struct Subscriber<T: Plain> {
     port: IoxSubscriber<Ipc, T, ()>,
-    intake: Intake,
+    intake: InputStatistics,
 }
 
 impl<T: Plain> Subscriber<T> {
@@ -394,10 +394,10 @@ impl<T: Plain> Subscriber<T> {
     pub fn newest(&mut self, now_ns: i64) -> Option<T> {
         self.all(now_ns).pop()
     }
-    /// All messages that wait, in order, at most [`MOST_PER_READ`].
+    /// All messages that wait, in order, at most [`MAX_PER_READ`].
     pub fn all(&mut self, now_ns: i64) -> Vec<T> {
         let mut messages = Vec::new();
-        while messages.len() < MOST_PER_READ {
+        while messages.len() < MAX_PER_READ {
             // An error is a publisher that went away in the middle: what it sent is lost, and the
             // next read looks again.
             let Ok(Some(sample)) = self.port.receive() else {
@@ -410,7 +410,7 @@ impl<T: Plain> Subscriber<T> {
         messages
     }
     /// What was read so far.
-    pub fn intake(&self) -> &Intake {
+    pub fn intake(&self) -> &InputStatistics {
         &self.intake
     }
 }
@@ -433,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn state_streams_keep_the_newest_event_streams_keep_sixteen_and_nothing_is_left() {
+    fn subscribers_keep_the_newest_state_and_sixteen_events_and_leave_no_files() {
         let instance = Instance::new(&format!("memory-test-{}", std::process::id())).unwrap();
         instance.wipe().unwrap();
         let memory = Memory::join(&instance, "test").unwrap();

@@ -8,13 +8,13 @@
 pub mod access;
 pub mod clock;
 pub mod images;
-pub mod intake;
 pub mod memory;
 pub mod plain;
 pub mod process;
 pub mod radio;
-pub mod refusals;
+pub mod rejections;
 pub mod relay;
+pub mod statistics;
 pub mod wake;
 
 use thiserror::Error;

@@ -22,7 +22,7 @@ pub enum Signal {
 /// Sends `signal` to the process `pid`.
 pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
     let doing = || format!("sending {signal:?} to process {pid}");
-    let what = match signal {
+    let os_signal = match signal {
         Signal::Kill => OsSignal::Kill,
         Signal::Freeze => OsSignal::StopExecution,
         Signal::Continue => OsSignal::Continue,
@@ -33,14 +33,14 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
         .filter(|id| *id > 0)
         .ok_or_else(|| TransportError::because(doing(), "not the number of a process"))?;
     Process::from_pid(ProcessId::new(id))
-        .send_signal(what)
+        .send_signal(os_signal)
         .map_err(|e| TransportError::because(doing(), e))
 }
 
 /// Topics that one process reads, at most.
-pub const MOST_INPUTS: usize = 12;
+pub const MAX_INPUTS: usize = 12;
 /// Figures of its own that one process shows, at most.
-pub const MOST_FIGURES: usize = 24;
+pub const MAX_METRICS: usize = 24;
 
 /// The processes of a vessel and its drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -130,7 +130,7 @@ pub struct InputState {
 }
 
 /// Keys on which one process speaks over the radio, at most.
-pub const MOST_FLOWS: usize = 8;
+pub const MAX_FLOWS: usize = 8;
 
 /// What a process sent over the radio on one key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -171,11 +171,11 @@ pub struct ProcessState {
     /// Messages that it could not send.
     pub unsent: u64,
     /// What a process counts and measures beside; see the process for the meaning.
-    pub figures: Seq<f64, MOST_FIGURES>,
+    pub figures: Seq<f64, MAX_METRICS>,
     /// What it reads.
-    pub inputs: Seq<InputState, MOST_INPUTS>,
+    pub inputs: Seq<InputState, MAX_INPUTS>,
     /// What it sends over the radio.
-    pub flows: Seq<RadioFlow, MOST_FLOWS>,
+    pub flows: Seq<RadioFlow, MAX_FLOWS>,
 }
 
 impl ProcessState {

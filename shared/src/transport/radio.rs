@@ -17,7 +17,7 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use crate::config;
 use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
-use crate::transport::refusals::Knocks;
+use crate::transport::rejections::PlaintextAttempts;
 use crate::transport::relay::{self, Copier};
 use crate::transport::{TransportError, access};
 use crate::wire::MAX_WIRE_BYTES;
@@ -136,7 +136,7 @@ impl RadioConfig {
         }
     }
     /// Silence after which the watchdog acts, s.
-    fn patience_s(&self) -> f64 {
+    fn silence_limit_s(&self) -> f64 {
         if self.is_stream() {
             self.reopen_after_s + self.stream_lease_s + f64::from(STREAM_OPEN_MS) * 1e-3
         } else {
@@ -222,7 +222,7 @@ pub enum Urgency {
 
 /// A key to publish on.
 #[derive(Clone, Debug)]
-pub struct Outlet {
+pub struct Publication {
     /// The key expression.
     pub key: String,
     /// How urgent.
@@ -231,7 +231,7 @@ pub struct Outlet {
 
 /// A message that came.
 #[derive(Clone, Debug)]
-pub struct Heard {
+pub struct Received {
     /// Index of its subscription.
     pub subscription: usize,
     /// The steady clock at its arrival, ns.
@@ -262,7 +262,7 @@ pub struct RadioCounts {
     /// Messages it did not take.
     pub unsent: u64,
     /// Messages that came.
-    pub heard: u64,
+    pub received: u64,
     /// Messages dropped because they were too long or the process did not read.
     pub dropped: u64,
     /// How often the watchdog opened the session anew.
@@ -272,19 +272,19 @@ pub struct RadioCounts {
 /// One side of the radio.
 pub struct Radio {
     config: RadioConfig,
-    outlets: Vec<Outlet>,
+    publications: Vec<Publication>,
     subscriptions: Vec<String>,
     open: Option<Open>,
-    sender: SyncSender<Heard>,
-    inbox: Receiver<Heard>,
+    sender: SyncSender<Received>,
+    inbox: Receiver<Received>,
     dropped: Arc<AtomicU64>,
     counts: RadioCounts,
     flows: Vec<Flow>,
-    last_heard_ns: Option<i64>,
+    last_received_ns: Option<i64>,
     /// When the news were last young enough, or a session was opened.
     last_fresh_ns: i64,
     /// Strangers that knock without TLS.
-    knocks: Option<Knocks>,
+    plaintext_attempts: Option<PlaintextAttempts>,
     /// The outlet whose messages are copied, and where to; for trials.
     copier: Option<(usize, Copier)>,
 }
@@ -295,10 +295,10 @@ struct Open {
 }
 
 impl Radio {
-    /// Opens the session, publishes on `outlets` and reads `subscriptions`.
+    /// Opens the session, publishes on `publications` and reads `subscriptions`.
     pub fn open(
         config: &RadioConfig,
-        outlets: Vec<Outlet>,
+        publications: Vec<Publication>,
         subscriptions: Vec<String>,
     ) -> Result<Radio, TransportError> {
         // Whoever opens it, also an operator's command: what cannot work is told before it is tried.
@@ -308,48 +308,48 @@ impl Radio {
         let (sender, inbox) = sync_channel(INBOX);
         let mut radio = Radio {
             config: config.clone(),
-            flows: vec![Flow::default(); outlets.len()],
-            outlets,
+            flows: vec![Flow::default(); publications.len()],
+            publications,
             subscriptions,
             open: None,
             sender,
             inbox,
             dropped: Arc::new(AtomicU64::new(0)),
             counts: RadioCounts::default(),
-            last_heard_ns: None,
+            last_received_ns: None,
             last_fresh_ns: steady_ns(),
-            knocks: None,
+            plaintext_attempts: None,
             copier: None,
         };
         radio.open = Some(radio.session()?);
-        radio.knocks = Knocks::at(&config.listen);
+        radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
         // A session that never says anything is silent too: an opening that stalled half way
         // (seen once, over UDP on a computer under load) ends there.
-        radio.last_heard_ns = Some(steady_ns());
+        radio.last_received_ns = Some(steady_ns());
         Ok(radio)
     }
 
     fn session(&self) -> Result<Open, TransportError> {
-        let own: Vec<String> = self.outlets.iter().map(|o| o.key.clone()).collect();
+        let own: Vec<String> = self.publications.iter().map(|o| o.key.clone()).collect();
         let session = zenoh::open(self.config.session(&own)?)
             .wait()
             .map_err(|e| TransportError::because("opening the radio's session", e))?;
-        let mut publishers = Vec::with_capacity(self.outlets.len());
-        for outlet in &self.outlets {
-            let priority = match outlet.urgency {
+        let mut publishers = Vec::with_capacity(self.publications.len());
+        for publication in &self.publications {
+            let priority = match publication.urgency {
                 Urgency::State => Priority::RealTime,
                 Urgency::Model => Priority::InteractiveHigh,
                 Urgency::Status => Priority::Background,
             };
             let publisher = session
-                .declare_publisher(outlet.key.clone())
+                .declare_publisher(publication.key.clone())
                 .congestion_control(CongestionControl::Drop)
                 .priority(priority)
                 .express(true)
                 // Repeated, the old would hold up the new; over TCP and UDP this changes nothing.
                 .reliability(Reliability::BestEffort)
                 .wait()
-                .map_err(|e| TransportError::because(format!("publishing {}", outlet.key), e))?;
+                .map_err(|e| TransportError::because(format!("publishing {}", publication.key), e))?;
             publishers.push(publisher);
         }
         for (subscription, key) in self.subscriptions.iter().enumerate() {
@@ -363,12 +363,12 @@ impl Radio {
                         return;
                     }
                     let bytes = payload.to_bytes().into_owned();
-                    let heard = Heard {
+                    let received = Received {
                         subscription,
                         at_ns: steady_ns(),
                         bytes,
                     };
-                    match sender.try_send(heard) {
+                    match sender.try_send(received) {
                         Ok(()) => {}
                         Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
                             dropped.fetch_add(1, Ordering::Relaxed);
@@ -382,18 +382,18 @@ impl Radio {
         Ok(Open { session, publishers })
     }
 
-    /// From now on a copy of every message of `outlet` goes to the UDP address `to` too.
-    pub fn copy_to(&mut self, outlet: usize, to: &str) -> Result<(), TransportError> {
-        self.copier = Some((outlet, Copier::udp(to)?));
+    /// From now on a copy of every message of `publication` goes to the UDP address `to` too.
+    pub fn copy_to(&mut self, publication: usize, to: &str) -> Result<(), TransportError> {
+        self.copier = Some((publication, Copier::udp(to)?));
         Ok(())
     }
 
-    /// Publishes on outlet `outlet`.
-    pub fn send(&mut self, outlet: usize, bytes: Vec<u8>) {
+    /// Publishes on outlet `publication`.
+    pub fn send(&mut self, publication: usize, bytes: Vec<u8>) {
         let length = bytes.len() as u64;
-        let publisher = self.open.as_ref().and_then(|o| o.publishers.get(outlet));
+        let publisher = self.open.as_ref().and_then(|o| o.publishers.get(publication));
         let put = |bytes: Vec<u8>| publisher.is_some_and(|p| p.put(bytes).wait().is_ok());
-        let taken = match self.copier.as_mut().filter(|(copied, _)| *copied == outlet) {
+        let taken = match self.copier.as_mut().filter(|(copied, _)| *copied == publication) {
             Some((_, copier)) => {
                 let (key, copy, mut taken) = (relay::key(&[&bytes]), bytes.clone(), false);
                 copier.beside(0, key, || Some(copy), || taken = put(bytes));
@@ -404,7 +404,7 @@ impl Radio {
         if taken {
             self.counts.sent += 1;
             self.counts.sent_bytes += length;
-            if let Some(flow) = self.flows.get_mut(outlet) {
+            if let Some(flow) = self.flows.get_mut(publication) {
                 flow.messages += 1;
                 flow.bytes += length + HEADER_BYTES;
             }
@@ -413,20 +413,20 @@ impl Radio {
         }
     }
 
-    /// The next message; waits at most `longest` for it.
-    pub fn receive(&mut self, longest: Duration) -> Option<Heard> {
-        if let Some(knocks) = &self.knocks {
-            knocks.look();
+    /// The next message; waits at most `timeout` for it.
+    pub fn receive(&mut self, timeout: Duration) -> Option<Received> {
+        if let Some(plaintext_attempts) = &self.plaintext_attempts {
+            plaintext_attempts.poll();
         }
-        let heard = if longest.is_zero() {
+        let received = if timeout.is_zero() {
             self.inbox.try_recv().ok()
         } else {
             // We hold a sender ourselves: the only error is that the time is up.
-            self.inbox.recv_timeout(longest).ok()
+            self.inbox.recv_timeout(timeout).ok()
         }?;
-        self.counts.heard += 1;
-        self.last_heard_ns = Some(heard.at_ns);
-        Some(heard)
+        self.counts.received += 1;
+        self.last_received_ns = Some(received.at_ns);
+        Some(received)
     }
 
     /// The watchdog of the side that dials: opens the session anew when it went silent, or when it has
@@ -435,7 +435,7 @@ impl Radio {
     /// declarations were lost or overtaken, for then one side speaks and the other has nobody to speak to
     /// (measured over a link with 30 ms of jitter: 2 of 8 sessions). To be called now and then. The side
     /// that listens keeps its socket, and silence is no news to it; what it cannot mend is
-    /// [`Radio::outlives`].
+    /// [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {
         if self.config.connect.is_empty() {
             return;
@@ -446,8 +446,8 @@ impl Radio {
         if age_s <= limit_s {
             self.last_fresh_ns = now;
         }
-        let silent_s = self.last_heard_ns.map_or(0.0, since_s);
-        let silent = silent_s > self.config.patience_s();
+        let silent_s = self.last_received_ns.map_or(0.0, since_s);
+        let silent = silent_s > self.config.silence_limit_s();
         let old = silent_s < lease_s && since_s(self.last_fresh_ns) > limit_s + lease_s;
         if !silent && !old && self.open.is_some() {
             return;
@@ -460,7 +460,7 @@ impl Radio {
             });
         }
         // A session that cannot be opened is tried again after the same silence.
-        self.last_heard_ns = Some(now);
+        self.last_received_ns = Some(now);
         self.last_fresh_ns = now;
         if let Ok(open) = self.session() {
             self.open = Some(open);
@@ -472,7 +472,7 @@ impl Radio {
     /// up for about a lease, the middleware's reader of a datagram socket stays blocked for good and
     /// keeps the port (measured: SIGSTOP for 2 s, 9 of 9 never read again; closing the session does not
     /// free it). Only a new process hears again.
-    pub fn outlives(&self, gap_s: f64) -> bool {
+    pub fn survives_pause(&self, gap_s: f64) -> bool {
         !self.config.connect.is_empty() || gap_s < 0.9 * self.config.link_lease_s()
     }
 

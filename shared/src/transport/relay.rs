@@ -25,7 +25,7 @@ const HEAD: usize = 40;
 /// Messages that wait for their other half at most.
 const WAITING: usize = 1024;
 /// Times that are kept at most.
-const MOST_TIMES: usize = 500_000;
+const MAX_TIMES: usize = 500_000;
 /// Largest datagram.
 pub const LARGEST: usize = 65_000;
 
@@ -128,7 +128,7 @@ impl Copier {
 }
 
 /// A copy as it came.
-pub struct CopyHeard<'a> {
+pub struct ReceivedCopy<'a> {
     /// Index of its topic, as the sender has it.
     pub topic: u32,
     sent_ns: i64,
@@ -138,12 +138,12 @@ pub struct CopyHeard<'a> {
 }
 
 /// Reads a datagram of a [`Copier`]; None when it is not one.
-pub fn read(datagram: &[u8]) -> Option<CopyHeard<'_>> {
+pub fn read(datagram: &[u8]) -> Option<ReceivedCopy<'_>> {
     let word = |k: usize| {
         let part = datagram.get(8 * k..8 * k + 8)?;
         part.try_into().ok().map(u64::from_le_bytes)
     };
-    Some(CopyHeard {
+    Some(ReceivedCopy {
         topic: u32::try_from(word(0)?).ok()?,
         sent_ns: word(2)?.cast_signed(),
         before: (word(3)?, word(4)?.cast_signed()),
@@ -161,16 +161,16 @@ pub struct Hop {
 }
 
 fn keep(times: &mut Vec<f64>, ns: i64) {
-    if times.len() < MOST_TIMES && ns >= 0 {
+    if times.len() < MAX_TIMES && ns >= 0 {
         times.push(ns as f64 * 1e-9);
     }
 }
 
 impl Hop {
     /// A copy was there at `at_ns`, decoded.
-    pub fn copy(&mut self, heard: &CopyHeard<'_>, at_ns: i64) {
-        keep(&mut self.plain_s, at_ns.saturating_sub(heard.sent_ns));
-        let (key, sent_ns) = heard.before;
+    pub fn copy(&mut self, received: &ReceivedCopy<'_>, at_ns: i64) {
+        keep(&mut self.plain_s, at_ns.saturating_sub(received.sent_ns));
+        let (key, sent_ns) = received.before;
         match self.came_ns.remove(&key) {
             Some(came_ns) => keep(&mut self.original_s, came_ns.saturating_sub(sent_ns)),
             None => wait(&mut self.sent_ns, key, sent_ns),
@@ -213,7 +213,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn originals_and_copies_are_matched_whoever_comes_first() {
+    fn hop_matches_originals_and_copies_in_either_order() {
         let directory = std::env::temp_dir().join(format!("alight-relay-test-{}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
         let path = directory.join("relay");
@@ -228,9 +228,9 @@ mod tests {
             assert!(sent);
             let mut copy = |hop: &mut Hop| {
                 let n = to.recv(&mut buffer).unwrap();
-                let heard = read(&buffer[..n]).unwrap();
-                assert_eq!((heard.topic, heard.bytes.len()), (2, 700));
-                hop.copy(&heard, steady_ns());
+                let received = read(&buffer[..n]).unwrap();
+                assert_eq!((received.topic, received.bytes.len()), (2, 700));
+                hop.copy(&received, steady_ns());
             };
             if k % 2 == 0 {
                 copy(&mut hop);

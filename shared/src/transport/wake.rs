@@ -15,11 +15,11 @@ pub fn end_requested() -> bool {
     SignalHandler::termination_requested()
 }
 
-/// Calls `step` whenever one of `listeners` was woken, and at the latest `longest` after the last
+/// Calls `step` whenever one of `listeners` was woken, and at the latest `timeout` after the last
 /// time, until `step` breaks or the process is asked to end.
 pub fn run(
     listeners: &[&Listener],
-    longest: Duration,
+    timeout: Duration,
     mut step: impl FnMut() -> ControlFlow<()>,
 ) -> Result<(), TransportError> {
     let fail = |e: &dyn core::fmt::Debug| TransportError::because("waiting for messages", e);
@@ -29,7 +29,7 @@ pub fn run(
         guards.push(waits.attach_notification(&listener.port).map_err(|e| fail(&e))?);
     }
     loop {
-        match waits.wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, longest) {
+        match waits.wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, timeout) {
             Ok(WaitSetRunResult::TerminationRequest) => return Ok(()),
             // Any signal ends the wait, not only one that means the end.
             Ok(WaitSetRunResult::Interrupt) if end_requested() => return Ok(()),

@@ -340,10 +340,10 @@ impl Belief {
     /// squared exceeds `gate`. A row may span blocks: each gets its exact marginal posterior, the
     /// correlation between the blocks is dropped.
     pub fn update(&mut self, row: &[Term], innovation: f64, r: f64, gate: f64) -> Update {
-        const MOST: usize = 64;
-        let mut entries = [(0usize, 0.0f64); MOST];
+        const MAX_TERMS: usize = 64;
+        let mut entries = [(0usize, 0.0f64); MAX_TERMS];
         let mut used = [0usize; DOFS + 1];
-        if row.len() > MOST || !innovation.is_finite() {
+        if row.len() > MAX_TERMS || !innovation.is_finite() {
             return Update::Invalid;
         }
         // The row, sorted by block.
@@ -445,12 +445,12 @@ impl Belief {
     /// nearest new one within 40 %; new components that inherit nothing start at rest with their
     /// stationary spread. `fresh` of the stationary variance is added to those whose frequency
     /// moved by more than 2 %, because their phase no longer is what it was.
-    pub fn remodel(&mut self, model: &VesselModel, fresh: f64) {
+    pub fn change_model(&mut self, model: &VesselModel, fresh: f64) {
         let old = self.clone();
         let new = model.components();
         self.layout = Layout::new(new.len(), old.layout.extras, old.layout.blocks.clone());
         self.components = new.to_vec();
-        let heir: Vec<Option<(usize, f64)>> = old
+        let successor: Vec<Option<(usize, f64)>> = old
             .components
             .iter()
             .map(|o| {
@@ -475,7 +475,7 @@ impl Belief {
                     for slot in 0..HEAD + old.layout.extras[d] {
                         to[old.layout.at(d, slot).1] = Some((self.layout.at(d, slot).1, 1.0));
                     }
-                    for (j, h) in heir.iter().enumerate() {
+                    for (j, h) in successor.iter().enumerate() {
                         if let Some((k, ratio)) = *h {
                             to[old.layout.at(d, old.layout.value(d, j)).1] =
                                 Some((self.layout.at(d, self.layout.value(d, k)).1, 1.0));
@@ -496,31 +496,31 @@ impl Belief {
                 }
                 for &d in dofs {
                     for (k, w) in new.iter().enumerate() {
-                        let mut share = 1.0;
+                        let mut fraction = 1.0;
                         let mut inherited = false;
-                        for (h, o) in heir.iter().zip(&old.components) {
+                        for (h, o) in successor.iter().zip(&old.components) {
                             if let Some((hk, ratio)) = *h
                                 && hk == k
                             {
                                 inherited = true;
                                 // A jump of frequency or of direction makes the phase doubtful.
                                 if (ratio - 1.0).abs() < 0.02 && o.damping == w.damping {
-                                    share = 0.0;
+                                    fraction = 0.0;
                                 } else {
-                                    share = fresh;
+                                    fraction = fresh;
                                 }
                             }
                         }
                         if !inherited {
-                            share = 1.0;
+                            fraction = 1.0;
                         }
                         let sd = w.stationary_sd(d);
                         let (v, r) = (
                             self.layout.at(d, self.layout.value(d, k)).1,
                             self.layout.at(d, self.layout.rate(d, k)).1,
                         );
-                        p[(v, v)] += share * sd * sd;
-                        p[(r, r)] += share * (sd * w.omega_encounter).powi(2);
+                        p[(v, v)] += fraction * sd * sd;
+                        p[(r, r)] += fraction * (sd * w.omega_encounter).powi(2);
                     }
                 }
                 Gaussian::from_moments(x, p)

@@ -153,7 +153,7 @@ mod tests {
     use crate::config::Keys;
 
     #[test]
-    fn the_default_passes_its_own_check_and_a_negative_inertia_does_not() {
+    fn vessel_model_config_accepts_its_default_and_rejects_a_negative_inertia() {
         assert!(VesselModelConfig::default().check(&Keys::ROOT).is_ok());
         let mut c = VesselModelConfig::default();
         c.inertia_kg_kgm2[2] = -1.0;

@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_exponential_of_a_rotation_is_the_rotation() {
+    fn expm_of_a_rotation_generator_is_the_rotation() {
         let m = Mat::from_fn(2, 2, |i, j| match (i, j) {
             (0, 1) => 3.0,
             (1, 0) => -3.0,

@@ -20,7 +20,7 @@ pub struct Horizon {
 struct Rows {
     dofs: Vec<usize>,
     stride: usize,
-    /// Rows of eta, nu, nu_dot: `[(local dof * 3 + figure) * stages + k]`, each of the group's size.
+    /// Rows of eta, nu, nu_dot: `[(local dof * 3 + quantity) * stages + k]`, each of the group's size.
     rows: Vec<DVector<f64>>,
     /// Noise variance accumulated until stage k, same order, for eta and nu and their covariance:
     /// `[(local dof * 3 + {eta, cov, nu}) * stages + k]`.
@@ -60,9 +60,9 @@ impl Horizon {
                         u[li * stride + slot] = 1.0;
                         u
                     };
-                    let figures = [unit(ETA), unit(NU), acceleration];
+                    let quantities = [unit(ETA), unit(NU), acceleration];
                     let start = rows.len();
-                    for first in figures {
+                    for first in quantities {
                         let mut row = first;
                         for _ in 0..count {
                             let next = &transposed * &row;
@@ -117,8 +117,8 @@ impl Horizon {
         let (rows, first, count) = self.rows(dof);
         let k = k.min(self.stages);
         let mut out = [0.0; 3];
-        for (figure, o) in out.iter_mut().enumerate() {
-            let row = &rows.rows[first + figure * count + k];
+        for (quantity, o) in out.iter_mut().enumerate() {
+            let row = &rows.rows[first + quantity * count + k];
             *o = rows
                 .segments(belief)
                 .map(|(local, block, at, len)| {

@@ -30,8 +30,8 @@
 //! [`Step`] of that dt and [`Belief::update`] per scalar; [`Horizon`] for what comes.
 
 mod belief;
+mod bound_waves;
 mod config;
-mod crests;
 mod expm;
 mod horizon;
 mod messages;
@@ -40,8 +40,8 @@ mod model;
 mod tests;
 
 pub use belief::{Belief, BeliefSpec, Extra, Layout, Step, Term};
+pub use bound_waves::{BoundMotion, WaveNonlinearity, WaveResponse, bound, bound_motion};
 pub use config::{Coupling, VesselModelConfig};
-pub use crests::{Bound, Crested, Felt, bound, bound_motion};
 pub use expm::{expm, van_loan};
 pub use horizon::Horizon;
 pub use model::{Component, Discrete, VesselModel, encounter_frequency, turn_tilt};

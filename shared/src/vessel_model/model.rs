@@ -37,7 +37,7 @@ impl Component {
     }
     /// Recomputes the frequency of encounter for a mean velocity (north, east, m/s). Below a
     /// direction known to 1 rad the earth-frame frequency is kept.
-    pub fn meet(&mut self, mean_velocity: [f64; 2]) {
+    pub fn update_encounter(&mut self, mean_velocity: [f64; 2]) {
         self.omega_encounter = if self.direction_sd < 1.0 {
             encounter_frequency(self.omega, self.direction, mean_velocity)
         } else {
@@ -294,9 +294,9 @@ pub(crate) fn connected(related: &[[bool; DOFS]; DOFS]) -> Vec<Vec<usize>> {
         for i in 0..DOFS {
             for j in 0..DOFS {
                 if related[i][j] || related[j][i] {
-                    let least = label[i].min(label[j]);
-                    label[i] = least;
-                    label[j] = least;
+                    let smallest = label[i].min(label[j]);
+                    label[i] = smallest;
+                    label[j] = smallest;
                 }
             }
         }

@@ -107,7 +107,7 @@ fn dense(model: &VesselModel, dofs: &[usize]) -> (DMatrix<f64>, DMatrix<f64>) {
 }
 
 #[test]
-fn small_problems_superpose_to_the_whole_van_loan() {
+fn discretisation_by_parts_equals_van_loan_of_the_whole() {
     let config = coupled();
     assert!(config.check(&Keys::ROOT).is_ok());
     let model = VesselModel::new(&config, &waves());
@@ -123,7 +123,7 @@ fn small_problems_superpose_to_the_whole_van_loan() {
 }
 
 #[test]
-fn the_horizon_equals_stepping() {
+fn horizon_equals_stepping() {
     let model = VesselModel::new(&coupled(), &waves());
     let mut belief = filled(&model);
     let horizon = Horizon::new(&model, 0.1, 20);
@@ -172,7 +172,7 @@ fn heave_follows_a_long_wave() {
 }
 
 #[test]
-fn turning_there_and_back_restores_the_mean_and_keeps_vectors_long() {
+fn belief_turned_there_and_back_keeps_its_mean() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves());
     let before = filled(&model);
     let mut b = before.clone();
@@ -197,7 +197,7 @@ fn turning_there_and_back_restores_the_mean_and_keeps_vectors_long() {
 }
 
 #[test]
-fn turned_tilt_keeps_the_normal_and_agrees_with_the_linear_turn() {
+fn turn_tilt_keeps_the_normal_and_agrees_with_the_linear_rotation() {
     let (roll, pitch, delta) = (0.2, -0.15, 1.1);
     let (r, p) = turn_tilt(roll, pitch, delta);
     let normal = |r: f64, p: f64, y: f64| {
@@ -210,7 +210,7 @@ fn turned_tilt_keeps_the_normal_and_agrees_with_the_linear_turn() {
 }
 
 #[test]
-fn following_seas_are_met_more_slowly() {
+fn encounter_frequency_falls_in_following_seas() {
     // 2 m/s with a 5 s wave: omega² U / g = 0.322 rad/s.
     let o = core::f64::consts::TAU / 5.0;
     let with = encounter_frequency(o, 0.0, [2.0, 0.0]);
@@ -221,7 +221,7 @@ fn following_seas_are_met_more_slowly() {
 }
 
 #[test]
-fn a_new_frequency_keeps_value_and_amplitude() {
+fn change_of_model_keeps_value_and_amplitude() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves());
     let mut b = filled(&model);
     let l = b.layout().clone();
@@ -231,7 +231,7 @@ fn a_new_frequency_keeps_value_and_amplitude() {
     let mut moved = waves();
     moved.truncate(2);
     moved[1].omega_encounter *= 1.05;
-    b.remodel(&VesselModel::new(&VesselModelConfig::default(), &moved), 0.2);
+    b.change_model(&VesselModel::new(&VesselModelConfig::default(), &moved), 0.2);
     let l = b.layout().clone();
     assert_eq!(b.get(HEAVE, l.value(HEAVE, 1)), value);
     assert!((b.get(HEAVE, l.rate(HEAVE, 1)) - 1.05 * rate).abs() < 1e-12);
@@ -240,7 +240,7 @@ fn a_new_frequency_keeps_value_and_amplitude() {
 }
 
 #[test]
-fn the_message_brings_the_waves_back() {
+fn wave_message_restores_the_oscillators() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves());
     let from = filled(&model);
     let message = from.wave_message(0.6);
@@ -257,7 +257,7 @@ fn the_message_brings_the_waves_back() {
 }
 
 #[test]
-fn a_row_across_blocks_gives_each_its_exact_marginal() {
+fn update_across_blocks_gives_exact_marginals() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves()[..1]);
     let row = [Term::new(HEAVE, ETA, 1.0), Term::new(YAW, ETA, 0.5)];
     let mut split = Belief::new(&model, &spec());

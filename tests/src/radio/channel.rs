@@ -8,13 +8,13 @@ use alight_shared::time::{Span, Time, TrueTime};
 use serde::{Deserialize, Serialize};
 
 use super::RadioConfig;
+use crate::physics::streams::Streams;
 use crate::sensors::noise::{Noise, covers};
-use crate::streams::Streams;
 
 /// Between two packets of the vessel at its full rates, s.
 const BURST_STEP_S: f64 = 0.025;
 /// After so many steps the chain has forgotten where it was.
-const MOST_BURST_STEPS: u32 = 1000;
+const MAX_BURST_STEPS: u32 = 1000;
 
 /// Which way packets go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +59,7 @@ pub struct Channel {
     bursts: Noise,
     in_burst: bool,
     last_sent: Option<Time<TrueTime>>,
-    silent: Option<[Time<TrueTime>; 2]>,
+    outage: Option<[Time<TrueTime>; 2]>,
     /// When the sender has put everything on the air that it was given.
     idle_at: Time<TrueTime>,
     last_arrival: Time<TrueTime>,
@@ -100,7 +100,7 @@ impl Channel {
             bursts: Noise::new(streams, &format!("{name}.burst")),
             in_burst: false,
             last_sent: None,
-            silent: None,
+            outage: None,
             idle_at: Time::from_nanos(i64::MIN / 2),
             last_arrival: Time::from_nanos(i64::MIN / 2),
             counts: ChannelCounts::default(),
@@ -122,8 +122,8 @@ impl Channel {
             self.counts.overflowed += 1;
             return [None, None];
         };
-        let silent = self.silent.is_some_and(|[from, until]| from <= t && t < until);
-        if lost || in_burst || silent || covers(&self.config.outages_s, t) {
+        let outage = self.outage.is_some_and(|[from, until]| from <= t && t < until);
+        if lost || in_burst || outage || covers(&self.config.outages_s, t) {
             self.counts.lost += 1;
             return [None, None];
         }
@@ -134,8 +134,8 @@ impl Channel {
 
     /// Everything sent in the window `[from, until)` is lost; what is on its way still arrives.
     /// The first such window stays.
-    pub fn fall_silent(&mut self, window: [Time<TrueTime>; 2]) {
-        self.silent = Some(self.silent.unwrap_or(window));
+    pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
+        self.outage = Some(self.outage.unwrap_or(window));
     }
     /// What happened so far.
     pub const fn counts(&self) -> ChannelCounts {
@@ -150,15 +150,15 @@ impl Channel {
     /// which a burst lasts `1 / r` packets and takes the share `p / (p + r)` of all. While nobody speaks it
     /// goes on once in [`BURST_STEP_S`]: a fade does not wait for a sender that backs off.
     fn burst(&mut self, t: Time<TrueTime>) -> bool {
-        let share = self.config.burst_loss;
-        if share <= 0.0 {
+        let fraction = self.config.burst_loss;
+        if fraction <= 0.0 {
             return false;
         }
         let r = 1.0 / self.config.burst_packets.max(1.0);
-        let p = (r * share / (1.0 - share).max(1e-9)).min(1.0);
+        let p = (r * fraction / (1.0 - fraction).max(1e-9)).min(1.0);
         let idle_s = self.last_sent.map_or(0.0, |at| (t - at).secs().max(0.0));
         self.last_sent = Some(t);
-        let idle = ((idle_s / BURST_STEP_S) as u32).min(MOST_BURST_STEPS);
+        let idle = ((idle_s / BURST_STEP_S) as u32).min(MAX_BURST_STEPS);
         for _ in 0..idle.max(1) {
             self.in_burst = if self.in_burst {
                 !self.bursts.chance(r)
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn bursts_take_their_share_in_runs_of_their_length() {
+    fn burst_loss_has_the_configured_fraction_and_length() {
         let config = RadioConfig {
             burst_loss: 0.2,
             burst_packets: 8.0,
@@ -247,14 +247,14 @@ mod tests {
             .windows(2)
             .filter(|w| w[0].is_some() && w[1].is_none())
             .count();
-        let (share, length) = (lost as f64 / 200_000.0, lost as f64 / runs as f64);
+        let (fraction, length) = (lost as f64 / 200_000.0, lost as f64 / runs as f64);
         // 5000 bursts: the standard error of the mean length is 8 / sqrt(5000) = 0.11.
-        assert!((share - 0.2).abs() < 0.012, "{share}");
+        assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
         assert!((length - 8.0).abs() < 0.4, "{length}");
     }
 
     #[test]
-    fn a_burst_ends_in_time_also_for_who_speaks_seldom() {
+    fn burst_loss_ends_in_time_for_a_rare_sender() {
         let config = RadioConfig {
             burst_loss: 0.2,
             burst_packets: 8.0,
@@ -267,13 +267,13 @@ mod tests {
             .windows(2)
             .filter(|w| w[0].is_some() && w[1].is_none())
             .count();
-        let (share, length) = (lost as f64 / 40_000.0, lost as f64 / runs as f64);
-        assert!((share - 0.2).abs() < 0.012, "{share}");
+        let (fraction, length) = (lost as f64 / 40_000.0, lost as f64 / runs as f64);
+        assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
         assert!((1.2..1.4).contains(&length), "{length}");
     }
 
     #[test]
-    fn bursts_and_random_loss_add_up_and_leave_the_random_ones_where_they_were() {
+    fn burst_loss_adds_to_random_loss_and_leaves_it_unchanged() {
         let random = RadioConfig { loss: 0.1, ..clean() };
         let both = RadioConfig {
             burst_loss: 0.1,
@@ -282,12 +282,12 @@ mod tests {
         };
         let (a, b) = (fates(&random, 50_000, 0.01, 300), fates(&both, 50_000, 0.01, 300));
         assert!(a.iter().zip(&b).all(|(a, b)| a.is_some() || b.is_none()));
-        let share = b.iter().filter(|f| f.is_none()).count() as f64 / 50_000.0;
-        assert!((share - 0.19).abs() < 0.012, "{share}");
+        let fraction = b.iter().filter(|f| f.is_none()).count() as f64 / 50_000.0;
+        assert!((fraction - 0.19).abs() < 0.012, "{fraction}");
     }
 
     #[test]
-    fn a_slow_link_passes_its_rate_and_its_queue_bounds_the_wait() {
+    fn slow_link_passes_its_rate_and_its_queue_bounds_the_delay() {
         let config = RadioConfig {
             rate_bps: 32_000.0,
             queue_bytes: 2_000,
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_that_keeps_order_does_and_one_that_does_not_does_not() {
+    fn link_keeps_order_only_when_configured() {
         let jitter = RadioConfig {
             delay_sd_s: 0.02,
             ..clean()
@@ -328,7 +328,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn whatever_the_link_does_nothing_arrives_before_its_shortest_way(
+        fn link_delivers_nothing_before_the_minimum_delay(
             loss in 0.0..1.0_f64, burst_loss in 0.0..0.9_f64, delay_s in 0.0..0.3_f64,
             delay_sd_s in 0.0..0.1_f64, rate_bps in 1e3..1e6_f64, keep_order: bool, bytes in 1_usize..1500,
         ) {

@@ -5,7 +5,7 @@ use alight_shared::time::{Span, Time, TrueTime};
 
 use super::stream::Stream;
 use super::{Channel, ChannelCounts, Direction, Radio, RadioConfig, Transport};
-use crate::streams::Streams;
+use crate::physics::streams::Streams;
 
 /// Tries of one exchange of a handshake over a stream: the first and its retransmissions, this long
 /// after it, s.
@@ -24,54 +24,54 @@ const SMALL: usize = 80;
 
 /// What goes one way.
 #[derive(Clone, Debug)]
-enum Way<T> {
+enum OneWayLink<T> {
     Datagrams(Box<Radio<T>>),
     Stream(Box<Stream<T>>),
 }
 
-impl<T: Clone> Way<T> {
-    fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> Way<T> {
+impl<T: Clone> OneWayLink<T> {
+    fn new(config: &RadioConfig, direction: Direction, streams: &Streams) -> OneWayLink<T> {
         let there = Channel::new(config, direction, streams);
         match config.transport {
-            Transport::Udp | Transport::Quic => Way::Datagrams(Box::new(Radio::over(there))),
+            Transport::Udp | Transport::Quic => OneWayLink::Datagrams(Box::new(Radio::over(there))),
             Transport::Tcp => {
                 let back = Channel::back(config, direction, streams);
-                Way::Stream(Box::new(Stream::new(config, there, back)))
+                OneWayLink::Stream(Box::new(Stream::new(config, there, back)))
             }
         }
     }
     fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
         match self {
-            Way::Datagrams(radio) => radio.send(t, bytes, packet),
-            Way::Stream(stream) => stream.send(t, bytes, packet),
+            OneWayLink::Datagrams(radio) => radio.send(t, bytes, packet),
+            OneWayLink::Stream(stream) => stream.send(t, bytes, packet),
         }
     }
     fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         match self {
-            Way::Datagrams(radio) => radio.receive(t),
-            Way::Stream(stream) => stream.receive(t),
+            OneWayLink::Datagrams(radio) => radio.receive(t),
+            OneWayLink::Stream(stream) => stream.receive(t),
         }
     }
     fn channel(&mut self) -> &mut Channel {
         match self {
-            Way::Datagrams(radio) => radio.channel(),
-            Way::Stream(stream) => {
+            OneWayLink::Datagrams(radio) => radio.channel(),
+            OneWayLink::Stream(stream) => {
                 let [there, _back] = stream.channels();
                 there
             }
         }
     }
-    fn fall_silent(&mut self, window: [Time<TrueTime>; 2]) {
+    fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         match self {
-            Way::Datagrams(radio) => radio.fall_silent(window),
-            Way::Stream(stream) => stream.channels().into_iter().for_each(|c| c.fall_silent(window)),
+            OneWayLink::Datagrams(radio) => radio.set_outage(window),
+            OneWayLink::Stream(stream) => stream.channels().into_iter().for_each(|c| c.set_outage(window)),
         }
     }
     /// A new connection: a stream's bytes under way are lost with the old one.
     fn reopen(&mut self, config: &RadioConfig) {
         match self {
-            Way::Datagrams(_) => {}
-            Way::Stream(stream) => stream.reopen(config),
+            OneWayLink::Datagrams(_) => {}
+            OneWayLink::Stream(stream) => stream.reopen(config),
         }
     }
 }
@@ -80,13 +80,13 @@ impl<T: Clone> Way<T> {
 #[derive(Clone, Debug)]
 pub struct Session<A, B> {
     config: RadioConfig,
-    to_drone: Way<A>,
-    to_vessel: Way<B>,
+    to_drone: OneWayLink<A>,
+    to_vessel: OneWayLink<B>,
     /// What handshakes and keep-alives meet: to the drone, to the vessel. Random streams of their
     /// own, so that they do not shift the messages' fates.
     probes: [Channel; 2],
     /// When each side last heard the other: the drone, the vessel. None before the first time.
-    heard: [Option<Time<TrueTime>>; 2],
+    last_received: [Option<Time<TrueTime>>; 2],
     keep_alive: Time<TrueTime>,
     /// When the next attempt to open is over and has succeeded or not; None while it is open.
     attempt: Option<(Time<TrueTime>, bool)>,
@@ -98,10 +98,10 @@ impl<A: Clone, B: Clone> Session<A, B> {
     pub fn new(config: &RadioConfig, streams: &Streams) -> Session<A, B> {
         Session {
             config: config.clone(),
-            to_drone: Way::new(config, Direction::ToDrone, streams),
-            to_vessel: Way::new(config, Direction::ToVessel, streams),
+            to_drone: OneWayLink::new(config, Direction::ToDrone, streams),
+            to_vessel: OneWayLink::new(config, Direction::ToVessel, streams),
             probes: [Direction::ToDrone, Direction::ToVessel].map(|d| Channel::probe(config, d, streams)),
-            heard: [None; 2],
+            last_received: [None; 2],
             keep_alive: Time::EPOCH,
             attempt: None,
             reopened: 0,
@@ -123,21 +123,21 @@ impl<A: Clone, B: Clone> Session<A, B> {
     /// What the drone has heard by `t`, with the times of arrival.
     pub fn at_drone(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, A)> {
         let came = self.to_drone.receive(t);
-        self.hear(0, came.last().map(|c| c.0));
-        self.tend(t);
+        self.note_received(0, came.last().map(|c| c.0));
+        self.poll(t);
         came
     }
     /// What the vessel has heard by `t`, with the times of arrival.
     pub fn at_vessel(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, B)> {
         let came = self.to_vessel.receive(t);
-        self.hear(1, came.last().map(|c| c.0));
+        self.note_received(1, came.last().map(|c| c.0));
         came
     }
     /// Everything sent in the window `[from, until)` is lost, both ways.
-    pub fn fall_silent(&mut self, window: [Time<TrueTime>; 2]) {
-        self.to_drone.fall_silent(window);
-        self.to_vessel.fall_silent(window);
-        self.probes.iter_mut().for_each(|c| c.fall_silent(window));
+    pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
+        self.to_drone.set_outage(window);
+        self.to_vessel.set_outage(window);
+        self.probes.iter_mut().for_each(|c| c.set_outage(window));
     }
     /// Packets of both ways: to the drone, to the vessel.
     pub fn counts(&mut self) -> [ChannelCounts; 2] {
@@ -151,14 +151,14 @@ impl<A: Clone, B: Clone> Session<A, B> {
         self.reopened
     }
 
-    fn hear(&mut self, side: usize, at: Option<Time<TrueTime>>) {
-        if let (Some(at), Some(heard)) = (at, self.heard.get_mut(side)) {
-            *heard = Some(heard.map_or(at, |h| h.max(at)));
+    fn note_received(&mut self, side: usize, at: Option<Time<TrueTime>>) {
+        if let (Some(at), Some(last_received)) = (at, self.last_received.get_mut(side)) {
+            *last_received = Some(last_received.map_or(at, |h| h.max(at)));
         }
     }
 
     /// Keep-alives, the lease, and the way back.
-    fn tend(&mut self, t: Time<TrueTime>) {
+    fn poll(&mut self, t: Time<TrueTime>) {
         if let Some((over, succeeds)) = self.attempt {
             if t < over {
                 return;
@@ -166,7 +166,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
             if succeeds {
                 self.attempt = None;
                 self.reopened += 1;
-                self.heard = [Some(t); 2];
+                self.last_received = [Some(t); 2];
             } else {
                 self.attempt = Some(self.handshake(t + Span::from_secs(RETRY_S)));
             }
@@ -177,9 +177,13 @@ impl<A: Clone, B: Clone> Session<A, B> {
             self.keep_alive = t + Span::from_secs(self.config.session_lease_s() / KEEP_ALIVES);
             // The vessel speaks all the time; only the drone has nothing to say now and then.
             let arrival = self.probes[1].send(t, SMALL)[0];
-            self.hear(1, arrival);
+            self.note_received(1, arrival);
         }
-        if self.heard.iter().any(|h| h.is_some_and(|h| t - h > lease)) {
+        if self
+            .last_received
+            .iter()
+            .any(|h| h.is_some_and(|h| t - h > lease))
+        {
             self.to_drone.reopen(&self.config);
             self.to_vessel.reopen(&self.config);
             self.attempt = Some(self.handshake(t + Span::from_secs(RETRY_S)));
@@ -244,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_usual_link_keeps_its_session_over_every_transport() {
+    fn session_stays_open_on_a_usual_link_over_every_transport() {
         for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
             let (ages, reopened) = ages(&config(transport), 120);
             let usual = ages.iter().skip(100).filter(|a| **a < 0.3).count();
@@ -254,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn after_an_outage_longer_than_the_lease_what_comes_is_fresh() {
+    fn session_delivers_fresh_data_after_an_outage_longer_than_its_lease() {
         for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
             let config = RadioConfig {
                 outages_s: vec![[20.0, 25.0]],

@@ -26,16 +26,16 @@ const QUEUE: usize = 4096;
 /// Segments that may be under way at the start.
 const FIRST_WINDOW: f64 = 10.0;
 /// Segments that BBR leaves under way whatever was lost.
-const SMALLEST_WINDOW: f64 = 4.0;
+const MIN_WINDOW: f64 = 4.0;
 /// Segments that BBR has under way when it is the sender that has no more to say: twice what one
 /// round trip takes of these messages (measured on a running kernel: 10 to 35).
 const USUAL_WINDOW: f64 = 24.0;
 /// Shortest retransmission time-out, s.
-const SHORTEST_TIMEOUT_S: f64 = 0.2;
+const MIN_TIMEOUT_S: f64 = 0.2;
 /// Longest, s.
-const LONGEST_TIMEOUT_S: f64 = 120.0;
+const MAX_TIMEOUT_S: f64 = 120.0;
 /// Recoveries after which a patience that was not needed ends.
-const PATIENT_RECOVERIES: u8 = 16;
+const REORDER_WINDOW_RECOVERIES: u8 = 16;
 /// Ranges that an acknowledgement names beside the first.
 const RANGES: usize = 4;
 
@@ -110,8 +110,8 @@ pub struct Stream<T> {
     latest: Option<(Time<TrueTime>, f64)>,
     /// Quarters of the shortest round trip that an overtaken segment is waited for, until when that
     /// stays, and for how many recoveries (RFC 8985, 7.2).
-    patience: u8,
-    patient_at: Option<Time<TrueTime>>,
+    reorder_window: u8,
+    reorder_window_until: Option<Time<TrueTime>>,
     recoveries: u8,
     backoff: i32,
     probed: bool,
@@ -146,8 +146,8 @@ impl<T: Clone> Stream<T> {
             round_trip: None,
             shortest_s: f64::INFINITY,
             latest: None,
-            patience: 1,
-            patient_at: None,
+            reorder_window: 1,
+            reorder_window_until: None,
             recoveries: 0,
             backoff: 0,
             probed: false,
@@ -199,7 +199,7 @@ impl<T: Clone> Stream<T> {
                 if at > t {
                     return;
                 }
-                self.ring(at, timer);
+                self.on_timer(at, timer);
             } else {
                 match self.events.pop(t) {
                     Some((at, Event::Data(range, sent_at))) => self.data(at, range, sent_at),
@@ -225,7 +225,7 @@ impl<T: Clone> Stream<T> {
         let mut sent = false;
         while self.under_way() < self.window.floor().max(1.0) {
             if let Some(k) = self.flight.iter().position(|s| s.lost) {
-                self.repeat(t, k);
+                self.retransmit(t, k);
             } else if !self.send_new(t) {
                 break;
             }
@@ -237,7 +237,7 @@ impl<T: Clone> Stream<T> {
         }
     }
     /// Sends a segment again.
-    fn repeat(&mut self, t: Time<TrueTime>, k: usize) {
+    fn retransmit(&mut self, t: Time<TrueTime>, k: usize) {
         let Some(segment) = self.flight.get_mut(k) else {
             return;
         };
@@ -337,7 +337,7 @@ impl<T: Clone> Stream<T> {
             };
             self.round_trip = Some((mean, spread));
         }
-        self.be_patient(t, ack.double);
+        self.update_reorder_window(t, ack.double);
         self.find_lost(t);
         let gained = before.saturating_sub(open(&self.flight)) as f64;
         match self.congestion {
@@ -349,7 +349,7 @@ impl<T: Clone> Stream<T> {
                 } else {
                     self.window + gained
                 };
-                self.window = grown.clamp(SMALLEST_WINDOW, USUAL_WINDOW);
+                self.window = grown.clamp(MIN_WINDOW, USUAL_WINDOW);
             }
             Congestion::Cubic if limited && (self.after_time_out || self.acknowledged >= self.recover) => {
                 self.window += if self.window < self.threshold {
@@ -372,13 +372,13 @@ impl<T: Clone> Stream<T> {
 
     /// What was sent again for nothing was overtaken, not lost: more patience, once a round trip, for as
     /// long as sixteen recoveries.
-    fn be_patient(&mut self, t: Time<TrueTime>, double: bool) {
-        if double && self.patient_at.is_none_or(|at| t >= at) {
-            self.patience = self.patience.saturating_add(1);
-            self.recoveries = PATIENT_RECOVERIES;
-            self.patient_at = self.round_trip.map(|(mean, _)| t + Span::from_secs(mean));
+    fn update_reorder_window(&mut self, t: Time<TrueTime>, double: bool) {
+        if double && self.reorder_window_until.is_none_or(|at| t >= at) {
+            self.reorder_window = self.reorder_window.saturating_add(1);
+            self.recoveries = REORDER_WINDOW_RECOVERIES;
+            self.reorder_window_until = self.round_trip.map(|(mean, _)| t + Span::from_secs(mean));
         } else if self.recoveries == 0 {
-            self.patience = 1;
+            self.reorder_window = 1;
         }
     }
 
@@ -386,7 +386,7 @@ impl<T: Clone> Stream<T> {
     /// trip, a usual one at most.
     fn reordering_s(&self) -> f64 {
         let usual_s = self.round_trip.map_or(f64::INFINITY, |r| r.0);
-        (0.25 * self.shortest_s.min(usual_s) * f64::from(self.patience)).min(usual_s)
+        (0.25 * self.shortest_s.min(usual_s) * f64::from(self.reorder_window)).min(usual_s)
     }
 
     /// Marks as lost what was sent long enough before something that came.
@@ -418,8 +418,8 @@ impl<T: Clone> Stream<T> {
     /// From the sending of the oldest segment to the time-out.
     fn time_out(&self) -> Span {
         let (mean, spread) = self.round_trip.unwrap_or((0.5, 0.125));
-        let timeout = mean + (4.0 * spread).max(SHORTEST_TIMEOUT_S);
-        Span::from_secs((timeout * 2f64.powi(self.backoff)).min(LONGEST_TIMEOUT_S))
+        let timeout = mean + (4.0 * spread).max(MIN_TIMEOUT_S);
+        Span::from_secs((timeout * 2f64.powi(self.backoff)).min(MAX_TIMEOUT_S))
     }
 
     fn set_timer(&mut self, t: Time<TrueTime>) {
@@ -442,7 +442,7 @@ impl<T: Clone> Stream<T> {
             Some(at) if at < time_out_at => (at.max(t), Timer::Reorder),
             Some(_) | None if undisturbed && !self.probed && self.backoff == 0 => {
                 let alone = if self.flight.len() == 1 {
-                    SHORTEST_TIMEOUT_S
+                    MIN_TIMEOUT_S
                 } else {
                     0.0
                 };
@@ -456,7 +456,7 @@ impl<T: Clone> Stream<T> {
             Some(_) | None => (time_out_at.max(t), Timer::TimeOut),
         });
     }
-    fn ring(&mut self, t: Time<TrueTime>, timer: Timer) {
+    fn on_timer(&mut self, t: Time<TrueTime>, timer: Timer) {
         match timer {
             Timer::Reorder => {
                 self.find_lost(t);
@@ -469,7 +469,7 @@ impl<T: Clone> Stream<T> {
                 if !self.send_new(t)
                     && let Some(last) = self.flight.iter().rposition(|s| !s.arrived)
                 {
-                    self.repeat(t, last);
+                    self.retransmit(t, last);
                 }
                 self.time_out_at = Some(t + self.time_out());
                 self.set_timer(t);

@@ -6,8 +6,8 @@ use alight_shared::geometry::DroneGeometry;
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::noise::Noise;
-use crate::body::RigidState;
-use crate::streams::Streams;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 
 config! {
     /// What the camera's mount is wrong by, unknown to the nodes.
@@ -80,7 +80,7 @@ pub struct View {
 
 impl View {
     /// A point of the world in camera coordinates, m.
-    pub fn sees(&self, point: Point<TrueNed>) -> Vector3<f64> {
+    pub fn to_camera_frame(&self, point: Point<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (point - self.centre)).0
     }
     /// Velocity in camera coordinates of a point that is at `seen` and moves with `velocity`:
@@ -129,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_camera_looks_down_with_forward_up() {
+    fn belly_camera_looks_down_with_forward_up() {
         let r = body_from_camera();
         let to_body = |x, y, z| (r * Vector::<Camera>::new(x, y, z)).0;
         assert!((to_body(1.0, 0.0, 0.0) - Vector3::y()).norm() < 1e-15);
@@ -146,7 +146,9 @@ mod tests {
             ..Default::default()
         });
         let lens = Lens::new(640.0, 480.0, 90_f64.to_radians());
-        let px = lens.project(view.sees(Point::new(2.0, 1.0, 0.0))).unwrap();
+        let px = lens
+            .project(view.to_camera_frame(Point::new(2.0, 1.0, 0.0)))
+            .unwrap();
         assert!(
             (px - Vector2::new(320.0 + 32.0, 240.0 - 64.0)).norm() < 1e-9,
             "{px}"
@@ -154,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn image_drift_is_the_derivative_of_what_is_seen() {
+    fn view_drift_is_the_derivative_of_the_camera_coordinates() {
         let mount = CameraMount {
             position: Vector3::new(0.05, -0.02, 0.08),
             attitude: body_from_camera() * Rotation::from_euler(0.02, -0.01, 0.03),
@@ -178,10 +180,10 @@ mod tests {
                 attitude: turned,
                 ..drone
             };
-            mount.view(&later).sees(point + moves * s)
+            mount.view(&later).to_camera_frame(point + moves * s)
         };
         let numerical = (seen(h) - seen(-h)) / (2.0 * h);
-        let analytical = view.drift(view.sees(point), moves);
+        let analytical = view.drift(view.to_camera_frame(point), moves);
         assert!((numerical - analytical).norm() < 1e-7, "{numerical} {analytical}");
     }
 }

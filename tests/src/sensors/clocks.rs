@@ -4,7 +4,7 @@ use alight_shared::config;
 use alight_shared::time::{Clock, DroneClock, Span, Time, TrueTime, VesselClock};
 
 use super::noise::Noise;
-use crate::streams::Streams;
+use crate::physics::streams::Streams;
 
 config! {
     /// How far the clocks are apart.
@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clocks_are_apart_as_stated_and_invert() {
+    fn clocks_differ_as_configured_and_invert() {
         let config = ClockConfig::default();
         let mut signs = [0, 0];
         for seed in 0..200 {
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_never_goes_back() {
+    fn clock_never_goes_back() {
         let c = ClockModel::new(0.3, -500e-6);
         let read = |k: i64| c.read::<VesselClock>(Time::from_nanos(k * 10_000_000));
         assert!((0..1000).all(|k| read(k + 1) > read(k)));

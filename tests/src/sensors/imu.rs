@@ -11,8 +11,8 @@ use super::clocks::Clocks;
 use super::delay::DelayLine;
 use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
 use super::{Identity, QUEUE};
-use crate::body::RigidState;
-use crate::streams::Streams;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 
 config! {
     /// The vessel's IMU.
@@ -66,7 +66,7 @@ pub fn inertial<B>(state: &RigidState<B>) -> (Vector3<f64>, Vector3<f64>) {
 #[derive(Clone, Debug)]
 pub(super) struct VesselImu {
     config: VesselImuConfig,
-    arm: Vector3<f64>,
+    lever_arm: Vector3<f64>,
     /// Rotation sensor from body.
     alignment: UnitQuaternion<f64>,
     gyro_bias: GaussMarkov,
@@ -85,7 +85,7 @@ impl VesselImu {
         let mut mount = noise("mount");
         let tau = config.bias_correlation_s;
         VesselImu {
-            arm: Vector3::from(config.lever_arm_m) + mount.normal3() * config.lever_arm_error_sd_m,
+            lever_arm: Vector3::from(config.lever_arm_m) + mount.normal3() * config.lever_arm_error_sd_m,
             alignment: UnitQuaternion::from_scaled_axis(
                 mount.normal3() * config.alignment_sd_deg.to_radians(),
             ),
@@ -112,7 +112,7 @@ impl VesselImu {
         clocks: &Clocks,
     ) -> Vec<ImuSample> {
         if let Some(dt) = self.schedule.due(t) {
-            let (rate, force) = inertial(&vessel.at::<VesselBody>(self.arm));
+            let (rate, force) = inertial(&vessel.at::<VesselBody>(self.lever_arm));
             let gyro = self.alignment * rate
                 + self.gyro_bias.step(dt)
                 + self.gyro_white.normal3() * self.config.gyro_white_sd_radps;

@@ -26,8 +26,8 @@ use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, RangeSample, TagPose, U
 use alight_shared::time::{Time, TrueTime};
 use nalgebra::Vector3;
 
-use crate::body::RigidState;
-use crate::streams::Streams;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 use camera::CameraMount;
 use clocks::Clocks;
 

@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::streams::Streams;
+use crate::physics::streams::Streams;
 
 /// One named random stream and the draws that sensors need.
 #[derive(Clone, Debug)]
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gauss_markov_has_its_stated_spread_and_correlation() {
+    fn gauss_markov_process_has_the_configured_spread_and_correlation() {
         let (tau, sd, dt) = (300.0, 1.0, 30.0);
         let (mut var, mut lag, mut n) = (0.0, 0.0, 0.0);
         for seed in 0..40 {
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn one_long_step_spreads_like_many_short_ones() {
+    fn gauss_markov_process_spreads_equally_in_one_step_and_in_many() {
         let spread = |steps: usize| {
             let mut sum = 0.0;
             for seed in 0..600 {
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_schedule_keeps_its_mean_rate() {
+    fn schedule_keeps_its_mean_rate() {
         for (hz, expected) in [(100.0, 1000), (50.0, 500), (30.0, 300), (20.0, 200), (10.0, 100)] {
             let mut s = Schedule::new(hz);
             let n = (0..1000)

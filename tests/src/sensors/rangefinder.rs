@@ -11,8 +11,8 @@ use super::clocks::Clocks;
 use super::delay::DelayLine;
 use super::noise::{Noise, Schedule, check_windows, covers};
 use super::{Identity, QUEUE};
-use crate::body::RigidState;
-use crate::streams::Streams;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 
 config! {
     /// The rangefinder.

@@ -6,8 +6,8 @@ pub use alight_uav::camera::square_pose::{SquarePose, corners, solve};
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::physics::streams::Streams;
     use crate::sensors::noise::Noise;
-    use crate::streams::Streams;
     use nalgebra::{UnitQuaternion, Vector2, Vector3, Vector6};
     use proptest::prelude::*;
 
@@ -20,7 +20,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_noiseless_pose_is_recovered(
+        fn square_pose_without_noise_is_recovered(
             x in -0.5..0.5_f64, y in -0.5..0.5_f64, z in 0.7..15.0_f64,
             tilt in 0.0..1.1_f64, about in -3.1..3.1_f64, yaw in -3.1..3.1_f64,
         ) {
@@ -35,7 +35,7 @@ mod tests {
         }
 
         #[test]
-        fn no_image_makes_it_panic_or_lie(c in proptest::array::uniform8(prop_oneof![
+        fn square_pose_of_any_image_is_finite_or_none(c in proptest::array::uniform8(prop_oneof![
             -2.0..2.0_f64, Just(0.0), Just(f64::NAN), Just(f64::INFINITY), -1e300..1e300_f64,
         ])) {
             let image = [0, 2, 4, 6].map(|i| Vector2::new(c[i], c[i + 1]));
@@ -48,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reported_variance_is_the_empirical_one() {
+    fn square_pose_variance_matches_the_empirical_one() {
         let sd = 1.0 / 320.0;
         for (t, q) in [
             (
@@ -77,8 +77,8 @@ mod tests {
             let mut noise = Noise::new(&Streams::new(3), "test");
             let (mut square, mut stated, n) = (Vector6::zeros(), Vector6::zeros(), 2000);
             for _ in 0..n {
-                let seen = exact.map(|p| p + Vector2::new(noise.normal(), noise.normal()) * sd);
-                let s = solve(1.0, &seen, sd).unwrap();
+                let measured = exact.map(|p| p + Vector2::new(noise.normal(), noise.normal()) * sd);
+                let s = solve(1.0, &measured, sd).unwrap();
                 let (dt, dr) = (s.position - t, (s.attitude * q.inverse()).scaled_axis());
                 let e = Vector6::new(dt.x, dt.y, dt.z, dr.x, dr.y, dr.z);
                 square += e.component_mul(&e) / f64::from(n);
@@ -95,15 +95,15 @@ mod tests {
     }
 
     #[test]
-    fn far_away_the_wrong_tilt_is_taken_sometimes_and_near_never() {
+    fn square_pose_takes_the_wrong_tilt_far_away_sometimes_and_near_never() {
         let flips = |z: f64| {
             let q = UnitQuaternion::from_euler_angles(0.35, 0.0, 0.0);
             let exact = image(1.0, Vector3::new(0.0, 0.0, z), q);
             let mut noise = Noise::new(&Streams::new(5), "test");
             (0..500)
                 .filter(|_| {
-                    let seen = exact.map(|p| p + Vector2::new(noise.normal(), noise.normal()) / 320.0);
-                    solve(1.0, &seen, 1.0 / 320.0).is_some_and(|s| s.attitude.euler_angles().0 < -0.1)
+                    let measured = exact.map(|p| p + Vector2::new(noise.normal(), noise.normal()) / 320.0);
+                    solve(1.0, &measured, 1.0 / 320.0).is_some_and(|s| s.attitude.euler_angles().0 < -0.1)
                 })
                 .count()
         };
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn distance_is_unbiased_near_and_short_far_away() {
+    fn square_pose_distance_is_unbiased_near_and_short_far_away() {
         let mean_error = |z: f64| {
             let t = Vector3::new(0.1 * z, -0.05 * z, z);
             let exact = image(1.0, t, UnitQuaternion::from_euler_angles(0.1, 0.0, 0.4));
@@ -121,7 +121,7 @@ mod tests {
             let n = 2000;
             let sum: f64 = (0..n)
                 .map(|_| exact.map(|p| p + Vector2::new(noise.normal(), noise.normal()) / 320.0))
-                .filter_map(|seen| solve(1.0, &seen, 1.0 / 320.0))
+                .filter_map(|measured| solve(1.0, &measured, 1.0 / 320.0))
                 .map(|s| s.position.z - z)
                 .sum();
             sum / f64::from(n)

@@ -27,8 +27,8 @@ use super::delay::DelayLine;
 use super::noise::{Noise, Schedule, check_windows, covers};
 use super::square_pose::{corners, solve};
 use super::{Identity, QUEUE};
-use crate::body::RigidState;
-use crate::streams::Streams;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 
 config! {
     /// The tag detector and its camera.
@@ -124,20 +124,20 @@ impl TagDetector {
         clocks: &Clocks,
     ) -> Vec<TagPose> {
         if self.schedule.due(t).is_some()
-            && let Some(pose) = self.sight(t, view, deck)
+            && let Some(pose) = self.detect(t, view, deck)
         {
-            let sighting = TagPose {
+            let detection = TagPose {
                 header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
                 ..pose
             };
             self.sequence = self.sequence.wrapping_add(1);
             self.line
-                .push(t + Span::from_secs(self.config.latency_s), sighting);
+                .push(t + Span::from_secs(self.config.latency_s), detection);
         }
         self.line.arrived(t)
     }
     /// One image's sighting.
-    pub(crate) fn sight(
+    pub(crate) fn detect(
         &mut self,
         t: Time<TrueTime>,
         view: &View,
@@ -158,7 +158,7 @@ impl TagDetector {
     /// The tag in an image; None when it cannot be decoded at all.
     pub(crate) fn image(&self, view: &View, deck: &RigidState<Deck>) -> Option<TagImage> {
         let tag = deck.at::<Tag>(self.centre);
-        let centre = view.sees(tag.position);
+        let centre = view.to_camera_frame(tag.position);
         let rotation = view.camera_from_world * tag.attitude;
         // The printed face looks along -z of the tag.
         let cos_incidence = rotation.down().0.dot(&centre) / centre.norm();
@@ -186,10 +186,10 @@ impl TagDetector {
     }
     /// The pose from noisy corners.
     fn measure(&self, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<TagPose> {
-        let seen: [Vector2<f64>; 4] =
+        let measured: [Vector2<f64>; 4] =
             core::array::from_fn(|i| self.lens.normalised(image.pixels[i] + noise[i] * image.sd_px));
         let stated = image.sd_px.max(self.config.stated_sd_px);
-        let s = solve(self.side, &seen, stated / self.lens.focal_px)?;
+        let s = solve(self.side, &measured, stated / self.lens.focal_px)?;
         let q = s.attitude.quaternion();
         Some(TagPose {
             position: s.position.into(),

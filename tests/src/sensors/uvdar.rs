@@ -23,8 +23,8 @@ use super::clocks::Clocks;
 use super::delay::DelayLine;
 use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
 use super::{Identity, QUEUE};
-use crate::body::RigidState;
-use crate::streams::Streams;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 
 config! {
     /// The UVDAR system. Its fixes are given in the frame of the belly camera.
@@ -115,13 +115,13 @@ impl Uvdar {
             let stretch = self.distance.step(dt).x;
             let turn = self.bearing.normal3();
             let missed = self.miss.chance(self.config.miss);
-            let seen = view.sees(deck.position);
-            let [bearing, far] = self.config.sd(seen.norm());
+            let in_camera = view.to_camera_frame(deck.position);
+            let [bearing, far] = self.config.sd(in_camera.norm());
             let below = deck.position.0.z > view.centre.0.z;
-            if !missed && below && self.visible(seen) && !covers(&self.config.outages_s, t) {
+            if !missed && below && self.visible(in_camera) && !covers(&self.config.outages_s, t) {
                 // The part of the turn along the line of sight does nothing.
                 let turn = UnitQuaternion::from_scaled_axis(turn * bearing);
-                let measured = turn * seen * (1.0 + far * stretch).max(0.1);
+                let measured = turn * in_camera * (1.0 + far * stretch).max(0.1);
                 let fix = UvdarFix {
                     header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
                     position: measured.into(),
@@ -133,11 +133,11 @@ impl Uvdar {
         }
         self.line.arrived(t)
     }
-    fn visible(&self, seen: Vector3<f64>) -> bool {
-        let range = seen.norm();
+    fn visible(&self, in_camera: Vector3<f64>) -> bool {
+        let range = in_camera.norm();
         let cone = (0.5 * self.config.fov_deg).to_radians().cos();
         (self.config.min_range_m..=self.config.max_range_m).contains(&range)
-            && self.axis.dot(&seen) >= range * cone
+            && self.axis.dot(&in_camera) >= range * cone
     }
     /// Diagonal of `r² (s_d² u u' + s_b² (I - u u'))` in camera axes, m².
     fn variance(&self, p: Vector3<f64>) -> Vector3<f64> {

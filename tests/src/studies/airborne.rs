@@ -4,15 +4,15 @@
 use alight_shared::msg::{CommandKind, State};
 use serde::Serialize;
 
-use crate::scenario::{NodeConfigs, Scenario};
+use crate::harness::scenario::{NodeConfigs, Scenario};
+use crate::harness::trial::SetupError;
+use crate::harness::world::{TICK, World};
+use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
-use crate::streams::Streams;
-use crate::trial::SetupError;
-use crate::world::{TICK, World};
 
 /// What happened in one session.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Airborne {
+pub struct AirborneReport {
     /// Time in the air, h.
     pub hours: f64,
     /// Motors stopped without a contact in the last half second.
@@ -27,10 +27,10 @@ pub struct Airborne {
     pub water: u32,
 }
 
-impl Airborne {
+impl AirborneReport {
     /// Both sessions together.
-    pub fn and(self, o: Airborne) -> Airborne {
-        Airborne {
+    pub fn and(self, o: AirborneReport) -> AirborneReport {
+        AirborneReport {
             hours: self.hours + o.hours,
             false_stops: self.false_stops + o.false_stops,
             aborts: self.aborts + o.aborts,
@@ -42,18 +42,18 @@ impl Airborne {
 }
 
 /// Flies for `duration_s` or until the motors stop, whichever is first.
-pub fn session(
+pub fn fly_session(
     scenario: &Scenario,
     nodes: &NodeConfigs,
     seed: u64,
     duration_s: f64,
-) -> Result<Airborne, SetupError> {
+) -> Result<AirborneReport, SetupError> {
     let mut world = World::new(scenario, nodes, seed)?;
     world.warm_up();
     let mut draw = Noise::new(&Streams::new(seed), "airborne.commands");
-    let mut report = Airborne {
+    let mut report = AirborneReport {
         lowest_m: f64::INFINITY,
-        ..Airborne::default()
+        ..AirborneReport::default()
     };
     let mut command_at = 5.0 + 25.0 * draw.uniform();
     let mut call_off_below = 0.3 + 5.0 * draw.uniform();
@@ -62,17 +62,17 @@ pub fn session(
     let mut landing = false;
     for k in 0..(duration_s / TICK.secs()) as u64 {
         let t = k as f64 * TICK.secs();
-        let seen = world.observation();
-        let clearance = seen.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
-        if !seen.touches.is_empty() {
+        let observed = world.observation();
+        let clearance = observed.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
+        if !observed.contacts.is_empty() {
             last_contact = t;
             report.contacts += 1;
         }
-        if seen.in_water {
+        if observed.in_water {
             report.water = 1;
             break;
         }
-        if !seen.motors_on {
+        if !observed.motors_on {
             report.false_stops += u32::from(t > last_contact + 0.5);
             break;
         }

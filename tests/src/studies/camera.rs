@@ -5,19 +5,19 @@ use alight_shared::frames::{Camera, Deck, Point, Rotation, TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::TagPose;
 use alight_shared::time::Time;
-use alight_uav::camera::node::Names;
-use alight_uav::camera::{CameraNode, CameraSettings, Grey};
+use alight_uav::camera::node::CameraIdentity;
+use alight_uav::camera::{CameraNode, CameraSettings, GreyImage};
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
 use serde::Serialize;
 
-use crate::body::RigidState;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 use crate::sensors::SensorConfig;
 use crate::sensors::camera::View;
 use crate::sensors::noise::Noise;
 use crate::sensors::render::{Renderer, Shot};
 use crate::sensors::square_pose::corners;
 use crate::sensors::tag::TagDetector;
-use crate::streams::Streams;
 
 /// One cell of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -67,7 +67,7 @@ pub struct Quality {
 
 /// One row: what was seen in pixels, and what the model says.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct CameraRow {
     /// Where.
     pub condition: Condition,
     /// Images.
@@ -88,7 +88,7 @@ pub struct Row {
 
 /// How well the model fits rows of rendered images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Misfit {
+pub struct ModelFit {
     /// Root mean square difference of the share of images in which the tag is seen.
     pub rate: f64,
     /// Geometric mean of the model's corner noise over that in the images; rows where both see the tag
@@ -104,21 +104,21 @@ pub struct Misfit {
     pub rows: usize,
 }
 
-impl Misfit {
+impl ModelFit {
     /// Over rows; those with glare are left out, of which the model knows nothing.
-    pub fn of(rows: &[Row]) -> Misfit {
-        let dry: Vec<&Row> = rows.iter().filter(|r| r.condition.glare <= 0.0).collect();
+    pub fn of(rows: &[CameraRow]) -> ModelFit {
+        let dry: Vec<&CameraRow> = rows.iter().filter(|r| r.condition.glare <= 0.0).collect();
         let n = dry.len().max(1) as f64;
         let rate = dry
             .iter()
             .map(|r| (r.model_rate - r.pixels.rate).powi(2))
             .sum::<f64>()
             / n;
-        let both: Vec<&&Row> = dry
+        let both: Vec<&&CameraRow> = dry
             .iter()
             .filter(|r| r.pixels.rate.min(r.model.rate) >= 0.2)
             .collect();
-        let spread = |of: &dyn Fn(&Row) -> f64| {
+        let spread = |of: &dyn Fn(&CameraRow) -> f64| {
             let m = both.len().max(1) as f64;
             let logs: Vec<f64> = both.iter().map(|r| of(r).max(1e-9).ln()).collect();
             let mean = logs.iter().sum::<f64>() / m;
@@ -127,7 +127,7 @@ impl Misfit {
         };
         let (corner, corner_spread) = spread(&|r| r.model_corner_px / r.corner_rms_px.max(1e-9));
         let (position, position_spread) = spread(&|r| r.model.position_m / r.pixels.position_m.max(1e-9));
-        Misfit {
+        ModelFit {
             rate: rate.sqrt(),
             corner,
             corner_spread,
@@ -139,7 +139,7 @@ impl Misfit {
 }
 
 /// The camera, its node and its model.
-pub struct Bench {
+pub struct CameraBench {
     renderer: Renderer,
     node: CameraNode,
     model: TagDetector,
@@ -148,16 +148,21 @@ pub struct Bench {
     draw: Noise,
 }
 
-impl Bench {
+impl CameraBench {
     /// Everything of one seed; `sensors` is the camera as it is.
-    pub fn new(sensors: &SensorConfig, settings: &CameraSettings, deck: &DeckGeometry, seed: u64) -> Bench {
+    pub fn new(
+        sensors: &SensorConfig,
+        settings: &CameraSettings,
+        deck: &DeckGeometry,
+        seed: u64,
+    ) -> CameraBench {
         let streams = Streams::new(seed);
-        let names = Names {
+        let names = CameraIdentity {
             vessel: 1,
             drone: 1,
             boot: 1,
         };
-        Bench {
+        CameraBench {
             renderer: Renderer::new(&sensors.render, deck, &streams),
             node: CameraNode::new(settings, deck.tag_side_m, names),
             model: TagDetector::new(&sensors.tag, deck, &streams),
@@ -188,11 +193,11 @@ impl Bench {
         let centre = deck.at::<Deck>(Vector3::from(self.deck.tag_centre_m)).position;
         // From the tag to the camera: its upward normal, leaned by the incidence.
         let about = self.within(-3.1, 3.1);
-        let lean = turn(
+        let incidence = turn(
             Vector3::new(about.cos(), about.sin(), 0.0),
             c.incidence_deg.to_radians(),
         );
-        let away = (deck.attitude * Vector::<Deck>::from(lean * -Vector3::z())).0;
+        let away = (deck.attitude * Vector::<Deck>::from(incidence * -Vector3::z())).0;
         let from = centre.0 + away * c.range_m;
         // The optical axis at the tag, then a little off, and any side up.
         let axis = -away;
@@ -245,7 +250,7 @@ impl Bench {
     }
 
     /// The rendered image.
-    pub fn image(&mut self, shot: &Shot) -> Option<Grey> {
+    pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         self.renderer.image(shot)
     }
     /// The node.
@@ -254,16 +259,16 @@ impl Bench {
     }
 
     /// `images` of a condition.
-    pub fn row(&mut self, condition: &Condition, images: usize) -> Row {
+    pub fn row(&mut self, condition: &Condition, images: usize) -> CameraRow {
         self.renderer.set_glare(condition.glare);
-        let (mut pixels, mut model) = (Tally::default(), Tally::default());
+        let (mut pixels, mut model) = (PoseErrors::default(), PoseErrors::default());
         let (mut square, mut sum, mut count) = (0.0, Vector2::zeros(), 0.0);
         let (mut expected, mut chance) = (0.0, 0.0);
         for _ in 0..images {
             let shot = self.shot(condition);
             let truth = Truth::of(&shot, &self.deck);
-            let sighting = self.image(&shot).and_then(|image| self.node.find(&image));
-            if let Some(seen) = &sighting {
+            let detection = self.image(&shot).and_then(|image| self.node.find(&image));
+            if let Some(seen) = &detection {
                 for (corner, at) in seen.corners.iter().zip(corners(self.deck.tag_side_m)) {
                     let p = truth.attitude.0 * at + truth.position;
                     if let Some(px) = self.sensors.render.lens.project(&p) {
@@ -274,16 +279,16 @@ impl Bench {
                     }
                 }
             }
-            let pose = sighting.and_then(|s| self.node.judge(&s));
+            let pose = detection.and_then(|s| self.node.estimate_pose(&s));
             pixels.add(pose.as_ref(), &truth);
-            if let Some(said) = self.model.image(&shot.view, &shot.deck) {
-                expected += said.chance * said.sd_px.powi(2);
-                chance += said.chance;
+            if let Some(modelled_image) = self.model.image(&shot.view, &shot.deck) {
+                expected += modelled_image.chance * modelled_image.sd_px.powi(2);
+                chance += modelled_image.chance;
             }
-            let modelled = self.model.sight(shot.t, &shot.view, &shot.deck);
+            let modelled = self.model.detect(shot.t, &shot.view, &shot.deck);
             model.add(modelled.as_ref(), &truth);
         }
-        Row {
+        CameraRow {
             condition: *condition,
             images,
             pixels: pixels.quality(),
@@ -313,14 +318,14 @@ impl Truth {
     fn of(shot: &Shot, deck: &DeckGeometry) -> Truth {
         let centre = shot.deck.at::<Deck>(Vector3::from(deck.tag_centre_m)).position;
         Truth {
-            position: shot.view.sees(centre),
+            position: shot.view.to_camera_frame(centre),
             attitude: shot.view.camera_from_world * shot.deck.attitude,
         }
     }
 }
 
 #[derive(Default)]
-struct Tally {
+struct PoseErrors {
     images: usize,
     position: Vec<f64>,
     attitude: Vec<f64>,
@@ -328,7 +333,7 @@ struct Tally {
     nees: [f64; 2],
 }
 
-impl Tally {
+impl PoseErrors {
     fn add(&mut self, pose: Option<&TagPose>, truth: &Truth) {
         self.images += 1;
         let Some(pose) = pose else { return };

@@ -8,12 +8,12 @@ use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_usv::{VesselIn, VesselNode, VesselNodeConfig};
 use serde::Serialize;
 
-use crate::deck_motion::{DeckCarrier, DeckMotionError};
-use crate::scenario::Scenario;
-use crate::sea::{Component, Sea};
+use crate::harness::scenario::Scenario;
+use crate::harness::world::TICK;
+use crate::physics::deck_motion::{DeckCarrier, DeckMotionError};
+use crate::physics::sea::{Component, Sea};
+use crate::physics::streams::Streams;
 use crate::sensors::Sensors;
-use crate::streams::Streams;
-use crate::world::TICK;
 
 /// `eta` and its derivative in the order of [`VesselEstimate`].
 #[derive(Clone, Copy, Debug)]
@@ -54,14 +54,14 @@ pub fn run(
     run_with(scenario, node, seed, span_s, false)
 }
 
-/// The same; with `told` the vessel is given frequency and direction of every wave instead of
+/// The same; with `with_known_waves` the vessel is given frequency and direction of every wave instead of
 /// finding them, and only in this study.
 pub fn run_with(
     scenario: &Scenario,
     node: &VesselNodeConfig,
     seed: u64,
     span_s: f64,
-    told: bool,
+    with_known_waves: bool,
 ) -> Result<Run, DeckMotionError> {
     let streams = Streams::new(seed);
     let sea = Sea::new(&scenario.sea, &streams);
@@ -73,10 +73,10 @@ pub fn run_with(
         &streams,
     )?;
     let mut sensors = Sensors::new(&scenario.sensors, &scenario.airframe, &scenario.deck, &streams);
-    let mut node = if told {
+    let mut node = if with_known_waves {
         let wave = |c: &Component| (c.frequency, c.direction.y.atan2(c.direction.x));
         let waves: Vec<(f64, f64)> = sea.components().iter().map(wave).collect();
-        VesselNode::told(node, 1, 1, &waves)
+        VesselNode::with_known_waves(node, 1, 1, &waves)
     } else {
         VesselNode::new(node, 1, 1)
     };
@@ -126,10 +126,10 @@ pub fn run_with(
             heading: readings.heading,
             ..VesselIn::default()
         };
-        let said = node.step(now, &input);
+        let predicted = node.step(now, &input);
         if (first..last).contains(&k) {
-            out.estimates.extend(said.estimate.map(|e| (k, e)));
-            if let Some(p) = said.prediction {
+            out.estimates.extend(predicted.estimate.map(|e| (k, e)));
+            if let Some(p) = predicted.prediction {
                 let age: Span = now - p.header.at;
                 out.predictions.push((k as f64 - age.secs() / TICK.secs(), p));
                 let estimator = node.estimator();
@@ -137,7 +137,7 @@ pub fn run_with(
                 out.levels
                     .push((at(0).0, (0..p.stages.len()).map(|k| at(k).1).collect()));
             }
-            out.confidence = said.wave.map_or(out.confidence, |w| w.confidence);
+            out.confidence = predicted.wave.map_or(out.confidence, |w| w.confidence);
         }
         carrier.step(t, TICK.secs(), &sea);
     }
@@ -202,7 +202,7 @@ pub struct PredictionError {
 }
 
 /// What the broadcast prediction says of `dof` `horizon_s` ahead, from its origin.
-pub fn said(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) -> Option<f64> {
+pub fn predicted(p: &VesselPrediction<VesselClock>, dof: usize, horizon_s: f64) -> Option<f64> {
     let (eta, _sd) = p.at(horizon_s)?;
     Some(eta.get(dof)? - p.origin.get(dof).copied().unwrap_or(0.0))
 }
@@ -223,7 +223,7 @@ pub fn prediction_error(
             Some(a + f * difference(dof, b, a))
         };
         for (start, p) in r.predictions.iter().filter(|(s, _)| keep(r, *s)) {
-            let (Some(first), Some(said)) = (p.stages.first(), said(p, dof, horizon_s)) else {
+            let (Some(first), Some(predicted)) = (p.stages.first(), predicted(p, dof, horizon_s)) else {
                 continue;
             };
             let (Some(then), Some(at_start)) = (truth(start + horizon_s / TICK.secs()), truth(*start)) else {
@@ -232,7 +232,7 @@ pub fn prediction_error(
             let origin = if dof < 3 { p.origin[dof] } else { 0.0 };
             let now = origin + f64::from(first.eta[dof]);
             let rolled = now + horizon_s * f64::from(first.eta_dot[dof]);
-            let model = difference(dof, origin + said, then);
+            let model = difference(dof, origin + predicted, then);
             let begins = difference(dof, now, at_start);
             let errors = [
                 model,

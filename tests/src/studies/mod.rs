@@ -2,7 +2,10 @@
 
 pub mod airborne;
 pub mod camera;
-pub mod empty;
 pub mod estimator;
+pub mod false_detections;
+pub mod paired;
 pub mod prediction;
+pub mod rao;
+pub mod statistics;
 pub mod uvdar;

@@ -15,23 +15,23 @@ use alight_usv::VesselNodeConfig;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::estimator::{Run, difference, run_with, said};
-use crate::scenario::{NodeConfigs, Scenario};
-use crate::trial::SetupError;
-use crate::world::{TICK, World};
+use super::estimator::{Run, difference, predicted, run_with};
+use crate::harness::scenario::{NodeConfigs, Scenario};
+use crate::harness::trial::SetupError;
+use crate::harness::world::{TICK, World};
 
 /// Times ahead, s.
 pub const HORIZONS_S: [f64; 8] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0];
 /// 95 % of the chi-square distribution with one, two and three degrees of freedom.
 const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
 /// A tag sighting no older than this counts as sight of the tag, s.
-const SEEN_S: f64 = 0.2;
+const MAX_TAG_AGE_S: f64 = 0.2;
 /// Least ticks between two samples of the drone's forecast.
-const EVERY: usize = 10;
+const SAMPLE_TICKS: usize = 10;
 /// A landing is planned on the forecasts of so many seconds before the first contact.
-const LAST_S: f64 = 3.0;
+const FINAL_S: f64 = 3.0;
 /// Longest wait for the drone to follow, or to land, s.
-const PATIENCE_S: f64 = 90.0;
+const MAX_WAIT_S: f64 = 90.0;
 
 /// Who predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -40,7 +40,7 @@ pub enum Source {
     /// The vessel's broadcast prediction.
     Vessel,
     /// The same, the identification's frequencies and directions replaced by the sea's.
-    VesselTold,
+    VesselKnownWaves,
     /// The drone's forecast while it follows at the tracking height with the tag in sight.
     DroneFollowing,
     /// The drone's forecast in the last three seconds of a landing, tag in sight or no more.
@@ -50,7 +50,7 @@ pub enum Source {
 /// What is predicted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Figure {
+pub enum Quantity {
     /// Vessel: height of the reference point against the mean water level, m.
     Heave,
     /// Height in the own NED (truth and own frame's slow error), m.
@@ -69,18 +69,18 @@ pub enum Figure {
     Deck,
 }
 
-impl Figure {
+impl Quantity {
     /// Name and unit.
     pub const fn name(self) -> &'static str {
         match self {
-            Figure::Heave => "heave m",
-            Figure::Height => "height m",
-            Figure::Place => "place m",
-            Figure::Tilt => "tilt rad",
-            Figure::Roll => "roll rad",
-            Figure::Pitch => "pitch rad",
-            Figure::VerticalSpeed => "vertical speed m/s",
-            Figure::Deck => "heave, roll, pitch",
+            Quantity::Heave => "heave m",
+            Quantity::Height => "height m",
+            Quantity::Place => "place m",
+            Quantity::Tilt => "tilt rad",
+            Quantity::Roll => "roll rad",
+            Quantity::Pitch => "pitch rad",
+            Quantity::VerticalSpeed => "vertical speed m/s",
+            Quantity::Deck => "heave, roll, pitch",
         }
     }
 }
@@ -90,7 +90,7 @@ impl Source {
     pub const fn name(self) -> &'static str {
         match self {
             Source::Vessel => "vessel",
-            Source::VesselTold => "vessel, waves told",
+            Source::VesselKnownWaves => "vessel, known waves",
             Source::DroneFollowing => "drone, following",
             Source::DroneDescending => "drone, last 3 s",
         }
@@ -146,18 +146,22 @@ impl Tally {
 }
 
 /// Tallies by source, figure and index of [`HORIZONS_S`].
-pub type Scores = BTreeMap<(Source, Figure, usize), Tally>;
+pub type Scores = BTreeMap<(Source, Quantity, usize), Tally>;
 
-/// The vessel's broadcast over `span_s` after the warm-up; `told` gives it the waves.
+/// The vessel's broadcast over `span_s` after the warm-up; `known_waves` gives it the waves.
 pub fn vessel(
     scenario: &Scenario,
     node: &VesselNodeConfig,
     seed: u64,
     span_s: f64,
-    told: bool,
+    known_waves: bool,
 ) -> Result<Scores, SetupError> {
-    let run = run_with(scenario, node, seed, span_s, told)?;
-    let source = if told { Source::VesselTold } else { Source::Vessel };
+    let run = run_with(scenario, node, seed, span_s, known_waves)?;
+    let source = if known_waves {
+        Source::VesselKnownWaves
+    } else {
+        Source::Vessel
+    };
     Ok(vessel_scores(&run, source))
 }
 
@@ -172,17 +176,17 @@ fn vessel_scores(run: &Run, source: Source) -> Scores {
                 continue;
             };
             let mut add = |figure, f: &dyn Fn(&mut Tally)| f(scores.entry((source, figure, h)).or_default());
-            add(Figure::Heave, &|t| t.add([e.heave], [sd.heave]));
-            add(Figure::Height, &|t| t.add([e.eta[2]], [sd.eta[2]]));
-            add(Figure::Place, &|t| {
+            add(Quantity::Heave, &|t| t.add([e.heave], [sd.heave]));
+            add(Quantity::Height, &|t| t.add([e.eta[2]], [sd.eta[2]]));
+            add(Quantity::Place, &|t| {
                 t.add([e.eta[0], e.eta[1]], [sd.eta[0], sd.eta[1]])
             });
-            add(Figure::Tilt, &|t| {
+            add(Quantity::Tilt, &|t| {
                 t.add([e.eta[3], e.eta[4]], [sd.eta[3], sd.eta[4]])
             });
-            add(Figure::Roll, &|t| t.add([e.eta[3]], [sd.eta[3]]));
-            add(Figure::Pitch, &|t| t.add([e.eta[4]], [sd.eta[4]]));
-            add(Figure::Deck, &|t| {
+            add(Quantity::Roll, &|t| t.add([e.eta[3]], [sd.eta[3]]));
+            add(Quantity::Pitch, &|t| t.add([e.eta[4]], [sd.eta[4]]));
+            add(Quantity::Deck, &|t| {
                 t.add([e.heave, e.eta[3], e.eta[4]], [sd.heave, sd.eta[3], sd.eta[4]])
             });
         }
@@ -210,9 +214,9 @@ fn vessel_errors(
     for (dof, e) in eta.iter_mut().enumerate() {
         let origin = if dof < 3 { p.origin[dof] } else { 0.0 };
         let then = a.eta[dof] + f * difference(dof, b.eta[dof], a.eta[dof]);
-        *e = difference(dof, origin + said(p, dof, ahead)?, then);
+        *e = difference(dof, origin + predicted(p, dof, ahead)?, then);
     }
-    let heave = p.origin[2] + said(p, 2, ahead)? - level - (a.heave + f * (b.heave - a.heave));
+    let heave = p.origin[2] + predicted(p, 2, ahead)? - level - (a.heave + f * (b.heave - a.heave));
     Some(Motion { eta, heave })
 }
 
@@ -229,7 +233,7 @@ fn vessel_sd(p: &VesselPrediction<VesselClock>, heave_sd: &[f64], ahead: f64) ->
 }
 
 /// What the drone said at one instant, and what its frame was wrong by.
-struct Said {
+struct ForecastSample {
     tick: usize,
     source: Source,
     stages: Vec<alight_shared::msg::DeckStage>,
@@ -262,11 +266,11 @@ pub fn drone(
     let mut world = World::new(scenario, &nodes, seed)?;
     world.warm_up();
     world.command(CommandKind::Land);
-    let (mut decks, mut drones, mut said) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut decks, mut drones, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
     let mut last = None;
     let mut touched = None;
     let mut next = 0;
-    let mut left = ticks(PATIENCE_S);
+    let mut left = ticks(MAX_WAIT_S);
     while left > 0 {
         left -= 1;
         let (deck, drone) = (world.deck(), world.drone());
@@ -280,7 +284,7 @@ pub fn drone(
         let mut frame = Frame::default();
         world.tick_with(&mut frame);
         let tick = decks.len() - 1;
-        if touched.is_none() && !world.observation().touches.is_empty() {
+        if touched.is_none() && !world.observation().contacts.is_empty() {
             touched = Some(tick);
             left = left.min(ticks(2.1));
         }
@@ -317,16 +321,16 @@ pub fn drone(
         let (Some(a), b) = (truth(at.floor() as usize), truth(at.floor() as usize + 1)) else {
             continue;
         };
-        let seen = forecast.tag_age_s <= SEEN_S || source == Source::DroneDescending;
+        let seen = forecast.tag_age_s <= MAX_TAG_AGE_S || source == Source::DroneDescending;
         if tick < next || !seen {
             continue;
         }
-        next = tick + EVERY;
+        next = tick + SAMPLE_TICKS;
         let stages = HORIZONS_S
             .iter()
             .filter_map(|h| forecast.at(forecast.header.at + Span::from_secs(*h)))
             .collect();
-        said.push(Said {
+        predicted.push(ForecastSample {
             tick,
             source,
             stages,
@@ -334,18 +338,18 @@ pub fn drone(
         });
     }
     if let Some(touched) = touched {
-        said.retain(|s| s.tick + ticks(LAST_S) >= touched);
+        predicted.retain(|s| s.tick + ticks(FINAL_S) >= touched);
     }
-    Ok(drone_scores(&decks, &said))
+    Ok(drone_scores(&decks, &predicted))
 }
 
 fn ticks(s: f64) -> usize {
     (s / TICK.secs()).round() as usize
 }
 
-fn drone_scores(decks: &[Deck], said: &[Said]) -> Scores {
+fn drone_scores(decks: &[Deck], predicted: &[ForecastSample]) -> Scores {
     let mut scores = Scores::new();
-    for s in said {
+    for s in predicted {
         for (h, (&ahead, stage)) in HORIZONS_S.iter().zip(&s.stages).enumerate() {
             let Some(deck) = decks.get(s.tick + ticks(ahead)) else {
                 continue;
@@ -356,17 +360,17 @@ fn drone_scores(decks: &[Deck], said: &[Said]) -> Scores {
             let sd = stage.position_sd;
             let mut add =
                 |figure, f: &dyn Fn(&mut Tally)| f(scores.entry((s.source, figure, h)).or_default());
-            add(Figure::Height, &|t| t.add([e.z], [sd[2]]));
-            add(Figure::Place, &|t| t.add([e.x, e.y], [sd[0], sd[1]]));
-            add(Figure::Tilt, &|t| {
+            add(Quantity::Height, &|t| t.add([e.z], [sd[2]]));
+            add(Quantity::Place, &|t| t.add([e.x, e.y], [sd[0], sd[1]]));
+            add(Quantity::Tilt, &|t| {
                 t.add(tilt, [stage.euler_sd[0], stage.euler_sd[1]])
             });
-            add(Figure::Roll, &|t| t.add([tilt[0]], [stage.euler_sd[0]]));
-            add(Figure::Pitch, &|t| t.add([tilt[1]], [stage.euler_sd[1]]));
-            add(Figure::VerticalSpeed, &|t| {
+            add(Quantity::Roll, &|t| t.add([tilt[0]], [stage.euler_sd[0]]));
+            add(Quantity::Pitch, &|t| t.add([tilt[1]], [stage.euler_sd[1]]));
+            add(Quantity::VerticalSpeed, &|t| {
                 t.add([rate.z], [stage.velocity_sd[2]])
             });
-            add(Figure::Deck, &|t| {
+            add(Quantity::Deck, &|t| {
                 t.add(
                     [e.z, tilt[0], tilt[1]],
                     [sd[2], stage.euler_sd[0], stage.euler_sd[1]],
@@ -381,7 +385,7 @@ fn drone_scores(decks: &[Deck], said: &[Said]) -> Scores {
 #[derive(Default)]
 struct Frame(Option<(alight_shared::msg::DeckForecast, Vector3<f64>, f64)>);
 
-impl crate::tap::Tap for Frame {
+impl crate::harness::tap::Tap for Frame {
     fn predictor(
         &mut self,
         _t: alight_shared::time::Time<alight_shared::time::TrueTime>,
@@ -401,7 +405,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tally_counts_the_ellipse_of_its_own_dimension() {
+    fn tally_counts_the_ellipse_of_its_own_dimension() {
         let mut t = Tally::default();
         // 2.2 standard deviations: outside in one dimension, inside in two and three.
         t.add([2.2], [1.0]);

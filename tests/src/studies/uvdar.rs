@@ -2,25 +2,25 @@
 
 use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
 use alight_shared::time::Time;
-use alight_uav::camera::node::Names;
+use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::{UvdarNode, UvdarSettings};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::body::RigidState;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 use crate::sensors::camera::{CameraMount, body_from_camera};
 use crate::sensors::noise::Noise;
 use crate::sensors::render::Shot;
 use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::uvdar::UvdarConfig;
-use crate::streams::Streams;
 
 /// Images of one flight: 4 s at 20 Hz.
 const IMAGES: usize = 80;
 /// The first of them, in which codes are still being read, do not count.
 const FIRST: usize = 20;
 /// A fix that is further off than this share of the range was made from wrong markers.
-const WILD: f64 = 0.5;
+const OUTLIER_FRACTION: f64 = 0.5;
 
 /// One row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -42,7 +42,7 @@ pub struct UvdarRow {
     /// Squared error over stated variance, mean of three axes; 1 when consistent.
     pub nees: f64,
     /// Fixes off by more than half the range.
-    pub wild: usize,
+    pub outliers: usize,
     /// Share of images with a fix as the measurement model has it.
     pub model_rate: f64,
     /// Its bearing, deg.
@@ -61,7 +61,7 @@ pub fn without_markers(settings: &UvdarSettings, glints: usize, flights: usize, 
     let model = UvdarConfig::default();
     let row = row((&up, &model), (20.0, None), glints, flights, seed);
     let fixes = (row.rate * row.images as f64).round() as usize;
-    (row.images, fixes + row.wild)
+    (row.images, fixes + row.outliers)
 }
 
 /// `flights` past a deck at a range in metres and an incidence in degrees, with so many glints in each
@@ -73,7 +73,7 @@ pub fn row(
     flights: usize,
     seed: u64,
 ) -> UvdarRow {
-    let names = Names {
+    let names = CameraIdentity {
         vessel: 1,
         drone: 1,
         boot: 1,
@@ -123,16 +123,16 @@ pub fn row(
                 view,
                 deck,
             };
-            let fix = camera.image(&shot).and_then(|image| node.look(at, &image));
+            let fix = camera.image(&shot).and_then(|image| node.detect(at, &image));
             if k < FIRST {
                 continue;
             }
             row.images += 1;
             let Some(fix) = fix else { continue };
-            let truth = view.sees(deck.position);
+            let truth = view.to_camera_frame(deck.position);
             let e = Vector3::from(fix.position) - truth;
-            if e.norm() > WILD * truth.norm() {
-                row.wild += 1;
+            if e.norm() > OUTLIER_FRACTION * truth.norm() {
+                row.outliers += 1;
                 continue;
             }
             fixes += 1.0;
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn markers_are_known_among_glints_and_the_deck_is_where_it_is() {
+    fn uvdar_node_finds_the_deck_among_glints() {
         let row = row(
             (&UvdarSettings::default(), &UvdarConfig::default()),
             (12.0, None),
@@ -178,7 +178,7 @@ mod tests {
         );
         assert!(row.rate > 0.5, "{row:?}");
         assert!(row.bearing_deg < 0.5 && row.distance < 0.15, "{row:?}");
-        assert_eq!(row.wild, 0, "{row:?}");
+        assert_eq!(row.outliers, 0, "{row:?}");
         // The model was fitted to it.
         assert!((row.model_rate - row.rate).abs() < 0.1, "{row:?}");
         assert!(
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn glints_alone_are_no_deck() {
+    fn uvdar_node_finds_no_deck_in_glints_alone() {
         let (images, fixes) = without_markers(&UvdarSettings::default(), 60, 4, 5);
         assert_eq!((images, fixes), (240, 0));
     }

@@ -17,11 +17,11 @@ use serde::{Deserialize, Serialize};
 use super::config::Diversion;
 
 /// Heartbeats in our mode that make a permission.
-const SURE: u32 = 2;
+const CONFIRMATIONS: u32 = 2;
 
 /// Who commands, and why.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Standing {
+pub enum ControlAuthority {
     /// No multirotor's autopilot was heard yet.
     #[default]
     Searching,
@@ -55,50 +55,52 @@ pub enum Standing {
     Diverted(Diversion),
 }
 
-impl Standing {
+impl ControlAuthority {
     /// Our set-points rule.
     pub fn commands(self) -> bool {
-        self == Standing::Commanding
+        self == ControlAuthority::Commanding
     }
     /// Somebody else rules, and set-points would only be offered.
     pub fn may_offer(self) -> bool {
-        matches!(self, Standing::Standby { .. })
+        matches!(self, ControlAuthority::Standby { .. })
     }
 }
 
-impl fmt::Display for Standing {
+impl fmt::Display for ControlAuthority {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Standing::Searching => write!(f, "no multirotor's autopilot is heard; check link and address"),
-            Standing::LinkLost => write!(f, "the autopilot's heartbeats have ceased"),
-            Standing::NoClock => write!(f, "the autopilot answers no TIMESYNC"),
-            Standing::NoOrigin => write!(
+            ControlAuthority::Searching => {
+                write!(f, "no multirotor's autopilot is heard; check link and address")
+            }
+            ControlAuthority::LinkLost => write!(f, "the autopilot's heartbeats have ceased"),
+            ControlAuthority::NoClock => write!(f, "the autopilot answers no TIMESYNC"),
+            ControlAuthority::NoOrigin => write!(
                 f,
                 "the autopilot has not told the origin of its estimate (GPS_GLOBAL_ORIGIN)"
             ),
-            Standing::NoOdometry => {
+            ControlAuthority::NoOdometry => {
                 write!(f, "no odometry with inertial samples comes from the autopilot")
             }
-            Standing::OptionUnknown => write!(f, "ArduCopter has not said its GUID_OPTIONS yet"),
-            Standing::OptionMissing => write!(
+            ControlAuthority::OptionUnknown => write!(f, "ArduCopter has not said its GUID_OPTIONS yet"),
+            ControlAuthority::OptionMissing => write!(
                 f,
                 "ArduCopter reads thrust as a climb rate: set GUID_OPTIONS bit 3 (add 8), or land by \
                  trajectory (pilot.landing_output)"
             ),
-            Standing::Standby { mode } => write!(f, "ready; the drone is in mode {mode:?}"),
-            Standing::Disarmed => write!(f, "in our mode, disarmed"),
-            Standing::Commanding => write!(f, "commanding"),
-            Standing::TakenOver { mode } => {
+            ControlAuthority::Standby { mode } => write!(f, "ready; the drone is in mode {mode:?}"),
+            ControlAuthority::Disarmed => write!(f, "in our mode, disarmed"),
+            ControlAuthority::Commanding => write!(f, "commanding"),
+            ControlAuthority::TakenOver { mode } => {
                 write!(f, "taken over: mode {mode:?}; give our mode again to go on")
             }
-            Standing::Diverted(to) => write!(f, "battery at its reserve: diverted ({to:?})"),
+            ControlAuthority::Diverted(to) => write!(f, "battery at its reserve: diverted ({to:?})"),
         }
     }
 }
 
 /// What decides.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Facts {
+pub(crate) struct Evidence {
     /// A multirotor's autopilot was ever heard.
     pub(crate) found: bool,
     /// Its heartbeats come.
@@ -112,7 +114,7 @@ pub(crate) struct Facts {
     /// Whether thrust is read as thrust; None: not known yet.
     pub(crate) thrust: Option<bool>,
     /// A heartbeat arrived in this step.
-    pub(crate) beat: bool,
+    pub(crate) heartbeat: bool,
     /// Its mode.
     pub(crate) mode: AutopilotMode,
     /// Motors may turn.
@@ -121,81 +123,87 @@ pub(crate) struct Facts {
 
 /// The state machine.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Authority {
-    standing: Standing,
+pub(crate) struct AuthorityStateMachine {
+    control_authority: ControlAuthority,
     since: Time<DroneClock>,
-    sure: u32,
+    confirmations: u32,
     /// The permission is used up until the mode is left.
-    used_up: Option<Diversion>,
+    revoked: Option<Diversion>,
 }
 
-impl Authority {
+impl AuthorityStateMachine {
     /// Who commands.
-    pub(crate) fn standing(&self) -> Standing {
-        self.standing
+    pub(crate) fn control_authority(&self) -> ControlAuthority {
+        self.control_authority
     }
     /// The drone is given away; only a new permission brings it back.
     pub(crate) fn divert(&mut self, now: Time<DroneClock>, to: Diversion) {
-        self.used_up = Some(to);
-        self.enter(now, Standing::Diverted(to));
+        self.revoked = Some(to);
+        self.enter(now, ControlAuthority::Diverted(to));
     }
     /// Looks at the facts; `quiet` is how long nothing is offered after somebody took over.
-    pub(crate) fn step(&mut self, now: Time<DroneClock>, f: &Facts, quiet: Span) -> Standing {
+    pub(crate) fn step(&mut self, now: Time<DroneClock>, f: &Evidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
-        if f.beat {
-            self.sure = if ours && f.armed {
-                self.sure.saturating_add(1)
+        if f.heartbeat {
+            self.confirmations = if ours && f.armed {
+                self.confirmations.saturating_add(1)
             } else {
                 0
             };
         }
         if !f.alive {
-            self.sure = 0;
+            self.confirmations = 0;
         }
         if f.alive && !ours {
-            self.used_up = None;
+            self.revoked = None;
         }
         let next = if !f.found {
-            Standing::Searching
+            ControlAuthority::Searching
         } else if !f.alive {
-            Standing::LinkLost
-        } else if let (true, Some(to)) = (ours, self.used_up) {
-            Standing::Diverted(to)
-        } else if !ours && self.held_command() {
-            Standing::TakenOver { mode: f.mode }
-        } else if let (false, Standing::TakenOver { .. }) = (ours || now - self.since >= quiet, self.standing)
+            ControlAuthority::LinkLost
+        } else if let (true, Some(to)) = (ours, self.revoked) {
+            ControlAuthority::Diverted(to)
+        } else if !ours && self.was_in_command() {
+            ControlAuthority::TakenOver { mode: f.mode }
+        } else if let (false, ControlAuthority::TakenOver { .. }) =
+            (ours || now - self.since >= quiet, self.control_authority)
         {
-            Standing::TakenOver { mode: f.mode }
+            ControlAuthority::TakenOver { mode: f.mode }
         } else if !f.clock {
-            Standing::NoClock
+            ControlAuthority::NoClock
         } else if !f.origin {
-            Standing::NoOrigin
+            ControlAuthority::NoOrigin
         } else if !f.odometry {
-            Standing::NoOdometry
+            ControlAuthority::NoOdometry
         } else if f.thrust.is_none() {
-            Standing::OptionUnknown
+            ControlAuthority::OptionUnknown
         } else if f.thrust == Some(false) {
-            Standing::OptionMissing
+            ControlAuthority::OptionMissing
         } else if !ours {
-            Standing::Standby { mode: f.mode }
+            ControlAuthority::Standby { mode: f.mode }
         } else if !f.armed {
-            Standing::Disarmed
-        } else if self.sure >= SURE || self.standing == Standing::Commanding {
-            Standing::Commanding
+            ControlAuthority::Disarmed
+        } else if self.confirmations >= CONFIRMATIONS
+            || self.control_authority == ControlAuthority::Commanding
+        {
+            ControlAuthority::Commanding
         } else {
-            self.standing
+            self.control_authority
         };
         self.enter(now, next);
-        self.standing
+        self.control_authority
     }
-    fn held_command(&self) -> bool {
-        matches!(self.standing, Standing::Commanding | Standing::Diverted(_))
+    fn was_in_command(&self) -> bool {
+        matches!(
+            self.control_authority,
+            ControlAuthority::Commanding | ControlAuthority::Diverted(_)
+        )
     }
-    fn enter(&mut self, now: Time<DroneClock>, next: Standing) {
-        if core::mem::discriminant(&next) != core::mem::discriminant(&self.standing) {
+    fn enter(&mut self, now: Time<DroneClock>, next: ControlAuthority) {
+        if core::mem::discriminant(&next) != core::mem::discriminant(&self.control_authority) {
             self.since = now;
         }
-        self.standing = next;
+        self.control_authority = next;
     }
 }
 
@@ -203,21 +211,21 @@ impl Authority {
 mod tests {
     use super::*;
 
-    const READY: Facts = Facts {
+    const READY: Evidence = Evidence {
         found: true,
         alive: true,
         clock: true,
         origin: true,
         odometry: true,
         thrust: Some(true),
-        beat: true,
+        heartbeat: true,
         mode: AutopilotMode::Offboard,
         armed: true,
     };
 
     /// Steps 20 ms apart, each with a heartbeat.
-    fn run(a: &mut Authority, from_ms: i64, facts: &[Facts]) -> Vec<Standing> {
-        facts
+    fn run(a: &mut AuthorityStateMachine, from_ms: i64, evidence: &[Evidence]) -> Vec<ControlAuthority> {
+        evidence
             .iter()
             .enumerate()
             .map(|(k, f)| {
@@ -226,14 +234,14 @@ mod tests {
             })
             .collect()
     }
-    fn by(mode: AutopilotMode) -> Facts {
-        Facts { mode, ..READY }
+    fn by(mode: AutopilotMode) -> Evidence {
+        Evidence { mode, ..READY }
     }
 
     #[test]
-    fn a_permission_is_mode_and_arming_together_and_two_heartbeats() {
-        let mut a = Authority::default();
-        let disarmed = Facts {
+    fn authority_needs_mode_arming_and_two_heartbeats() {
+        let mut a = AuthorityStateMachine::default();
+        let disarmed = Evidence {
             armed: false,
             ..READY
         };
@@ -241,55 +249,55 @@ mod tests {
         assert_eq!(
             s,
             [
-                Standing::Disarmed,
-                Standing::Disarmed,
-                Standing::Disarmed,
-                Standing::Commanding
+                ControlAuthority::Disarmed,
+                ControlAuthority::Disarmed,
+                ControlAuthority::Disarmed,
+                ControlAuthority::Commanding
             ]
         );
         for missing in [
-            Facts {
+            Evidence {
                 clock: false,
                 ..READY
             },
-            Facts {
+            Evidence {
                 origin: false,
                 ..READY
             },
-            Facts {
+            Evidence {
                 odometry: false,
                 ..READY
             },
-            Facts {
+            Evidence {
                 thrust: None,
                 ..READY
             },
-            Facts {
+            Evidence {
                 thrust: Some(false),
                 ..READY
             },
-            Facts {
+            Evidence {
                 alive: false,
                 ..READY
             },
-            Facts {
+            Evidence {
                 found: false,
                 ..READY
             },
         ] {
-            let mut a = Authority::default();
+            let mut a = AuthorityStateMachine::default();
             let s = run(&mut a, 0, &[missing; 10]);
             assert!(s.iter().all(|s| !s.commands() && !s.may_offer()), "{s:?}");
         }
     }
 
     #[test]
-    fn one_heartbeat_in_another_mode_ends_it_and_one_late_one_does_not_bring_it_back() {
-        let mut a = Authority::default();
+    fn authority_ends_at_one_heartbeat_in_another_mode_and_a_late_one_does_not_restore_it() {
+        let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         let person = by(AutopilotMode::Other);
         let s = run(&mut a, 60, &[person, READY, person, person]);
-        let taken = Standing::TakenOver {
+        let taken = ControlAuthority::TakenOver {
             mode: AutopilotMode::Other,
         };
         assert_eq!(s[0], taken);
@@ -298,45 +306,51 @@ mod tests {
         let s = run(&mut a, 140, &[person; 10]);
         assert_eq!(
             s[9],
-            Standing::Standby {
+            ControlAuthority::Standby {
                 mode: AutopilotMode::Other
             }
         );
-        assert_eq!(run(&mut a, 340, &[READY; 2])[1], Standing::Commanding);
+        assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
     #[test]
-    fn a_failsafe_of_the_autopilot_is_a_take_over_too() {
+    fn authority_ends_at_a_failsafe_of_the_autopilot() {
         for mode in [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold] {
-            let mut a = Authority::default();
+            let mut a = AuthorityStateMachine::default();
             run(&mut a, 0, &[READY; 3]);
-            assert_eq!(run(&mut a, 60, &[by(mode)])[0], Standing::TakenOver { mode });
+            assert_eq!(
+                run(&mut a, 60, &[by(mode)])[0],
+                ControlAuthority::TakenOver { mode }
+            );
         }
     }
 
     #[test]
-    fn a_diverted_drone_is_not_taken_back_until_the_mode_was_left() {
-        let mut a = Authority::default();
+    fn authority_after_a_diversion_needs_the_mode_to_be_left_first() {
+        let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         a.divert(Time::from_secs(0.06), Diversion::Return);
         // The command was lost, or refused: the autopilot is still in our mode.
         let s = run(&mut a, 60, &[READY; 50]);
-        assert!(s.iter().all(|s| *s == Standing::Diverted(Diversion::Return)));
+        assert!(
+            s.iter()
+                .all(|s| *s == ControlAuthority::Diverted(Diversion::Return))
+        );
         run(&mut a, 1060, &[by(AutopilotMode::Return); 10]);
         assert!(run(&mut a, 1260, &[READY; 3])[2].commands());
     }
 
     #[test]
-    fn a_link_that_was_lost_needs_two_heartbeats_again() {
-        let mut a = Authority::default();
+    fn authority_after_link_loss_needs_two_heartbeats_again() {
+        let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
-        let gone = Facts {
+        let gone = Evidence {
             alive: false,
-            beat: false,
+            heartbeat: false,
             ..READY
         };
-        assert_eq!(run(&mut a, 60, &[gone])[0], Standing::LinkLost);
+        assert_eq!(run(&mut a, 60, &[gone])[0], ControlAuthority::LinkLost);
         let s = run(&mut a, 80, &[READY; 2]);
-        assert_eq!(s, [Standing::LinkLost, Standing::Commanding]);
+        assert_eq!(s, [ControlAuthority::LinkLost, ControlAuthority::Commanding]);
     }
 }

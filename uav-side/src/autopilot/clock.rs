@@ -10,13 +10,13 @@ use alight_shared::time::{DroneClock, Span, Time};
 use serde::{Deserialize, Serialize};
 
 /// Answers kept.
-const KEPT: usize = 20;
+const MAX_EXCHANGES: usize = 20;
 /// Drift between two crystals, s/s.
 const DRIFT: f64 = 1e-4;
 /// Offsets further apart than both answers' time on the way and this, s: the autopilot began anew.
 const RESTART_S: f64 = 0.5;
 /// A sample is never older than this when it arrives, s.
-const OLDEST_S: f64 = 1.0;
+const MAX_SAMPLE_AGE_S: f64 = 1.0;
 
 /// An exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,7 +28,7 @@ struct Exchange {
 
 impl Exchange {
     /// How far off it may be now, s.
-    fn doubt_s(&self, now: Time<DroneClock>) -> f64 {
+    fn uncertainty_s(&self, now: Time<DroneClock>) -> f64 {
         0.5 * self.round_trip.secs() + DRIFT * (now - self.at).secs()
     }
 }
@@ -36,9 +36,9 @@ impl Exchange {
 /// What is known of the autopilot's clock.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RemoteClock {
-    kept: VecDeque<Exchange>,
+    exchanges: VecDeque<Exchange>,
     /// Answers that were not used, samples whose time could not be right.
-    refused: u32,
+    rejected: u32,
     restarts: u32,
 }
 
@@ -47,7 +47,7 @@ impl RemoteClock {
     pub(crate) fn answered(&mut self, now: Time<DroneClock>, asked_ns: i64, remote_ns: i64, limit_s: f64) {
         let round_trip = now - Time::from_nanos(asked_ns);
         if !(0.0..=limit_s).contains(&round_trip.secs()) {
-            self.refused = self.refused.saturating_add(1);
+            self.rejected = self.rejected.saturating_add(1);
             return;
         }
         let half = round_trip / 2;
@@ -58,31 +58,31 @@ impl RemoteClock {
         };
         let apart = self.offset_ns(now).map(|o| o.saturating_sub(exchange.offset_ns));
         if apart.is_some_and(|a| Span::from_nanos(a).abs().secs() > RESTART_S) {
-            self.kept.clear();
+            self.exchanges.clear();
             self.restarts = self.restarts.saturating_add(1);
         }
-        self.kept.push_back(exchange);
-        if self.kept.len() > KEPT {
-            self.kept.pop_front();
+        self.exchanges.push_back(exchange);
+        if self.exchanges.len() > MAX_EXCHANGES {
+            self.exchanges.pop_front();
         }
     }
     /// Ours minus theirs, ns.
     fn offset_ns(&self, now: Time<DroneClock>) -> Option<i64> {
         let best = self
-            .kept
+            .exchanges
             .iter()
-            .min_by(|a, b| a.doubt_s(now).total_cmp(&b.doubt_s(now)))?;
+            .min_by(|a, b| a.uncertainty_s(now).total_cmp(&b.uncertainty_s(now)))?;
         Some(best.offset_ns)
     }
     /// Whether samples can be dated.
     pub(crate) fn known(&self) -> bool {
-        !self.kept.is_empty()
+        !self.exchanges.is_empty()
     }
     /// How far off the offset may be, s; infinite while it is not known.
-    pub(crate) fn doubt_s(&self, now: Time<DroneClock>) -> f64 {
-        self.kept
+    pub(crate) fn uncertainty_s(&self, now: Time<DroneClock>) -> f64 {
+        self.exchanges
             .iter()
-            .map(|e| e.doubt_s(now))
+            .map(|e| e.uncertainty_s(now))
             .fold(f64::INFINITY, f64::min)
     }
     /// Our time of a sample that the autopilot dates at `remote_ns`; None, and counted, when it lies
@@ -91,8 +91,8 @@ impl RemoteClock {
         let offset = self.offset_ns(now)?;
         let at = Time::from_nanos(remote_ns.saturating_add(offset));
         let age = (now - at).secs();
-        if !(-0.01 - self.doubt_s(now)..=OLDEST_S).contains(&age) {
-            self.refused = self.refused.saturating_add(1);
+        if !(-0.01 - self.uncertainty_s(now)..=MAX_SAMPLE_AGE_S).contains(&age) {
+            self.rejected = self.rejected.saturating_add(1);
             return None;
         }
         Some(at.min(now))
@@ -105,8 +105,8 @@ impl RemoteClock {
         ns.unsigned_abs() / 1000
     }
     /// What was refused.
-    pub(crate) fn refused(&self) -> u32 {
-        self.refused
+    pub(crate) fn rejected(&self) -> u32 {
+        self.rejected
     }
     /// How often the autopilot began anew.
     pub(crate) fn restarts(&self) -> u32 {
@@ -114,7 +114,7 @@ impl RemoteClock {
     }
     /// The autopilot is another one, or was away.
     pub(crate) fn forget(&mut self) {
-        self.kept.clear();
+        self.exchanges.clear();
     }
 }
 
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn the_quickest_answer_is_believed() {
+    fn clock_offset_is_that_of_the_quickest_timesync_answer() {
         let mut c = RemoteClock::default();
         assert!(!c.known() && c.ours(Time::from_secs(1.0), 0).is_none());
         ask(&mut c, 200.0, 0.030, 0.002);
@@ -142,24 +142,24 @@ mod tests {
         let now = Time::from_secs(201.0);
         let at = c.ours(now, now.nanos() - APART_NS - 20_000_000).unwrap();
         assert!(((now - at).secs() - 0.020).abs() < 1e-4);
-        assert!(c.doubt_s(now) < 0.002);
+        assert!(c.uncertainty_s(now) < 0.002);
     }
 
     #[test]
-    fn slow_answers_and_impossible_times_are_refused() {
+    fn clock_rejects_slow_answers_and_impossible_sample_times() {
         let mut c = RemoteClock::default();
         ask(&mut c, 200.0, 0.2, 0.2);
-        assert!(!c.known() && c.refused() == 1);
+        assert!(!c.known() && c.rejected() == 1);
         ask(&mut c, 201.0, 0.001, 0.001);
         let now = Time::from_secs(202.0);
         assert!(c.ours(now, now.nanos() - APART_NS + 50_000_000).is_none());
         assert!(c.ours(now, now.nanos() - APART_NS - 5_000_000_000).is_none());
         assert!(c.ours(now, i64::MIN).is_none() && c.ours(now, i64::MAX).is_none());
-        assert_eq!(c.refused(), 5);
+        assert_eq!(c.rejected(), 5);
     }
 
     #[test]
-    fn an_autopilot_that_began_anew_is_dated_anew() {
+    fn clock_resets_when_the_autopilot_restarts() {
         let mut c = RemoteClock::default();
         for k in 0..10 {
             ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.0005, 0.0005);

@@ -96,7 +96,7 @@ config! {
         /// Source: The paper's.
         pub deck_tag_m: f64 = 1.0;
         /// `LANDING_TARGET` and the estimated deck are offered to other users of the link.
-        pub offer_deck: bool = false;
+        pub publish_deck: bool = false;
     }
     check |this, at| {
         at.require(this.component > 0, "component", this.component, "1 to 255")?;
@@ -117,7 +117,7 @@ config! {
         /// Speed relative to the deck (without a forecast: over ground), at most, m/s.
         pub speed_mps: f64 = 1.5, in 0.1..=5.0;
         /// Least specific force as a share of gravity: what falls feels less.
-        pub carried_of_g: f64 = 0.75, in 0.5..=1.0;
+        pub min_load_factor: f64 = 0.75, in 0.5..=1.0;
         /// Greatest thrust as a share of hover: what flies needs more.
         pub thrust_of_hover: f64 = 0.7, in 0.1..=0.9;
         /// All of it for this long, s.

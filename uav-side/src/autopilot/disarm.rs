@@ -15,7 +15,7 @@ use super::config::DisarmConfig;
 
 /// What is known of the contact, apart from the pilot's word.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Contact {
+pub(crate) struct ContactEvidence {
     /// The mission lands.
     pub(crate) landing: bool,
     /// Feet above the deck by the rangefinder, m.
@@ -25,16 +25,16 @@ pub(crate) struct Contact {
     /// Speed relative to the deck, or over ground when there is no forecast, m/s.
     pub(crate) speed: Option<f64>,
     /// Specific force along the body's up axis as a share of gravity.
-    pub(crate) carried: Option<f64>,
+    pub(crate) load_factor: Option<f64>,
     /// Thrust as a share of hover.
     pub(crate) thrust: Option<f64>,
     /// The autopilot says that it stands on the ground.
-    pub(crate) told_ground: bool,
+    pub(crate) reports_on_ground: bool,
 }
 
 /// What speaks against a disarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Doubt {
+pub enum DisarmInhibit {
     /// The mission is in no state of landing.
     NotLanding,
     /// Neither rangefinder nor forecast says how high the feet are.
@@ -46,53 +46,53 @@ pub enum Doubt {
     /// Too fast relative to the deck, or not known.
     Fast,
     /// Nothing but the rotors carries the drone, or it falls.
-    NotCarried,
+    NotSupported,
 }
 
-impl fmt::Display for Doubt {
+impl fmt::Display for DisarmInhibit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Doubt::NotLanding => "the mission does not land",
-            Doubt::HeightUnknown => "neither rangefinder nor forecast says how high the feet are",
-            Doubt::RangeHigh => "the rangefinder sees air below the feet",
-            Doubt::ForecastHigh => "the deck is forecast further below",
-            Doubt::Fast => "too fast relative to the deck",
-            Doubt::NotCarried => "the deck does not carry the drone",
+            DisarmInhibit::NotLanding => "the mission does not land",
+            DisarmInhibit::HeightUnknown => "neither rangefinder nor forecast says how high the feet are",
+            DisarmInhibit::RangeHigh => "the rangefinder sees air below the feet",
+            DisarmInhibit::ForecastHigh => "the deck is forecast further below",
+            DisarmInhibit::Fast => "too fast relative to the deck",
+            DisarmInhibit::NotSupported => "the deck does not carry the drone",
         })
     }
 }
 
 /// What speaks against a disarm now; None: nothing does.
-pub(crate) fn doubt(e: &Contact, c: &DisarmConfig) -> Option<Doubt> {
+pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInhibit> {
     if !e.landing {
-        return Some(Doubt::NotLanding);
+        return Some(DisarmInhibit::NotLanding);
     }
     // What is no number is high, fast and not carried.
     let high = |h: Option<f64>| h.is_some_and(|h| !(h <= c.height_m));
     if high(e.range_height) {
-        return Some(Doubt::RangeHigh);
+        return Some(DisarmInhibit::RangeHigh);
     }
     if high(e.forecast_height) {
-        return Some(Doubt::ForecastHigh);
+        return Some(DisarmInhibit::ForecastHigh);
     }
     if e.range_height.is_none() && e.forecast_height.is_none() {
-        return Some(Doubt::HeightUnknown);
+        return Some(DisarmInhibit::HeightUnknown);
     }
     if !e.speed.is_some_and(|v| v <= c.speed_mps) {
-        return Some(Doubt::Fast);
+        return Some(DisarmInhibit::Fast);
     }
-    let carried = e.carried.is_some_and(|f| f >= c.carried_of_g);
+    let load_factor = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
     let idle = e.thrust.is_some_and(|t| t <= c.thrust_of_hover);
     // The autopilot's own word stands for the thrust, never for being carried.
-    if !(carried && (idle || e.told_ground)) {
-        return Some(Doubt::NotCarried);
+    if !(load_factor && (idle || e.reports_on_ground)) {
+        return Some(DisarmInhibit::NotSupported);
     }
     None
 }
 
 /// What to do with the pilot's word that the drone is on the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Stop {
+pub(crate) enum DisarmDecision {
     /// Press on as before: the evidence is awaited.
     Press,
     /// Send the command; thrust off.
@@ -100,52 +100,57 @@ pub(crate) enum Stop {
     /// Thrust off; the next command is not due, or all are used up.
     Idle,
     /// The evidence has been missing for too long: the drone is in the air.
-    InAir(Doubt),
+    InAir(DisarmInhibit),
 }
 
 /// The way from the pilot's word to a disarmed drone.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Disarm {
+pub(crate) struct DisarmSequence {
     /// The evidence has been missing since.
-    missing: Option<Time<DroneClock>>,
+    missing_since: Option<Time<DroneClock>>,
     /// It has been complete since.
-    sound: Option<Time<DroneClock>>,
+    complete_since: Option<Time<DroneClock>>,
     next: Option<Time<DroneClock>>,
     sent: u32,
 }
 
-impl Disarm {
+impl DisarmSequence {
     /// The pilot does not say so (any more).
     pub(crate) fn clear(&mut self) {
-        *self = Disarm::default();
+        *self = DisarmSequence::default();
     }
     /// Commands sent.
     pub(crate) fn sent(&self) -> u32 {
         self.sent
     }
     /// The pilot says that the drone is on the deck.
-    pub(crate) fn step(&mut self, now: Time<DroneClock>, e: &Contact, c: &DisarmConfig) -> Stop {
-        if let Some(d) = doubt(e, c) {
-            self.sound = None;
-            let missing = *self.missing.get_or_insert(now);
-            return if (now - missing).secs() <= c.patience_s {
-                Stop::Press
+    pub(crate) fn step(
+        &mut self,
+        now: Time<DroneClock>,
+        e: &ContactEvidence,
+        c: &DisarmConfig,
+    ) -> DisarmDecision {
+        if let Some(d) = inhibit(e, c) {
+            self.complete_since = None;
+            let missing_since = *self.missing_since.get_or_insert(now);
+            return if (now - missing_since).secs() <= c.patience_s {
+                DisarmDecision::Press
             } else {
-                Stop::InAir(d)
+                DisarmDecision::InAir(d)
             };
         }
-        self.missing = None;
-        let sound = *self.sound.get_or_insert(now);
-        if (now - sound).secs() < c.hold_s {
-            return Stop::Press;
+        self.missing_since = None;
+        let complete_since = *self.complete_since.get_or_insert(now);
+        if (now - complete_since).secs() < c.hold_s {
+            return DisarmDecision::Press;
         }
         let due = self.next.is_none_or(|t| now >= t);
         if !c.on_deck || !due || self.sent >= c.tries {
-            return Stop::Idle;
+            return DisarmDecision::Idle;
         }
         self.sent += 1;
         self.next = Some(now + Span::from_secs(c.pause_s));
-        Stop::Command
+        DisarmDecision::Command
     }
 }
 
@@ -153,127 +158,142 @@ impl Disarm {
 mod tests {
     use super::*;
 
-    const DOWN: Contact = Contact {
+    const ON_DECK: ContactEvidence = ContactEvidence {
         landing: true,
         range_height: Some(0.02),
         forecast_height: Some(0.05),
         speed: Some(0.2),
-        carried: Some(1.0),
+        load_factor: Some(1.0),
         thrust: Some(0.3),
-        told_ground: false,
+        reports_on_ground: false,
     };
 
-    fn commands(d: &mut Disarm, from_ms: i64, ms: i64, e: &Contact, c: &DisarmConfig) -> u32 {
+    fn commands(d: &mut DisarmSequence, from_ms: i64, ms: i64, e: &ContactEvidence, c: &DisarmConfig) -> u32 {
         (0..ms / 10)
-            .filter(|k| d.step(Time::from_nanos((from_ms + 10 * k) * 1_000_000), e, c) == Stop::Command)
+            .filter(|k| {
+                d.step(Time::from_nanos((from_ms + 10 * k) * 1_000_000), e, c) == DisarmDecision::Command
+            })
             .count() as u32
     }
 
     #[test]
-    fn on_the_deck_it_is_sent_at_once_and_a_bounded_number_of_times() {
+    fn disarm_on_the_deck_is_sent_at_once_and_a_bounded_number_of_times() {
         let c = DisarmConfig::default();
-        let mut d = Disarm::default();
-        assert_eq!(commands(&mut d, 0, 40, &DOWN, &c), 1);
-        assert_eq!(commands(&mut d, 40, 60_000, &DOWN, &c), c.tries - 1);
+        let mut d = DisarmSequence::default();
+        assert_eq!(commands(&mut d, 0, 40, &ON_DECK, &c), 1);
+        assert_eq!(commands(&mut d, 40, 60_000, &ON_DECK, &c), c.tries - 1);
         let off = DisarmConfig { on_deck: false, ..c };
-        assert_eq!(commands(&mut Disarm::default(), 0, 10_000, &DOWN, &off), 0);
+        assert_eq!(
+            commands(&mut DisarmSequence::default(), 0, 10_000, &ON_DECK, &off),
+            0
+        );
     }
 
     #[test]
-    fn every_piece_of_evidence_is_needed() {
+    fn disarm_needs_every_piece_of_evidence() {
         let c = DisarmConfig::default();
         for (e, why) in [
             (
-                Contact {
+                ContactEvidence {
                     landing: false,
-                    ..DOWN
+                    ..ON_DECK
                 },
-                Doubt::NotLanding,
+                DisarmInhibit::NotLanding,
             ),
             (
-                Contact {
+                ContactEvidence {
                     range_height: Some(1.0),
-                    ..DOWN
+                    ..ON_DECK
                 },
-                Doubt::RangeHigh,
+                DisarmInhibit::RangeHigh,
             ),
             (
-                Contact {
+                ContactEvidence {
                     range_height: Some(f64::NAN),
-                    ..DOWN
+                    ..ON_DECK
                 },
-                Doubt::RangeHigh,
+                DisarmInhibit::RangeHigh,
             ),
             (
-                Contact {
+                ContactEvidence {
                     forecast_height: Some(1.0),
-                    ..DOWN
+                    ..ON_DECK
                 },
-                Doubt::ForecastHigh,
+                DisarmInhibit::ForecastHigh,
             ),
             (
-                Contact {
+                ContactEvidence {
                     range_height: None,
                     forecast_height: None,
-                    ..DOWN
+                    ..ON_DECK
                 },
-                Doubt::HeightUnknown,
+                DisarmInhibit::HeightUnknown,
             ),
             (
-                Contact {
+                ContactEvidence {
                     speed: Some(3.0),
-                    ..DOWN
+                    ..ON_DECK
                 },
-                Doubt::Fast,
+                DisarmInhibit::Fast,
             ),
-            (Contact { speed: None, ..DOWN }, Doubt::Fast),
+            (
+                ContactEvidence {
+                    speed: None,
+                    ..ON_DECK
+                },
+                DisarmInhibit::Fast,
+            ),
             // It hovers; it falls with the thrust cut, and the autopilot believes to stand.
             (
-                Contact {
+                ContactEvidence {
                     thrust: Some(1.0),
-                    ..DOWN
+                    ..ON_DECK
                 },
-                Doubt::NotCarried,
+                DisarmInhibit::NotSupported,
             ),
             (
-                Contact {
-                    carried: Some(0.4),
-                    told_ground: true,
-                    ..DOWN
+                ContactEvidence {
+                    load_factor: Some(0.4),
+                    reports_on_ground: true,
+                    ..ON_DECK
                 },
-                Doubt::NotCarried,
+                DisarmInhibit::NotSupported,
             ),
             (
-                Contact {
-                    carried: None,
-                    ..DOWN
+                ContactEvidence {
+                    load_factor: None,
+                    ..ON_DECK
                 },
-                Doubt::NotCarried,
+                DisarmInhibit::NotSupported,
             ),
         ] {
-            assert_eq!(doubt(&e, &c), Some(why), "{e:?}");
-            assert_eq!(commands(&mut Disarm::default(), 0, 10_000, &e, &c), 0, "{e:?}");
-            let mut d = Disarm::default();
-            assert_eq!(d.step(Time::from_secs(0.0), &e, &c), Stop::Press);
-            assert_eq!(d.step(Time::from_secs(1.0), &e, &c), Stop::InAir(why));
+            assert_eq!(inhibit(&e, &c), Some(why), "{e:?}");
+            assert_eq!(
+                commands(&mut DisarmSequence::default(), 0, 10_000, &e, &c),
+                0,
+                "{e:?}"
+            );
+            let mut d = DisarmSequence::default();
+            assert_eq!(d.step(Time::from_secs(0.0), &e, &c), DisarmDecision::Press);
+            assert_eq!(d.step(Time::from_secs(1.0), &e, &c), DisarmDecision::InAir(why));
         }
-        let blind = Contact {
+        let blind = ContactEvidence {
             range_height: None,
-            told_ground: true,
+            reports_on_ground: true,
             thrust: None,
-            ..DOWN
+            ..ON_DECK
         };
-        assert_eq!(doubt(&blind, &c), None);
+        assert_eq!(inhibit(&blind, &c), None);
     }
 
     #[test]
-    fn a_drone_that_comes_off_the_deck_again_gets_no_further_command() {
+    fn disarm_is_not_repeated_once_the_drone_leaves_the_deck() {
         let c = DisarmConfig::default();
-        let mut d = Disarm::default();
-        assert_eq!(commands(&mut d, 0, 100, &DOWN, &c), 1);
-        let falls = Contact {
-            carried: Some(0.1),
-            ..DOWN
+        let mut d = DisarmSequence::default();
+        assert_eq!(commands(&mut d, 0, 100, &ON_DECK, &c), 1);
+        let falls = ContactEvidence {
+            load_factor: Some(0.1),
+            ..ON_DECK
         };
         assert_eq!(commands(&mut d, 100, 5_000, &falls, &c), 0);
     }

@@ -78,7 +78,7 @@ pub const ARMED: u8 = 128;
 
 /// How a command was taken (`MAV_RESULT`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Taken {
+pub enum CommandResult {
     /// Done.
     Accepted,
     /// Not now; may work later.
@@ -247,7 +247,7 @@ pub enum Message {
         remaining: Option<f64>,
     },
     /// `ATTITUDE_TARGET`: what the autopilot's attitude loop is told now.
-    ThrustNow {
+    AttitudeTargetThrust {
         /// Collective, 0 to 1.
         thrust: f64,
     },
@@ -270,11 +270,11 @@ pub enum Message {
     /// `COMMAND_LONG`.
     Command(CommandLong),
     /// `COMMAND_ACK`.
-    Acknowledged {
+    CommandAck {
         /// Which command.
         command: u16,
         /// How it was taken.
-        taken: Taken,
+        result: CommandResult,
     },
     /// `SET_POSITION_TARGET_LOCAL_NED`.
     Position(PositionTarget),
@@ -298,7 +298,7 @@ pub enum Message {
         time_us: u64,
         /// Position (NED, m), velocity (NED, m/s), roll, pitch, yaw (rad), their rates (rad/s),
         /// standard deviation of the position (m).
-        figures: [[f64; 3]; 5],
+        values: [[f64; 3]; 5],
     },
     /// `STATUSTEXT`.
     Text {

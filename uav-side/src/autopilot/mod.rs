@@ -4,30 +4,30 @@
 //!
 //! Read in this order: [`message`] (what is said on the link), [`authority`] (who commands, and why),
 //! [`disarm`] (when motors are stopped), this file (one step), [`hearing`] and [`acting`] (its two
-//! halves), [`clock`], [`streams`], [`flight`], [`modes`], and [`wire`] for the bytes.
+//! halves), [`clock`], [`streams`], [`drone_state`], [`modes`], and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
 //! COM_OF_LOSS_T for the failsafe that COM_OBL_RC_ACT names; ArduCopter stops after GUID_TIMEOUT and
 //! holds in GUIDED (after one of attitude: level, no climb).
 
-mod acting;
 pub mod authority;
 mod clock;
 pub mod config;
+mod deck;
 mod disarm;
-mod flight;
-mod hearing;
+mod drone_state;
+mod inbound;
 pub mod message;
 pub mod modes;
-mod offer;
+mod outbound;
 mod peer;
 mod streams;
 mod thrust;
 pub mod wire;
 
-pub use authority::Standing;
+pub use authority::ControlAuthority;
 pub use config::{AutopilotLinkConfig, Diversion};
-pub use disarm::Doubt;
+pub use disarm::DisarmInhibit;
 
 use std::collections::VecDeque;
 
@@ -43,10 +43,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
 use crate::odometry::{Odometry, OdometryConfig};
-use authority::{Authority, Facts};
+use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
-use disarm::Disarm;
-use flight::Flight;
+use disarm::DisarmSequence;
+use drone_state::DroneStateAssembler;
 use message::{Address, CUSTOM_MODE, CommandLong, Frame, Message, command};
 use peer::Peer;
 use thrust::HoverThrust;
@@ -54,11 +54,11 @@ use thrust::HoverThrust;
 type Instant = Time<DroneClock>;
 
 /// Frames that one step looks at, at most.
-pub const MOST_FRAMES: usize = 512;
+pub const MAX_FRAMES: usize = 512;
 /// Texts of the autopilot that one step passes on, at most.
-const MOST_TEXTS: usize = 8;
+const MAX_TEXTS: usize = 8;
 /// Questions about clocks that are under way, at most.
-const MOST_QUESTIONS: usize = 16;
+const MAX_TIMESYNC_REQUESTS: usize = 16;
 /// Our heartbeat's period, s (MAVLink's usual).
 const HEARTBEAT_S: f64 = 1.0;
 /// The autopilot's state is told on this often, s.
@@ -70,7 +70,7 @@ const ORIGIN_S: f64 = 5.0;
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotIn {
     /// From the link, in order of arrival.
-    pub heard: Vec<Frame>,
+    pub received: Vec<Frame>,
     /// The pilot's set-point.
     pub set_point: Option<SetPoint>,
     /// The mission's state.
@@ -85,7 +85,7 @@ pub struct AutopilotOut {
     /// Who we are on the link.
     pub from: Address,
     /// To the link.
-    pub say: Vec<Message>,
+    pub messages: Vec<Message>,
     /// Odometry, smooth, in the order of its time.
     pub odometry: Vec<DroneState>,
     /// The autopilot's state.
@@ -98,11 +98,11 @@ pub struct AutopilotOut {
 
 /// Figures of the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct LinkFigures {
+pub struct LinkMetrics {
     /// How far off the time of a sample may be, s.
-    pub clock_doubt_s: f64,
+    pub clock_uncertainty_s: f64,
     /// Samples and answers refused.
-    pub refused: u32,
+    pub rejected: u32,
     /// Times that the autopilot's clock began anew.
     pub restarts: u32,
     /// Thrust that hovers, 0 to 1.
@@ -126,8 +126,8 @@ pub struct AutopilotLink {
 
     peer: Option<Peer>,
     clock: RemoteClock,
-    questions: VecDeque<i64>,
-    flight: Flight,
+    timesync_requests: VecDeque<i64>,
+    drone_state: DroneStateAssembler,
     smooth: Odometry,
     state: Option<DroneState>,
     /// The autopilot's origin seen from the datum, NED, m.
@@ -140,9 +140,9 @@ pub struct AutopilotLink {
     mission: Latest<MissionState>,
     forecast: Latest<DeckForecast>,
 
-    authority: Authority,
-    disarm: Disarm,
-    doubted: Option<Doubt>,
+    authority: AuthorityStateMachine,
+    disarm: DisarmSequence,
+    inhibited: Option<DisarmInhibit>,
     /// Where it holds after a touchdown that was none.
     held: Option<SetPoint>,
     /// The last set-point with motors running.
@@ -156,7 +156,7 @@ pub struct AutopilotLink {
     heartbeat_next: Instant,
     timesync_next: Instant,
     state_next: Instant,
-    offer_next: Instant,
+    deck_next: Instant,
     origin_next: Instant,
 }
 
@@ -183,8 +183,8 @@ impl AutopilotLink {
             sequences: [0; 3],
             peer: None,
             clock: RemoteClock::default(),
-            questions: VecDeque::new(),
-            flight: Flight::default(),
+            timesync_requests: VecDeque::new(),
+            drone_state: DroneStateAssembler::default(),
             smooth: Odometry::new(odometry),
             state: None,
             shift: datum.is_none().then(Vector3::zeros),
@@ -194,9 +194,9 @@ impl AutopilotLink {
             set_point: Latest::default(),
             mission: Latest::default(),
             forecast: Latest::default(),
-            authority: Authority::default(),
-            disarm: Disarm::default(),
-            doubted: None,
+            authority: AuthorityStateMachine::default(),
+            disarm: DisarmSequence::default(),
+            inhibited: None,
             held: None,
             flown: None,
             sent_at: None,
@@ -208,19 +208,19 @@ impl AutopilotLink {
             heartbeat_next: never,
             timesync_next: never,
             state_next: never,
-            offer_next: never,
+            deck_next: never,
             origin_next: never,
         }
     }
     /// Who commands, and why.
-    pub fn standing(&self) -> Standing {
-        self.authority.standing()
+    pub fn control_authority(&self) -> ControlAuthority {
+        self.authority.control_authority()
     }
     /// Figures of the link.
-    pub fn figures(&self, now: Instant) -> LinkFigures {
-        LinkFigures {
-            clock_doubt_s: self.clock.doubt_s(now),
-            refused: self.clock.refused().saturating_add(self.flight.refused()),
+    pub fn metrics(&self, now: Instant) -> LinkMetrics {
+        LinkMetrics {
+            clock_uncertainty_s: self.clock.uncertainty_s(now),
+            rejected: self.clock.rejected().saturating_add(self.drone_state.rejected()),
             restarts: self.clock.restarts(),
             hover_thrust: self.hover.value(),
             set_points: self.set_points,
@@ -244,29 +244,29 @@ impl AutopilotLink {
         Header::new(0, self.drone_id, self.boot, *s, at)
     }
 
-    fn facts(&self, now: Instant, beat: bool) -> Facts {
+    fn evidence(&self, now: Instant, heartbeat: bool) -> Evidence {
         let p = self.peer.as_ref();
         let recent = |at: Instant, s: f64| (now - at).secs() <= s;
-        Facts {
+        Evidence {
             found: p.is_some(),
-            alive: p.is_some_and(|p| recent(p.beat_at, self.config.heartbeat_loss_s)),
+            alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
             clock: self.clock.known(),
             origin: self.shift.is_some(),
             odometry: self
                 .state
                 .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s)),
-            thrust: p.and_then(|p| p.thrust_suits(self.attitudes)),
-            beat,
+            thrust: p.and_then(|p| p.thrust_option_suits(self.attitudes)),
+            heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),
             armed: p.is_some_and(|p| p.armed),
         }
     }
 
     /// What goes out whoever commands: heartbeat, clock, streams, parameters.
-    fn keep_company(&mut self, now: Instant, out: &mut AutopilotOut) {
+    fn send_periodic(&mut self, now: Instant, out: &mut AutopilotOut) {
         if now >= self.heartbeat_next {
             self.heartbeat_next = now + Span::from_secs(HEARTBEAT_S);
-            out.say.push(Message::Heartbeat {
+            out.messages.push(Message::Heartbeat {
                 autopilot: message::NO_AUTOPILOT,
                 vehicle: message::COMPANION_TYPE,
                 base_mode: CUSTOM_MODE,
@@ -276,22 +276,22 @@ impl AutopilotLink {
         let Some(peer) = &mut self.peer else { return };
         if now >= self.timesync_next {
             self.timesync_next = now + Span::from_secs(1.0 / self.config.timesync_hz);
-            self.questions.push_back(now.nanos());
-            if self.questions.len() > MOST_QUESTIONS {
-                self.questions.pop_front();
+            self.timesync_requests.push_back(now.nanos());
+            if self.timesync_requests.len() > MAX_TIMESYNC_REQUESTS {
+                self.timesync_requests.pop_front();
             }
-            out.say.push(Message::Timesync {
+            out.messages.push(Message::Timesync {
                 remote_ns: 0,
                 local_ns: now.nanos(),
             });
         }
-        out.say.extend(peer.streams.ask(now, peer.address));
-        out.say.extend(peer.ask_option(now, self.attitudes));
+        out.messages.extend(peer.streams.ask(now, peer.address));
+        out.messages.extend(peer.ask_option(now, self.attitudes));
         if self.datum.is_some() && now >= self.origin_next {
             // Again and again: an estimator that begins anew moves its origin.
             let pause = if self.shift.is_some() { ORIGIN_S } else { 1.0 };
             self.origin_next = now + Span::from_secs(pause);
-            out.say.push(Message::Command(CommandLong {
+            out.messages.push(Message::Command(CommandLong {
                 to: peer.address,
                 command: command::REQUEST_MESSAGE,
                 confirmation: 0,
@@ -316,16 +316,19 @@ impl AutopilotLink {
         self.state_next = now + Span::from_secs(STATE_S);
         let header = self.header(1, now);
         let p = self.peer.as_ref()?;
-        let ours = match self.authority.standing() {
-            Standing::Commanding | Standing::NoOdometry | Standing::NoClock | Standing::Disarmed => true,
-            Standing::Searching
-            | Standing::LinkLost
-            | Standing::NoOrigin
-            | Standing::OptionUnknown
-            | Standing::OptionMissing
-            | Standing::Standby { .. }
-            | Standing::TakenOver { .. }
-            | Standing::Diverted(_) => false,
+        let ours = match self.authority.control_authority() {
+            ControlAuthority::Commanding
+            | ControlAuthority::NoOdometry
+            | ControlAuthority::NoClock
+            | ControlAuthority::Disarmed => true,
+            ControlAuthority::Searching
+            | ControlAuthority::LinkLost
+            | ControlAuthority::NoOrigin
+            | ControlAuthority::OptionUnknown
+            | ControlAuthority::OptionMissing
+            | ControlAuthority::Standby { .. }
+            | ControlAuthority::TakenOver { .. }
+            | ControlAuthority::Diverted(_) => false,
         };
         let settled = self.hover.settled(self.config.hover_thrust_s);
         Some(AutopilotState {
@@ -336,11 +339,11 @@ impl AutopilotLink {
                 mode => mode,
             },
             landed: p.landed,
-            origin_resets: self.flight.resets(),
+            origin_resets: self.drone_state.resets(),
             battery: p.charge().unwrap_or(0.0),
             thrust: p
                 .thrust_now(now)
-                .map_or(0.0, |t| thrust::share(t, self.config.thrust_curve)),
+                .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
         })
     }
@@ -353,10 +356,10 @@ impl Node for AutopilotLink {
 
     fn step(&mut self, now: Instant, input: &AutopilotIn) -> AutopilotOut {
         let mut out = AutopilotOut::default();
-        let told_before = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
-        let mut beat = false;
-        for frame in input.heard.iter().take(MOST_FRAMES) {
-            beat |= self.hear(now, frame, &mut out);
+        let reported_before = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
+        let mut heartbeat = false;
+        for frame in input.received.iter().take(MAX_FRAMES) {
+            heartbeat |= self.receive(now, frame, &mut out);
         }
         if let Some(m) = &input.mission {
             self.mission.offer(now, m);
@@ -366,27 +369,27 @@ impl Node for AutopilotLink {
         }
         let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
 
-        let before = self.authority.standing();
-        let facts = self.facts(now, beat);
+        let before = self.authority.control_authority();
+        let evidence = self.evidence(now, heartbeat);
         self.authority
-            .step(now, &facts, Span::from_secs(self.config.quiet_s));
-        if facts.mode != AutopilotMode::Offboard {
+            .step(now, &evidence, Span::from_secs(self.config.quiet_s));
+        if evidence.mode != AutopilotMode::Offboard {
             self.diversions = 0;
         }
         self.divert(now, &mut out);
         self.set_point(now, new, &mut out);
         self.arm(now, &mut out);
-        self.keep_company(now, &mut out);
-        self.offer_deck(now, &mut out);
+        self.send_periodic(now, &mut out);
+        self.publish_deck(now, &mut out);
 
-        let standing = self.authority.standing();
-        if standing != before {
-            out.texts.push(standing.to_string());
+        let control_authority = self.authority.control_authority();
+        if control_authority != before {
+            out.texts.push(control_authority.to_string());
         }
-        let told_now = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
-        let changed = told_now != told_before || standing != before;
-        out.state = self.tell(now, changed, facts.alive);
-        out.texts.truncate(MOST_TEXTS);
+        let reported_now = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
+        let changed = reported_now != reported_before || control_authority != before;
+        out.state = self.tell(now, changed, evidence.alive);
+        out.texts.truncate(MAX_TEXTS);
         out.from = self.address();
         out
     }

@@ -39,7 +39,7 @@ impl Firmware {
         }
     }
     /// The mode that takes set-points, as a person finds it on the remote control.
-    pub const fn our_mode(self) -> &'static str {
+    pub const fn offboard_mode_name(self) -> &'static str {
         match self {
             Firmware::Px4 => "OFFBOARD",
             Firmware::ArduCopter => "GUIDED",

@@ -16,9 +16,9 @@ const THRUST_IS_THRUST: u32 = 8;
 /// Between two questions for it, s.
 const OPTION_PAUSE_S: f64 = 1.0;
 /// A thrust that was told longer ago is not the present one.
-const THRUST_OLD: Span = Span::from_millis(300);
+const THRUST_STALE: Span = Span::from_millis(300);
 /// Batteries that are told apart.
-const BATTERIES: usize = 4;
+const MAX_BATTERIES: usize = 4;
 
 /// The autopilot.
 #[derive(Clone, Debug)]
@@ -27,10 +27,10 @@ pub(crate) struct Peer {
     pub(crate) firmware: Firmware,
     pub(crate) mode: AutopilotMode,
     pub(crate) armed: bool,
-    pub(crate) beat_at: Instant,
+    pub(crate) heartbeat_at: Instant,
     pub(crate) landed: LandedState,
     pub(crate) streams: Streams,
-    batteries: [Option<f64>; BATTERIES],
+    batteries: [Option<f64>; MAX_BATTERIES],
     thrust: Option<(Instant, f64)>,
     /// Whether a set-point's thrust is read as thrust; None: not known yet.
     thrust_is_thrust: Option<bool>,
@@ -44,10 +44,10 @@ impl Peer {
             firmware,
             mode: AutopilotMode::Other,
             armed: false,
-            beat_at: now,
+            heartbeat_at: now,
             landed: LandedState::Unknown,
             streams: Streams::new(firmware, c, now),
-            batteries: [None; BATTERIES],
+            batteries: [None; MAX_BATTERIES],
             thrust: None,
             thrust_is_thrust: match firmware {
                 Firmware::Px4 => Some(true),
@@ -57,8 +57,8 @@ impl Peer {
         }
     }
     /// Its heartbeat.
-    pub(crate) fn beat(&mut self, now: Instant, base_mode: u8, custom_mode: u32) {
-        self.beat_at = now;
+    pub(crate) fn heartbeat(&mut self, now: Instant, base_mode: u8, custom_mode: u32) {
+        self.heartbeat_at = now;
         self.armed = base_mode & ARMED != 0;
         self.mode = self.firmware.mode(custom_mode);
     }
@@ -86,7 +86,7 @@ impl Peer {
     }
     /// What a leaning drone's thrust is divided by before it is applied: ArduCopter holds up what leans
     /// (ATC_ANGLE_BOOST), `T / cos` of the tilt, and tells `T`.
-    pub(crate) fn upright(&self, attitude: [f64; 4]) -> f64 {
+    pub(crate) fn tilt_compensation(&self, attitude: [f64; 4]) -> f64 {
         let [_, x, y, _] = attitude;
         match self.firmware {
             Firmware::Px4 => 1.0,
@@ -96,7 +96,7 @@ impl Peer {
     /// Thrust that it applies now, its own measure.
     pub(crate) fn thrust_now(&self, now: Instant) -> Option<f64> {
         self.thrust
-            .filter(|(at, _)| now - *at <= THRUST_OLD)
+            .filter(|(at, _)| now - *at <= THRUST_STALE)
             .map(|(_, t)| t)
     }
     /// A parameter of its.
@@ -106,12 +106,12 @@ impl Peer {
         }
     }
     /// Whether its reading of thrust suits; `needed` when attitude set-points will be sent.
-    pub(crate) fn thrust_suits(&self, needed: bool) -> Option<bool> {
+    pub(crate) fn thrust_option_suits(&self, needed: bool) -> Option<bool> {
         if needed { self.thrust_is_thrust } else { Some(true) }
     }
     /// Asks for the option, again until it is as needed: a person may set it meanwhile.
     pub(crate) fn ask_option(&mut self, now: Instant, needed: bool) -> Option<Message> {
-        if self.thrust_suits(needed) == Some(true) || now < self.option_next {
+        if self.thrust_option_suits(needed) == Some(true) || now < self.option_next {
             return None;
         }
         self.option_next = now + Span::from_secs(OPTION_PAUSE_S);

@@ -3,31 +3,31 @@
 use alight_shared::time::{DroneClock, Span, Time};
 
 use super::config::AutopilotLinkConfig;
-use super::message::{Address, CommandLong, Message, Taken, command, id};
+use super::message::{Address, CommandLong, CommandResult, Message, command, id};
 use super::modes::Firmware;
 
 /// Between two questions on the link, s.
-const PACE_S: f64 = 0.02;
+const REQUEST_SPACING_S: f64 = 0.02;
 /// A stream is looked after this often, s.
 const REVIEW_S: f64 = 2.0;
 /// A change of mode is told within this many times a second.
 const MODE_HZ: f64 = 50.0;
 /// Below this share of the rate it is asked for again.
-const ENOUGH: f64 = 0.7;
+const MIN_RATE_FRACTION: f64 = 0.7;
 /// A refused stream is let be for this long, s.
-const LET_BE_S: f64 = 60.0;
+const DENIED_PAUSE_S: f64 = 60.0;
 /// Refusals that count as a no.
-const REFUSALS: u32 = 3;
+const MAX_DENIALS: u32 = 3;
 
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     id: u32,
     hz: f64,
     /// Asked for again below this rate, Hz.
-    least_hz: f64,
-    heard: u32,
+    min_hz: f64,
+    received: u32,
     review_at: Time<DroneClock>,
-    refusals: u32,
+    denials: u32,
     wanted: bool,
 }
 
@@ -72,10 +72,14 @@ impl Streams {
                 .map(|&(id, hz)| Stream {
                     id,
                     hz,
-                    least_hz: if id == id::CURRENT_MODE { 1.0 } else { ENOUGH * hz },
-                    heard: 0,
+                    min_hz: if id == id::CURRENT_MODE {
+                        1.0
+                    } else {
+                        MIN_RATE_FRACTION * hz
+                    },
+                    received: 0,
                     review_at: now,
-                    refusals: 0,
+                    denials: 0,
                     wanted: true,
                 })
                 .collect(),
@@ -84,23 +88,26 @@ impl Streams {
         }
     }
     /// A message of a stream arrived.
-    pub(crate) fn heard(&mut self, id: u32) {
+    pub(crate) fn received(&mut self, id: u32) {
         if let Some(s) = self.list.iter_mut().find(|s| s.id == id) {
-            s.heard = s.heard.saturating_add(1);
+            s.received = s.received.saturating_add(1);
         }
     }
     /// The last question was answered.
-    pub(crate) fn answered(&mut self, now: Time<DroneClock>, taken: Taken) {
-        let no = match taken {
-            Taken::Denied | Taken::Unsupported | Taken::Failed | Taken::Other => true,
-            Taken::Accepted | Taken::InProgress | Taken::TemporarilyRejected => false,
+    pub(crate) fn answered(&mut self, now: Time<DroneClock>, result: CommandResult) {
+        let no = match result {
+            CommandResult::Denied
+            | CommandResult::Unsupported
+            | CommandResult::Failed
+            | CommandResult::Other => true,
+            CommandResult::Accepted | CommandResult::InProgress | CommandResult::TemporarilyRejected => false,
         };
         let asked = self.last_asked.take();
         if let Some(s) = self.list.iter_mut().find(|s| no && Some(s.id) == asked) {
-            s.refusals += 1;
-            if s.refusals >= REFUSALS {
-                s.refusals = 0;
-                s.review_at = now + Span::from_secs(LET_BE_S);
+            s.denials += 1;
+            if s.denials >= MAX_DENIALS {
+                s.denials = 0;
+                s.review_at = now + Span::from_secs(DENIED_PAUSE_S);
             }
         }
     }
@@ -112,17 +119,17 @@ impl Streams {
         for s in &mut self.list {
             if now >= s.review_at {
                 // The first review finds nothing heard, and so asks.
-                s.wanted = f64::from(s.heard) < s.least_hz * REVIEW_S;
+                s.wanted = f64::from(s.received) < s.min_hz * REVIEW_S;
                 if !s.wanted {
-                    s.refusals = 0;
+                    s.denials = 0;
                 }
-                s.heard = 0;
+                s.received = 0;
                 s.review_at = now + Span::from_secs(REVIEW_S);
             }
         }
         let s = self.list.iter_mut().find(|s| s.wanted)?;
         s.wanted = false;
-        self.next = now + Span::from_secs(PACE_S);
+        self.next = now + Span::from_secs(REQUEST_SPACING_S);
         self.last_asked = Some(s.id);
         Some(Message::Command(CommandLong {
             to,
@@ -143,11 +150,11 @@ mod tests {
     };
 
     /// Asked-for ids over `seconds`, when the streams in `sent` come at their rate.
-    fn asked(s: &mut Streams, from_s: f64, seconds: f64, sent: &[u32], answer: Taken) -> Vec<u32> {
+    fn asked(s: &mut Streams, from_s: f64, seconds: f64, sent: &[u32], answer: CommandResult) -> Vec<u32> {
         let mut all = Vec::new();
         for k in 0..(seconds * 100.0) as u32 {
             let now = Time::from_secs(from_s + 0.01 * f64::from(k));
-            sent.iter().for_each(|i| s.heard(*i));
+            sent.iter().for_each(|i| s.received(*i));
             if let Some(Message::Command(c)) = s.ask(now, TO) {
                 all.push(c.parameters[0] as u32);
                 s.answered(now, answer);
@@ -157,24 +164,24 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_come_is_asked_for_again_and_what_comes_is_not() {
+    fn streams_that_do_not_arrive_are_requested_again() {
         let c = AutopilotLinkConfig::default();
         let mut s = Streams::new(Firmware::Px4, &c, Time::from_secs(0.0));
-        let first = asked(&mut s, 0.0, 1.0, &[], Taken::Accepted);
+        let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
         assert_eq!(first.len(), 7, "{first:?}");
         assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
         let all_but_range: Vec<u32> = first.into_iter().filter(|i| *i != id::DISTANCE_SENSOR).collect();
-        asked(&mut s, 1.0, 2.0, &all_but_range, Taken::Accepted);
-        let again = asked(&mut s, 3.0, 6.0, &all_but_range, Taken::Accepted);
+        asked(&mut s, 1.0, 2.0, &all_but_range, CommandResult::Accepted);
+        let again = asked(&mut s, 3.0, 6.0, &all_but_range, CommandResult::Accepted);
         assert_eq!(again, [id::DISTANCE_SENSOR; 3]);
     }
 
     #[test]
-    fn a_stream_that_is_refused_is_let_be() {
+    fn stream_that_is_denied_is_left_alone() {
         let c = AutopilotLinkConfig::default();
         let mut s = Streams::new(Firmware::ArduCopter, &c, Time::from_secs(0.0));
-        let all = asked(&mut s, 0.0, 50.0, &[], Taken::Failed);
+        let all = asked(&mut s, 0.0, 50.0, &[], CommandResult::Failed);
         let odometry = all.iter().filter(|i| **i == id::SCALED_IMU).count();
-        assert_eq!(odometry, REFUSALS as usize);
+        assert_eq!(odometry, MAX_DENIALS as usize);
     }
 }

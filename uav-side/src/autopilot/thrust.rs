@@ -7,15 +7,15 @@ const BOUNDS: [f64; 2] = [0.1, 0.9];
 
 /// The share of the greatest thrust that a command `u` of the autopilot gives: `T = f u² + (1 - f) u`
 /// (PX4's thrust model, THR_MDL_FAC).
-pub(crate) fn share(command: f64, curve: f64) -> f64 {
+pub(crate) fn fraction(command: f64, curve: f64) -> f64 {
     let u = command.clamp(0.0, 1.0);
     curve * u * u + (1.0 - curve) * u
 }
 
-/// The inverse of [`share`].
-pub(crate) fn command(share: f64, curve: f64) -> f64 {
+/// The inverse of [`fraction`].
+pub(crate) fn command(fraction: f64, curve: f64) -> f64 {
     // What is no number turns nothing.
-    let t = if share > 0.0 { share.min(1.0) } else { 0.0 };
+    let t = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
     if curve < 1e-6 {
         return t;
     }
@@ -28,14 +28,14 @@ pub(crate) fn command(share: f64, curve: f64) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HoverThrust {
     value: f64,
-    learnt_s: f64,
+    learned_s: f64,
 }
 
 impl HoverThrust {
     pub(crate) fn new(first: f64) -> HoverThrust {
         HoverThrust {
             value: first.clamp(BOUNDS[0], BOUNDS[1]),
-            learnt_s: 0.0,
+            learned_s: 0.0,
         }
     }
     /// The thrust that hovers, share of the greatest.
@@ -44,7 +44,7 @@ impl HoverThrust {
     }
     /// Learnt for long enough to be told on.
     pub(crate) fn settled(&self, time_s: f64) -> bool {
-        self.learnt_s >= time_s
+        self.learned_s >= time_s
     }
     /// Learns from flight: thrust applied (share), specific force upwards, m/s². Shocks, free fall and
     /// thrust of next to nothing say little about hover.
@@ -54,8 +54,8 @@ impl HoverThrust {
             return;
         }
         // At first the mean, then the exponential window: a wrong first value is soon forgotten.
-        self.learnt_s += dt;
-        let gain = (dt / time_s.min(self.learnt_s).max(dt)).min(1.0);
+        self.learned_s += dt;
+        let gain = (dt / time_s.min(self.learned_s).max(dt)).min(1.0);
         self.value += gain * (thrust * GRAVITY / up - self.value);
         self.value = self.value.clamp(BOUNDS[0], BOUNDS[1]);
     }
@@ -66,11 +66,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_and_its_inverse_agree() {
+    fn thrust_curve_and_its_inverse_agree() {
         for curve in [0.0, 0.3, 0.7, 1.0] {
             for k in 0..=20 {
                 let t = f64::from(k) / 20.0;
-                assert!((share(command(t, curve), curve) - t).abs() < 1e-12, "{curve} {t}");
+                assert!(
+                    (fraction(command(t, curve), curve) - t).abs() < 1e-12,
+                    "{curve} {t}"
+                );
             }
         }
         assert!((command(0.25, 1.0) - 0.5).abs() < 1e-12);
@@ -78,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn hover_is_found_within_seconds_from_a_wrong_start() {
+    fn hover_thrust_converges_within_seconds_from_a_wrong_start() {
         let mut h = HoverThrust::new(0.2);
         for k in 0..400 {
             let wave = 0.1 * (0.05 * f64::from(k)).sin();

@@ -9,11 +9,11 @@
 //!
 //! `b` is what the two GNSS receivers differ by: a metre without corrections, centimetres with RTK, slow
 //! in both. It is told apart from `r` by its slowness: what the rocking of the vessel adds to both sides
-//! within [`SLOW_S`] has no `b` in it ([`spread::regress`]); the mean over the time has all of it. Both are
+//! within [`SLOW_S`] has no `b` in it ([`regression::regress`]); the mean over the time has all of it. Both are
 //! weighed by what they know. A tag that the camera sees from the deck tells where the drone stands on
 //! it, and how the camera is turned against the feet.
 
-pub mod spread;
+pub mod regression;
 #[cfg(test)]
 mod tests;
 
@@ -26,7 +26,7 @@ use thiserror::Error;
 use crate::predictor::observation::body_from_camera;
 use crate::predictor::track::Track;
 use crate::predictor::{PredictorConfig, PredictorIn};
-use spread::{Knowledge, mean, regress};
+use regression::{Information, mean, regress};
 
 /// What changes over longer than this is put down to the receivers, s (ours: two periods of a 5 s sea;
 /// their errors have correlation times of minutes).
@@ -34,24 +34,24 @@ const SLOW_S: f64 = 10.0;
 /// Errors of the vessel's estimate are shared over this time, s (ours: a wave period).
 const SHARED_S: f64 = 5.0;
 /// Rocking below this tells nothing, rad, root mean square (ours: 0.3 deg moves a deck 1.3 m up by 7 mm).
-const LEAST_ROCKING_RAD: f64 = 0.005;
+const MIN_ROCKING_RAD: f64 = 0.005;
 /// The vessel's estimate of its own swaying is wrong by so much in the rhythm of its rocking, m (ours:
 /// slight sea, a minute, seeds 1 to 8: the rocking alone is wrong by 0.08, 0.06, 0.09 m then, 0.006 states
 /// 0.3, 0.14, 0.1 m).
 const RHYTHM_M: f64 = 0.006;
 /// ... and by this share of what it states (ours: receivers without corrections make it wrong by 0.3 m, and the
 /// rocking alone by 0.3 to 1 m then).
-const RHYTHM_SHARE: f64 = 0.05;
+const RHYTHM_FRACTION: f64 = 0.05;
 /// The drone's odometry and the vessel's estimate wander over longer than a record lasts, each axis, m
 /// (ours: the same seeds with receivers of 1 cm: the mean alone is wrong by 0.11, 0.16, 0.12 m).
 const WANDER_M: f64 = 0.13;
 /// Shortest time on the deck, s, and fewest of the vessel's estimates (ours: four periods of a 5 s sea).
-const LEAST_S: f64 = 20.0;
-const LEAST_ESTIMATES: usize = 200;
+const MIN_DURATION_S: f64 = 20.0;
+const MIN_ESTIMATES: usize = 200;
 /// The rest is thinned to this many (an hour at 2 Hz).
-const MOST: usize = 8192;
+const MAX_SAMPLES: usize = 8192;
 /// Fewest sightings of the tag.
-const LEAST_TAGS: usize = 30;
+const MIN_TAGS: usize = 30;
 /// A drone at rest keeps its attitude on the deck within this, rad (ours: 3 deg, the errors of both
 /// attitudes are below 1 deg), its place within this, m, in 95 of 100 samples (receivers without
 /// corrections make 0.3 m of a drone that stands).
@@ -67,11 +67,11 @@ const FOOT_SD_M: f64 = 0.002;
 /// by, and of a deck's half width).
 pub const USABLE_M: f64 = 0.2;
 /// A configured value within so many standard errors of what was found is as good or better.
-const AGREES_SDS: f64 = 2.0;
+const AGREEMENT_SDS: f64 = 2.0;
 
 /// Where a person has put the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stand {
+pub struct DronePlacement {
     /// Its centre forward and right of the deck's centre, m.
     pub at_m: [f64; 2],
     /// How well that is known, m.
@@ -80,11 +80,11 @@ pub struct Stand {
     pub receivers_sd_m: [f64; 2],
 }
 
-impl Stand {
+impl DronePlacement {
     /// On the deck's centre to 2 cm, with the receivers' errors that the predictor is told.
-    pub fn middle(config: &PredictorConfig) -> Stand {
+    pub fn centred(config: &PredictorConfig) -> DronePlacement {
         let [radio, sight] = [config.radio_bias_sd_m_rad, config.vision_bias_sd_m_rad];
-        Stand {
+        DronePlacement {
             at_m: [0.0; 2],
             sd_m: 0.02,
             receivers_sd_m: [radio[0].hypot(sight[0]), radio[2].hypot(sight[2])],
@@ -94,11 +94,11 @@ impl Stand {
 
 /// Why nothing was found.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum NotFound {
+pub enum DeckCalibrationError {
     /// The drone has not stood long enough.
     #[error(
         "{estimates} estimates of the vessel over {seconds:.0} s while the drone stood disarmed: \
-         {LEAST_ESTIMATES} over {LEAST_S} s are needed; leave the drone on the deck, motors off, vessel heard"
+         {MIN_ESTIMATES} over {MIN_DURATION_S} s are needed; leave the drone on the deck, motors off, vessel heard"
     )]
     Few {
         /// Estimates of the vessel that met the drone's odometry.
@@ -128,36 +128,36 @@ pub enum NotFound {
 
 /// A figure and its standard error.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Figure {
+pub struct ValueWithSd {
     /// Its value.
     pub value: f64,
     /// Its standard error.
     pub sd: f64,
 }
 
-impl Figure {
+impl ValueWithSd {
     /// Whether the configured value is to be replaced by it.
     pub fn replaces(&self, configured: f64) -> bool {
-        self.sd <= USABLE_M && (self.value - configured).abs() > AGREES_SDS * self.sd
+        self.sd <= USABLE_M && (self.value - configured).abs() > AGREEMENT_SDS * self.sd
     }
 }
 
 /// What the camera says of its own mount, from a tag that it sees from the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Mount {
+pub struct MountCalibration {
     /// Sightings.
     pub tags: usize,
     /// The camera is turned against the feet about forward and right, rad.
-    pub tilt: [Figure; 2],
+    pub tilt: [ValueWithSd; 2],
     /// The camera is turned about down, rad; both compasses are in it.
-    pub turn: Figure,
+    pub turn: ValueWithSd,
     /// The camera above the deck, more than `feet_below_m` and `camera_m` say, m.
-    pub height: Figure,
+    pub height: ValueWithSd,
 }
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Found {
+pub struct DeckCalibrationResult {
     /// Estimates of the vessel used.
     pub estimates: usize,
     /// Time that they cover, s.
@@ -165,20 +165,20 @@ pub struct Found {
     /// The vessel's rocking, rad, root mean square of roll and pitch about their slow mean.
     pub rocking_rad: f64,
     /// Deck's centre in the vessel's body, m.
-    pub centre: [Figure; 3],
+    pub centre: [ValueWithSd; 3],
     /// Where the drone stood on the deck, forward and right of its centre, m.
-    pub stood_at: [Figure; 2],
+    pub stood_at: [ValueWithSd; 2],
     /// The deck against the vessel's inertial sensor, roll and pitch, rad.
-    pub tilt: [Figure; 2],
+    pub tilt: [ValueWithSd; 2],
     /// The drone's heading on the deck, rad clockwise from the bow.
-    pub heading: Figure,
+    pub heading: ValueWithSd,
     /// Camera's mount; None when the tag is not seen from the deck.
-    pub mount: Option<Mount>,
+    pub mount: Option<MountCalibration>,
 }
 
 /// One estimate of the vessel and the drone at the same time.
 #[derive(Clone, Copy, Debug)]
-struct Pair {
+struct Sample {
     t_s: f64,
     /// Feet minus the vessel's reference point, NED, m.
     apart: Vector3<f64>,
@@ -194,9 +194,9 @@ struct Pair {
 #[derive(Clone, Debug)]
 pub struct DeckCalibration {
     config: PredictorConfig,
-    stand: Stand,
+    stand: DronePlacement,
     track: Track,
-    pairs: Vec<Pair>,
+    samples: Vec<Sample>,
     /// Every so many estimates one is kept.
     every: usize,
     count: usize,
@@ -206,12 +206,12 @@ pub struct DeckCalibration {
 
 impl DeckCalibration {
     /// Nothing collected yet.
-    pub fn new(config: &PredictorConfig, stand: Stand) -> DeckCalibration {
+    pub fn new(config: &PredictorConfig, stand: DronePlacement) -> DeckCalibration {
         DeckCalibration {
             config: config.clone(),
             stand,
             track: Track::default(),
-            pairs: Vec::new(),
+            samples: Vec::new(),
             every: 1,
             count: 0,
             newest: None,
@@ -220,7 +220,7 @@ impl DeckCalibration {
     }
     /// The motors may turn: what was collected before is of another stand.
     pub fn armed(&mut self) {
-        self.pairs.clear();
+        self.samples.clear();
         self.tags.clear();
         (self.every, self.count, self.newest) = (1, 0, None);
     }
@@ -253,9 +253,9 @@ impl DeckCalibration {
         if !self.count.is_multiple_of(self.every) {
             return;
         }
-        if self.pairs.len() >= MOST {
+        if self.samples.len() >= MAX_SAMPLES {
             let mut k = 0_usize;
-            self.pairs.retain(|_| {
+            self.samples.retain(|_| {
                 k += 1;
                 k.is_multiple_of(2)
             });
@@ -264,7 +264,7 @@ impl DeckCalibration {
         let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
         let vessel = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let feet = pose.position + pose.attitude * Vector3::z() * self.config.drone.feet_below_m;
-        self.pairs.push(Pair {
+        self.samples.push(Sample {
             t_s: e.header.at.secs(),
             apart: feet - e.position() - origin,
             vessel: vessel.to_rotation_matrix().into_inner(),
@@ -274,7 +274,7 @@ impl DeckCalibration {
     }
     /// A sighting of the tag.
     pub fn tag(&mut self, m: &TagPose) {
-        if m.check().is_err() || self.tags.len() >= MOST {
+        if m.check().is_err() || self.tags.len() >= MAX_SAMPLES {
             return;
         }
         let [w, x, y, z] = m.attitude;
@@ -295,38 +295,38 @@ impl DeckCalibration {
     }
     /// Estimates collected, and the time that they cover, s.
     pub fn collected(&self) -> (usize, f64) {
-        let [first, last] = [self.pairs.first(), self.pairs.last()].map(|p| p.map_or(0.0, |p| p.t_s));
-        (self.pairs.len(), last - first)
+        let [first, last] = [self.samples.first(), self.samples.last()].map(|p| p.map_or(0.0, |p| p.t_s));
+        (self.samples.len(), last - first)
     }
 
     /// The result.
-    pub fn found(&self) -> Result<Found, NotFound> {
+    pub fn result(&self) -> Result<DeckCalibrationResult, DeckCalibrationError> {
         let (estimates, seconds) = self.collected();
-        if estimates < LEAST_ESTIMATES || seconds < LEAST_S {
-            return Err(NotFound::Few { estimates, seconds });
+        if estimates < MIN_ESTIMATES || seconds < MIN_DURATION_S {
+            return Err(DeckCalibrationError::Few { estimates, seconds });
         }
         let lags = (SHARED_S * estimates as f64 / seconds).ceil() as usize;
         let relative = self.relative(lags)?;
         let (feet, rocking_rad) = self.feet(lags)?;
         let mount = self.mount(&relative)?;
         let stand = mount.map_or(
-            self.stand.at_m.map(|value| Figure {
+            self.stand.at_m.map(|value| ValueWithSd {
                 value,
                 sd: self.stand.sd_m,
             }),
             |(_, at)| at,
         );
-        let (value, covariance) = feet.value().ok_or(NotFound::Spread)?;
+        let (value, covariance) = feet.value().ok_or(DeckCalibrationError::Spread)?;
         let at = [stand[0].value, stand[1].value, 0.0];
         let at_sd = [stand[0].sd, stand[1].sd, 0.0];
-        let centre = core::array::from_fn(|i| Figure {
+        let centre = core::array::from_fn(|i| ValueWithSd {
             value: value[i] - at[i],
             sd: (covariance[(i, i)] + at_sd[i].powi(2) + LEVER_SD_M.powi(2)).sqrt(),
         });
         if !centre.iter().all(|f| f.value.is_finite() && f.sd.is_finite()) {
-            return Err(NotFound::Spread);
+            return Err(DeckCalibrationError::Spread);
         }
-        Ok(Found {
+        Ok(DeckCalibrationResult {
             estimates,
             seconds,
             rocking_rad,
@@ -345,28 +345,28 @@ impl DeckCalibration {
     }
 
     /// Attitude of the drone on the vessel.
-    fn relative(&self, lags: usize) -> Result<Relative, NotFound> {
+    fn relative(&self, lags: usize) -> Result<Relative, DeckCalibrationError> {
         let sum: Quaternion<f64> = self
-            .pairs
+            .samples
             .iter()
             .fold(Quaternion::new(0.0, 0.0, 0.0, 0.0), |s, p| {
                 // The same turn has two quaternions.
                 let q = *p.relative.quaternion();
                 if s.dot(&q) < 0.0 { s - q } else { s + q }
             });
-        let middle = UnitQuaternion::try_new(sum, 1e-9).ok_or(NotFound::Spread)?;
+        let middle = UnitQuaternion::try_new(sum, 1e-9).ok_or(DeckCalibrationError::Spread)?;
         let turns: Vec<Vector3<f64>> = self
-            .pairs
+            .samples
             .iter()
             .map(|p| (p.relative * middle.inverse()).scaled_axis())
             .collect();
         let widest = percentile_95(turns.iter().map(Vector3::norm));
         if widest > STILL_RAD {
-            return Err(NotFound::Turns {
+            return Err(DeckCalibrationError::Turns {
                 deg: widest.to_degrees(),
             });
         }
-        let (_, covariance) = mean(&turns, lags).ok_or(NotFound::Spread)?;
+        let (_, covariance) = mean(&turns, lags).ok_or(DeckCalibrationError::Spread)?;
         let bias = |i: usize| {
             let [radio, sight] = [self.config.radio_bias_sd_m_rad, self.config.vision_bias_sd_m_rad];
             radio[i].hypot(sight[i])
@@ -376,16 +376,16 @@ impl DeckCalibration {
         let sd = |i: usize| (covariance[(i, i)] + bias(i + 3).powi(2) + self.uneven_rad().powi(2)).sqrt();
         Ok(Relative {
             tilt: [
-                Figure {
+                ValueWithSd {
                     value: -down.y,
                     sd: sd(0),
                 },
-                Figure {
+                ValueWithSd {
                     value: down.x,
                     sd: sd(1),
                 },
             ],
-            heading: Figure {
+            heading: ValueWithSd {
                 value: middle.euler_angles().2,
                 sd: (covariance[(2, 2)] + bias(5).powi(2)).sqrt(),
             },
@@ -393,7 +393,7 @@ impl DeckCalibration {
     }
 
     /// The feet in the vessel's body, and its rocking.
-    fn feet(&self, lags: usize) -> Result<(Knowledge, f64), NotFound> {
+    fn feet(&self, lags: usize) -> Result<(Information, f64), DeckCalibrationError> {
         let fast = self.fast();
         let n = fast.len() as f64;
         let rocking_rad = (fast
@@ -403,25 +403,26 @@ impl DeckCalibration {
             / n)
             .sqrt();
         let own: Vec<Vector3<f64>> = self
-            .pairs
+            .samples
             .iter()
             .map(|p| p.vessel.transpose() * p.apart)
             .collect();
-        let (value, covariance) = mean(&own, lags).ok_or(NotFound::Spread)?;
+        let (value, covariance) = mean(&own, lags).ok_or(DeckCalibrationError::Spread)?;
         let [h, v] = self.stand.receivers_sd_m;
         // Filters' errors last: a mean over many estimates is no better than one of them.
-        let stated = self.pairs.iter().map(|p| p.stated).sum::<Vector3<f64>>() / self.pairs.len() as f64;
-        let rhythm = RHYTHM_M.hypot(RHYTHM_SHARE * stated.xy().max().sqrt());
-        let from_rocking = regress(&fast, LEAST_ROCKING_RAD, lags, rhythm);
+        let stated = self.samples.iter().map(|p| p.stated).sum::<Vector3<f64>>() / self.samples.len() as f64;
+        let rhythm = RHYTHM_M.hypot(RHYTHM_FRACTION * stated.xy().max().sqrt());
+        let from_rocking = regress(&fast, MIN_ROCKING_RAD, lags, rhythm);
         let level = (Vector3::new(h * h, h * h, v * v) + stated).add_scalar(WANDER_M * WANDER_M);
         // A level vessel: the receivers' errors are the same in its body.
         let receivers = Matrix3::from_diagonal(&Vector3::new(level.xy().max(), level.xy().max(), level.z));
-        let from_mean = Knowledge::of(&value, &(covariance + receivers)).ok_or(NotFound::Spread)?;
+        let from_mean =
+            Information::of(&value, &(covariance + receivers)).ok_or(DeckCalibrationError::Spread)?;
         let feet = from_rocking.with(&from_mean);
-        let (value, _) = feet.value().ok_or(NotFound::Spread)?;
+        let (value, _) = feet.value().ok_or(DeckCalibrationError::Spread)?;
         let metres = percentile_95(fast.iter().map(|(a, y)| (y - a * value).norm()));
         if !(metres <= STILL_M) {
-            return Err(NotFound::Moves { metres });
+            return Err(DeckCalibrationError::Moves { metres });
         }
         Ok((feet, rocking_rad))
     }
@@ -430,15 +431,15 @@ impl DeckCalibration {
     fn fast(&self) -> Vec<(Matrix3<f64>, Vector3<f64>)> {
         let (mut first, mut last) = (0, 0);
         let (mut a, mut y) = (Matrix3::zeros(), Vector3::zeros());
-        self.pairs
+        self.samples
             .iter()
             .map(|p| {
-                while let Some(q) = self.pairs.get(last).filter(|q| q.t_s <= p.t_s + 0.5 * SLOW_S) {
+                while let Some(q) = self.samples.get(last).filter(|q| q.t_s <= p.t_s + 0.5 * SLOW_S) {
                     a += q.vessel;
                     y += q.apart;
                     last += 1;
                 }
-                while let Some(q) = self.pairs.get(first).filter(|q| q.t_s < p.t_s - 0.5 * SLOW_S) {
+                while let Some(q) = self.samples.get(first).filter(|q| q.t_s < p.t_s - 0.5 * SLOW_S) {
                     a -= q.vessel;
                     y -= q.apart;
                     first += 1;
@@ -450,8 +451,11 @@ impl DeckCalibration {
     }
 
     /// The camera's mount, and where the drone stands on the deck.
-    fn mount(&self, relative: &Relative) -> Result<Option<(Mount, [Figure; 2])>, NotFound> {
-        if self.tags.len() < LEAST_TAGS {
+    fn mount(
+        &self,
+        relative: &Relative,
+    ) -> Result<Option<(MountCalibration, [ValueWithSd; 2])>, DeckCalibrationError> {
+        if self.tags.len() < MIN_TAGS {
             return Ok(None);
         }
         let c = &self.config;
@@ -477,13 +481,13 @@ impl DeckCalibration {
         let lags = 30;
         let (Some((place, place_cov)), Some((lean, lean_cov))) = (mean(&places, lags), mean(&leans, lags))
         else {
-            return Err(NotFound::Spread);
+            return Err(DeckCalibrationError::Spread);
         };
         let metres = percentile_95(places.iter().map(|p| (p - place).xy().norm()));
         if !(metres <= STILL_TAG_M) {
-            return Err(NotFound::Moves { metres });
+            return Err(DeckCalibrationError::Moves { metres });
         }
-        let tilt = core::array::from_fn(|i| Figure {
+        let tilt = core::array::from_fn(|i| ValueWithSd {
             value: lean[i],
             sd: lean_cov[(i, i)].sqrt().hypot(self.uneven_rad()),
         });
@@ -491,19 +495,19 @@ impl DeckCalibration {
         let turn = alight_shared::frames::wrap_angle(-lean[2] - relative.heading.value);
         // A camera that is turned looks at another place below the feet.
         let lens = c.camera_mount_sd_m.hypot(c.drone.feet_below_m * lean.xy().norm());
-        let mount = Mount {
+        let mount = MountCalibration {
             tags: self.tags.len(),
             tilt,
-            turn: Figure {
+            turn: ValueWithSd {
                 value: turn,
                 sd: lean_cov[(2, 2)].sqrt().hypot(relative.heading.sd),
             },
-            height: Figure {
+            height: ValueWithSd {
                 value: -place.z,
                 sd: place_cov[(2, 2)].sqrt().hypot(FOOT_SD_M),
             },
         };
-        let at = core::array::from_fn(|i| Figure {
+        let at = core::array::from_fn(|i| ValueWithSd {
             value: place[i],
             sd: place_cov[(i, i)].sqrt().hypot(lens),
         });
@@ -513,8 +517,8 @@ impl DeckCalibration {
 
 /// The drone's attitude on the deck.
 struct Relative {
-    tilt: [Figure; 2],
-    heading: Figure,
+    tilt: [ValueWithSd; 2],
+    heading: ValueWithSd,
 }
 
 /// What 95 of 100 values are below.

@@ -9,9 +9,9 @@ fn stood(
     seconds: f64,
     r: Vector3<f64>,
     away: impl Fn(f64) -> (Vector3<f64>, f64),
-) -> Result<Found, NotFound> {
+) -> Result<DeckCalibrationResult, DeckCalibrationError> {
     let config = PredictorConfig::default();
-    let mut calibration = DeckCalibration::new(&config, Stand::middle(&config));
+    let mut calibration = DeckCalibration::new(&config, DronePlacement::centred(&config));
     let bias = Vector3::new(1.3, -0.8, 0.9);
     for k in 0..(seconds * 100.0) as u32 {
         let t = 5.0 + f64::from(k) * 0.01;
@@ -39,7 +39,7 @@ fn stood(
             });
         }
     }
-    calibration.found()
+    calibration.result()
 }
 
 fn empty() -> VesselEstimate<DroneClock> {
@@ -59,7 +59,7 @@ fn empty() -> VesselEstimate<DroneClock> {
 const STILL: fn(f64) -> (Vector3<f64>, f64) = |_| (Vector3::new(0.0, 0.0, 0.0), 0.0);
 
 #[test]
-fn rocking_finds_the_place_although_the_receivers_differ_by_metres() {
+fn deck_calibration_finds_the_centre_although_receivers_differ_by_metres() {
     let r = Vector3::new(0.4, -0.2, -1.6);
     // What the receivers wander meanwhile counts for less the more it rocks: 0.12 rad for 0.1 m.
     let found = stood(0.12, 90.0, r, STILL).unwrap();
@@ -75,7 +75,7 @@ fn rocking_finds_the_place_although_the_receivers_differ_by_metres() {
 }
 
 #[test]
-fn without_rocking_the_receivers_hide_the_place_and_it_says_so() {
+fn deck_calibration_without_rocking_reports_its_uncertainty() {
     let r = Vector3::new(0.4, -0.2, -1.6);
     let found = stood(0.0, 90.0, r, STILL).unwrap();
     for (f, truth) in found.centre.iter().zip(r.iter()) {
@@ -87,14 +87,20 @@ fn without_rocking_the_receivers_hide_the_place_and_it_says_so() {
 }
 
 #[test]
-fn a_drone_that_moves_turns_or_has_just_come_is_refused() {
+fn deck_calibration_rejects_a_drone_that_moves_turns_or_has_just_landed() {
     let r = Vector3::new(0.0, 0.0, -1.3);
     let walks = |t: f64| (Vector3::new((1.5 * t).sin(), 0.0, 0.0), 0.0);
-    assert!(matches!(stood(0.05, 60.0, r, walks), Err(NotFound::Moves { .. })));
+    assert!(matches!(
+        stood(0.05, 60.0, r, walks),
+        Err(DeckCalibrationError::Moves { .. })
+    ));
     let turns = |t: f64| (Vector3::zeros(), 0.01 * t);
-    assert!(matches!(stood(0.05, 60.0, r, turns), Err(NotFound::Turns { .. })));
+    assert!(matches!(
+        stood(0.05, 60.0, r, turns),
+        Err(DeckCalibrationError::Turns { .. })
+    ));
     let few = stood(0.05, 10.0, r, STILL);
-    assert!(matches!(few, Err(NotFound::Few { .. })), "{few:?}");
+    assert!(matches!(few, Err(DeckCalibrationError::Few { .. })), "{few:?}");
     assert!(
         few.unwrap_err()
             .to_string()

@@ -6,11 +6,11 @@ use apriltag::{Detector, DetectorBuilder, Family, Image};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use super::image::Grey;
-use super::smear::smear_px2;
+use super::image::GreyImage;
+use super::motion_blur::motion_blur_px2;
 
 /// Most detections of one image that are looked at.
-const MOST: usize = 64;
+const MAX_DETECTIONS: usize = 64;
 
 config! {
     /// What is looked for, and what counts.
@@ -31,7 +31,7 @@ config! {
         /// Source: Twice what rendered images give, for what is left of a real lens after its calibration.
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
         /// The same as a share of the tag's side in the image: what a lens leaves after its calibration.
-        pub corner_sd_share: f64 = 0.0, in 0.0..=0.2;
+        pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
         /// What is added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
         /// Source: Rendered images give 0.23, 16 and 0.2.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
@@ -39,7 +39,7 @@ config! {
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
         /// What motion during the exposure adds, as a share of its square over the tag's width; the edges tell
         /// the motion.
-        pub smear_sd: f64 = 0.25, in 0.0..=20.0;
+        pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
         /// Largest sum of squared reprojection errors, in variances of a corner.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
@@ -47,7 +47,7 @@ config! {
 
 /// A tag in the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sighting {
+pub struct TagDetection {
     /// Its corners, px, in the order of [`super::square_pose::corners`], the tag's upper edge being its
     /// forward one.
     pub corners: [Vector2<f64>; 4],
@@ -56,7 +56,7 @@ pub struct Sighting {
     /// Decision margin, grey levels.
     pub margin: f64,
     /// Square of the motion during the exposure that its edges tell, px².
-    pub smear_px2: f64,
+    pub motion_blur_px2: f64,
 }
 
 /// Why a detection of the library did not count, or how often none did.
@@ -65,7 +65,7 @@ pub struct TagCounts {
     /// Images that were searched.
     pub images: u64,
     /// Images whose sighting counted.
-    pub seen: u64,
+    pub detected: u64,
     /// Tags of the family with another number.
     pub other_tags: u64,
     /// Too little contrast.
@@ -106,7 +106,7 @@ impl TagDetector {
         }
     }
     /// The deck's tag in the image: of several, the one with the most contrast.
-    pub fn find(&mut self, image: &Grey) -> Option<Sighting> {
+    pub fn find(&mut self, image: &GreyImage) -> Option<TagDetection> {
         self.counts.images += 1;
         let (width, height) = (image.width(), image.height());
         let fits = |b: &Image| b.width() == width && b.height() == height;
@@ -118,26 +118,26 @@ impl TagDetector {
             return None;
         }
         buffer.as_mut().copy_from_slice(image.pixels());
-        let mut best: Option<Sighting> = None;
-        for found in library.detect(buffer).iter().take(MOST) {
-            let sighting = Sighting {
+        let mut best: Option<TagDetection> = None;
+        for found in library.detect(buffer).iter().take(MAX_DETECTIONS) {
+            let detection = TagDetection {
                 corners: in_order(found.corners()),
                 wrong_bits: found.hamming(),
                 margin: f64::from(found.decision_margin()),
-                smear_px2: 0.0,
+                motion_blur_px2: 0.0,
             };
             if found.id() != usize::from(self.settings.id) {
                 self.counts.other_tags += 1;
-            } else if !(sighting.margin >= self.settings.min_margin) {
+            } else if !(detection.margin >= self.settings.min_margin) {
                 self.counts.faint += 1;
-            } else if !well_shaped(&sighting.corners, self.settings.min_side_px) {
+            } else if !well_shaped(&detection.corners, self.settings.min_side_px) {
                 self.counts.misshapen += 1;
-            } else if best.is_none_or(|b| sighting.margin > b.margin) {
-                best = Some(sighting);
+            } else if best.is_none_or(|b| detection.margin > b.margin) {
+                best = Some(detection);
             }
         }
-        best.map(|b| Sighting {
-            smear_px2: smear_px2(image, &b.corners),
+        best.map(|b| TagDetection {
+            motion_blur_px2: motion_blur_px2(image, &b.corners),
             ..b
         })
     }
@@ -168,7 +168,7 @@ mod tests {
     const CODE_0: u64 = 0xd_5d62_8584;
 
     /// A tag seen from straight ahead: its upper left corner at `at`, cells of `cell` px.
-    fn front(size: [usize; 2], at: [usize; 2], cell: usize) -> Grey {
+    fn front(size: [usize; 2], at: [usize; 2], cell: usize) -> GreyImage {
         let mut pixels = vec![200_u8; size[0] * size[1]];
         for v in 0..8 * cell {
             for u in 0..8 * cell {
@@ -179,11 +179,11 @@ mod tests {
                 pixels[(at[1] + v) * size[0] + at[0] + u] = if white { 200 } else { 20 };
             }
         }
-        Grey::new(size[0], size[1], pixels).unwrap()
+        GreyImage::new(size[0], size[1], pixels).unwrap()
     }
 
     #[test]
-    fn corners_of_an_upright_tag_are_where_they_are_and_in_our_order() {
+    fn detector_reports_corners_of_an_upright_tag_in_order() {
         let mut detector = TagDetector::new(&TagSettings::default());
         let found = detector.find(&front([200, 160], [40, 30], 10)).expect("seen");
         // Edges lie between pixels: 40 px are pixels 40 to 119, whose outer edges are 39.5 and 119.5.
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn another_number_does_not_count() {
+    fn detector_ignores_tags_with_another_id() {
         let mut detector = TagDetector::new(&TagSettings {
             id: 7,
             ..TagSettings::default()
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirrored_or_small_square_is_misshapen() {
+    fn detector_rejects_mirrored_and_small_squares() {
         let p = [[0.0, 9.0], [0.0, 0.0], [9.0, 0.0], [9.0, 9.0]].map(Vector2::from);
         assert!(well_shaped(&p, 8.0));
         assert!(!well_shaped(&p, 10.0));
@@ -218,7 +218,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn images_of_any_content_and_size_neither_panic_nor_show_a_tag(
+        fn detector_finds_no_tag_in_noise_of_any_size(
             sizes in prop::collection::vec((32_usize..150, 32_usize..150), 1..4),
             seed in any::<u32>(), levels in 1_u32..256,
         ) {
@@ -231,7 +231,7 @@ mod tests {
                     x ^= x << 5;
                     (x % levels * (255 / levels)) as u8
                 }).collect();
-                prop_assert_eq!(detector.find(&Grey::new(w, h, pixels).unwrap()), None);
+                prop_assert_eq!(detector.find(&GreyImage::new(w, h, pixels).unwrap()), None);
             }
         }
     }

@@ -6,11 +6,11 @@ use thiserror::Error;
 
 /// Shortest side that is looked at, px: a tag of 10 cells does not fit into fewer, and the detector's
 /// tiles need them.
-pub const LEAST_SIDE_PX: usize = 32;
+pub const MIN_SIDE_PX: usize = 32;
 /// Longest side, px.
-pub const LONGEST_SIDE_PX: usize = 8192;
+pub const MAX_SIDE_PX: usize = 8192;
 /// Most pixels of an image.
-pub const MOST_PIXELS: usize = 12 * 1024 * 1024;
+pub const MAX_PIXELS: usize = 12 * 1024 * 1024;
 
 /// Why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -35,7 +35,7 @@ pub enum ImageError {
 
 /// An 8-bit grey image, rows from the top, without padding.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Grey {
+pub struct GreyImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
@@ -50,7 +50,7 @@ pub(super) fn check_image(
     centre_px: &[f64; 2],
 ) -> Result<(), ConfigError> {
     at.require(
-        Grey::accepts(width_px as usize, height_px as usize),
+        GreyImage::accepts(width_px as usize, height_px as usize),
         "width_px, height_px",
         format!("{width_px} x {height_px}"),
         "32 to 8192 each, 12.6 million pixels at most",
@@ -59,15 +59,15 @@ pub(super) fn check_image(
     at.ranges("centre_px", centre_px, 0.0, 1e4)
 }
 
-impl Grey {
+impl GreyImage {
     /// Whether an image of this size is taken.
     pub fn accepts(width: usize, height: usize) -> bool {
-        let side = LEAST_SIDE_PX..=LONGEST_SIDE_PX;
-        side.contains(&width) && side.contains(&height) && width * height <= MOST_PIXELS
+        let side = MIN_SIDE_PX..=MAX_SIDE_PX;
+        side.contains(&width) && side.contains(&height) && width * height <= MAX_PIXELS
     }
     /// An image from its rows.
-    pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Result<Grey, ImageError> {
-        if !Grey::accepts(width, height) || width * height != pixels.len() {
+    pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Result<GreyImage, ImageError> {
+        if !GreyImage::accepts(width, height) || width * height != pixels.len() {
             let pixels = pixels.len();
             return Err(ImageError::Size {
                 width,
@@ -75,14 +75,14 @@ impl Grey {
                 pixels,
             });
         }
-        Ok(Grey {
+        Ok(GreyImage {
             width,
             height,
             pixels,
         })
     }
     /// A binary PGM: `P5`, width, height and 255, comments from `#` to the line's end, one blank, rows.
-    pub fn from_pgm(bytes: &[u8]) -> Result<Grey, ImageError> {
+    pub fn from_pgm(bytes: &[u8]) -> Result<GreyImage, ImageError> {
         let rest = bytes.strip_prefix(b"P5").ok_or(ImageError::Pgm("no P5"))?;
         let (width, rest) = number(rest)?;
         let (height, rest) = number(rest)?;
@@ -94,7 +94,7 @@ impl Grey {
         // What a file holds beyond the first image is another one.
         let length = width.saturating_mul(height);
         let rows = rows.get(..length).unwrap_or(rows);
-        if !Grey::accepts(width, height) {
+        if !GreyImage::accepts(width, height) {
             let pixels = rows.len();
             return Err(ImageError::Size {
                 width,
@@ -102,7 +102,7 @@ impl Grey {
                 pixels,
             });
         }
-        Grey::new(width, height, rows.to_vec())
+        GreyImage::new(width, height, rows.to_vec())
     }
     /// The same as a file.
     pub fn to_pgm(&self) -> Vec<u8> {
@@ -157,7 +157,7 @@ pub struct Frame {
     /// Middle of the exposure.
     pub at: Time<DroneClock>,
     /// What was seen.
-    pub image: Grey,
+    pub image: GreyImage,
 }
 
 #[cfg(test)]
@@ -166,31 +166,31 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_pgm_reads_back_and_comments_are_skipped() {
-        let image = Grey::new(40, 33, (0..40 * 33).map(|k| k as u8).collect()).unwrap();
-        assert_eq!(Grey::from_pgm(&image.to_pgm()), Ok(image.clone()));
+    fn pgm_file_reads_back_and_skips_comments() {
+        let image = GreyImage::new(40, 33, (0..40 * 33).map(|k| k as u8).collect()).unwrap();
+        assert_eq!(GreyImage::from_pgm(&image.to_pgm()), Ok(image.clone()));
         let text = b"P5 # made by a person\n# 7\n40\t33 255\n";
         let bytes = [&text[..], image.pixels()].concat();
-        assert_eq!(Grey::from_pgm(&bytes), Ok(image));
+        assert_eq!(GreyImage::from_pgm(&bytes), Ok(image));
     }
 
     #[test]
-    fn sizes_out_of_bounds_are_refused_before_anything_is_allocated() {
+    fn image_size_out_of_bounds_is_rejected_before_allocation() {
         for (w, h) in [(31, 40), (40, 0), (8193, 40), (8192, 8192), (usize::MAX, 2)] {
-            assert!(!Grey::accepts(w, h), "{w} x {h}");
+            assert!(!GreyImage::accepts(w, h), "{w} x {h}");
         }
-        assert!(Grey::from_pgm(b"P5 999999 999999 255\n").is_err());
-        assert!(Grey::from_pgm(b"P5 99999999999999999999 40 255\n").is_err());
-        assert!(Grey::from_pgm(b"P5 40 40 65535\n").is_err());
-        assert!(Grey::from_pgm(b"P5 40 40 255\nshort").is_err());
-        assert!(Grey::new(40, 40, vec![0; 1599]).is_err());
+        assert!(GreyImage::from_pgm(b"P5 999999 999999 255\n").is_err());
+        assert!(GreyImage::from_pgm(b"P5 99999999999999999999 40 255\n").is_err());
+        assert!(GreyImage::from_pgm(b"P5 40 40 65535\n").is_err());
+        assert!(GreyImage::from_pgm(b"P5 40 40 255\nshort").is_err());
+        assert!(GreyImage::new(40, 40, vec![0; 1599]).is_err());
     }
 
     proptest! {
         #[test]
-        fn no_bytes_make_the_reader_panic(head in "P5[ #0-9\n]{0,40}", bytes in prop::collection::vec(any::<u8>(), 0..300)) {
-            let _either = Grey::from_pgm(&[head.as_bytes(), &bytes].concat());
-            let _either = Grey::from_pgm(&bytes);
+        fn pgm_reader_never_panics(head in "P5[ #0-9\n]{0,40}", bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+            let _either = GreyImage::from_pgm(&[head.as_bytes(), &bytes].concat());
+            let _either = GreyImage::from_pgm(&bytes);
         }
     }
 }

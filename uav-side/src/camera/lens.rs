@@ -10,11 +10,11 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use super::image::check_image;
 
 /// Bound on the steps of Newton's method.
-const MOST_STEPS: usize = 20;
+const MAX_STEPS: usize = 20;
 /// It has converged when a step is smaller than this, at unit distance.
 const CONVERGED: f64 = 1e-9;
 /// Points further off the axis than this are not looked for, at unit distance: 81 deg.
-const FURTHEST: f64 = 6.5;
+const MAX_RADIUS: f64 = 6.5;
 
 config! {
     /// A lens with its image.
@@ -94,7 +94,7 @@ impl Lens {
     pub fn normalised(&self, px: Vector2<f64>) -> Option<Vector2<f64>> {
         let goal = self.at_unit(px);
         let mut n = goal;
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let (moved, derivative) = self.distorted(n);
             if !(derivative.determinant() > 0.0) {
                 return None;
@@ -102,7 +102,7 @@ impl Lens {
             let step = derivative.try_inverse()? * (goal - moved);
             // A long step may jump over the fold.
             n += step * (0.5 / step.norm()).min(1.0);
-            if !(n.norm() < FURTHEST) {
+            if !(n.norm() < MAX_RADIUS) {
                 return None;
             }
             if step.norm() < CONVERGED {
@@ -145,7 +145,7 @@ mod tests {
             }
         }
         #[test]
-        fn no_lens_makes_it_panic_or_run_on(
+        fn lens_inversion_is_bounded_for_any_distortion(
             d in prop::array::uniform5(-20.0..20.0_f64), u in -1e4..1e4_f64, v in -1e4..1e4_f64,
         ) {
             let lens = Lens { distortion: d, ..Lens::default() };
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixels_size_is_the_derivative_of_its_direction() {
+    fn lens_pixel_size_is_the_derivative_of_the_direction() {
         let lens = wide();
         let at = Vector2::new(600.0, 30.0);
         let n = |du, dv| lens.normalised(at + Vector2::new(du, dv)).unwrap();
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_distortion_that_folds_the_image_is_refused() {
+    fn lens_whose_distortion_folds_the_image_is_rejected() {
         let lens = Lens {
             distortion: [-0.9, 0.0, 0.0, 0.0, 0.0],
             ..Lens::default()

@@ -1,13 +1,13 @@
 //! The belly camera: images in, sightings of the deck out.
 //!
 //! Read in this order: [`image`] (what an image is), [`lens`] (which direction a pixel looks in),
-//! [`detector`] (the tag's corners), [`smear`] (how far they were smeared), [`square_pose`] (its pose and covariance), [`node`]; then [`uvdar`], the second camera.
+//! [`detector`] (the tag's corners), [`motion_blur`] (how far they were smeared), [`square_pose`] (its pose and covariance), [`node`]; then [`uvdar`], the second camera.
 
 pub mod detector;
 pub mod image;
 pub mod lens;
+pub mod motion_blur;
 pub mod node;
-pub mod smear;
 pub mod square_pose;
 pub mod uvdar;
 
@@ -15,7 +15,7 @@ use alight_shared::config;
 use alight_shared::frames::{Camera, Rotation};
 
 pub use detector::TagSettings;
-pub use image::{Frame, Grey, ImageError};
+pub use image::{Frame, GreyImage, ImageError};
 pub use lens::Lens;
 pub use node::{CameraIn, CameraNode, CameraOut};
 pub use uvdar::UvdarSettings;
@@ -25,7 +25,7 @@ config! {
     pub struct CameraSettings {
         /// Its mount as it is against the designed one (optical axis down, upper edge of the image forward):
         /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.
-        pub turned_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
+        pub mount_rotation_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
         /// Its lens, as a calibration says.
         pub lens: Lens;
         /// The tag and its detector.
@@ -38,7 +38,7 @@ config! {
 impl CameraSettings {
     /// Rotation of the designed camera from the one that is mounted.
     pub fn mount(&self) -> Rotation<Camera, Camera> {
-        let [roll, pitch, yaw] = self.turned_deg.map(f64::to_radians);
+        let [roll, pitch, yaw] = self.mount_rotation_deg.map(f64::to_radians);
         Rotation::from_euler(roll, pitch, yaw)
     }
 }

@@ -5,15 +5,15 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::detector::{Sighting, TagCounts, TagDetector, TagSettings};
-use super::image::{Frame, Grey};
-use super::smear::width_px;
+use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
+use super::image::{Frame, GreyImage};
+use super::motion_blur::width_px;
 use super::square_pose::solve;
 use super::{CameraSettings, Lens};
 
 /// Whose camera it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Names {
+pub struct CameraIdentity {
     /// The vessel whose deck is looked for.
     pub vessel: u32,
     /// The drone.
@@ -44,14 +44,14 @@ pub struct CameraNode {
     side_m: f64,
     tag: TagSettings,
     detector: TagDetector,
-    names: Names,
+    names: CameraIdentity,
     sequence: u32,
     last: Option<Time<DroneClock>>,
 }
 
 impl CameraNode {
     /// A camera that looks for a tag of `side_m`.
-    pub fn new(settings: &CameraSettings, side_m: f64, names: Names) -> CameraNode {
+    pub fn new(settings: &CameraSettings, side_m: f64, names: CameraIdentity) -> CameraNode {
         CameraNode {
             lens: settings.lens,
             mount: settings.mount().0,
@@ -68,38 +68,38 @@ impl CameraNode {
         self.detector.counts
     }
     /// The tag in one image.
-    pub fn look(&mut self, image: &Grey) -> Option<TagPose> {
+    pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
         let size = [image.width(), image.height()];
         if size != [self.lens.width_px as usize, self.lens.height_px as usize] {
             self.detector.counts.wrong_size += 1;
             return None;
         }
-        let sighting = self.detector.find(image)?;
-        self.judge(&sighting)
+        let detection = self.detector.find(image)?;
+        self.estimate_pose(&detection)
     }
     /// The corners of the tag in one image.
-    pub fn find(&mut self, image: &Grey) -> Option<Sighting> {
+    pub fn find(&mut self, image: &GreyImage) -> Option<TagDetection> {
         self.detector.find(image)
     }
     /// The tag's pose from its corners, if one explains them.
-    pub fn judge(&mut self, sighting: &Sighting) -> Option<TagPose> {
-        let pose = self.pose(sighting);
+    pub fn estimate_pose(&mut self, detection: &TagDetection) -> Option<TagPose> {
+        let pose = self.pose(detection);
         if pose.is_some() {
-            self.detector.counts.seen += 1;
+            self.detector.counts.detected += 1;
         } else {
             self.detector.counts.misfit += 1;
         }
         pose
     }
-    fn pose(&self, sighting: &Sighting) -> Option<TagPose> {
+    fn pose(&self, detection: &TagDetection) -> Option<TagPose> {
         let mut image = [Vector2::zeros(); 4];
         // Every corner counts the same: the largest pixel at unit distance stands for all.
         let mut pixel = 0.0_f64;
-        for (n, px) in image.iter_mut().zip(&sighting.corners) {
+        for (n, px) in image.iter_mut().zip(&detection.corners) {
             *n = self.lens.normalised(*px)?;
             pixel = pixel.max(self.lens.pixel_size(*n)?);
         }
-        let sd_px = corner_sd_px(&self.tag, sighting);
+        let sd_px = corner_sd_px(&self.tag, detection);
         let s = solve(self.side_m, &image, sd_px * pixel)?;
         if !(s.misfit <= self.tag.max_misfit) {
             return None;
@@ -127,18 +127,18 @@ impl CameraNode {
 /// `sd² = corner² + (share side)² + (small min(1, (w1/w)⁴))² + (k b²/w)²`, with the tag's longest side, its
 /// narrowest width `w` and the smear `b` of its edges in the image, px. The form is that of corners in rendered
 /// images over range, incidence and motion.
-fn corner_sd_px(tag: &TagSettings, sighting: &Sighting) -> f64 {
-    let [a, b, c, d] = sighting.corners;
+fn corner_sd_px(tag: &TagSettings, detection: &TagDetection) -> f64 {
+    let [a, b, c, d] = detection.corners;
     let side = [b - a, c - b, d - c, a - d]
         .iter()
         .fold(0.0, |most: f64, side| most.max(side.norm()));
-    let width = width_px(&sighting.corners).max(1.0);
+    let width = width_px(&detection.corners).max(1.0);
     let small = tag.small_sd_px * (tag.small_width_px / width).powi(4).min(1.0);
-    let smear = tag.smear_sd * sighting.smear_px2 / width;
+    let motion_blur = tag.motion_blur_sd * detection.motion_blur_px2 / width;
     tag.corner_sd_px
-        .hypot(tag.corner_sd_share * side)
+        .hypot(tag.corner_sd_fraction * side)
         .hypot(small)
-        .hypot(smear)
+        .hypot(motion_blur)
 }
 
 /// Variances along turned axes: the squares of the rotation's components.
@@ -159,8 +159,8 @@ impl Node for CameraNode {
                 continue;
             }
             self.last = Some(frame.at);
-            if let Some(pose) = self.look(&frame.image) {
-                let Names { vessel, drone, boot } = self.names;
+            if let Some(pose) = self.detect(&frame.image) {
+                let CameraIdentity { vessel, drone, boot } = self.names;
                 let header = Header::new(vessel, drone, boot, self.sequence, frame.at);
                 self.sequence = self.sequence.wrapping_add(1);
                 out.tags.push(TagPose { header, ..pose });
@@ -175,18 +175,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_of_a_small_or_smeared_tag_are_known_less_well() {
+    fn corner_sd_grows_for_small_and_blurred_tags() {
         let tag = TagSettings::default();
-        let sd = |side: f64, smear_px2: f64| {
+        let sd = |side: f64, motion_blur_px2: f64| {
             let corners = [[0.0, side], [0.0, 0.0], [side, 0.0], [side, side]].map(Vector2::from);
             let (wrong_bits, margin) = (0, 100.0);
             corner_sd_px(
                 &tag,
-                &Sighting {
+                &TagDetection {
                     corners,
                     wrong_bits,
                     margin,
-                    smear_px2,
+                    motion_blur_px2,
                 },
             )
         };

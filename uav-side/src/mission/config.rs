@@ -21,7 +21,7 @@ config! {
         /// Clearance below which the flare's conditions are watched and an unmet one stops the
         /// descent, m.
         /// Source: Ours: 0.7 s of descent to decide in, above the committed height.
-        pub gate_clearance_m: f64 = 1.6, in 0.2..=10.0;
+        pub decision_clearance_m: f64 = 1.6, in 0.2..=10.0;
         /// Clearance below which only hard reasons break a landing off, m.
         /// Source: Prototype: breaking off below 0.8 m lets the deck rise into the drone.
         pub commit_clearance_m: f64 = 0.8;
@@ -35,13 +35,13 @@ config! {
         /// Source: Ours, as is everything below unless it says otherwise.
         pub height_tolerance_m: f64 = 1.0, in 0.01..=10.0;
         /// A landing needs sight of the deck; else the radio's word counts as a sighting.
-        pub sight_required: bool = true;
+        pub vision_required: bool = true;
         /// The deck counts as seen while its newest sighting is no older than this, s.
-        pub sight_fresh_s: f64 = 0.5, in 0.0..=120.0;
+        pub vision_fresh_s: f64 = 0.5, in 0.0..=120.0;
         /// Seen for this long, visual contact is confirmed, s.
         pub contact_confirm_s: f64 = 0.3, in 0.0..=120.0;
         /// Tracking ends after this long without a sighting, s.
-        pub sight_lost_s: f64 = 5.0, in 0.0..=120.0;
+        pub vision_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Without sight, a radio silence of this length leads to Hold, s.
         pub radio_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Stably above the deck: horizontal distance, m.
@@ -104,7 +104,7 @@ config! {
         /// No descent begins when the deck has been steeper than this of late, rad.
         /// Source: Friction of 0.4 holds a drone at rest up to atan 0.4 = 0.38 rad; a steeper deck sheds it
         /// after any landing. Rocking at 0.4 rad, 18 trials: 18 unsafe contacts without, none with.
-        pub steepest_rad: f64 = 0.38, in 0.01..=1.5;
+        pub recent_tilt_rad: f64 = 0.38, in 0.01..=1.5;
         /// No descent begins when the wind's push to be expected on the deck is larger, and no flare in a
         /// larger one, m/s².
         /// Source: Friction of 0.4 holds a stopped drone against 3.9 m/s² on a level deck at rest. Seeds
@@ -113,42 +113,42 @@ config! {
         /// Coefficient of friction between feet and deck, wet.
         pub friction: f64 = 0.4, in 0.01..=2.0;
         /// No descent begins when the deck is foretold to feel steeper than this before the drone is at rest on it
-        /// (`shed_need_s`): tan of the angle between the deck's normal and the specific force, over a second.
+        /// (`time_to_rest_s`): tan of the angle between the deck's normal and the specific force, over a second.
         /// Source: Friction of 0.4, and what is foretold is wrong by 0.08 (rms) some seconds ahead. 0.8 m, 5
         /// s without sideways coupling, seeds 300-699: 400 landed and 15.5 s over the deck; 0.28 and 9.5 s
         /// ahead: 399, 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394, 11.9 s.
-        pub hold_slope: f64 = 0.25, in 0.01..=100.0;
+        pub slope_limit: f64 = 0.25, in 0.01..=100.0;
         /// The same where the forecast reckons with crests, whatever was felt a moment ago.
-        pub crest_slope: f64 = 0.34, in 0.01..=100.0;
+        pub bound_wave_slope_limit: f64 = 0.34, in 0.01..=100.0;
         /// The forecast reckons with crests from this share of the water's orbital motion on that passes under
         /// the hull.
-        pub crest_slip: f64 = 0.2, in 0.01..=1.0;
+        pub bound_wave_deficit: f64 = 0.2, in 0.01..=1.0;
         /// No drone that goes down now stands on the deck before this, s: until then no crest sheds it.
-        pub crest_from_s: f64 = 2.5, in 0.01..=60.0;
+        pub bound_wave_from_s: f64 = 2.5, in 0.01..=60.0;
         /// A slope felt by what stands on the deck that sheds it: tan of the angle between the deck's normal
         /// and the specific force, over a second.
         /// Source: Friction of 0.4 less what a second's mean hides. As above: 0.45 lets the drone go down
         /// where the waves have just been too steep for any forecast.
-        pub shed_slope: f64 = 0.35, in 0.01..=100.0;
+        pub slide_slope: f64 = 0.35, in 0.01..=100.0;
         /// A group of waves is over when the deck has shed nothing for this long, s.
-        pub shed_over_s: f64 = 4.0, in 0.01..=60.0;
+        pub slide_over_s: f64 = 4.0, in 0.01..=60.0;
         /// From the beginning of a descent to rest on the deck, s: so long before the next group it begins.
         /// Source: Down in 4 to 6 s, at rest 4 s later.
-        pub shed_need_s: f64 = 10.0, in 0.01..=60.0;
+        pub time_to_rest_s: f64 = 10.0, in 0.01..=60.0;
         /// The calm between two groups, before two were felt, s.
-        pub shed_calm_s: f64 = 20.0, in 0.01..=120.0;
+        pub calm_prior_s: f64 = 20.0, in 0.01..=120.0;
         /// No descent begins when that push is larger than the grip which the deck's motion of late leaves
         /// and this, m/s².
         /// Source: Half a second of it moves the feet by 6 cm.
-        pub slip_mps2: f64 = 0.5, in 0.01..=50.0;
+        pub friction_margin_mps2: f64 = 0.5, in 0.01..=50.0;
         /// That push is the mean and this many standard deviations of its gusts.
         /// Source: With two, the descents that begin in 8 and 10 m/s are those in a lull: of 80 trials (seeds
         /// 4000-4039 each) 31 landed and 2 were blown off the deck afterwards.
-        pub wind_gusts: f64 = 3.0, in 0.0..=10.0;
+        pub wind_gust_sds: f64 = 3.0, in 0.0..=10.0;
         /// The wind is judged over this time, s.
         pub wind_memory_s: f64 = 60.0, in 0.01..=3600.0;
         /// Descent needs a sighting no older than this, s.
-        pub descent_sight_s: f64 = 1.0, in 0.0..=120.0;
+        pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
         /// A flare that is not committed ends after this long without sighting and radio, s.
         /// Source: The last 0.7 m at 0.5 m/s with the tag out of view, and a second to spare.
         pub flare_blind_s: f64 = 2.5, in 0.0..=120.0;
@@ -161,7 +161,7 @@ config! {
         /// A soft condition must be violated for this long before a landing is broken off, s.
         pub violation_s: f64 = 0.3, in 0.0..=120.0;
         /// Conditions of the flare unmet for this long at the gate: back to Tracking, s.
-        pub gate_timeout_s: f64 = 8.0, in 0.0..=120.0;
+        pub decision_timeout_s: f64 = 8.0, in 0.0..=120.0;
         /// Longest descent, s.
         pub descent_timeout_s: f64 = 30.0, in 0.0..=120.0;
         /// Longest flare, s.
@@ -193,7 +193,7 @@ config! {
             "flare_clearance_m",
             this.flare_clearance_m,
             0.1,
-            this.gate_clearance_m,
+            this.decision_clearance_m,
         )?;
         at.range(
             "commit_clearance_m",

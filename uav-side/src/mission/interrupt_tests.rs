@@ -7,25 +7,25 @@ use super::tests::*;
 use super::*;
 
 #[test]
-fn old_data_lead_to_hold_at_a_safe_height_and_back() {
+fn mission_holds_at_a_safe_height_while_data_are_stale() {
     for (s, why) in [
         (
             Situation {
                 forecast_age_s: 0.4,
                 ..fair()
             },
-            ReasonCode::ForecastOld,
+            ReasonCode::ForecastStale,
         ),
         (
             Situation {
                 odometry_age_s: 0.3,
                 ..fair()
             },
-            ReasonCode::OdometryOld,
+            ReasonCode::OdometryStale,
         ),
         (
             Situation {
-                flight: Flight::Unknown,
+                flight: ControlState::Unknown,
                 ..fair()
             },
             ReasonCode::NotFlying,
@@ -57,7 +57,7 @@ fn old_data_lead_to_hold_at_a_safe_height_and_back() {
 }
 
 #[test]
-fn an_operators_hold_lasts_until_the_next_landing_command() {
+fn operator_hold_lasts_until_the_next_landing_command() {
     let d = decide(COMMITTED, attempt(), Some(CommandKind::Hold), &fair(), &config());
     goes(&d, State::Hold, ReasonCode::Operator);
     waits(
@@ -74,7 +74,7 @@ fn an_operators_hold_lasts_until_the_next_landing_command() {
 }
 
 #[test]
-fn abort_wins_in_every_state_that_flies() {
+fn abort_ends_every_flying_state() {
     let spare = MissionPhase::Hold {
         cause: HoldCause::Data,
         at: Vector3::zeros(),
@@ -83,7 +83,7 @@ fn abort_wins_in_every_state_that_flies() {
     };
     for phase in [
         MissionPhase::GetAltitude { from: [0.0; 2] },
-        MissionPhase::Approach { seen: None },
+        MissionPhase::Approach { detected: None },
         TRACKING,
         MissionPhase::TrackingStable,
         DESCENT,
@@ -111,7 +111,7 @@ fn abort_wins_in_every_state_that_flies() {
 }
 
 #[test]
-fn attempts_are_bounded() {
+fn mission_gives_up_after_its_last_attempt() {
     let mut progress = wanted();
     let bad = with_deck(|d| d.distance_m = 4.0);
     let c = config();
@@ -136,7 +136,7 @@ fn attempts_are_bounded() {
 }
 
 #[test]
-fn a_low_battery_gives_up_unless_landing_or_told_otherwise() {
+fn mission_gives_up_on_low_battery_unless_landing_or_commanded_again() {
     let low = Situation {
         battery: Some(0.1),
         ..fair()
@@ -158,13 +158,13 @@ fn a_low_battery_gives_up_unless_landing_or_told_otherwise() {
 }
 
 #[test]
-fn patience_ends() {
+fn mission_gives_up_after_its_time_limit() {
     let late = Situation {
         now: at(601.0),
         ..with_deck(|d| d.vision_age_s = f64::INFINITY)
     };
     let d = decide(
-        MissionPhase::Approach { seen: None },
+        MissionPhase::Approach { detected: None },
         wanted(),
         None,
         &late,
@@ -174,21 +174,21 @@ fn patience_ends() {
 }
 
 #[test]
-fn losing_control_ends_the_mission() {
+fn mission_returns_to_idle_when_control_is_lost() {
     let s = Situation {
-        flight: Flight::NotOurs(AutopilotMode::Other),
+        flight: ControlState::OtherControl(AutopilotMode::Other),
         ..fair()
     };
     let d = decide(COMMITTED, attempt(), None, &s, &config());
     goes(&d, State::Idle, ReasonCode::NotFlying);
     assert!(!d.progress.landing, "a person flies: nothing resumes by itself");
     let s = Situation {
-        flight: Flight::NotOurs(AutopilotMode::Hold),
+        flight: ControlState::OtherControl(AutopilotMode::Hold),
         ..fair()
     };
     assert!(decide(TRACKING, wanted(), None, &s, &config()).progress.landing);
     let s = Situation {
-        flight: Flight::Disarmed,
+        flight: ControlState::Disarmed,
         ..fair()
     };
     goes(

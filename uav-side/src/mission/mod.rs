@@ -3,8 +3,8 @@
 //! Read [`transition`] (the state machine as a pure function), `rows` (its table), then [`situation`] (every figure it
 //! looks at). This file keeps the inputs and gives the output its shape.
 
+pub mod apparent_slope;
 pub mod config;
-pub mod felt;
 mod rows;
 pub mod situation;
 pub mod transition;
@@ -32,11 +32,11 @@ use alight_shared::{config::Check, topics};
 use serde::{Deserialize, Serialize};
 
 use crate::latest::Latest;
-use felt::FeltSlope;
+use apparent_slope::ApparentSlopeHistory;
 use rows::blind_limit;
-use situation::{Deck, Flight, Own, Reservation, Situation};
+use situation::{ControlState, Deck, OwnState, Reservation, Situation};
 use transition::{Decision, HoldCause, Progress, decide};
-use wind::WindWatch;
+use wind::WindMonitor;
 
 /// What arrives.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -113,7 +113,7 @@ pub struct Mission {
     commands_rejected: u32,
     origin_resets: Option<u8>,
     mean_deck_z: Option<(Time<DroneClock>, f64)>,
-    wind: WindWatch,
+    wind: WindMonitor,
     /// Steepest tilt of late, rad, most of the grip taken, m/s², and when they were brought up to date.
     worst: Option<(Time<DroneClock>, (f64, f64))>,
     /// Flies over the deck as fast as it does: what pushes now will push there.
@@ -153,7 +153,7 @@ impl Mission {
             commands_rejected: 0,
             origin_resets: None,
             mean_deck_z: None,
-            wind: WindWatch::default(),
+            wind: WindMonitor::default(),
             worst: None,
             follows: false,
             phase: MissionPhase::Idle,
@@ -205,7 +205,7 @@ impl Mission {
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
         {
-            self.wind.hear(m, self.follows, &self.config);
+            self.wind.update(m, self.follows, &self.config);
         }
         if let Some(m) = &input.forecast
             && self.forecast.offer(now, m)
@@ -231,13 +231,13 @@ impl Mission {
             .command
             .is_some_and(|k| (k.boot == h.boot && k.sequence == h.sequence) || (h.at < k.at));
         let age = now - h.at;
-        let young = (Span::from_millis(-500)..=topics::COMMAND.stale_after).contains(&age);
-        if h.version != MESSAGE_VERSION || known || !(young || command.kind == CommandKind::Abort) {
+        let fresh = (Span::from_millis(-500)..=topics::COMMAND.stale_after).contains(&age);
+        if h.version != MESSAGE_VERSION || known || !(fresh || command.kind == CommandKind::Abort) {
             self.commands_rejected = self.commands_rejected.saturating_add(1);
             return None;
         }
         // A damaged time far ahead must not lock out what follows.
-        self.command = Some(if young { *h } else { Header { at: now, ..*h } });
+        self.command = Some(if fresh { *h } else { Header { at: now, ..*h } });
         Some(command.kind)
     }
 
@@ -251,8 +251,8 @@ impl Mission {
         let at = forecast.header.at;
         self.mean_deck_z = Some(match self.mean_deck_z {
             Some((t, z)) => {
-                let share = 1.0 - (-(at - t).secs().max(0.0) / LEVEL_TIME_S).exp();
-                (at, z + share * (mean - z).clamp(-LEVEL_STEP_M, LEVEL_STEP_M))
+                let fraction = 1.0 - (-(at - t).secs().max(0.0) / LEVEL_TIME_S).exp();
+                (at, z + fraction * (mean - z).clamp(-LEVEL_STEP_M, LEVEL_STEP_M))
             }
             None => (at, mean),
         });
@@ -270,7 +270,10 @@ impl Mission {
             (tilt * left, taken * left)
         });
         let larger = |left: f64, new: f64| if new.is_finite() { left.max(new) } else { left };
-        let worst = (larger(tilt, deck.tilt_rad), larger(taken, deck.grip_taken_mps2));
+        let worst = (
+            larger(tilt, deck.tilt_rad),
+            larger(taken, deck.friction_used_mps2),
+        );
         self.worst = Some((s.now, worst));
         worst
     }
@@ -295,7 +298,7 @@ impl Mission {
     fn situation(&self, now: Time<DroneClock>) -> Situation {
         let c = &self.config;
         let drone = self.drone.get();
-        let own = drone.map(Own::of);
+        let own = drone.map(OwnState::of);
         let deck = match (self.forecast.get(), own, drone) {
             (Some(f), Some(own), Some(d)) => Deck::of(f, &own, &self.drone_geometry, &d.attitude(), c, now),
             _ => None,
@@ -304,7 +307,7 @@ impl Mission {
         let mean_deck_z = self.mean_deck_z.map(|(_, z)| z);
         Situation {
             now,
-            flight: Flight::of(autopilot),
+            flight: ControlState::of(autopilot),
             // A link that does not report it gives zero, at which nothing flies.
             battery: autopilot.map(|a| a.battery).filter(|b| *b > 0.0),
             own,
@@ -314,9 +317,12 @@ impl Mission {
             mean_deck_z,
             wind_peak_mps2: self.wind.peak(c),
             wind_mps2: self.wind.now(),
-            steepest_rad: 0.0,
-            felt: FeltSlope::of(self.forecast.get().map_or(&[], |f| &f.slopes), c.shed_slope),
-            grip_taken_mps2: 0.0,
+            recent_tilt_rad: 0.0,
+            apparent_slope: ApparentSlopeHistory::of(
+                self.forecast.get().map_or(&[], |f| &f.slopes),
+                c.slide_slope,
+            ),
+            friction_used_mps2: 0.0,
             water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
             forecast_age_s: self.forecast.age_s(now),
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
@@ -337,7 +343,7 @@ impl Mission {
     }
 
     /// The longest stay in a landing state has passed: the loop is bounded.
-    fn outstayed(&self, decision: Decision, now: Time<DroneClock>) -> Decision {
+    fn limit_duration(&self, decision: Decision, now: Time<DroneClock>) -> Decision {
         let limit = match decision.phase {
             MissionPhase::Descent { .. } => self.config.descent_timeout_s,
             MissionPhase::Flare { .. } => self.config.flare_timeout_s,
@@ -366,12 +372,12 @@ impl Mission {
     /// Permitted speed of descent, m/s: zero unless deck, sight and control are there right now.
     fn permitted_descent(&self, s: &Situation) -> f64 {
         let c = &self.config;
-        let controlled = matches!(s.flight, Flight::Ours | Flight::OnGround);
+        let controlled = matches!(s.flight, ControlState::Ours | ControlState::OnGround);
         let Some(deck) = s.fresh_deck().filter(|_| controlled) else {
             return 0.0;
         };
         match self.phase {
-            MissionPhase::Descent { gated: None, .. } if deck.vision_age_s <= c.descent_sight_s => {
+            MissionPhase::Descent { paused: None, .. } if deck.vision_age_s <= c.descent_vision_s => {
                 c.descent_mps
             }
             // A committed flare goes on blind for as long as the longest blind end allows.
@@ -459,9 +465,9 @@ impl Node for Mission {
         let order = self.take(now, input);
         let mut s = self.situation(now);
         self.follows = self.follows(&s);
-        (s.steepest_rad, s.grip_taken_mps2) = self.worst(&s);
+        (s.recent_tilt_rad, s.friction_used_mps2) = self.worst(&s);
         let decision = decide(self.phase, self.progress, order, &s, &self.config);
-        let decision = self.outstayed(decision, now);
+        let decision = self.limit_duration(decision, now);
         self.progress = decision.progress;
         let was = self.phase.state();
         self.phase = decision.phase;

@@ -8,9 +8,9 @@ use proptest::prelude::*;
 
 use super::*;
 
-type Instant = Time<DroneClock>;
+type DroneTime = Time<DroneClock>;
 
-fn at(s: f64) -> Instant {
+fn at(s: f64) -> DroneTime {
     Time::from_secs(s)
 }
 fn config() -> MissionConfig {
@@ -25,10 +25,10 @@ fn node() -> Mission {
         1,
     )
 }
-fn header(n: u32, t: Instant) -> Header<DroneClock> {
+fn header(n: u32, t: DroneTime) -> Header<DroneClock> {
     Header::new(1, 1, 1, n, t)
 }
-fn forecast(n: u32, t: Instant, position: [f64; 3]) -> DeckForecast {
+fn forecast(n: u32, t: DroneTime, position: [f64; 3]) -> DeckForecast {
     DeckForecast {
         header: header(n, t),
         step: Span::from_millis(100),
@@ -37,17 +37,17 @@ fn forecast(n: u32, t: Instant, position: [f64; 3]) -> DeckForecast {
         vision_age_s: 0.05,
         tag_age_s: 0.05,
         wave_confidence: 1.0,
-        orbital_slip: 0.0,
+        wave_following_deficit: 0.0,
         mean_heading: 0.0,
         stages: Seq::filled((0..41).map(|_| DeckStage {
             position,
             ..DeckStage::default()
         })),
         slopes: Seq::new(),
-        foretold: Seq::new(),
+        predicted_slopes: Seq::new(),
     }
 }
-fn fresh_input(n: u32, t: Instant, position: [f64; 3]) -> MissionIn {
+fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn {
     MissionIn {
         forecast: Some(forecast(n, t, [0.0, 0.0, -1.3])),
         drone: Some(DroneState {
@@ -79,7 +79,7 @@ fn fresh_input(n: u32, t: Instant, position: [f64; 3]) -> MissionIn {
 /// The lowest altitude is a height over the water as it has long been, not as a forecast gone astray
 /// says: that may lower it by 0.2 m/s and no more, by jumps of any size.
 #[test]
-fn a_forecast_below_the_water_does_not_take_the_minimum_altitude_along() {
+fn mission_keeps_the_minimum_altitude_when_a_forecast_jumps_below_the_water() {
     let mut m = node();
     let mut lowest = Vec::new();
     for k in 0..1500_u32 {
@@ -107,10 +107,10 @@ fn a_forecast_below_the_water_does_not_take_the_minimum_altitude_along() {
 
 /// A drone that goes at once where the mission wants it, and a pilot that stops at the deck.
 #[test]
-fn an_obedient_drone_lands_and_descends_three_seconds_after_arriving() {
+fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_arrival() {
     let mut m = node();
     let mut p = Vector3::new(40.0, -10.0, -12.0);
-    let (mut seen, mut touched) = (vec![State::Idle], false);
+    let (mut detected, mut touched) = (vec![State::Idle], false);
     let (mut arrived, mut begun) = (None, None);
     for k in 0..6000_u32 {
         let t = at(1.0 + f64::from(k) * 0.01);
@@ -132,8 +132,8 @@ fn an_obedient_drone_lands_and_descends_three_seconds_after_arriving() {
             continue;
         };
         assert!(state.check().is_ok());
-        if seen.last() != Some(&state.state) {
-            seen.push(state.state);
+        if detected.last() != Some(&state.state) {
+            detected.push(state.state);
         }
         let target = match state.state.phase() {
             Phase::Navigation if state.state != State::Approach => state.hold_position(),
@@ -142,12 +142,12 @@ fn an_obedient_drone_lands_and_descends_three_seconds_after_arriving() {
             Phase::None => p,
         };
         let step = target - p;
-        let most = if state.state.phase() == Phase::Landing {
+        let max = if state.state.phase() == Phase::Landing {
             0.02 * state.descent_mps
         } else {
             0.08
         };
-        p += step * (most / step.norm().max(most));
+        p += step * (max / step.norm().max(max));
         if p.xy().norm() < 2.0 {
             arrived.get_or_insert(t);
         }
@@ -157,7 +157,7 @@ fn an_obedient_drone_lands_and_descends_three_seconds_after_arriving() {
         touched |= p.z > -1.3 - 0.3;
     }
     assert_eq!(
-        seen,
+        detected,
         [
             State::Idle,
             State::GetAltitude,
@@ -175,7 +175,7 @@ fn an_obedient_drone_lands_and_descends_three_seconds_after_arriving() {
 }
 
 #[test]
-fn a_command_counts_once_and_while_it_is_young() {
+fn mission_accepts_a_command_once_and_while_it_is_fresh() {
     let mut m = node();
     let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
@@ -196,7 +196,7 @@ fn a_command_counts_once_and_while_it_is_young() {
 }
 
 #[test]
-fn an_origin_reset_makes_the_forecast_useless() {
+fn mission_discards_the_forecast_at_an_origin_reset() {
     let mut m = node();
     for k in 0..300_u32 {
         let t = at(1.0 + f64::from(k) * 0.01);
@@ -219,7 +219,7 @@ fn an_origin_reset_makes_the_forecast_useless() {
 }
 
 #[test]
-fn configuration_is_checked_and_replaced_in_flight() {
+fn mission_checks_and_replaces_its_configuration_in_flight() {
     assert!(parse::<MissionConfig>("", "test").is_ok());
     let e = parse::<MissionConfig>("tracking_height_m = 40.0", "test")
         .unwrap_err()
@@ -356,8 +356,8 @@ proptest! {
                         prop_assert!(m.forecast.fresh(now, topics::FORECAST.stale_after).is_some());
                         prop_assert!(m.drone.fresh(now, topics::DRONE_STATE.stale_after).is_some());
                         prop_assert!(m.autopilot.get().is_some_and(|a| a.armed));
-                        let seen = m.forecast.get().map_or(f64::INFINITY, |f| f.vision_age_s);
-                        prop_assert!(seen <= 13.0, "deck unseen: {seen}");
+                        let detected = m.forecast.get().map_or(f64::INFINITY, |f| f.vision_age_s);
+                        prop_assert!(detected <= 13.0, "deck unseen: {detected}");
                     }
                     if s.state == State::Landed && s.previous != State::Landed && s.since == now {
                         prop_assert!(stop_at.is_some_and(|t| now - t <= Span::from_millis(110)));

@@ -5,18 +5,18 @@ use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
-use super::situation::{Deck, Flight, Situation};
+use super::situation::{ControlState, Deck, Situation};
 use super::transition::{
-    HoldCause, Instant, MissionPhase, Progress, Row, exceeds, holding, lasting, old_data,
+    DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, holding, lasting, old_data,
 };
 
 /// Idle: waits for command, flight and the vessel's state by radio.
-pub(super) fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Row {
-    let stay = |why| Row::Stay(MissionPhase::Idle, why);
+pub(super) fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+    let stay = |why| Transition::Stay(MissionPhase::Idle, why);
     if !progress.landing {
         return stay(Reason::plain(ReasonCode::NotCommanded));
     }
-    if s.flight != Flight::Ours {
+    if s.flight != ControlState::Ours {
         return stay(Reason::plain(ReasonCode::NotFlying));
     }
     if let Some(why) = old_data(s) {
@@ -25,7 +25,7 @@ pub(super) fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     match (s.fresh_deck(), s.own) {
         (Some(deck), Some(own)) if deck.radio_age_s <= c.radio_fresh_s => {
             progress.started = s.now;
-            Row::Go(
+            Transition::Go(
                 MissionPhase::GetAltitude {
                     from: [own.position.x, own.position.y],
                 },
@@ -37,8 +37,8 @@ pub(super) fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
 }
 
 /// Get altitude: until the approach height is reached.
-pub(super) fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Row {
-    let stay = |why| Row::Stay(MissionPhase::GetAltitude { from }, why);
+pub(super) fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition {
+    let stay = |why| Transition::Stay(MissionPhase::GetAltitude { from }, why);
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return stay(Reason::plain(ReasonCode::NoVessel));
     };
@@ -46,40 +46,42 @@ pub(super) fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> 
     if error > c.height_tolerance_m {
         return stay(Reason::new(ReasonCode::TooFar, error, c.height_tolerance_m));
     }
-    Row::Go(
-        MissionPhase::Approach { seen: None },
+    Transition::Go(
+        MissionPhase::Approach { detected: None },
         Reason::plain(ReasonCode::Reached),
     )
 }
 
 /// Approach: until visual contact is confirmed.
-pub(super) fn approach(seen: Option<Instant>, s: &Situation, c: &MissionConfig) -> Row {
+pub(super) fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
     let Some(deck) = s.fresh_deck() else {
-        return Row::Stay(
-            MissionPhase::Approach { seen: None },
+        return Transition::Stay(
+            MissionPhase::Approach { detected: None },
             Reason::plain(ReasonCode::NoVessel),
         );
     };
-    if deck.vision_age_s > c.sight_fresh_s {
+    if deck.vision_age_s > c.vision_fresh_s {
         if deck.radio_age_s > c.radio_lost_s {
-            return Row::Go(
+            return Transition::Go(
                 holding(HoldCause::Data, s, c),
                 Reason::plain(ReasonCode::NoVessel),
             );
         }
-        return Row::Stay(
-            MissionPhase::Approach { seen: None },
-            Reason::plain(ReasonCode::NotSeen),
+        return Transition::Stay(
+            MissionPhase::Approach { detected: None },
+            Reason::plain(ReasonCode::NoVision),
         );
     }
-    let since = seen.unwrap_or(s.now);
+    let since = detected.unwrap_or(s.now);
     if (s.now - since).secs() < c.contact_confirm_s {
-        return Row::Stay(
-            MissionPhase::Approach { seen: Some(since) },
-            Reason::plain(ReasonCode::NotSeen),
+        return Transition::Stay(
+            MissionPhase::Approach {
+                detected: Some(since),
+            },
+            Reason::plain(ReasonCode::NoVision),
         );
     }
-    Row::Go(
+    Transition::Go(
         MissionPhase::Tracking { steady: None },
         Reason::plain(ReasonCode::Reached),
     )
@@ -103,19 +105,19 @@ pub(super) fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64
 }
 
 /// Sight lost in a state that follows the vessel by sight: the radio leads back to it, or nothing.
-pub(super) fn lost_sight(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Row> {
-    let why = exceeds(ReasonCode::SightLost, deck.vision_age_s, c.sight_lost_s)?;
+pub(super) fn lost_sight(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+    let why = exceeds(ReasonCode::VisionLost, deck.vision_age_s, c.vision_lost_s)?;
     Some(if deck.radio_age_s <= c.radio_fresh_s {
-        Row::Go(MissionPhase::Approach { seen: None }, why)
+        Transition::Go(MissionPhase::Approach { detected: None }, why)
     } else {
-        Row::Go(holding(HoldCause::Data, s, c), why)
+        Transition::Go(holding(HoldCause::Data, s, c), why)
     })
 }
 
 /// Tracking: until stably above the deck.
-pub(super) fn tracking(steady: Option<Instant>, s: &Situation, c: &MissionConfig) -> Row {
+pub(super) fn tracking(steady: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
     let Some(deck) = s.fresh_deck() else {
-        return Row::Stay(
+        return Transition::Stay(
             MissionPhase::Tracking { steady: None },
             Reason::plain(ReasonCode::NoVessel),
         );
@@ -124,25 +126,25 @@ pub(super) fn tracking(steady: Option<Instant>, s: &Situation, c: &MissionConfig
         return row;
     }
     if let Some(why) = unsteady(deck, s, c, 1.0) {
-        return Row::Stay(MissionPhase::Tracking { steady: None }, why);
+        return Transition::Stay(MissionPhase::Tracking { steady: None }, why);
     }
     let since = steady.unwrap_or(s.now);
     let lasted = (s.now - since).secs();
     if lasted < c.steady_s {
-        return Row::Stay(
+        return Transition::Stay(
             MissionPhase::Tracking { steady: Some(since) },
             Reason::new(ReasonCode::NotSteady, lasted, c.steady_s),
         );
     }
-    Row::Go(
+    Transition::Go(
         MissionPhase::TrackingStable,
         Reason::new(ReasonCode::Reached, lasted, c.steady_s),
     )
 }
 
 /// Tracking stable: until the descent's conditions hold.
-pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Row {
-    let stay = |why| Row::Stay(MissionPhase::TrackingStable, why);
+pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+    let stay = |why| Transition::Stay(MissionPhase::TrackingStable, why);
     let Some(deck) = s.fresh_deck() else {
         return stay(Reason::plain(ReasonCode::NoVessel));
     };
@@ -150,37 +152,39 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
         return row;
     }
     if let Some(why) = unsteady(deck, s, c, c.break_factor) {
-        return Row::Go(MissionPhase::Tracking { steady: None }, why);
+        return Transition::Go(MissionPhase::Tracking { steady: None }, why);
     }
-    if s.flight != Flight::Ours {
+    if s.flight != ControlState::Ours {
         return stay(Reason::plain(ReasonCode::NotFlying));
     }
-    let refusal = (s.reservation.refusal())
-        .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
+    let rejection = (s.reservation.rejection())
+        .or_else(|| exceeds(ReasonCode::VisionLost, deck.vision_age_s, c.descent_vision_s))
         .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.descent_distance_m))
         .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.descent_speed_mps))
-        .or_else(|| unfit(deck, c, 1.0))
+        .or_else(|| deck_infeasible(deck, c, 1.0))
         .or_else(|| exceeds(ReasonCode::Infeasible, deck.turn_radps, c.deck_turn_radps))
-        .or_else(|| exceeds(ReasonCode::TooSteep, s.steepest_rad, c.steepest_rad))
-        .or_else(|| sheds(deck, s, c))
+        .or_else(|| exceeds(ReasonCode::TooSteep, s.recent_tilt_rad, c.recent_tilt_rad))
+        .or_else(|| slides(deck, s, c))
         .or_else(|| exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, c.wind_peak_mps2))
         .or_else(|| {
-            let taken = deck.foretold.map_or(s.grip_taken_mps2, |slope| slope * GRAVITY);
-            let left = c.friction * GRAVITY - taken + c.slip_mps2;
+            let taken = deck
+                .predicted_slope
+                .map_or(s.friction_used_mps2, |slope| slope * GRAVITY);
+            let left = c.friction * GRAVITY - taken + c.friction_margin_mps2;
             exceeds(ReasonCode::TooWindy, s.wind_peak_mps2, left)
         })
         .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s));
-    if let Some(why) = refusal {
+    if let Some(why) = rejection {
         return stay(why);
     }
     if progress.attempts >= c.max_attempts {
-        return Row::BreakOff(Reason::default());
+        return Transition::BreakOff(Reason::default());
     }
     progress.attempts += 1;
-    Row::Go(
+    Transition::Go(
         MissionPhase::Descent {
             violated: None,
-            gated: None,
+            paused: None,
         },
         Reason::new(ReasonCode::Reached, deck.distance_m, c.descent_distance_m),
     )
@@ -189,21 +193,20 @@ pub(super) fn tracking_stable(progress: &mut Progress, s: &Situation, c: &Missio
 /// Why a drone that went down now would be shed: a slope foretold before it has come to rest. Where that is
 /// the waves' plain sum, also one felt a moment ago, when no wave foretold it; while nothing is foretold,
 /// the next group of waves like the last.
-fn sheds(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
-    let refused = |(since, limit)| Reason::new(ReasonCode::DeckSheds, since, limit);
-    match deck.foretold {
-        Some(slope) if deck.orbital_slip >= c.crest_slip => {
-            exceeds(ReasonCode::DeckSteepens, slope, c.crest_slope)
+fn slides(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let refused = |(since, limit)| Reason::new(ReasonCode::SlideObserved, since, limit);
+    match deck.predicted_slope {
+        Some(slope) if deck.wave_following_deficit >= c.bound_wave_deficit => {
+            exceeds(ReasonCode::SlidePredicted, slope, c.bound_wave_slope_limit)
         }
-        Some(slope) => {
-            exceeds(ReasonCode::DeckSteepens, slope, c.hold_slope).or_else(|| s.felt.just_now(c).map(refused))
-        }
-        None => s.felt.refusal(c).map(refused),
+        Some(slope) => exceeds(ReasonCode::SlidePredicted, slope, c.slope_limit)
+            .or_else(|| s.apparent_slope.just_now(c).map(refused)),
+        None => s.apparent_slope.rejection(c).map(refused),
     }
 }
 
 /// What makes the predicted deck unfit for a landing: uncertainty, motion or tilt.
-pub(super) fn unfit(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
+pub(super) fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
     use ReasonCode::{Infeasible, TooSteep, Uncertain};
     [
         (Uncertain, deck.horizontal_sd_m, c.horizontal_sd_m),
@@ -220,8 +223,8 @@ pub(super) fn unfit(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason
 /// What forbids the flare at the gate.
 pub(super) fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let newest = deck.vision_age_s.min(deck.radio_age_s);
-    exceeds(ReasonCode::SightLost, newest, c.sight_fresh_s)
-        .or_else(|| exceeds(ReasonCode::SightLost, deck.vision_age_s, c.descent_sight_s))
+    exceeds(ReasonCode::VisionLost, newest, c.vision_fresh_s)
+        .or_else(|| exceeds(ReasonCode::VisionLost, deck.vision_age_s, c.descent_vision_s))
         .or_else(|| exceeds(ReasonCode::TooFar, deck.distance_m, c.flare_distance_m))
         .or_else(|| exceeds(ReasonCode::TooFast, deck.relative_speed_mps, c.flare_speed_mps))
         .or_else(|| exceeds(ReasonCode::TooSteep, deck.tilt_rad, c.flare_tilt_rad))
@@ -232,38 +235,38 @@ pub(super) fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig) 
 /// What violates the conditions of a landing that has begun.
 pub(super) fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind: f64) -> Option<Reason> {
     let cone = c.break_distance_m + c.break_cone * deck.clearance_m.max(0.0);
-    exceeds(ReasonCode::SightLost, deck.vision_age_s, blind)
+    exceeds(ReasonCode::VisionLost, deck.vision_age_s, blind)
         .or_else(|| exceeds(ReasonCode::Deviated, deck.distance_m, cone))
-        .or_else(|| unfit(deck, c, c.break_factor))
+        .or_else(|| deck_infeasible(deck, c, c.break_factor))
         .or_else(|| exceeds(ReasonCode::NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
 /// Descent: until the flare; an unmet condition of the flare stops the descent at the gate.
 pub(super) fn descent(
-    violated: Option<Instant>,
-    gated: Option<Instant>,
+    violated: Option<DroneTime>,
+    paused: Option<DroneTime>,
     s: &Situation,
     c: &MissionConfig,
-) -> Row {
+) -> Transition {
     let Some(deck) = s.fresh_deck() else {
-        return Row::BreakOff(Reason::plain(ReasonCode::NoVessel));
+        return Transition::BreakOff(Reason::plain(ReasonCode::NoVessel));
     };
-    let violation = violation(deck, s, c, c.descent_sight_s);
+    let violation = violation(deck, s, c, c.descent_vision_s);
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     let close = deck.clearance_m < c.commit_clearance_m;
     // Below the commit clearance going on is safer than breaking off, while the deck is below.
     if let Some(why) = violation.filter(|_| lasted > c.violation_s && !close) {
-        return Row::BreakOff(why);
+        return Transition::BreakOff(why);
     }
     if close && let Some(why) = exceeds(ReasonCode::Deviated, s.outside_m, c.lost_outside_m) {
-        return Row::BreakOff(why);
+        return Transition::BreakOff(why);
     }
     if let Some(why) = s.reservation.lost().filter(|_| !close) {
-        return Row::BreakOff(why);
+        return Transition::BreakOff(why);
     }
-    let refusal = not_ready_to_flare(deck, s, c);
-    if deck.clearance_m < c.flare_clearance_m && (refusal.is_none() || close) {
-        return Row::Go(
+    let rejection = not_ready_to_flare(deck, s, c);
+    if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
+        return Transition::Go(
             MissionPhase::Flare {
                 committed: close,
                 violated: None,
@@ -271,24 +274,29 @@ pub(super) fn descent(
             Reason::new(ReasonCode::Reached, deck.clearance_m, c.flare_clearance_m),
         );
     }
-    let stopped = refusal.filter(|_| deck.clearance_m < c.gate_clearance_m);
-    let (gated, waited) = lasting(stopped.is_some(), gated, s.now);
-    if let Some(why) = stopped.filter(|_| waited > c.gate_timeout_s) {
-        return Row::BreakOff(why);
+    let stopped = rejection.filter(|_| deck.clearance_m < c.decision_clearance_m);
+    let (paused, waited) = lasting(stopped.is_some(), paused, s.now);
+    if let Some(why) = stopped.filter(|_| waited > c.decision_timeout_s) {
+        return Transition::BreakOff(why);
     }
     let waiting = stopped.or(violation).unwrap_or(Reason::new(
         ReasonCode::TooFar,
         deck.clearance_m,
         c.flare_clearance_m,
     ));
-    Row::Stay(MissionPhase::Descent { violated, gated }, waiting)
+    Transition::Stay(MissionPhase::Descent { violated, paused }, waiting)
 }
 
 /// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
 /// committed.
-pub(super) fn flare(committed: bool, violated: Option<Instant>, s: &Situation, c: &MissionConfig) -> Row {
+pub(super) fn flare(
+    committed: bool,
+    violated: Option<DroneTime>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
     let Some(deck) = s.fresh_deck() else {
-        return Row::BreakOff(Reason::plain(ReasonCode::NoVessel));
+        return Transition::BreakOff(Reason::plain(ReasonCode::NoVessel));
     };
     // The deck may fall away again: half a metre above the commit clearance there is time to judge.
     let committed = if committed {
@@ -301,18 +309,18 @@ pub(super) fn flare(committed: bool, violated: Option<Instant>, s: &Situation, c
             .filter(|_| deck.clearance_m < c.commit_clearance_m)
     });
     if let Some(why) = hard {
-        return Row::BreakOff(why);
+        return Transition::BreakOff(why);
     }
     if let Some(why) = s.reservation.lost().filter(|_| !committed) {
-        return Row::BreakOff(why);
+        return Transition::BreakOff(why);
     }
     let violation = violation(deck, s, c, blind_limit(deck, c));
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     if let Some(why) = violation.filter(|_| lasted > c.violation_s && !committed) {
-        return Row::BreakOff(why);
+        return Transition::BreakOff(why);
     }
     let waiting = violation.unwrap_or(Reason::new(ReasonCode::TooFar, deck.clearance_m, 0.0));
-    Row::Stay(MissionPhase::Flare { committed, violated }, waiting)
+    Transition::Stay(MissionPhase::Flare { committed, violated }, waiting)
 }
 
 /// How long a flare may last without sight: longer while the radio tells where the vessel is, s.
@@ -325,15 +333,18 @@ pub(super) fn blind_limit(deck: &Deck, c: &MissionConfig) -> f64 {
 }
 
 /// Landed: until the drone, disarmed in between, is armed again.
-pub(super) fn landed(disarmed: bool, progress: &mut Progress, s: &Situation) -> Row {
+pub(super) fn landed(disarmed: bool, progress: &mut Progress, s: &Situation) -> Transition {
     progress.landing = false;
-    let armed = matches!(s.flight, Flight::OnGround | Flight::NotOurs(_) | Flight::Ours);
+    let armed = matches!(
+        s.flight,
+        ControlState::OnGround | ControlState::OtherControl(_) | ControlState::Ours
+    );
     if disarmed && armed {
-        return Row::Go(MissionPhase::Idle, Reason::plain(ReasonCode::Reached));
+        return Transition::Go(MissionPhase::Idle, Reason::plain(ReasonCode::Reached));
     }
-    Row::Stay(
+    Transition::Stay(
         MissionPhase::Landed {
-            disarmed: disarmed || s.flight == Flight::Disarmed,
+            disarmed: disarmed || s.flight == ControlState::Disarmed,
         },
         Reason::default(),
     )
@@ -344,13 +355,13 @@ pub(super) fn hold(
     cause: HoldCause,
     at: Vector3<f64>,
     yaw: f64,
-    fresh: Option<Instant>,
+    fresh: Option<DroneTime>,
     progress: &Progress,
     s: &Situation,
     c: &MissionConfig,
-) -> Row {
+) -> Transition {
     let stay = |fresh, why| {
-        Row::Stay(
+        Transition::Stay(
             MissionPhase::Hold {
                 cause,
                 at,
@@ -363,7 +374,7 @@ pub(super) fn hold(
     if cause == HoldCause::Operator && !progress.landing {
         return stay(None, Reason::plain(ReasonCode::Operator));
     }
-    if s.flight == Flight::Unknown {
+    if s.flight == ControlState::Unknown {
         return stay(None, Reason::plain(ReasonCode::NotFlying));
     }
     if let Some(why) = old_data(s) {
@@ -372,22 +383,22 @@ pub(super) fn hold(
     let (Some(deck), Some(own)) = (s.fresh_deck(), s.own) else {
         return stay(None, Reason::plain(ReasonCode::NoVessel));
     };
-    if deck.vision_age_s > c.sight_fresh_s && deck.radio_age_s > c.radio_fresh_s {
+    if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s {
         return stay(
             None,
-            Reason::new(ReasonCode::SightLost, deck.vision_age_s, c.sight_fresh_s),
+            Reason::new(ReasonCode::VisionLost, deck.vision_age_s, c.vision_fresh_s),
         );
     }
     let (fresh, lasted) = lasting(true, fresh, s.now);
     if lasted < c.recover_s {
         return stay(fresh, Reason::new(ReasonCode::NotSteady, lasted, c.recover_s));
     }
-    let next = if deck.vision_age_s <= c.sight_fresh_s && deck.distance_m <= c.resume_distance_m {
+    let next = if deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= c.resume_distance_m {
         MissionPhase::Tracking { steady: None }
     } else {
         MissionPhase::GetAltitude {
             from: [own.position.x, own.position.y],
         }
     };
-    Row::Go(next, Reason::new(ReasonCode::Reached, lasted, c.recover_s))
+    Transition::Go(next, Reason::new(ReasonCode::Reached, lasted, c.recover_s))
 }

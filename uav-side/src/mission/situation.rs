@@ -2,19 +2,19 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, FORETOLD_STEP_S,
-    LandedState, Reason, ReasonCode, SLOPE_STEP,
+    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState,
+    PREDICTED_SLOPE_STEP_S, Reason, ReasonCode, SLOPE_STEP,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
+use super::apparent_slope::ApparentSlopeHistory;
 use super::config::MissionConfig;
-use super::felt::FeltSlope;
 
 /// Whether the drone flies and listens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Flight {
+pub enum ControlState {
     /// The autopilot has said nothing for too long.
     Unknown,
     /// Disarmed.
@@ -22,28 +22,28 @@ pub enum Flight {
     /// Armed and on the ground.
     OnGround,
     /// Armed, under a person's or the autopilot's own control.
-    NotOurs(AutopilotMode),
+    OtherControl(AutopilotMode),
     /// Armed, in the air, following set-points.
     Ours,
 }
 
-impl Flight {
+impl ControlState {
     /// The autopilot's state in these words; None when it is missing or stale.
     pub fn of(autopilot: Option<&AutopilotState>) -> Self {
         let Some(a) = autopilot else {
-            return Flight::Unknown;
+            return ControlState::Unknown;
         };
         if !a.armed {
-            return Flight::Disarmed;
+            return ControlState::Disarmed;
         }
         match (a.mode, a.landed) {
-            (AutopilotMode::Offboard, LandedState::OnGround) => Flight::OnGround,
-            (AutopilotMode::Offboard, LandedState::InAir | LandedState::Unknown) => Flight::Ours,
+            (AutopilotMode::Offboard, LandedState::OnGround) => ControlState::OnGround,
+            (AutopilotMode::Offboard, LandedState::InAir | LandedState::Unknown) => ControlState::Ours,
             (
                 m
                 @ (AutopilotMode::Other | AutopilotMode::Hold | AutopilotMode::Land | AutopilotMode::Return),
                 _,
-            ) => Flight::NotOurs(m),
+            ) => ControlState::OtherControl(m),
         }
     }
 }
@@ -75,22 +75,24 @@ impl Reservation {
         let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
         match grant {
             Some(g) if age_s <= topics::DECK.stale_after.secs() => {
-                if g.holder == own {
+                if g.owner == own {
                     Reservation::Ours
                 } else {
-                    Reservation::Others(g.holder)
+                    Reservation::Others(g.owner)
                 }
             }
             Some(_) | None => Reservation::Unknown(age_s),
         }
     }
     /// Why no descent may begin.
-    pub fn refusal(self) -> Option<Reason> {
+    pub fn rejection(self) -> Option<Reason> {
         match self {
             Reservation::NotNeeded | Reservation::Ours => None,
-            Reservation::Others(holder) => Some(Reason::new(ReasonCode::DeckTaken, f64::from(holder), 0.0)),
+            Reservation::Others(holder) => {
+                Some(Reason::new(ReasonCode::DeckReserved, f64::from(holder), 0.0))
+            }
             Reservation::Unknown(age_s) => Some(Reason::new(
-                ReasonCode::DeckUnknown,
+                ReasonCode::DeckGrantStale,
                 age_s,
                 topics::DECK.stale_after.secs(),
             )),
@@ -100,7 +102,7 @@ impl Reservation {
     /// the deck for us for longer than a descent takes.
     pub fn lost(self) -> Option<Reason> {
         match self {
-            Reservation::Others(holder) if holder != 0 => self.refusal(),
+            Reservation::Others(holder) if holder != 0 => self.rejection(),
             Reservation::Others(_) | Reservation::NotNeeded | Reservation::Ours | Reservation::Unknown(_) => {
                 None
             }
@@ -110,7 +112,7 @@ impl Reservation {
 
 /// The drone as its newest odometry tells it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Own {
+pub struct OwnState {
     /// Drone's NED, m.
     pub position: Vector3<f64>,
     /// m/s.
@@ -119,10 +121,10 @@ pub struct Own {
     pub yaw: f64,
 }
 
-impl Own {
+impl OwnState {
     /// From odometry.
     pub fn of(d: &DroneState) -> Self {
-        Own {
+        OwnState {
             position: d.position(),
             velocity: d.velocity(),
             yaw: d.euler().z,
@@ -160,14 +162,14 @@ pub struct Deck {
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
     /// Greatest part of a level, resting deck's grip that its predicted motion takes, m/s².
-    pub grip_taken_mps2: f64,
+    pub friction_used_mps2: f64,
     /// Mean rate of its heading over the next second, rad/s, without a sign.
     pub turn_radps: f64,
     /// The steepest slope that the deck is foretold to feel until a drone that goes down now is at rest; None
     /// while nothing is foretold.
-    pub foretold: Option<f64>,
+    pub predicted_slope: Option<f64>,
     /// Share of the water's orbital motion that passes under the hull, 0 to 1: its crests are foretold.
-    pub orbital_slip: f64,
+    pub wave_following_deficit: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
 }
@@ -176,7 +178,7 @@ impl Deck {
     /// The deck at `now`; None when the forecast does not reach there.
     pub fn of(
         forecast: &DeckForecast,
-        own: &Own,
+        own: &OwnState,
         drone: &DroneGeometry,
         attitude: &nalgebra::UnitQuaternion<f64>,
         config: &MissionConfig,
@@ -220,7 +222,7 @@ impl Deck {
             feet: feet.xy(),
             relative_speed_mps: v.x.hypot(v.y),
             radio_age_s: forecast.radio_age_s,
-            vision_age_s: if config.sight_required {
+            vision_age_s: if config.vision_required {
                 forecast.vision_age_s
             } else {
                 forecast.vision_age_s.min(forecast.radio_age_s)
@@ -231,10 +233,10 @@ impl Deck {
             heave_mps: heave,
             acceleration_mps2: acceleration,
             tilt_rad: tilt,
-            grip_taken_mps2: grip_taken,
+            friction_used_mps2: grip_taken,
             turn_radps: turn,
-            foretold: steepest(forecast, config),
-            orbital_slip: forecast.orbital_slip,
+            predicted_slope: steepest(forecast, config),
+            wave_following_deficit: forecast.wave_following_deficit,
             mean_z: sum / forecast.stages.len().max(1) as f64,
         })
     }
@@ -250,13 +252,17 @@ impl Deck {
 /// The steepest slope foretold from now, or where crests are reckoned with from the earliest contact, until a
 /// drone that goes down now is at rest.
 fn steepest(forecast: &DeckForecast, c: &MissionConfig) -> Option<f64> {
-    let stage = |t: f64| (t / FORETOLD_STEP_S) as usize;
-    let from = if forecast.orbital_slip >= c.crest_slip {
-        stage(c.crest_from_s)
+    let stage = |t: f64| (t / PREDICTED_SLOPE_STEP_S) as usize;
+    let from = if forecast.wave_following_deficit >= c.bound_wave_deficit {
+        stage(c.bound_wave_from_s)
     } else {
         0
     };
-    let slopes = forecast.foretold.iter().take(stage(c.shed_need_s) + 1).skip(from);
+    let slopes = forecast
+        .predicted_slopes
+        .iter()
+        .take(stage(c.time_to_rest_s) + 1)
+        .skip(from);
     slopes.copied().max().map(|s| f64::from(s) * SLOPE_STEP)
 }
 
@@ -278,11 +284,11 @@ pub struct Situation {
     /// Now.
     pub now: Time<DroneClock>,
     /// Whether the drone flies and listens.
-    pub flight: Flight,
+    pub flight: ControlState,
     /// Remaining battery; None when not reported.
     pub battery: Option<f64>,
     /// The newest odometry.
-    pub own: Option<Own>,
+    pub own: Option<OwnState>,
     /// Its age, s.
     pub odometry_age_s: f64,
     /// Oldest useful odometry, s.
@@ -292,11 +298,11 @@ pub struct Situation {
     /// Low-pass of the deck's level, NED z, m; None before the first forecast.
     pub mean_deck_z: Option<f64>,
     /// Greatest part of the grip that the deck's motion took of late, m/s².
-    pub grip_taken_mps2: f64,
+    pub friction_used_mps2: f64,
     /// The deck's steepest tilt of late, rad.
-    pub steepest_rad: f64,
+    pub recent_tilt_rad: f64,
     /// How steep the deck felt of late.
-    pub felt: FeltSlope,
+    pub apparent_slope: ApparentSlopeHistory,
     /// The push of the wind to be expected on the deck, m/s²; 0 before it is known.
     pub wind_peak_mps2: f64,
     /// The push of the wind now, m/s².

@@ -5,9 +5,9 @@ use nalgebra::{Vector2, Vector3};
 
 use super::*;
 
-pub(super) type Instant = Time<DroneClock>;
+pub(super) type DroneTime = Time<DroneClock>;
 
-pub(super) fn at(s: f64) -> Instant {
+pub(super) fn at(s: f64) -> DroneTime {
     Time::from_secs(s)
 }
 pub(super) fn config() -> MissionConfig {
@@ -25,9 +25,9 @@ pub(super) fn wanted() -> Progress {
 pub(super) fn fair() -> Situation {
     Situation {
         now: at(10.0),
-        flight: Flight::Ours,
+        flight: ControlState::Ours,
         battery: Some(0.9),
-        own: Some(Own {
+        own: Some(OwnState {
             position: Vector3::new(0.0, 0.0, -8.3),
             velocity: Vector3::zeros(),
             yaw: 0.0,
@@ -49,17 +49,17 @@ pub(super) fn fair() -> Situation {
             turn_radps: 0.0,
             acceleration_mps2: 1.0,
             tilt_rad: 0.1,
-            grip_taken_mps2: 1.0,
+            friction_used_mps2: 1.0,
             mean_z: -1.3,
-            foretold: None,
-            orbital_slip: 0.0,
+            predicted_slope: None,
+            wave_following_deficit: 0.0,
         }),
         mean_deck_z: Some(-1.3),
         wind_peak_mps2: 0.0,
         wind_mps2: 0.0,
-        grip_taken_mps2: 0.0,
-        steepest_rad: 0.0,
-        felt: FeltSlope::default(),
+        friction_used_mps2: 0.0,
+        recent_tilt_rad: 0.0,
+        apparent_slope: ApparentSlopeHistory::default(),
         water_z: 0.0,
         forecast_age_s: 0.01,
         forecast_limit_s: 0.3,
@@ -94,7 +94,7 @@ pub(super) fn run(phase: MissionPhase, progress: Progress, s: &Situation, secs: 
 pub(super) const TRACKING: MissionPhase = MissionPhase::Tracking { steady: None };
 pub(super) const DESCENT: MissionPhase = MissionPhase::Descent {
     violated: None,
-    gated: None,
+    paused: None,
 };
 pub(super) const FREE_FLARE: MissionPhase = MissionPhase::Flare {
     committed: false,
@@ -129,10 +129,10 @@ fn idle_waits_for_command_flight_and_vessel() {
     let d = decide(idle, Progress::default(), None, &fair(), &config());
     waits(&d, State::Idle, ReasonCode::NotCommanded);
     for flight in [
-        Flight::Unknown,
-        Flight::Disarmed,
-        Flight::OnGround,
-        Flight::NotOurs(AutopilotMode::Other),
+        ControlState::Unknown,
+        ControlState::Disarmed,
+        ControlState::OnGround,
+        ControlState::OtherControl(AutopilotMode::Other),
     ] {
         let s = Situation { flight, ..fair() };
         waits(
@@ -149,7 +149,7 @@ fn idle_waits_for_command_flight_and_vessel() {
     waits(
         &decide(idle, wanted(), None, &s, &config()),
         State::Idle,
-        ReasonCode::ForecastOld,
+        ReasonCode::ForecastStale,
     );
     let s = with_deck(|d| d.radio_age_s = f64::INFINITY);
     waits(
@@ -183,19 +183,19 @@ fn get_altitude_ends_at_the_approach_height() {
 }
 
 #[test]
-fn approach_ends_with_confirmed_sight() {
-    let approach = MissionPhase::Approach { seen: None };
+fn approach_ends_with_confirmed_detection() {
+    let approach = MissionPhase::Approach { detected: None };
     let unseen = with_deck(|d| d.vision_age_s = f64::INFINITY);
     waits(
         &run(approach, wanted(), &unseen, 5.0),
         State::Approach,
-        ReasonCode::NotSeen,
+        ReasonCode::NoVision,
     );
     // A single sighting is not enough.
     waits(
         &decide(approach, wanted(), None, &fair(), &config()),
         State::Approach,
-        ReasonCode::NotSeen,
+        ReasonCode::NoVision,
     );
     goes(
         &run(approach, wanted(), &fair(), 1.0),
@@ -212,7 +212,7 @@ fn approach_ends_with_confirmed_sight() {
 }
 
 #[test]
-fn tracking_needs_steadiness_for_a_while() {
+fn tracking_becomes_stable_after_half_a_second_of_steadiness() {
     for (s, why) in [
         (with_deck(|d| d.distance_m = 2.0), ReasonCode::TooFar),
         (with_deck(|d| d.relative_speed_mps = 2.0), ReasonCode::TooFast),
@@ -239,7 +239,7 @@ fn tracking_needs_steadiness_for_a_while() {
 }
 
 #[test]
-fn tracking_goes_on_without_radio_and_returns_without_sight() {
+fn tracking_continues_without_radio_and_returns_to_approach_without_vision() {
     let silent = with_deck(|d| d.radio_age_s = f64::INFINITY);
     goes(
         &run(TRACKING, wanted(), &silent, 1.0),
@@ -250,22 +250,22 @@ fn tracking_goes_on_without_radio_and_returns_without_sight() {
     goes(
         &run(TRACKING, wanted(), &unseen, 1.0),
         State::Approach,
-        ReasonCode::SightLost,
+        ReasonCode::VisionLost,
     );
     let nothing = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (5.5, 5.5));
     goes(
         &run(TRACKING, wanted(), &nothing, 1.0),
         State::Hold,
-        ReasonCode::SightLost,
+        ReasonCode::VisionLost,
     );
 }
 
 #[test]
-fn tracking_stable_names_each_refusal_to_descend() {
+fn tracking_stable_reports_each_reason_not_to_descend() {
     let stable = MissionPhase::TrackingStable;
     let c = config();
     for (s, why) in [
-        (with_deck(|d| d.vision_age_s = 1.5), ReasonCode::SightLost),
+        (with_deck(|d| d.vision_age_s = 1.5), ReasonCode::VisionLost),
         (with_deck(|d| d.distance_m = 1.2), ReasonCode::TooFar),
         (with_deck(|d| d.relative_speed_mps = 1.1), ReasonCode::TooFast),
         (with_deck(|d| d.horizontal_sd_m = 0.7), ReasonCode::Uncertain),
@@ -285,33 +285,36 @@ fn tracking_stable_names_each_refusal_to_descend() {
         ),
         (
             Situation {
-                steepest_rad: 0.41,
+                recent_tilt_rad: 0.41,
                 ..fair()
             },
             ReasonCode::TooSteep,
         ),
         // Waves to come will tilt the deck before the drone is at rest, or have shed what stood there a
         // moment ago as nothing had foretold.
-        (with_deck(|d| d.foretold = Some(0.3)), ReasonCode::DeckSteepens),
+        (
+            with_deck(|d| d.predicted_slope = Some(0.3)),
+            ReasonCode::SlidePredicted,
+        ),
         (
             Situation {
-                felt: FeltSlope::of(&[10, 60], 0.45),
-                ..with_deck(|d| d.foretold = Some(0.1))
+                apparent_slope: ApparentSlopeHistory::of(&[10, 60], 0.45),
+                ..with_deck(|d| d.predicted_slope = Some(0.1))
             },
-            ReasonCode::DeckSheds,
+            ReasonCode::SlideObserved,
         ),
         // Where crests are reckoned with, their slope is known better.
         (
-            with_deck(|d| (d.foretold, d.orbital_slip) = (Some(0.36), 1.0)),
-            ReasonCode::DeckSteepens,
+            with_deck(|d| (d.predicted_slope, d.wave_following_deficit) = (Some(0.36), 1.0)),
+            ReasonCode::SlidePredicted,
         ),
         // Nothing is foretold, and the deck shed what stood there a moment ago.
         (
             Situation {
-                felt: FeltSlope::of(&[10, 60], 0.45),
+                apparent_slope: ApparentSlopeHistory::of(&[10, 60], 0.45),
                 ..fair()
             },
-            ReasonCode::DeckSheds,
+            ReasonCode::SlideObserved,
         ),
         (
             Situation {
@@ -325,20 +328,20 @@ fn tracking_stable_names_each_refusal_to_descend() {
                 reservation: Reservation::Others(2),
                 ..fair()
             },
-            ReasonCode::DeckTaken,
+            ReasonCode::DeckReserved,
         ),
         (
             Situation {
                 reservation: Reservation::Unknown(2.5),
                 ..fair()
             },
-            ReasonCode::DeckUnknown,
+            ReasonCode::DeckGrantStale,
         ),
         (
             // Half as much wind, on a deck whose motion takes most of the feet's grip.
             Situation {
                 wind_peak_mps2: 1.8,
-                grip_taken_mps2: 3.4,
+                friction_used_mps2: 3.4,
                 ..fair()
             },
             ReasonCode::TooWindy,
@@ -377,7 +380,7 @@ fn descent_becomes_flare_below_its_clearance() {
 #[test]
 fn descent_returns_to_tracking_when_a_condition_stays_violated() {
     for (s, why) in [
-        (with_deck(|d| d.vision_age_s = 1.2), ReasonCode::SightLost),
+        (with_deck(|d| d.vision_age_s = 1.2), ReasonCode::VisionLost),
         (with_deck(|d| d.distance_m = 4.0), ReasonCode::Deviated),
         (with_deck(|d| d.horizontal_sd_m = 1.0), ReasonCode::Uncertain),
         (with_deck(|d| d.acceleration_mps2 = 10.0), ReasonCode::Infeasible),
@@ -396,7 +399,7 @@ fn descent_returns_to_tracking_when_a_condition_stays_violated() {
 }
 
 #[test]
-fn the_gate_stops_the_descent_until_the_flare_is_possible() {
+fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
     for (s, why) in [
         (
             with_deck(|d| (d.clearance_m, d.distance_m) = (1.2, 0.8)),
@@ -408,18 +411,18 @@ fn the_gate_stops_the_descent_until_the_flare_is_possible() {
         ),
         (
             with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8)),
-            ReasonCode::SightLost,
+            ReasonCode::VisionLost,
         ),
     ] {
         let d = run(DESCENT, attempt(), &s, 2.0);
         waits(&d, State::Descent, why);
-        assert!(matches!(d.phase, MissionPhase::Descent { gated: Some(_), .. }));
+        assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
         goes(&run(DESCENT, attempt(), &s, 9.0), State::Tracking, why);
     }
 }
 
 #[test]
-fn below_the_commit_clearance_soft_reasons_do_not_break_off() {
+fn descent_ignores_soft_violations_below_the_commit_clearance() {
     let soft = |clearance: f64| {
         with_deck(|d| {
             d.clearance_m = clearance;
@@ -432,18 +435,18 @@ fn below_the_commit_clearance_soft_reasons_do_not_break_off() {
     waits(
         &run(COMMITTED, attempt(), &soft(0.5), 2.0),
         State::Flare,
-        ReasonCode::SightLost,
+        ReasonCode::VisionLost,
     );
     goes(
         &run(FREE_FLARE, attempt(), &soft(0.85), 2.0),
         State::Tracking,
-        ReasonCode::SightLost,
+        ReasonCode::VisionLost,
     );
     // The deck fell away again: there is time to judge.
     goes(
         &run(COMMITTED, attempt(), &soft(1.5), 2.0),
         State::Tracking,
-        ReasonCode::SightLost,
+        ReasonCode::VisionLost,
     );
     // The deck rose to the descending drone: going on is the safer way.
     let near = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
@@ -455,7 +458,7 @@ fn below_the_commit_clearance_soft_reasons_do_not_break_off() {
 }
 
 #[test]
-fn flare_lasts_through_its_blind_end() {
+fn flare_continues_through_its_end_without_vision() {
     let blind = with_deck(|d| (d.clearance_m, d.vision_age_s) = (0.85, 2.0));
     waits(
         &run(FREE_FLARE, attempt(), &blind, 1.0),
@@ -471,7 +474,7 @@ fn flare_lasts_through_its_blind_end() {
 }
 
 #[test]
-fn a_missed_or_lost_deck_ends_even_a_committed_flare() {
+fn flare_breaks_off_even_committed_when_the_deck_is_missed_or_lost() {
     let missed = with_deck(|d| d.clearance_m = -0.5);
     goes(
         &run(COMMITTED, attempt(), &missed, 1.0),
@@ -490,7 +493,7 @@ fn a_missed_or_lost_deck_ends_even_a_committed_flare() {
 }
 
 #[test]
-fn touchdown_is_what_the_pilot_says() {
+fn mission_lands_when_the_pilot_stops_the_motors() {
     let s = Situation {
         motors_stopped: true,
         ..with_deck(|d| d.clearance_m = 0.0)
@@ -510,7 +513,7 @@ fn landed_is_left_only_after_disarming_and_arming() {
     let d = decide(landed, attempt(), Some(CommandKind::Land), &fair(), &config());
     assert_eq!(d.phase, landed);
     let off = Situation {
-        flight: Flight::Disarmed,
+        flight: ControlState::Disarmed,
         ..fair()
     };
     let d = decide(landed, d.progress, None, &off, &config());

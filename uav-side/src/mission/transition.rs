@@ -10,9 +10,9 @@ use nalgebra::Vector3;
 
 use super::config::MissionConfig;
 use super::rows;
-use super::situation::{Flight, Situation};
+use super::situation::{ControlState, Situation};
 
-pub(super) type Instant = Time<DroneClock>;
+pub(super) type DroneTime = Time<DroneClock>;
 
 /// Why a hold began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,28 +36,28 @@ pub enum MissionPhase {
     /// Towards the vessel.
     Approach {
         /// In sight since.
-        seen: Option<Instant>,
+        detected: Option<DroneTime>,
     },
     /// Over the vessel.
     Tracking {
         /// Steady since.
-        steady: Option<Instant>,
+        steady: Option<DroneTime>,
     },
     /// Steady over the vessel.
     TrackingStable,
     /// Descends to the flare.
     Descent {
         /// A condition has been violated since.
-        violated: Option<Instant>,
+        violated: Option<DroneTime>,
         /// Waits above the flare since.
-        gated: Option<Instant>,
+        paused: Option<DroneTime>,
     },
     /// Descends to the deck.
     Flare {
         /// Below the commit clearance: only hard reasons break it off.
         committed: bool,
         /// A condition has been violated since.
-        violated: Option<Instant>,
+        violated: Option<DroneTime>,
     },
     /// On the deck.
     Landed {
@@ -73,7 +73,7 @@ pub enum MissionPhase {
         /// Heading, rad.
         yaw: f64,
         /// Data have been fresh since.
-        fresh: Option<Instant>,
+        fresh: Option<DroneTime>,
     },
     /// Ended without landing.
     GaveUp {
@@ -110,7 +110,7 @@ impl MissionPhase {
     }
 }
 
-/// What outlives a state.
+/// What survives_pause a state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
     /// A landing is wanted.
@@ -118,7 +118,7 @@ pub struct Progress {
     /// Descents begun since the command.
     pub attempts: u32,
     /// When the landing was begun.
-    pub started: Instant,
+    pub started: DroneTime,
     /// The operator asked for a landing after the battery's reserve was reached.
     pub reserve_waived: bool,
 }
@@ -137,7 +137,7 @@ pub struct Decision {
 }
 
 /// The outcome of one row of the table.
-pub(super) enum Row {
+pub(super) enum Transition {
     /// Stays, waiting for this.
     Stay(MissionPhase, Reason),
     /// Goes to that phase for this reason.
@@ -158,10 +158,10 @@ pub fn decide(
     let row = interrupt(phase, &mut progress, order, s, c).unwrap_or_else(|| match phase {
         MissionPhase::Idle => rows::idle(&mut progress, s, c),
         MissionPhase::GetAltitude { from } => rows::get_altitude(from, s, c),
-        MissionPhase::Approach { seen } => rows::approach(seen, s, c),
+        MissionPhase::Approach { detected } => rows::approach(detected, s, c),
         MissionPhase::Tracking { steady } => rows::tracking(steady, s, c),
         MissionPhase::TrackingStable => rows::tracking_stable(&mut progress, s, c),
-        MissionPhase::Descent { violated, gated } => rows::descent(violated, gated, s, c),
+        MissionPhase::Descent { violated, paused } => rows::descent(violated, paused, s, c),
         MissionPhase::Flare { committed, violated } => rows::flare(committed, violated, s, c),
         MissionPhase::Landed { disarmed } => rows::landed(disarmed, &mut progress, s),
         MissionPhase::Hold {
@@ -170,12 +170,12 @@ pub fn decide(
             yaw,
             fresh,
         } => rows::hold(cause, at, yaw, fresh, &progress, s, c),
-        MissionPhase::GaveUp { .. } => Row::Stay(phase, Reason::plain(ReasonCode::NotCommanded)),
+        MissionPhase::GaveUp { .. } => Transition::Stay(phase, Reason::plain(ReasonCode::NotCommanded)),
     });
     let (phase, entered, waiting) = match row {
-        Row::Stay(p, waiting) => (p, None, waiting),
-        Row::Go(p, why) => (p, Some(why), Reason::default()),
-        Row::BreakOff(why) if progress.attempts >= c.max_attempts => {
+        Transition::Stay(p, waiting) => (p, None, waiting),
+        Transition::Go(p, why) => (p, Some(why), Reason::default()),
+        Transition::BreakOff(why) if progress.attempts >= c.max_attempts => {
             let spent = Reason::new(
                 ReasonCode::OutOfRetries,
                 f64::from(progress.attempts),
@@ -183,7 +183,7 @@ pub fn decide(
             );
             (gave_up(s, c), Some(spent), why)
         }
-        Row::BreakOff(why) => (MissionPhase::Tracking { steady: None }, Some(why), why),
+        Transition::BreakOff(why) => (MissionPhase::Tracking { steady: None }, Some(why), why),
     };
     if matches!(phase, MissionPhase::GaveUp { .. } | MissionPhase::Landed { .. }) {
         progress.landing = false;
@@ -203,9 +203,9 @@ fn interrupt(
     order: Option<CommandKind>,
     s: &Situation,
     c: &MissionConfig,
-) -> Option<Row> {
+) -> Option<Transition> {
     if phase.flies() && s.motors_stopped {
-        return Some(Row::Go(
+        return Some(Transition::Go(
             MissionPhase::Landed { disarmed: false },
             Reason::plain(ReasonCode::Touchdown),
         ));
@@ -214,20 +214,20 @@ fn interrupt(
         Some(CommandKind::Abort) => {
             progress.landing = false;
             if phase.flies() && !matches!(phase, MissionPhase::GaveUp { .. }) {
-                return Some(Row::Go(gave_up(s, c), Reason::plain(ReasonCode::Operator)));
+                return Some(Transition::Go(gave_up(s, c), Reason::plain(ReasonCode::Operator)));
             }
         }
         Some(CommandKind::Hold) => {
             progress.landing = false;
             if phase.flies() {
-                return Some(Row::Go(
+                return Some(Transition::Go(
                     holding(HoldCause::Operator, s, c),
                     Reason::plain(ReasonCode::Operator),
                 ));
             }
         }
         Some(CommandKind::Land) => {
-            let anew = match phase {
+            let restarts = match phase {
                 MissionPhase::Idle | MissionPhase::GaveUp { .. } => true,
                 MissionPhase::Hold { cause, .. } => cause == HoldCause::Operator,
                 MissionPhase::GetAltitude { .. }
@@ -238,13 +238,13 @@ fn interrupt(
                 | MissionPhase::Flare { .. }
                 | MissionPhase::Landed { .. } => false,
             };
-            if anew {
+            if restarts {
                 progress.landing = true;
                 progress.attempts = 0;
                 progress.started = s.now;
                 progress.reserve_waived = s.battery.is_some_and(|b| b < c.battery_reserve);
                 if phase.flies() && matches!(phase, MissionPhase::GaveUp { .. }) {
-                    return Some(Row::Go(
+                    return Some(Transition::Go(
                         holding(HoldCause::Data, s, c),
                         Reason::plain(ReasonCode::Commanded),
                     ));
@@ -257,25 +257,31 @@ fn interrupt(
         return None;
     }
     match s.flight {
-        Flight::Disarmed => {
+        ControlState::Disarmed => {
             progress.landing = false;
-            return Some(Row::Go(MissionPhase::Idle, Reason::plain(ReasonCode::NotFlying)));
+            return Some(Transition::Go(
+                MissionPhase::Idle,
+                Reason::plain(ReasonCode::NotFlying),
+            ));
         }
-        Flight::NotOurs(mode) => {
+        ControlState::OtherControl(mode) => {
             // The autopilot's own hold is a lapse of the link; anything else is somebody's will.
             progress.landing &= mode == AutopilotMode::Hold;
-            return Some(Row::Go(MissionPhase::Idle, Reason::plain(ReasonCode::NotFlying)));
+            return Some(Transition::Go(
+                MissionPhase::Idle,
+                Reason::plain(ReasonCode::NotFlying),
+            ));
         }
-        Flight::Unknown if phase.needs_data() => {
-            return Some(Row::Go(
+        ControlState::Unknown if phase.needs_data() => {
+            return Some(Transition::Go(
                 holding(HoldCause::Data, s, c),
                 Reason::plain(ReasonCode::NotFlying),
             ));
         }
-        Flight::Unknown | Flight::OnGround | Flight::Ours => {}
+        ControlState::Unknown | ControlState::OnGround | ControlState::Ours => {}
     }
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
-        return Some(Row::Go(holding(HoldCause::Data, s, c), why));
+        return Some(Transition::Go(holding(HoldCause::Data, s, c), why));
     }
     // In the air with the vessel below, landing is the quickest way out of an empty battery.
     let landing = matches!(phase, MissionPhase::Descent { .. } | MissionPhase::Flare { .. });
@@ -293,14 +299,14 @@ fn interrupt(
         .battery
         .filter(|b| *b < c.battery_reserve && !progress.reserve_waived)
     {
-        return Some(Row::Go(
+        return Some(Transition::Go(
             gave_up(s, c),
             Reason::new(ReasonCode::BatteryLow, b, c.battery_reserve),
         ));
     }
     let took = (s.now - progress.started).secs();
     if took > c.mission_timeout_s {
-        return Some(Row::Go(
+        return Some(Transition::Go(
             gave_up(s, c),
             Reason::new(ReasonCode::TooLong, took, c.mission_timeout_s),
         ));
@@ -310,8 +316,8 @@ fn interrupt(
 
 /// What is too old to go on.
 pub(super) fn old_data(s: &Situation) -> Option<Reason> {
-    exceeds(ReasonCode::OdometryOld, s.odometry_age_s, s.odometry_limit_s)
-        .or_else(|| exceeds(ReasonCode::ForecastOld, s.forecast_age_s, s.forecast_limit_s))
+    exceeds(ReasonCode::OdometryStale, s.odometry_age_s, s.odometry_limit_s)
+        .or_else(|| exceeds(ReasonCode::ForecastStale, s.forecast_age_s, s.forecast_limit_s))
         .or_else(|| s.deck.is_none().then_some(Reason::plain(ReasonCode::NoVessel)))
 }
 
@@ -321,7 +327,7 @@ pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason
 }
 
 /// Since when `holds` has been true, and for how long, s.
-pub(super) fn lasting(holds: bool, since: Option<Instant>, now: Instant) -> (Option<Instant>, f64) {
+pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> (Option<DroneTime>, f64) {
     if !holds {
         return (None, 0.0);
     }
@@ -331,7 +337,7 @@ pub(super) fn lasting(holds: bool, since: Option<Instant>, now: Instant) -> (Opt
 
 /// Hold where the drone is, not below the tracking height over the deck nor the minimum altitude.
 pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
-    let (at, yaw) = refuge(s, c, c.tracking_height_m);
+    let (at, yaw) = safe_place(s, c, c.tracking_height_m);
     MissionPhase::Hold {
         cause,
         at,
@@ -342,12 +348,12 @@ pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> Mis
 
 /// Climb straight up to the approach height over the deck.
 fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
-    let (at, yaw) = refuge(s, c, c.approach_height_m);
+    let (at, yaw) = safe_place(s, c, c.approach_height_m);
     MissionPhase::GaveUp { at, yaw }
 }
 
 /// Straight above (or at) the drone's place, at least `height` over the deck's mean level.
-fn refuge(s: &Situation, c: &MissionConfig, height: f64) -> (Vector3<f64>, f64) {
+fn safe_place(s: &Situation, c: &MissionConfig, height: f64) -> (Vector3<f64>, f64) {
     let (mut at, yaw) = s
         .own
         .map_or((Vector3::zeros(), 0.0), |own| (own.position, own.yaw));

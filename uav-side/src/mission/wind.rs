@@ -11,25 +11,25 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
-use crate::disturbance::Disturbance;
+use crate::disturbance::DisturbanceObserver;
 
 /// Odometry further apart than this is no continuous flight, s.
-const LONGEST_GAP_S: f64 = 0.1;
+const MAX_GAP_S: f64 = 0.1;
 /// Time constant of the observer, s: the planner's, gusts of 2 s pass.
 const OBSERVER_S: f64 = 0.7;
 /// Largest push believed, m/s².
-const MOST_MPS2: f64 = 9.0;
+const MAX_MPS2: f64 = 9.0;
 /// Standard deviation of the push as a share of its mean before any is measured: twice the
 /// intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
-const PRIOR_SHARE: f64 = 0.38;
+const PRIOR_FRACTION: f64 = 0.38;
 /// The prior counts as this much time, and gusts further apart are independent, s: twice the
 /// integral time of the turbulence at 7 m, 50 m at 8 to 10 m/s (MIL-F-8785C).
 const INDEPENDENT_S: f64 = 10.0;
 
 /// What is known of the push.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct WindWatch {
-    observer: Disturbance,
+pub struct WindMonitor {
+    observer: DisturbanceObserver,
     at: Option<Time<DroneClock>>,
     /// Time watched, at most the memory, s.
     known_s: f64,
@@ -37,27 +37,27 @@ pub struct WindWatch {
     variance: f64,
 }
 
-impl WindWatch {
+impl WindMonitor {
     /// Learns from the newest odometry; only while the drone `follows` the vessel at its speed is
     /// the wind it feels the wind over the deck.
-    pub fn hear(&mut self, d: &DroneState, follows: bool, c: &MissionConfig) {
+    pub fn update(&mut self, d: &DroneState, follows: bool, c: &MissionConfig) {
         let dt = self.at.map_or(0.0, |t| (d.header.at - t).secs());
         self.at = Some(d.header.at);
-        if !(0.0..LONGEST_GAP_S).contains(&dt) {
+        if !(0.0..MAX_GAP_S).contains(&dt) {
             self.observer.pause();
             return;
         }
         let force = Vector3::from(d.specific_force);
         self.observer
-            .learn(&force, &d.attitude(), &d.velocity(), dt, OBSERVER_S, MOST_MPS2);
+            .learn(&force, &d.attitude(), &d.velocity(), dt, OBSERVER_S, MAX_MPS2);
         if !follows || dt <= 0.0 {
             return;
         }
         self.known_s = (self.known_s + dt).min(c.wind_memory_s);
-        let share = dt / self.known_s;
+        let fraction = dt / self.known_s;
         let off = self.observer.value().norm() - self.mean;
-        self.mean += share * off;
-        self.variance += share * (off * off * (1.0 - share) - self.variance);
+        self.mean += fraction * off;
+        self.variance += fraction * (off * off * (1.0 - fraction) - self.variance);
     }
 
     /// The push of now, m/s².
@@ -71,10 +71,10 @@ impl WindWatch {
         if self.known_s <= 0.0 {
             return 0.0;
         }
-        let prior = PRIOR_SHARE * self.mean;
+        let prior = PRIOR_FRACTION * self.mean;
         let (n, t) = (INDEPENDENT_S, self.known_s);
         let variance = (n * prior * prior + t * self.variance) / (n + t);
-        self.mean + c.wind_gusts * (variance * (1.0 + n / t)).sqrt()
+        self.mean + c.wind_gust_sds * (variance * (1.0 + n / t)).sqrt()
     }
 }
 
@@ -88,26 +88,26 @@ mod tests {
 
     /// A drone that keeps its place in a push that swings by `gust` about `mean` with a period of
     /// 8 s.
-    fn watched(mean: f64, gust: f64, secs: f64, follows: bool) -> (WindWatch, MissionConfig) {
-        let (c, mut w) = (MissionConfig::default(), WindWatch::default());
+    fn watched(mean: f64, gust: f64, secs: f64, follows: bool) -> (WindMonitor, MissionConfig) {
+        let (c, mut w) = (MissionConfig::default(), WindMonitor::default());
         for k in 0..(secs * 100.0) as i64 {
             let t = 0.01 * k as f64;
             let push = mean + gust * (core::f64::consts::TAU / 8.0 * t).sin();
-            let lean = UnitQuaternion::from_euler_angles(0.0, -(push / GRAVITY).atan(), 0.0);
+            let tilt = UnitQuaternion::from_euler_angles(0.0, -(push / GRAVITY).atan(), 0.0);
             let d = DroneState {
                 header: Header::new(1, 1, 1, k as u32, Time::EPOCH + Span::from_millis(10 * k)),
-                attitude: [lean.w, lean.i, lean.j, lean.k],
+                attitude: [tilt.w, tilt.i, tilt.j, tilt.k],
                 specific_force: [0.0, 0.0, -push.hypot(GRAVITY)],
                 ..DroneState::default()
             };
             // Long settled when the watch begins.
-            w.hear(&d, follows && t > 5.0, &c);
+            w.update(&d, follows && t > 5.0, &c);
         }
         (w, c)
     }
 
     #[test]
-    fn a_steady_push_is_trusted_in_time_a_gusty_one_never_wholly() {
+    fn wind_monitor_trusts_a_steady_wind_in_time_and_keeps_a_margin_for_gusts() {
         // Soon after the beginning the prior's gusts and a short mean count.
         let (early, c) = watched(2.0, 0.0, 6.0, true);
         assert!(early.peak(&c) > 3.5, "{}", early.peak(&c));
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn light_wind_waits_a_few_seconds_and_only_following_is_judged() {
+    fn wind_monitor_permits_light_wind_after_seconds_and_learns_only_while_following() {
         let (light, c) = watched(0.7, 0.4, 9.0, true);
         assert!(light.peak(&c) < c.wind_peak_mps2, "{}", light.peak(&c));
         let (way, c) = watched(5.0, 0.0, 45.0, false);

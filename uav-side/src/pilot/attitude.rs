@@ -31,12 +31,12 @@ pub fn thrust_of_attitude(attitude: &UnitQuaternion<f64>, vertical: f64, gravity
 
 /// `thrust` with its horizontal part cut so that it leans at most `tilt` (rad) from the vertical
 /// and always points up.
-pub fn lean_limited(thrust: &Vector3<f64>, tilt: f64, least_up: f64) -> Vector3<f64> {
+pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, least_up: f64) -> Vector3<f64> {
     let up = (-thrust.z).max(least_up);
     let horizontal = thrust.x.hypot(thrust.y);
-    let most = up * tilt.tan();
-    let share = if horizontal > most { most / horizontal } else { 1.0 };
-    Vector3::new(thrust.x * share, thrust.y * share, -up)
+    let max = up * tilt.tan();
+    let fraction = if horizontal > max { max / horizontal } else { 1.0 };
+    Vector3::new(thrust.x * fraction, thrust.y * fraction, -up)
 }
 
 /// The Euler angles to command now so that a loop of first-order lag `lag` (s) has `euler` now:
@@ -51,15 +51,15 @@ pub fn rates_of(euler: &[f64; 3], rates: &[f64; 3]) -> Vector3<f64> {
     body_rates(euler[0], euler[1], Vector3::from(*rates))
 }
 
-/// `wanted`, or the point on the way there from `last` that a turn of `most` (rad) reaches.
-pub fn slewed(last: &UnitQuaternion<f64>, wanted: &UnitQuaternion<f64>, most: f64) -> UnitQuaternion<f64> {
+/// `wanted`, or the point on the way there from `last` that a turn of `max` (rad) reaches.
+pub fn slewed(last: &UnitQuaternion<f64>, wanted: &UnitQuaternion<f64>, max: f64) -> UnitQuaternion<f64> {
     let turn = last.rotation_to(wanted);
     let angle = turn.angle();
-    if angle <= most || angle < 1e-9 {
+    if angle <= max || angle < 1e-9 {
         return *wanted;
     }
     match turn.axis() {
-        Some(axis) => UnitQuaternion::from_axis_angle(&axis, most) * last,
+        Some(axis) => UnitQuaternion::from_axis_angle(&axis, max) * last,
         None => *wanted,
     }
 }

@@ -87,7 +87,7 @@ config! {
         /// Source: 0.5 m/s for 0.7 s: matching a tilt costs 0.5 to 1.5 m/s² sideways.
         pub fade_clearance_m: f64 = 0.35, in 0.01..=5.0;
         /// Share of the disturbance's tilt that is kept at the deck, 0 to 1.
-        pub contact_disturbance_share: f64 = 0.5, in 0.0..=1.0;
+        pub contact_disturbance_fraction: f64 = 0.5, in 0.0..=1.0;
         /// Time constant of the disturbance estimate, s.
         pub disturbance_time_s: f64 = 0.5, in 0.05..=60.0;
         /// Largest disturbance believed, m/s².
@@ -105,7 +105,7 @@ config! {
         /// Lag of the rate loop and of the way there, besides the attitude loop's, s.
         pub rate_lag_s: f64 = 0.06, in 0.0..=0.5;
         /// Least thrust in the air as a share of hover.
-        pub least_thrust_of_hover: f64 = 0.3, in 0.0..=0.9;
+        pub min_thrust_of_hover: f64 = 0.3, in 0.0..=0.9;
     }
     check |this, at| {
         at.range(
@@ -157,7 +157,7 @@ config! {
     /// Defaults: Ours. Least: the period of the pilot's own steps hides as much.
     pub struct DelayConfig {
         /// Below this it is none, s.
-        pub least_s: f64 = 0.005, in 0.0..=0.5;
+        pub min_s: f64 = 0.005, in 0.0..=0.5;
         /// Greatest believed, one way, s; 0: none is made up for.
         pub limit_s: f64 = 0.15, in 0.0..=0.25;
         /// Time constant of its estimate, s.

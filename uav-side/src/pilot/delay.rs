@@ -9,7 +9,7 @@
 //! Simulated over MAVLink at Moderate (`tests/tests/mavlink.rs`), 40 ms each way: without it none of 3 flights
 //! landed well (23 contacts that were too hard), with it 32 of 32, 0.033 m off on average. At 80 ms 94 of 100: thrust
 //! taken away on the deck is felt 160 ms later, and the contact is doubted meanwhile. Over an autopilot in
-//! the same computer the dead time is below [`DelayConfig::least_s`] and nothing changes.
+//! the same computer the dead time is below [`DelayConfig::min_s`] and nothing changes.
 
 use std::collections::VecDeque;
 
@@ -20,7 +20,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
 use super::config::DelayConfig;
-use super::estimate::FlightEstimate;
+use super::estimate::FlightEstimator;
 use super::tracking::Body;
 
 /// Commands kept: those of 0.6 s at 100 Hz.
@@ -52,7 +52,7 @@ pub(crate) struct Delay {
 
 impl Delay {
     /// New odometry arrived, `age_s` old, `dt` after the last step.
-    pub(crate) fn heard(&mut self, age_s: f64, dt: f64, c: &DelayConfig) {
+    pub(crate) fn received(&mut self, age_s: f64, dt: f64, c: &DelayConfig) {
         let age_s = age_s.clamp(0.0, c.limit_s);
         self.age_s = Some(match self.age_s {
             None => age_s,
@@ -61,7 +61,7 @@ impl Delay {
     }
     /// One way, s; zero when it is too short to matter.
     pub(crate) fn one_way_s(&self, c: &DelayConfig) -> f64 {
-        self.age_s.filter(|a| *a >= c.least_s).unwrap_or(0.0)
+        self.age_s.filter(|a| *a >= c.min_s).unwrap_or(0.0)
     }
     /// What was commanded at `now`.
     pub(crate) fn sent(&mut self, now: Time<DroneClock>, command: Commanded) {
@@ -90,7 +90,7 @@ impl Delay {
         &self,
         now: Time<DroneClock>,
         drone: &DroneState,
-        estimate: &FlightEstimate,
+        estimate: &FlightEstimator,
         lags: &Lags,
         c: &DelayConfig,
     ) -> Option<Body> {
@@ -102,13 +102,13 @@ impl Delay {
         let horizon_s = age_s + one_way_s;
         let (mut position, mut velocity) = (drone.position(), drone.velocity());
         let (mut attitude, mut rates) = (drone.attitude(), Vector3::from(drone.rates));
-        let felt = -drone.specific_force[2];
+        let measured_force = -drone.specific_force[2];
         let mut thrust = estimate.acting();
         let push = estimate.disturbance();
         let outside = Vector3::new(push.x, push.y, GRAVITY - estimate.lift());
         let steps = (horizon_s / STEP_S).ceil().max(1.0);
         let h = horizon_s / steps;
-        let share = |lag_s: f64| {
+        let fraction = |lag_s: f64| {
             if lag_s > 0.0 {
                 1.0 - (-h / lag_s).exp()
             } else {
@@ -120,15 +120,15 @@ impl Delay {
             let wanted = match self.by(at) {
                 Some((command, u)) => {
                     let last = thrust.unwrap_or(u);
-                    thrust = Some(last + share(lags.thrust_s) * (u - last));
+                    thrust = Some(last + fraction(lags.thrust_s) * (u - last));
                     (attitude.inverse() * command).scaled_axis() / lags.attitude_s.max(0.02)
                 }
                 // Whoever flies keeps it as it is.
                 None => Vector3::zeros(),
             };
-            rates += (wanted - rates) * share(lags.rate_s);
+            rates += (wanted - rates) * fraction(lags.rate_s);
             attitude *= UnitQuaternion::from_scaled_axis(rates * h);
-            let lift = thrust.map_or(felt, |u| estimate.specific(u));
+            let lift = thrust.map_or(measured_force, |u| estimate.specific(u));
             let acceleration = outside - attitude * Vector3::z() * lift;
             position += velocity * h + acceleration * (0.5 * h * h);
             velocity += acceleration * h;
@@ -156,8 +156,9 @@ impl Pilot {
             thrust_s: self.config.tracking.thrust_lag_s,
         };
         let c = &self.config.delay;
-        let heard = self.drone.get();
-        let Some(mut ahead) = heard.and_then(|d| self.delay.ahead(now, d, &self.estimate, &lags, c)) else {
+        let received = self.drone.get();
+        let Some(mut ahead) = received.and_then(|d| self.delay.ahead(now, d, &self.estimate, &lags, c))
+        else {
             return *body;
         };
         // The model knows of no deck, which carries the drone from the contact on.
@@ -186,10 +187,10 @@ mod tests {
     /// Flies the model's own drone under a rocking command, 40 ms each way, and compares what was led ahead
     /// with what came.
     #[test]
-    fn what_is_led_ahead_is_what_the_drone_becomes() {
+    fn delay_prediction_matches_the_drone_one_dead_time_later() {
         let (c, one_way, dt) = (DelayConfig::default(), 4_usize, 0.01);
         let mut delay = Delay::default();
-        let mut estimate = FlightEstimate::new(0.4);
+        let mut estimate = FlightEstimator::new(0.4);
         let (mut p, mut v) = (Vector3::new(3.0, -2.0, -5.0), Vector3::new(1.0, 0.5, 0.2));
         let (mut q, mut w) = (UnitQuaternion::identity(), Vector3::zeros());
         let mut u = 0.4;
@@ -211,9 +212,9 @@ mod tests {
             state.header.at = at(k);
             history.push((state, u));
             if k >= one_way {
-                let heard = history[k - one_way].0;
-                delay.heard(dt * one_way as f64, dt, &c);
-                let body = delay.ahead(at(k), &heard, &estimate, &LAGS, &c).unwrap();
+                let received = history[k - one_way].0;
+                delay.received(dt * one_way as f64, dt, &c);
+                let body = delay.ahead(at(k), &received, &estimate, &LAGS, &c).unwrap();
                 led.push(body);
             }
             let wanted =
@@ -265,15 +266,15 @@ mod tests {
     }
 
     #[test]
-    fn without_dead_time_nothing_is_led_and_the_last_command_is_answered_at_once() {
+    fn delay_predicts_nothing_without_dead_time() {
         let c = DelayConfig::default();
         let mut delay = Delay::default();
-        delay.heard(0.001, 0.01, &c);
+        delay.received(0.001, 0.01, &c);
         let now = Time::from_secs(1.0);
         let command = Some((UnitQuaternion::identity(), 0.3));
         delay.sent(now, command);
         assert_eq!(delay.answered(now, &c), command);
-        let estimate = FlightEstimate::new(0.4);
+        let estimate = FlightEstimator::new(0.4);
         assert!(
             delay
                 .ahead(now, &DroneState::default(), &estimate, &LAGS, &c)

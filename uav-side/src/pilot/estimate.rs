@@ -5,30 +5,30 @@ use alight_shared::geometry::GRAVITY;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::TrackingConfig;
-use crate::disturbance::Disturbance;
+use crate::disturbance::DisturbanceObserver;
 
 /// Slow estimates of the thrust scale and of the horizontal disturbance.
 #[derive(Clone, Debug)]
-pub(crate) struct FlightEstimate {
+pub(crate) struct FlightEstimator {
     /// Collective thrust that hovers, 0 to 1.
     hover: f64,
     nominal: f64,
-    told: bool,
-    disturbance: Disturbance,
+    reported: bool,
+    disturbance: DisturbanceObserver,
     /// Upward specific force that the thrust does not explain, m/s².
     lift: f64,
     /// Thrust that acts after the lag, 0 to 1.
     acting: Option<f64>,
 }
 
-impl FlightEstimate {
+impl FlightEstimator {
     /// Starts from the nominal hover thrust.
     pub(crate) fn new(nominal: f64) -> Self {
-        FlightEstimate {
+        FlightEstimator {
             hover: nominal,
             nominal,
-            told: false,
-            disturbance: Disturbance::default(),
+            reported: false,
+            disturbance: DisturbanceObserver::default(),
             lift: 0.0,
             acting: None,
         }
@@ -50,10 +50,10 @@ impl FlightEstimate {
         self.acting
     }
     /// The autopilot's own estimate starts ours.
-    pub(crate) fn told_hover(&mut self, hover: f64) {
-        if !self.told && self.plausible(hover) {
+    pub(crate) fn use_reported_hover(&mut self, hover: f64) {
+        if !self.reported && self.plausible(hover) {
             self.hover = hover;
-            self.told = true;
+            self.reported = true;
         }
     }
     /// Upward specific force that the own thrust does not explain, m/s²: ground effect, the air that
@@ -79,16 +79,16 @@ impl FlightEstimate {
         let upright = (attitude * Vector3::z()).z;
         let wrong = -(attitude * force).z - self.specific(u) * upright;
         if wrong.is_finite() {
-            let most = c.lift_limit_mps2;
-            self.lift += (1.0 - (-dt / c.lift_time_s).exp()) * (wrong.clamp(-most, most) - self.lift);
+            let max = c.lift_limit_mps2;
+            self.lift += (1.0 - (-dt / c.lift_time_s).exp()) * (wrong.clamp(-max, max) - self.lift);
         }
     }
     /// First-order lag from the commanded to the acting thrust.
     pub(crate) fn commanded(&mut self, thrust: Option<f64>, dt: f64, lag: f64) {
         self.acting = thrust.map(|u| {
-            let share = if lag > 0.0 { 1.0 - (-dt / lag).exp() } else { 1.0 };
+            let fraction = if lag > 0.0 { 1.0 - (-dt / lag).exp() } else { 1.0 };
             let last = self.acting.unwrap_or(u);
-            last + share * (u - last)
+            last + fraction * (u - last)
         });
     }
     /// Learns from a specific force (body, m/s²) in free flight under collective `thrust`.
@@ -103,7 +103,7 @@ impl FlightEstimate {
         }
     }
     /// The horizontal disturbance, to be taught in free flight.
-    pub(crate) fn disturbance_mut(&mut self) -> &mut Disturbance {
+    pub(crate) fn disturbance_mut(&mut self) -> &mut DisturbanceObserver {
         &mut self.disturbance
     }
     fn plausible(&self, hover: f64) -> bool {
@@ -116,11 +116,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lift_is_what_the_thrust_does_not_explain_upwards() {
+    fn lift_estimate_is_the_force_not_explained_by_thrust() {
         let c = TrackingConfig::default();
-        let learnt = |force: Vector3<f64>, lean: f64, hover: f64, u: Option<f64>| {
-            let mut e = FlightEstimate::new(hover);
-            let attitude = UnitQuaternion::from_euler_angles(0.0, lean, 0.4);
+        let learnt = |force: Vector3<f64>, tilt: f64, hover: f64, u: Option<f64>| {
+            let mut e = FlightEstimator::new(hover);
+            let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.4);
             for _ in 0..100 {
                 e.commanded(u, 0.01, 0.0);
                 e.learn_lift(&force, &attitude, 0.01, &c);
@@ -132,14 +132,14 @@ mod tests {
         assert!((ground - 0.1 * GRAVITY).abs() < 0.01, "{ground}");
         // Held against wind by a lean: drag across and along the thrust, none upwards. Had the hover
         // thrust been learnt along the thrust, its error of a sin(lean) is found here.
-        let (lean, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
-        let drag = GRAVITY * lean.tan();
-        let felt = Vector3::new(drag * lean.cos(), 0.0, -thrust + drag * lean.sin());
+        let (tilt, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
+        let drag = GRAVITY * tilt.tan();
+        let measured_force = Vector3::new(drag * tilt.cos(), 0.0, -thrust + drag * tilt.sin());
         let u = 0.4 * thrust / GRAVITY;
-        assert!(learnt(felt, lean, 0.4, Some(u)).abs() < 0.01);
-        let weak = 0.4 * thrust / -felt.z;
-        let found = learnt(felt, lean, weak, Some(u));
-        assert!((found - drag * lean.sin() * lean.cos()).abs() < 0.01, "{found}");
+        assert!(learnt(measured_force, tilt, 0.4, Some(u)).abs() < 0.01);
+        let weak = 0.4 * thrust / -measured_force.z;
+        let found = learnt(measured_force, tilt, weak, Some(u));
+        assert!((found - drag * tilt.sin() * tilt.cos()).abs() < 0.01, "{found}");
         // Bounded, and nothing without an own thrust or from what is no number.
         let hit = learnt(Vector3::new(0.0, 0.0, -90.0), 0.0, 0.4, Some(0.4));
         assert!(hit <= c.lift_limit_mps2, "{hit}");

@@ -11,7 +11,7 @@ use super::config::LagConfig;
 
 /// What is known of the lag: least squares of `e = T w` over the recent past, from a prior.
 #[derive(Clone, Debug)]
-pub(crate) struct LagEstimate {
+pub(crate) struct AttitudeLagEstimator {
     nominal: f64,
     /// Sum of squared angles, rad² s.
     square: f64,
@@ -23,11 +23,11 @@ pub(crate) struct LagEstimate {
     left: Vector2<f64>,
 }
 
-impl LagEstimate {
+impl AttitudeLagEstimator {
     /// Starts from the nominal lag, s.
     pub(crate) fn new(nominal: f64, c: &LagConfig) -> Self {
         let nominal = nominal.clamp(c.bounds_s[0], c.bounds_s[1]);
-        LagEstimate {
+        AttitudeLagEstimator {
             nominal,
             square: c.prior_rad2s,
             product: c.prior_rad2s / nominal,
@@ -53,8 +53,8 @@ impl LagEstimate {
         let angle = (is.inverse() * wanted).scaled_axis();
         // Heading has a loop of its own.
         let factor = self.lag(c) / c.design_s;
-        let made_up = Vector3::new(factor * angle.x, factor * angle.y, angle.z);
-        is * UnitQuaternion::from_scaled_axis(made_up)
+        let scaled = Vector3::new(factor * angle.x, factor * angle.y, angle.z);
+        is * UnitQuaternion::from_scaled_axis(scaled)
     }
 
     /// The command that the next attitude heard answers; None: the pilot commanded no attitude.
@@ -89,7 +89,7 @@ mod tests {
     /// estimate and the loop's greatest distance from one with the design lag in the last second.
     fn rock(lag: f64, seconds: f64) -> (f64, f64) {
         let c = LagConfig::default();
-        let mut x = LagEstimate::new(0.2, &c);
+        let mut x = AttitudeLagEstimator::new(0.2, &c);
         let (dt, mut worst) = (0.01, 0.0_f64);
         let (mut is, mut ideal) = (UnitQuaternion::identity(), UnitQuaternion::identity());
         let (mut rate, mut ideal_rate) = (Vector3::zeros(), Vector3::zeros());
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lag_is_found_within_seconds_and_made_up_for() {
+    fn attitude_lag_is_estimated_within_seconds_and_compensated() {
         for lag in [0.1, 0.2, 0.3, 0.4] {
             let (found, worst) = rock(lag, 4.0);
             assert!((found / lag - 1.0).abs() < 0.12, "{lag}: {found}");
@@ -127,9 +127,9 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_learnt_of_a_command_that_nobody_gave() {
+    fn attitude_lag_is_not_learnt_without_a_command() {
         let c = LagConfig::default();
-        let mut x = LagEstimate::new(0.2, &c);
+        let mut x = AttitudeLagEstimator::new(0.2, &c);
         for _ in 0..500 {
             x.answers(None);
             x.learn(
@@ -143,9 +143,9 @@ mod tests {
     }
 
     #[test]
-    fn rates_that_are_no_numbers_are_not_learnt() {
+    fn attitude_lag_ignores_rates_that_are_not_finite() {
         let c = LagConfig::default();
-        let mut x = LagEstimate::new(0.2, &c);
+        let mut x = AttitudeLagEstimator::new(0.2, &c);
         let tilted = UnitQuaternion::from_euler_angles(0.1, 0.0, 0.0);
         let command = x.command(&tilted, &UnitQuaternion::identity(), &c);
         x.answers(Some(command));

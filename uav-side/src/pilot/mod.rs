@@ -34,9 +34,9 @@ use serde::{Deserialize, Serialize};
 use crate::latest::Latest;
 use attitude::rates_of;
 use delay::Delay;
-use estimate::FlightEstimate;
-use lag::LagEstimate;
-use touchdown::{Detector, Evidence, press_share};
+use estimate::FlightEstimator;
+use lag::AttitudeLagEstimator;
+use touchdown::{Evidence, TouchdownDetector, press_fraction};
 use tracking::{AttitudeCommand, Authority, Body, Tracker};
 
 /// What arrives.
@@ -91,7 +91,7 @@ struct HoldPlace {
 
 /// The drone and the deck below it, now.
 #[derive(Clone, Copy, Debug)]
-struct Below {
+struct DeckBelow {
     stage: DeckStage,
     clearance: f64,
     normal_speed: f64,
@@ -114,11 +114,11 @@ pub struct Pilot {
     range: Latest<RangeSample>,
     origin_resets: Option<u8>,
 
-    estimate: FlightEstimate,
-    lag: LagEstimate,
+    estimate: FlightEstimator,
+    lag: AttitudeLagEstimator,
     delay: Delay,
     tracker: Tracker,
-    detector: Detector,
+    detector: TouchdownDetector,
     hold: Option<HoldPlace>,
     stopped_at: Option<Time<DroneClock>>,
     disarmed_since_stop: bool,
@@ -126,7 +126,7 @@ pub struct Pilot {
 }
 
 /// Steps further apart than this count as this long: a pilot that was away must not jump, s.
-const LONGEST_STEP_S: f64 = 0.05;
+const MAX_STEP_S: f64 = 0.05;
 
 impl Pilot {
     /// A pilot of the drone described by `geometry`.
@@ -145,11 +145,11 @@ impl Pilot {
             autopilot: Latest::default(),
             range: Latest::default(),
             origin_resets: None,
-            estimate: FlightEstimate::new(hover),
-            lag: LagEstimate::new(geometry.attitude_lag_s, &config.lag),
+            estimate: FlightEstimator::new(hover),
+            lag: AttitudeLagEstimator::new(geometry.attitude_lag_s, &config.lag),
             delay: Delay::default(),
             tracker: Tracker::default(),
-            detector: Detector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
+            detector: TouchdownDetector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
             hold: None,
             stopped_at: None,
             disarmed_since_stop: false,
@@ -193,7 +193,7 @@ impl Pilot {
                 self.tracker.reset();
             }
             self.origin_resets = Some(m.origin_resets);
-            self.estimate.told_hover(m.hover_thrust);
+            self.estimate.use_reported_hover(m.hover_thrust);
             self.disarmed_since_stop |= self.stopped_at.is_some() && !m.armed;
         }
         if let Some(m) = &input.mission {
@@ -214,12 +214,12 @@ impl Pilot {
     }
 
     /// The deck under the drone, when forecast and odometry reach `now`.
-    fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<Below> {
+    fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<DeckBelow> {
         let f = self.forecast.get()?;
         let stage = f.at(now.max(f.header.at))?;
         let up = stage.normal();
         let r = body.position - Vector3::from(stage.position);
-        Some(Below {
+        Some(DeckBelow {
             stage,
             clearance: up.dot(&r) - self.geometry.feet_below_m,
             normal_speed: up.dot(&(body.velocity - Vector3::from(stage.velocity))),
@@ -236,7 +236,7 @@ impl Pilot {
     }
 
     /// Nothing: the autopilot's own failsafe acts.
-    fn nothing(&mut self, now: Time<DroneClock>) -> SetPoint {
+    fn no_set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
         self.set_point(now)
@@ -322,7 +322,7 @@ impl Pilot {
     }
 
     /// Without a plan, committed to the deck: level with it, sinking onto it.
-    fn sinking(&self, body: &Body, below: &Below) -> PlanStage {
+    fn sinking(&self, body: &Body, below: &DeckBelow) -> PlanStage {
         let up = below.stage.normal();
         let velocity = Vector3::from(below.stage.velocity) - up * self.config.safety.sink_mps;
         let (_, _, yaw) = body.attitude.euler_angles();
@@ -336,7 +336,7 @@ impl Pilot {
     }
 
     /// Learns hover thrust, lag and disturbance from new odometry in free flight.
-    fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&Below>) {
+    fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&DeckBelow>) {
         let Some(d) = new else { return };
         let force = Vector3::from(d.specific_force);
         if self.detector.contact() == Contact::Clear {
@@ -351,12 +351,12 @@ impl Pilot {
         let rates = Vector3::from(d.rates);
         self.lag.learn(&d.attitude(), &rates, dt, &self.config.lag);
         let c = &self.config.tracking;
-        let told = self
+        let reported = self
             .autopilot
             .fresh(now, topics::AUTOPILOT.stale_after)
             .filter(|a| a.armed && a.thrust > 0.0)
             .map(|a| a.thrust);
-        if let Some(u) = self.estimate.acting().or(told) {
+        if let Some(u) = self.estimate.acting().or(reported) {
             self.estimate.learn_hover(&force, u, dt, c);
         }
         self.estimate.disturbance_mut().learn(
@@ -374,7 +374,7 @@ impl Pilot {
         now: Time<DroneClock>,
         mission: Option<&MissionState>,
         new: Option<&DroneState>,
-        below: Option<&Below>,
+        below: Option<&DeckBelow>,
     ) -> Evidence {
         let limit = Span::from_secs(self.config.touchdown.autopilot_age_s);
         let commands = self
@@ -400,7 +400,7 @@ impl Pilot {
             descending: mission.is_some_and(|m| m.descent_mps > 0.0),
             force: new.map(|d| -d.specific_force[2]),
             own_thrust: self.estimate.acting().map(|u| self.estimate.specific(u)),
-            told_thrust: self
+            reported_thrust: self
                 .autopilot
                 .fresh(now, limit)
                 .map(|a| self.estimate.specific(a.thrust)),
@@ -417,7 +417,7 @@ impl Pilot {
         dt: f64,
         mission: Option<MissionState>,
         body: &Body,
-        below: Option<&Below>,
+        below: Option<&DeckBelow>,
     ) -> SetPoint {
         let armed = self
             .autopilot
@@ -425,7 +425,7 @@ impl Pilot {
             .filter(|a| a.armed)
             .copied();
         let Some(autopilot) = armed else {
-            return self.nothing(now);
+            return self.no_set_point(now);
         };
         let near = below.is_some_and(|b| b.clearance < self.config.safety.near_deck_m);
         let Some(mission) = mission else {
@@ -436,13 +436,13 @@ impl Pilot {
             return if flew && silence <= limit {
                 self.hold(now, body, dt, near)
             } else {
-                self.nothing(now)
+                self.no_set_point(now)
             };
         };
         let output = match mission.state.phase() {
             Phase::None => {
                 if mission.state == State::Landed {
-                    return self.nothing(now);
+                    return self.no_set_point(now);
                 }
                 // Offboard modes want a stream of set-points before they can be entered; until
                 // then the place to hold moves with whoever flies.
@@ -463,10 +463,10 @@ impl Pilot {
         let committed = flare && below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
 
         if let (Contact::Suspected { since, .. }, Output::Attitude) = (self.detector.contact(), output) {
-            let share = press_share(since, now, &self.config.touchdown);
+            let fraction = press_fraction(since, now, &self.config.touchdown);
             let up = below.map(|b| b.stage.normal());
             let yaw = plan.map_or(body.attitude.euler_angles().2, |(_, s)| s.euler[2]);
-            let thrust = share * self.estimate.hover();
+            let thrust = fraction * self.estimate.hover();
             let a = self
                 .tracker
                 .press(up, yaw, thrust, body, dt, &self.config.tracking);
@@ -520,7 +520,7 @@ impl Node for Pilot {
         let dt = self
             .last_step
             .map_or(0.01, |t| (now - t).secs())
-            .clamp(0.0, LONGEST_STEP_S);
+            .clamp(0.0, MAX_STEP_S);
         self.last_step = Some(now);
         let new = self.take(now, input);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
@@ -542,7 +542,7 @@ impl Node for Pilot {
             self.detector.clear();
             self.estimate.commanded(None, dt, 0.0);
             return PilotOut {
-                set_point: Some(self.nothing(now)),
+                set_point: Some(self.no_set_point(now)),
                 touchdown: None,
             };
         };
@@ -565,7 +565,7 @@ impl Node for Pilot {
             };
         }
         if new.is_some() {
-            self.delay.heard(age, dt, &self.config.delay);
+            self.delay.received(age, dt, &self.config.delay);
         }
         self.learn(now, new.as_ref(), dt, below.as_ref());
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
@@ -585,7 +585,7 @@ impl Node for Pilot {
         let set_point = if set_point.check().is_ok() {
             set_point
         } else {
-            self.nothing(now)
+            self.no_set_point(now)
         };
         PilotOut {
             set_point: Some(set_point),

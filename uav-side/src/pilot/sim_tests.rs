@@ -275,7 +275,7 @@ fn moderate(phase: f64) -> Sea {
 }
 
 #[test]
-fn lands_on_a_moving_deck_and_stops_at_once() {
+fn pilot_lands_on_a_moving_deck_and_stops_the_motors() {
     let mut worst: (f64, f64, f64, f64) = (0.0, 0.0, 0.0, 0.0);
     for k in 0..24 {
         let task = Task::Land {
@@ -307,7 +307,7 @@ fn lands_on_a_moving_deck_and_stops_at_once() {
 }
 
 #[test]
-fn lands_without_a_rangefinder() {
+fn pilot_lands_without_a_rangefinder() {
     for k in 0..6 {
         let task = Task::Land {
             from: 0.9,
@@ -322,7 +322,7 @@ fn lands_without_a_rangefinder() {
 }
 
 #[test]
-fn a_bounce_ends_on_the_deck() {
+fn pilot_lands_after_a_bounce() {
     for k in 0..6 {
         let task = Task::Land {
             from: 0.9,
@@ -341,7 +341,7 @@ fn a_bounce_ends_on_the_deck() {
 /// Hovering close to the deck in the flare, without ever touching: the motors go on, and a
 /// suspicion, if any, does not bring the drone down on the deck.
 #[test]
-fn no_stop_close_to_the_deck_without_contact() {
+fn pilot_keeps_the_motors_on_close_to_the_deck_without_contact() {
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
         for ranges in [true, false] {
             let mut w = World::new(moderate(0.4), Task::Follow(clearance), 300 + k as u64);
@@ -354,7 +354,7 @@ fn no_stop_close_to_the_deck_without_contact() {
 }
 
 #[test]
-fn no_stop_when_the_deck_heaves_up_close_under_a_hovering_drone() {
+fn pilot_keeps_the_motors_on_when_the_deck_heaves_close_to_a_hovering_drone() {
     let sea = Sea {
         pitch: 0.0,
         ..moderate(0.0)
@@ -366,7 +366,7 @@ fn no_stop_when_the_deck_heaves_up_close_under_a_hovering_drone() {
 }
 
 #[test]
-fn no_stop_outside_the_landing_or_without_the_autopilot() {
+fn pilot_keeps_the_motors_on_outside_a_landing_or_without_the_autopilot() {
     for (state, mode) in [
         (State::Tracking, AutopilotMode::Offboard),
         (State::Approach, AutopilotMode::Offboard),
@@ -392,7 +392,7 @@ fn no_stop_outside_the_landing_or_without_the_autopilot() {
 /// Twenty minutes of hover, tracking and approach over a rough deck, with the mission permitting a
 /// touch all the time.
 #[test]
-fn no_stop_in_the_air() {
+fn pilot_keeps_the_motors_on_in_the_air() {
     for (k, clearance) in [0.6, 1.5, 7.0, 15.0].into_iter().enumerate() {
         let sea = Sea {
             amplitude: 0.9,
@@ -408,7 +408,7 @@ fn no_stop_in_the_air() {
 }
 
 #[test]
-fn tracks_the_plan_within_centimetres() {
+fn pilot_tracks_the_plan_within_centimetres() {
     let sea = Sea {
         pitch: 0.0,
         ..moderate(0.0)
@@ -428,7 +428,7 @@ fn tracks_the_plan_within_centimetres() {
 }
 
 #[test]
-fn stays_stopped_until_the_mission_waits_anew() {
+fn pilot_stays_stopped_until_the_mission_is_idle_again() {
     let task = Task::Land {
         from: 0.5,
         begin: 1.0,

@@ -6,7 +6,7 @@ use alight_shared::seq::Seq;
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
-use super::attitude::{attitude_of_thrust, lead, lean_limited, slewed, thrust_of_attitude};
+use super::attitude::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited};
 use super::config::TrackingConfig;
 use super::*;
 
@@ -18,15 +18,15 @@ proptest! {
         // The vertical acceleration is the one asked for.
         prop_assert!((t.z + GRAVITY - down).abs() < 1e-9 || t.norm() < 1e-9);
         prop_assert!(attitude_of_thrust(&t, yaw).angle_to(&q) < 1e-6);
-        let lean = lean_limited(&t, 0.3, 1.0);
-        prop_assert!(lean.x.hypot(lean.y) <= -lean.z * 0.3_f64.tan() + 1e-9 && lean.z <= -1.0);
+        let tilt = tilt_limited(&t, 0.3, 1.0);
+        prop_assert!(tilt.x.hypot(tilt.y) <= -tilt.z * 0.3_f64.tan() + 1e-9 && tilt.z <= -1.0);
     }
 
     #[test]
-    fn a_slewed_attitude_turns_no_further_than_allowed(a in -1.0..1.0_f64, b in -1.0..1.0_f64, most in 0.0..0.5_f64) {
+    fn a_slewed_attitude_turns_no_further_than_allowed(a in -1.0..1.0_f64, b in -1.0..1.0_f64, max in 0.0..0.5_f64) {
         let (p, q) = (UnitQuaternion::from_euler_angles(a, b, 0.0), UnitQuaternion::from_euler_angles(b, 0.2, a));
-        let r = slewed(&p, &q, most);
-        prop_assert!(p.angle_to(&r) <= most + 1e-6);
+        let r = slewed(&p, &q, max);
+        prop_assert!(p.angle_to(&r) <= max + 1e-6);
         prop_assert!(r.angle_to(&q) <= p.angle_to(&q) + 1e-6);
     }
 }
@@ -59,7 +59,7 @@ fn follow(order: usize, lag: f64, compensated: bool) -> f64 {
 }
 
 #[test]
-fn lead_shrinks_the_attitude_error_of_a_lagging_loop() {
+fn lead_reduces_the_attitude_error_of_a_lagging_loop() {
     let bare = follow(1, 0.2, false);
     assert!(bare > 0.8, "{bare}");
     assert!(follow(1, 0.2, true) < 0.02 * bare);
@@ -67,7 +67,7 @@ fn lead_shrinks_the_attitude_error_of_a_lagging_loop() {
 }
 
 #[test]
-fn feedback_over_the_deck_cannot_outvote_the_plans_attitude() {
+fn tracker_limits_feedback_tilt_over_the_deck() {
     let c = TrackingConfig::default();
     let planned = UnitQuaternion::from_euler_angles(0.05, -0.1, 0.3);
     let body = Body {
@@ -79,7 +79,7 @@ fn feedback_over_the_deck_cannot_outvote_the_plans_attitude() {
         euler: [0.05, -0.1, 0.3],
         ..PlanStage::default()
     };
-    let estimate = FlightEstimate::new(0.34);
+    let estimate = FlightEstimator::new(0.34);
     let off = |authority| {
         let mut t = Tracker::default();
         let mut a = None;
@@ -162,7 +162,7 @@ fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) ->
 }
 
 #[test]
-fn each_phase_has_its_kind_of_set_point() {
+fn pilot_sends_the_set_point_kind_of_each_phase() {
     for (state, kind) in [
         (State::GetAltitude, SetPointKind::Trajectory),
         (State::Approach, SetPointKind::Trajectory),
@@ -178,7 +178,7 @@ fn each_phase_has_its_kind_of_set_point() {
 }
 
 #[test]
-fn an_old_plan_means_hold_and_near_the_deck_a_gentle_climb() {
+fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     let s = after(State::Tracking, 6.0, 1.0, |i| i.plan = None);
     assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0; 3]));
     assert_eq!(s.position, [0.0, 0.0, -7.6]);
@@ -193,7 +193,7 @@ fn an_old_plan_means_hold_and_near_the_deck_a_gentle_climb() {
 }
 
 #[test]
-fn without_knowledge_the_autopilot_is_left_alone() {
+fn pilot_sends_no_set_point_without_odometry_mission_or_control() {
     let none = |s: SetPoint| assert_eq!(s.kind, SetPointKind::None);
     none(after(State::Tracking, 6.0, 1.0, |i| i.drone = None));
     none(after(State::Tracking, 6.0, 2.0, |i| i.autopilot = None));
@@ -207,7 +207,7 @@ fn without_knowledge_the_autopilot_is_left_alone() {
 }
 
 #[test]
-fn an_origin_reset_makes_the_plan_useless() {
+fn pilot_discards_the_plan_at_an_origin_reset() {
     let s = after(State::Tracking, 6.0, 0.3, |i| {
         i.autopilot.as_mut().unwrap().origin_resets = 1;
         i.plan = None;
@@ -217,7 +217,7 @@ fn an_origin_reset_makes_the_plan_useless() {
 }
 
 #[test]
-fn configuration_is_checked() {
+fn pilot_checks_its_configuration() {
     assert!(parse::<PilotConfig>("", "test").is_ok());
     let e = parse::<PilotConfig>("[touchdown]\npress_of_hover = 1.0", "test")
         .unwrap_err()

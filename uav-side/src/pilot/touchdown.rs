@@ -13,7 +13,7 @@ use alight_shared::time::{DroneClock, Time};
 use super::config::TouchdownConfig;
 use serde::{Deserialize, Serialize};
 
-type Instant = Time<DroneClock>;
+type DroneTime = Time<DroneClock>;
 
 /// The figures on which a touchdown was confirmed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -47,7 +47,7 @@ pub(crate) struct Evidence {
     /// the loop.
     pub(crate) own_thrust: Option<f64>,
     /// Specific thrust that the autopilot reports, m/s²; None when the report is old.
-    pub(crate) told_thrust: Option<f64>,
+    pub(crate) reported_thrust: Option<f64>,
     /// Specific thrust that hovers, m/s² (gravity).
     pub(crate) hover_thrust: f64,
     /// Foot plane above the deck as forecast, m.
@@ -65,9 +65,9 @@ pub enum Contact {
     /// Contact suspected: pressing down with little thrust.
     Suspected {
         /// Since.
-        since: Instant,
+        since: DroneTime,
         /// The excess has been large since.
-        carried: Option<Instant>,
+        carried: Option<DroneTime>,
     },
     /// On the deck.
     Confirmed,
@@ -82,23 +82,23 @@ const EXCESS_TIME_S: f64 = 0.03;
 
 /// The detector.
 #[derive(Clone, Debug)]
-pub(crate) struct Detector {
+pub(crate) struct TouchdownDetector {
     /// The rangefinder's reading with the feet on the deck, m.
     feet_range: f64,
     contact: Contact,
-    readings: [(Instant, f64); READINGS],
+    readings: [(DroneTime, f64); READINGS],
     /// Where the next reading goes.
     next: usize,
     excess: f64,
     sure_excess: f64,
-    loaded: Option<Instant>,
-    pause_until: Instant,
+    loaded: Option<DroneTime>,
+    pause_until: DroneTime,
 }
 
-impl Detector {
+impl TouchdownDetector {
     /// For feet that the rangefinder sees at `feet_range` (m).
     pub(crate) fn new(feet_range: f64) -> Self {
-        Detector {
+        TouchdownDetector {
             feet_range,
             contact: Contact::Clear,
             readings: [(Time::from_nanos(i64::MIN), f64::INFINITY); READINGS],
@@ -119,14 +119,14 @@ impl Detector {
         self.loaded = None;
     }
     /// Takes a reading of the rangefinder.
-    pub(crate) fn range(&mut self, at: Instant, range_m: f64) {
+    pub(crate) fn range(&mut self, at: DroneTime, range_m: f64) {
         if let Some(r) = self.readings.get_mut(self.next) {
             *r = (at, range_m);
         }
         self.next = (self.next + 1) % READINGS;
     }
     /// Median of the newest readings, m; None when they are too old.
-    pub(crate) fn median(&self, now: Instant, c: &TouchdownConfig) -> Option<f64> {
+    pub(crate) fn median(&self, now: DroneTime, c: &TouchdownConfig) -> Option<f64> {
         let mut newest = [f64::INFINITY; MEDIAN];
         let mut n = 0;
         for k in 1..=MEDIAN {
@@ -141,7 +141,7 @@ impl Detector {
         some.get(n / 2).copied()
     }
     /// All readings of the last `resting_s` average to the feet's range, and none is far from it.
-    fn resting(&self, now: Instant, c: &TouchdownConfig) -> bool {
+    fn resting(&self, now: DroneTime, c: &TouchdownConfig) -> bool {
         let (mut n, mut sum, mut oldest) = (0_u32, 0.0, 0.0_f64);
         for (at, r) in &self.readings {
             let age = (now - *at).secs();
@@ -161,7 +161,7 @@ impl Detector {
     /// One step; gives the evidence at the moment of confirmation.
     pub(crate) fn step(
         &mut self,
-        now: Instant,
+        now: DroneTime,
         dt: f64,
         e: &Evidence,
         c: &TouchdownConfig,
@@ -170,18 +170,20 @@ impl Detector {
             return None;
         }
         // Own command or report, whichever is larger: a thrust that was not cut explains the force.
-        let applied = match (e.own_thrust, e.told_thrust) {
+        let applied = match (e.own_thrust, e.reported_thrust) {
             (Some(a), Some(b)) => Some(a.max(b)),
             (a, b) => a.or(b),
         };
         let mut impact = 0.0;
-        if let (Some(force), Some(thrust), Some(sure)) = (e.force, e.own_thrust.or(e.told_thrust), applied) {
-            let share = 1.0 - (-dt / EXCESS_TIME_S).exp();
+        if let (Some(force), Some(thrust), Some(sure)) =
+            (e.force, e.own_thrust.or(e.reported_thrust), applied)
+        {
+            let fraction = 1.0 - (-dt / EXCESS_TIME_S).exp();
             impact = force - thrust;
             // A single impact must not fill the memory of the sustained excess.
             let bound = |v: f64| v.clamp(-10.0, 10.0);
-            self.excess += share * (bound(impact) - self.excess);
-            self.sure_excess += share * (bound(force - sure) - self.sure_excess);
+            self.excess += fraction * (bound(impact) - self.excess);
+            self.sure_excess += fraction * (bound(force - sure) - self.sure_excess);
         }
         if !e.permitted {
             self.clear();
@@ -219,7 +221,7 @@ impl Detector {
                 let holds = near
                     && slow
                     && cut
-                    && e.told_thrust.is_some()
+                    && e.reported_thrust.is_some()
                     && self.sure_excess > c.confirm_excess_mps2;
                 let carried = holds.then(|| carried.unwrap_or(now));
                 self.contact = Contact::Suspected { since, carried };
@@ -259,7 +261,7 @@ impl Detector {
 }
 
 /// Thrust while contact is suspected, as a share of hover: cut at once, then ramped down.
-pub(crate) fn press_share(since: Instant, now: Instant, c: &TouchdownConfig) -> f64 {
+pub(crate) fn press_fraction(since: DroneTime, now: DroneTime, c: &TouchdownConfig) -> f64 {
     let s = ((now - since).secs() / c.press_ramp_s.max(1e-3)).clamp(0.0, 1.0);
     c.press_of_hover + s * (c.press_end_of_hover - c.press_of_hover)
 }

@@ -9,9 +9,9 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::PlanStage;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use super::attitude::{attitude_of_thrust, lead, lean_limited, rates_of, slewed, thrust_of_attitude};
+use super::attitude::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_attitude, tilt_limited};
 use super::config::TrackingConfig;
-use super::estimate::FlightEstimate;
+use super::estimate::FlightEstimator;
 
 /// Attitude and thrust to command.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +64,7 @@ impl Authority {
         let mix = |low: f64, high: f64| low + s * (high - low);
         Authority {
             tilt: mix(c.contact_feedback_tilt_rad, c.flare_feedback_tilt_rad),
-            disturbance: mix(c.contact_disturbance_share, 1.0),
+            disturbance: mix(c.contact_disturbance_fraction, 1.0),
             planned: Vector2::zeros(),
             integrate: clearance > c.fade_clearance_m,
         }
@@ -90,7 +90,7 @@ impl Tracker {
         &mut self,
         stage: &PlanStage,
         body: &Body,
-        estimate: &FlightEstimate,
+        estimate: &FlightEstimator,
         authority: Authority,
         lag: f64,
         dt: f64,
@@ -102,8 +102,8 @@ impl Tracker {
         );
         let e_v = Vector3::from(stage.velocity) - body.velocity;
         if authority.integrate && e_p.norm() <= c.integral_within_m {
-            let most = c.integral_limit_mps2;
-            self.integral = (self.integral + e_p * (c.ki * dt)).map(|v| v.clamp(-most, most));
+            let max = c.integral_limit_mps2;
+            self.integral = (self.integral + e_p * (c.ki * dt)).map(|v| v.clamp(-max, max));
         }
         let vertical = (c.vertical_kp * e_p.z + c.vertical_kv * e_v.z + self.integral.z)
             .clamp(-c.vertical_limit_mps2, c.vertical_limit_mps2);
@@ -135,7 +135,7 @@ impl Tracker {
             );
         thrust.x += push.x;
         thrust.y += push.y;
-        let thrust = lean_limited(&thrust, c.tilt_limit_rad, c.least_thrust_of_hover * GRAVITY);
+        let thrust = tilt_limited(&thrust, c.tilt_limit_rad, c.min_thrust_of_hover * GRAVITY);
         let attitude = self.turn(attitude_of_thrust(&thrust, euler[2]), &body.attitude, dt, c);
         // Only the part along the drone's present up axis acts (Lee et al. 2010), and of that the air
         // gives the lift.
@@ -144,7 +144,7 @@ impl Tracker {
         AttitudeCommand {
             attitude,
             rates: rates_of(&stage.euler, &stage.euler_rates),
-            thrust: share(along, estimate, c),
+            thrust: fraction(along, estimate, c),
         }
     }
 
@@ -159,7 +159,7 @@ impl Tracker {
         c: &TrackingConfig,
     ) -> AttitudeCommand {
         let wanted = match up {
-            Some(up) => attitude_of_thrust(&lean_limited(&up, c.tilt_limit_rad, 0.1), yaw),
+            Some(up) => attitude_of_thrust(&tilt_limited(&up, c.tilt_limit_rad, 0.1), yaw),
             None => self.last.unwrap_or(body.attitude),
         };
         AttitudeCommand {
@@ -186,16 +186,16 @@ impl Tracker {
     }
 }
 
-fn share(specific: f64, estimate: &FlightEstimate, c: &TrackingConfig) -> f64 {
+fn fraction(specific: f64, estimate: &FlightEstimator, c: &TrackingConfig) -> f64 {
     let u = specific * estimate.hover() / GRAVITY;
-    u.clamp(c.least_thrust_of_hover * estimate.hover(), 1.0)
+    u.clamp(c.min_thrust_of_hover * estimate.hover(), 1.0)
 }
 
-fn cut(v: Vector3<f64>, most: f64) -> Vector3<f64> {
+fn cut(v: Vector3<f64>, max: f64) -> Vector3<f64> {
     let n = v.norm();
-    if n > most { v * (most / n) } else { v }
+    if n > max { v * (max / n) } else { v }
 }
-fn cut2(v: Vector2<f64>, most: f64) -> Vector2<f64> {
+fn cut2(v: Vector2<f64>, max: f64) -> Vector2<f64> {
     let n = v.norm();
-    if n > most { v * (most / n) } else { v }
+    if n > max { v * (max / n) } else { v }
 }

@@ -64,14 +64,14 @@ config! {
         /// Magnitude that yaw may have, virtual input. Thrust has what then remains.
         pub yaw_input: f64 = 0.25, in 0.01..=0.4;
         /// Shares of the slew for thrust, roll, pitch (the same) and yaw; 2 x tilt + the others <= 1.
-        pub slew_shares: [f64; 3] = [0.4, 0.25, 0.1], in 0.01..=0.9;
+        pub slew_fractions: [f64; 3] = [0.4, 0.25, 0.1], in 0.01..=0.9;
     }
     check |this, at| {
-        let [thrust, tilt, yaw] = this.slew_shares;
+        let [thrust, tilt, yaw] = this.slew_fractions;
         at.require(
             thrust + 2.0 * tilt + yaw <= 1.0 + 1e-9,
-            "slew_shares",
-            format!("{:?}", this.slew_shares),
+            "slew_fractions",
+            format!("{:?}", this.slew_fractions),
             "thrust + 2 x tilt + yaw at most 1",
         )?;
     }
@@ -98,7 +98,7 @@ impl RotorLimits {
     /// Bounds of the change per step of thrust, roll, pitch and yaw inputs: shares of the rotors'.
     pub fn slew(&self, step_s: f64) -> [f64; 4] {
         let all = 2.0 * self.slew_per_s * step_s;
-        let [thrust, tilt, yaw] = self.slew_shares;
+        let [thrust, tilt, yaw] = self.slew_fractions;
         [thrust * all, tilt * all, tilt * all, yaw * all]
     }
 }
@@ -266,7 +266,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_mix_of_virtual_inputs_keeps_every_rotor_in_range() {
+    fn rotor_bounds_keep_every_rotor_in_range_for_any_mix_of_inputs() {
         use super::super::model::MIXER;
         let strong = DroneGeometry::default();
         let weak = DroneGeometry {
@@ -278,7 +278,7 @@ mod tests {
             let highest = drone.max_thrust_n / (drone.mass_kg * GRAVITY);
             let b = limits.bounds(&drone);
             assert!(b.thrust[0] < -0.1 && b.thrust[1] > 0.1, "{b:?}");
-            let (mut least, mut most) = (f64::MAX, f64::MIN);
+            let (mut min, mut max) = (f64::MAX, f64::MIN);
             for corner in 0..16 {
                 let sign = |bit: u32| if corner >> bit & 1 == 1 { 1.0 } else { -1.0 };
                 let nu = [
@@ -289,19 +289,19 @@ mod tests {
                 ];
                 for rotor in 0..4 {
                     let u = 1.0 + (0..4).map(|i| MIXER[i][rotor] * nu[i]).sum::<f64>();
-                    least = least.min(u);
-                    most = most.max(u);
+                    min = min.min(u);
+                    max = max.max(u);
                 }
             }
             // Exactly used up, not passed.
-            assert!((least - limits.lowest).abs() < 1e-12 && (most - highest).abs() < 1e-12);
+            assert!((min - limits.lowest).abs() < 1e-12 && (max - highest).abs() < 1e-12);
         }
         let slew = limits.slew(0.1);
         assert!(slew.iter().sum::<f64>() / 2.0 <= limits.slew_per_s * 0.1 + 1e-12);
     }
 
     #[test]
-    fn kinds_have_the_names_of_the_command_line() {
+    fn planner_kinds_have_the_names_of_the_command_line() {
         let parse = |s: &str| alight_shared::config::parse::<PlannerConfig>(s, "test").map(|c| c.kind);
         assert_eq!(parse("kind = \"mpc\"").unwrap(), PlannerKind::Mpc);
         assert_eq!(parse("kind = \"alight\"").unwrap(), PlannerKind::Alight);

@@ -11,9 +11,9 @@
 //! `alight` it starts no higher above the drone, and sinking no slower, than that is.
 
 pub mod baselines;
-mod carrot;
 pub mod condensed;
 pub mod config;
+mod governor;
 pub mod model;
 pub mod mpc_faa;
 pub mod qp;
@@ -43,7 +43,7 @@ use baselines::Views;
 use baselines::mpc_ne::MpcNe;
 use model::{INPUTS, State};
 use mpc_faa::{Mpc, Problem, Solution};
-use reference::{Aim, Guide, clearance, tilt_of, up_of};
+use reference::{Reference, ReferenceGenerator, clearance, tilt_of, up_of};
 use rendezvous::wind::Wind;
 use rendezvous::{Rendezvous, true_tilt};
 
@@ -84,7 +84,7 @@ pub struct PlannerCounters {
 
 /// A plan as the solver left it: exact at any time, not only at its stages.
 #[derive(Clone, Debug)]
-struct Flight {
+struct SolvedPlan {
     at: Time<DroneClock>,
     start: State,
     solution: Solution,
@@ -98,17 +98,17 @@ pub struct Planner {
     boot: u32,
     sequence: u32,
     mpc: Mpc,
-    guide: Guide,
+    generator: ReferenceGenerator,
     rendezvous: Rendezvous,
     views: Views,
     ne: Option<MpcNe>,
     /// Time to the chosen instant of contact in the last plan, s.
-    contact_in: Option<f64>,
+    time_to_contact_s: Option<f64>,
     wind: Option<Wind>,
     problem: Problem,
-    aim: Aim,
-    spare: Solution,
-    flight: Option<Flight>,
+    reference: Reference,
+    scratch: Solution,
+    solved: Option<SolvedPlan>,
     last_solve: Option<(Time<DroneClock>, Phase)>,
     forecast: Option<DeckForecast>,
     mission: Option<MissionState>,
@@ -126,16 +126,16 @@ impl Planner {
             boot,
             sequence: 0,
             mpc: Mpc::new(config, drone),
-            guide: Guide::new(config, drone, deck),
+            generator: ReferenceGenerator::new(config, drone, deck),
             rendezvous: Rendezvous::new(&config.rendezvous, drone),
             views: Views::new(config, drone),
             ne: (config.kind == PlannerKind::MpcNe).then(|| MpcNe::new(config, drone)),
-            contact_in: None,
+            time_to_contact_s: None,
             wind: (config.kind == PlannerKind::Alight).then(Wind::default),
             problem: Problem::default(),
-            aim: Aim::default(),
-            spare: Solution::default(),
-            flight: None,
+            reference: Reference::default(),
+            scratch: Solution::default(),
+            solved: None,
             last_solve: None,
             forecast: None,
             mission: None,
@@ -154,39 +154,39 @@ impl Planner {
         &self.problem
     }
     /// What the last references amounted to.
-    pub fn aim(&self) -> &Aim {
-        &self.aim
+    pub fn reference(&self) -> &Reference {
+        &self.reference
     }
 
-    fn listen(&mut self, now: Time<DroneClock>, input: &PlannerIn) {
+    fn receive(&mut self, now: Time<DroneClock>, input: &PlannerIn) {
         let c = &self.config;
         let jumped = |old: &Option<AutopilotState>, new: &Option<AutopilotState>| match (old, new) {
             (Some(a), Some(b)) => a.origin_resets != b.origin_resets,
             _ => false,
         };
-        let refused = &mut self.counters.rejected;
+        let rejected = &mut self.counters.rejected;
         admit(
             now,
             c.forecast_age_s,
             &input.forecast,
             &mut self.forecast,
-            refused,
+            rejected,
         );
-        admit(now, c.mission_age_s, &input.mission, &mut self.mission, refused);
+        admit(now, c.mission_age_s, &input.mission, &mut self.mission, rejected);
         let last = self.drone.map(|d| d.header.at);
-        admit(now, c.odometry_age_s, &input.drone, &mut self.drone, refused);
+        admit(now, c.odometry_age_s, &input.drone, &mut self.drone, rejected);
         let before = self.autopilot;
         // Any age will do for a counter of jumps.
-        admit(now, 10.0, &input.autopilot, &mut self.autopilot, refused);
+        admit(now, 10.0, &input.autopilot, &mut self.autopilot, rejected);
         if jumped(&before, &self.autopilot) {
-            self.flight = None;
-            self.guide.forget();
+            self.solved = None;
+            self.generator.forget();
         }
         if let Some(wind) = &mut self.wind
             && let Some(d) = self.drone.filter(|d| Some(d.header.at) != last)
         {
-            let near = self.aim.touch && self.aim.clearance_m < c.rendezvous.wind.free_m;
-            wind.hear(&d, near, &c.rendezvous.wind);
+            let near = self.reference.touch && self.reference.clearance_m < c.rendezvous.wind.free_m;
+            wind.update(&d, near, &c.rendezvous.wind);
         }
     }
 
@@ -200,16 +200,16 @@ impl Planner {
     fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
         let drone = self
             .drone
-            .filter(|d| young(now, d.header.at, self.config.odometry_age_s))?;
+            .filter(|d| is_fresh(now, d.header.at, self.config.odometry_age_s))?;
         let mut measured = measured_state(&drone);
         let wind = self.wind() / GRAVITY;
         measured[3] += wind.y;
         measured[4] -= wind.x;
         let r = &self.config.reset;
-        if let Some(flight) = &self.flight
-            && young(now, flight.at, r.age_s)
+        if let Some(solved) = &self.solved
+            && is_fresh(now, solved.at, r.age_s)
         {
-            let (then, _) = self.at(flight, drone.header.at); // compared at the odometry's time
+            let (then, _) = self.at(solved, drone.header.at); // compared at the odometry's time
             let gap: [f64; 12] = core::array::from_fn(|i| measured[i] - then[i]);
             let near = gap[0].hypot(gap[1]) <= r.horizontal_m
                 && gap[6].hypot(gap[7]) <= r.horizontal_mps
@@ -217,19 +217,19 @@ impl Planner {
                 && gap[8].abs() <= r.vertical_mps
                 && wrap_angle(gap[5]).abs() <= r.yaw_deg.to_radians();
             if near {
-                let (mut state, input) = self.at(flight, now);
+                let (mut state, input) = self.at(solved, now);
                 if self.ours() {
                     // A drone that is lower than its plan meets the deck sooner and faster than the plan
                     // believes. One that is higher keeps the plan: the gap is what presses it down.
-                    for (i, most) in [(2, r.ahead_m), (8, r.ahead_mps)] {
-                        state[i] += (gap[i] - most).max(0.0);
+                    for (i, max) in [(2, r.ahead_m), (8, r.ahead_mps)] {
+                        state[i] += (gap[i] - max).max(0.0);
                     }
                 }
                 return Some((state, input));
             }
         }
-        self.flight = None;
-        self.guide.restart();
+        self.solved = None;
+        self.generator.restart();
         self.counters.resets += 1;
         // Limits are soft except those of the inputs, and hover is inside these.
         Some((measured, [0.0; INPUTS]))
@@ -243,21 +243,21 @@ impl Planner {
 
     /// A flight's state and input at a time, exactly: whole stages from the solver's states, the
     /// rest rolled. Before its start the start, after its end constant velocity and level.
-    fn at(&self, flight: &Flight, t: Time<DroneClock>) -> (State, [f64; INPUTS]) {
+    fn at(&self, solved: &SolvedPlan, t: Time<DroneClock>) -> (State, [f64; INPUTS]) {
         let step = self.mpc.step_s();
-        let x = (t - flight.at).secs().max(0.0) / step;
+        let x = (t - solved.at).secs().max(0.0) / step;
         let k = (x + 1e-6).floor() as usize;
         let rest = ((x - k as f64) * step).max(0.0);
         let from = match k.checked_sub(1) {
-            None => Some(flight.start),
-            Some(i) => flight.solution.states.get(i).copied(),
+            None => Some(solved.start),
+            Some(i) => solved.solution.states.get(i).copied(),
         };
-        match (from, flight.solution.inputs.get(k)) {
+        match (from, solved.solution.inputs.get(k)) {
             (Some(state), Some(input)) if rest > 1e-6 => (self.mpc.roll(&state, input, rest), *input),
             (Some(state), Some(input)) => (state, *input),
             _ => {
-                let mut s = flight.solution.states.last().copied().unwrap_or(flight.start);
-                let beyond = (x - flight.solution.states.len() as f64) * step;
+                let mut s = solved.solution.states.last().copied().unwrap_or(solved.start);
+                let beyond = (x - solved.solution.states.len() as f64) * step;
                 for i in 0..3 {
                     s[i] += s[6 + i] * beyond;
                 }
@@ -288,8 +288,8 @@ impl Planner {
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
         let c = &self.config;
-        if begins && c.kind == PlannerKind::Alight && c.rendezvous.begins_measured {
-            self.flight = None;
+        if begins && c.kind == PlannerKind::Alight && c.rendezvous.start_from_measured {
+            self.solved = None;
         }
     }
 
@@ -300,53 +300,53 @@ impl Planner {
         let (state, input) = self.start(now)?;
         let forecast = self
             .forecast
-            .filter(|f| young(now, f.header.at, self.config.forecast_age_s));
+            .filter(|f| is_fresh(now, f.header.at, self.config.forecast_age_s));
         let view = self.views.view(self.config.kind, now, mission, forecast, &state);
         let (mission, forecast) = (&view.mission, view.forecast);
         self.problem.state = state;
         self.problem.input = input;
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
-        self.guide.aim(
+        self.generator.reference(
             now,
             mission,
             forecast.as_ref(),
             n,
             step,
             &mut self.problem,
-            &mut self.aim,
+            &mut self.reference,
         );
-        self.meet(now, mission, forecast.as_ref(), step);
-        let (guide, aim) = (&self.guide, &self.aim);
+        self.write_references(now, mission, forecast.as_ref(), step);
+        let (generator, reference) = (&self.generator, &self.reference);
         self.mpc.solve(
             &mut self.problem,
-            |k, x, y| guide.ceiling(aim, k, x, y),
-            &mut self.spare,
+            |k, x, y| generator.ceiling(reference, k, x, y),
+            &mut self.scratch,
         );
         self.counters.plans += 1;
-        if self.spare.iterations > 0 {
+        if self.scratch.iterations > 0 {
             self.counters.constrained += 1;
         }
-        let (solve, iterations) = (self.spare.solve, self.spare.iterations);
+        let (solve, iterations) = (self.scratch.solve, self.scratch.iterations);
         match solve {
             Solve::Optimal | Solve::IterationLimit => {
-                let kept = self.flight.get_or_insert_with(|| Flight {
+                let kept = self.solved.get_or_insert_with(|| SolvedPlan {
                     at: now,
                     start: state,
                     solution: Solution::default(),
                 });
                 kept.at = now;
                 kept.start = state;
-                core::mem::swap(&mut kept.solution, &mut self.spare);
+                core::mem::swap(&mut kept.solution, &mut self.scratch);
             }
             // The previous flight goes on until it is too old; then the measured state begins anew.
             Solve::Infeasible => self.counters.infeasible += 1,
         }
-        let flight = self.flight.as_ref()?;
-        let mut plan = self.written(now, flight);
+        let solved = self.solved.as_ref()?;
+        let mut plan = self.written(now, solved);
         plan.solve = solve;
         plan.iterations = iterations;
-        plan.alignment = self.aim.alignment;
-        plan.touchdown_at = self.touchdown(now, flight);
+        plan.alignment = self.reference.alignment;
+        plan.touchdown_at = self.touchdown(now, solved);
         plan.check().is_ok().then_some(plan)
     }
 
@@ -355,7 +355,7 @@ impl Planner {
         let mut ne = self.ne.take()?;
         let fresh = self
             .forecast
-            .filter(|f| young(now, f.header.at, self.config.forecast_age_s));
+            .filter(|f| is_fresh(now, f.header.at, self.config.forecast_age_s));
         let mut plan = None;
         if let (Some(forecast), true) = (fresh, MpcNe::flies(mission.state)) {
             let drone = self.drone.map(|d| (d.header.at, measured_state(&d)));
@@ -369,8 +369,8 @@ impl Planner {
         if let Some(plan) = &mut plan {
             plan.header = Header::new(0, 0, self.boot, self.sequence, now);
             // When it ends, the common planner begins from the measured state.
-            self.flight = None;
-            self.guide.restart();
+            self.solved = None;
+            self.generator.restart();
             self.counters.plans += 1;
         } else {
             ne.leave();
@@ -380,14 +380,14 @@ impl Planner {
     }
 
     /// The rendezvous' references in place of the guide's.
-    fn meet(
+    fn write_references(
         &mut self,
         now: Time<DroneClock>,
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
         step: f64,
     ) {
-        self.contact_in = None;
+        self.time_to_contact_s = None;
         let ours = match self.config.kind {
             PlannerKind::Alight => Rendezvous::lands(mission.state),
             PlannerKind::MpcFaa
@@ -402,17 +402,23 @@ impl Planner {
             return;
         };
         let wind = self.wind();
-        self.contact_in =
-            self.rendezvous
-                .meet(now, mission, forecast, step, &wind, &mut self.problem, &self.aim);
-        self.aim.touch = self.contact_in.is_some();
-        self.aim.alignment = self.problem.weight.first().map_or(0.0, |w| w[3]);
-        self.guide.keep_dry(&self.aim, &mut self.problem);
+        self.time_to_contact_s = self.rendezvous.write_references(
+            now,
+            mission,
+            forecast,
+            step,
+            &wind,
+            &mut self.problem,
+            &self.reference,
+        );
+        self.reference.touch = self.time_to_contact_s.is_some();
+        self.reference.alignment = self.problem.weight.first().map_or(0.0, |w| w[3]);
+        self.generator.keep_dry(&self.reference, &mut self.problem);
     }
 
     /// The flight as a message from `now` on: at half steps where they fit, so that the pilot's
     /// interpolation is fine.
-    fn written(&self, now: Time<DroneClock>, flight: &Flight) -> Plan {
+    fn written(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Plan {
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
         let halves = 2 * n < alight_shared::msg::PLAN_STAGES;
         let mut plan = Plan {
@@ -425,9 +431,9 @@ impl Planner {
             // Capacity is checked by the configuration: n < PLAN_STAGES.
             let _ = plan.stages.push(self.stage(state, input));
         };
-        if flight.at == now {
-            let mut state = flight.start;
-            for (input, next) in flight.solution.inputs.iter().zip(&flight.solution.states) {
+        if solved.at == now {
+            let mut state = solved.start;
+            for (input, next) in solved.solution.inputs.iter().zip(&solved.solution.states) {
                 keep(&state, input);
                 if halves {
                     keep(&self.mpc.half_step(&state, input), input);
@@ -439,7 +445,7 @@ impl Planner {
             let stride = plan.step;
             let count = if halves { 2 * n } else { n };
             for k in 0..=count {
-                let (state, input) = self.at(flight, now + stride * k as i64);
+                let (state, input) = self.at(solved, now + stride * k as i64);
                 keep(&state, &input);
             }
         }
@@ -478,24 +484,24 @@ impl Planner {
     }
 
     /// When the feet reach the deck's plane in this flight, if they are meant to.
-    fn touchdown(&self, now: Time<DroneClock>, flight: &Flight) -> Option<Time<DroneClock>> {
-        if !self.aim.touch {
+    fn touchdown(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Option<Time<DroneClock>> {
+        if !self.reference.touch {
             return None;
         }
-        if let Some(left) = self.contact_in.filter(|left| left.is_finite()) {
+        if let Some(left) = self.time_to_contact_s.filter(|left| left.is_finite()) {
             return Some(now + Span::from_secs(left.max(0.0)));
         }
-        if self.aim.clearance_m <= 0.0 {
+        if self.reference.clearance_m <= 0.0 {
             return Some(now);
         }
-        let (step, mut before) = (self.mpc.step_s(), self.aim.clearance_m);
-        for (k, s) in flight.solution.states.iter().enumerate() {
-            let deck = self.aim.deck.get(k + 1)?;
+        let (step, mut before) = (self.mpc.step_s(), self.reference.clearance_m);
+        for (k, s) in solved.solution.states.iter().enumerate() {
+            let deck = self.reference.deck.get(k + 1)?;
             let p = Vector3::new(s[0], s[1], s[2]);
             let c = clearance(&p, &up_of(s[3], s[4]), deck, self.drone_geometry.feet_below_m);
             if c <= 0.0 {
-                let share = before / (before - c);
-                return Some(now + Span::from_secs(step * (k as f64 + share)));
+                let fraction = before / (before - c);
+                return Some(now + Span::from_secs(step * (k as f64 + fraction)));
             }
             before = c;
         }
@@ -509,22 +515,22 @@ impl Node for Planner {
     type Out = PlannerOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
-        self.listen(now, input);
+        self.receive(now, input);
         if let (Some(ne), Some(forecast)) = (&mut self.ne, &self.forecast) {
             ne.observe(forecast);
         }
         let mission = self
             .mission
-            .filter(|m| young(now, m.header.at, self.config.mission_age_s));
+            .filter(|m| is_fresh(now, m.header.at, self.config.mission_age_s));
         let Some(mission) = mission else {
             return PlannerOut::default();
         };
         let phase = mission.state.phase();
         match phase {
             Phase::None => {
-                self.flight = None;
+                self.solved = None;
                 self.last_solve = None;
-                self.guide.restart();
+                self.generator.restart();
                 PlannerOut::default()
             }
             Phase::Navigation | Phase::Follow | Phase::Landing => {
@@ -548,7 +554,7 @@ impl Node for Planner {
 /// Tolerance for stamps ahead of now, s: shared memory between processes of one computer.
 const AHEAD_S: f64 = 0.05;
 
-fn young(now: Time<DroneClock>, at: Time<DroneClock>, age_s: f64) -> bool {
+fn is_fresh(now: Time<DroneClock>, at: Time<DroneClock>, age_s: f64) -> bool {
     let age = (now - at).secs();
     (-AHEAD_S..=age_s).contains(&age)
 }
@@ -560,7 +566,7 @@ fn admit<M: Message<Clock = DroneClock> + Clone>(
     age_s: f64,
     new: &Option<M>,
     kept: &mut Option<M>,
-    refused: &mut u32,
+    rejected: &mut u32,
 ) {
     let Some(new) = new else {
         return;
@@ -570,10 +576,10 @@ fn admit<M: Message<Clock = DroneClock> + Clone>(
         let old = old.header();
         old.boot != h.boot || (h.sequence > old.sequence && h.at >= old.at)
     });
-    if h.version == MESSAGE_VERSION && in_order && young(now, h.at, age_s) && new.check().is_ok() {
+    if h.version == MESSAGE_VERSION && in_order && is_fresh(now, h.at, age_s) && new.check().is_ok() {
         *kept = Some(new.clone());
     } else {
-        *refused = refused.saturating_add(1);
+        *rejected = rejected.saturating_add(1);
     }
 }
 

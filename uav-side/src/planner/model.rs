@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn discretisation_is_exact() {
+    fn discretised_chain_is_exact() {
         // Against 100000 small Euler steps of the continuous model.
         let chain = HoverModel::new(&drone()).x_chain();
         let d = chain.discrete(0.1);
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn the_four_chains_are_the_full_model() {
+    fn four_chains_equal_the_full_model() {
         let m = HoverModel::new(&drone());
         let (a, b) = m.continuous();
         let full = discretise(&a, &b, 0.1);

@@ -8,19 +8,19 @@ use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{SVector, Vector2, Vector3};
 
-use super::carrot::{Carrot, Pace};
 use super::config::{PlannerConfig, PlannerKind, Shaping};
+use super::governor::{Pace, ReferenceGovernor};
 use super::model::State;
 use super::mpc_faa::Problem;
 use super::qp::NO_CEILING;
 use super::weights::{FaaDistance, Weights};
 
 /// A sink that is called off is braked by this, m/s².
-const CALLED_OFF_MPS2: f64 = 6.0;
+const ABORTED_DESCENT_MPS2: f64 = 6.0;
 
 /// What the references amount to.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Aim {
+pub struct Reference {
     /// The plan means to touch the deck.
     pub touch: bool,
     /// Clearance of the foot plane above the deck now, m; infinite when no deck is known.
@@ -37,13 +37,13 @@ pub struct Aim {
 
 /// Builds references; remembers its carrots and the deck's mean height.
 #[derive(Clone, Debug)]
-pub struct Guide {
+pub struct ReferenceGenerator {
     config: PlannerConfig,
     drone: DroneGeometry,
     deck: DeckGeometry,
-    horizontal: Carrot<2>,
-    vertical: Carrot<1>,
-    yaw: Carrot<1>,
+    horizontal: ReferenceGovernor<2>,
+    vertical: ReferenceGovernor<1>,
+    yaw: ReferenceGovernor<1>,
     mean_height: Option<(Time<DroneClock>, f64)>,
     /// Where to stay when the deck is not known but should be.
     frozen: Option<[f64; 4]>,
@@ -75,16 +75,16 @@ pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_bel
     (feet - Vector3::from(deck.position)).dot(&deck.normal())
 }
 
-impl Guide {
+impl ReferenceGenerator {
     /// A guide without a past.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry) -> Self {
-        Guide {
+        ReferenceGenerator {
             config: config.clone(),
             drone: *drone,
             deck: *deck,
-            horizontal: Carrot::default(),
-            vertical: Carrot::default(),
-            yaw: Carrot::default(),
+            horizontal: ReferenceGovernor::default(),
+            vertical: ReferenceGovernor::default(),
+            yaw: ReferenceGovernor::default(),
             mean_height: None,
             frozen: None,
         }
@@ -92,9 +92,9 @@ impl Guide {
 
     /// Forgets the carrots: the plan starts anew from the measured state.
     pub fn restart(&mut self) {
-        self.horizontal = Carrot::default();
-        self.vertical = Carrot::default();
-        self.yaw = Carrot::default();
+        self.horizontal = ReferenceGovernor::default();
+        self.vertical = ReferenceGovernor::default();
+        self.yaw = ReferenceGovernor::default();
         self.frozen = None;
     }
     /// Forgets also what was learnt of the deck's height: the frame itself has moved.
@@ -123,7 +123,7 @@ impl Guide {
 
     /// Writes references and weights of the stages at `now + k step` into `problem`, whose `state`
     /// is where the plan starts.
-    pub fn aim(
+    pub fn reference(
         &mut self,
         now: Time<DroneClock>,
         mission: &MissionState,
@@ -131,55 +131,55 @@ impl Guide {
         stages: usize,
         step_s: f64,
         problem: &mut Problem,
-        aim: &mut Aim,
+        reference: &mut Reference,
     ) {
         let start = problem.state;
-        aim.minimum_altitude_m = mission.minimum_altitude_m;
-        aim.deck.clear();
+        reference.minimum_altitude_m = mission.minimum_altitude_m;
+        reference.deck.clear();
         let mean_z = forecast.and_then(|f| {
-            sample_deck(now, f, stages, step_s, &mut aim.deck);
-            aim.deck.first().map(|d| d.position[2])
+            sample_deck(now, f, stages, step_s, &mut reference.deck);
+            reference.deck.first().map(|d| d.position[2])
         });
         let mean_z = match (forecast, mean_z) {
             (Some(f), Some(here)) => Some(self.mean_height(now, f, here)),
             _ => None,
         };
-        aim.mean_z = mean_z.unwrap_or(0.0);
+        reference.mean_z = mean_z.unwrap_or(0.0);
         let (p, up) = (
             Vector3::new(start[0], start[1], start[2]),
             up_of(start[3], start[4]),
         );
         let feet = self.drone.feet_below_m;
-        aim.clearance_m = aim
+        reference.clearance_m = reference
             .deck
             .first()
             .map_or(f64::INFINITY, |d| clearance(&p, &up, d, feet));
 
         // Which mission state wants the deck, and how.
-        let wish = match mission.state {
-            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => Wish::Hold,
-            Mode::Approach => Wish::Above,
-            Mode::Tracking | Mode::TrackingStable => Wish::Above,
-            Mode::Descent => Wish::Sink,
-            Mode::Flare => Wish::Touch,
+        let goal = match mission.state {
+            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => Goal::Hold,
+            Mode::Approach => Goal::Above,
+            Mode::Tracking | Mode::TrackingStable => Goal::Above,
+            Mode::Descent => Goal::Sink,
+            Mode::Flare => Goal::Touch,
         };
-        let (wish, hold) = match (wish, mean_z) {
-            (Wish::Hold, _) => {
+        let (goal, hold) = match (goal, mean_z) {
+            (Goal::Hold, _) => {
                 self.frozen = None;
                 let [x, y, z] = mission.hold_position;
-                (Wish::Hold, [x, y, z, mission.hold_yaw])
+                (Goal::Hold, [x, y, z, mission.hold_yaw])
             }
-            (wish, Some(_)) => {
+            (goal, Some(_)) => {
                 self.frozen = None;
-                (wish, [0.0; 4])
+                (goal, [0.0; 4])
             }
             // The deck should be known and is not: stay here.
             (_, None) => {
                 let here = [start[0], start[1], start[2], start[5]];
-                (Wish::Hold, *self.frozen.get_or_insert(here))
+                (Goal::Hold, *self.frozen.get_or_insert(here))
             }
         };
-        aim.touch = matches!(wish, Wish::Touch);
+        reference.touch = matches!(goal, Goal::Touch);
 
         let weights = match mission.state {
             Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Approach | Mode::Hold | Mode::GaveUp => {
@@ -194,40 +194,40 @@ impl Guide {
         problem.weight.clear();
         problem.reference.resize(stages, [0.0; 12]);
         problem.weight.resize(stages, weights.diagonal());
-        self.horizontal_and_tilt(now, wish, &hold, stages, step_s, &start, aim, problem);
+        self.horizontal_and_tilt(now, goal, &hold, stages, step_s, &start, reference, problem);
         self.height(
-            now, wish, &hold, mission, mean_z, stages, step_s, &start, aim, problem,
+            now, goal, &hold, mission, mean_z, stages, step_s, &start, reference, problem,
         );
         self.heading(
-            now, wish, &hold, mission, forecast, stages, step_s, &start, aim, problem,
+            now, goal, &hold, mission, forecast, stages, step_s, &start, reference, problem,
         );
-        self.keep_dry(aim, problem);
-        self.align(aim, problem);
-        aim.alignment = problem.weight.first().map_or(0.0, |w| w[3]);
+        self.keep_dry(reference, problem);
+        self.align(reference, problem);
+        reference.alignment = problem.weight.first().map_or(0.0, |w| w[3]);
     }
 
     fn horizontal_and_tilt(
         &mut self,
         now: Time<DroneClock>,
-        wish: Wish,
+        goal: Goal,
         hold: &[f64; 4],
         stages: usize,
         step_s: f64,
         start: &State,
-        aim: &Aim,
+        reference: &Reference,
         problem: &mut Problem,
     ) {
         let feet = self.drone.feet_below_m;
         // Position and velocity of the target at stage k (0 = now), and tilt with its rate.
         let target = |k: usize| -> (Vector2<f64>, Vector2<f64>, [f64; 4]) {
-            match (wish, aim.deck.get(k)) {
-                (Wish::Hold, _) | (_, None) => (Vector2::new(hold[0], hold[1]), Vector2::zeros(), [0.0; 4]),
-                (Wish::Above | Wish::Sink, Some(d)) => (
+            match (goal, reference.deck.get(k)) {
+                (Goal::Hold, _) | (_, None) => (Vector2::new(hold[0], hold[1]), Vector2::zeros(), [0.0; 4]),
+                (Goal::Above | Goal::Sink, Some(d)) => (
                     Vector2::new(d.position[0], d.position[1]),
                     Vector2::new(d.velocity[0], d.velocity[1]),
                     [0.0; 4],
                 ),
-                (Wish::Touch, Some(d)) => {
+                (Goal::Touch, Some(d)) => {
                     // The full pose: the foot plane's centre over the deck's centre.
                     let (n, w) = (d.normal(), angular_velocity(d));
                     let turn = w.cross(&n) * feet;
@@ -247,9 +247,9 @@ impl Guide {
             settle_s: s.settle_s,
         };
         let (p0, v0, _) = target(0);
-        self.horizontal.meet(
+        self.horizontal.update(
             now,
-            wish.follows_deck(),
+            goal.follows_deck(),
             &p0,
             &v0,
             &Vector2::new(start[0], start[1]),
@@ -257,14 +257,14 @@ impl Guide {
             &pace,
             [0.5, 3.0],
         );
-        let mut carrot = self.horizontal.gap;
+        let mut governor = self.horizontal.gap;
         for k in 0..stages {
-            carrot.advance(step_s, &pace);
+            governor.advance(step_s, &pace);
             let (p, v, tilt) = target(k + 1);
             let r = &mut problem.reference[k];
             for i in 0..2 {
-                r[i] = p[i] + carrot.offset[i];
-                r[6 + i] = v[i] + carrot.rate[i];
+                r[i] = p[i] + governor.offset[i];
+                r[6 + i] = v[i] + governor.rate[i];
                 r[3 + i] = tilt[i];
                 r[9 + i] = tilt[2 + i];
             }
@@ -274,34 +274,38 @@ impl Guide {
     fn height(
         &mut self,
         now: Time<DroneClock>,
-        wish: Wish,
+        goal: Goal,
         hold: &[f64; 4],
         mission: &MissionState,
         mean_z: Option<f64>,
         stages: usize,
         step_s: f64,
         start: &State,
-        aim: &Aim,
+        reference: &Reference,
         problem: &mut Problem,
     ) {
         let feet = self.drone.feet_below_m;
-        match wish {
-            Wish::Hold | Wish::Above => {
-                let z = match (wish, mean_z) {
-                    (Wish::Above, Some(mean)) => mean - mission.height_m,
+        match goal {
+            Goal::Hold | Goal::Above => {
+                let z = match (goal, mean_z) {
+                    (Goal::Above, Some(mean)) => mean - mission.height_m,
                     _ => hold[2],
                 };
                 let z = z.min(-mission.minimum_altitude_m);
                 let s = self.config.shaping;
                 // A person may call a descent off at any height over a deck that comes up: the sink is
                 // braked as hard as a descent brakes, only the climb is gentle.
-                let sinks = matches!(wish, Wish::Hold) && start[8] > 0.3 && start[2] > z - 1.0;
+                let sinks = matches!(goal, Goal::Hold) && start[8] > 0.3 && start[2] > z - 1.0;
                 let pace = Pace {
                     speed: s.vertical_mps,
-                    acceleration: if sinks { CALLED_OFF_MPS2 } else { s.vertical_mps2 },
+                    acceleration: if sinks {
+                        ABORTED_DESCENT_MPS2
+                    } else {
+                        s.vertical_mps2
+                    },
                     settle_s: s.settle_s,
                 };
-                self.vertical.meet(
+                self.vertical.update(
                     now,
                     true,
                     &SVector::from([z]),
@@ -311,24 +315,24 @@ impl Guide {
                     &pace,
                     [0.3, 1.5],
                 );
-                let mut carrot = self.vertical.gap;
+                let mut governor = self.vertical.gap;
                 for r in &mut problem.reference {
-                    carrot.advance(step_s, &pace);
-                    r[2] = z + carrot.offset[0];
-                    r[8] = carrot.rate[0];
+                    governor.advance(step_s, &pace);
+                    r[2] = z + governor.offset[0];
+                    r[8] = governor.rate[0];
                 }
             }
-            Wish::Sink | Wish::Touch => {
+            Goal::Sink | Goal::Touch => {
                 // Constant speed relative to the predicted deck, from the clearance there is now.
-                self.vertical = Carrot::default();
+                self.vertical = ReferenceGovernor::default();
                 let contact_z = |k: usize| {
-                    aim.deck.get(k).map(|d| match wish {
-                        Wish::Touch => {
+                    reference.deck.get(k).map(|d| match goal {
+                        Goal::Touch => {
                             let n = d.normal();
                             let turn = angular_velocity(d).cross(&n) * feet;
                             (d.position[2] + feet * n.z, d.velocity[2] + turn.z)
                         }
-                        Wish::Sink | Wish::Hold | Wish::Above => (d.position[2] - feet, d.velocity[2]),
+                        Goal::Sink | Goal::Hold | Goal::Above => (d.position[2] - feet, d.velocity[2]),
                     })
                 };
                 let start_at = contact_z(0).map_or(0.0, |(z, _)| z - start[2]);
@@ -349,26 +353,26 @@ impl Guide {
     fn heading(
         &mut self,
         now: Time<DroneClock>,
-        wish: Wish,
+        goal: Goal,
         hold: &[f64; 4],
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
         stages: usize,
         step_s: f64,
         start: &State,
-        aim: &Aim,
+        reference: &Reference,
         problem: &mut Problem,
     ) {
         let mean = forecast.map_or(hold[3], |f| f.mean_heading);
-        let far = aim
+        let far = reference
             .deck
             .first()
             .map(|d| Vector2::new(d.position[0] - start[0], d.position[1] - start[1]));
         // Heading and its rate at stage k.
-        let target = |k: usize| match (wish, aim.deck.get(k)) {
-            (Wish::Hold, _) | (_, None) => (hold[3], 0.0),
-            (Wish::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),
-            (Wish::Above | Wish::Sink, Some(_)) => match (mission.state, far) {
+        let target = |k: usize| match (goal, reference.deck.get(k)) {
+            (Goal::Hold, _) | (_, None) => (hold[3], 0.0),
+            (Goal::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),
+            (Goal::Above | Goal::Sink, Some(_)) => match (mission.state, far) {
                 (Mode::Approach, Some(far)) if far.norm() > self.config.heading_from_m => {
                     (far.y.atan2(far.x), 0.0)
                 }
@@ -389,7 +393,7 @@ impl Guide {
         let (psi, rate) = target(0);
         // The target nearest to the plan's own heading: the shortest way round.
         let near = |a: f64| start[5] + wrap_angle(a - start[5]);
-        self.yaw.meet(
+        self.yaw.update(
             now,
             true,
             &SVector::from([near(psi)]),
@@ -399,22 +403,22 @@ impl Guide {
             &pace,
             [0.1, 0.6],
         );
-        let mut carrot = self.yaw.gap;
+        let mut governor = self.yaw.gap;
         let first = near(psi);
         for k in 0..stages {
-            carrot.advance(step_s, &pace);
+            governor.advance(step_s, &pace);
             let (psi_k, rate) = target(k + 1);
             let r = &mut problem.reference[k];
-            r[5] = first + wrap_angle(psi_k - psi) + carrot.offset[0];
-            r[11] = rate + carrot.rate[0];
+            r[5] = first + wrap_angle(psi_k - psi) + governor.offset[0];
+            r[11] = rate + governor.rate[0];
         }
     }
 
     /// FAA: the weights grow with the clearance of the foot plane (Table 4). Only the flare has the
     /// deck's attitude as reference, so only there does aligning make sense.
-    fn align(&self, aim: &Aim, problem: &mut Problem) {
+    fn align(&self, reference: &Reference, problem: &mut Problem) {
         let wanted = match self.config.kind {
-            PlannerKind::MpcFaa => aim.touch,
+            PlannerKind::MpcFaa => reference.touch,
             // The rendezvous has weights of its own.
             PlannerKind::Mpc
             | PlannerKind::Alight
@@ -428,8 +432,8 @@ impl Guide {
         }
         let feet = self.drone.feet_below_m;
         for (k, (weight, r)) in problem.weight.iter_mut().zip(&problem.reference).enumerate() {
-            let d = match (self.config.faa.distance, aim.deck.get(k + 1)) {
-                (FaaDistance::Current, _) | (FaaDistance::PerStage, None) => aim.clearance_m,
+            let d = match (self.config.faa.distance, reference.deck.get(k + 1)) {
+                (FaaDistance::Current, _) | (FaaDistance::PerStage, None) => reference.clearance_m,
                 (FaaDistance::PerStage, Some(deck)) => {
                     let p = Vector3::new(r[0], r[1], r[2]);
                     clearance(&p, &deck.normal(), deck, feet)
@@ -440,9 +444,9 @@ impl Guide {
     }
 
     /// No reference below the minimum altitude where it is not over the deck.
-    pub(super) fn keep_dry(&self, aim: &Aim, problem: &mut Problem) {
+    pub(super) fn keep_dry(&self, reference: &Reference, problem: &mut Problem) {
         for (k, r) in problem.reference.iter_mut().enumerate() {
-            let ceiling = self.ceiling(aim, k, r[0], r[1]);
+            let ceiling = self.ceiling(reference, k, r[0], r[1]);
             if r[2] > ceiling {
                 r[2] = ceiling;
                 r[8] = r[8].min(0.0);
@@ -451,8 +455,8 @@ impl Guide {
     }
 
     /// Soft upper bound of z at a place: the minimum altitude over the water, nothing over the deck.
-    pub fn ceiling(&self, aim: &Aim, stage: usize, x: f64, y: f64) -> f64 {
-        if let Some(d) = aim.deck.get(stage + 1) {
+    pub fn ceiling(&self, reference: &Reference, stage: usize, x: f64, y: f64) -> f64 {
+        if let Some(d) = reference.deck.get(stage + 1) {
             let (s, c) = d.euler[2].sin_cos();
             let (dx, dy) = (x - d.position[0], y - d.position[1]);
             let (along, across) = (c * dx + s * dy, -s * dx + c * dy);
@@ -461,13 +465,13 @@ impl Guide {
                 return NO_CEILING;
             }
         }
-        -aim.minimum_altitude_m
+        -reference.minimum_altitude_m
     }
 }
 
 /// What a mission state asks of the trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wish {
+enum Goal {
     /// Stay at a place.
     Hold,
     /// Over the deck at a height above its mean.
@@ -478,11 +482,11 @@ enum Wish {
     Touch,
 }
 
-impl Wish {
+impl Goal {
     fn follows_deck(self) -> bool {
         match self {
-            Wish::Hold => false,
-            Wish::Above | Wish::Sink | Wish::Touch => true,
+            Goal::Hold => false,
+            Goal::Above | Goal::Sink | Goal::Touch => true,
         }
     }
 }
@@ -561,7 +565,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_height_profile_is_smooth_through_contact_and_continues_itself() {
+    fn height_profile_is_smooth_through_contact_and_continues_itself() {
         let p = Profile::new(1.0, 0.5, 0.3);
         assert_eq!(p.at(1.0), (0.5, 0.5));
         let (mut before, dt) = (p.at(0.0), 0.01);
@@ -578,7 +582,7 @@ mod tests {
     }
 
     #[test]
-    fn tilt_and_upward_axis_invert_each_other() {
+    fn tilt_of_and_up_of_are_inverse() {
         let (phi, theta) = tilt_of(&up_of(0.2, -0.3), 0.0);
         assert!((phi - 0.2).abs() < 1e-12 && (theta + 0.3).abs() < 1e-12);
         // Heading east, a tilt to the north is a roll to port.

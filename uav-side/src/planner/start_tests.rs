@@ -41,7 +41,7 @@ fn begins(kind: PlannerKind, lower: f64, faster: f64) -> [f64; 2] {
 }
 
 #[test]
-fn a_drone_ahead_of_its_plan_takes_the_plan_along_and_one_behind_does_not() {
+fn plan_start_follows_a_drone_ahead_of_its_plan_and_not_one_behind() {
     let [lower, faster] = begins(PlannerKind::Alight, 0.2, 0.4);
     assert!(
         (lower - 0.2).abs() < 0.01 && (faster - 0.3).abs() < 0.03,

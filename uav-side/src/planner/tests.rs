@@ -39,14 +39,14 @@ fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {
 }
 
 #[test]
-fn an_ideal_follower_touches_aligned_with_faa_and_tilted_without() {
+fn mpc_aligns_at_touchdown_with_faa_and_not_without() {
     for phase in [0.0, 2.0, 4.0] {
         let sea = Sea { phase, ..MODERATE };
         let mut worst = Solve::Optimal;
-        let mut least = f64::MAX;
+        let mut min = f64::MAX;
         let with = Approach::new(sea, ABOVE, 4.0)
             .land(&config(PlannerKind::MpcFaa), |_, p| {
-                least = least.min(-p.stages[0].position[2]);
+                min = min.min(-p.stages[0].position[2]);
                 if p.solve != Solve::Optimal {
                     worst = p.solve;
                 }
@@ -72,7 +72,7 @@ fn an_ideal_follower_touches_aligned_with_faa_and_tilted_without() {
 }
 
 #[test]
-fn the_horizons_of_paper_and_print_both_land() {
+fn mpc_faa_lands_with_both_published_horizons() {
     for (stages, step_s) in [(20, 0.05), (40, 0.05)] {
         let c = PlannerConfig {
             stages,
@@ -103,7 +103,7 @@ fn the_horizons_of_paper_and_print_both_land() {
 }
 
 #[test]
-fn free_optimum_equals_the_condensed_problem_of_the_paper() {
+fn condensed_solution_equals_the_unconstrained_optimum_of_the_paper() {
     let c = PlannerConfig::default();
     let mut mpc = Mpc::new(&c, &DroneGeometry::default());
     let (mut compared, mut solution) = (0, Solution::default());
@@ -125,7 +125,7 @@ fn free_optimum_equals_the_condensed_problem_of_the_paper() {
 }
 
 #[test]
-fn limited_optimum_equals_the_condensed_problem_of_the_paper() {
+fn qp_solution_equals_the_constrained_optimum_of_the_paper() {
     // Half the slew and less tilt than usual, so that limits are met often.
     let mut c = PlannerConfig::default();
     c.rotors.slew_per_s = 4.0;
@@ -159,7 +159,7 @@ fn limited_optimum_equals_the_condensed_problem_of_the_paper() {
 }
 
 #[test]
-fn sparse_form_equals_the_condensed_one() {
+fn sparse_form_equals_the_condensed_form() {
     // The sparse form's optimality conditions without inequalities, by a dense LU.
     let model = heading_free(&DroneGeometry::default()).x_chain().discrete(0.1);
     let limits = ChainLimits {
@@ -285,7 +285,7 @@ fn hold(position: [f64; 3]) -> MissionState {
 }
 
 #[test]
-fn a_far_target_is_reached_fast_and_smoothly_within_limits() {
+fn planner_reaches_a_far_target_within_its_limits() {
     let mut b = Bench::new([0.0, 0.0, -5.0]);
     let (mut speed, mut tilt, mut rate) = (0.0_f64, 0.0_f64, 0.0_f64);
     let mut arrived = None;
@@ -314,7 +314,7 @@ fn a_far_target_is_reached_fast_and_smoothly_within_limits() {
 }
 
 #[test]
-fn navigation_runs_at_10_hz_and_landing_at_50() {
+fn planner_runs_at_10_hz_in_navigation_and_50_hz_in_landing() {
     let mut b = Bench::new(ABOVE);
     let count = |b: &mut Bench, state, n| {
         (0..n)
@@ -335,7 +335,7 @@ fn navigation_runs_at_10_hz_and_landing_at_50() {
 }
 
 #[test]
-fn tracking_does_not_chase_heave() {
+fn planner_does_not_follow_heave_while_tracking() {
     let mut b = Bench::new(ABOVE);
     let (mut low, mut high, mut off) = (f64::MAX, f64::MIN, 0.0_f64);
     for tick in 0..3000 {
@@ -362,7 +362,7 @@ fn tracking_does_not_chase_heave() {
 }
 
 #[test]
-fn no_plan_goes_below_the_minimum_altitude_beside_the_deck() {
+fn planner_keeps_the_minimum_altitude_outside_the_deck() {
     // Told to land while 6 m beside the deck: it may come down only as far as the water allows.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
     let mut lowest = f64::MAX;
@@ -394,7 +394,7 @@ fn no_plan_goes_below_the_minimum_altitude_beside_the_deck() {
 }
 
 #[test]
-fn a_drone_far_from_its_plan_or_a_jump_of_origin_starts_anew() {
+fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
     for _ in 0..50 {
         b.tick(hold([0.0, 0.0, -10.0]), None);
@@ -432,7 +432,7 @@ fn a_drone_far_from_its_plan_or_a_jump_of_origin_starts_anew() {
 }
 
 #[test]
-fn without_a_forecast_it_stays_where_it_is() {
+fn planner_holds_position_without_a_forecast() {
     // Alight sinks at 2.5 m/s when the forecast ends, and has further to come back.
     [(PlannerKind::MpcFaa, 400), (PlannerKind::Alight, 600)]
         .into_iter()
@@ -472,7 +472,7 @@ fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
 }
 
 #[test]
-fn messages_out_of_order_are_counted_and_ignored() {
+fn planner_counts_and_ignores_messages_out_of_order() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
     for _ in 0..20 {
         b.tick(hold([0.0, 0.0, -10.0]), None);

@@ -9,7 +9,7 @@
 //! the drone sinks; the oscillators are Fossen's wave filter (2011, section 8.2.6), discretised exactly.
 //!
 //! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
-//! (not of the vessel's reference point) in NED, its height as of a level vessel (see `sag`), and the tilt as that of a vessel heading north,
+//! (not of the vessel's reference point) in NED, its height as of a level vessel (see `lever_arm_heave`), and the tilt as that of a vessel heading north,
 //! so that a turn leaves the waves alone. Six filters of at most 18 states cost a tenth of a
 //! joint one.
 
@@ -36,7 +36,7 @@ pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
 
 /// What a measurement sees of the state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Row {
+pub enum MeasurementRow {
     /// Mean and waves, without any slow error.
     Level,
     /// As the radio sees it.
@@ -67,7 +67,7 @@ pub struct AxisNoise {
     /// Variance per second of the mean rate's random walk.
     pub rate_walk: f64,
     /// Random walk of the mean rate (1 s) per mean speed.
-    pub way_walk: f64,
+    pub speed_walk: f64,
     /// Random walk of the mean rate (1 s) per acceleration across in a turn, s.
     pub turn_walk: f64,
     /// Time after which the mean rate dies out, s.
@@ -88,7 +88,7 @@ impl AxisNoise {
             },
             mean_walk: c.mean_walk_m_rad[i].powi(2),
             rate_walk: c.rate_walk_mps_radps[i].powi(2),
-            way_walk: if i < 2 { c.way_walk } else { 0.0 },
+            speed_walk: if i < 2 { c.speed_walk } else { 0.0 },
             turn_walk: if i < 2 { c.turn_walk_s } else { 0.0 },
             rate_time: c.rate_time_s[i],
         })
@@ -312,22 +312,22 @@ impl Axis {
     }
 
     /// What `row` sees, and its variance.
-    pub fn project(&self, row: Row) -> (f64, f64) {
+    pub fn project(&self, row: MeasurementRow) -> (f64, f64) {
         let mut ph = [0.0; MAX_STATES];
         self.see(row, &mut ph)
     }
 
     /// Value and variance of `row`; `ph` becomes `P h'`.
-    fn see(&self, row: Row, ph: &mut [f64; MAX_STATES]) -> (f64, f64) {
+    fn see(&self, row: MeasurementRow, ph: &mut [f64; MAX_STATES]) -> (f64, f64) {
         let n = self.n;
         // Entries of h besides the oscillators', and the first oscillator's that counts.
         let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
-            Row::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
-            Row::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
-            Row::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
-            Row::Sight(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
-            Row::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
-            Row::Rate => ([(RATE, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD + 1)),
+            MeasurementRow::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
+            MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
+            MeasurementRow::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
+            MeasurementRow::Sight(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
+            MeasurementRow::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
+            MeasurementRow::Rate => ([(RATE, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD + 1)),
         };
         let entries = || {
             let waves = first.map_or(n..n, |f| f..n).step_by(2).map(|i| (i, 1.0));
@@ -346,14 +346,14 @@ impl Axis {
     }
 
     /// Innovation of `value` seen by `row`, in standard deviations.
-    pub fn surprise(&self, row: Row, value: f64, r: f64) -> f64 {
+    pub fn normalised_innovation(&self, row: MeasurementRow, value: f64, r: f64) -> f64 {
         let (predicted, var) = self.project(row);
         (value - predicted).abs() / (var + r).max(1e-300).sqrt()
     }
 
     /// Fuses one scalar with variance `r`: `x += P h' nu / S`, `P -= P h' h P / S` (equal to the
     /// Joseph form at the optimal gain, symmetric by construction).
-    pub fn update(&mut self, row: Row, value: f64, r: f64) {
+    pub fn update(&mut self, row: MeasurementRow, value: f64, r: f64) {
         let mut ph = [0.0; MAX_STATES];
         let (predicted, var) = self.see(row, &mut ph);
         let s = var + r;
@@ -499,7 +499,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_told_state_moves_what_goes_with_it_and_absurd_news_moves_nothing() {
+    fn axis_update_moves_correlated_states_and_gates_outliers() {
         let noise = AxisNoise::all(&PredictorConfig::default())[2];
         let mut a = Axis::new(&noise, &[], 2, 0.0, 1.0, 0.0);
         (a.p[MEAN][VISION], a.p[VISION][MEAN]) = (-0.5, -0.5);

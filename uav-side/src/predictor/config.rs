@@ -40,7 +40,7 @@ pub struct PredictorConfig {
     /// Random walk of the mean rate after 1 s, m/s, rad/s.
     pub rate_walk_mps_radps: [f64; 6],
     /// Random walk of the mean velocity after 1 s as a share of the mean speed, in addition.
-    pub way_walk: f64,
+    pub speed_walk: f64,
     /// Random walk of the mean velocity after 1 s as a multiple of the acceleration across in a
     /// turn, in addition.
     pub turn_walk_s: f64,
@@ -62,7 +62,7 @@ pub struct PredictorConfig {
     pub wave_scale: f64,
     /// The vessel's word on the present motion of each wave component is fused with its variance
     /// times this, because its errors last from one message to the next.
-    pub told_inflation: f64,
+    pub wave_state_inflation: f64,
     /// Least spread of a wave component.
     pub min_wave_sd_m_rad: [f64; 6],
     /// Until the vessel has sent a wave model: angular frequencies, rad/s.
@@ -86,10 +86,10 @@ pub struct PredictorConfig {
     pub tag_min_sd_rad: f64,
     /// Share of the drone's stated position error that is fused as noise of a sight; the rest is
     /// the same in the drone's position now and does not matter.
-    pub drone_share: f64,
+    pub drone_variance_fraction: f64,
     /// Error of a sight in proportion to its distance, besides the mount's, that is the same from
     /// one sight to the next.
-    pub sight_scale_sd: f64,
+    pub vision_scale_sd: f64,
     /// Position error of the camera's mount, m.
     pub camera_mount_sd_m: f64,
     /// A reading of the rangefinder is used at most this often, s.
@@ -103,10 +103,10 @@ pub struct PredictorConfig {
     /// The vessel's wave model is used.
     pub use_wave_model: bool,
     /// Sightings of tag and UV markers are used.
-    pub use_sight: bool,
+    pub use_vision: bool,
     /// The vessel's estimates are used only while the newest tag sighting is older than this, s; 0
     /// for always.
-    pub radio_after_sight_s: f64,
+    pub radio_after_vision_s: f64,
     /// Knowledge is fresh for this long, s.
     pub fresh_s: f64,
     /// Without any knowledge for this long there is no forecast, s.
@@ -139,10 +139,10 @@ impl Default for PredictorConfig {
             // Ours, between a drifting vessel (0.03 is best) and one that turns at 2 m/s.
             rate_walk_mps_radps: [0.05, 0.05, 0.0, 0.0, 0.0, 0.05],
             // Ours, tuned on a square at 2 m/s; nothing of it on a drifting vessel.
-            way_walk: 0.08,
+            speed_walk: 0.08,
             turn_walk_s: 0.6,
             rate_time_s: [100.0, 100.0, 1.0, 1.0, 1.0, 5.0],
-            // Ours; a tilt that turns otherwise than foretold is given more ([`super::surprise`]).
+            // Ours; a tilt that turns otherwise than foretold is given more ([`super::adaptive_noise`]).
             residual_sd_m_rad: [0.005, 0.005, 0.012, deg(0.35), deg(0.35), deg(0.2)],
             residual_omega_radps: 3.0,
             residual_damping: 0.5,
@@ -152,7 +152,7 @@ impl Default for PredictorConfig {
             min_damping: 0.003,
             // Ours, tuned at Moderate.
             wave_scale: 0.8,
-            told_inflation: 25.0,
+            wave_state_inflation: 25.0,
             min_wave_sd_m_rad: [0.01, 0.01, 0.01, deg(0.1), deg(0.1), deg(0.1)],
             // As the vessel model's broad default.
             bank_omega_radps: vec![0.8, 1.06, 1.41, 1.88, 2.5],
@@ -168,9 +168,9 @@ impl Default for PredictorConfig {
             tag_min_sd_m: 0.003,
             tag_min_sd_rad: deg(0.6),
             // Ours, tuned at Moderate.
-            drone_share: 0.0,
+            drone_variance_fraction: 0.0,
             // Ours: a tag of 71 px at 7 m appears 11 cm too near.
-            sight_scale_sd: 0.012,
+            vision_scale_sd: 0.012,
             // Issue 2: camera mount 1 cm wrong.
             camera_mount_sd_m: 0.01,
             range_period_s: 0.04,
@@ -180,8 +180,8 @@ impl Default for PredictorConfig {
             gate_sd: 5.0,
             // Less than all is for comparisons.
             use_wave_model: true,
-            use_sight: true,
-            radio_after_sight_s: 0.0,
+            use_vision: true,
+            radio_after_vision_s: 0.0,
             fresh_s: 1.0,
             silence_s: 30.0,
         }
@@ -207,7 +207,7 @@ impl Check for PredictorConfig {
         at.range("odometry_drift_s", self.odometry_drift_s, 0.1, 1e3)?;
         at.ranges("mean_walk_m_rad", &self.mean_walk_m_rad, 0.0, 10.0)?;
         at.ranges("rate_walk_mps_radps", &self.rate_walk_mps_radps, 0.0, 10.0)?;
-        at.range("way_walk", self.way_walk, 0.0, 10.0)?;
+        at.range("speed_walk", self.speed_walk, 0.0, 10.0)?;
         at.range("turn_walk_s", self.turn_walk_s, 0.0, 10.0)?;
         at.ranges("rate_time_s", &self.rate_time_s, 0.1, 1e6)?;
         at.ranges("residual_sd_m_rad", &self.residual_sd_m_rad, 0.0, 1.0)?;
@@ -217,7 +217,7 @@ impl Check for PredictorConfig {
         at.range("damping_scale", self.damping_scale, 0.01, 10.0)?;
         at.range("min_damping", self.min_damping, 1e-4, 0.5)?;
         at.range("wave_scale", self.wave_scale, 0.1, 10.0)?;
-        at.range("told_inflation", self.told_inflation, 1.0, 1e12)?;
+        at.range("wave_state_inflation", self.wave_state_inflation, 1.0, 1e12)?;
         at.ranges("min_wave_sd_m_rad", &self.min_wave_sd_m_rad, 1e-6, 1.0)?;
         at.ranges("bank_omega_radps", &self.bank_omega_radps, 0.1, 10.0)?;
         at.range("bank_damping", self.bank_damping, 1e-3, 0.95)?;
@@ -233,14 +233,14 @@ impl Check for PredictorConfig {
         )?;
         at.range("tag_min_sd_m", self.tag_min_sd_m, 1e-4, 1.0)?;
         at.range("tag_min_sd_rad", self.tag_min_sd_rad, 1e-4, 1.0)?;
-        at.range("drone_share", self.drone_share, 0.0, 1.0)?;
-        at.range("sight_scale_sd", self.sight_scale_sd, 0.0, 0.5)?;
+        at.range("drone_variance_fraction", self.drone_variance_fraction, 0.0, 1.0)?;
+        at.range("vision_scale_sd", self.vision_scale_sd, 0.0, 0.5)?;
         at.range("camera_mount_sd_m", self.camera_mount_sd_m, 0.0, 1.0)?;
         at.range("range_period_s", self.range_period_s, 0.0, 10.0)?;
         at.range("range_margin_m", self.range_margin_m, 0.0, 10.0)?;
         at.range("range_min_sd_m", self.range_min_sd_m, 1e-3, 1.0)?;
         at.range("gate_sd", self.gate_sd, 2.0, 20.0)?;
-        at.range("radio_after_sight_s", self.radio_after_sight_s, 0.0, 60.0)?;
+        at.range("radio_after_vision_s", self.radio_after_vision_s, 0.0, 60.0)?;
         at.range("fresh_s", self.fresh_s, 0.1, 10.0)?;
         at.range("silence_s", self.silence_s, 1.0, 600.0)
     }

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
 
-use super::axis::{Axis, AxisNoise, HEAD, MEAN, RATE, Row, Step, TURN, VISION};
+use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
 use super::waves::{AXES, Change, Oscillator, Seed, Waves};
@@ -18,7 +18,7 @@ const MAX_LATE_S: f64 = 1.0;
 /// A wave model older than this says nothing about phases, s.
 const MAX_SEED_S: f64 = 5.0;
 /// Refusals in a row after which the sights or the radio are believed again.
-const STUBBORN: u32 = 12;
+const MAX_CONSECUTIVE_REJECTIONS: u32 = 12;
 /// More than any of our vessels accelerates across in a turn, m/s².
 const MAX_TURN_MPS2: f64 = 2.0;
 /// Faster than the vessels we land on, m/s.
@@ -27,7 +27,7 @@ const MAX_SPEED_MPS: f64 = 10.0;
 const MAX_BEND_RAD: f64 = 1.0;
 
 /// Degrees of freedom whose oscillators the vessel's are: with stiffness, so that they are motion.
-const TOLD: [usize; 3] = [2, 3, 4];
+const IDENTIFIED_AXES: [usize; 3] = [2, 3, 4];
 
 /// Degrees of freedom that are refused together.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
@@ -66,9 +66,9 @@ pub struct Filter {
     entries: VecDeque<Entry>,
     spare: Vec<Box<State>>,
     /// Refusals in a row: radio, sight.
-    refused: [u32; 2],
+    rejected: [u32; 2],
     /// The radio speaks.
-    heard: bool,
+    radio_available: bool,
     started: Time<DroneClock>,
 }
 
@@ -118,8 +118,8 @@ impl Filter {
             common_tilt,
             entries: VecDeque::with_capacity(MAX_ENTRIES + 1),
             spare: Vec::new(),
-            refused: [0; 2],
-            heard: true,
+            rejected: [0; 2],
+            radio_available: true,
             started: first.at,
         };
         f.entries.push_back(Entry {
@@ -154,19 +154,19 @@ impl Filter {
         self.entries.back().map(|e| e.at)
     }
     /// Whether the radio speaks, from now on.
-    pub fn hear(&mut self, heard: bool) {
-        self.heard = heard;
+    pub fn set_radio_available(&mut self, radio_available: bool) {
+        self.radio_available = radio_available;
     }
     /// Noise figures in state `s`: under way a helmsman and the waves change the mean velocity, in
     /// a turn by more than it turns, because a hull slips sideways and slows down. In silence the
     /// course is taken to go on: the sight cannot tell a new mean velocity from waves.
     pub fn noise(&self, s: &State) -> [AxisNoise; AXES] {
         let mut noise = self.noise;
-        if let Some(t) = turning(s).filter(|_| self.heard) {
+        if let Some(t) = turning(s).filter(|_| self.radio_available) {
             let across = (t.rate * t.speed).abs().min(MAX_TURN_MPS2);
             let speed = t.speed.min(MAX_SPEED_MPS);
             for n in noise.iter_mut().take(2) {
-                n.rate_walk += (n.turn_walk * across).powi(2) + (n.way_walk * speed).powi(2);
+                n.rate_walk += (n.turn_walk * across).powi(2) + (n.speed_walk * speed).powi(2);
             }
         }
         noise
@@ -234,7 +234,7 @@ impl Filter {
                 self.spare.push(e.after);
             }
         }
-        self.stubborn(o.kind, gated);
+        self.reset_after_rejections(o.kind, gated);
         if gated == 0 {
             Fused::All
         } else {
@@ -280,17 +280,17 @@ impl Filter {
 
     /// A source that is refused again and again is right and the filter wrong: what it may be
     /// wrong about becomes uncertain.
-    fn stubborn(&mut self, kind: Kind, gated: u32) {
+    fn reset_after_rejections(&mut self, kind: Kind, gated: u32) {
         let (channel, slow) = match kind {
             Kind::Estimate => (0, super::axis::RADIO),
             Kind::Tag | Kind::Uvdar => (1, VISION),
             Kind::Range | Kind::Waves => return,
         };
-        let Some(count) = self.refused.get_mut(channel) else {
+        let Some(count) = self.rejected.get_mut(channel) else {
             return;
         };
         *count = if gated > 0 { *count + 1 } else { 0 };
-        if *count < STUBBORN {
+        if *count < MAX_CONSECUTIVE_REJECTIONS {
             return;
         }
         *count = 0;
@@ -392,9 +392,9 @@ fn learn(s: &mut State, at: Time<DroneClock>, waves: &Waves, gate: f64) {
             continue;
         }
         let [a, b, c, d] = Step::new(&[*o], since).a[0];
-        for axis in TOLD {
+        for axis in IDENTIFIED_AXES {
             let (v, r) = (seed.value[axis], seed.rate[axis]);
-            let variance = waves.told_inflation() * seed.variance[axis];
+            let variance = waves.wave_state_inflation() * seed.variance[axis];
             let i = HEAD + 2 * k;
             s[axis].update_state(i, a * v + b * r, variance, gate);
             s[axis].update_state(i + 1, c * v + d * r, variance * o.omega * o.omega, gate);
@@ -407,8 +407,8 @@ fn learn(s: &mut State, at: Time<DroneClock>, waves: &Waves, gate: f64) {
 fn turned(s: &mut State, o: &Observation, common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
         let Some((seen, r)) = o.value[j] else { continue };
-        let (level, var) = s[j].project(Row::Level);
-        s[i].update(Row::Turn, seen - level, r + var + common * common);
+        let (level, var) = s[j].project(MeasurementRow::Level);
+        s[i].update(MeasurementRow::Turn, seen - level, r + var + common * common);
         s[i].p[TURN][TURN] = s[i].p[TURN][TURN].max(common * common);
     }
 }
@@ -416,12 +416,12 @@ fn turned(s: &mut State, o: &Observation, common: f64) {
 /// Fuses an observation into a state of the same time; the number of groups refused.
 fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
     let row = match o.kind {
-        Kind::Estimate => Row::Radio,
-        Kind::Tag | Kind::Uvdar | Kind::Range => Row::Vision,
+        Kind::Estimate => MeasurementRow::Radio,
+        Kind::Tag | Kind::Uvdar | Kind::Range => MeasurementRow::Vision,
         Kind::Waves => return 0,
     };
     let row = |i: usize| match o.lever.get(i) {
-        Some(lever) if *lever != 0.0 => Row::Sight(*lever),
+        Some(lever) if *lever != 0.0 => MeasurementRow::Sight(*lever),
         Some(_) | None => row,
     };
     let mut gated = 0;
@@ -436,8 +436,9 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
             }
         };
         let outlier = group.iter().any(|&i| {
-            o.value[i].is_some_and(|(v, r)| s[i].surprise(row(i), near(&s[i], i, v), r) > gate)
-                || o.rate[i].is_some_and(|(v, r)| s[i].surprise(Row::Rate, v, r) > gate)
+            o.value[i].is_some_and(|(v, r)| s[i].normalised_innovation(row(i), near(&s[i], i, v), r) > gate)
+                || o.rate[i]
+                    .is_some_and(|(v, r)| s[i].normalised_innovation(MeasurementRow::Rate, v, r) > gate)
         });
         if outlier {
             gated += 1;
@@ -452,7 +453,7 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
                 s[i].update(row(i), v, r);
             }
             if let Some((v, r)) = o.rate[i] {
-                s[i].update(Row::Rate, v, r);
+                s[i].update(MeasurementRow::Rate, v, r);
             }
         }
     }

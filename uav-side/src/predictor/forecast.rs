@@ -1,22 +1,22 @@
 //! From the filters' state now to the deck's motion over the horizon.
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DeckStage, FORECAST_STAGES, FORETOLD, SLOPE_STEP};
+use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
 use alight_shared::seq::Seq;
-use alight_shared::vessel_model::{Crested, turn_tilt};
+use alight_shared::vessel_model::{WaveNonlinearity, turn_tilt};
 use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
-use super::crests::Crests;
-use super::sag::sag;
+use super::bound_waves::DeckBoundMotion;
+use super::lever_arm_heave::lever_arm_heave;
 use super::waves::{AXES, Oscillator};
 
 /// Stages at which the variance is computed; between them it is interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
 /// Less normal force than this holds nothing, m/s².
-const LEAST_MPS2: f64 = 0.5;
+const MIN_NORMAL_MPS2: f64 = 0.5;
 /// Steps of the mean over a second that something standing on the deck feels, before and after.
-const FELT_STEPS: usize = 2;
+const SLOPE_STEPS: usize = 2;
 /// Below this speed a turn does not bend the path, m/s.
 pub(super) const STEERAGE_MPS: f64 = 0.3;
 
@@ -50,16 +50,16 @@ impl Horizon {
     }
 
     /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
-    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `arm` is where the deck is
-    /// on the vessel, m, `crested` by how much it moves more than the sum of the oscillators.
+    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `lever_arm` is where the deck is
+    /// on the vessel, m, `nonlinearity` by how much it moves more than the sum of the oscillators.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
         common: &[(f64, f64); AXES],
         clock_var: f64,
-        arm: &Vector3<f64>,
-        crested: Crested,
+        lever_arm: &Vector3<f64>,
+        nonlinearity: WaveNonlinearity,
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
@@ -86,8 +86,8 @@ impl Horizon {
                     )
                 },
                 clock_var,
-                arm,
-                crested,
+                lever_arm,
+                nonlinearity,
             );
             if out.push(stage).is_err() {
                 break;
@@ -102,21 +102,21 @@ impl Horizon {
         &self,
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
-        arm: &Vector3<f64>,
-        crested: Crested,
-    ) -> Seq<u8, FORETOLD> {
+        lever_arm: &Vector3<f64>,
+        nonlinearity: WaveNonlinearity,
+    ) -> Seq<u8, PREDICTED_SLOPES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
-        let mut forces = [Vector3::zeros(); FORETOLD + 2 * FELT_STEPS];
+        let mut forces = [Vector3::zeros(); PREDICTED_SLOPES + 2 * SLOPE_STEPS];
         for force in &mut forces {
-            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, arm, crested);
+            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, lever_arm, nonlinearity);
             *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
             self.advance(&mut mean, &heads);
         }
         let mut out = Seq::new();
-        for felt in forces.windows(2 * FELT_STEPS + 1) {
+        for felt in forces.windows(2 * SLOPE_STEPS + 1) {
             let f = felt.iter().sum::<Vector3<f64>>() / felt.len() as f64;
-            let slope = f.xy().norm() / (-f.z).max(LEAST_MPS2);
+            let slope = f.xy().norm() / (-f.z).max(MIN_NORMAL_MPS2);
             // A cast of a number too large gives the largest.
             if out.push((slope / SLOPE_STEP).round() as u8).is_err() {
                 break;
@@ -200,8 +200,8 @@ impl Horizon {
         mean: &[[f64; MAX_STATES]; AXES],
         var: impl Fn(usize) -> (f64, f64),
         clock_var: f64,
-        arm: &Vector3<f64>,
-        crested: Crested,
+        lever_arm: &Vector3<f64>,
+        nonlinearity: WaveNonlinearity,
     ) -> DeckStage {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
@@ -215,18 +215,18 @@ impl Horizon {
                 a[i] -= o.omega * o.omega * x[j] + 2.0 * o.damping * o.omega * x[j + 1];
             }
         }
-        let crests = Crests::at(mean, &self.oscillators, crested, arm);
+        let bound_waves = DeckBoundMotion::at(mean, &self.oscillators, nonlinearity, lever_arm);
         for i in 0..AXES {
-            v[i] += crests.value[i];
-            r[i] += crests.rate[i];
-            a[i] += crests.acceleration[i];
+            v[i] += bound_waves.value[i];
+            r[i] += bound_waves.rate[i];
+            a[i] += bound_waves.acceleration[i];
         }
         let yaw = alight_shared::frames::wrap_angle(v[5]);
         let (s, c) = yaw.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], yaw);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
         let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
-        let [low, sinks, dives] = sag(arm, [roll, pitch], [dr, dp], [ddr, ddp]);
+        let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], [dr, dp], [ddr, ddp]);
         v[2] += low;
         r[2] += sinks;
         a[2] += dives;

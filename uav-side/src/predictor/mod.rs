@@ -6,23 +6,23 @@
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
 //! - [`observation`]: what each message says about the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
-//! - [`sag`]: what the deck's height owes to its tilt.
+//! - [`lever_arm_heave`]: what the deck's height owes to its tilt.
 //! - [`forecast`]: the horizon.
 //!
 //! The vessel and the drone each have a GNSS error of a metre or more, so the vessel's position is
 //! known to the drone only up to a slow offset; it is what the sight measures. With the radio
 //! silent the same filters run on, on sight alone.
 
+mod adaptive_noise;
 pub mod axis;
+mod bound_waves;
 mod config;
-mod crests;
 pub mod filter;
 pub mod forecast;
+pub mod lever_arm_heave;
 mod node;
 pub mod observation;
 pub mod rocking;
-pub mod sag;
-mod surprise;
 pub mod track;
 pub mod waves;
 

@@ -2,8 +2,8 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{
-    DeckForecast, DroneState, FORETOLD_STEP_S, Header, LinkState, Message, RangeSample, SLOPES, Source,
-    TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
+    DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, RangeSample, SLOPE_WINDOWS,
+    Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::seq::Seq;
@@ -13,15 +13,15 @@ use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::axis::{Axis, AxisNoise, MEAN, RATE, Row, VISION};
+use super::adaptive_noise::AdaptiveTiltNoise;
+use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION};
+use super::bound_waves::DeckBoundMotion;
 use super::config::PredictorConfig;
-use super::crests::Crests;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
-use super::observation::{self, Mount, Observation, Plane};
+use super::lever_arm_heave::lever_arm_heave;
+use super::observation::{self, MountRotation, Observation, Plane};
 use super::rocking::Rocking;
-use super::sag::sag;
-use super::surprise::Surprise;
 use super::track::Track;
 use super::waves::{AXES, Waves};
 
@@ -58,7 +58,7 @@ pub struct PredictorOut {
 #[repr(u8)]
 pub enum Rejection {
     /// A number is not finite or outside what physics allows.
-    Absurd,
+    Implausible,
     /// Its time of validity is in the future.
     Future,
     /// Older than anything that can still be put in order.
@@ -96,11 +96,11 @@ impl Rejections {
 /// A message may be this much ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
 /// A change of the vessel's mean velocity that its waves are met at another frequency for, m/s.
-const CHANGED_MPS: f64 = 0.6;
+const ENCOUNTER_CHANGE_MPS: f64 = 0.6;
 /// From this confidence on the vessel's phases are fused.
 const CONFIDENT: f64 = 0.5;
 /// A filter is young for this long, s.
-const YOUNG_S: f64 = 3.0;
+const FRESH_FILTER_S: f64 = 3.0;
 /// Until the bridge has spoken, s.
 const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 
@@ -120,18 +120,18 @@ pub struct Predictor {
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
     /// Deck's centre in the vessel's body frame, m.
-    arm: Vector3<f64>,
+    lever_arm: Vector3<f64>,
     rocking: Rocking,
-    surprise: Surprise,
+    adaptive_noise: AdaptiveTiltNoise,
     /// Mean velocity that the frequencies of encounter belong to: north, east, m/s.
-    met: [f64; 2],
+    encounter_velocity: [f64; 2],
     radio_at: Option<Time<DroneClock>>,
     radio_sequence: Option<(u32, u32)>,
     vision_at: Option<Time<DroneClock>>,
     tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
     /// How steep the deck felt of late, and when the vessel said so.
-    slopes: Option<(Time<DroneClock>, Seq<u8, SLOPES>)>,
+    slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     next: Option<Time<DroneClock>>,
     rejections: Rejections,
 }
@@ -142,7 +142,7 @@ impl Predictor {
         let waves = Waves::new(config);
         Predictor {
             horizon: Horizon::new(waves.oscillators(), config.stage_s),
-            far: Horizon::new(waves.oscillators(), FORETOLD_STEP_S),
+            far: Horizon::new(waves.oscillators(), PREDICTED_SLOPE_STEP_S),
             config: config.clone(),
             boot,
             sequence: 0,
@@ -150,11 +150,11 @@ impl Predictor {
             filter: None,
             track: Track::default(),
             rocking: Rocking::default(),
-            surprise: Surprise::default(),
+            adaptive_noise: AdaptiveTiltNoise::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
-            arm: config.deck.centre(),
-            met: [0.0; 2],
+            lever_arm: config.deck.centre(),
+            encounter_velocity: [0.0; 2],
             radio_at: None,
             radio_sequence: None,
             vision_at: None,
@@ -171,8 +171,8 @@ impl Predictor {
     }
 
     /// Checks content and time of a message.
-    fn sane<M: Message<Clock = DroneClock>>(now: Time<DroneClock>, m: &M) -> Result<(), Rejection> {
-        m.check().map_err(|_| Rejection::Absurd)?;
+    fn admit<M: Message<Clock = DroneClock>>(now: Time<DroneClock>, m: &M) -> Result<(), Rejection> {
+        m.check().map_err(|_| Rejection::Implausible)?;
         if m.header().at > now + AHEAD {
             return Err(Rejection::Future);
         }
@@ -185,9 +185,10 @@ impl Predictor {
         let filter = self
             .filter
             .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
-        let o = if !waves.crested.is_plain() && o.kind != observation::Kind::Waves {
+        let o = if !waves.nonlinearity.is_linear() && o.kind != observation::Kind::Waves {
             let axes = filter.at(waves, o.at);
-            Crests::of(&axes, waves.oscillators(), waves.crested, &self.arm).taken_from(o)
+            DeckBoundMotion::of(&axes, waves.oscillators(), waves.nonlinearity, &self.lever_arm)
+                .removed_from(o)
         } else {
             *o
         };
@@ -205,7 +206,7 @@ impl Predictor {
     }
 
     fn drone(&mut self, now: Time<DroneClock>, s: &DroneState) -> Result<(), Rejection> {
-        Self::sane(now, s)?;
+        Self::admit(now, s)?;
         if let Some(last) = self.track.newest() {
             if s.header.at == last.header.at {
                 return Err(Rejection::Duplicate);
@@ -223,21 +224,22 @@ impl Predictor {
     }
 
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), Rejection> {
-        Self::sane(now, m)?;
+        Self::admit(now, m)?;
         self.slopes = Some((m.header.at, m.slopes));
-        let known = self.waves.are_named();
+        let known = self.waves.are_identified();
         let filter = &mut self.filter;
-        self.waves.receive(now, m, -self.arm.z, |change, oscillators| {
-            if let Some(f) = filter {
-                f.follow(change, oscillators);
-            }
-        });
+        self.waves
+            .receive(now, m, -self.lever_arm.z, |change, oscillators| {
+                if let Some(f) = filter {
+                    f.follow(change, oscillators);
+                }
+            });
         // A filter that has only just begun learns more from the vessel's phases than it knows.
-        let young = self
+        let begun_lately = self
             .filter
             .as_ref()
-            .is_some_and(|f| (now - f.started()).secs() < YOUNG_S);
-        if !known && self.waves.are_named() && young {
+            .is_some_and(|f| (now - f.started()).secs() < FRESH_FILTER_S);
+        if !known && self.waves.are_identified() && begun_lately {
             self.filter = None;
         }
         if self.filter.is_some() && self.waves.confidence >= CONFIDENT {
@@ -254,13 +256,13 @@ impl Predictor {
     }
 
     fn estimate(&mut self, now: Time<DroneClock>, e: &VesselEstimate<DroneClock>) -> Result<(), Rejection> {
-        Self::sane(now, e)?;
+        Self::admit(now, e)?;
         let origin = match &self.config.datum {
             Some(d) => d.offset_to::<alight_shared::frames::DroneNed>(&e.datum).0,
             None => Vector3::zeros(),
         };
         if !(origin.norm() < alight_shared::msg::MAX_POSITION_M) {
-            return Err(Rejection::Absurd);
+            return Err(Rejection::Implausible);
         }
         let known = (e.header.boot, e.header.sequence);
         if self.radio_sequence == Some(known) {
@@ -268,24 +270,31 @@ impl Predictor {
         }
         let o = observation::estimate(e, &origin, self.clock_sd_s, &self.config);
         match &self.filter {
-            Some(f) if self.waves.are_named() && self.waves.confidence >= CONFIDENT => {
+            Some(f) if self.waves.are_identified() && self.waves.confidence >= CONFIDENT => {
                 let expected = f.at(&self.waves, o.at);
-                let crests = Crests::of(&expected, self.waves.oscillators(), self.waves.crested, &self.arm);
-                self.surprise.hear(&crests.taken_from(&o), &expected);
+                let bound_waves = DeckBoundMotion::of(
+                    &expected,
+                    self.waves.oscillators(),
+                    self.waves.nonlinearity,
+                    &self.lever_arm,
+                );
+                self.adaptive_noise
+                    .update(&bound_waves.removed_from(&o), &expected);
             }
             // What nobody has foretold surprises nobody.
-            Some(_) | None => self.surprise = Surprise::default(),
+            Some(_) | None => self.adaptive_noise = AdaptiveTiltNoise::default(),
         }
-        self.waves.surprise(self.surprise.tilt_sd());
+        self.waves.adaptive_noise(self.adaptive_noise.tilt_sd());
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
             let two = |m: &[observation::Measured]| [3, 4].map(|i: usize| m[i].map_or(0.0, |v| v.0));
-            self.rocking.hear(e.header.at.secs(), two(&o.value), two(&o.rate));
+            self.rocking
+                .update(e.header.at.secs(), two(&o.value), two(&o.rate));
             self.waves.observe(self.rocking.known());
-            self.arm = e.deck_centre();
-            self.met = e.mean_velocity.map(f64::from);
+            self.lever_arm = e.deck_centre();
+            self.encounter_velocity = e.mean_velocity.map(f64::from);
             let tilt = |k: usize| 0.5 * f64::from(e.covariance[3][k] + e.covariance[4][k]);
             let own = |i: usize, k: usize| f64::from(e.covariance[i][k]);
             self.stated = core::array::from_fn(|i| match i {
@@ -297,14 +306,14 @@ impl Predictor {
     }
 
     /// What is known of the rotation of the sight against the truth.
-    fn mount(&self) -> Mount {
+    fn mount(&self) -> MountRotation {
         let last = self.filter.as_ref().and_then(Filter::last);
         let slow = |i: usize| match last {
             Some(s) => (s[i].x[VISION], s[i].p[VISION][VISION].max(0.0).sqrt()),
             None => (0.0, self.config.vision_bias_sd_m_rad[i]),
         };
         let (n, e) = (slow(3), slow(4));
-        Mount {
+        MountRotation {
             // Heading: as the drone sees it, so it is not turned back.
             turn: Vector3::new(n.0, e.0, 0.0),
             sd: Vector3::new(n.1, e.1, 0.0),
@@ -316,17 +325,17 @@ impl Predictor {
         now: Time<DroneClock>,
         m: &impl Message<Clock = DroneClock>,
         is_tag: bool,
-        observe: impl FnOnce(&super::track::Pose, &Mount, &PredictorConfig) -> Observation,
+        observe: impl FnOnce(&super::track::Pose, &MountRotation, &PredictorConfig) -> Observation,
     ) -> Result<(), Rejection> {
-        Self::sane(now, m)?;
+        Self::admit(now, m)?;
         let at = m.header().at;
         let pose = self.track.at(at).ok_or(Rejection::NoDroneState)?;
         let seen = observe(&pose, &self.mount(), &self.config);
-        let sag_m = match &self.filter {
+        let lever_arm_heave_m = match &self.filter {
             Some(f) => self.plane(&f.at(&self.waves, at)).1,
             None => 0.0,
         };
-        let o = seen.levelled(sag_m);
+        let o = seen.levelled(lever_arm_heave_m);
         self.fuse(&o)?;
         let newer = |t: &mut Option<Time<DroneClock>>| {
             *t = Some(t.map_or(at, |old| old.max(at)));
@@ -339,7 +348,7 @@ impl Predictor {
     }
 
     fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), Rejection> {
-        Self::sane(now, m)?;
+        Self::admit(now, m)?;
         let at = m.header.at;
         let period = Span::from_secs(self.config.range_period_s);
         if self.range_at.is_some_and(|t| at - t < period) {
@@ -350,33 +359,34 @@ impl Predictor {
             return Ok(());
         };
         let axes = f.at(&self.waves, at);
-        let (deck, sag_m) = self.plane(&axes);
+        let (deck, lever_arm_heave_m) = self.plane(&axes);
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
-        let o = o.levelled(sag_m);
+        let o = o.levelled(lever_arm_heave_m);
         self.range_at = Some(at);
         self.fuse(&o)
     }
 
     /// Frequencies of encounter in silence: the vessel's own stay until its mean velocity has
     /// clearly changed. (A velocity 0.2 m/s wrong costs 0.03 rad/s, a third of a radian in 10 s.)
-    fn meet(&mut self, radio_age_s: f64) {
+    fn update_encounter(&mut self, radio_age_s: f64) {
         let Some(f) = &mut self.filter else {
             return;
         };
         let Some(velocity) = f.last().map(|s| [s[0].x[RATE], s[1].x[RATE]]) else {
             return;
         };
-        let changed = (velocity[0] - self.met[0]).hypot(velocity[1] - self.met[1]);
-        if radio_age_s < self.config.fresh_s || changed < CHANGED_MPS {
+        let changed =
+            (velocity[0] - self.encounter_velocity[0]).hypot(velocity[1] - self.encounter_velocity[1]);
+        if radio_age_s < self.config.fresh_s || changed < ENCOUNTER_CHANGE_MPS {
             return;
         }
-        self.met = velocity;
+        self.encounter_velocity = velocity;
         let mut changes: [Option<super::waves::Change>; super::waves::MAX_OSCILLATORS] =
             [None; super::waves::MAX_OSCILLATORS];
         let mut n = 0;
-        self.waves.meet(velocity, |c| {
+        self.waves.update_encounter(velocity, |c| {
             if let Some(slot) = changes.get_mut(n) {
                 *slot = Some(c);
                 n += 1;
@@ -393,9 +403,9 @@ impl Predictor {
         if !(radio_age_s.min(vision_age_s) < self.config.silence_s) {
             return None;
         }
-        self.meet(radio_age_s);
+        self.update_encounter(radio_age_s);
         if let Some(f) = &mut self.filter {
-            f.hear(radio_age_s < self.config.fresh_s);
+            f.set_radio_available(radio_age_s < self.config.fresh_s);
         }
         if !self.filter.as_ref()?.is_finite() {
             self.rejections.count(Rejection::Diverged);
@@ -418,19 +428,20 @@ impl Predictor {
             // Sight has no part in the clocks' offset.
             Source::Vision | Source::None => 0.0,
         };
-        let crested = self.waves.crested;
+        let nonlinearity = self.waves.nonlinearity;
         let stages = self.horizon.stages(
             &axes,
             &filter.noise(&axes),
             &common,
             clock_var,
-            &self.arm,
-            crested,
+            &self.lever_arm,
+            nonlinearity,
         );
-        let named = self.waves.confidence > 0.0 && self.waves.are_named();
-        let foretold = if named {
+        let named = self.waves.confidence > 0.0 && self.waves.are_identified();
+        let predicted_slopes = if named {
             self.far.refresh(self.waves.oscillators());
-            self.far.slopes(&axes, &filter.noise(&axes), &self.arm, crested)
+            self.far
+                .slopes(&axes, &filter.noise(&axes), &self.lever_arm, nonlinearity)
         } else {
             Seq::new()
         };
@@ -444,14 +455,14 @@ impl Predictor {
             vision_age_s,
             tag_age_s: age(self.tag_at),
             wave_confidence: self.waves.confidence,
-            orbital_slip: crested.slip,
+            wave_following_deficit: nonlinearity.wave_following_deficit,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             stages,
             slopes: match self.slopes {
                 Some((at, slopes)) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,
                 Some(_) | None => Seq::new(),
             },
-            foretold,
+            predicted_slopes,
         };
         if f.check().is_err() {
             self.rejections.count(Rejection::Diverged);
@@ -470,17 +481,20 @@ impl Predictor {
             Source::Radio | Source::None => false,
         };
         let k = self.config.radio_floor;
-        let arm = self.track.newest().map_or(Vector3::zeros(), |d| {
-            Vector3::from_fn(|i, _| axes[i].project(Row::Vision).0) - d.position()
+        let lever_arm = self.track.newest().map_or(Vector3::zeros(), |d| {
+            Vector3::from_fn(|i, _| axes[i].project(MeasurementRow::Vision).0) - d.position()
         });
         let mount = self.config.camera_mount_sd_m.powi(2);
         let turn = |i: usize| axes[i].p[VISION][VISION].max(0.0);
-        let mount = mount + (self.config.sight_scale_sd * arm.norm()).powi(2);
+        let mount = mount + (self.config.vision_scale_sd * lever_arm.norm()).powi(2);
         core::array::from_fn(|i| {
             let (v, r) = self.stated[i];
             match i {
                 0 | 1 if seen => (mount, k * r),
-                2 if seen => (turn(3) * arm.y * arm.y + turn(4) * arm.x * arm.x + mount, k * r),
+                2 if seen => (
+                    turn(3) * lever_arm.y * lever_arm.y + turn(4) * lever_arm.x * lever_arm.x + mount,
+                    k * r,
+                ),
                 5 if seen => (0.0, k * r),
                 _ => (k * v, k * r),
             }
@@ -491,22 +505,35 @@ impl Predictor {
 impl Predictor {
     /// The deck as a state of the filters says it, and what its height owes to the tilt, m.
     fn plane(&self, axes: &[Axis; AXES]) -> (Plane, f64) {
-        let crests = Crests::of(axes, self.waves.oscillators(), self.waves.crested, &self.arm);
-        let at = |i: usize, row: Row| {
+        let bound_waves = DeckBoundMotion::of(
+            axes,
+            self.waves.oscillators(),
+            self.waves.nonlinearity,
+            &self.lever_arm,
+        );
+        let at = |i: usize, row: MeasurementRow| {
             let (value, variance) = axes[i].project(row);
-            (value + crests.value[i], variance)
+            (value + bound_waves.value[i], variance)
         };
-        let (n, e, d) = (at(0, Row::Vision), at(1, Row::Vision), at(2, Row::Vision));
-        let (tn, te, yaw) = (at(3, Row::Level), at(4, Row::Level), at(5, Row::Vision));
+        let (n, e, d) = (
+            at(0, MeasurementRow::Vision),
+            at(1, MeasurementRow::Vision),
+            at(2, MeasurementRow::Vision),
+        );
+        let (tn, te, yaw) = (
+            at(3, MeasurementRow::Level),
+            at(4, MeasurementRow::Level),
+            at(5, MeasurementRow::Vision),
+        );
         let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
-        let [sag_m, ..] = sag(&self.arm, [roll, pitch], [0.0; 2], [0.0; 2]);
+        let [lever_arm_heave_m, ..] = lever_arm_heave(&self.lever_arm, [roll, pitch], [0.0; 2], [0.0; 2]);
         let plane = Plane {
-            centre: Vector3::new(n.0, e.0, d.0 + sag_m),
+            centre: Vector3::new(n.0, e.0, d.0 + lever_arm_heave_m),
             rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
             position_sd: n.1.max(e.1).sqrt(),
             tilt_sd: tn.1.max(te.1).sqrt(),
         };
-        (plane, sag_m)
+        (plane, lever_arm_heave_m)
     }
 }
 
@@ -518,7 +545,7 @@ impl Node for Predictor {
     fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
         let mut done = [Ok(()); 4];
         if let Some(l) = &input.link {
-            match Self::sane(now, l) {
+            match Self::admit(now, l) {
                 Ok(()) if l.clock_offset_sd_s.is_finite() => self.clock_sd_s = l.clock_offset_sd_s.min(1.0),
                 r => done[0] = r,
             }
@@ -529,8 +556,8 @@ impl Node for Predictor {
         let c = &self.config;
         let sees = self
             .tag_at
-            .is_some_and(|t| (now - t).secs() < c.radio_after_sight_s);
-        let (use_wave_model, use_sight) = (c.use_wave_model, c.use_sight);
+            .is_some_and(|t| (now - t).secs() < c.radio_after_vision_s);
+        let (use_wave_model, use_vision) = (c.use_wave_model, c.use_vision);
         if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
             done[2] = self.wave(now, w);
         }
@@ -540,12 +567,12 @@ impl Node for Predictor {
         for r in done.into_iter().filter_map(Result::err) {
             self.rejections.count(r);
         }
-        for m in input.uvdar.iter().filter(|_| use_sight) {
+        for m in input.uvdar.iter().filter(|_| use_vision) {
             if let Err(r) = self.sight(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c)) {
                 self.rejections.count(r);
             }
         }
-        for m in input.tags.iter().filter(|_| use_sight) {
+        for m in input.tags.iter().filter(|_| use_vision) {
             if let Err(r) = self.sight(now, m, true, |p, mount, c| observation::tag(m, p, mount, c)) {
                 self.rejections.count(r);
             }

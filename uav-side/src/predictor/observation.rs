@@ -52,9 +52,9 @@ pub struct Observation {
 impl Observation {
     /// Takes out of the height what the tilt adds to it, m.
     #[must_use]
-    pub fn levelled(mut self, sag_m: f64) -> Self {
+    pub fn levelled(mut self, lever_arm_heave_m: f64) -> Self {
         if let Some((height, _)) = &mut self.value[2] {
-            *height -= sag_m;
+            *height -= lever_arm_heave_m;
         }
         self
     }
@@ -63,7 +63,7 @@ impl Observation {
 /// Slow errors of the sight that are known to some degree: rotation (NED, rad) of what is seen
 /// against what is, and standard deviations.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Mount {
+pub struct MountRotation {
     /// Rotation vector.
     pub turn: Vector3<f64>,
     /// Its standard deviations.
@@ -88,10 +88,10 @@ pub fn estimate(
     let dot = e.eta_dot.map(f64::from);
     let ddot = e.eta_ddot.map(f64::from);
     let spin = rotation * body_rates(roll, pitch, Vector3::new(dot[3], dot[4], dot[5]));
-    let arm = rotation * e.deck_centre();
+    let lever_arm = rotation * e.deck_centre();
     // Height as of a level vessel: what the tilt takes off it is no wave.
-    let position = e.position() + origin + Vector3::new(arm.x, arm.y, e.deck_centre().z);
-    let swing = spin.cross(&arm);
+    let position = e.position() + origin + Vector3::new(lever_arm.x, lever_arm.y, e.deck_centre().z);
+    let swing = spin.cross(&lever_arm);
     let velocity = Vector3::new(dot[0] + swing.x, dot[1] + swing.y, dot[2]);
     let tilt = turn_tilt(roll, pitch, -yaw);
     let (s, cos) = yaw.sin_cos();
@@ -101,7 +101,7 @@ pub fn estimate(
     let lean = 0.5 * f64::from(e.covariance[3][0] + e.covariance[4][0]);
     let sway = 0.5 * f64::from(e.covariance[3][2] + e.covariance[4][2]);
     let across = |i: usize| {
-        let height = arm.z * arm.z;
+        let height = lever_arm.z * lever_arm.z;
         let [v, _, r] = e.covariance[i].map(f64::from);
         if i < 2 {
             (v + height * lean, r + height * sway)
@@ -145,22 +145,22 @@ pub fn estimate(
     }
 }
 
-/// The line of sight with its height corrected for the sight's rotation: `arm - m x arm`, third
+/// The line of sight with its height corrected for the sight's rotation: `lever_arm - m x lever_arm`, third
 /// component only. North and east are the filter's, which knows the rotation's part in them.
-fn upright(arm: &Vector3<f64>, mount: &Mount) -> Vector3<f64> {
-    arm - Vector3::z() * mount.turn.cross(arm).z
+fn upright(lever_arm: &Vector3<f64>, mount: &MountRotation) -> Vector3<f64> {
+    lever_arm - Vector3::z() * mount.turn.cross(lever_arm).z
 }
 /// Variance of its height.
-fn height_variance(arm: &Vector3<f64>, mount: &Mount) -> f64 {
-    (mount.sd.x * arm.y).powi(2) + (mount.sd.y * arm.x).powi(2)
+fn height_variance(lever_arm: &Vector3<f64>, mount: &MountRotation) -> f64 {
+    (mount.sd.x * lever_arm.y).powi(2) + (mount.sd.y * lever_arm.x).powi(2)
 }
 
-/// Lever of a sight along `arm`. From aside, heading and distance count as much as the rotation about
+/// Lever of a sight along `lever_arm`. From aside, heading and distance count as much as the rotation about
 /// the level axes, which what they shift would be taken for: none. Near the deck they do not.
-fn lever(arm: &Vector3<f64>) -> [f64; 2] {
+fn lever(lever_arm: &Vector3<f64>) -> [f64; 2] {
     let (share, beside) = OVERHEAD;
-    if arm.x.hypot(arm.y) < (share * arm.z).max(beside) {
-        [arm.z, -arm.z]
+    if lever_arm.x.hypot(lever_arm.y) < (share * lever_arm.z).max(beside) {
+        [lever_arm.z, -lever_arm.z]
     } else {
         [0.0; 2]
     }
@@ -172,7 +172,7 @@ fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
 }
 
 /// A tag sighting: position of the deck's centre, tilt and heading.
-pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Observation {
+pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> Observation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let [w, x, y, z] = m.attitude;
     let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
@@ -180,14 +180,14 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
     let (roll, pitch, yaw) = seen.euler_angles();
     let tilt = turn_tilt(roll, pitch, -yaw);
 
-    let arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + upright(&arm, mount) - seen * Vector3::from(c.deck.tag_centre_m);
+    let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
+    let centre = drone.position + upright(&lever_arm, mount) - seen * Vector3::from(c.deck.tag_centre_m);
 
     let [px, py, pz, rx, ry, rz] = m.variance;
     let floor = c.tag_min_sd_m.powi(2);
     let noise = turned(&camera, &Vector3::new(px, py, pz))
-        + drone.variance * c.drone_share
-        + Vector3::z() * height_variance(&arm, mount);
+        + drone.variance * c.drone_variance_fraction
+        + Vector3::z() * height_variance(&lever_arm, mount);
     let angle = turned(&camera, &Vector3::new(rx, ry, rz)).add_scalar(c.tag_min_sd_rad.powi(2));
     let var: [f64; AXES] = [
         noise.x + floor,
@@ -203,18 +203,18 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Obs
         kind: Kind::Tag,
         value: core::array::from_fn(|i| Some((value[i], var[i]))),
         rate: [None; AXES],
-        lever: lever(&arm),
+        lever: lever(&lever_arm),
     }
 }
 
 /// A sighting of the UV markers: position of the deck's centre.
-pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> Observation {
+pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> Observation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
-    let arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + upright(&arm, mount);
+    let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
+    let centre = drone.position + upright(&lever_arm, mount);
     let var = turned(&camera, &Vector3::from(m.variance))
-        + drone.variance * c.drone_share
-        + Vector3::z() * height_variance(&arm, mount);
+        + drone.variance * c.drone_variance_fraction
+        + Vector3::z() * height_variance(&lever_arm, mount);
     let mut value = [None; AXES];
     for i in 0..3 {
         value[i] = Some((centre[i], var[i] + c.camera_mount_sd_m.powi(2)));
@@ -224,7 +224,7 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &Mount, c: &PredictorConfig) -> 
         kind: Kind::Uvdar,
         value,
         rate: [None; AXES],
-        lever: lever(&arm),
+        lever: lever(&lever_arm),
     }
 }
 
@@ -259,7 +259,7 @@ pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -
     let slope = (normal.x * lateral.x + normal.y * lateral.y) / normal.z;
     let reach = (lateral.x * lateral.x + lateral.y * lateral.y) * deck.tilt_sd.powi(2)
         + deck.position_sd.powi(2) * (1.0 - normal.z * normal.z);
-    let r = m.variance.max(c.range_min_sd_m.powi(2)) + reach + drone.variance.z * c.drone_share;
+    let r = m.variance.max(c.range_min_sd_m.powi(2)) + reach + drone.variance.z * c.drone_variance_fraction;
     let mut value = [None; AXES];
     value[2] = Some((spot.z + slope, r));
     Some(Observation {

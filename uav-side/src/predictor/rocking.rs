@@ -10,7 +10,7 @@ const GAP_S: f64 = 5.0;
 /// prediction and what an attitude loop can still follow.
 const OMEGA: [f64; 2] = [2.0, 9.0];
 /// Until so much has been heard nothing is said, s.
-const YOUNG_S: f64 = 3.0;
+const MIN_OBSERVED_S: f64 = 3.0;
 
 /// Mean squares of tilt and tilt rate.
 #[derive(Clone, Copy, Debug, Default)]
@@ -19,12 +19,12 @@ pub struct Rocking {
     square: [f64; 2],
     rate: [f64; 2],
     at: Option<f64>,
-    heard_s: f64,
+    observed_s: f64,
 }
 
 impl Rocking {
     /// Tilt (rad) and tilt rate (rad/s) about north and east at time `at` (s).
-    pub fn hear(&mut self, at: f64, tilt: [f64; 2], rate: [f64; 2]) {
+    pub fn update(&mut self, at: f64, tilt: [f64; 2], rate: [f64; 2]) {
         let dt = self.at.map_or(0.0, |t| at - t);
         if dt < 0.0 {
             return;
@@ -33,10 +33,10 @@ impl Rocking {
             *self = Rocking::default();
         }
         self.at = Some(at);
-        self.heard_s += dt.min(GAP_S);
+        self.observed_s += dt.min(GAP_S);
         // An average of all so far until the memory is full.
-        let share = if self.heard_s > 0.0 {
-            dt / self.heard_s.min(MEMORY_S)
+        let share = if self.observed_s > 0.0 {
+            dt / self.observed_s.min(MEMORY_S)
         } else {
             1.0
         }
@@ -55,7 +55,7 @@ impl Rocking {
             0.5 * (self.square[0] + self.square[1]),
             0.5 * (self.rate[0] + self.rate[1]),
         );
-        (self.heard_s > YOUNG_S && value > 0.0 && rate.is_finite()).then(|| {
+        (self.observed_s > MIN_OBSERVED_S && value > 0.0 && rate.is_finite()).then(|| {
             let omega = (rate / value).sqrt();
             (value.sqrt(), omega.clamp(OMEGA[0], OMEGA[1]))
         })
@@ -67,13 +67,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sine_is_known_by_spread_and_frequency() {
+    fn rocking_measures_spread_and_frequency_of_a_sine() {
         let mut r = Rocking::default();
         assert_eq!(r.known(), None);
         for k in 0..900 {
             let t = f64::from(k) / 30.0;
             let (s, c) = (7.0 * t).sin_cos();
-            r.hear(t, [0.05 + 0.03 * s, 0.03 * c], [0.21 * c, -0.21 * s]);
+            r.update(t, [0.05 + 0.03 * s, 0.03 * c], [0.21 * c, -0.21 * s]);
         }
         let (sd, omega) = r.known().unwrap();
         assert!((sd - 0.03 / 2f64.sqrt()).abs() < 0.004, "{sd}");
@@ -81,10 +81,10 @@ mod tests {
     }
 
     #[test]
-    fn time_that_runs_back_is_not_heard() {
+    fn rocking_ignores_time_that_runs_back() {
         let mut r = Rocking::default();
-        r.hear(5.0, [0.0; 2], [0.0; 2]);
-        r.hear(4.0, [1.0; 2], [1.0; 2]);
+        r.update(5.0, [0.0; 2], [0.0; 2]);
+        r.update(4.0, [1.0; 2], [1.0; 2]);
         assert_eq!(r.mean, [0.0; 2]);
     }
 }

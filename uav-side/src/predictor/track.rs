@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn interpolates_rolls_on_and_refuses_beyond() {
+    fn track_interpolates_extrapolates_and_rejects_beyond() {
         let mut t = Track::default();
         t.push(&state(1.0, 1.0));
         t.push(&state(1.1, 1.1));
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moved_origin_moves_the_past() {
+    fn track_moves_its_past_when_the_origin_jumps() {
         let mut t = Track::default();
         t.push(&state(1.0, 1.0));
         let jump = t.push(&state(1.01, 6.01)).unwrap();

@@ -3,7 +3,7 @@
 
 use alight_shared::msg::{MAX_COMPONENTS, WaveComponent, WaveModel};
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::vessel_model::{Crested, VesselModelConfig, encounter_frequency};
+use alight_shared::vessel_model::{VesselModelConfig, WaveNonlinearity, encounter_frequency};
 use nalgebra::Complex;
 
 use super::config::PredictorConfig;
@@ -17,13 +17,13 @@ const FORGET_S: f64 = 20.0;
 /// What the hull's response and the vessel's covariance leave out, as a share of the amplitude.
 const SEED_ERROR: f64 = 0.1;
 /// Frequencies this near (logarithm) belong to the same component.
-const SAME: f64 = 0.12;
+const SAME_COMPONENT: f64 = 0.12;
 /// From this confidence on the vessel's wave height is believed: it has watched for some periods.
 const HEIGHT_KNOWN: f64 = 0.3;
 /// A sea that is this much higher than stated is still followed.
 const HEIGHT_MARGIN: f64 = 1.5;
 /// The least share of their configured spread that own oscillators keep.
-const LEAST_SHARE: f64 = 0.1;
+const MIN_FRACTION: f64 = 0.1;
 
 /// One oscillator `x'' + 2 lambda omega x' + omega² x = w`, the same frequency on every axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,12 +78,12 @@ pub struct Waves {
     scale: f64,
     min_sd: [f64; AXES],
     damping_scale: f64,
-    told_inflation: f64,
+    wave_state_inflation: f64,
     vessel: VesselModelConfig,
     /// Trust in the vessel's identification, 0 to 1.
     pub confidence: f64,
     /// By how much the deck's motion is more than the oscillators' sum.
-    pub crested: Crested,
+    pub nonlinearity: WaveNonlinearity,
     /// The residual oscillator as configured.
     residual: Oscillator,
     /// Spread of each own oscillator as configured, m, rad.
@@ -93,7 +93,7 @@ pub struct Waves {
     /// Spread (rad) and frequency (rad/s) of the tilt as observed.
     rocking: Option<(f64, f64)>,
     /// Spread (rad) of the tilt that turns otherwise than foretold.
-    surprise: f64,
+    adaptive_noise: f64,
 }
 
 impl Waves {
@@ -125,24 +125,24 @@ impl Waves {
             scale: c.wave_scale,
             min_sd: c.min_wave_sd_m_rad,
             damping_scale: c.damping_scale,
-            told_inflation: c.told_inflation,
+            wave_state_inflation: c.wave_state_inflation,
             vessel: c.vessel.clone(),
             confidence: 0.0,
-            crested: Crested::default(),
+            nonlinearity: WaveNonlinearity::default(),
             residual,
             rocking: None,
-            surprise: 0.0,
+            adaptive_noise: 0.0,
         }
     }
 
     /// The components are the vessel's.
-    pub fn are_named(&self) -> bool {
+    pub fn are_identified(&self) -> bool {
         self.oscillators.iter().any(|o| o.seed.is_some())
     }
     /// Factor on the variance of what the vessel says of its oscillators, for its errors persist from
     /// message to message.
-    pub fn told_inflation(&self) -> f64 {
-        self.told_inflation
+    pub fn wave_state_inflation(&self) -> f64 {
+        self.wave_state_inflation
     }
     /// The oscillators now.
     pub fn oscillators(&self) -> &[Oscillator] {
@@ -159,9 +159,9 @@ impl Waves {
         mut apply: impl FnMut(Change, &[Oscillator]),
     ) {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
-        self.crested = Crested {
-            slip: f64::from(m.orbital_slip).clamp(0.0, 1.0),
-            sharp: f64::from(m.sharpness).clamp(0.0, 1.0),
+        self.nonlinearity = WaveNonlinearity {
+            wave_following_deficit: f64::from(m.wave_following_deficit).clamp(0.0, 1.0),
+            crest_steepening: f64::from(m.crest_steepening).clamp(0.0, 1.0),
         };
         self.follow_rocking(&mut apply);
         self.follow_height(f64::from(m.significant_height_m), &mut apply);
@@ -169,7 +169,7 @@ impl Waves {
         if let Some(t) = taken.first_mut() {
             *t = true; // The residual oscillator belongs to nobody.
         }
-        let mut homeless = Vec::with_capacity(MAX_COMPONENTS);
+        let mut unmatched = Vec::with_capacity(MAX_COMPONENTS);
         for c in m.components.iter() {
             let new = self.oscillator_of(m.header.at, c, height);
             let nearest = self
@@ -180,7 +180,7 @@ impl Waves {
                 .map(|(i, o)| (i, (o.earth_omega / new.earth_omega).ln().abs()))
                 .min_by(|a, b| a.1.total_cmp(&b.1));
             match nearest {
-                Some((i, distance)) if distance < SAME => {
+                Some((i, distance)) if distance < SAME_COMPONENT => {
                     if let (Some(t), Some(o)) = (taken.get_mut(i), self.oscillators.get_mut(i)) {
                         *t = true;
                         let ratio = new.omega / o.omega;
@@ -188,10 +188,10 @@ impl Waves {
                         apply(Change::Rescale(i, ratio), &self.oscillators);
                     }
                 }
-                _ => homeless.push(new),
+                _ => unmatched.push(new),
             }
         }
-        for new in homeless {
+        for new in unmatched {
             let free = (0..self.oscillators.len()).find(|i| !taken.get(*i).copied().unwrap_or(true));
             // An own oscillator is replaced at once; one of an earlier message lives on beside.
             let room = self.oscillators.len() < MAX_OSCILLATORS;
@@ -234,8 +234,8 @@ impl Waves {
     }
 
     /// Tilt has lately turned otherwise than foretold; `sd` is the spread (rad) that the residual needs.
-    pub fn surprise(&mut self, sd: f64) {
-        self.surprise = sd;
+    pub fn adaptive_noise(&mut self, sd: f64) {
+        self.adaptive_noise = sd;
     }
 
     /// The share of the tilt that the identification does not claim to explain goes to the residual
@@ -247,7 +247,7 @@ impl Waves {
         wanted.omega += share * (omega - wanted.omega);
         wanted.earth_omega = wanted.omega;
         for axis in [3, 4] {
-            wanted.sd[axis] = wanted.sd[axis].max(share * sd).max(self.surprise);
+            wanted.sd[axis] = wanted.sd[axis].max(share * sd).max(self.adaptive_noise);
         }
         let Some(o) = self.oscillators.first_mut() else {
             return;
@@ -267,7 +267,7 @@ impl Waves {
         if !(self.confidence >= HEIGHT_KNOWN && height >= 0.0 && self.bank_height > 0.0) {
             return;
         }
-        let share = (HEIGHT_MARGIN * height / self.bank_height).clamp(LEAST_SHARE, 1.0);
+        let share = (HEIGHT_MARGIN * height / self.bank_height).clamp(MIN_FRACTION, 1.0);
         for i in 1..self.oscillators.len() {
             let Some(o) = self.oscillators.get_mut(i) else {
                 return;
@@ -282,7 +282,7 @@ impl Waves {
     }
 
     /// Frequencies of encounter at the mean velocity (north, east, m/s).
-    pub fn meet(&mut self, mean_velocity: [f64; 2], mut apply: impl FnMut(Change)) {
+    pub fn update_encounter(&mut self, mean_velocity: [f64; 2], mut apply: impl FnMut(Change)) {
         for (i, o) in self.oscillators.iter_mut().enumerate().skip(1) {
             if o.direction_sd < 1.0 {
                 let omega = encounter_frequency(o.earth_omega, o.direction, mean_velocity);
@@ -398,8 +398,8 @@ mod tests {
             header: Header::default(),
             significant_height_m: 1.0,
             confidence: 1.0,
-            orbital_slip: 0.0,
-            sharpness: 0.0,
+            wave_following_deficit: 0.0,
+            crest_steepening: 0.0,
             components: Seq::filled(omegas.iter().map(|&w| WaveComponent {
                 omega: w,
                 omega_encounter: w,
@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn components_keep_their_place_oscillator_of_to_message() {
+    fn waves_match_components_from_message_to_message() {
         let mut w = Waves::new(&PredictorConfig::default());
         let mut size = w.oscillators().len();
         let mut follow = |c: Change, all: &[Oscillator]| {
@@ -440,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_explains_rocks_as_observed() {
+    fn residual_oscillator_rocks_as_observed_where_no_component_explains_it() {
         let mut w = Waves::new(&PredictorConfig::default());
         let configured = w.oscillators()[0];
         w.observe(Some((0.06, 7.0)));
@@ -468,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_set_of_new_components_replaces_the_old() {
+    fn waves_replace_a_full_set_of_components() {
         let mut w = Waves::new(&PredictorConfig::default());
         w.receive(
             Time::from_secs(0.0),

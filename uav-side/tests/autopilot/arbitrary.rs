@@ -4,7 +4,7 @@ use alight_shared::geometry::DroneGeometry;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_uav::autopilot::message::{
-    Address, CommandLong, Frame, HilGps, Message, OdometryReport, Taken, VelocityFrame,
+    Address, CommandLong, CommandResult, Frame, HilGps, Message, OdometryReport, VelocityFrame,
 };
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
@@ -94,7 +94,7 @@ fn message() -> impl Strategy<Value = Message> {
             number,
             remaining: Some(r)
         }),
-        number().prop_map(|thrust| Message::ThrustNow { thrust }),
+        number().prop_map(|thrust| Message::AttitudeTargetThrust { thrust }),
         any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),
         ("[A-Z_]{0,20}", number()).prop_map(|(name, value)| Message::Parameter { name, value }),
         number().prop_map(|value| Message::Parameter {
@@ -111,9 +111,9 @@ fn message() -> impl Strategy<Value = Message> {
                 })
             }
         ),
-        prop_oneof![Just(400_u16), Just(511), Just(176)].prop_map(|command| Message::Acknowledged {
+        prop_oneof![Just(400_u16), Just(511), Just(176)].prop_map(|command| Message::CommandAck {
             command,
-            taken: Taken::Denied
+            result: CommandResult::Denied
         }),
         (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
         (three(), number()).prop_map(|(velocity, altitude_m)| Message::HilGps(HilGps {
@@ -131,7 +131,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn bytes_of_any_kind_never_panic_and_good_frames_among_them_are_found(
+    fn decoder_never_panics_and_finds_good_frames_among_noise(
         pieces in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..40),
     ) {
         let mut decoder = Decoder::default();
@@ -151,7 +151,7 @@ proptest! {
     }
 
     #[test]
-    fn a_frame_comes_back_as_it_was_said(m in message()) {
+    fn encoded_message_decodes_as_the_same_message(m in message()) {
         // What the dialect cannot say is not sent at all.
         if let Some(bytes) = encode(Address { system: 9, component: 1 }, 3, &m) {
             let mut decoder = Decoder::default();
@@ -163,12 +163,12 @@ proptest! {
     }
 
     #[test]
-    fn messages_of_any_kind_leave_only_sound_words(
+    fn arbitrary_messages_produce_only_valid_output(
         all in prop::collection::vec((prop::collection::vec(message(), 0..12), 0..400_i64), 1..60),
     ) {
         use alight_shared::msg::Message as _;
         let mut link = AutopilotLink::new(
-            &AutopilotLinkConfig { offer_deck: true, may_arm: true, ..AutopilotLinkConfig::default() },
+            &AutopilotLinkConfig { publish_deck: true, may_arm: true, ..AutopilotLinkConfig::default() },
             &OdometryConfig::default(),
             &DroneGeometry::default(),
             true,
@@ -181,25 +181,25 @@ proptest! {
         let known = Message::Heartbeat { autopilot: 12, vehicle: 2, base_mode: 129, custom_mode: 6 << 16 };
         for (messages, wait_ms) in all {
             now_ms += wait_ms;
-            let heard = core::iter::once(known.clone())
+            let received = core::iter::once(known.clone())
                 .chain(messages)
                 .map(|message| Frame { from, message })
                 .collect();
             let now = Time::from_nanos(now_ms * 1_000_000);
-            let out = link.step(now, &AutopilotIn { heard, ..AutopilotIn::default() });
+            let out = link.step(now, &AutopilotIn { received, ..AutopilotIn::default() });
             prop_assert!(out.odometry.iter().all(|o| o.check().is_ok()));
             prop_assert!(out.ranges.iter().all(|r| r.check().is_ok()));
             prop_assert!(out.state.is_none_or(|s| s.check().is_ok()), "{:?}", out.state);
-            prop_assert!(out.say.len() < 64 && out.texts.len() <= 8);
+            prop_assert!(out.messages.len() < 64 && out.texts.len() <= 8);
             // No pilot spoke: nothing is flown.
             let flown = |m: &Message| matches!(m, Message::Position(_) | Message::AttitudeThrust(_));
-            prop_assert!(!out.say.iter().any(flown));
+            prop_assert!(!out.messages.iter().any(flown));
         }
     }
 }
 
 #[test]
-fn a_flood_that_nobody_reads_is_lost_and_not_kept() {
+fn decoder_buffer_is_bounded() {
     let mut decoder = Decoder::default();
     for _ in 0..1000 {
         decoder.push(&[0xfd; 1000]);

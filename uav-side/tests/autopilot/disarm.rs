@@ -2,11 +2,11 @@
 
 use alight_shared::msg::State;
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::message::{Taken, command};
+use alight_uav::autopilot::message::{CommandResult, command};
 use alight_uav::autopilot::modes::Firmware;
 
+use crate::fake_autopilot::FakeAutopilot;
 use crate::pair::{Pair, press, stop};
-use crate::standin::StandIn;
 use crate::{BOTH, config};
 
 /// Down on the deck under the pilot's press, until it would believe in a touchdown.
@@ -21,7 +21,7 @@ fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
 }
 
 #[test]
-fn on_the_deck_the_motors_are_stopped_although_no_land_detector_agrees() {
+fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
     for firmware in BOTH {
         let mut p = pressed(firmware, &config());
         p.pilot = Some(stop);
@@ -49,10 +49,10 @@ fn on_the_deck_the_motors_are_stopped_although_no_land_detector_agrees() {
 }
 
 #[test]
-fn a_refused_disarm_is_tried_a_bounded_number_of_times_and_told_to_a_person() {
+fn denied_disarm_is_tried_a_bounded_number_of_times_and_reported_to_a_person() {
     let c = config();
     let mut p = pressed(Firmware::Px4, &c);
-    p.autopilot.answer = Some(Taken::Denied);
+    p.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
     p.run(20.0);
     assert_eq!(p.told(command::ARM_DISARM).len(), c.disarm.tries as usize);
@@ -66,7 +66,7 @@ fn a_refused_disarm_is_tried_a_bounded_number_of_times_and_told_to_a_person() {
 }
 
 #[test]
-fn a_false_touchdown_in_the_air_stops_no_motors() {
+fn false_touchdown_in_the_air_stops_no_motors() {
     for firmware in BOTH {
         for (height, mission, forecast) in [
             (5.0, State::Flare, true),
@@ -93,7 +93,7 @@ fn a_false_touchdown_in_the_air_stops_no_motors() {
 }
 
 #[test]
-fn a_drone_that_falls_past_the_pilots_word_is_caught_and_not_stopped() {
+fn falling_drone_is_caught_although_the_pilot_reports_touchdown() {
     // Pressed down from 1 m, and the pilot errs in the air on the way.
     let mut p = Pair::commanding(Firmware::Px4, 2.5, &config());
     p.run(4.0);
@@ -107,7 +107,7 @@ fn a_drone_that_falls_past_the_pilots_word_is_caught_and_not_stopped() {
 }
 
 #[test]
-fn disarming_can_be_left_to_a_person() {
+fn disarm_can_be_left_to_a_person() {
     let mut c = config();
     c.disarm.on_deck = false;
     let mut p = pressed(Firmware::Px4, &c);
@@ -117,12 +117,12 @@ fn disarming_can_be_left_to_a_person() {
 }
 
 #[test]
-fn a_take_over_on_the_deck_ends_the_disarming_too() {
+fn takeover_on_the_deck_ends_the_disarm_commands() {
     let mut p = pressed(Firmware::Px4, &config());
-    p.autopilot.answer = Some(Taken::Denied);
+    p.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
     p.run(0.3);
-    p.autopilot.choose(StandIn::persons(Firmware::Px4));
+    p.autopilot.choose(FakeAutopilot::manual_mode(Firmware::Px4));
     p.run(0.1);
     let n = p.told(command::ARM_DISARM).len();
     p.run(5.0);

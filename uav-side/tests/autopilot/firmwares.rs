@@ -5,8 +5,8 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::{Quaternion, UnitQuaternion};
 
+use super::fake_autopilot::HOVER;
 use super::pair::{Pair, press};
-use super::standin::HOVER;
 use super::{BOTH, config};
 
 /// A pilot that rocks the drone about its own axis at a heading of 180 degrees, as above a rocking deck.
@@ -23,7 +23,7 @@ fn rock(d: &DroneState) -> SetPoint {
 }
 
 #[test]
-fn ardu_copter_which_turns_body_rates_by_the_heading_is_sent_none() {
+fn ardu_copter_is_sent_no_body_rates() {
     // How far its attitude is from the one wanted, root of the mean square over three periods, rad.
     let apart = |firmware, send_rates| {
         let c = AutopilotLinkConfig {
@@ -64,7 +64,7 @@ fn lean(d: &DroneState) -> SetPoint {
 }
 
 #[test]
-fn a_leaning_drone_is_given_the_thrust_that_the_pilot_asks_for() {
+fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
     // ArduCopter would add 9 % for the lean by itself.
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 50.0, &config());

@@ -4,18 +4,18 @@
 
 mod arbitrary;
 mod disarm;
+mod fake_autopilot;
 mod firmwares;
 mod pair;
-mod standin;
 
 use alight_shared::frames::Datum;
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::config::BatteryConfig;
-use alight_uav::autopilot::message::{Address, Message, Taken, command, id};
+use alight_uav::autopilot::message::{Address, CommandResult, Message, command, id};
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{AutopilotLinkConfig, Diversion, Standing};
+use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority, Diversion};
+use fake_autopilot::{FakeAutopilot, HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN};
 use pair::{Pair, hold, lead, press};
-use standin::{HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN, StandIn};
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
@@ -46,21 +46,21 @@ fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
         assert!(first >= began - 0.02);
         assert_eq!(
             p.link
-                .figures(alight_shared::time::Time::from_secs(p.t_s))
-                .refused,
+                .metrics(alight_shared::time::Time::from_secs(p.t_s))
+                .rejected,
             0
         );
     }
 }
 
 #[test]
-fn px4_takes_offboard_only_after_set_points_were_offered() {
+fn px4_accepts_offboard_only_after_set_points_were_streamed() {
     let mut p = Pair::new(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     p.run(5.0);
     assert_eq!(
-        p.link.standing(),
-        Standing::Standby {
+        p.link.control_authority(),
+        ControlAuthority::Standby {
             mode: AutopilotMode::Other
         }
     );
@@ -71,7 +71,7 @@ fn px4_takes_offboard_only_after_set_points_were_offered() {
     p.run(1.5);
     assert!(p.autopilot.choose(PX4_OFFBOARD), "refused after an offer");
     p.run(0.6);
-    assert!(p.link.standing().commands());
+    assert!(p.link.control_authority().commands());
     let from = p.t_s;
     p.run(2.0);
     assert!(p.said_since(from) >= 100, "{} in 2 s", p.said_since(from));
@@ -80,7 +80,7 @@ fn px4_takes_offboard_only_after_set_points_were_offered() {
 }
 
 #[test]
-fn an_offer_is_a_hold_in_place_and_nothing_else() {
+fn set_points_before_offboard_hold_the_place_and_nothing_else() {
     let mut p = Pair::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
@@ -99,14 +99,14 @@ fn an_offer_is_a_hold_in_place_and_nothing_else() {
     // ArduCopter is offered nothing at all.
     let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
-    assert!(p.link.standing().may_offer() && p.said.is_empty());
+    assert!(p.link.control_authority().may_offer() && p.said.is_empty());
 }
 
 #[test]
-fn a_person_who_takes_over_is_heard_within_100_ms_and_keeps_the_drone() {
+fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
     for firmware in BOTH {
         for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
-            for mode in [StandIn::persons(firmware), 0] {
+            for mode in [FakeAutopilot::manual_mode(firmware), 0] {
                 let mut p = Pair::commanding(firmware, 5.0, &config());
                 p.mission = phase;
                 p.pilot = Some(if phase == State::Flare { press } else { lead });
@@ -127,23 +127,27 @@ fn a_person_who_takes_over_is_heard_within_100_ms_and_keeps_the_drone() {
 }
 
 #[test]
-fn a_new_permission_is_the_persons() {
+fn authority_returns_only_when_a_person_gives_the_mode_again() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
-        p.autopilot.choose(StandIn::persons(firmware));
+        p.autopilot.choose(FakeAutopilot::manual_mode(firmware));
         p.run(1.0);
         let quiet = p.said.len();
         p.run(0.5);
         assert_eq!(p.said.len(), quiet, "offered too early");
         p.run(4.0);
-        assert!(p.autopilot.choose(StandIn::ours(firmware)));
+        assert!(p.autopilot.choose(FakeAutopilot::offboard_mode(firmware)));
         p.run(0.6);
-        assert!(p.link.standing().commands(), "{}", p.link.standing());
+        assert!(
+            p.link.control_authority().commands(),
+            "{}",
+            p.link.control_authority()
+        );
     }
 }
 
 #[test]
-fn the_autopilots_own_failsafes_are_respected() {
+fn failsafes_of_the_autopilot_are_respected() {
     for (mode, seen) in [
         (PX4_RETURN, AutopilotMode::Return),
         (PX4_LAND, AutopilotMode::Land),
@@ -174,7 +178,7 @@ fn the_autopilots_own_failsafes_are_respected() {
 }
 
 #[test]
-fn a_pilot_that_falls_silent_leaves_the_drone_to_the_failsafe_and_comes_back() {
+fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
     p.pilot = None;
     let at = p.t_s;
@@ -185,8 +189,8 @@ fn a_pilot_that_falls_silent_leaves_the_drone_to_the_failsafe_and_comes_back() {
     );
     assert_eq!(p.autopilot.mode, PX4_HOLD);
     assert_eq!(
-        p.link.standing(),
-        Standing::TakenOver {
+        p.link.control_authority(),
+        ControlAuthority::TakenOver {
             mode: AutopilotMode::Hold
         }
     );
@@ -194,11 +198,11 @@ fn a_pilot_that_falls_silent_leaves_the_drone_to_the_failsafe_and_comes_back() {
     p.pilot = Some(hold);
     p.run(4.0);
     assert_eq!(p.autopilot.mode, PX4_OFFBOARD);
-    assert!(p.link.standing().commands());
+    assert!(p.link.control_authority().commands());
 }
 
 #[test]
-fn without_heartbeats_nothing_is_said_and_nothing_is_believed() {
+fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
@@ -206,7 +210,7 @@ fn without_heartbeats_nothing_is_said_and_nothing_is_believed() {
         p.autopilot.silent = true;
         let at = p.t_s;
         p.run(4.0);
-        assert_eq!(p.link.standing(), Standing::LinkLost);
+        assert_eq!(p.link.control_authority(), ControlAuthority::LinkLost);
         // Odometry ends with the link: set-points end with it, long before the heartbeats' limit.
         assert!(
             p.said.last().unwrap().0 - at <= 0.25,
@@ -220,12 +224,16 @@ fn without_heartbeats_nothing_is_said_and_nothing_is_believed() {
         p.mission = State::Idle;
         p.autopilot.silent = false;
         p.run(4.0);
-        assert!(p.link.standing().commands(), "{}", p.link.standing());
+        assert!(
+            p.link.control_authority().commands(),
+            "{}",
+            p.link.control_authority()
+        );
     }
 }
 
 #[test]
-fn an_autopilot_that_restarts_is_dated_asked_and_counted_anew() {
+fn link_resynchronises_with_an_autopilot_that_restarts() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         let resets = p.states.last().unwrap().origin_resets;
@@ -235,36 +243,44 @@ fn an_autopilot_that_restarts_is_dated_asked_and_counted_anew() {
         let (arrived, o) = p.odometry.last().unwrap();
         assert!((0.0..0.02).contains(&(arrived - o.header.at.secs())));
         assert!(p.t_s - arrived < 0.05);
-        assert!(p.link.standing().commands(), "{}", p.link.standing());
+        assert!(
+            p.link.control_authority().commands(),
+            "{}",
+            p.link.control_authority()
+        );
     }
 }
 
 #[test]
-fn a_wire_that_is_cut_for_a_moment_recovers() {
+fn link_recovers_after_a_cut_of_three_seconds() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
     p.cut = true;
     p.run(3.0);
-    assert_eq!(p.link.standing(), Standing::LinkLost);
+    assert_eq!(p.link.control_authority(), ControlAuthority::LinkLost);
     p.cut = false;
     p.run(4.0);
-    assert!(p.link.standing().commands(), "{}", p.link.standing());
+    assert!(
+        p.link.control_authority().commands(),
+        "{}",
+        p.link.control_authority()
+    );
 }
 
 #[test]
-fn without_an_answer_about_clocks_nothing_is_flown() {
+fn link_flies_nothing_without_timesync() {
     let mut p = Pair::new(Firmware::Px4, 5.0, &config());
     p.autopilot.timeless = true;
     p.run(6.0);
-    assert_eq!(p.link.standing(), Standing::NoClock);
+    assert_eq!(p.link.control_authority(), ControlAuthority::NoClock);
     assert!(p.odometry.is_empty() && p.said.is_empty());
 }
 
 #[test]
-fn ardu_copters_reading_of_thrust_is_checked_and_explained() {
+fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
     let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
     p.autopilot.options = 0;
     p.run(5.0);
-    assert_eq!(p.link.standing(), Standing::OptionMissing);
+    assert_eq!(p.link.control_authority(), ControlAuthority::OptionMissing);
     assert!(
         p.texts.iter().any(|t| t.contains("GUID_OPTIONS bit 3")),
         "{:?}",
@@ -278,11 +294,15 @@ fn ardu_copters_reading_of_thrust_is_checked_and_explained() {
     // The person sets it.
     p.autopilot.options = 8;
     p.run(2.0);
-    assert!(p.link.standing().commands(), "{}", p.link.standing());
+    assert!(
+        p.link.control_authority().commands(),
+        "{}",
+        p.link.control_authority()
+    );
 }
 
 #[test]
-fn what_the_firmware_does_not_know_is_done_without() {
+fn link_works_without_messages_that_the_firmware_lacks() {
     let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     // No ODOMETRY on ArduCopter: not even asked for, and odometry comes from 31 and 32.
@@ -291,14 +311,14 @@ fn what_the_firmware_does_not_know_is_done_without() {
     assert!(p.odometry.len() > 200);
     // An autopilot that refuses every rate: asked a bounded number of times, nothing flown.
     let mut p = Pair::new(Firmware::Px4, 5.0, &config());
-    p.autopilot.answer = Some(Taken::Denied);
+    p.autopilot.answer = Some(CommandResult::Denied);
     p.run(30.0);
-    assert_eq!(p.link.standing(), Standing::NoOdometry);
+    assert_eq!(p.link.control_authority(), ControlAuthority::NoOdometry);
     assert!(p.commands.len() <= 3 * 7, "{}", p.commands.len());
 }
 
 #[test]
-fn the_thrust_that_hovers_is_found_in_flight_and_told_on() {
+fn hover_thrust_is_identified_in_flight_and_reported() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         p.run(6.0);
@@ -313,7 +333,7 @@ fn the_thrust_that_hovers_is_found_in_flight_and_told_on() {
 }
 
 #[test]
-fn it_arms_only_when_configured() {
+fn link_arms_only_when_configured() {
     for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
         let mut p = Pair::new(Firmware::ArduCopter, 0.3, &c);
@@ -321,7 +341,7 @@ fn it_arms_only_when_configured() {
         p.waits_for_flight = true;
         p.run(5.0);
         assert!(p.told(command::ARM_DISARM).is_empty(), "armed in a person's mode");
-        p.autopilot.answer = denied.then_some(Taken::Denied);
+        p.autopilot.answer = denied.then_some(CommandResult::Denied);
         p.autopilot.choose(4);
         p.run(20.0);
         let told = p.told(command::ARM_DISARM).len();
@@ -340,7 +360,7 @@ fn it_arms_only_when_configured() {
 }
 
 #[test]
-fn at_the_battery_s_reserve_the_drone_is_given_away_where_it_was_configured() {
+fn battery_reserve_diverts_the_drone_as_configured() {
     for (firmware, to, mode) in [
         (Firmware::Px4, Diversion::Return, PX4_RETURN),
         (Firmware::Px4, Diversion::Land, PX4_LAND),
@@ -374,31 +394,34 @@ fn at_the_battery_s_reserve_the_drone_is_given_away_where_it_was_configured() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &none);
     p.autopilot.battery = 0.05;
     p.run(10.0);
-    assert!(p.link.standing().commands() && p.told(command::SET_MODE).is_empty());
+    assert!(p.link.control_authority().commands() && p.told(command::SET_MODE).is_empty());
 }
 
 #[test]
-fn a_refused_diversion_is_tried_a_bounded_number_of_times_and_the_drone_is_not_commanded() {
+fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
     let mut p = Pair::commanding(Firmware::ArduCopter, 5.0, &config());
     p.autopilot.battery = 0.05;
-    p.autopilot.answer = Some(Taken::Denied);
+    p.autopilot.answer = Some(CommandResult::Denied);
     p.run(20.0);
     assert_eq!(p.told(command::SET_MODE).len(), 3);
     assert_eq!(p.said_since(p.t_s - 10.0), 0);
-    assert_eq!(p.link.standing(), Standing::Diverted(Diversion::Return));
+    assert_eq!(
+        p.link.control_authority(),
+        ControlAuthority::Diverted(Diversion::Return)
+    );
 }
 
 #[test]
-fn in_the_flare_the_battery_does_not_divert() {
+fn battery_reserve_does_not_divert_in_the_flare() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
     p.mission = State::Flare;
     p.autopilot.battery = 0.05;
     p.run(6.0);
-    assert!(p.told(command::SET_MODE).is_empty() && p.link.standing().commands());
+    assert!(p.told(command::SET_MODE).is_empty() && p.link.control_authority().commands());
 }
 
 #[test]
-fn others_on_the_wire_are_not_taken_for_the_autopilot() {
+fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
     let beat = |autopilot, vehicle, custom_mode| Message::Heartbeat {
         autopilot,
@@ -427,7 +450,7 @@ fn others_on_the_wire_are_not_taken_for_the_autopilot() {
                 system: 4,
                 component: 1,
             },
-            &beat(12, 2, StandIn::persons(Firmware::Px4)),
+            &beat(12, 2, FakeAutopilot::manual_mode(Firmware::Px4)),
         );
         p.inject(
             Address {
@@ -440,15 +463,19 @@ fn others_on_the_wire_are_not_taken_for_the_autopilot() {
             },
         );
         p.run(0.05);
-        assert!(p.link.standing().commands(), "{}", p.link.standing());
+        assert!(
+            p.link.control_authority().commands(),
+            "{}",
+            p.link.control_authority()
+        );
     }
     assert!(p.states.iter().skip(20).all(|s| s.battery > 0.5));
 }
 
 #[test]
-fn the_deck_is_offered_when_configured() {
+fn deck_is_published_to_the_autopilot_when_configured() {
     let c = AutopilotLinkConfig {
-        offer_deck: true,
+        publish_deck: true,
         ..config()
     };
     for (c, some) in [(config(), false), (c, true)] {
@@ -459,7 +486,7 @@ fn the_deck_is_offered_when_configured() {
 }
 
 #[test]
-fn positions_and_set_points_are_brought_to_the_datum_and_back() {
+fn positions_and_set_points_are_converted_to_the_datum_and_back() {
     let datum = Datum {
         latitude_deg: 43.5,
         longitude_deg: 16.3,
@@ -484,10 +511,10 @@ fn positions_and_set_points_are_brought_to_the_datum_and_back() {
     for firmware in BOTH {
         let mut p = Pair::at(firmware, 5.0, &c, Some(datum));
         p.autopilot.origin = origin;
-        p.autopilot.answer = Some(Taken::Denied);
+        p.autopilot.answer = Some(CommandResult::Denied);
         p.autopilot.deaf_to_requests = true;
         p.run(3.0);
-        assert_eq!(p.link.standing(), Standing::NoOrigin);
+        assert_eq!(p.link.control_authority(), ControlAuthority::NoOrigin);
         assert!(p.odometry.is_empty());
         (p.autopilot.answer, p.autopilot.deaf_to_requests) = (None, false);
         p.run(65.0);
@@ -497,9 +524,9 @@ fn positions_and_set_points_are_brought_to_the_datum_and_back() {
             "{told:?}"
         );
         assert!(
-            p.autopilot.choose(StandIn::ours(firmware)),
+            p.autopilot.choose(FakeAutopilot::offboard_mode(firmware)),
             "{}",
-            p.link.standing()
+            p.link.control_authority()
         );
         let before = p.autopilot.position;
         p.mission = State::Hold;
@@ -516,7 +543,7 @@ fn positions_and_set_points_are_brought_to_the_datum_and_back() {
 }
 
 #[test]
-fn before_a_landing_is_commanded_guided_is_left_to_itself_and_offboard_is_held() {
+fn before_a_landing_guided_gets_no_set_points_and_offboard_holds() {
     for (firmware, some) in [(Firmware::ArduCopter, false), (Firmware::Px4, true)] {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         let from = p.t_s;

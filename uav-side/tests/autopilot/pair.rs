@@ -17,7 +17,7 @@ use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut};
 use alight_uav::odometry::OdometryConfig;
 
-use super::standin::{FEET_M, StandIn};
+use super::fake_autopilot::{FEET_M, FakeAutopilot};
 
 /// Step of both, s.
 pub const STEP_S: f64 = 0.005;
@@ -29,7 +29,7 @@ pub type Pilot = fn(&DroneState) -> SetPoint;
 
 pub struct Pair {
     pub link: AutopilotLink,
-    pub autopilot: StandIn,
+    pub autopilot: FakeAutopilot,
     pub t_s: f64,
     pub pilot: Option<Pilot>,
     pub mission: State,
@@ -76,7 +76,7 @@ pub fn lead(d: &DroneState) -> SetPoint {
 pub fn press(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
-        thrust: 0.6 * super::standin::HOVER,
+        thrust: 0.6 * super::fake_autopilot::HOVER,
         ..SetPoint::default()
     }
 }
@@ -102,7 +102,7 @@ impl Pair {
         };
         Pair {
             link: AutopilotLink::new(config, &OdometryConfig::default(), &geometry, true, datum, 1, 7),
-            autopilot: StandIn::new(firmware, height_m),
+            autopilot: FakeAutopilot::new(firmware, height_m),
             t_s: 1000.0,
             pilot: Some(hold),
             mission: State::Idle,
@@ -129,12 +129,16 @@ impl Pair {
         let mut p = Pair::new(firmware, height_m, config);
         p.run(5.0);
         assert!(
-            p.autopilot.choose(StandIn::ours(firmware)),
+            p.autopilot.choose(FakeAutopilot::offboard_mode(firmware)),
             "the mode was refused: {}",
-            p.link.standing()
+            p.link.control_authority()
         );
         p.run(1.0);
-        assert!(p.link.standing().commands(), "{}", p.link.standing());
+        assert!(
+            p.link.control_authority().commands(),
+            "{}",
+            p.link.control_authority()
+        );
         p
     }
 
@@ -163,7 +167,7 @@ impl Pair {
         }
         let mut input = AutopilotIn::default();
         while let Some(f) = self.decoder.next_frame() {
-            input.heard.push(f);
+            input.received.push(f);
         }
         self.sequence += 1;
         let now = Time::from_secs(self.t_s);
@@ -206,7 +210,7 @@ impl Pair {
     }
 
     fn take(&mut self, out: AutopilotOut) {
-        for m in &out.say {
+        for m in &out.messages {
             match m {
                 Message::Position(_) | Message::AttitudeThrust(_) => self.said.push((self.t_s, m.clone())),
                 Message::LandingTarget { .. } | Message::Deck { .. } => self.offered += 1,

@@ -2,8 +2,8 @@
 
 use alight_shared::msg::{RangeSample, TagPose};
 use alight_uav::predictor::PredictorConfig;
-use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, Row, Step};
-use alight_uav::predictor::observation::{self, Mount, Plane, body_from_camera};
+use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, Step};
+use alight_uav::predictor::observation::{self, MountRotation, Plane, body_from_camera};
 use alight_uav::predictor::track::Pose;
 use alight_uav::predictor::waves::Waves;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -11,13 +11,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::world::header;
 
 #[test]
-fn one_long_step_equals_many_short_ones() {
+fn axis_propagates_one_long_step_as_many_short_ones() {
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
     let noise = AxisNoise::all(&config)[2];
     let mut a = Axis::new(&noise, waves.oscillators(), 2, 1.0, 0.3, 0.0);
-    a.update(Row::Radio, 1.4, 0.01);
-    a.update(Row::Rate, -0.2, 0.04);
+    a.update(MeasurementRow::Radio, 1.4, 0.01);
+    a.update(MeasurementRow::Rate, -0.2, 0.04);
     let mut b = a;
     a.propagate(
         &noise,
@@ -47,7 +47,7 @@ fn one_long_step_equals_many_short_ones() {
 }
 
 #[test]
-fn an_undisturbed_axis_keeps_its_stationary_spread_and_an_update_only_shrinks_it() {
+fn axis_keeps_its_stationary_spread_and_an_update_shrinks_it() {
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
     let noise = AxisNoise::all(&config)[3];
@@ -62,9 +62,9 @@ fn an_undisturbed_axis_keeps_its_stationary_spread_and_an_update_only_shrinks_it
     for i in HEAD..a.n {
         assert!((a.p[i][i] / before.p[i][i] - 1.0).abs() < 1e-9, "state {i}");
     }
-    let (_, spread) = a.project(Row::Vision);
-    a.update(Row::Vision, 0.05, 1e-4);
-    let (value, left) = a.project(Row::Vision);
+    let (_, spread) = a.project(MeasurementRow::Vision);
+    a.update(MeasurementRow::Vision, 0.05, 1e-4);
+    let (value, left) = a.project(MeasurementRow::Vision);
     // Of a scalar: (1/P + 1/R)^-1, and the weighted mean.
     let expected = 1.0 / (1.0 / spread + 1.0 / 1e-4);
     assert!((left / expected - 1.0).abs() < 1e-9);
@@ -72,7 +72,7 @@ fn an_undisturbed_axis_keeps_its_stationary_spread_and_an_update_only_shrinks_it
 }
 
 #[test]
-fn tag_and_rangefinder_find_the_deck_they_look_at() {
+fn tag_and_rangefinder_observations_locate_the_deck() {
     let c = PredictorConfig::default();
     let deck = UnitQuaternion::from_euler_angles(0.1, -0.15, 0.6);
     let centre = Vector3::new(3.0, -2.0, -1.4);
@@ -91,7 +91,7 @@ fn tag_and_rangefinder_find_the_deck_they_look_at() {
         attitude: [q.w, q.i, q.j, q.k],
         variance: [1e-4; 6],
     };
-    let o = observation::tag(&tag, &drone, &Mount::default(), &c);
+    let o = observation::tag(&tag, &drone, &MountRotation::default(), &c);
     for i in 0..3 {
         assert!((o.value[i].unwrap().0 - centre[i]).abs() < 1e-6);
     }
@@ -127,7 +127,7 @@ fn tag_and_rangefinder_find_the_deck_they_look_at() {
 }
 
 #[test]
-fn a_turning_vessel_keeps_its_speed_and_its_velocity_turns_with_it() {
+fn filter_keeps_the_speed_of_a_turning_vessel_and_turns_its_velocity() {
     use alight_shared::time::{DroneClock, Time};
     use alight_uav::predictor::axis::RATE;
     use alight_uav::predictor::filter::Filter;
@@ -187,6 +187,6 @@ fn a_turning_vessel_keeps_its_speed_and_its_velocity_turns_with_it() {
     let walk = |f: &Filter, s| f.noise(s)[0].rate_walk;
     let still = AxisNoise::all(&config)[0].rate_walk;
     assert!(walk(&filter, &after) > 4.0 * still);
-    filter.hear(false);
+    filter.set_radio_available(false);
     assert_eq!(walk(&filter, &after), still);
 }

@@ -3,17 +3,17 @@
 
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
-mod garbage;
+mod arbitrary;
 mod kernels;
 mod world;
 
-use alight_shared::msg::{FORETOLD, FORETOLD_STEP_S, SLOPE_STEP, Source};
+use alight_shared::msg::{PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES, SLOPE_STEP, Source};
 use alight_uav::predictor::{PredictorConfig, Rejection};
 
 use world::*;
 
 #[test]
-fn with_radio_and_sight_the_deck_is_known_to_centimetres() {
+fn predictor_with_radio_and_vision_knows_the_deck_to_centimetres() {
     let v = Vessel::moderate();
     let set = Setup {
         height: 3.0,
@@ -31,7 +31,7 @@ fn with_radio_and_sight_the_deck_is_known_to_centimetres() {
 }
 
 #[test]
-fn the_sight_finds_the_offset_between_the_two_frames() {
+fn predictor_finds_the_offset_between_the_frames_by_vision() {
     let v = Vessel::moderate();
     let r = run(
         &v,
@@ -42,8 +42,8 @@ fn the_sight_finds_the_offset_between_the_two_frames() {
         40.0,
         &PredictorConfig::default(),
     );
-    let radio_only = figures(&v, r.samples.iter().filter(|s| s.now > 5.0 && s.now < 10.0), 0.0);
-    let both = figures(&v, r.samples.iter().filter(|s| s.now > 20.0), 0.0);
+    let radio_only = accuracy(&v, r.samples.iter().filter(|s| s.now > 5.0 && s.now < 10.0), 0.0);
+    let both = accuracy(&v, r.samples.iter().filter(|s| s.now > 20.0), 0.0);
     assert!(
         radio_only.horizontal > 0.3,
         "the frames differ: {}",
@@ -68,7 +68,7 @@ fn the_sight_finds_the_offset_between_the_two_frames() {
 }
 
 #[test]
-fn how_steep_the_deck_will_feel_is_foretold_ten_seconds_ahead() {
+fn predictor_predicts_the_apparent_slope_ten_seconds_ahead() {
     let mut steepest = [0.0_f64; 2];
     for (sway, steepest) in [0.0, 0.8].into_iter().zip(&mut steepest) {
         let v = Vessel {
@@ -78,12 +78,12 @@ fn how_steep_the_deck_will_feel_is_foretold_ten_seconds_ahead() {
         let r = run(&v, &Setup::default(), 40.0, &PredictorConfig::default());
         let (mut squares, mut n) = (0.0, 0.0);
         for s in r.samples.iter().filter(|s| s.now > 20.0).step_by(10) {
-            assert_eq!(s.forecast.foretold.len(), FORETOLD);
-            for (k, slope) in s.forecast.foretold.iter().enumerate().take(40) {
-                let felt = v.felt(s.now + FORETOLD_STEP_S * k as f64 + 0.5);
-                squares += (f64::from(*slope) * SLOPE_STEP - felt).powi(2);
+            assert_eq!(s.forecast.predicted_slopes.len(), PREDICTED_SLOPES);
+            for (k, slope) in s.forecast.predicted_slopes.iter().enumerate().take(40) {
+                let apparent_slope = v.apparent_slope(s.now + PREDICTED_SLOPE_STEP_S * k as f64 + 0.5);
+                squares += (f64::from(*slope) * SLOPE_STEP - apparent_slope).powi(2);
                 n += 1.0;
-                *steepest = steepest.max(felt);
+                *steepest = steepest.max(apparent_slope);
             }
         }
         let rms = f64::sqrt(squares / n);
@@ -98,31 +98,31 @@ fn how_steep_the_deck_will_feel_is_foretold_ten_seconds_ahead() {
 }
 
 #[test]
-fn a_hull_that_the_water_does_not_carry_along_meets_sharp_crests_as_foretold() {
+fn predictor_predicts_bound_waves_of_a_hull_that_does_not_follow_the_orbital_motion() {
     let v = Vessel::standing();
-    let [told, untold] = [true, false].map(|slip_told| {
+    let [told, unreported] = [true, false].map(|slip_reported| {
         let set = Setup {
-            slip_told,
+            slip_reported,
             ..Setup::default()
         };
         over_seeds(&v, &set, 50.0, 30.0, 1.0)
     });
     assert!(
-        told.vertical < 0.5 * untold.vertical && told.tilt < 0.5 * untold.tilt,
+        told.vertical < 0.5 * unreported.vertical && told.tilt < 0.5 * unreported.tilt,
         "heave {} m of {}, tilt {} rad of {}",
         told.vertical,
-        untold.vertical,
+        unreported.vertical,
         told.tilt,
-        untold.tilt
+        unreported.tilt
     );
 }
 
 #[test]
-fn in_silence_the_forecast_goes_on_and_grows_less_certain() {
+fn forecast_goes_on_in_silence_with_growing_uncertainty() {
     let v = Vessel::moderate();
     let set = Setup {
         radio_until: 20.0,
-        sight: (5.0, 20.0),
+        vision: (5.0, 20.0),
         ..Default::default()
     };
     let r = run(&v, &set, 26.0, &PredictorConfig::default());
@@ -138,7 +138,7 @@ fn in_silence_the_forecast_goes_on_and_grows_less_certain() {
     let last = r.samples.last().unwrap();
     assert_eq!(last.forecast.source, Source::None);
     assert!((last.forecast.radio_age_s - 6.0).abs() < 0.3);
-    let f = figures(&v, r.samples.iter().filter(|s| s.now > 21.0), 0.0);
+    let f = accuracy(&v, r.samples.iter().filter(|s| s.now > 21.0), 0.0);
     assert!(
         f.nees_position < 2.0 && f.nees_tilt < 2.0,
         "{} {}",
@@ -148,7 +148,7 @@ fn in_silence_the_forecast_goes_on_and_grows_less_certain() {
 }
 
 #[test]
-fn with_the_radio_gone_the_sight_alone_carries_on() {
+fn predictor_carries_on_by_vision_alone_when_the_radio_is_lost() {
     let v = Vessel::moderate();
     let set = Setup {
         radio_until: 25.0,
@@ -166,11 +166,11 @@ fn with_the_radio_gone_the_sight_alone_carries_on() {
 }
 
 #[test]
-fn without_any_radio_the_default_bank_and_the_sight_give_a_usable_deck() {
+fn predictor_without_any_radio_gives_a_usable_deck_by_vision() {
     let v = Vessel::moderate();
     let set = Setup {
         radio_until: 0.0,
-        sight: (0.0, 1e9),
+        vision: (0.0, 1e9),
         height: 4.0,
         ..Default::default()
     };
@@ -185,7 +185,7 @@ fn without_any_radio_the_default_bank_and_the_sight_give_a_usable_deck() {
 }
 
 #[test]
-fn a_clock_error_within_its_sd_moves_the_deck_by_no_more_than_the_covariance() {
+fn clock_error_within_its_sd_stays_within_the_forecast_covariance() {
     let v = Vessel::moderate();
     // 100 ms of asymmetry: an offset that is 50 ms wrong, of which the bridge says 58 ms.
     let set = Setup {
@@ -206,7 +206,7 @@ fn a_clock_error_within_its_sd_moves_the_deck_by_no_more_than_the_covariance() {
 }
 
 #[test]
-fn reordered_messages_give_the_same_deck_as_ordered_ones() {
+fn predictor_gives_the_same_deck_for_reordered_messages() {
     let v = Vessel::moderate();
     let calm = Setup {
         latency: (0.06, 0.0),
@@ -220,7 +220,7 @@ fn reordered_messages_give_the_same_deck_as_ordered_ones() {
         run(&v, &calm, 30.0, &PredictorConfig::default()),
         run(&v, &wild, 30.0, &PredictorConfig::default()),
     );
-    let f = |r: &Run| figures(&v, r.samples.iter().filter(|s| s.now > 20.0), 0.2);
+    let f = |r: &Run| accuracy(&v, r.samples.iter().filter(|s| s.now > 20.0), 0.2);
     let (fa, fb) = (f(&a), f(&b));
     assert!(
         fb.horizontal < fa.horizontal + 0.03 && fb.tilt < fa.tilt + 0.005,
@@ -233,7 +233,7 @@ fn reordered_messages_give_the_same_deck_as_ordered_ones() {
 }
 
 #[test]
-fn the_same_inputs_give_the_same_bits() {
+fn predictor_is_bit_identical_for_the_same_inputs() {
     let v = Vessel::moderate();
     let one = run(&v, &Setup::default(), 15.0, &PredictorConfig::default());
     let two = run(&v, &Setup::default(), 15.0, &PredictorConfig::default());

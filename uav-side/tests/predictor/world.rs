@@ -41,7 +41,7 @@ pub struct Vessel {
     pub speed: f64,
     pub heading: f64,
     /// Share of the orbital motion that passes under it: its crests are sharp.
-    pub slip: f64,
+    pub wave_following_deficit: f64,
 }
 
 impl Vessel {
@@ -61,7 +61,7 @@ impl Vessel {
             sway: 0.8,
             speed: 0.2,
             heading: 0.7,
-            slip: 0.0,
+            wave_following_deficit: 0.0,
         }
     }
     /// In the steepest sea of the paper's Table II, and the orbital motion passes under it.
@@ -69,7 +69,7 @@ impl Vessel {
         let mut v = Vessel {
             sway: 0.0,
             speed: 0.0,
-            slip: 1.0,
+            wave_following_deficit: 1.0,
             ..Vessel::moderate()
         };
         for w in &mut v.waves {
@@ -88,7 +88,7 @@ impl Vessel {
             let mut next = place;
             for w in &self.waves {
                 let (ds, dc) = w.direction.sin_cos();
-                let out = self.slip * w.amplitude * phase(w, label).sin();
+                let out = self.wave_following_deficit * w.amplitude * phase(w, label).sin();
                 next = [next[0] - out * dc, next[1] - out * ds];
             }
             label = next;
@@ -114,7 +114,7 @@ impl Vessel {
             n += slope * dc;
             e += slope * ds;
         }
-        if self.slip > 0.0 {
+        if self.wave_following_deficit > 0.0 {
             let h = 1e-3;
             p.z = -self.surface(t, [0.0; 2]);
             n = (self.surface(t, [h, 0.0]) - self.surface(t, [-h, 0.0])) / (2.0 * h);
@@ -136,7 +136,7 @@ impl Vessel {
     }
     /// The slope that something standing on the deck feels over the second about `t`: tan of the angle
     /// between the deck's normal and the mean specific force.
-    pub fn felt(&self, t: f64) -> f64 {
+    pub fn apparent_slope(&self, t: f64) -> f64 {
         let h = 1e-2;
         let force = |t: f64| {
             let [a, b, c] = [t - h, t, t + h].map(|t| self.deck(t));
@@ -187,7 +187,7 @@ pub struct Setup {
     /// Radio is there before this time, s.
     pub radio_until: f64,
     /// Sight is there from this time to that, s.
-    pub sight: (f64, f64),
+    pub vision: (f64, f64),
     /// Extra age of what the radio claims, s.
     pub clock_error: f64,
     pub clock_sd: f64,
@@ -195,19 +195,19 @@ pub struct Setup {
     pub latency: (f64, f64),
     pub height: f64,
     /// The vessel tells how much of the orbital motion passes under it.
-    pub slip_told: bool,
+    pub slip_reported: bool,
 }
 impl Default for Setup {
     fn default() -> Self {
         Setup {
             seed: 1,
             radio_until: 1e9,
-            sight: (10.0, 1e9),
+            vision: (10.0, 1e9),
             clock_error: 0.0,
             clock_sd: 0.01,
             latency: (0.03, 0.04),
             height: 7.0,
-            slip_told: true,
+            slip_reported: true,
         }
     }
 }
@@ -309,7 +309,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
         }
         if k % 20 == 0 && now < set.radio_until {
             let due = now + set.latency.0 + set.latency.1;
-            let wave = Some(waves(v, k, now, set.slip_told));
+            let wave = Some(waves(v, k, now, set.slip_reported));
             in_flight.push_back((
                 due,
                 PredictorIn {
@@ -329,7 +329,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
             position_sd: [0.02; 3],
             ..Default::default()
         };
-        if k % 3 == 1 && (set.sight.0..set.sight.1).contains(&now) {
+        if k % 3 == 1 && (set.vision.0..set.vision.1).contains(&now) {
             let camera = attitude.to_rotation_matrix().into_inner()
                 * mount.to_rotation_matrix().into_inner()
                 * body_from_camera();
@@ -406,8 +406,12 @@ pub fn waves(v: &Vessel, k: u32, now: f64, set_slip: bool) -> WaveModel<DroneClo
         header: header(k, now),
         significant_height_m: 2.0,
         confidence: 0.9,
-        orbital_slip: if set_slip { v.slip as f32 } else { 0.0 },
-        sharpness: 0.0,
+        wave_following_deficit: if set_slip {
+            v.wave_following_deficit as f32
+        } else {
+            0.0
+        },
+        crest_steepening: 0.0,
         slopes: Seq::filled([10]),
         components: Seq::filled(v.waves.iter().map(|w| {
             let slope = w.omega * w.omega / 9.81 * w.amplitude;
@@ -425,7 +429,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64, set_slip: bool) -> WaveModel<DroneClo
                 omega_encounter: (w.omega * 1.001) as f32,
                 // These waves come from their direction.
                 direction: wrap_angle(w.direction + core::f64::consts::PI) as f32,
-                direction_sd: if v.slip > 0.0 { 0.05 } else { 1.5 },
+                direction_sd: if v.wave_following_deficit > 0.0 { 0.05 } else { 1.5 },
                 damping: 0.01,
                 // The phases are not known.
                 covariance: sd.map(|s| [(s * s) as f32, 0.0, (s * s * w.omega * w.omega) as f32]),
@@ -438,15 +442,15 @@ pub fn waves(v: &Vessel, k: u32, now: f64, set_slip: bool) -> WaveModel<DroneClo
 
 /// Root mean square over samples: horizontal, vertical (m), tilt (rad); and the mean normalised
 /// squared error per degree of freedom of position and of roll and pitch.
-pub struct Figures {
+pub struct Accuracy {
     pub horizontal: f64,
     pub vertical: f64,
     pub tilt: f64,
     pub nees_position: f64,
     pub nees_tilt: f64,
 }
-pub fn figures<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Figures {
-    let mut f = Figures {
+pub fn accuracy<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Accuracy {
+    let mut f = Accuracy {
         horizontal: 0.0,
         vertical: 0.0,
         tilt: 0.0,
@@ -464,7 +468,7 @@ pub fn figures<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead:
         f.nees_tilt += (0..2).map(|i| (e[i] / stage.euler_sd[i]).powi(2)).sum::<f64>() / 2.0;
     }
     assert!(n > 10.0, "{n} samples");
-    Figures {
+    Accuracy {
         horizontal: (f.horizontal / n).sqrt(),
         vertical: (f.vertical / n).sqrt(),
         tilt: (f.tilt / n).sqrt(),
@@ -473,11 +477,11 @@ pub fn figures<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead:
     }
 }
 /// The figures over several seeds from `from` s on.
-pub fn over_seeds(v: &Vessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Figures {
+pub fn over_seeds(v: &Vessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Accuracy {
     let runs: Vec<Run> = (0..5)
         .map(|seed| run(v, &Setup { seed, ..*set }, seconds, &PredictorConfig::default()))
         .collect();
-    let f = figures(
+    let f = accuracy(
         v,
         runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from),
         ahead,

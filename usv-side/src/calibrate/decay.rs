@@ -24,10 +24,10 @@ const STRONG: f64 = 0.2;
 /// The fit has to explain this share of a push's motion.
 const EXPLAINED: f64 = 0.8;
 /// Fewest samples of a push.
-const LEAST_SAMPLES: usize = 12;
+const MIN_SAMPLES: usize = 12;
 /// Most pushes of a record, and samples of one.
-const MOST_PUSHES: usize = 64;
-const MOST_SAMPLES: usize = 2000;
+const MAX_PUSHES: usize = 64;
+const MAX_SAMPLES: usize = 2000;
 /// Iterations of the fit.
 const ITERATIONS: usize = 50;
 /// A parameter whose standard error is beyond this share of it is not known.
@@ -73,7 +73,7 @@ pub struct Decay {
 
 /// Why a degree of freedom is not known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Unknown {
+pub enum NotObservable {
     /// It was not measured.
     NotMeasured,
     /// Nothing stands out from its rest.
@@ -115,7 +115,7 @@ fn pushes(signal: &Signal, rest_s: f64) -> (Vec<Push>, f64) {
     let highest = (0..n).map(size).fold(0.0, f64::max);
     let mut found = Vec::new();
     let mut k = 0;
-    while k < n && found.len() < MOST_PUSHES {
+    while k < n && found.len() < MAX_PUSHES {
         if size(k) < STANDS_OUT * spread {
             k += 1;
             continue;
@@ -131,10 +131,10 @@ fn pushes(signal: &Signal, rest_s: f64) -> (Vec<Push>, f64) {
             j += 1;
         }
         // As much rest again as half the motion, for its level.
-        let end = (last + (last - peak) / 2 + LEAST_SAMPLES / 2)
+        let end = (last + (last - peak) / 2 + MIN_SAMPLES / 2)
             .min(n)
-            .min(peak + MOST_SAMPLES);
-        if end >= peak + LEAST_SAMPLES && size(peak) > STRONG * highest {
+            .min(peak + MAX_SAMPLES);
+        if end >= peak + MIN_SAMPLES && size(peak) > STRONG * highest {
             found.push(Push {
                 t: (peak..end).map(|i| time(i) - time(peak)).collect(),
                 y: DVector::from_iterator(end - peak, (peak..end).map(|i| signal.y[i] - rest)),
@@ -171,7 +171,7 @@ fn basis(order: Order, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
 }
 
 /// What the basis leaves of a push.
-fn left(order: Order, p: Vector2<f64>, push: &Push) -> Option<DVector<f64>> {
+fn residual(order: Order, p: Vector2<f64>, push: &Push) -> Option<DVector<f64>> {
     let phi = basis(order, p, &push.t);
     let normal = phi.transpose() * &phi;
     let scale = normal.diagonal().max();
@@ -181,11 +181,11 @@ fn left(order: Order, p: Vector2<f64>, push: &Push) -> Option<DVector<f64>> {
     r.iter().all(|v| v.is_finite()).then_some(r)
 }
 
-fn all_left(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Vec<DVector<f64>>> {
+fn residuals(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Vec<DVector<f64>>> {
     // A strong push counts as much as a weak one.
     pushes
         .iter()
-        .map(|push| left(order, p, push).map(|r| r / push.peak))
+        .map(|push| residual(order, p, push).map(|r| r / push.peak))
         .collect()
 }
 
@@ -197,7 +197,7 @@ fn cost(r: &[DVector<f64>]) -> f64 {
 fn slopes(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<[Vec<DVector<f64>>; 2]> {
     const H: f64 = 1e-4;
     let along = |e: Vector2<f64>| -> Option<Vec<DVector<f64>>> {
-        let (up, down) = (all_left(order, p + e, pushes)?, all_left(order, p - e, pushes)?);
+        let (up, down) = (residuals(order, p + e, pushes)?, residuals(order, p - e, pushes)?);
         Some(up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * H)).collect())
     };
     Some([along(Vector2::new(H, 0.0))?, along(Vector2::new(0.0, H))?])
@@ -216,7 +216,7 @@ fn normal(j: &[Vec<DVector<f64>>; 2], r: &[DVector<f64>], order: Order) -> (Matr
 
 /// Logarithms of `a` and `b` that leave least, by Levenberg and Marquardt from the best of a grid.
 fn fit(order: Order, pushes: &[&Push]) -> Option<Vector2<f64>> {
-    let of = |p: Vector2<f64>| all_left(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
+    let of = |p: Vector2<f64>| residuals(order, p, pushes).map_or(f64::INFINITY, |r| cost(&r));
     let mut best = (f64::INFINITY, Vector2::zeros());
     for k in 0..32 {
         let x = f64::from(k) / 31.0;
@@ -242,7 +242,7 @@ fn fit(order: Order, pushes: &[&Push]) -> Option<Vector2<f64>> {
     }
     let mut damp = 1e-3;
     for _ in 0..ITERATIONS {
-        let (r, j) = (all_left(order, p, pushes)?, slopes(order, p, pushes)?);
+        let (r, j) = (residuals(order, p, pushes)?, slopes(order, p, pushes)?);
         let (h, g) = normal(&j, &r, order);
         let lifted = h + Matrix2::from_diagonal(&h.diagonal()) * damp;
         let step = lifted.try_inverse()? * -g;
@@ -267,7 +267,7 @@ fn fit(order: Order, pushes: &[&Push]) -> Option<Vector2<f64>> {
 /// Covariance of the logarithms: residuals that neighbours share count once (Newey and West 1987, over a
 /// quarter of a push), and never less than what independent residuals would give.
 fn covariance(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Matrix2<f64>> {
-    let (r, j) = (all_left(order, p, pushes)?, slopes(order, p, pushes)?);
+    let (r, j) = (residuals(order, p, pushes)?, slopes(order, p, pushes)?);
     let (h, _) = normal(&j, &r, order);
     let bread = h.try_inverse()?;
     let n: usize = r.iter().map(DVector::len).sum();
@@ -303,9 +303,9 @@ fn covariance(order: Order, p: Vector2<f64>, pushes: &[&Push]) -> Option<Matrix2
 }
 
 /// Damping and stiffness per mass from the pushes in a signal.
-pub fn identify(order: Order, signal: &Signal) -> Result<Decay, Unknown> {
-    if signal.y.len() < 2 * LEAST_SAMPLES {
-        return Err(Unknown::NotMeasured);
+pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
+    if signal.y.len() < 2 * MIN_SAMPLES {
+        return Err(NotObservable::NotMeasured);
     }
     let rest_s = match order {
         Order::Stiff => 1.0,
@@ -313,12 +313,12 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, Unknown> {
     };
     let (all, stands_out) = pushes(signal, rest_s);
     if all.is_empty() {
-        return Err(Unknown::NotPushed { stands_out });
+        return Err(NotObservable::NotPushed { stands_out });
     }
     let every: Vec<&Push> = all.iter().collect();
-    let p = fit(order, &every).ok_or(Unknown::Vague)?;
+    let p = fit(order, &every).ok_or(NotObservable::Vague)?;
     let explained = |p: Vector2<f64>, push: &Push| {
-        left(order, p, push).map_or(0.0, |r| {
+        residual(order, p, push).map_or(0.0, |r| {
             let (mean, noise) = (push.y.mean(), push.spread.powi(2) * r.len() as f64);
             // What the sensor's noise leaves is nothing that a decay would have to explain.
             let rest = (r.norm_squared() - noise).max(0.0);
@@ -332,10 +332,12 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, Unknown> {
         .collect();
     if good.is_empty() {
         let best = all.iter().map(|push| explained(p, push)).fold(0.0, f64::max);
-        return Err(Unknown::NoDecay { explained: best });
+        return Err(NotObservable::NoDecay { explained: best });
     }
-    let p = fit(order, &good).ok_or(Unknown::Vague)?;
-    let mut variance = covariance(order, p, &good).ok_or(Unknown::Vague)?.diagonal();
+    let p = fit(order, &good).ok_or(NotObservable::Vague)?;
+    let mut variance = covariance(order, p, &good)
+        .ok_or(NotObservable::Vague)?
+        .diagonal();
     if good.len() >= 3 {
         // What differs from push to push is no noise of the sensor: the water, the strength, a hand.
         let own: Vec<Vector2<f64>> = good.iter().filter_map(|push| fit(order, &[push])).collect();
@@ -350,7 +352,7 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, Unknown> {
     let sd = variance.map(f64::sqrt);
     let known = sd.x < KNOWN && (order == Order::Free || sd.y < KNOWN);
     if !known {
-        return Err(Unknown::Vague);
+        return Err(NotObservable::Vague);
     }
     let figure = |log: f64, sd: f64| Figure {
         value: log.exp(),
@@ -396,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn parameters_are_found_back_within_their_stated_errors() {
+    fn free_decay_parameters_lie_within_their_stated_errors() {
         for (order, a, b) in [
             (Order::Stiff, 6.2, 243.0),
             (Order::Stiff, 1.0, 9.0),
@@ -419,11 +421,11 @@ mod tests {
     }
 
     #[test]
-    fn rest_and_waves_tell_nothing() {
+    fn free_decay_is_not_observable_at_rest_or_in_waves() {
         let still = pushed(Order::Stiff, 6.2, 243.0, 0.01, 0);
         assert!(matches!(
             identify(Order::Stiff, &still),
-            Err(Unknown::NotPushed { .. })
+            Err(NotObservable::NotPushed { .. })
         ));
         let mut waves = still.clone();
         for (t, y) in waves.t_s.iter().zip(&mut waves.y) {
@@ -431,16 +433,16 @@ mod tests {
         }
         assert!(matches!(
             identify(Order::Stiff, &waves),
-            Err(Unknown::NotPushed { .. })
+            Err(NotObservable::NotPushed { .. })
         ));
         assert_eq!(
             identify(Order::Free, &Signal::default()),
-            Err(Unknown::NotMeasured)
+            Err(NotObservable::NotMeasured)
         );
     }
 
     #[test]
-    fn what_is_held_instead_of_let_go_is_no_decay() {
+    fn free_decay_rejects_a_vessel_that_is_held() {
         let mut held = pushed(Order::Stiff, 6.2, 243.0, 0.005, 0);
         for k in 0..9 {
             // A saw: up in jumps, and down again.
@@ -450,7 +452,7 @@ mod tests {
         }
         let found = identify(Order::Stiff, &held);
         assert!(
-            matches!(found, Err(Unknown::NoDecay { .. } | Unknown::Vague)),
+            matches!(found, Err(NotObservable::NoDecay { .. } | NotObservable::Vague)),
             "{found:?}"
         );
     }

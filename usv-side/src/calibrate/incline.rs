@@ -17,7 +17,7 @@ use super::decay::{Decay, Figure, Signal, median};
 /// The level at rest is the median of the medians of so long pieces, s (ours: longer than a push and its decay).
 const PIECE_S: f64 = 5.0;
 /// Fewest of them.
-const LEAST_PIECES: usize = 4;
+const MIN_PIECES: usize = 4;
 /// A stiffness whose standard error is beyond this share of it is not known (ours).
 const KNOWN: f64 = 0.1;
 
@@ -51,7 +51,7 @@ pub fn level(signal: &Signal) -> Option<Figure> {
         }
     }
     let levels: Vec<f64> = pieces.iter().map(|p| median(p.iter().copied())).collect();
-    if levels.len() < LEAST_PIECES {
+    if levels.len() < MIN_PIECES {
         return None;
     }
     let value = median(levels.iter().copied());
@@ -67,24 +67,24 @@ pub fn level(signal: &Signal) -> Option<Figure> {
 pub fn stiffness(weight: &Weight, without: &Level, with: &Level) -> Stiffness {
     let [x, y] = weight.at_m;
     // Roll is positive to starboard, pitch with the bow up.
-    let moments = [y, -x].map(|arm| weight.mass_kg * GRAVITY * arm);
+    let states = [y, -x].map(|arm| weight.mass_kg * GRAVITY * arm);
     core::array::from_fn(|i| {
         let (Some(a), Some(b)) = (without[i], with[i]) else {
             return Err(None);
         };
-        let lean = Figure {
+        let heel = Figure {
             value: b.value - a.value,
             sd: a.sd.hypot(b.sd),
         };
-        let value = moments[i] / lean.value;
-        let share = lean.sd / lean.value.abs();
+        let value = states[i] / heel.value;
+        let share = heel.sd / heel.value.abs();
         if value.is_finite() && value > 0.0 && share <= KNOWN {
             Ok(Figure {
                 value,
                 sd: value * share,
             })
         } else {
-            Err(Some(lean))
+            Err(Some(heel))
         }
     })
 }
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_level_is_that_of_rest_and_pushes_hardly_count() {
+    fn level_at_rest_is_robust_to_pushes() {
         // Of 0.1, a sixth of the time: the mean would be off by 0.017.
         for (pushed, off) in [(false, 5e-4), (true, 1.5e-3)] {
             let found = level(&at_rest(0.02, 120, pushed)).unwrap();
@@ -127,17 +127,17 @@ mod tests {
     }
 
     #[test]
-    fn a_weight_forward_and_right_leans_the_bow_down_and_to_starboard() {
+    fn stiffness_follows_from_the_tilt_under_a_known_weight() {
         let weight = Weight {
             mass_kg: 50.0,
             at_m: [1.5, 0.8],
         };
         let known = |value: f64| Some(Figure { value, sd: 1e-4 });
-        let lean = [392.266 / 35e3, -735.499 / 38e3];
+        let heel = [392.266 / 35e3, -735.499 / 38e3];
         let found = stiffness(
             &weight,
             &[known(0.01), known(-0.02)],
-            &[known(0.01 + lean[0]), known(-0.02 + lean[1])],
+            &[known(0.01 + heel[0]), known(-0.02 + heel[1])],
         );
         for (g, truth) in found.iter().zip([35e3, 38e3]) {
             let g = g.unwrap();
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn stiffness_over_stiffness_per_mass_is_the_mass_with_both_errors() {
+    fn inertia_combines_the_errors_of_stiffness_and_decay() {
         let of = |value: f64, share: f64| Figure {
             value,
             sd: value * share,

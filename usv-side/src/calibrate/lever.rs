@@ -16,8 +16,8 @@ use super::decay::Figure;
 /// Length of a window, s (ours: a wave period, over which a bias is a bias).
 const WINDOW_S: f64 = 5.0;
 /// Fewest fixes of a window, and fewest windows.
-const LEAST_FIXES: usize = 10;
-const LEAST_WINDOWS: usize = 5;
+const MIN_FIXES: usize = 10;
+const MIN_WINDOWS: usize = 5;
 /// Rates are averaged over so many samples to each side: their noise would pull `r` towards zero.
 const AROUND: usize = 2;
 /// Least standard error, m, and as a share of the distance between the two (ours: the simulated vessel's
@@ -27,7 +27,7 @@ const FLOOR_SHARE: f64 = 0.05;
 
 /// The vessel at an inertial sample.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment {
+pub struct InertialState {
     /// Time, s.
     pub t_s: f64,
     /// Samples without a gap between them have the same number.
@@ -41,9 +41,9 @@ pub struct Moment {
 }
 
 /// The newest moment at or before `t_s`, if it is of the same sample time; its index.
-pub fn at(moments: &[Moment], t_s: f64) -> Option<(usize, &Moment)> {
-    let k = moments.partition_point(|m| m.t_s <= t_s + 1e-6).checked_sub(1)?;
-    let m = moments.get(k)?;
+pub fn at(states: &[InertialState], t_s: f64) -> Option<(usize, &InertialState)> {
+    let k = states.partition_point(|m| m.t_s <= t_s + 1e-6).checked_sub(1)?;
+    let m = states.get(k)?;
     (t_s - m.t_s < 0.05).then_some((k, m))
 }
 
@@ -69,8 +69,8 @@ pub struct Lever {
 
 impl Lever {
     /// Takes a fix; they come in their order.
-    pub fn fix(&mut self, fix: &GnssFix, moments: &[Moment]) {
-        let Some((k, m)) = at(moments, fix.header.at.secs()) else {
+    pub fn fix(&mut self, fix: &GnssFix, states: &[InertialState]) {
+        let Some((k, m)) = at(states, fix.header.at.secs()) else {
             return;
         };
         let over = self
@@ -83,13 +83,13 @@ impl Lever {
         if self.window.is_empty() {
             (self.run, self.velocity, self.reached) = (m.run, Vector3::zeros(), k);
         }
-        for pair in moments.get(self.reached..=k).unwrap_or_default().windows(2) {
+        for pair in states.get(self.reached..=k).unwrap_or_default().windows(2) {
             let [a, b] = pair else { continue };
             self.velocity += (a.acceleration + b.acceleration) * (0.5 * (b.t_s - a.t_s));
         }
         self.reached = k;
-        let near = moments
-            .get(k.saturating_sub(AROUND)..(k + AROUND + 1).min(moments.len()))
+        let near = states
+            .get(k.saturating_sub(AROUND)..(k + AROUND + 1).min(states.len()))
             .unwrap_or_default();
         let rates = near.iter().map(|m| m.rates).sum::<Vector3<f64>>() / near.len().max(1) as f64;
         self.window.push(Row {
@@ -102,7 +102,7 @@ impl Lever {
     /// Ends a window: mean and slope of every column are its own.
     fn close(&mut self) {
         let rows = core::mem::take(&mut self.window);
-        if rows.len() < LEAST_FIXES {
+        if rows.len() < MIN_FIXES {
             return;
         }
         let n = rows.len() as f64;
@@ -135,7 +135,7 @@ impl Lever {
     /// Antenna minus inertial sensor, body, m; None when nothing turned.
     pub fn found(mut self) -> Option<[Figure; 3]> {
         self.close();
-        if self.windows.len() < LEAST_WINDOWS {
+        if self.windows.len() < MIN_WINDOWS {
             return None;
         }
         let h: Matrix3<f64> = self.windows.iter().map(|w| w.0).sum();

@@ -21,14 +21,14 @@ use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::VesselNodeConfig;
-pub use decay::{Decay, Figure, Order, Signal, Unknown};
+pub use decay::{Decay, Figure, NotObservable, Order, Signal};
 pub use incline::{Level, Stiffness, Weight};
-use lever::{Lever, Moment};
+use lever::{InertialState, Lever};
 
 /// Names of the degrees of freedom.
-pub const NAMES: [&str; DOFS] = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
+pub const DOF_NAMES: [&str; DOFS] = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
 /// Longest record, samples: an hour and a half at 100 Hz.
-const MOST: usize = 600_000;
+const MAX_SAMPLES: usize = 600_000;
 /// The attitude is levelled by the accelerometer, and turned by the heading, over this time, s (ours: what
 /// waves of 5 s push sideways tilts it by a thousandth of a radian then).
 const LEVELLED_S: f64 = 100.0;
@@ -52,7 +52,7 @@ pub struct Found {
     /// Length of the record, s.
     pub seconds: f64,
     /// Each degree of freedom.
-    pub decays: [Result<Decay, Unknown>; DOFS],
+    pub decays: [Result<Decay, NotObservable>; DOFS],
     /// Roll and pitch at rest.
     pub level: Level,
     /// GNSS antenna in the vessel's body, m; None without fixes or motion.
@@ -71,7 +71,7 @@ fn push<M: Message + Copy>(to: &mut Vec<M>, m: &M) {
     let newer = to
         .last()
         .is_none_or(|l| m.header().at.nanos() > l.header().at.nanos());
-    if newer && m.check().is_ok() && to.len() < MOST {
+    if newer && m.check().is_ok() && to.len() < MAX_SAMPLES {
         to.push(*m);
     }
 }
@@ -92,14 +92,14 @@ impl Record {
 
     /// What the record tells of the vessel of `config`.
     pub fn found(&self, config: &VesselNodeConfig) -> Found {
-        let moments = self.moments();
-        let signals = self.signals(config, &moments);
-        let seconds = match (moments.first(), moments.last()) {
+        let states = self.states();
+        let signals = self.signals(config, &states);
+        let seconds = match (states.first(), states.last()) {
             (Some(a), Some(b)) => b.t_s - a.t_s,
             (_, _) => 0.0,
         };
         let mut lever = Lever::default();
-        self.gnss.iter().for_each(|fix| lever.fix(fix, &moments));
+        self.gnss.iter().for_each(|fix| lever.fix(fix, &states));
         let imu = config.imu.lever_arm_m;
         let antenna_m = lever.found().map(|apart| {
             core::array::from_fn(|i| Figure {
@@ -152,7 +152,7 @@ impl Record {
     }
 
     /// Attitude and acceleration at each inertial sample: rates integrated, levelled slowly.
-    fn moments(&self) -> Vec<Moment> {
+    fn states(&self) -> Vec<InertialState> {
         let Some(first) = self.imu.first() else {
             return Vec::new();
         };
@@ -196,7 +196,7 @@ impl Record {
                     correction.z += error * (0.1 / over_s);
                 }
                 attitude = UnitQuaternion::from_scaled_axis(correction) * attitude;
-                Moment {
+                InertialState {
                     t_s: s.header.at.secs(),
                     run,
                     attitude,
@@ -208,19 +208,19 @@ impl Record {
     }
 
     /// The signals of the six degrees of freedom.
-    fn signals(&self, config: &VesselNodeConfig, moments: &[Moment]) -> [Signal; DOFS] {
+    fn signals(&self, config: &VesselNodeConfig, states: &[InertialState]) -> [Signal; DOFS] {
         let mut signals: [Signal; DOFS] = Default::default();
         let mut say = |dof: usize, t_s: f64, y: f64| {
             signals[dof].t_s.push(t_s);
             signals[dof].y.push(y);
         };
         let imu = Vector3::from(config.imu.lever_arm_m);
-        for (k, m) in moments.iter().enumerate() {
+        for (k, m) in states.iter().enumerate() {
             for (i, dof) in [ROLL, PITCH, YAW].into_iter().enumerate() {
                 say(dof, m.t_s, m.rates[i]);
             }
-            let before = k.checked_sub(SLOPE).and_then(|b| moments.get(b));
-            let (Some(before), Some(after)) = (before, moments.get(k + SLOPE)) else {
+            let before = k.checked_sub(SLOPE).and_then(|b| states.get(b));
+            let (Some(before), Some(after)) = (before, states.get(k + SLOPE)) else {
                 continue;
             };
             if before.run != after.run {
@@ -233,7 +233,7 @@ impl Record {
         }
         let antenna = Vector3::from(config.gnss.antenna_m);
         for fix in &self.gnss {
-            let Some((_, m)) = lever::at(moments, fix.header.at.secs()) else {
+            let Some((_, m)) = lever::at(states, fix.header.at.secs()) else {
                 continue;
             };
             let body = m.attitude.inverse() * Vector3::from(fix.velocity) - m.rates.cross(&antenna);
@@ -245,7 +245,7 @@ impl Record {
 }
 
 /// Every degree of freedom from its signal.
-pub fn identify(signals: &[Signal; DOFS]) -> [Result<Decay, Unknown>; DOFS] {
+pub fn identify(signals: &[Signal; DOFS]) -> [Result<Decay, NotObservable>; DOFS] {
     core::array::from_fn(|dof| decay::identify(order(dof), &signals[dof]))
 }
 
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn the_antenna_is_found_where_it_is_and_waves_tell_nothing_of_the_decay() {
+    fn antenna_place_is_observable_in_waves_and_free_decay_is_not() {
         // The stated error is at least 5 % of the distance: 1.6 m, so that 0.1 m can be asked for.
         let antenna = Vector3::new(-0.9, 0.35, -1.3);
         let found = rocked(0.12, antenna).found(&VesselNodeConfig::default());
@@ -323,14 +323,14 @@ mod tests {
         }
         for (dof, decay) in found.decays.iter().enumerate() {
             assert!(
-                matches!(decay, Err(Unknown::NotPushed { .. })),
+                matches!(decay, Err(NotObservable::NotPushed { .. })),
                 "{dof}: {decay:?}"
             );
         }
     }
 
     #[test]
-    fn a_still_vessel_tells_nothing() {
+    fn calibration_finds_nothing_on_a_still_vessel() {
         let found = rocked(0.0, Vector3::new(-1.1, 0.35, -1.6)).found(&VesselNodeConfig::default());
         for figure in found.antenna_m.iter().flatten() {
             assert!(figure.sd > 0.2, "{figure:?}");

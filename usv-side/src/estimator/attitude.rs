@@ -7,13 +7,13 @@ use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt};
 use nalgebra::Vector3;
 
-use super::{Channel, Filter, LONGEST_GAP_S, STEP_S};
+use super::{Channel, Filter, MAX_GAP_S, STEP_S};
 use crate::sea_state::MotionSample;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
 /// After so many attitudes in a row with a refusal the covariance is opened (1 s at 10 Hz).
-const PATIENCE: u32 = 10;
+const MAX_REJECTED: u32 = 10;
 /// An inertial sensor that is silent for this long is stood in for, s.
 const SILENT_S: f64 = 0.5;
 /// White noise of the rates that come with an attitude, rad/s (ours: an INS gives them without bias,
@@ -27,15 +27,15 @@ impl Filter {
     }
 
     /// Carries the state to within half a step of `to` by the model alone.
-    pub(super) fn glide(&mut self, to: Time<VesselClock>) {
+    pub(super) fn coast(&mut self, to: Time<VesselClock>) {
         self.pending = Default::default();
         let ahead = (to - self.at).secs();
-        let steps = (ahead / STEP_S).round().clamp(0.0, LONGEST_GAP_S / STEP_S) as u32;
+        let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 0..steps {
             self.belief.propagate(&self.step);
             self.at += Span::from_secs(STEP_S);
             self.follow_heading();
-            self.hold_against_predictions();
+            self.check_predictions();
         }
     }
 
@@ -44,14 +44,14 @@ impl Filter {
         let late = (self.at - fix.header.at).secs();
         let since = self.last_attitude.map_or(STEP_S, |t| (fix.header.at - t).secs());
         self.last_attitude = Some(fix.header.at);
-        let gate = if self.refused_attitudes > PATIENCE {
+        let gate = if self.rejected_attitudes > MAX_REJECTED {
             self.open();
-            self.refused_attitudes = 0;
+            self.rejected_attitudes = 0;
             f64::INFINITY
         } else {
             GATE
         };
-        let mut refused = 0;
+        let mut rejected = 0;
         // The same normal at the reference heading.
         let heading = self.tilt().heading - late * self.belief.get(YAW, NU);
         let (roll, pitch) = turn_tilt(fix.tilt[0], fix.tilt[1], -heading);
@@ -66,9 +66,9 @@ impl Filter {
             let innovation = z - self.belief.predicted(&row);
             let update = self.belief.update(&row, innovation, sd * sd, gate);
             self.consistency.observe(channel, update);
-            refused += u64::from(!update.fused());
+            rejected += u64::from(!update.fused());
             if let Update::Fused { nis } | Update::Gated { nis } = update {
-                self.unexplained.observe(dof, nis.min(GATE), since);
+                self.adaptive_noise.observe(dof, nis.min(GATE), since);
             }
         }
         if let Some(rates) = fix.rates {
@@ -78,15 +78,15 @@ impl Filter {
                 let row = [Term::new(dof, NU, 1.0)];
                 let update = self.belief.update(&row, z - predicted, RATE_SD * RATE_SD, gate);
                 self.consistency.observe(Channel::Rate, update);
-                refused += u64::from(!update.fused());
+                rejected += u64::from(!update.fused());
             }
         }
-        self.refused_attitudes = if refused > 0 {
-            self.refused_attitudes + 1
+        self.rejected_attitudes = if rejected > 0 {
+            self.rejected_attitudes + 1
         } else {
             0
         };
-        refused
+        rejected
     }
 
     /// The motion for the identification, as the attitudes have made it.

@@ -6,7 +6,7 @@ use alight_shared::kalman::Update;
 use serde::Serialize;
 
 /// 95 % point of the chi-square distribution with one degree of freedom.
-const INSIDE: f64 = 3.841;
+const CHI_SQUARE_95: f64 = 3.841;
 
 /// What was measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -76,7 +76,7 @@ impl Fit {
         (self.fused > 0).then(|| self.sum / self.fused as f64)
     }
     /// Share of all scalars inside the 95 % point; 0.95 when the figures are right.
-    pub fn share_inside(&self) -> Option<f64> {
+    pub fn fraction_inside(&self) -> Option<f64> {
         let all = self.fused + self.gated;
         (all > 0).then(|| self.inside as f64 / all as f64)
     }
@@ -99,7 +99,7 @@ impl Consistency {
             Update::Fused { nis } => {
                 fit.fused += 1;
                 fit.sum += nis;
-                fit.inside += u64::from(nis <= INSIDE);
+                fit.inside += u64::from(nis <= CHI_SQUARE_95);
             }
             Update::Gated { .. } | Update::Invalid => fit.gated += 1,
         }

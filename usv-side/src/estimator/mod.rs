@@ -7,17 +7,17 @@
 //! the water it feels almost nothing, and what keeps the tilt is the gyroscope. Late measurements
 //! (GNSS, heading) are compared with the state rolled back to their time.
 
+mod adaptive_noise;
 mod attitude;
+mod bound_waves;
 mod consistency;
-mod crests;
-mod growth;
+mod gnss;
+mod history;
 mod inertial;
 mod output;
-mod past;
-mod satellite;
+mod prediction_scale;
 mod sea;
 mod tilt;
-mod unexplained;
 
 use alight_shared::frames::{Datum, wrap_angle};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
@@ -36,7 +36,7 @@ pub use tilt::Tilt;
 /// Length of a filter step, s.
 pub(crate) const STEP_S: f64 = 0.02;
 /// Longest gap that is bridged by prediction, s.
-const LONGEST_GAP_S: f64 = 2.0;
+const MAX_GAP_S: f64 = 2.0;
 /// The reference heading follows when the mean heading is this far off, rad (6 deg).
 const TURN_RAD: f64 = 0.1;
 
@@ -67,7 +67,7 @@ pub struct Estimator {
     /// What start-up has heard so far.
     start: Start,
     /// Fixes in a row that the filter would not believe.
-    disbelief: u32,
+    lost_fixes: u32,
     filter: Option<Filter>,
     identifier: Identifier,
     /// Of filters that were given up.
@@ -94,30 +94,30 @@ pub(crate) struct Filter {
     pub(crate) mean_velocity: Vector2<f64>,
     pub(crate) mean_heading: f64,
     pub(crate) mean_heading_rate: f64,
-    pub(crate) unexplained: unexplained::Unexplained,
-    pub(crate) growth: growth::Growth,
-    pub(crate) crests: crests::Crests,
+    pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
+    pub(crate) prediction_scale: prediction_scale::PredictionScale,
+    pub(crate) bound_waves: bound_waves::BoundWaves,
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
     /// The first of them.
     first: (Vector3<f64>, Vector3<f64>),
-    past: past::Past,
+    history: history::History,
     /// The model has changed since the last inertial sample.
-    remodelled: bool,
+    model_changed: bool,
     /// Place of the inertial sensor in the vessel's body frame, m.
-    imu_arm: Vector3<f64>,
+    imu_lever_arm: Vector3<f64>,
     last_imu: Time<VesselClock>,
     /// An inertial sensor has spoken.
     inertial: bool,
     last_attitude: Option<Time<VesselClock>>,
     consistency: Consistency,
     decimate: u32,
-    refused_imu: u32,
-    refused_fixes: u32,
+    rejected_imu: u32,
+    rejected_fixes: u32,
     /// Refusals in a row of place and velocity, an axis each.
-    refused_rows: [[u32; 3]; 2],
-    refused_attitudes: u32,
+    rejected_rows: [[u32; 3]; 2],
+    rejected_attitudes: u32,
     row: Vec<Term>,
 }
 
@@ -133,17 +133,17 @@ impl Estimator {
             config: config.clone(),
             gated: Gated::default(),
             start: Start::default(),
-            disbelief: 0,
+            lost_fixes: 0,
             filter: None,
             identifier: Identifier::new(&config.sea_state),
             consistency: Consistency::default(),
         }
     }
     /// An estimator that is told the waves' angular frequencies (rad/s) and directions (rad), for
-    /// studies: see [`Identifier::told`].
-    pub fn told(config: &VesselNodeConfig, components: &[(f64, f64)]) -> Self {
+    /// studies: see [`Identifier::with_known_waves`].
+    pub fn with_known_waves(config: &VesselNodeConfig, components: &[(f64, f64)]) -> Self {
         Estimator {
-            identifier: Identifier::told(&config.sea_state, components),
+            identifier: Identifier::with_known_waves(&config.sea_state, components),
             ..Self::new(config)
         }
     }
@@ -173,7 +173,7 @@ impl Estimator {
         };
         f.last_imu = sample.header.at;
         f.inertial = true;
-        f.imu_arm = Vector3::from(sample.arm.unwrap_or(self.config.imu.lever_arm_m));
+        f.imu_lever_arm = Vector3::from(sample.lever_arm.unwrap_or(self.config.imu.lever_arm_m));
         if f.pending.3 == 0 {
             f.first = (Vector3::from(sample.gyro), Vector3::from(sample.accelerometer));
         }
@@ -186,7 +186,7 @@ impl Estimator {
             let n = f64::from(p.3);
             let (gyro, force, ahead) = (p.0 / n, p.1 / n, p.2 / n);
             f.pending = Default::default();
-            if ahead > LONGEST_GAP_S {
+            if ahead > MAX_GAP_S {
                 self.restart();
                 return;
             }
@@ -197,7 +197,7 @@ impl Estimator {
             self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
             f.remember();
             f.follow_heading();
-            f.hold_against_predictions();
+            f.check_predictions();
             f.decimate += 1;
             if f.decimate >= 2 {
                 f.decimate = 0;
@@ -210,24 +210,24 @@ impl Estimator {
     /// A GNSS fix that has passed admission.
     /// Returns how many of its components were refused.
     pub fn gnss(&mut self, fix: &GnssFix) -> u64 {
-        let mut refused = 0;
+        let mut rejected = 0;
         match self.filter.as_mut() {
             None => self.start.fix = Some(*fix),
             Some(f) => {
-                refused = f.fuse_gnss(&self.config, fix);
-                self.gated.gnss += refused;
-                self.disbelief = if refused >= LOST_ROWS {
-                    self.disbelief + 1
+                rejected = f.fuse_gnss(&self.config, fix);
+                self.gated.gnss += rejected;
+                self.lost_fixes = if rejected >= LOST_ROWS {
+                    self.lost_fixes + 1
                 } else {
                     0
                 };
-                if self.disbelief >= LOST_FIXES {
+                if self.lost_fixes >= LOST_FIXES {
                     self.restart();
                 }
             }
         }
         self.guard();
-        refused
+        rejected
     }
 
     /// A heading that has passed admission. False when it was refused.
@@ -255,16 +255,16 @@ impl Estimator {
         if f.has_inertial(at) {
             return (false, 0);
         }
-        if (at - f.at).secs() > LONGEST_GAP_S {
+        if (at - f.at).secs() > MAX_GAP_S {
             self.restart();
             return (true, 0);
         }
-        f.glide(at);
-        let refused = f.fuse_attitude(fix);
-        self.gated.attitude += refused;
+        f.coast(at);
+        let rejected = f.fuse_attitude(fix);
+        self.gated.attitude += rejected;
         self.identifier.push(&f.motion_of_attitude());
         self.guard();
-        (true, refused)
+        (true, rejected)
     }
 
     /// How the measurements have fitted what the filter expected, since start.
@@ -276,18 +276,18 @@ impl Estimator {
     /// Once per tick, after the measurements: bridges a silence of the inertial sensor and lets the
     /// identified sea into the model.
     pub fn tick(&mut self, now: Time<VesselClock>) {
-        let crested = self.filter.as_ref().map(|f| f.crests.crested());
-        let state = self.identifier.update(now, crested.unwrap_or_default());
+        let nonlinearity = self.filter.as_ref().map(|f| f.bound_waves.nonlinearity());
+        let state = self.identifier.update(now, nonlinearity.unwrap_or_default());
         let Some(f) = self.filter.as_mut() else { return };
         f.take_sea(&self.config, state);
         f.adapt(&self.config);
         let behind = (now - f.at).secs();
-        if behind > LONGEST_GAP_S {
+        if behind > MAX_GAP_S {
             self.restart();
         } else if behind > 0.1 {
             f.pending = Default::default();
             if f.last_attitude.is_some() && !f.has_inertial(now) {
-                f.glide(now);
+                f.coast(now);
             } else {
                 f.advance(behind);
                 f.follow_heading();
@@ -301,7 +301,7 @@ impl Estimator {
         self.consistency = self.consistency();
         self.filter = None;
         self.start = Start::default();
-        self.disbelief = 0;
+        self.lost_fixes = 0;
     }
     fn guard(&mut self) {
         // Heave's block tells for all: a NaN anywhere in a block spreads within a step.
@@ -365,7 +365,7 @@ impl Filter {
         };
         let reference = heading.heading;
         let mut belief = Belief::new(&model, &spec);
-        let antenna = fix.arm.unwrap_or(config.gnss.antenna_m);
+        let antenna = fix.lever_arm.unwrap_or(config.gnss.antenna_m);
         let level = Tilt::default().rotation() * Vector3::from(antenna);
         let p = Rotation2::new(-reference) * Vector2::new(fix.position[0], fix.position[1]);
         let v = Rotation2::new(-reference) * Vector2::new(fix.velocity[0], fix.velocity[1]);
@@ -397,36 +397,36 @@ impl Filter {
             mean_velocity: Vector2::new(fix.velocity[0], fix.velocity[1]),
             mean_heading: reference,
             mean_heading_rate: 0.0,
-            unexplained: unexplained::Unexplained::new(at),
-            growth: growth::Growth::new(at),
-            crests: crests::Crests::default(),
+            adaptive_noise: adaptive_noise::AdaptiveNoise::new(at),
+            prediction_scale: prediction_scale::PredictionScale::new(at),
+            bound_waves: bound_waves::BoundWaves::default(),
             step,
             pending: Default::default(),
             first: Default::default(),
-            past: past::Past::default(),
-            remodelled: false,
-            imu_arm: Vector3::from(config.imu.lever_arm_m),
+            history: history::History::default(),
+            model_changed: false,
+            imu_lever_arm: Vector3::from(config.imu.lever_arm_m),
             last_imu: at,
             inertial: false,
             last_attitude: None,
             consistency: Consistency::default(),
             decimate: 0,
-            refused_imu: 0,
-            refused_fixes: 0,
-            refused_rows: [[0; 3]; 2],
-            refused_attitudes: 0,
+            rejected_imu: 0,
+            rejected_fixes: 0,
+            rejected_rows: [[0; 3]; 2],
+            rejected_attitudes: 0,
             row: Vec::with_capacity(64),
         }
     }
 
     /// Propagates by whole steps so that the state is within half a step of `ahead` seconds on.
     fn advance(&mut self, ahead: f64) {
-        let steps = (ahead / STEP_S).round().clamp(0.0, LONGEST_GAP_S / STEP_S) as u32;
+        let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 0..steps {
-            self.unbind();
+            self.remove_bound_waves();
             self.belief.propagate(&self.step);
             self.at += Span::from_secs(STEP_S);
-            self.rebind();
+            self.add_bound_waves();
         }
     }
 
@@ -480,29 +480,32 @@ impl Filter {
         let off = wrap_angle(self.mean_heading - self.reference);
         if off.abs() > TURN_RAD {
             self.belief.turn(off);
-            self.crests.turn(off);
-            self.past.clear();
+            self.bound_waves.turn(off);
+            self.history.clear();
             self.reference = self.mean_heading;
         }
     }
 
     /// Gives the model the disturbances that the innovations call for.
     fn adapt(&mut self, config: &VesselNodeConfig) {
-        let slip = if self.sea.identified {
-            self.crests.slip()
+        let wave_following_deficit = if self.sea.identified {
+            self.bound_waves.wave_following_deficit()
         } else {
             0.0
         };
-        if self.unexplained.judge(self.at, slip) {
-            let figures = self.unexplained.figures(&config.model);
+        if self
+            .adaptive_noise
+            .is_rebuild_due(self.at, wave_following_deficit)
+        {
+            let adapted = self.adaptive_noise.adapted(&config.model);
             let components = self.model.components().to_vec();
-            self.set_model(config, VesselModel::new(&figures, &components));
+            self.set_model(config, VesselModel::new(&adapted, &components));
         }
     }
 
     fn set_model(&mut self, config: &VesselNodeConfig, model: VesselModel) {
         // A phase that the identification doubts is half forgotten (ours).
-        self.belief.remodel(&model, 0.1);
+        self.belief.change_model(&model, 0.1);
         self.step = self.belief.step(&model, STEP_S);
         self.horizon = Horizon::new(
             &model,
@@ -510,8 +513,8 @@ impl Filter {
             alight_shared::msg::PREDICTION_STAGES - 1,
         );
         self.model = model;
-        self.hand_over();
-        self.remodelled = true;
+        self.reassign_bound_waves();
+        self.model_changed = true;
     }
 
     /// Opens the covariance of what moves fast, after too many refusals.

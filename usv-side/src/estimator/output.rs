@@ -2,14 +2,14 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{
-    Header, PREDICTION_STAGES, PredictedStage, SLOPES, VesselEstimate, VesselPrediction, WaveModel,
+    Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::seq::Seq;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{Rotation2, Vector2};
 
-use super::growth::{self, AHEAD_S, COMPARED, Foretold};
+use super::prediction_scale::{self, AHEAD_S, COMPARED, Predicted};
 use super::{Filter, GNSS_BIAS, STEP_S, Tilt};
 use crate::VesselNodeConfig;
 
@@ -92,7 +92,7 @@ impl Filter {
     pub(crate) fn wave_model(
         &self,
         header: Header<VesselClock>,
-        slopes: Seq<u8, SLOPES>,
+        slopes: Seq<u8, SLOPE_WINDOWS>,
     ) -> WaveModel<VesselClock> {
         WaveModel {
             header: Header {
@@ -101,8 +101,8 @@ impl Filter {
             },
             significant_height_m: self.sea.significant_height_m.clamp(0.0, 50.0) as f32,
             confidence: self.sea.confidence.clamp(0.0, 1.0) as f32,
-            orbital_slip: self.crests.slip() as f32,
-            sharpness: self.crests.crested().sharp as f32,
+            wave_following_deficit: self.bound_waves.wave_following_deficit() as f32,
+            crest_steepening: self.bound_waves.nonlinearity().crest_steepening as f32,
             components: self.belief.wave_message(self.reference),
             slopes,
         }
@@ -121,9 +121,9 @@ impl Filter {
         let (with_eta, _, own) = self.level_covariance();
         let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
         let ahead: [[f64; PREDICTION_STAGES]; 6] = core::array::from_fn(|d| self.variances_ahead(d));
-        let unbound = self.unbound();
+        let without_bound_waves = self.without_bound_waves();
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
-            let m = self.foretold(&unbound, k);
+            let m = self.predicted(&without_bound_waves, k);
             let var: [f64; 6] = core::array::from_fn(|d| ahead[d][k]);
             let tilt = Tilt {
                 angles: [m[ROLL][0], m[PITCH][0]],
@@ -188,11 +188,11 @@ impl Filter {
 
     /// What the variance of a degree of freedom grows by until stage `k`: the waves' part and the
     /// disturbance's.
-    fn growth_ahead(&self, dof: usize, k: usize) -> (f64, f64) {
+    fn variance_growth(&self, dof: usize, k: usize) -> (f64, f64) {
         let variance = |k| self.horizon.covariance(&self.belief, dof, k)[0];
         let all = variance(k) - variance(0);
         let t = k as f64 * self.horizon.step_s();
-        let own = growth::disturbance(self.model.config(), dof, t).min(all.max(0.0));
+        let own = prediction_scale::disturbance(self.model.config(), dof, t).min(all.max(0.0));
         (all - own, own)
     }
 
@@ -200,7 +200,7 @@ impl Filter {
     /// adds, and what the waves add, scaled as the last predictions have fared.
     fn variances_ahead(&self, dof: usize) -> [f64; PREDICTION_STAGES] {
         let factor = match self.compared_stage() {
-            Some(k) => self.growth.factor(dof, self.growth_ahead(dof, k).0),
+            Some(k) => self.prediction_scale.factor(dof, self.variance_growth(dof, k).0),
             None => 1.0,
         };
         let now = self.horizon.covariance(&self.belief, dof, 0)[0];
@@ -209,35 +209,35 @@ impl Filter {
             return [f64::INFINITY; PREDICTION_STAGES];
         }
         core::array::from_fn(|k| {
-            let (waves, own) = self.growth_ahead(dof, k);
+            let (waves, own) = self.variance_growth(dof, k);
             // A variance that shrinks for a while (a phase that is known better later) is left alone.
             now + own + if waves > 0.0 { factor * waves } else { waves }
         })
     }
 
     /// Holds the predictions whose time has come against the state, and makes new ones.
-    pub(super) fn hold_against_predictions(&mut self) {
+    pub(super) fn check_predictions(&mut self) {
         let now = COMPARED.map(|d| self.belief.get(d, ETA));
-        self.growth
+        self.prediction_scale
             .compare(self.at, self.reference, now, Span::from_secs(0.5 * STEP_S));
         let Some(k) = self.compared_stage() else { return };
-        if self.growth.is_due(self.at) {
-            let mean = self.foretold(&self.unbound(), k);
-            let foretold = COMPARED.map(|d| {
-                let (waves, disturbance) = self.growth_ahead(d, k);
-                Foretold {
+        if self.prediction_scale.is_due(self.at) {
+            let mean = self.predicted(&self.without_bound_waves(), k);
+            let predicted = COMPARED.map(|d| {
+                let (waves, disturbance) = self.variance_growth(d, k);
+                Predicted {
                     mean: mean[d][0],
                     waves: waves.max(0.0),
                     disturbance,
                 }
             });
-            self.growth.foretell(self.at, self.reference, foretold);
+            self.prediction_scale.push(self.at, self.reference, predicted);
         }
     }
 
     /// Standard deviations of eta and nu are finite: it may speak.
-    pub(crate) fn may_speak(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
-        self.motion_age(now) <= config.imu.silence_s
+    pub(crate) fn can_publish(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
+        self.motion_age(now) <= config.imu.timeout_s
             && self.belief.variance(YAW, NU).is_finite()
             && self.belief.is_finite()
     }

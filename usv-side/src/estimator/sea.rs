@@ -18,9 +18,9 @@ const REST_S: f64 = 0.5;
 /// Shift of a frequency of encounter that calls for a rebuild, relative.
 const SHIFT: f64 = 0.002;
 /// Time in which a shift is forgotten, in updates of the identification (1 s each).
-const UNSETTLED_S: f64 = 10.0;
+const SHIFT_MEMORY_S: f64 = 10.0;
 /// Shift above which the identification's phases are called in.
-const UNSETTLED: f64 = 0.05;
+const MAX_SHIFT: f64 = 0.05;
 /// Change of the mean velocity of a drifting vessel that is believed between two states of the
 /// identification, m/s.
 const CHANGE_MPS: f64 = 0.5;
@@ -52,7 +52,7 @@ pub(crate) struct SeaView {
     /// What was identified last.
     pub(super) state: Option<SeaState>,
     /// Shift of the frequencies of encounter that is not digested yet, relative.
-    unsettled: f64,
+    encounter_shift: f64,
 }
 
 /// Component of the model from an identified one, in the frame at the `reference` heading.
@@ -65,7 +65,7 @@ fn component(sea: &SeaComponent, damping: f64, reference: f64, mean_velocity: [f
         damping,
         drive: [0.0; 6],
     };
-    c.meet(mean_velocity);
+    c.update_encounter(mean_velocity);
     // Standard deviations of the oscillators; a tenth goes across the direction of travel, for the
     // direction is not exact and the hull is not round.
     let half = core::f64::consts::FRAC_1_SQRT_2;
@@ -145,13 +145,13 @@ impl Filter {
             self.sea.significant_height_m = state.significant_height_m;
         }
         if news {
-            self.crests.meet(state);
+            self.bound_waves.update_encounter(state);
             self.sea.state = Some(state.clone());
-            self.hand_over();
-            self.sea.unsettled *= (-1.0_f64 / UNSETTLED_S).exp();
+            self.reassign_bound_waves();
+            self.sea.encounter_shift *= (-1.0_f64 / SHIFT_MEMORY_S).exp();
         }
-        if news && self.sea.identified && self.sea.unsettled > UNSETTLED {
-            self.settle(state);
+        if news && self.sea.identified && self.sea.encounter_shift > MAX_SHIFT {
+            self.reinitialise_phases(state);
         }
         match state.verdict {
             Verdict::Broad => {
@@ -159,11 +159,11 @@ impl Filter {
                     self.sea.confidence = 0.0;
                     if self.sea.identified {
                         self.sea.identified = false;
-                        self.growth.forget();
+                        self.prediction_scale.forget();
                         self.sea.components.clear();
                         self.sea.built = Some(self.at);
-                        let figures = self.unexplained.figures(&config.model);
-                        self.set_model(config, VesselModel::with_bank(&figures));
+                        let adapted = self.adaptive_noise.adapted(&config.model);
+                        self.set_model(config, VesselModel::with_bank(&adapted));
                     }
                 }
             }
@@ -175,7 +175,9 @@ impl Filter {
                     .map(|c| component(c, config.model.wave_damping, self.reference, velocity))
                     .collect();
                 // Crests that are reckoned with hold their harmonics.
-                if self.crests.slip() < BOUND_SLIP && self.crests.crested().sharp < BOUND_SHARP {
+                if self.bound_waves.wave_following_deficit() < BOUND_SLIP
+                    && self.bound_waves.nonlinearity().crest_steepening < BOUND_SHARP
+                {
                     wanted.extend(harmonic(&wanted, config));
                 }
                 if self.sea.identified && !differs(&wanted, &self.sea.components) {
@@ -192,16 +194,16 @@ impl Filter {
                             .reduce(f64::min)
                     })
                     .fold(0.0, f64::max);
-                self.sea.unsettled += moved;
+                self.sea.encounter_shift += moved;
                 let first = !self.sea.identified;
                 if first {
-                    self.growth.forget();
+                    self.prediction_scale.forget();
                 }
                 let old = core::mem::take(&mut self.sea.components);
                 self.sea.identified = true;
                 self.sea.built = Some(self.at);
-                let figures = self.unexplained.figures(&config.model);
-                self.set_model(config, VesselModel::new(&figures, &wanted));
+                let adapted = self.adaptive_noise.adapted(&config.model);
+                self.set_model(config, VesselModel::new(&adapted, &wanted));
                 for (j, c) in wanted.iter().enumerate() {
                     let known = old
                         .iter()
@@ -233,7 +235,7 @@ impl Filter {
     /// After a turn the filter's phases are in doubt, but those of the identification are not: it
     /// fits the last minute along the vessel's path in the earth frame. Its phasors are fused like
     /// measurements, a fifth of the amplitude wrong (ours).
-    fn settle(&mut self, state: &SeaState) {
+    fn reinitialise_phases(&mut self, state: &SeaState) {
         let layout = self.belief.layout().clone();
         for c in state.components.iter() {
             let o = encounter_frequency(c.omega, c.direction, self.encounter_velocity(state));

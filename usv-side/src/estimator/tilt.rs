@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn the_gyro_gives_the_rates_back() {
+    fn gyroscope_rates_invert_the_tilt_kinematics() {
         let t = tilt();
         let g = t.rates_from_gyro(t.body_rates());
         assert!((g[0] - t.rates[0]).abs() < 1e-12);

@@ -16,8 +16,8 @@ use ::csv::{ReaderBuilder, StringRecord, Trim};
 use alight_shared::frames::{Datum, wrap_angle};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 
-use super::{Gather, LogError, Recorded};
-use crate::sensors::{Decoded, Heard, Measurement, Mount, Mounting};
+use super::{Gather, LogError, Recording};
+use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement};
 
 /// Columns with the greatest magnitude that a cell may have.
 const COLUMNS: [(&str, f64); 19] = [
@@ -77,7 +77,7 @@ const GNSS_SD: [f64; 2] = [0.5, 0.1];
 type Row = [Option<f64>; COLUMNS.len()];
 
 /// Reads a table.
-pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded, LogError> {
+pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
     let (rows, decoded, first_bad) = rows(bytes, origin)?;
     if decoded.corrupted > decoded.good {
         let (line, message) = first_bad.unwrap_or_default();
@@ -104,7 +104,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded
         let Some(t) = row[TIME] else { continue };
         let at_ns = (t * 1e9).round() as i64;
         for measurement in measurements(row, &mounting, mean_heading) {
-            gather.push(Heard { at_ns, measurement }, 0);
+            gather.push(SourceMeasurement { at_ns, measurement }, 0);
         }
     }
     let mut notes = Vec::new();
@@ -114,7 +114,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded
             decoded.corrupted - 1
         ));
     }
-    Ok(Recorded {
+    Ok(Recording {
         format: "CSV",
         measurements: gather.finish(origin)?,
         decoded,
@@ -133,7 +133,7 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
         out.push(Measurement::Imu(ImuSample {
             gyro: mounting.vector(gyro),
             accelerometer: mounting.vector(force),
-            arm: Some(mounting.mount.lever_arm_m),
+            lever_arm: Some(mounting.mount.lever_arm_m),
             ..ImuSample::default()
         }));
     }
@@ -156,7 +156,7 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
             position_sd: mounting.position_sd([PLACE_SD_M, PLACE_SD_M, NOT_MEASURED_SD]),
             velocity_sd: [NOT_MEASURED_SD; 3],
             // The reference point's own place.
-            arm: Some([0.0; 3]),
+            lever_arm: Some([0.0; 3]),
             ..GnssFix::default()
         }));
     }
@@ -174,7 +174,7 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
             velocity: velocity.unwrap_or_default(),
             position_sd: mounting.position_sd([sd, sd, 2.0 * sd]),
             velocity_sd: mounting.velocity_sd([velocity_sd; 3]),
-            arm: Some(mounting.mount.antenna_m),
+            lever_arm: Some(mounting.mount.antenna_m),
             ..GnssFix::default()
         }));
     }
@@ -249,12 +249,12 @@ fn rows(bytes: &[u8], origin: &str) -> Result<Rows, LogError> {
         match row {
             Ok(row) => {
                 decoded.good += 1;
-                if rows.len() >= super::MOST_MEASUREMENTS {
+                if rows.len() >= super::MAX_MEASUREMENTS {
                     return Err(LogError::Whole {
                         origin: origin.into(),
                         message: format!(
                             "more than {} rows; cut the table into parts",
-                            super::MOST_MEASUREMENTS
+                            super::MAX_MEASUREMENTS
                         ),
                     });
                 }
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_is_what_its_columns_say() {
+    fn csv_row_becomes_one_measurement_per_column_group() {
         let r = read(table(60).as_bytes(), "t", &Mount::default()).unwrap();
         let [
             Measurement::Attitude(a),
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_rows_are_left_out_and_named_and_bad_tables_refused() {
+    fn csv_reader_skips_bad_rows_and_rejects_bad_headers() {
         let mut text = table(60);
         text += "6.0,x,2,90,0,3,4\n\n6.1,1,2\n6.2,1,NaN,90,0,3,4\n";
         let r = read(text.as_bytes(), "t", &Mount::default()).unwrap();

@@ -8,10 +8,10 @@ use alight_shared::msg::{Header, ImuSample};
 use alight_shared::time::{Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Average, Decoded, Heard, Measurement, Mount, Mounting, NmeaDecoder};
+use crate::sensors::{Average, Decoded, Measurement, Mount, Mounting, NmeaDecoder, SourceMeasurement};
 
 /// Most measurements that a recording may hold.
-pub const MOST_MEASUREMENTS: usize = 2_000_000;
+pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
 /// Why a recording was refused.
 #[derive(Debug, Error)]
@@ -48,7 +48,7 @@ pub enum LogError {
 
 /// What a recording holds.
 #[derive(Clone, Debug, Default)]
-pub struct Recorded {
+pub struct Recording {
     /// What kind of file it is.
     pub format: &'static str,
     /// Its measurements in their order, on a clock that begins near zero.
@@ -70,7 +70,7 @@ struct Gather {
 
 impl Gather {
     /// A measurement of a source's time; inertial samples are averaged to the filter's rate.
-    fn push(&mut self, heard: Heard, source: u8) {
+    fn push(&mut self, heard: SourceMeasurement, source: u8) {
         let first = *self.first_ns.get_or_insert(heard.at_ns);
         match heard.measurement {
             Measurement::Imu(m) => {
@@ -85,7 +85,7 @@ impl Gather {
         }
     }
     fn add(&mut self, at_ns: i64, measurement: Measurement, source: u8) {
-        if self.measurements.len() >= MOST_MEASUREMENTS {
+        if self.measurements.len() >= MAX_MEASUREMENTS {
             self.overflowed = true;
             return;
         }
@@ -108,7 +108,7 @@ impl Gather {
         };
         if self.overflowed {
             return Err(whole(format!(
-                "more than {MOST_MEASUREMENTS} measurements; cut the recording into parts"
+                "more than {MAX_MEASUREMENTS} measurements; cut the recording into parts"
             )));
         }
         let times = || self.measurements.iter().map(Measurement::at);
@@ -131,7 +131,7 @@ impl Gather {
 }
 
 /// Reads a recording; `origin` names it in errors, `mount` says how its sensors are mounted.
-pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded, LogError> {
+pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
     let kind = |message: &str| LogError::Kind {
         origin: origin.into(),
         message: message.into(),
@@ -167,7 +167,7 @@ fn looks_like_nmea(head: &[u8]) -> bool {
 }
 
 /// NMEA 0183 text, with or without a logger's own words before each sentence.
-fn nmea(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded, LogError> {
+fn nmea(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
     let mut decoder = NmeaDecoder::new(&Mounting::new(mount));
     let (mut gather, mut heard) = (Gather::default(), Vec::new());
     for part in bytes.chunks(1 << 16) {
@@ -176,7 +176,7 @@ fn nmea(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded, LogError>
     }
     decoder.finish(&mut heard);
     heard.drain(..).for_each(|h| gather.push(h, 0));
-    Ok(Recorded {
+    Ok(Recording {
         format: "NMEA 0183",
         measurements: gather.finish(origin)?,
         decoded: decoder.decoded(),
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_logger_writes_before_a_sentence_is_passed_over() {
+    fn nmea_log_reader_skips_the_prefix_of_a_logger() {
         let [_, sentences] = good();
         let r = read(&sentences, "log", &Mount::default()).unwrap();
         assert_eq!(
@@ -219,13 +219,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_bytes_are_read_or_refused(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
+        fn log_reader_survives_any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..3000)) {
             let _read = read(&bytes, "log", &Mount::default());
             let _table = read(&[b"t_s,roll_deg,pitch_deg\n", &bytes[..]].concat(), "log", &Mount::default());
         }
 
         #[test]
-        fn damaged_recordings_are_read_or_refused(
+        fn log_reader_survives_damaged_recordings(
             which in 0_usize..2,
             changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..100),
             cut in any::<prop::sample::Index>(),

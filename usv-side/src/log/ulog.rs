@@ -9,8 +9,8 @@ use alight_shared::frames::Datum;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::{Gather, LogError, Recorded};
-use crate::sensors::{Decoded, Heard, Measurement, Mount, Mounting};
+use super::{Gather, LogError, Recording};
+use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement};
 
 /// The first bytes.
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
@@ -24,8 +24,8 @@ const ATTITUDE_STEP_US: u64 = 40_000;
 /// Headings of the autopilot's own filter, us.
 const HEADING_STEP_US: u64 = 200_000;
 /// Longest declared format and most fields that are looked at.
-const MOST_FORMAT: usize = 8192;
-const MOST_FIELDS: usize = 256;
+const MAX_FORMAT: usize = 8192;
+const MAX_FIELDS: usize = 256;
 
 /// Topics that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -84,7 +84,7 @@ type Format = BTreeMap<String, (usize, Primitive, usize)>;
 /// `type name;type[n] name;...`, as far as its types are primitive.
 fn format(fields: &str) -> Format {
     let (mut format, mut at) = (Format::new(), 0_usize);
-    for field in fields.split(';').take(MOST_FIELDS) {
+    for field in fields.split(';').take(MAX_FIELDS) {
         let Some((kind, name)) = field.trim().split_once(' ') else {
             continue;
         };
@@ -155,7 +155,7 @@ impl Data<'_> {
 }
 
 /// Reads a log.
-pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded, LogError> {
+pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
     let mut reader = Reader {
         mounting: Mounting::new(mount),
         ..Reader::default()
@@ -195,7 +195,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recorded
             "the autopilot dropped data {dropouts} times while logging"
         ));
     }
-    Ok(Recorded {
+    Ok(Recording {
         format: "ULog",
         measurements: gather.finish(origin)?,
         decoded,
@@ -235,7 +235,7 @@ impl Reader {
                     return Err("the log is of a later ULog version than is read".into());
                 }
             }
-            b'F' if payload.len() <= MOST_FORMAT => {
+            b'F' if payload.len() <= MAX_FORMAT => {
                 let declared = text(payload);
                 let declared = declared.as_deref().and_then(|t| t.split_once(':'));
                 if let Some((name, fields)) = declared
@@ -314,7 +314,8 @@ impl Reader {
             None => self.decoded.corrupted += 1,
         }
         for measurement in out {
-            self.gather.push(Heard { at_ns, measurement }, instance);
+            self.gather
+                .push(SourceMeasurement { at_ns, measurement }, instance);
         }
     }
 }
@@ -335,7 +336,7 @@ impl Mounting {
         Some(Measurement::Imu(ImuSample {
             gyro: self.vector(data.three("gyro_rad")?),
             accelerometer: self.vector(data.three("accelerometer_m_s2")?),
-            arm: Some(self.mount.lever_arm_m),
+            lever_arm: Some(self.mount.lever_arm_m),
             ..ImuSample::default()
         }))
     }
@@ -377,7 +378,7 @@ impl Mounting {
             velocity,
             position_sd: self.position_sd([across, across, if kind >= 3.0 { down } else { NOT_MEASURED_SD }]),
             velocity_sd: self.velocity_sd([velocity_sd; 3]),
-            arm: Some(self.mount.antenna_m),
+            lever_arm: Some(self.mount.antenna_m),
             ..GnssFix::default()
         });
         let heading = data.finite("heading", 0).map(|heading| HeadingFix {
@@ -462,12 +463,12 @@ mod tests {
         }
         out
     }
-    fn read_all(bytes: &[u8]) -> Result<Recorded, LogError> {
+    fn read_all(bytes: &[u8]) -> Result<Recording, LogError> {
         read(bytes, "log", &Mount::default())
     }
 
     #[test]
-    fn a_boats_pixhawk_is_read_by_the_formats_that_it_declares() {
+    fn ulog_is_read_by_its_declared_formats() {
         let r = read_all(&log(20)).unwrap();
         let count = |kind| r.measurements.iter().filter(|m| m.kind() == kind).count();
         assert_eq!((count(0), count(1), count(2), count(3)), (2000, 100, 100, 500));
@@ -480,7 +481,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_log_goes_on_at_the_next_mark_and_one_cut_off_ends_there() {
+    fn ulog_reader_resumes_at_the_next_sync_message_after_damage() {
         let whole = log(20);
         let mut damaged = whole.clone();
         // The kind of some message in the middle.
@@ -512,7 +513,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn any_damage_is_survived(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..200), cut in any::<prop::sample::Index>()) {
+        fn ulog_reader_survives_any_damage(changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..200), cut in any::<prop::sample::Index>()) {
             let mut bytes = log(6);
             for (at, to) in changes {
                 let k = at.index(bytes.len());

@@ -55,7 +55,7 @@ fn node() -> VesselNode {
 }
 
 #[test]
-fn a_vessel_at_rest_is_found_at_rest() {
+fn vessel_node_estimates_rest_for_a_vessel_at_rest() {
     let mut n = node();
     let mut last = None;
     let (mut estimates, mut waves, mut predictions) = (0, 0, 0);
@@ -75,13 +75,13 @@ fn a_vessel_at_rest_is_found_at_rest() {
     // 20 s at 30, 5 and 2 Hz.
     assert!((580..=600).contains(&estimates), "{estimates}");
     assert!((95..=100).contains(&waves) && (38..=40).contains(&predictions));
-    assert_eq!(n.refused(), Refused::default());
+    assert_eq!(n.rejected(), Rejections::default());
 }
 
 /// A hull that slams is pushed aside by 2 m/s, and the inertial sensor, refused at first, says nothing of it.
 /// The estimator once went on for minutes, tens of metres away: two rows of six refused were too few to doubt.
 #[test]
-fn a_push_that_only_the_receiver_saw_is_believed_within_two_seconds() {
+fn vessel_node_follows_a_lateral_push_seen_only_by_gnss_within_2_s() {
     let mut n = node();
     let (begins, speed) = (2000, 2.0);
     let mut last = None;
@@ -105,7 +105,7 @@ fn a_push_that_only_the_receiver_saw_is_believed_within_two_seconds() {
 }
 
 #[test]
-fn nothing_is_said_before_all_sensors_have_spoken_nor_after_the_imu_has_gone() {
+fn vessel_node_publishes_nothing_before_all_sensors_report_or_after_imu_loss() {
     let mut n = node();
     for k in 0..100 {
         let only = VesselIn {
@@ -131,7 +131,7 @@ fn nothing_is_said_before_all_sensors_have_spoken_nor_after_the_imu_has_gone() {
 }
 
 #[test]
-fn repeated_and_reordered_samples_are_counted_and_change_nothing() {
+fn vessel_node_counts_and_ignores_repeated_and_reordered_samples() {
     let (mut clean, mut dirty) = (node(), node());
     for k in 0..500 {
         let input = rest(k);
@@ -142,11 +142,11 @@ fn repeated_and_reordered_samples_are_counted_and_change_nothing() {
         let b = dirty.step(time(k), &twice);
         assert_eq!(a.estimate, b.estimate);
     }
-    assert_eq!(dirty.refused().order, 1000);
+    assert_eq!(dirty.rejected().order, 1000);
 }
 
 #[test]
-fn a_time_request_gets_the_four_stamps_and_another_vessels_does_not() {
+fn vessel_node_answers_its_own_time_requests_with_all_stamps() {
     let mut n = node();
     let ask = |vessel| {
         Stamped::new(
@@ -168,14 +168,14 @@ fn a_time_request_gets_the_four_stamps_and_another_vessels_does_not() {
     assert_eq!(out.time_replies.len(), 1);
     let r = out.time_replies[0];
     assert_eq!(
-        (r.asked_at, r.received_at, r.header.at),
+        (r.requested_at, r.received_at, r.header.at),
         (Time::from_secs(77.0), time(3), time(4))
     );
-    assert_eq!((r.header.drone, n.refused().other_vessel), (7, 1));
+    assert_eq!((r.header.drone, n.rejected().other_vessel), (7, 1));
 }
 
 #[test]
-fn what_it_says_survives_the_wire() {
+fn vessel_node_messages_survive_encoding() {
     let (mut n, mut told) = (node(), 0);
     for k in 0..200 {
         let out = n.step(time(k), &rest(k));
@@ -208,7 +208,7 @@ fn wild3() -> impl Strategy<Value = [f64; 3]> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]
-    fn garbage_among_good_input_is_harmless(
+    fn vessel_node_recovers_from_garbage_among_good_input(
         garbage in prop::collection::vec((20i64..600, 0u8..3, wild3(), wild3(), -2000i64..2000), 1..80)
     ) {
         let mut n = node();

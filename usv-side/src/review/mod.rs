@@ -5,7 +5,7 @@
 //! filter expected of them (innovations), and whether the node's predictions fit what it said itself
 //! when the time had come.
 
-mod foretold;
+mod predictions;
 
 use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveComponent};
 use alight_shared::node::Node;
@@ -14,12 +14,12 @@ use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use serde::Serialize;
 
 use crate::estimator::{Channel, Consistency};
-use crate::log::Recorded;
+use crate::log::Recording;
 use crate::node::{KINDS, SourceCounts, VesselIn, VesselNode};
 use crate::sensors::{Decoded, Measurement};
 use crate::{VesselNodeConfig, estimator::Fit};
-use foretold::Foretold;
-pub use foretold::{HORIZONS_S, PredictionReview};
+use predictions::Predictions;
+pub use predictions::{HORIZONS_S, PredictionReview};
 
 /// The node's step, as in the vessel's process.
 const TICK: Span = Span::from_millis(10);
@@ -62,7 +62,7 @@ pub struct SourceReview {
     /// Not newer than the one before: out of order or repeated.
     pub out_of_order: u64,
     /// Too old, from the future or absurd.
-    pub refused: u64,
+    pub rejected: u64,
     /// Not needed beside another source.
     pub spare: u64,
 }
@@ -76,7 +76,7 @@ pub struct SeaReview {
     /// Median of the period of the strongest component, s.
     pub peak_period_s: Option<f64>,
     /// Share of the time in which the sea was identified, 0 to 1.
-    pub identified_share: f64,
+    pub identified_fraction: f64,
     /// Mean confidence while it was, 0 to 1.
     pub confidence: f64,
     /// The components at the end, strongest first.
@@ -121,7 +121,7 @@ pub struct Review {
     /// From the first measurement to the last, s.
     pub duration_s: f64,
     /// Innovations and predictions are judged from here on, s after the first measurement.
-    pub judged_from_s: f64,
+    pub evaluated_from_s: f64,
     /// What the decoder made of the bytes.
     pub decoded: Decoded,
     /// Measurements dated far ahead of those after them.
@@ -145,7 +145,7 @@ pub struct Review {
 }
 
 /// Passes a recording through the node.
-pub fn review(config: &VesselNodeConfig, recorded: &Recorded) -> Review {
+pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
     let all = without_outliers(&recorded.measurements);
     let first = all.first().map(|m| m.at()).unwrap_or_default();
     let last = all.iter().map(|m| m.at()).max().unwrap_or_default();
@@ -160,10 +160,10 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recorded) -> Review {
     }
     let mut feed = Feed {
         node: VesselNode::new(config, 1, 1),
-        judged: Judged::new(last - first, first, tells_heave(&all)),
+        evaluation: Evaluation::new(last - first, first, tells_heave(&all)),
     };
     let mut now = first;
-    let mut standing = Standing {
+    let mut substitute = Substitute {
         next: first,
         place: no_place,
         heading: no_heading,
@@ -182,24 +182,24 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recorded) -> Review {
                 Measurement::Attitude(m) => input.attitude.push(*m),
             }
         }
-        standing.add(now, &mut input);
+        substitute.add(now, &mut input);
         feed.step(now, &input);
         now += TICK;
     }
-    let Feed { node, judged } = feed;
+    let Feed { node, evaluation } = feed;
     Review {
         format: recorded.format,
         duration_s: (last - first).secs(),
-        judged_from_s: (judged.from - first).secs(),
+        evaluated_from_s: (evaluation.from - first).secs(),
         decoded: recorded.decoded,
         outliers_in_time: (recorded.measurements.len() - all.len()) as u64,
         sources: sources(&all, &node),
         restarts: node.gated().restarts,
-        estimates: judged.estimates,
-        motion_sd: judged.motion_sd(),
-        sea: judged.sea(),
-        innovations: judged.innovations(&node.estimator().consistency()),
-        predictions: judged.foretold.reviews(),
+        estimates: evaluation.estimates,
+        motion_sd: evaluation.motion_sd(),
+        sea: evaluation.sea(),
+        innovations: evaluation.innovations(&node.estimator().consistency()),
+        predictions: evaluation.predictions.reviews(),
         notes,
     }
 }
@@ -236,13 +236,13 @@ fn tells_heave(all: &[&Measurement]) -> bool {
 }
 
 /// Stands in for what a recording lacks.
-struct Standing {
+struct Substitute {
     next: Time<VesselClock>,
     place: bool,
     heading: bool,
 }
 
-impl Standing {
+impl Substitute {
     fn add(&mut self, now: Time<VesselClock>, input: &mut VesselIn) {
         if now < self.next || !(self.place || self.heading) {
             return;
@@ -255,7 +255,7 @@ impl Standing {
                 header,
                 position_sd: [place, place, NOT_MEASURED_SD],
                 velocity_sd: [velocity, velocity, NOT_MEASURED_SD],
-                arm: Some([0.0; 3]),
+                lever_arm: Some([0.0; 3]),
                 ..GnssFix::default()
             });
         }
@@ -273,39 +273,39 @@ impl Standing {
 /// The node at work on a recording.
 struct Feed {
     node: VesselNode,
-    judged: Judged,
+    evaluation: Evaluation,
 }
 
 impl Feed {
     fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) {
         let out = self.node.step(now, input);
-        let judged = &mut self.judged;
-        let counted = now >= judged.from;
-        if counted && judged.before.is_none() {
-            judged.before = Some(self.node.estimator().consistency());
+        let evaluation = &mut self.evaluation;
+        let counted = now >= evaluation.from;
+        if counted && evaluation.before.is_none() {
+            evaluation.before = Some(self.node.estimator().consistency());
         }
         if let Some(estimate) = &out.estimate {
-            judged.estimates += 1;
-            judged.foretold.compare(estimate);
+            evaluation.estimates += 1;
+            evaluation.predictions.compare(estimate);
             if counted {
-                judged
+                evaluation
                     .motion
                     .add([estimate.eta[2], estimate.eta[3], estimate.eta[4]]);
             }
         }
         if let Some(prediction) = out.prediction.as_ref().filter(|_| counted) {
-            judged.foretold.foretell(prediction);
+            evaluation.predictions.push(prediction);
         }
         if let Some(wave) = out.wave.as_ref().filter(|_| counted) {
-            let strongest = strongest(&wave.components, judged.heave);
-            judged.waves += 1;
+            let strongest = strongest(&wave.components, evaluation.heave);
+            evaluation.waves += 1;
             if wave.confidence > 0.0 {
-                judged.confidence += f64::from(wave.confidence);
-                judged.heights.push(f64::from(wave.significant_height_m));
-                judged.periods.extend(strongest.map(period));
+                evaluation.confidence += f64::from(wave.confidence);
+                evaluation.heights.push(f64::from(wave.significant_height_m));
+                evaluation.periods.extend(strongest.map(period));
             }
-            judged.components = wave.components.iter().copied().collect();
-            judged.identified = wave.confidence > 0.0;
+            evaluation.components = wave.components.iter().copied().collect();
+            evaluation.identified = wave.confidence > 0.0;
         }
     }
 }
@@ -346,13 +346,13 @@ impl Spread {
 }
 
 /// What is judged.
-struct Judged {
+struct Evaluation {
     from: Time<VesselClock>,
     heave: bool,
     before: Option<Consistency>,
     estimates: u64,
     motion: Spread,
-    foretold: Foretold,
+    predictions: Predictions,
     waves: u64,
     confidence: f64,
     heights: Vec<f64>,
@@ -361,15 +361,15 @@ struct Judged {
     identified: bool,
 }
 
-impl Judged {
+impl Evaluation {
     fn new(duration: Span, first: Time<VesselClock>, heave: bool) -> Self {
-        Judged {
+        Evaluation {
             from: first + Span::from_secs(SETTLE_S.min(duration.secs() / 3.0)),
             heave,
             before: None,
             estimates: 0,
             motion: Spread::default(),
-            foretold: Foretold::new(heave),
+            predictions: Predictions::new(heave),
             waves: 0,
             confidence: 0.0,
             heights: Vec::new(),
@@ -392,7 +392,7 @@ impl Judged {
         SeaReview {
             significant_height_m: median(&self.heights).filter(|_| self.heave),
             peak_period_s: median(&self.periods),
-            identified_share: identified / self.waves.max(1) as f64,
+            identified_fraction: identified / self.waves.max(1) as f64,
             confidence: self.confidence / identified.max(1.0),
             components: components
                 .map(|c| ComponentReview {
@@ -421,7 +421,7 @@ impl Judged {
                 fused: fit.fused,
                 gated: fit.gated,
                 nis_mean: fit.mean()?,
-                inside_95: fit.share_inside()?,
+                inside_95: fit.fraction_inside()?,
             })
         });
         rows.into_iter().flatten().collect()
@@ -467,7 +467,7 @@ fn sources(all: &[&Measurement], node: &VesselNode) -> Vec<SourceReview> {
                 taken: counts.taken,
                 gated: counts.gated,
                 out_of_order: counts.order,
-                refused: counts.refused,
+                rejected: counts.rejected,
                 spare: counts.spare,
             });
         }

@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_turn_is_followed_without_lag_and_waves_are_not() {
+    fn smoothed_course_follows_a_turn_without_lag_and_ignores_waves() {
         let t: Vec<f64> = (0..300).map(|i| 0.2 * f64::from(i)).collect();
         let turn = |t: f64| ((t - 28.0) / 6.0).clamp(0.0, 1.0) * core::f64::consts::FRAC_PI_2;
         let mut north: Vec<f64> = t

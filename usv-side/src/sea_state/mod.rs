@@ -15,12 +15,12 @@
 //! Usage: [`Identifier::push`] every sample, [`Identifier::update`] every tick; `update` works only
 //! when it is due (once in `update_period_s`) and within a fixed number of iterations.
 
-mod choice;
+mod bound_waves;
 mod config;
 mod course;
-mod crests;
 mod direction;
 mod fit;
+mod identifier;
 mod record;
 mod spectrum;
 mod tracker;
@@ -29,11 +29,11 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
 use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::{Bound, Crested, Felt, bound_motion};
+use alight_shared::vessel_model::{BoundMotion, WaveNonlinearity, WaveResponse, bound_motion};
 use nalgebra::Complex;
 
-pub use choice::Identifier;
 pub use config::SeaStateConfig;
+pub use identifier::Identifier;
 
 /// Slower than this a vessel is taken to drift, without a helmsman who changes its course, m/s.
 const DRIFT_MPS: f64 = 0.8;
@@ -123,17 +123,17 @@ impl SeaComponent {
 
 impl SeaState {
     /// What heave (down), roll and pitch of a hull that heads north differ by from the components' sum, `t`
-    /// seconds after the state's time, when it is `crested` by so much and goes at this mean velocity (north,
+    /// seconds after the state's time, when it is `nonlinearity` by so much and goes at this mean velocity (north,
     /// east, m/s).
-    pub fn bound(&self, crested: Crested, mean_velocity: [f64; 2], t: f64) -> Bound {
-        if crested.is_plain() {
-            return Bound::default();
+    pub fn bound(&self, nonlinearity: WaveNonlinearity, mean_velocity: [f64; 2], t: f64) -> BoundMotion {
+        if nonlinearity.is_linear() {
+            return BoundMotion::default();
         }
-        let waves: Vec<Felt> = self
+        let waves: Vec<WaveResponse> = self
             .components
             .iter()
             .map(|c| {
-                Felt::new(
+                WaveResponse::new(
                     [-c.heave, c.normal[1], -c.normal[0]],
                     (c.omega, c.encounter(mean_velocity)),
                     (c.direction, c.direction_sd),
@@ -141,7 +141,7 @@ impl SeaState {
                 )
             })
             .collect();
-        bound_motion(&waves, crested, t)
+        bound_motion(&waves, nonlinearity, t)
     }
 }
 

@@ -9,7 +9,7 @@ use super::MotionSample;
 /// Channels: acceleration upwards, normal north, normal east.
 pub(super) const CHANNELS: usize = 3;
 /// A gap after which the record starts anew: the path across it is not known well enough.
-const LONGEST_GAP_S: f64 = 5.0;
+const MAX_GAP_S: f64 = 5.0;
 /// Samples in a row that are older than the record after which the clock is taken to have jumped.
 const CLOCK_JUMP: u32 = 100;
 /// Beyond these a sample is absurd.
@@ -82,7 +82,7 @@ impl Record {
             return;
         }
         self.late_in_a_row = 0;
-        if dt > LONGEST_GAP_S {
+        if dt > MAX_GAP_S {
             self.restart(sample);
             return;
         }

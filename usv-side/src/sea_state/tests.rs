@@ -2,7 +2,7 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::Crested;
+use alight_shared::vessel_model::WaveNonlinearity;
 use nalgebra::{Complex, DMatrix, DVector};
 use proptest::prelude::*;
 
@@ -33,7 +33,7 @@ fn identify(samples: &[(MotionSample, [f64; 2])]) -> Option<SeaState> {
     let mut last = None;
     for (s, _) in samples {
         identifier.push(s);
-        last = identifier.update(s.at, Crested::default()).cloned();
+        last = identifier.update(s.at, WaveNonlinearity::default()).cloned();
     }
     last
 }
@@ -59,7 +59,7 @@ fn errors(state: &SeaState, planes: &[Plane]) -> (f64, f64) {
 }
 
 #[test]
-fn three_components_after_a_minute_from_s_1_1_to_1_5() {
+fn identifier_resolves_three_components_within_a_minute() {
     for (s, limit) in [(1.1, 0.02), (1.2, 0.01), (1.3, 0.01), (1.4, 0.01), (1.5, 0.01)] {
         for seed in 0..4 {
             let planes = paper(seed, 0.5, 5.0, s);
@@ -77,7 +77,7 @@ fn three_components_after_a_minute_from_s_1_1_to_1_5() {
 }
 
 #[test]
-fn usable_after_half_a_minute() {
+fn identifier_is_usable_after_30_s() {
     for seed in 0..4 {
         let planes = paper(seed, 0.5, 5.0, 1.3);
         let state = identify(&voyage(seed, 27.0, STILL, &|_| planes.clone()).samples()).unwrap();
@@ -92,7 +92,7 @@ fn usable_after_half_a_minute() {
 }
 
 #[test]
-fn heave_and_height_are_those_of_the_sea() {
+fn identifier_recovers_heave_and_significant_height() {
     let planes = paper(1, 0.5, 5.0, 1.3);
     let state = identify(&voyage(1, 61.0, STILL, &|_| planes.clone()).samples()).unwrap();
     let variance: f64 = planes.iter().map(|p| 0.5 * p.a * p.a).sum();
@@ -107,7 +107,7 @@ fn heave_and_height_are_those_of_the_sea() {
 }
 
 #[test]
-fn a_turn_at_2_mps_within_the_record_keeps_earth_frame_frequencies() {
+fn identifier_keeps_earth_frame_frequencies_through_a_turn() {
     let turn = |t: f64| {
         let a = ((t - 35.0) / 5.0).clamp(0.0, 1.0) * core::f64::consts::FRAC_PI_2;
         [2.0 * a.cos(), 2.0 * a.sin()]
@@ -123,7 +123,7 @@ fn a_turn_at_2_mps_within_the_record_keeps_earth_frame_frequencies() {
 }
 
 #[test]
-fn a_changed_sea_is_followed_within_about_a_minute() {
+fn identifier_follows_a_changed_sea_within_a_minute() {
     for seed in 0..3 {
         let (before, after) = (paper(seed, 0.5, 5.0, 1.3), paper(seed + 77, 0.8, 6.3, 1.2));
         let sea = |t: f64| {
@@ -136,7 +136,7 @@ fn a_changed_sea_is_followed_within_about_a_minute() {
 }
 
 #[test]
-fn a_calm_sea_has_no_components() {
+fn identifier_finds_no_components_in_a_calm_sea() {
     let state = identify(&voyage(3, 61.0, STILL, &|_| Vec::new()).samples()).unwrap();
     assert_eq!(state.verdict, Verdict::Calm);
     assert!(state.components.is_empty());
@@ -144,7 +144,7 @@ fn a_calm_sea_has_no_components() {
 }
 
 #[test]
-fn a_fast_small_deck_and_a_single_wave_are_identified() {
+fn identifier_finds_a_single_wave_and_a_fast_small_deck() {
     let fast = paper(5, 0.03, 1.43, 1.3);
     let state = identify(&voyage(5, 61.0, STILL, &|_| fast.clone()).samples()).unwrap();
     assert!(errors(&state, &fast).0 < 0.01);
@@ -155,7 +155,7 @@ fn a_fast_small_deck_and_a_single_wave_are_identified() {
 }
 
 #[test]
-fn an_irregular_sea_gives_bounded_components_within_its_band() {
+fn identifier_bounds_its_components_in_an_irregular_sea() {
     let planes = jonswap(2, 2.0, 6.0);
     let state = identify(&voyage(2, 90.0, STILL, &|_| planes.clone()).samples()).unwrap();
     assert!(state.components.len() <= MAX_COMPONENTS);
@@ -168,7 +168,7 @@ fn an_irregular_sea_gives_bounded_components_within_its_band() {
 
 /// Tilt (north, east) ahead of the end of `samples`: by the state, by holding, by a fixed bank of
 /// five frequencies fitted to the last 20 s.
-fn foretold(
+fn prediction_errors(
     samples: &[(MotionSample, [f64; 2])],
     state: &SeaState,
     ahead: f64,
@@ -207,7 +207,7 @@ fn foretold(
 }
 
 #[test]
-fn foretells_2_s_better_than_holding_and_than_a_fixed_bank() {
+fn identified_sea_predicts_2_s_better_than_holding_or_a_fixed_bank() {
     let (mut ours, mut hold, mut bank) = (0.0, 0.0, 0.0);
     for seed in 0..6 {
         let planes = paper(seed, 0.5, 5.0, 1.1 + 0.08 * seed as f64);
@@ -216,7 +216,7 @@ fn foretells_2_s_better_than_holding_and_than_a_fixed_bank() {
         let state = identify(record).unwrap();
         let end = (record[record.len() - 1].0.at - Time::from_secs(1000.0)).secs();
         let y = truth(&planes, end + 2.0, [0.0; 2], [0.0; 2]);
-        let (a, b, c) = foretold(record, &state, 2.0);
+        let (a, b, c) = prediction_errors(record, &state, 2.0);
         let error = |x: [f64; 2]| (x[0] - y[1]).powi(2) + (x[1] - y[2]).powi(2);
         ours += error(a);
         hold += error(b);
@@ -227,7 +227,7 @@ fn foretells_2_s_better_than_holding_and_than_a_fixed_bank() {
 }
 
 #[test]
-fn uneven_times_gaps_and_repeated_samples_are_harmless() {
+fn identifier_tolerates_uneven_times_gaps_and_repeats() {
     let planes = paper(4, 0.5, 5.0, 1.3);
     let mut random = jitter(4);
     let mut identifier = Identifier::new(&SeaStateConfig::default());
@@ -248,7 +248,7 @@ fn uneven_times_gaps_and_repeated_samples_are_harmless() {
                 ..*s
             });
         }
-        state = identifier.update(s.at, Crested::default()).cloned();
+        state = identifier.update(s.at, WaveNonlinearity::default()).cloned();
     }
     let (f, d) = errors(&state.unwrap(), &planes);
     assert!(f < 0.01 && d < 10.0, "{f} {d}");
@@ -256,19 +256,19 @@ fn uneven_times_gaps_and_repeated_samples_are_harmless() {
 }
 
 #[test]
-fn a_silent_record_goes_stale_and_a_jumped_clock_starts_anew() {
+fn identifier_goes_stale_in_silence_and_restarts_after_a_clock_jump() {
     let planes = paper(7, 0.5, 5.0, 1.3);
     let samples = voyage(7, 50.0, STILL, &|_| planes.clone()).samples();
     let mut identifier = Identifier::new(&SeaStateConfig::default());
     for (s, _) in &samples {
         identifier.push(s);
-        identifier.update(s.at, Crested::default());
+        identifier.update(s.at, WaveNonlinearity::default());
     }
     let end = samples[samples.len() - 1].0.at;
-    assert!(identifier.update(end, Crested::default()).is_some());
+    assert!(identifier.update(end, WaveNonlinearity::default()).is_some());
     assert!(
         identifier
-            .update(end + Span::from_secs(20.0), Crested::default())
+            .update(end + Span::from_secs(20.0), WaveNonlinearity::default())
             .is_none()
     );
     // One stamp from a far future, then the old clock again: the record recovers.
@@ -279,13 +279,13 @@ fn a_silent_record_goes_stale_and_a_jumped_clock_starts_anew() {
     let mut state = None;
     for (s, _) in &samples {
         identifier.push(s);
-        state = identifier.update(s.at, Crested::default()).cloned();
+        state = identifier.update(s.at, WaveNonlinearity::default()).cloned();
     }
     assert!(errors(&state.unwrap(), &planes).0 < 0.02);
 }
 
 #[test]
-fn the_same_samples_give_the_same_bits() {
+fn identifier_is_deterministic() {
     let planes = paper(8, 0.5, 5.0, 1.2);
     let samples = voyage(8, 45.0, STILL, &|_| planes.clone()).samples();
     assert_eq!(identify(&samples), identify(&samples));
@@ -320,7 +320,7 @@ fn any_sample() -> impl Strategy<Value = MotionSample> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
-    fn no_input_makes_it_panic_or_give_a_value_out_of_range(
+    fn identifier_stays_in_range_for_any_input(
         mut samples in proptest::collection::vec(any_sample(), 1..600),
         sorted in any::<bool>(),
     ) {
@@ -330,7 +330,7 @@ proptest! {
         let mut identifier = Identifier::new(&SeaStateConfig::default());
         for s in &samples {
             identifier.push(s);
-            if let Some(state) = identifier.update(s.at, Crested::default()) {
+            if let Some(state) = identifier.update(s.at, WaveNonlinearity::default()) {
                 prop_assert!((0.0..=1.0).contains(&state.confidence));
                 prop_assert!((0.0..=1.0).contains(&state.residual_fraction));
                 prop_assert!(state.significant_height_m.is_finite());
@@ -346,7 +346,7 @@ proptest! {
 }
 
 #[test]
-fn orbital_motion_left_in_the_velocity_of_a_drift_does_not_turn_the_directions() {
+fn identifier_directions_are_robust_to_orbital_motion_in_a_drift() {
     for seed in 0..4 {
         let planes = paper(seed, 0.8, 5.0, 1.3);
         let along = planes[1].direction;

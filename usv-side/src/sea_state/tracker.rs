@@ -8,7 +8,7 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
 use alight_shared::seq::Seq;
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::Crested;
+use alight_shared::vessel_model::WaveNonlinearity;
 use nalgebra::Complex;
 
 use super::direction::{direction_of, from_encounter};
@@ -24,7 +24,7 @@ const TRIAL_PASSES: usize = 6;
 /// New hypotheses per update: one at the residual's peak, one split.
 const TRIALS: u64 = 2;
 /// Surprise is felt over this time, s.
-const SURPRISE_S: f64 = 4.0;
+const SHORT_MEMORY_S: f64 = 4.0;
 /// Foretelling is judged over this time, s.
 const MEMORY_S: f64 = 10.0;
 /// Components that leave more of the motion unexplained are doubted as a whole.
@@ -43,21 +43,21 @@ pub(super) struct Tracker {
     residuals: [Vec<f64>; CHANNELS],
     pub(super) waves: Vec<Wave>,
     /// The components where they are told and not found, for studies.
-    told: Option<Vec<Wave>>,
+    with_known_waves: Option<Vec<Wave>>,
     rounds: u64,
     state: Option<SeaState>,
     window_s: f64,
     /// Mean squared error of what the last states foretold, relative to the motion.
-    surprise: f64,
+    prediction_error: f64,
     /// The same over [`MEMORY_S`].
-    lately: f64,
+    long_prediction_error: f64,
     /// Residual variances not worth a component, per channel.
     negligible: [f64; CHANNELS],
     drift: [f64; 2],
     /// Variance of each channel about its trend.
     variance: [f64; CHANNELS],
     /// Share of the water's orbital motion that passes under the hull.
-    pub(super) crested: Crested,
+    pub(super) nonlinearity: WaveNonlinearity,
 }
 
 impl fmt::Debug for Tracker {
@@ -81,26 +81,26 @@ impl Tracker {
             spectrum: Spectrum::new(bins + 1, config.bin_s),
             residuals: Default::default(),
             waves: Vec::with_capacity(MAX_COMPONENTS + 1),
-            told: None,
+            with_known_waves: None,
             rounds: 0,
             state: None,
             window_s: config.window_s,
-            surprise: 0.0,
-            lately: 1.0,
+            prediction_error: 0.0,
+            long_prediction_error: 1.0,
             negligible: [0.0; CHANNELS],
             drift: [0.0; 2],
             variance: [0.0; CHANNELS],
-            crested: Crested::default(),
+            nonlinearity: WaveNonlinearity::default(),
         }
     }
 
     /// An identifier that is told angular frequency (rad/s) and direction (rad) of every component
     /// and fits their amplitudes and phases only. For studies of what not knowing them costs: no
     /// configuration leads here.
-    pub fn told(config: &SeaStateConfig, components: &[(f64, f64)]) -> Self {
+    pub fn with_known_waves(config: &SeaStateConfig, components: &[(f64, f64)]) -> Self {
         let wave = |&(omega, direction): &(f64, f64)| Wave { omega, direction };
         Tracker {
-            told: Some(components.iter().take(MAX_COMPONENTS).map(wave).collect()),
+            with_known_waves: Some(components.iter().take(MAX_COMPONENTS).map(wave).collect()),
             ..Self::new(config)
         }
     }
@@ -110,8 +110,8 @@ impl Tracker {
         self.state.as_ref()
     }
     /// Mean squared error of what its states foretold of the tilt of late, relative to the motion, 0 to 2.
-    pub fn lately(&self) -> f64 {
-        self.lately
+    pub fn long_prediction_error(&self) -> f64 {
+        self.long_prediction_error
     }
     /// It uses the longest record there may be.
     pub fn uses_all(&self) -> bool {
@@ -120,7 +120,13 @@ impl Tracker {
 
     /// Identifies anew from the `whole` record or from as much of it as has foretold well; no state
     /// before `min_window_s` of record and when the record has gone stale.
-    pub fn work(&mut self, record: &Record, now: Time<VesselClock>, whole: bool, crested: Crested) {
+    pub fn work(
+        &mut self,
+        record: &Record,
+        now: Time<VesselClock>,
+        whole: bool,
+        nonlinearity: WaveNonlinearity,
+    ) {
         let Some(newest) = record.newest() else {
             self.state = None;
             return;
@@ -129,7 +135,7 @@ impl Tracker {
             self.state = None;
             return;
         }
-        self.crested = crested;
+        self.nonlinearity = nonlinearity;
         self.adapt_window(record);
         if whole {
             self.window_s = self.config.window_s;
@@ -144,7 +150,7 @@ impl Tracker {
     fn adapt_window(&mut self, record: &Record) {
         let Some(state) = &self.state else {
             self.window_s = self.config.window_s;
-            (self.surprise, self.lately) = (0.0, 1.0);
+            (self.prediction_error, self.long_prediction_error) = (0.0, 1.0);
             return;
         };
         let from = record.elapsed(state.at);
@@ -157,7 +163,7 @@ impl Tracker {
                 tilt[0] += (c.normal[0] * turn).re;
                 tilt[1] += (c.normal[1] * turn).re;
             }
-            let [_, roll, pitch] = state.bound(self.crested, velocity, bin.t - from).value;
+            let [_, roll, pitch] = state.bound(self.nonlinearity, velocity, bin.t - from).value;
             tilt[0] -= pitch;
             tilt[1] += roll;
             for i in 0..2 {
@@ -172,14 +178,14 @@ impl Tracker {
         if n > 0 {
             let ratio = error / f64::from(n) / (signal + 10.0 * floor);
             let share = |memory_s: f64| (self.config.update_period_s / memory_s).min(1.0);
-            self.surprise += share(SURPRISE_S) * (ratio.min(2.0) - self.surprise);
-            self.lately += share(MEMORY_S) * (ratio.min(2.0) - self.lately);
+            self.prediction_error += share(SHORT_MEMORY_S) * (ratio.min(2.0) - self.prediction_error);
+            self.long_prediction_error += share(MEMORY_S) * (ratio.min(2.0) - self.long_prediction_error);
         }
         let period = self.config.update_period_s;
         let span = record.span_s();
-        self.window_s = if self.surprise > 0.15 {
+        self.window_s = if self.prediction_error > 0.15 {
             (self.window_s.min(span) - 4.0 * period).max(self.config.short_window_s)
-        } else if self.surprise < 0.05 {
+        } else if self.prediction_error < 0.05 {
             (self.window_s + period).min(self.config.window_s)
         } else {
             self.window_s
@@ -212,13 +218,13 @@ impl Tracker {
             return Some(self.report(record, &still, &[], Verdict::Calm));
         }
 
-        if let Some(told) = self.told.clone() {
-            let first = self.fitter.solve(&told, &[])?;
+        if let Some(with_known_waves) = self.with_known_waves.clone() {
+            let first = self.fitter.solve(&with_known_waves, &[])?;
             self.reweigh(&first, variance);
-            let best = self.fitter.solve(&told, &[])?;
+            let best = self.fitter.solve(&with_known_waves, &[])?;
             let priors = self.priors(&best);
             self.drift = [best.level_at_end(1), best.level_at_end(2)];
-            self.waves = told;
+            self.waves = with_known_waves;
             return Some(self.report(record, &best, &priors, Verdict::Identified));
         }
 
@@ -227,7 +233,7 @@ impl Tracker {
             Some(s) => s,
             None => still.clone(),
         };
-        self.take_out_crests(&mut best);
+        self.remove_bound_waves(&mut best);
         self.reweigh(&best, variance);
         let mut priors = self.priors(&best);
         self.fitter.rescore(&mut best, &priors);
@@ -538,7 +544,7 @@ impl Tracker {
         let maturity = ((self.fitter.rows.span_s - 10.0) / 30.0).clamp(0.0, 1.0);
         // A hull that slams leaves half of its vertical acceleration unexplained while its tilt comes as
         // foretold: what has come true counts as much as what has been explained.
-        let doubt = residual_fraction.min(self.lately);
+        let doubt = residual_fraction.min(self.long_prediction_error);
         let confidence = maturity * (1.0 - doubt / 0.6).clamp(0.0, 1.0);
         let heave_variance: f64 = components.iter().map(|c| 0.5 * c.amplitude_heave_m.powi(2)).sum();
         SeaState {

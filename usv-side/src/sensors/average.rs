@@ -5,7 +5,7 @@ use alight_shared::msg::ImuSample;
 /// Longest time that is averaged over, ns: 100 Hz.
 const WINDOW_NS: i64 = 10_000_000;
 /// Samples in a window, at most: a sensor that repeats its time must not be summed for ever.
-const MOST: u32 = 1000;
+const MAX_SAMPLES: u32 = 1000;
 
 /// Means of inertial samples over a hundredth of a second; what comes slower passes as it is.
 #[derive(Clone, Debug, Default)]
@@ -60,7 +60,7 @@ impl Average {
             return Some((at_ns, *sample));
         }
         let since = at_ns.saturating_sub(w.first_ns);
-        if (0..WINDOW_NS * 95 / 100).contains(&since) && w.count < MOST {
+        if (0..WINDOW_NS * 95 / 100).contains(&since) && w.count < MAX_SAMPLES {
             w.last_ns = at_ns;
             w.times += since;
             w.count += 1;
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fast_sensor_is_averaged_and_a_slow_one_is_not() {
+    fn average_reduces_a_fast_sensor_to_100_hz_and_passes_a_slow_one() {
         let mut a = Average::default();
         // 500 Hz for a second: means of five, dated at their middle.
         let out: Vec<_> = (0..500)
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_repeated_time_passes_and_does_not_pile_up() {
+    fn average_passes_a_repeated_time_at_once() {
         let mut a = Average::default();
         a.push(0, &sample(1.0));
         for _ in 0..10 {

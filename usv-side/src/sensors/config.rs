@@ -186,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sensor_that_is_mounted_askew_shows_the_vessel_all_the_same() {
+    fn mounting_turns_measurements_into_the_vessel_axes() {
         let mounting = Mounting::new(&Mount {
             mounting_deg: [180.0, 7.0, 90.0],
             heading_offset_deg: 90.0,

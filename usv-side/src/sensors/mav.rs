@@ -13,10 +13,10 @@ use mavlink::error::MessageReadError;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::{Decoded, Heard, Measurement, Mounting};
+use super::{Decoded, Measurement, Mounting, SourceMeasurement};
 
 /// Bytes that wait to be decoded, at most; what comes beyond is lost, and counted as damage.
-const MOST_WAITING: usize = 1 << 14;
+const MAX_WAITING: usize = 1 << 14;
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
 /// Headings of an autopilot's own filter are taken this far apart, ns: those in between are the same
@@ -141,10 +141,10 @@ impl MavlinkDecoder {
     }
 
     /// Takes bytes, however they are cut.
-    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<Heard>) {
-        for part in bytes.chunks(MOST_WAITING / 4) {
+    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
+        for part in bytes.chunks(MAX_WAITING / 4) {
             let waiting = &mut self.reader.get_mut().0;
-            if waiting.len() + part.len() > MOST_WAITING {
+            if waiting.len() + part.len() > MAX_WAITING {
                 self.decoded.corrupted += 1;
                 continue;
             }
@@ -154,7 +154,7 @@ impl MavlinkDecoder {
         }
     }
 
-    fn drain(&mut self, out: &mut Vec<Heard>) {
+    fn drain(&mut self, out: &mut Vec<SourceMeasurement>) {
         loop {
             match self.reader.read_any_raw_message::<m::MavMessage>() {
                 Ok(raw) => {
@@ -182,7 +182,7 @@ impl MavlinkDecoder {
         }
     }
 
-    fn take(&mut self, id: u32, p: &Payload<'_>, out: &mut Vec<Heard>) {
+    fn take(&mut self, id: u32, p: &Payload<'_>, out: &mut Vec<SourceMeasurement>) {
         let boot_ms = |at: usize| i64::from(p.u32(at)) * 1_000_000;
         let time_us = |at: usize| i64::try_from(p.u64(at).saturating_mul(1000)).unwrap_or(i64::MAX);
         let before = out.len();
@@ -234,16 +234,16 @@ impl MavlinkDecoder {
         force: [f64; 3],
         gyro: [f64; 3],
         source: u8,
-        out: &mut Vec<Heard>,
+        out: &mut Vec<SourceMeasurement>,
     ) -> Option<()> {
         let sample = ImuSample {
             gyro: self.mounting.vector(finite(gyro)?),
             accelerometer: self.mounting.vector(finite(force)?),
             source,
-            arm: Some(self.mounting.mount.lever_arm_m),
+            lever_arm: Some(self.mounting.mount.lever_arm_m),
             ..ImuSample::default()
         };
-        out.push(Heard {
+        out.push(SourceMeasurement {
             at_ns,
             measurement: Measurement::Imu(sample),
         });
@@ -255,11 +255,11 @@ impl MavlinkDecoder {
         at_ns: i64,
         q: [f64; 4],
         rates: Option<[f64; 3]>,
-        out: &mut Vec<Heard>,
+        out: &mut Vec<SourceMeasurement>,
     ) -> Option<()> {
         let [roll, pitch, yaw] = self.mounting.attitude(euler(q)?);
         let rates = rates.and_then(finite).map(|r| self.mounting.vector(r));
-        out.push(Heard {
+        out.push(SourceMeasurement {
             at_ns,
             measurement: Measurement::Attitude(AttitudeFix {
                 tilt: [roll, pitch],
@@ -270,7 +270,7 @@ impl MavlinkDecoder {
         });
         if !self.gps_heading && at_ns.saturating_sub(self.heading_ns).saturating_abs() >= HEADING_STEP_NS {
             self.heading_ns = at_ns;
-            out.push(Heard {
+            out.push(SourceMeasurement {
                 at_ns,
                 measurement: Measurement::Heading(HeadingFix {
                     heading: yaw,
@@ -288,7 +288,7 @@ impl MavlinkDecoder {
         p: &Payload<'_>,
         at: &Receiver,
         source: u8,
-        out: &mut Vec<Heard>,
+        out: &mut Vec<SourceMeasurement>,
     ) -> Option<()> {
         let kind = p.u8(at.fix_type);
         let (latitude_deg, longitude_deg) = (p.i32(8) * 1e-7, p.i32(12) * 1e-7);
@@ -321,7 +321,7 @@ impl MavlinkDecoder {
                 NOT_MEASURED_SD
             };
             let across = across.max(0.005);
-            out.push(Heard {
+            out.push(SourceMeasurement {
                 at_ns,
                 measurement: Measurement::Gnss(GnssFix {
                     datum: Datum {
@@ -339,7 +339,7 @@ impl MavlinkDecoder {
                         .mounting
                         .velocity_sd([velocity_sd, velocity_sd, NOT_MEASURED_SD]),
                     source,
-                    arm: Some(arm),
+                    lever_arm: Some(arm),
                     ..GnssFix::default()
                 }),
             });
@@ -348,7 +348,7 @@ impl MavlinkDecoder {
         let yaw = p.u16(at.yaw);
         if (1..=36_000).contains(&yaw) {
             self.gps_heading = true;
-            out.push(Heard {
+            out.push(SourceMeasurement {
                 at_ns,
                 measurement: Measurement::Heading(HeadingFix {
                     heading: self.mounting.heading((f64::from(yaw) * 0.01).to_radians()),
@@ -361,7 +361,7 @@ impl MavlinkDecoder {
         Some(())
     }
 
-    fn odometry(&mut self, at_ns: i64, p: &Payload<'_>, out: &mut Vec<Heard>) -> Option<()> {
+    fn odometry(&mut self, at_ns: i64, p: &Payload<'_>, out: &mut Vec<SourceMeasurement>) -> Option<()> {
         // Position, attitude, velocity, rates, two covariances, frames. NED, velocity in the body.
         let (frame, child) = (p.u8(228), p.u8(229));
         let (position, q, velocity): ([f64; 3], [f64; 4], [f64; 3]) =
@@ -397,7 +397,7 @@ impl MavlinkDecoder {
             ],
             None => [NOT_MEASURED_SD; 3],
         };
-        out.push(Heard {
+        out.push(SourceMeasurement {
             at_ns,
             measurement: Measurement::Gnss(GnssFix {
                 datum,
@@ -407,7 +407,7 @@ impl MavlinkDecoder {
                 velocity_sd: self.mounting.velocity_sd(velocity_sd),
                 source: 2,
                 // The place of the autopilot itself.
-                arm: Some(self.mounting.mount.lever_arm_m),
+                lever_arm: Some(self.mounting.mount.lever_arm_m),
                 ..GnssFix::default()
             }),
         });

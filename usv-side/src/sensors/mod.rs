@@ -16,7 +16,7 @@ pub use clock::SourceClock;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
 pub use mav::MavlinkDecoder;
 pub use nmea::NmeaDecoder;
-pub use node::{MOST_BYTES, SensorNode, SensorsIn, SensorsOut, SourceStatus};
+pub use node::{MAX_STEP_BYTES, SensorNode, SensorsIn, SensorsOut, SourceStatus};
 pub use ubx::UbxDecoder;
 
 use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, ImuSample};
@@ -146,7 +146,7 @@ impl Measurement {
 
 /// A measurement as its source dates it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heard {
+pub struct SourceMeasurement {
     /// On the source's own clock, ns.
     pub at_ns: i64,
     /// The measurement, whose header is not filled in yet.
@@ -167,5 +167,5 @@ pub struct Decoded {
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
     /// Of those, at a time that cannot be the next pulse's after the fix before: another time base.
-    pub pulses_apart: u64,
+    pub mismatched_pulses: u64,
 }

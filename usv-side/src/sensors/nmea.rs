@@ -11,13 +11,13 @@ use nmea_kit::nmea::NmeaSentence;
 use nmea_kit::nmea::sentences::{Gga, Hdt, Pashr, Prdid, Rmc, Rot, Ths, Vtg, Zda};
 use nmea_kit::parse_frame;
 
-use super::{Decoded, Heard, Measurement, Mounting};
+use super::{Decoded, Measurement, Mounting, SourceMeasurement};
 
 /// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
-const MOST_LINE: usize = 512;
+const MAX_LINE: usize = 512;
 const DAY_NS: i64 = 86_400_000_000_000;
 /// Epochs after which a partner that does not come is not waited for.
-const PATIENCE: u8 = 3;
+const MAX_EPOCHS_WITHOUT: u8 = 3;
 const KNOT_MPS: f64 = 1852.0 / 3600.0;
 /// Below it a course need not be told, m/s.
 const STILL_MPS: f64 = 0.3;
@@ -71,21 +71,21 @@ enum Untimed {
 }
 
 /// Sentences without a time that wait for one, at most.
-const MOST_WAITING: usize = 8;
+const MAX_WAITING: usize = 8;
 
 impl NmeaDecoder {
     /// Of a source so mounted.
     pub fn new(mounting: &Mounting) -> Self {
         NmeaDecoder {
             mounting: mounting.clone(),
-            line: Vec::with_capacity(MOST_LINE),
+            line: Vec::with_capacity(MAX_LINE),
             overlong: false,
             decoded: Decoded::default(),
             day: 0,
             epoch: None,
             waiting: Vec::new(),
-            without_velocity: PATIENCE,
-            without_rate: PATIENCE,
+            without_velocity: MAX_EPOCHS_WITHOUT,
+            without_rate: MAX_EPOCHS_WITHOUT,
         }
     }
     /// What became of what it was given.
@@ -98,7 +98,7 @@ impl NmeaDecoder {
     }
 
     /// Takes bytes, however they are cut.
-    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<Heard>) {
+    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for byte in bytes {
             match byte {
                 b'\n' | b'\r' => {
@@ -120,13 +120,13 @@ impl NmeaDecoder {
                     self.line.clear();
                     self.line.push(*byte);
                 }
-                _ if self.line.len() >= MOST_LINE => self.overlong = true,
+                _ if self.line.len() >= MAX_LINE => self.overlong = true,
                 _ => self.line.push(*byte),
             }
         }
     }
     /// The end: the last epoch waits for nothing more.
-    pub fn finish(&mut self, out: &mut Vec<Heard>) {
+    pub fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
         if !self.line.is_empty() {
             self.decoded.corrupted += 1;
             self.line.clear();
@@ -134,7 +134,7 @@ impl NmeaDecoder {
         self.close(out);
     }
 
-    fn take(&mut self, line: &[u8], out: &mut Vec<Heard>) {
+    fn take(&mut self, line: &[u8], out: &mut Vec<SourceMeasurement>) {
         let Some(text) = core::str::from_utf8(line).ok().filter(|t| t.is_ascii()) else {
             self.decoded.corrupted += 1;
             return;
@@ -173,7 +173,7 @@ impl NmeaDecoder {
     }
 
     /// The epoch of a sentence's time; None, and counted, where that is no time.
-    fn open(&mut self, time: Option<&str>, out: &mut Vec<Heard>) -> Option<&mut Epoch> {
+    fn open(&mut self, time: Option<&str>, out: &mut Vec<SourceMeasurement>) -> Option<&mut Epoch> {
         let Some(of_day) = time.and_then(time_of_day_ns) else {
             self.count(false);
             return None;
@@ -203,10 +203,10 @@ impl NmeaDecoder {
     }
 
     /// A sentence without a time goes to its epoch, or waits for it.
-    fn untimed(&mut self, untimed: Untimed, out: &mut Vec<Heard>) {
+    fn untimed(&mut self, untimed: Untimed, out: &mut Vec<SourceMeasurement>) {
         self.count(true);
         if self.mounting.mount.untimed_lead {
-            if self.waiting.len() < MOST_WAITING {
+            if self.waiting.len() < MAX_WAITING {
                 self.waiting.push(untimed);
             } else {
                 self.decoded.undated += 1;
@@ -215,7 +215,7 @@ impl NmeaDecoder {
             self.add(untimed, out);
         }
     }
-    fn add(&mut self, untimed: Untimed, out: &mut Vec<Heard>) {
+    fn add(&mut self, untimed: Untimed, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else {
             self.decoded.undated += 1;
             return;
@@ -239,15 +239,15 @@ impl NmeaDecoder {
             }
         };
         self.decoded.undated += u64::from(!taken);
-        self.say(false, out);
+        self.emit(false, out);
     }
 
     /// Says what is complete, and at an epoch's end what is there.
-    fn say(&mut self, last: bool, out: &mut Vec<Heard>) {
+    fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
         if let Some((datum, sd)) = e.place.filter(|_| !e.fixed)
-            && (e.velocity.is_some() || last || self.without_velocity >= PATIENCE)
+            && (e.velocity.is_some() || last || self.without_velocity >= MAX_EPOCHS_WITHOUT)
         {
             e.fixed = true;
             let [north, east] = e.velocity.unwrap_or_default();
@@ -262,15 +262,15 @@ impl NmeaDecoder {
                     .mounting
                     .velocity_sd([velocity_sd, velocity_sd, NOT_MEASURED_SD]),
                 source: 0,
-                arm: Some(self.mounting.mount.antenna_m),
+                lever_arm: Some(self.mounting.mount.antenna_m),
             };
-            out.push(Heard {
+            out.push(SourceMeasurement {
                 at_ns,
                 measurement: Measurement::Gnss(fix),
             });
         }
         if let Some((heading, heading_sd)) = e.heading.filter(|_| !e.headed)
-            && (e.rate.is_some() || last || self.without_rate >= PATIENCE)
+            && (e.rate.is_some() || last || self.without_rate >= MAX_EPOCHS_WITHOUT)
         {
             e.headed = true;
             let fix = HeadingFix {
@@ -280,20 +280,20 @@ impl NmeaDecoder {
                 rate: e.rate,
                 source: 0,
             };
-            out.push(Heard {
+            out.push(SourceMeasurement {
                 at_ns,
                 measurement: Measurement::Heading(fix),
             });
         }
     }
-    fn close(&mut self, out: &mut Vec<Heard>) {
-        self.say(true, out);
+    fn close(&mut self, out: &mut Vec<SourceMeasurement>) {
+        self.emit(true, out);
         if let Some(e) = &self.epoch {
             let later = |seen: bool, since: u8| {
                 if seen {
                     0
                 } else {
-                    since.saturating_add(1).min(PATIENCE)
+                    since.saturating_add(1).min(MAX_EPOCHS_WITHOUT)
                 }
             };
             if e.place.is_some() {
@@ -305,7 +305,14 @@ impl NmeaDecoder {
         }
     }
 
-    fn tilt(&self, at_ns: i64, angles: [f64; 3], heave: Option<f64>, sd: f64, out: &mut Vec<Heard>) {
+    fn tilt(
+        &self,
+        at_ns: i64,
+        angles: [f64; 3],
+        heave: Option<f64>,
+        sd: f64,
+        out: &mut Vec<SourceMeasurement>,
+    ) {
         let [roll, pitch, _] = self.mounting.attitude(angles);
         let fix = AttitudeFix {
             tilt: [roll, pitch],
@@ -314,13 +321,13 @@ impl NmeaDecoder {
             heave_sd: self.mounting.mount.heave_sd_m,
             ..AttitudeFix::default()
         };
-        out.push(Heard {
+        out.push(SourceMeasurement {
             at_ns,
             measurement: Measurement::Attitude(fix),
         });
     }
 
-    fn gga(&mut self, s: &Gga, out: &mut Vec<Heard>) {
+    fn gga(&mut self, s: &Gga, out: &mut Vec<SourceMeasurement>) {
         let height = s
             .altitude
             .map(|a| f64::from(a) + s.geoid_sep.map_or(0.0, f64::from));
@@ -345,9 +352,9 @@ impl NmeaDecoder {
             // A place of RMC in the same epoch has no height.
             e.place = Some((datum, [sd, sd, down]));
         }
-        self.say(false, out);
+        self.emit(false, out);
     }
-    fn rmc(&mut self, s: &Rmc, out: &mut Vec<Heard>) {
+    fn rmc(&mut self, s: &Rmc, out: &mut Vec<SourceMeasurement>) {
         let velocity = velocity(s.sog, s.cog);
         let valid = s.status == Some('A');
         let Some(e) = self.open(s.time.as_deref(), out) else {
@@ -356,9 +363,9 @@ impl NmeaDecoder {
         if valid && let Some(v) = velocity {
             e.velocity.get_or_insert(v);
         }
-        self.say(false, out);
+        self.emit(false, out);
     }
-    fn vtg(&mut self, s: &Vtg, out: &mut Vec<Heard>) {
+    fn vtg(&mut self, s: &Vtg, out: &mut Vec<SourceMeasurement>) {
         match velocity(s.speed_kts, s.course_true) {
             // Told by RMC as well.
             Some(_) if self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) => self.count(true),
@@ -366,14 +373,14 @@ impl NmeaDecoder {
             Some(_) | None => self.decoded.ignored += 1,
         }
     }
-    fn hdt(&mut self, s: &Hdt, out: &mut Vec<Heard>) {
+    fn hdt(&mut self, s: &Hdt, out: &mut Vec<SourceMeasurement>) {
         self.heading(s.heading_true, true, out);
     }
-    fn ths(&mut self, s: &Ths, out: &mut Vec<Heard>) {
+    fn ths(&mut self, s: &Ths, out: &mut Vec<SourceMeasurement>) {
         // Autonomous or estimated; by hand, simulated or void is none.
         self.heading(s.heading_true, matches!(s.mode, Some('A' | 'E')), out);
     }
-    fn heading(&mut self, degrees: Option<f32>, valid: bool, out: &mut Vec<Heard>) {
+    fn heading(&mut self, degrees: Option<f32>, valid: bool, out: &mut Vec<SourceMeasurement>) {
         match degrees.filter(|d| valid && (0.0..=360.0).contains(d)) {
             Some(d) => {
                 let sd = self.mounting.heading_sd();
@@ -382,14 +389,14 @@ impl NmeaDecoder {
             None => self.decoded.ignored += 1,
         }
     }
-    fn rot(&mut self, s: &Rot, out: &mut Vec<Heard>) {
+    fn rot(&mut self, s: &Rot, out: &mut Vec<SourceMeasurement>) {
         // Degrees a minute, to starboard positive.
         match s.rate_of_turn.filter(|_| s.valid == Some('A')) {
             Some(r) => self.untimed(Untimed::Rate(f64::from(r).to_radians() / 60.0), out),
             None => self.decoded.ignored += 1,
         }
     }
-    fn pashr(&mut self, s: &Pashr, out: &mut Vec<Heard>) {
+    fn pashr(&mut self, s: &Pashr, out: &mut Vec<SourceMeasurement>) {
         let rad = |d: Option<f32>| d.map(|d| f64::from(d).to_radians());
         let heading = rad(s.heading);
         let angles = rad(s.roll).zip(rad(s.pitch));
@@ -413,9 +420,9 @@ impl NmeaDecoder {
         if let Some((roll, pitch)) = angles {
             self.tilt(at_ns, [roll, pitch, heading.unwrap_or_default()], heave, sd, out);
         }
-        self.say(false, out);
+        self.emit(false, out);
     }
-    fn prdid(&mut self, s: &Prdid, out: &mut Vec<Heard>) {
+    fn prdid(&mut self, s: &Prdid, out: &mut Vec<SourceMeasurement>) {
         let rad = |d: Option<f32>| d.map(|d| f64::from(d).to_radians());
         match (rad(s.roll), rad(s.pitch), rad(s.heading)) {
             (Some(roll), Some(pitch), Some(heading)) => {
@@ -424,7 +431,7 @@ impl NmeaDecoder {
             _ => self.decoded.ignored += 1,
         }
     }
-    fn zda(&mut self, s: &Zda, out: &mut Vec<Heard>) {
+    fn zda(&mut self, s: &Zda, out: &mut Vec<SourceMeasurement>) {
         // Its time opens an epoch; its date is not needed.
         let _epoch = self.open(s.time.as_deref(), out);
     }

@@ -7,13 +7,13 @@ use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Average, Decoded, Format, Heard, MavlinkDecoder, Measurement, Mounting, NmeaDecoder, Readings,
-    SourceClock, SourceConfig, SourcesConfig, UbxDecoder,
+    Average, Decoded, Format, MavlinkDecoder, Measurement, Mounting, NmeaDecoder, Readings, SourceClock,
+    SourceConfig, SourceMeasurement, SourcesConfig, UbxDecoder,
 };
 use crate::node::KINDS;
 
 /// Most bytes of a source that one step takes; the rest is lost, and counted.
-pub const MOST_BYTES: usize = 1 << 16;
+pub const MAX_STEP_BYTES: usize = 1 << 16;
 /// Sources of one kind within one source of bytes (two receivers of an autopilot).
 const WITHIN: u8 = 2;
 /// Above this a time is counted from 1970 and not from a start, ns.
@@ -49,7 +49,7 @@ pub struct SourceStatus {
     /// Older than the last of their kind.
     pub out_of_order: u64,
     /// Of a time that cannot be right.
-    pub misdated: u64,
+    pub implausible_time: u64,
     /// Times that its clock began anew.
     pub restarts: u64,
     /// Bytes lost because too many came at once.
@@ -95,8 +95,8 @@ impl Source {
         }
     }
 
-    fn push(&mut self, bytes: &[u8], heard: &mut Vec<Heard>) {
-        let taken = bytes.get(..bytes.len().min(MOST_BYTES)).unwrap_or_default();
+    fn push(&mut self, bytes: &[u8], heard: &mut Vec<SourceMeasurement>) {
+        let taken = bytes.get(..bytes.len().min(MAX_STEP_BYTES)).unwrap_or_default();
         self.status.lost_bytes += (bytes.len() - taken.len()) as u64;
         match &mut self.decoder {
             Decoder::Nmea(d) => d.push(taken, heard),
@@ -111,7 +111,7 @@ impl Source {
     }
 
     /// The measurement on the vessel's clock; None, and counted, when it is not to be given on.
-    fn date(&mut self, now: Time<VesselClock>, heard: &Heard) -> Option<Measurement> {
+    fn date(&mut self, now: Time<VesselClock>, heard: &SourceMeasurement) -> Option<Measurement> {
         let (kind, within) = (heard.measurement.kind(), heard.measurement.source());
         let clock = usize::from(heard.at_ns > EPOCH_NS);
         let status = &mut self.status;
@@ -125,7 +125,7 @@ impl Source {
             self.newest = Default::default();
         }
         let Some(at) = at else {
-            status.misdated += 1;
+            status.implausible_time += 1;
             return None;
         };
         let newest = self.newest.get_mut(kind)?.get_mut(usize::from(within))?;
@@ -189,7 +189,7 @@ impl Node for SensorNode {
                     Measurement::Imu(m) => {
                         let average = source.average.get_mut(usize::from(m.source).min(1));
                         let mean = average.and_then(|a| a.push(h.at_ns, &m));
-                        mean.map(|(at_ns, m)| Heard {
+                        mean.map(|(at_ns, m)| SourceMeasurement {
                             at_ns,
                             measurement: Measurement::Imu(m),
                         })

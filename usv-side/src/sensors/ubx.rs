@@ -7,10 +7,10 @@ use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, GnssFixType, Parser, UbxPacket};
 
-use super::{Decoded, Heard, Measurement, Mounting};
+use super::{Decoded, Measurement, Mounting, SourceMeasurement};
 
 /// Bytes that wait for their end, at most: above the longest message that is used.
-const MOST_WAITING: usize = 2048;
+const MAX_WAITING: usize = 2048;
 /// Bytes given to the parser at a time.
 const PART: usize = 512;
 const WEEK_NS: i64 = 7 * 86_400_000_000_000;
@@ -23,7 +23,7 @@ const FAST_SHARE: f64 = 0.3;
 /// Bytes to measurements.
 pub struct UbxDecoder {
     mounting: Mounting,
-    parser: Parser<FixedBuffer<MOST_WAITING>, Proto27>,
+    parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
     decoded: Decoded,
     week: i64,
     last_ns: Option<i64>,
@@ -54,7 +54,7 @@ impl UbxDecoder {
     }
 
     /// Takes bytes, however they are cut.
-    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<Heard>) {
+    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for part in bytes.chunks(PART) {
             let mut all = Vec::new();
             {
@@ -84,10 +84,10 @@ impl UbxDecoder {
         let apart = self
             .last_ns
             .is_some_and(|last| after(of_week, last).abs() > PULSE_NS);
-        self.decoded.pulses_apart += u64::from(apart);
+        self.decoded.mismatched_pulses += u64::from(apart);
     }
 
-    fn take(&mut self, said: Said, out: &mut Vec<Heard>) {
+    fn take(&mut self, said: Said, out: &mut Vec<SourceMeasurement>) {
         let (of_week_ms, measurement) = match said {
             Said::Fix(t, fix) => (t, fix.map(Measurement::Gnss)),
             Said::Heading(t, heading) => (t, heading.map(Measurement::Heading)),
@@ -114,7 +114,7 @@ impl UbxDecoder {
         }
         let at_ns = self.week * WEEK_NS + of_week;
         self.last_ns = Some(at_ns);
-        out.extend(measurement.map(|measurement| Heard { at_ns, measurement }));
+        out.extend(measurement.map(|measurement| SourceMeasurement { at_ns, measurement }));
     }
 }
 
@@ -147,7 +147,7 @@ fn said(packet: &PacketRef<'_>, mounting: &Mounting) -> Said {
                         if three { down } else { NOT_MEASURED_SD },
                     ]),
                     velocity_sd: mounting.velocity_sd([velocity_sd; 3]),
-                    arm: Some(mounting.mount.antenna_m),
+                    lever_arm: Some(mounting.mount.antenna_m),
                     ..GnssFix::default()
                 }
             });
@@ -213,7 +213,7 @@ mod tests {
         put(&mut p, 60, &(0b111_u32 | u32::from(valid) << 8).to_le_bytes());
         message(1, 0x3c, &p)
     }
-    fn decode(bytes: &[u8], cut: usize) -> (Vec<Heard>, UbxDecoder) {
+    fn decode(bytes: &[u8], cut: usize) -> (Vec<SourceMeasurement>, UbxDecoder) {
         let mount = Mount {
             heading_offset_deg: 90.0,
             ..Mount::default()
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_moving_base_gives_fixes_and_headings_of_their_own_time() {
+    fn ubx_moving_base_gives_fixes_and_headings() {
         let week_ms = 604_800_000;
         let bytes = [
             pvt(week_ms - 200),
@@ -238,7 +238,7 @@ mod tests {
         .concat();
         let (all, d) = decode(&bytes, 7);
         let n = d.decoded();
-        assert_eq!((n.good, n.corrupted, n.pulses, n.pulses_apart), (5, 0, 1, 0));
+        assert_eq!((n.good, n.corrupted, n.pulses, n.mismatched_pulses), (5, 0, 1, 0));
         let times: Vec<i64> = all.iter().map(|h| h.at_ns - all[0].at_ns).collect();
         assert_eq!(times, [0, 0, 200_000_000], "a new week");
         let (Measurement::Gnss(g), Measurement::Heading(h)) = (all[0].measurement, all[1].measurement) else {
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pulse_of_another_time_base_is_told_from_the_next_one() {
+    fn ubx_decoder_detects_a_pulse_of_another_time_base() {
         let before_any_fix = pulse(77_000);
         // The next second; the one that just passed, late; the next one of UTC, 18 s behind; a new week.
         let bytes = [
@@ -266,11 +266,11 @@ mod tests {
         .concat();
         let (_, d) = decode(&bytes, 9);
         let n = d.decoded();
-        assert_eq!((n.pulses, n.pulses_apart, n.corrupted), (5, 1, 1));
+        assert_eq!((n.pulses, n.mismatched_pulses, n.corrupted), (5, 1, 1));
     }
 
     #[test]
-    fn damage_is_counted_and_the_next_message_read() {
+    fn ubx_decoder_counts_damage_and_reads_the_next_message() {
         let mut bad = pvt(1000);
         bad[40] ^= 1;
         let cut = &pvt(2000)[..60];
@@ -285,7 +285,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_damage_is_survived(
+        fn ubx_decoder_survives_any_damage(
             changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..60),
             noise in prop::collection::vec(any::<u8>(), 0..600),
             cut in 1_usize..700,

@@ -8,7 +8,9 @@ use alight_shared::msg::{AutopilotState, DroneState, TagPose, VesselEstimate};
 use alight_shared::time::DroneClock;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Subscriber};
-use alight_uav::calibrate::{DeckCalibration, Figure, Found, Mount, Stand, USABLE_M};
+use alight_uav::calibrate::{
+    DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd,
+};
 use alight_uav::predictor::PredictorConfig;
 #[cfg(feature = "record")]
 use alight_uav::predictor::PredictorIn;
@@ -17,12 +19,12 @@ use serde_json::{Value, json};
 
 use super::list;
 use crate::live::config::DroneComputer;
-use crate::live::instance::runs;
-use crate::say::{self, note};
-use crate::{End, Refused};
+use crate::live::instance::is_running;
+use crate::terminal::{self, note};
+use crate::{CliError, Exit};
 
 /// Live topics are read this often.
-const LOOK: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// A turn of the camera that the predictor finds by itself, in its standard deviations.
 const MOUNT_SDS: f64 = 2.0;
 
@@ -66,23 +68,23 @@ pub struct DeckArgs {
 }
 
 /// Measures and tells.
-pub fn run(args: &DeckArgs) -> Result<End, Refused> {
+pub fn run(args: &DeckArgs) -> Result<Exit, CliError> {
     let (predictor, calibration) = match &args.recording {
         Some(path) => recorded(args, path)?,
         None => live(args)?,
     };
-    let found = calibration.found().map_err(|e| Refused(e.to_string()))?;
+    let found = calibration.result().map_err(|e| CliError(e.to_string()))?;
     if args.json {
-        say::line(object(&found));
+        terminal::line(object(&found));
     } else {
-        tell(&found, &predictor);
+        print(&found, &predictor);
     }
     let usable = found.centre.iter().any(|f| f.sd <= USABLE_M);
-    Ok(if usable { End::Success } else { End::Failed })
+    Ok(if usable { Exit::Success } else { Exit::Failed })
 }
 
-fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<Stand, Refused> {
-    let mut stand = Stand::middle(config);
+fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<DronePlacement, CliError> {
+    let mut stand = DronePlacement::centred(config);
     if let [forward, right] = args.at[..] {
         stand.at_m = [forward, right];
     }
@@ -92,7 +94,7 @@ fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<Stand, Refused> {
     let fine = stand.at_m.iter().all(|v| v.abs() <= 50.0)
         && stand.receivers_sd_m.iter().all(|v| (1e-4..=100.0).contains(v));
     if !fine {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "--at {:?} --receivers {:?}: at most 50 m from the deck's centre, receivers 0.0001 to 100 m apart",
             stand.at_m, stand.receivers_sd_m
         )));
@@ -100,12 +102,12 @@ fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<Stand, Refused> {
     Ok(stand)
 }
 
-fn computer(path: &Path) -> Result<DroneComputer, Refused> {
-    config::load(path).map_err(|e| Refused(e.to_string()))
+fn computer(path: &Path) -> Result<DroneComputer, CliError> {
+    config::load(path).map_err(|e| CliError(e.to_string()))
 }
 
 /// From the running processes.
-fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), Refused> {
+fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     let path = args
         .config
         .clone()
@@ -114,8 +116,8 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), Refused> 
     let predictor = computer.drone.predictor();
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
     let instance = Instance::new(name)?;
-    if !runs(&instance) {
-        return Err(Refused(format!(
+    if !is_running(&instance) {
+        return Err(CliError(format!(
             "nothing runs under the name {name}: systemctl status alight-drone"
         )));
     }
@@ -126,9 +128,9 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), Refused> 
     let mut autopilots: Subscriber<AutopilotState> = memory.subscriber()?;
     let mut calibration = DeckCalibration::new(&predictor, stand(args, &predictor)?);
     let until_ns = steady_ns() + Duration::from_secs(args.seconds).as_nanos() as i64;
-    let mut told_s = 0;
+    let mut reported_s = 0;
     let mut armed = None;
-    while steady_ns() < until_ns && memory.wait(LOOK) {
+    while steady_ns() < until_ns && memory.wait(POLL_PERIOD) {
         let t = computer.clock.now::<DroneClock>().nanos();
         for state in autopilots.all(t) {
             armed = Some(state.armed);
@@ -148,17 +150,17 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), Refused> 
             seen.iter().for_each(|m| calibration.tag(m));
         }
         let (n, s) = calibration.collected();
-        if s as u64 >= told_s + 10 {
-            told_s = s as u64;
+        if s as u64 >= reported_s + 10 {
+            reported_s = s as u64;
             note(args.json, format_args!("{s:.0} s, {n} estimates of the vessel"));
         }
     }
     match armed {
         Some(false) => Ok((predictor, calibration)),
-        Some(true) => Err(Refused(
+        Some(true) => Err(CliError(
             "the drone is armed: put it on the deck, disarm it, and try again".into(),
         )),
-        None => Err(Refused(format!(
+        None => Err(CliError(format!(
             "no autopilot is heard under the name {name}: alight status --instance {name} shows what runs"
         ))),
     }
@@ -166,7 +168,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), Refused> 
 
 /// From a recording.
 #[cfg(feature = "record")]
-fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), Refused> {
+fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     use crate::configs::DroneFile;
     use crate::record::entry::{Entry, MissionEntry};
     use crate::record::reading::{Recording, contained};
@@ -180,7 +182,7 @@ fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibr
             None => {
                 let origin = format!("{}, {DRONE_FILE}", recording.origin());
                 config::parse::<DroneFile>(&recording.text(DRONE_FILE)?, &origin)
-                    .map_err(|e| Refused(e.to_string()))?
+                    .map_err(|e| CliError(e.to_string()))?
                     .drone
             }
         };
@@ -209,17 +211,17 @@ fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibr
 }
 
 #[cfg(not(feature = "record"))]
-fn recorded(_args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), Refused> {
-    Err(Refused(format!(
+fn recorded(_args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
+    Err(CliError(format!(
         "{}: this program is built without recordings; calibrate with the processes running, or on a computer \
          with the whole program",
         path.display()
     )))
 }
 
-fn object(found: &Found) -> Value {
-    let figure = |f: &Figure| json!({ "value": f.value, "sd": f.sd });
-    let figures = |all: &[Figure]| all.iter().map(figure).collect::<Vec<_>>();
+fn object(found: &DeckCalibrationResult) -> Value {
+    let figure = |f: &ValueWithSd| json!({ "value": f.value, "sd": f.sd });
+    let figures = |all: &[ValueWithSd]| all.iter().map(figure).collect::<Vec<_>>();
     json!({
         "estimates": found.estimates,
         "seconds": found.seconds,
@@ -237,12 +239,12 @@ fn object(found: &Found) -> Value {
     })
 }
 
-fn degrees(f: &Figure) -> String {
+fn degrees(f: &ValueWithSd) -> String {
     format!("{:.2} +- {:.2} deg", f.value.to_degrees(), f.sd.to_degrees())
 }
 
-fn tell(found: &Found, config: &PredictorConfig) {
-    say::line(format_args!(
+fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
+    terminal::line(format_args!(
         "{} estimates of the vessel over {:.0} s, which rocked by {:.1} deg (rms)",
         found.estimates,
         found.seconds,
@@ -259,21 +261,21 @@ fn tell(found: &Found, config: &PredictorConfig) {
         } else {
             "  agrees, left"
         };
-        say::line(format_args!(
+        terminal::line(format_args!(
             "deck's centre {name:<8} {:>7.3} +- {:.3} m, configured {old:.3}{note}",
             f.value, f.sd
         ));
     }
     let [roll, pitch] = &found.tilt;
-    say::line(format_args!(
+    terminal::line(format_args!(
         "deck against the vessel's sensors: roll {}, pitch {}; drone's heading on it {}",
         degrees(roll),
         degrees(pitch),
         degrees(&found.heading)
     ));
     match &found.mount {
-        Some(mount) => tell_mount(found, mount, config),
-        None => say::line(format_args!(
+        Some(mount) => print_mount(found, mount, config),
+        None => terminal::line(format_args!(
             "the tag is not seen from the deck: where the drone stands is taken from --at, and nothing is said of \
              the camera's mount"
         )),
@@ -285,20 +287,20 @@ fn tell(found: &Found, config: &PredictorConfig) {
         .map(|(f, old)| if f.replaces(old) { f.value } else { old })
         .collect();
     let line = list("centre_m", &centre, 3);
-    say::line(format_args!(
+    terminal::line(format_args!(
         "\n# vessel.toml\n[vessel.deck]\n{line}\n\n# drone.toml\n[drone.deck]\n{line}"
     ));
 }
 
-fn tell_mount(found: &Found, mount: &Mount, config: &PredictorConfig) {
+fn print_mount(found: &DeckCalibrationResult, mount: &MountCalibration, config: &PredictorConfig) {
     let [forward, right] = &found.stood_at;
-    say::line(format_args!(
+    terminal::line(format_args!(
         "by {} sightings of the tag the drone stands {:.3} +- {:.3} m forward, {:.3} +- {:.3} m right of the \
          deck's centre",
         mount.tags, forward.value, forward.sd, right.value, right.sd
     ));
     let [roll, pitch] = &mount.tilt;
-    say::line(format_args!(
+    terminal::line(format_args!(
         "camera's mount against the feet: roll {}, pitch {}, turn {}; {:.3} +- {:.3} m higher than configured",
         degrees(roll),
         degrees(pitch),
@@ -312,12 +314,12 @@ fn tell_mount(found: &Found, mount: &Mount, config: &PredictorConfig) {
         .iter()
         .any(|t| t.value.abs() > MOUNT_SDS * granted + t.sd)
     {
-        say::line(format_args!(
+        terminal::line(format_args!(
             "  more than the predictor allows for ({:.1} deg): set the camera straight",
             (MOUNT_SDS * granted).to_degrees()
         ));
     }
     if mount.height.value.abs() > 3.0 * mount.height.sd.hypot(config.camera_mount_sd_m) {
-        say::line("  measure drone.airframe.camera_m, feet_below_m and drone.deck.tag_side_m again");
+        terminal::line("  measure drone.airframe.camera_m, feet_below_m and drone.deck.tag_side_m again");
     }
 }

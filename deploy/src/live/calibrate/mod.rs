@@ -8,7 +8,7 @@ use std::fmt::Write;
 
 use clap::{Args, Subcommand};
 
-use crate::{End, Refused};
+use crate::{CliError, Exit};
 
 /// A calibration.
 #[derive(Args, Debug)]
@@ -28,7 +28,7 @@ pub enum What {
 }
 
 /// Measures.
-pub fn run(args: &CalibrateArgs) -> Result<End, Refused> {
+pub fn run(args: &CalibrateArgs) -> Result<Exit, CliError> {
     match &args.what {
         What::Deck(a) => deck::run(a),
         What::Vessel(a) => vessel::run(a),

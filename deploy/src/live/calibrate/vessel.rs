@@ -6,7 +6,7 @@ use alight_shared::config;
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use alight_usv::calibrate::incline::{inertia, level, stiffness};
 use alight_usv::calibrate::{
-    Decay, Figure, Found, NAMES, Record, Signal, Stiffness, Unknown, Weight, identify,
+    DOF_NAMES, Decay, Figure, Found, NotObservable, Record, Signal, Stiffness, Weight, identify,
 };
 use alight_usv::{VesselIn, VesselNodeConfig};
 use clap::Args;
@@ -14,8 +14,8 @@ use serde_json::{Value, json};
 
 use super::list;
 use crate::live::config::VesselComputer;
-use crate::live::record::Log;
-use crate::{End, Refused, say};
+use crate::live::node_log::LogReader;
+use crate::{CliError, Exit, terminal};
 
 /// An antenna known to this is better than what a tape gives on a boat, m (ours).
 const USABLE_M: f64 = 0.1;
@@ -63,13 +63,13 @@ fn weight(text: &str) -> Result<Weight, String> {
 }
 
 /// What a known weight told: stiffness in roll and pitch.
-type Weighed = Option<Stiffness>;
+type LoadedStiffness = Option<Stiffness>;
 
 /// Identifies and tells.
-pub fn run(args: &VesselArgs) -> Result<End, Refused> {
+pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     let named = match &args.config {
         Some(path) => {
-            let computer: VesselComputer = config::load(path).map_err(|e| Refused(e.to_string()))?;
+            let computer: VesselComputer = config::load(path).map_err(|e| CliError(e.to_string()))?;
             Some(computer.vessel)
         }
         None => None,
@@ -83,20 +83,20 @@ pub fn run(args: &VesselArgs) -> Result<End, Refused> {
         (_, _) => None,
     };
     if args.json {
-        say::line(object(&found, &weighed));
+        terminal::line(object(&found, &weighed));
     } else {
-        tell(&found, &weighed, &config);
+        print(&found, &weighed, &config);
     }
     let some = found.decays.iter().any(Result::is_ok) || antenna(&found).is_some();
-    Ok(if some { End::Success } else { End::Failed })
+    Ok(if some { Exit::Success } else { Exit::Failed })
 }
 
-fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), Refused> {
+fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("mcap") => recorded(path, named),
         Some("csv") => table(path, named.unwrap_or_default()),
         Some("log") => logged(path, named),
-        Some(_) | None => Err(Refused(format!(
+        Some(_) | None => Err(CliError(format!(
             "{}: neither FILE.mcap, FILE.log nor FILE.csv",
             path.display()
         ))),
@@ -110,11 +110,11 @@ fn take(record: &mut Record, input: &VesselIn) {
 }
 
 /// What the vessel's process logged.
-fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), Refused> {
+fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
     let doing = || format!("reading {}", path.display());
-    let (mut log, head) = Log::open(path).map_err(|e| Refused::because(doing(), e))?;
+    let (mut log, head) = LogReader::open(path).map_err(|e| CliError::because(doing(), e))?;
     if head.process != "vessel" {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "{}: the log of the process `{}`; the vessel's is vessel-*.log",
             path.display(),
             head.process
@@ -124,12 +124,15 @@ fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeCon
         Some(config) => config,
         None => {
             config::parse::<VesselComputer>(&head.config, &format!("{}, its configuration", path.display()))
-                .map_err(|e| Refused(e.to_string()))?
+                .map_err(|e| CliError(e.to_string()))?
                 .vessel
         }
     };
     let mut record = Record::default();
-    while let Some((_, input, _)) = log.step::<VesselIn>().map_err(|e| Refused::because(doing(), e))? {
+    while let Some((_, input, _)) = log
+        .step::<VesselIn>()
+        .map_err(|e| CliError::because(doing(), e))?
+    {
         take(&mut record, &input);
     }
     let found = record.found(&config);
@@ -137,7 +140,7 @@ fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeCon
 }
 
 #[cfg(feature = "record")]
-fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), Refused> {
+fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
     use crate::record::entry::Entry;
     use crate::record::reading::{Recording, contained};
     use crate::record::{NODES, VESSEL_FILE};
@@ -149,7 +152,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeC
             Some(config) => config,
             None => {
                 let origin = format!("{}, {VESSEL_FILE}", recording.origin());
-                config::parse(&recording.text(VESSEL_FILE)?, &origin).map_err(|e| Refused(e.to_string()))?
+                config::parse(&recording.text(VESSEL_FILE)?, &origin).map_err(|e| CliError(e.to_string()))?
             }
         };
         let mut record = Record::default();
@@ -166,8 +169,8 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeC
 }
 
 #[cfg(not(feature = "record"))]
-fn recorded(path: &Path, _: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), Refused> {
-    Err(Refused(format!(
+fn recorded(path: &Path, _: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+    Err(CliError(format!(
         "{}: this program is built without recordings; take the log of `alight vessel --log DIR`, or a computer with \
          the whole program",
         path.display()
@@ -175,24 +178,24 @@ fn recorded(path: &Path, _: Option<VesselNodeConfig>) -> Result<(VesselNodeConfi
 }
 
 /// A table of poses: each column decays as its degree of freedom does.
-fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Found), Refused> {
+fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Found), CliError> {
     let doing = || format!("reading {}", path.display());
     let size = std::fs::metadata(path)
-        .map_err(|e| Refused::because(doing(), e))?
+        .map_err(|e| CliError::because(doing(), e))?
         .len();
     if size > MAX_TABLE_BYTES {
-        return Err(Refused(format!(
+        return Err(CliError(format!(
             "{}: {size} bytes; at most {MAX_TABLE_BYTES}",
             doing()
         )));
     }
-    let text = std::fs::read_to_string(path).map_err(|e| Refused::because(doing(), e))?;
+    let text = std::fs::read_to_string(path).map_err(|e| CliError::because(doing(), e))?;
     let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
     let (_, head) = lines
         .next()
-        .ok_or_else(|| Refused(format!("{}: an empty file", doing())))?;
+        .ok_or_else(|| CliError(format!("{}: an empty file", doing())))?;
     let column = |name: &str| head.split(',').position(|c| c.trim() == name);
-    let time = column("t_s").ok_or_else(|| Refused(format!("{}: no column t_s", doing())))?;
+    let time = column("t_s").ok_or_else(|| CliError(format!("{}: no column t_s", doing())))?;
     let columns: [(usize, &str, f64); DOFS] = [
         (SURGE, "surge_m", 1.0),
         (SWAY, "sway_m", 1.0),
@@ -206,16 +209,16 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Fou
         .filter_map(|(dof, name, unit)| column(name).map(|c| (*dof, c, *unit)))
         .collect();
     if there.is_empty() {
-        return Err(Refused(format!("{}: no column of a pose: {head}", doing())));
+        return Err(CliError(format!("{}: no column of a pose: {head}", doing())));
     }
     let mut signals: [Signal; DOFS] = Default::default();
     let mut seconds = [f64::NAN; 2];
     for (k, line) in lines {
         let cells: Vec<&str> = line.split(',').collect();
-        let cell = |c: usize| -> Result<f64, Refused> {
+        let cell = |c: usize| -> Result<f64, CliError> {
             let value = cells.get(c).and_then(|v| v.trim().parse::<f64>().ok());
             value.filter(|v| v.abs() < 1e9).ok_or_else(|| {
-                Refused(format!(
+                CliError(format!(
                     "{}: line {}: no number in column {}",
                     doing(),
                     k + 1,
@@ -225,7 +228,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Fou
         };
         let t = cell(time)?;
         if seconds[1] >= t {
-            return Err(Refused(format!(
+            return Err(CliError(format!(
                 "{}: line {}: time does not rise",
                 doing(),
                 k + 1
@@ -258,23 +261,23 @@ fn antenna(found: &Found) -> Option<[Figure; 3]> {
     found.antenna_m.filter(|a| a.iter().any(|f| f.sd <= USABLE_M))
 }
 
-fn why(unknown: &Unknown) -> String {
+fn why(unknown: &NotObservable) -> String {
     match unknown {
-        Unknown::NotMeasured => "not in the recording".into(),
-        Unknown::NotPushed { stands_out } => format!(
+        NotObservable::NotMeasured => "not in the recording".into(),
+        NotObservable::NotPushed { stands_out } => format!(
             "nothing stands out from its rest (the largest by {stands_out:.1} standard deviations): push her and let \
              her come to rest, on calm water"
         ),
-        Unknown::NoDecay { explained } => format!(
+        NotObservable::NoDecay { explained } => format!(
             "a free decay explains {:.0} % of the best push: held, driven by waves, or another motion's",
             100.0 * explained
         ),
-        Unknown::Vague => "the pushes are too weak or too short to tell".into(),
+        NotObservable::Vague => "the pushes are too weak or too short to tell".into(),
     }
 }
 
 /// M where a weight has told it.
-fn mass(dof: usize, decay: &Decay, weighed: &Weighed) -> Option<Figure> {
+fn mass(dof: usize, decay: &Decay, weighed: &LoadedStiffness) -> Option<Figure> {
     let [roll, pitch] = weighed.as_ref()?;
     let of = match dof {
         ROLL => roll,
@@ -292,9 +295,9 @@ fn scaled(m: f64, decay: &Decay) -> [Figure; 2] {
     })
 }
 
-fn object(found: &Found, weighed: &Weighed) -> Value {
+fn object(found: &Found, weighed: &LoadedStiffness) -> Value {
     let figure = |f: &Figure| json!({ "value": f.value, "sd": f.sd });
-    let decays: serde_json::Map<String, Value> = NAMES
+    let decays: serde_json::Map<String, Value> = DOF_NAMES
         .iter()
         .zip(&found.decays)
         .enumerate()
@@ -319,7 +322,7 @@ fn object(found: &Found, weighed: &Weighed) -> Value {
 }
 
 /// What a weight told of roll and pitch.
-fn tell_weighed(weighed: &Stiffness) {
+fn print_loaded(weighed: &Stiffness) {
     for (name, of) in ["roll", "pitch"].iter().zip(weighed) {
         let text = match of {
             Ok(g) => format!("G {:.0} +- {:.0}", g.value, g.sd),
@@ -331,29 +334,29 @@ fn tell_weighed(weighed: &Stiffness) {
             ),
             Err(None) => "no attitude for 20 s with and without it".into(),
         };
-        say::line(format_args!("{name:<6} under the weight: {text}"));
+        terminal::line(format_args!("{name:<6} under the weight: {text}"));
     }
 }
 
-fn tell(found: &Found, weighed: &Weighed, config: &VesselNodeConfig) {
+fn print(found: &Found, weighed: &LoadedStiffness, config: &VesselNodeConfig) {
     let model = &config.model;
-    say::line(format_args!("{:.0} s recorded", found.seconds));
-    weighed.iter().for_each(tell_weighed);
+    terminal::line(format_args!("{:.0} s recorded", found.seconds));
+    weighed.iter().for_each(print_loaded);
     let (mut damping, mut stiffness) = (model.damping_npmps_nmpradps, model.stiffness_npm_nmprad);
     let mut inertia = model.inertia_kg_kgm2;
-    for (dof, (name, decay)) in NAMES.iter().zip(&found.decays).enumerate() {
+    for (dof, (name, decay)) in DOF_NAMES.iter().zip(&found.decays).enumerate() {
         match decay {
             Ok(d) => {
                 let m = mass(dof, d, weighed);
                 if let Some(m) = &m {
-                    say::line(format_args!(
+                    terminal::line(format_args!(
                         "{name:<6} M {:.0} +- {:.0} (configured {:.0})",
                         m.value, m.sd, inertia[dof]
                     ));
                     inertia[dof] = m.value;
                 }
                 let [dd, gg] = scaled(inertia[dof], d);
-                say::line(format_args!(
+                terminal::line(format_args!(
                     "{name:<6} D {:.0} +- {:.0} (configured {:.0}), G {:.0} +- {:.0} (configured {:.0}), {} pushes",
                     dd.value, dd.sd, damping[dof], gg.value, gg.sd, stiffness[dof], d.pushes
                 ));
@@ -362,10 +365,10 @@ fn tell(found: &Found, weighed: &Weighed, config: &VesselNodeConfig) {
                     stiffness[dof] = gg.value;
                 }
             }
-            Err(unknown) => say::line(format_args!("{name:<6} not observable, left: {}", why(unknown))),
+            Err(unknown) => terminal::line(format_args!("{name:<6} not observable, left: {}", why(unknown))),
         }
     }
-    say::line(
+    terminal::line(
         "M is not observable from free motion and elsewhere left as configured (a known weight tells it in roll and \
          pitch: --weighed): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
          place is where the reference point is reckoned from, and left",
@@ -383,7 +386,7 @@ fn tell(found: &Found, weighed: &Weighed, config: &VesselNodeConfig) {
                 } else {
                     "  not observable, left: too little rocking"
                 };
-                say::line(format_args!(
+                terminal::line(format_args!(
                     "GNSS antenna {axis:<8} {:>7.3} +- {:.3} m, configured {:.3}{note}",
                     f.value, f.sd, *slot
                 ));
@@ -392,13 +395,13 @@ fn tell(found: &Found, weighed: &Weighed, config: &VesselNodeConfig) {
                 }
             }
         }
-        None => say::line("GNSS antenna not observable, left: no fixes with motion between them"),
+        None => terminal::line("GNSS antenna not observable, left: no fixes with motion between them"),
     }
     let m = list("inertia_kg_kgm2", &inertia, 0);
     let d = list("damping_npmps_nmpradps", &damping, 0);
     let g = list("stiffness_npm_nmprad", &stiffness, 0);
     let a = list("antenna_m", &place, 3);
-    say::line(format_args!(
+    terminal::line(format_args!(
         "\n# vessel.toml\n[vessel.model]\n{m}\n{d}\n{g}\n[vessel.gnss]\n{a}\n\n# drone.toml\n[drone.predictor.vessel]\n{m}\n{d}\n{g}"
     ));
 }

@@ -75,7 +75,7 @@ pub enum PortState {
     /// Somebody listens there.
     Busy,
     /// The system refuses it, in its words.
-    Refused(String),
+    Unavailable(String),
     /// Not an address that can be tried here.
     Untried,
 }
@@ -86,14 +86,14 @@ pub enum Reach {
     /// It took a connection.
     Answers,
     /// It did not, in the system's words.
-    Silent(String),
+    Unreachable(String),
     /// Datagrams: nobody answers before the session; there is a route.
     Routed,
 }
 
 /// What came from the vessel's sensors while the check listened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SensorsHeard {
+pub struct SensorReadings {
     /// Inertial samples.
     pub imu: usize,
     /// GNSS fixes.
@@ -106,13 +106,13 @@ pub struct SensorsHeard {
 
 /// A real sensor, listened to.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SourceFound {
+pub struct SourceCheck {
     /// Its name.
     pub name: String,
     /// Where it is.
     pub connect: String,
     /// Bytes that came and what became of them, or why none can come.
-    pub heard: Result<(usize, SourceStatus), String>,
+    pub received: Result<(usize, SourceStatus), String>,
 }
 
 /// The place for shared memory.
@@ -128,7 +128,7 @@ pub struct SharedMemory {
 
 /// One of the drone's cameras.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CameraFound {
+pub struct CameraCheck {
     /// Its table in the configuration.
     pub key: &'static str,
     /// The table of its lens.
@@ -165,11 +165,11 @@ pub struct Facts {
     /// The autopilot's link as configured, and whether it can be had; None where none is.
     pub autopilot: Option<(String, Result<Reach, String>)>,
     /// Each camera that is configured.
-    pub cameras: Vec<CameraFound>,
+    pub cameras: Vec<CameraCheck>,
     /// What the sensors sent; None when it was not listened to.
-    pub sensors: Option<SensorsHeard>,
+    pub sensors: Option<SensorReadings>,
     /// The vessel's real sensors; None when they are the running process's.
-    pub sources: Option<Vec<SourceFound>>,
+    pub sources: Option<Vec<SourceCheck>>,
     /// How the frequency of each processor is chosen; empty without frequency scaling.
     pub governors: Vec<String>,
     /// This user may ask for real-time priority.

@@ -15,23 +15,23 @@ use alight_uav::camera::Lens;
 use alight_uav::camera::uvdar::Fisheye;
 
 use super::facts::{
-    CameraFound, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard, SharedMemory,
+    CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings, SharedMemory,
 };
 use super::sources;
-use crate::Refused;
-use crate::live::autopilot_url::AutopilotUrl;
+use crate::CliError;
 use crate::live::config::{DroneComputer, VesselComputer};
-use crate::live::interface::sensors::Sensors;
+use crate::live::interface::sensors::SensorSocket;
+use crate::live::link_url::LinkUrl;
 use crate::live::{drone, instance, keys};
 
 /// Longest look into a file of the system.
-const PATIENCE: Duration = Duration::from_secs(2);
+const TIMEOUT: Duration = Duration::from_secs(2);
 /// The sensors are listened to so many times ...
-const LISTENS: u32 = 15;
+const LISTEN_ROUNDS: u32 = 15;
 /// ... for this long each.
-const LISTEN: Duration = Duration::from_millis(100);
+const LISTEN_TIME: Duration = Duration::from_millis(100);
 /// Processors that are looked at.
-const PROCESSORS: usize = 1024;
+const MAX_PROCESSORS: usize = 1024;
 
 /// Everything about this computer that bears on the configuration in `path`.
 pub fn gather(path: &Path) -> Facts {
@@ -63,12 +63,12 @@ pub fn gather(path: &Path) -> Facts {
                 address: v.sensors.clone(),
                 state: PortState::Untried,
             };
-            match Sensors::listen(&v.sensors) {
+            match SensorSocket::listen(&v.sensors) {
                 Ok(mut sensors) => {
                     port.state = PortState::Free;
                     facts.sensors = Some(listen(&mut sensors));
                 }
-                Err(e) => port.state = refusal(&e),
+                Err(e) => port.state = port_state(&e),
             }
             facts.ports.push(port);
             facts.sources = (!facts.running).then(|| sources::listen(v));
@@ -77,31 +77,31 @@ pub fn gather(path: &Path) -> Facts {
         }
         Ok(Computer::Drone(d)) => {
             let instance = Instance::new(&d.instance);
-            facts.running = instance.as_ref().is_ok_and(instance::runs);
+            facts.running = instance.as_ref().is_ok_and(instance::is_running);
             facts.radio(&d.radio);
             facts.autopilot = d.supervision.autopilot.then(|| {
                 let name = d.autopilot.connect.clone();
                 let reach = name.parse().map(|url| autopilot(&url));
                 (name, reach)
             });
-            let eyes = &d.drone.camera;
+            let settings = &d.drone.camera;
             let ultraviolet = d.ultraviolet();
             let cameras = [
                 (
                     "camera",
                     "drone.camera.lens",
                     &d.camera,
-                    eyes.lens != Lens::default(),
+                    settings.lens != Lens::default(),
                 ),
                 (
                     "uvdar",
                     "drone.camera.uvdar.lens",
                     &ultraviolet,
-                    eyes.uvdar.lens != Fisheye::default(),
+                    settings.uvdar.lens != Fisheye::default(),
                 ),
             ];
             for (key, lens, config, calibrated) in cameras.into_iter().filter(|(_, _, c, _)| c.is_there()) {
-                facts.cameras.push(CameraFound {
+                facts.cameras.push(CameraCheck {
                     key,
                     lens,
                     source: config.source.clone(),
@@ -131,16 +131,16 @@ fn readable(name: &str) -> Result<(), String> {
 }
 
 /// Reads a vessel's or a drone's configuration, told apart by the keys that only one of them has.
-pub fn computer(path: &Path) -> Result<Computer, Refused> {
+pub fn computer(path: &Path) -> Result<Computer, CliError> {
     let text = fs::read_to_string(path).map_err(|e| {
-        Refused::because(
+        CliError::because(
             format!("reading {} (check the path and its permissions)", path.display()),
             e,
         )
     })?;
     let table: toml::Table = text
         .parse()
-        .map_err(|e| Refused::because(format!("parsing {}", path.display()), e))?;
+        .map_err(|e| CliError::because(format!("parsing {}", path.display()), e))?;
     let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
     let origin = path.display().to_string();
     match (
@@ -149,11 +149,11 @@ pub fn computer(path: &Path) -> Result<Computer, Refused> {
     ) {
         (true, false) => config::parse::<VesselComputer>(&text, &origin)
             .map(|v| Computer::Vessel(Box::new(v)))
-            .map_err(|e| Refused(e.to_string())),
+            .map_err(|e| CliError(e.to_string())),
         (false, true) => config::parse::<DroneComputer>(&text, &origin)
             .map(|d| Computer::Drone(Box::new(d)))
-            .map_err(|e| Refused(e.to_string())),
-        (true, true) | (false, false) => Err(Refused(format!(
+            .map_err(|e| CliError(e.to_string())),
+        (true, true) | (false, false) => Err(CliError(format!(
             "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (instance)"
         ))),
     }
@@ -180,16 +180,16 @@ impl Facts {
 fn identity(tls: &TlsConfig) -> Identity {
     let [authority, own] = [&tls.authority, &tls.certificate].map(|file| {
         let path = Path::new(file);
-        keys::look(path).map_err(|e| e.to_string())
+        keys::read_certificate(path).map_err(|e| e.to_string())
     });
     let key = fs::read_to_string(&tls.key).map_err(|e| format!("reading {}: {e}", tls.key));
     let key_mode = fs::metadata(&tls.key).ok().map(|m| m.permissions().mode());
     let key_fits = match (&own, &key) {
-        (Ok(own), Ok(key)) => Some(keys::belongs(key, own)),
+        (Ok(own), Ok(key)) => Some(keys::key_matches(key, own)),
         (_, _) => None,
     };
     let of_authority = match (&own, &authority) {
-        (Ok(own), Ok(authority)) => keys::signed_with(own, authority),
+        (Ok(own), Ok(authority)) => keys::is_signed_by(own, authority),
         (_, _) => None,
     };
     Identity {
@@ -209,11 +209,11 @@ fn endpoint(text: &str) -> Option<(&str, &str)> {
     matches!(protocol, "udp" | "tcp" | "quic").then_some((protocol, address))
 }
 
-fn refusal(e: &std::io::Error) -> PortState {
+fn port_state(e: &std::io::Error) -> PortState {
     if e.kind() == ErrorKind::AddrInUse {
         PortState::Busy
     } else {
-        PortState::Refused(e.to_string())
+        PortState::Unavailable(e.to_string())
     }
 }
 
@@ -223,12 +223,12 @@ fn try_listening(text: &str) -> PortState {
         Some(("udp" | "quic", address)) => UdpSocket::bind(address).map(|_| ()),
         Some((_, address)) => TcpListener::bind(address).map(|_| ()),
     };
-    tried.map_or_else(|e| refusal(&e), |()| PortState::Free)
+    tried.map_or_else(|e| port_state(&e), |()| PortState::Free)
 }
 
 fn reach(text: &str) -> Reach {
     let Some((protocol, address)) = endpoint(text) else {
-        return Reach::Silent("not PROTOCOL/ADDRESS:PORT with udp, tcp or quic".into());
+        return Reach::Unreachable("not PROTOCOL/ADDRESS:PORT with udp, tcp or quic".into());
     };
     let found = address
         .to_socket_addrs()
@@ -238,11 +238,11 @@ fn reach(text: &str) -> Reach {
         match protocol {
             "udp" => routed(to).map(|_| Reach::Routed),
             "quic" => routed(to).and_then(|s| speaks_quic(&s)).map(|()| Reach::Answers),
-            _ => TcpStream::connect_timeout(&to, PATIENCE).map(|_| Reach::Answers),
+            _ => TcpStream::connect_timeout(&to, TIMEOUT).map(|_| Reach::Answers),
         }
         .map_err(|e| e.to_string())
     });
-    result.unwrap_or_else(Reach::Silent)
+    result.unwrap_or_else(Reach::Unreachable)
 }
 
 fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
@@ -267,7 +267,7 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
     ]
     .concat();
     hello.splice(..header.len(), header);
-    socket.set_read_timeout(Some(PATIENCE / 3))?;
+    socket.set_read_timeout(Some(TIMEOUT / 3))?;
     let mut answer = [0u8; 1500];
     let mut last = ErrorKind::TimedOut.into();
     for _ in 0..3 {
@@ -283,31 +283,32 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
 }
 
 /// Whether the autopilot's link can be had.
-fn autopilot(url: &AutopilotUrl) -> Reach {
-    let bound =
-        |tried: std::io::Result<()>| tried.map_or_else(|e| Reach::Silent(e.to_string()), |()| Reach::Routed);
+fn autopilot(url: &LinkUrl) -> Reach {
+    let bound = |tried: std::io::Result<()>| {
+        tried.map_or_else(|e| Reach::Unreachable(e.to_string()), |()| Reach::Routed)
+    };
     match url {
-        AutopilotUrl::UdpIn(at) => bound(UdpSocket::bind(at.as_str()).map(drop)),
-        AutopilotUrl::TcpIn(at) => bound(TcpListener::bind(at.as_str()).map(drop)),
-        AutopilotUrl::UdpOut(to) => reach(&format!("udp/{to}")),
-        AutopilotUrl::TcpOut(to) => reach(&format!("tcp/{to}")),
-        AutopilotUrl::Serial(path, _) => match OpenOptions::new().read(true).write(true).open(path) {
+        LinkUrl::UdpIn(at) => bound(UdpSocket::bind(at.as_str()).map(drop)),
+        LinkUrl::TcpIn(at) => bound(TcpListener::bind(at.as_str()).map(drop)),
+        LinkUrl::UdpOut(to) => reach(&format!("udp/{to}")),
+        LinkUrl::TcpOut(to) => reach(&format!("tcp/{to}")),
+        LinkUrl::Serial(path, _) => match OpenOptions::new().read(true).write(true).open(path) {
             Ok(_) => Reach::Answers,
-            Err(e) => Reach::Silent(e.to_string()),
+            Err(e) => Reach::Unreachable(e.to_string()),
         },
     }
 }
 
-fn listen(sensors: &mut Sensors) -> SensorsHeard {
-    let mut heard = SensorsHeard::default();
-    for _ in 0..LISTENS {
-        let readings = sensors.read(LISTEN);
-        heard.imu += readings.imu.len();
-        heard.gnss += readings.gnss.len();
-        heard.heading += readings.heading.len();
+fn listen(sensors: &mut SensorSocket) -> SensorReadings {
+    let mut received = SensorReadings::default();
+    for _ in 0..LISTEN_ROUNDS {
+        let readings = sensors.read(LISTEN_TIME);
+        received.imu += readings.imu.len();
+        received.gnss += readings.gnss.len();
+        received.heading += readings.heading.len();
     }
-    heard.refused = sensors.refused();
-    heard
+    received.refused = sensors.rejected();
+    received
 }
 
 fn memory(instance: Result<Instance, String>) -> SharedMemory {
@@ -330,7 +331,7 @@ fn memory(instance: Result<Instance, String>) -> SharedMemory {
         Ok(path)
     });
     SharedMemory {
-        free_bytes: said("df", &["--output=avail", "-B1", "/dev/shm"])
+        free_bytes: command_output("df", &["--output=avail", "-B1", "/dev/shm"])
             .and_then(|t| t.lines().last().and_then(|l| l.trim().parse().ok())),
         writable,
         directory,
@@ -338,7 +339,7 @@ fn memory(instance: Result<Instance, String>) -> SharedMemory {
 }
 
 /// What a program of the system says on standard output; None when it is not there or fails.
-fn said(program: &str, args: &[&str]) -> Option<String> {
+fn command_output(program: &str, args: &[&str]) -> Option<String> {
     let out = Command::new(program)
         .args(args)
         .env("LC_ALL", "C")
@@ -350,12 +351,12 @@ fn said(program: &str, args: &[&str]) -> Option<String> {
 }
 
 fn sync() -> Option<ClockSync> {
-    if let Some(text) = said("chronyc", &["-c", "tracking"])
+    if let Some(text) = command_output("chronyc", &["-c", "tracking"])
         && let Some(found) = chrony(&text)
     {
         return Some(found);
     }
-    let text = said("timedatectl", &["show", "-p", "NTPSynchronized", "--value"])?;
+    let text = command_output("timedatectl", &["show", "-p", "NTPSynchronized", "--value"])?;
     Some(ClockSync {
         source: "timedatectl",
         synchronised: text.trim() == "yes",
@@ -377,7 +378,7 @@ fn chrony(text: &str) -> Option<ClockSync> {
 }
 
 fn governors() -> Vec<String> {
-    (0..PROCESSORS)
+    (0..MAX_PROCESSORS)
         .map_while(|k| {
             let path = format!("/sys/devices/system/cpu/cpu{k}/cpufreq/scaling_governor");
             fs::read_to_string(path).ok()
@@ -413,7 +414,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn chrony_is_read() {
+    fn clock_check_parses_chrony_tracking() {
         let good = "A29FC87B,162.159.200.123,4,1700000000.1,0.000012,0.000003,0.000210,-7.6,0.0,0.05,0.01,0.001,64.5,Normal\n";
         let s = chrony(good).unwrap();
         assert!(s.synchronised && s.error_s == Some(0.00021));
@@ -423,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_of_quic_is_told_from_silence_and_from_another_program() {
+    fn reachability_check_distinguishes_a_quic_server_from_silence_and_other_programs() {
         // What follows a version negotiation's header does not matter here.
         for (answer, found) in [
             (&[0x9f, 0, 0, 0, 0, 8, 1, 2, 3][..], true),
@@ -445,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn a_port_in_use_is_told_from_an_address_of_another_computer() {
+    fn port_check_distinguishes_a_port_in_use_from_a_foreign_address() {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let taken = format!("udp/{}", socket.local_addr().unwrap());
         assert_eq!(try_listening(&taken), PortState::Busy);
@@ -454,7 +455,7 @@ mod tests {
         // TEST-NET-1: nobody's address.
         assert!(matches!(
             try_listening("quic/192.0.2.1:7447"),
-            PortState::Refused(_)
+            PortState::Unavailable(_)
         ));
         assert_eq!(try_listening("serial/dev/ttyUSB0"), PortState::Untried);
     }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde_json::json;
 
-use crate::{End, Refused, say};
+use crate::{CliError, Exit, terminal};
 use rules::{Finding, Level};
 
 /// Where the packages put the configuration.
@@ -42,11 +42,11 @@ pub fn shipped() -> Option<PathBuf> {
 }
 
 /// Looks, judges and tells.
-pub fn run(args: &CheckArgs) -> Result<End, Refused> {
+pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let path = match &args.config {
         Some(path) => path.clone(),
         None => shipped().ok_or_else(|| {
-            Refused(format!(
+            CliError(format!(
                 "neither {} nor {} can be read; name --config FILE",
                 SHIPPED[0], SHIPPED[1]
             ))
@@ -55,14 +55,14 @@ pub fn run(args: &CheckArgs) -> Result<End, Refused> {
     let findings = rules::judge(&gather::gather(&path));
     let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
     if args.json {
-        say::line(json!({ "config": path, "worst": worst, "findings": findings }));
+        terminal::line(json!({ "config": path, "worst": worst, "findings": findings }));
     } else {
         findings.iter().for_each(show);
     }
     Ok(match worst {
-        Level::Fine => End::Success,
-        Level::Warning => End::Failed,
-        Level::Broken => End::Broken,
+        Level::Fine => Exit::Success,
+        Level::Warning => Exit::Failed,
+        Level::Broken => Exit::Broken,
     })
 }
 
@@ -73,8 +73,8 @@ pub fn show(finding: &Finding) {
         Level::Warning => "WARNING",
         Level::Broken => "BROKEN",
     };
-    say::line(format_args!("{mark:<8} {:<14} {}", finding.topic, finding.found));
-    if !finding.to_do.is_empty() {
-        say::line(format_args!("{:<8} {:<14} -> {}", "", "", finding.to_do));
+    terminal::line(format_args!("{mark:<8} {:<14} {}", finding.topic, finding.found));
+    if !finding.remedy.is_empty() {
+        terminal::line(format_args!("{:<8} {:<14} -> {}", "", "", finding.remedy));
     }
 }

@@ -4,9 +4,9 @@ use alight_shared::transport::radio::RadioConfig;
 use serde::Serialize;
 
 use super::facts::{
-    CameraFound, Certificate, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceFound,
+    CameraCheck, Certificate, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceCheck,
 };
-use crate::live::keys::{SOON_DAYS, common_name};
+use crate::live::keys::{RENEWAL_DAYS, common_name};
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
 /// who look on, and a start whose predecessor was killed.
@@ -42,7 +42,7 @@ pub struct Finding {
     /// What was found.
     pub found: String,
     /// What to do; empty when fine.
-    pub to_do: String,
+    pub remedy: String,
 }
 
 impl Finding {
@@ -52,23 +52,23 @@ impl Finding {
             topic,
             level: Level::Fine,
             found: found.into(),
-            to_do: String::new(),
+            remedy: String::new(),
         }
     }
     /// Works, but not as it should.
-    pub fn warning(topic: &'static str, found: impl Into<String>, to_do: impl Into<String>) -> Finding {
+    pub fn warning(topic: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         Finding {
             topic,
             level: Level::Warning,
             found: found.into(),
-            to_do: to_do.into(),
+            remedy: remedy.into(),
         }
     }
     /// Does not work.
-    pub fn broken(topic: &'static str, found: impl Into<String>, to_do: impl Into<String>) -> Finding {
+    pub fn broken(topic: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         Finding {
             level: Level::Broken,
-            ..Finding::warning(topic, found, to_do)
+            ..Finding::warning(topic, found, remedy)
         }
     }
 }
@@ -214,7 +214,9 @@ fn dates(certificate: &Certificate) -> Finding {
             "set the clock",
         ),
         days if days < 0 => Finding::broken(TOPIC, format!("{path} expired {} days ago", -days), renew),
-        days if days < SOON_DAYS => Finding::warning(TOPIC, format!("{path} expires in {days} days"), renew),
+        days if days < RENEWAL_DAYS => {
+            Finding::warning(TOPIC, format!("{path} expires in {days} days"), renew)
+        }
         days => Finding::fine(TOPIC, format!("{path}: {}, {days} days left", certificate.name)),
     }
 }
@@ -277,7 +279,7 @@ fn port(port: &Port, running: bool) -> Finding {
             format!("{what} is taken by another program"),
             "ss -lnptu shows which; stop it, or choose another port on both sides",
         ),
-        PortState::Refused(why) => Finding::broken(
+        PortState::Unavailable(why) => Finding::broken(
             TOPIC,
             format!("{what}: {why}"),
             "name an address of this computer (ip address) and a port above 1023",
@@ -298,7 +300,7 @@ fn dialled(to: &str, reach: &Reach) -> Finding {
             TOPIC,
             format!("there is a route to {to}; whether it answers shows only in alight status"),
         ),
-        Reach::Silent(why) => Finding::warning(
+        Reach::Unreachable(why) => Finding::warning(
             TOPIC,
             format!("{to} does not answer: {why}"),
             "is the vessel's computer on, its radio within reach (ping) and alight-vessel running?",
@@ -314,10 +316,10 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> F
             TOPIC,
             format!("{url} is free; whether the autopilot speaks shows only in alight status"),
         ),
-        Ok(Reach::Silent(why)) if running => {
+        Ok(Reach::Unreachable(why)) if running => {
             Finding::fine(TOPIC, format!("{url} is taken ({why}), and Alight runs"))
         }
-        Ok(Reach::Silent(why)) => Finding::warning(
+        Ok(Reach::Unreachable(why)) => Finding::warning(
             TOPIC,
             format!("{url}: {why}"),
             "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
@@ -326,8 +328,8 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> F
     }
 }
 
-fn camera(found: &CameraFound) -> Finding {
-    let CameraFound { key, source, .. } = found;
+fn camera(found: &CameraCheck) -> Finding {
+    let CameraCheck { key, source, .. } = found;
     match &found.there {
         Err(why) => Finding::broken(
             key,
@@ -387,20 +389,20 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
 
 fn sensors(facts: &Facts) -> Option<Finding> {
     const TOPIC: &str = "sensors";
-    let heard = facts.sensors?;
+    let received = facts.sensors?;
     let missing: Vec<&str> = [
-        ("inertial samples", heard.imu),
-        ("GNSS fixes", heard.gnss),
-        ("headings", heard.heading),
+        ("inertial samples", received.imu),
+        ("GNSS fixes", received.gnss),
+        ("headings", received.heading),
     ]
     .into_iter()
     .filter(|(_, n)| *n == 0)
     .map(|(name, _)| name)
     .collect();
-    Some(if heard.refused > 0 {
+    Some(if received.refused > 0 {
         Finding::warning(
             TOPIC,
-            format!("{} datagrams were not measurements", heard.refused),
+            format!("{} datagrams were not measurements", received.refused),
             "another program sends to this port, or the driver is of another version",
         )
     } else if missing.is_empty() {
@@ -408,7 +410,7 @@ fn sensors(facts: &Facts) -> Option<Finding> {
             TOPIC,
             format!(
                 "{} inertial samples, {} fixes, {} headings while listening",
-                heard.imu, heard.gnss, heard.heading
+                received.imu, received.gnss, received.heading
             ),
         )
     } else {
@@ -420,10 +422,10 @@ fn sensors(facts: &Facts) -> Option<Finding> {
     })
 }
 
-fn source(found: &SourceFound) -> Finding {
+fn source(found: &SourceCheck) -> Finding {
     const TOPIC: &str = "sensors";
     let who = format!("{} ({})", found.name, found.connect);
-    match &found.heard {
+    match &found.received {
         Err(why) => Finding::warning(
             TOPIC,
             format!("{who}: {why}"),

@@ -7,12 +7,12 @@ use alight_shared::transport::radio::TlsConfig;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
 use super::facts::{
-    CameraFound, Certificate, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorsHeard,
-    SharedMemory, SourceFound,
+    CameraCheck, Certificate, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings,
+    SharedMemory, SourceCheck,
 };
 use super::rules::{Finding, Level, judge};
 use super::{CheckArgs, gather, run, sources};
-use crate::End;
+use crate::Exit;
 use crate::live::config::{DroneComputer, VesselComputer};
 use crate::live::keys;
 
@@ -65,7 +65,7 @@ fn vessel() -> Facts {
         dialled: Vec::new(),
         autopilot: None,
         cameras: Vec::new(),
-        sensors: Some(SensorsHeard {
+        sensors: Some(SensorReadings {
             imu: 300,
             gnss: 10,
             heading: 20,
@@ -102,8 +102,8 @@ fn worst(findings: &[Finding]) -> Level {
     findings.iter().map(|f| f.level).max().unwrap()
 }
 
-fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraFound {
-    CameraFound {
+fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraCheck {
+    CameraCheck {
         key: "camera",
         lens: "drone.camera.lens",
         source: source.into(),
@@ -113,11 +113,11 @@ fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraFo
 }
 
 #[test]
-fn computers_in_order_are_fine_and_nothing_is_to_be_done() {
+fn check_finds_nothing_on_computers_in_order() {
     for facts in [vessel(), drone()] {
         let findings = judge(&facts);
         assert_eq!(worst(&findings), Level::Fine, "{findings:#?}");
-        assert!(findings.iter().all(|f| f.to_do.is_empty()));
+        assert!(findings.iter().all(|f| f.remedy.is_empty()));
     }
 }
 
@@ -125,18 +125,18 @@ fn computers_in_order_are_fine_and_nothing_is_to_be_done() {
 type Wrong = (fn() -> Facts, fn(&mut Facts), Level, &'static str);
 
 #[test]
-fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
+fn check_finds_each_fault_alone_with_its_remedy() {
     fn own(f: &mut Facts) -> &mut Identity {
         f.identity.as_mut().unwrap()
     }
     fn shared(f: &mut Facts) -> &mut SharedMemory {
         f.memory.as_mut().unwrap()
     }
-    fn source(f: &mut Facts, heard: Result<(usize, SourceStatus), String>) {
-        f.sources = Some(vec![SourceFound {
+    fn source(f: &mut Facts, received: Result<(usize, SourceStatus), String>) {
+        f.sources = Some(vec![SourceCheck {
             name: "compass".into(),
             connect: "serial:///dev/ttyUSB0:115200".into(),
-            heard,
+            received,
         }]);
     }
     let wrongs: [Wrong; 33] = [
@@ -217,13 +217,13 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
         ),
         (
             vessel,
-            |f| f.ports[0].state = PortState::Refused("not here".into()),
+            |f| f.ports[0].state = PortState::Unavailable("not here".into()),
             Level::Broken,
             "not here",
         ),
         (
             vessel,
-            |f| f.sensors = Some(SensorsHeard::default()),
+            |f| f.sensors = Some(SensorReadings::default()),
             Level::Warning,
             "no GNSS fixes",
         ),
@@ -259,7 +259,7 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
         ),
         (
             drone,
-            |f| f.dialled[0].1 = Reach::Silent("refused".into()),
+            |f| f.dialled[0].1 = Reach::Unreachable("refused".into()),
             Level::Warning,
             "does not answer",
         ),
@@ -283,7 +283,12 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
         ),
         (
             drone,
-            |f| f.autopilot = Some(("serial:///dev/x".into(), Ok(Reach::Silent("not there".into())))),
+            |f| {
+                f.autopilot = Some((
+                    "serial:///dev/x".into(),
+                    Ok(Reach::Unreachable("not there".into())),
+                ))
+            },
             Level::Warning,
             "not there",
         ),
@@ -332,12 +337,12 @@ fn each_thing_that_is_wrong_is_found_alone_and_says_what_to_do() {
             bad[0].level == level && bad[0].found.contains(word),
             "{word}: {bad:?}"
         );
-        assert!(bad[0].to_do.len() > 8, "{word}: says what to do: {bad:?}");
+        assert!(bad[0].remedy.len() > 8, "{word}: says what to do: {bad:?}");
     }
 }
 
 #[test]
-fn a_radio_without_protection_is_worth_a_warning_unless_it_stays_inside() {
+fn check_warns_of_an_unprotected_radio_unless_it_is_loopback() {
     let mut facts = vessel();
     facts.identity = None;
     let mut computer = VesselComputer::default();
@@ -349,7 +354,7 @@ fn a_radio_without_protection_is_worth_a_warning_unless_it_stays_inside() {
 }
 
 #[test]
-fn a_port_that_alight_itself_has_taken_is_fine() {
+fn check_accepts_a_port_that_alight_itself_uses() {
     let mut facts = vessel();
     facts.ports[0].state = PortState::Busy;
     facts.running = true;
@@ -362,7 +367,7 @@ fn scratch(name: &str) -> PathBuf {
     directory
 }
 
-fn check(config: &Path) -> End {
+fn check(config: &Path) -> Exit {
     run(&CheckArgs {
         config: Some(config.into()),
         json: true,
@@ -371,7 +376,7 @@ fn check(config: &Path) -> End {
 }
 
 #[test]
-fn on_this_computer_a_swapped_key_and_a_foreign_authority_are_found() {
+fn check_finds_a_swapped_key_and_a_foreign_authority() {
     let directory = scratch("keys");
     let (ours, theirs) = (directory.join("ours"), directory.join("theirs"));
     for authority in [&ours, &theirs] {
@@ -406,7 +411,7 @@ fn on_this_computer_a_swapped_key_and_a_foreign_authority_are_found() {
 }
 
 #[test]
-fn a_source_that_speaks_is_told_from_silence_and_from_none() {
+fn sensor_check_distinguishes_a_sending_source_from_a_silent_and_a_missing_one() {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let (speaks, silent) = (free(), free());
@@ -442,20 +447,25 @@ fn a_source_that_speaks_is_told_from_silence_and_from_none() {
     let found = sources::listen(&computer);
     end.send(()).unwrap();
     speaker.join().unwrap();
-    let heard = |k: usize| found[k].heard.as_ref().map(|(bytes, s)| (*bytes, s.decoded.good));
+    let received = |k: usize| {
+        found[k]
+            .received
+            .as_ref()
+            .map(|(bytes, s)| (*bytes, s.decoded.good))
+    };
     assert!(
-        heard(0).is_ok_and(|(bytes, good)| bytes > 100 && good > 2),
+        received(0).is_ok_and(|(bytes, good)| bytes > 100 && good > 2),
         "{found:?}"
     );
-    assert_eq!(heard(1), Ok((0, 0)), "{found:?}");
-    assert!(heard(2).is_err_and(|e| e.contains("udpin://")), "{found:?}");
-    assert!(heard(3).is_err_and(|e| e.contains("/dev/none")), "{found:?}");
-    assert!(heard(4).is_err_and(|e| e.contains("nmea://mast")), "{found:?}");
+    assert_eq!(received(1), Ok((0, 0)), "{found:?}");
+    assert!(received(2).is_err_and(|e| e.contains("udpin://")), "{found:?}");
+    assert!(received(3).is_err_and(|e| e.contains("/dev/none")), "{found:?}");
+    assert!(received(4).is_err_and(|e| e.contains("nmea://mast")), "{found:?}");
     assert!(sources::listen(&VesselComputer::default()).is_empty());
 }
 
 #[test]
-fn broken_configurations_end_with_exit_code_2() {
+fn check_of_a_broken_configuration_exits_with_code_2() {
     let directory = scratch("broken");
     let path = directory.join("any.toml");
     for text in [
@@ -467,8 +477,8 @@ fn broken_configurations_end_with_exit_code_2() {
         "vessel_id = 1\n[radio]\nlease_s = -1.0",
     ] {
         std::fs::write(&path, text).unwrap();
-        assert_eq!(check(&path), End::Broken, "{text}");
+        assert_eq!(check(&path), Exit::Broken, "{text}");
     }
-    assert_eq!(check(&directory.join("none.toml")), End::Broken);
+    assert_eq!(check(&directory.join("none.toml")), Exit::Broken);
     std::fs::remove_dir_all(&directory).unwrap();
 }

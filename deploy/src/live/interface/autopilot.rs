@@ -5,7 +5,7 @@
 use alight_shared::msg::{AutopilotState, DroneState, RangeSample, SetPoint, TagPose, UvdarFix};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Memory, Publisher, Subscriber};
-use alight_sim::physics::Flight;
+use alight_sim::physics::DroneMeasurements;
 use alight_sim::sensors::DroneReadings;
 use alight_uav::odometry::{Odometry, OdometryConfig};
 
@@ -37,13 +37,13 @@ impl SimulatedAutopilot {
         })
     }
     /// Says what camera and rangefinder say.
-    pub fn say_seen(&mut self, seen: &DroneReadings) {
-        seen.tags.iter().for_each(|m| self.tags.send(m));
-        seen.uvdar.iter().for_each(|m| self.uvdar.send(m));
-        seen.ranges.iter().for_each(|m| self.ranges.send(m));
+    pub fn publish_detections(&mut self, readings: &DroneReadings) {
+        readings.tags.iter().for_each(|m| self.tags.send(m));
+        readings.uvdar.iter().for_each(|m| self.uvdar.send(m));
+        readings.ranges.iter().for_each(|m| self.ranges.send(m));
     }
     /// Says what the autopilot says; odometry last, because it wakes the other processes.
-    pub fn say(&mut self, flight: &Flight) {
+    pub fn publish(&mut self, flight: &DroneMeasurements) {
         if let Some(mut state) = flight.autopilot {
             self.sequences[1] = self.sequences[1].wrapping_add(1);
             state.header.sequence = self.sequences[1];

@@ -9,33 +9,33 @@ use alight_shared::wire;
 pub use alight_usv::sensors::Readings;
 
 /// Measurements of each kind that one datagram holds, at most.
-const MOST_PER_DATAGRAM: usize = 4;
+const MAX_PER_DATAGRAM: usize = 4;
 /// Most datagrams that one read takes.
-const MOST_PER_READ: usize = 32;
+const MAX_PER_READ: usize = 32;
 
 /// The receiving end.
-pub struct Sensors {
+pub struct SensorSocket {
     socket: UdpSocket,
     refused: u64,
 }
 
-impl Sensors {
+impl SensorSocket {
     /// Listens on `address`.
-    pub fn listen(address: &str) -> io::Result<Sensors> {
-        Ok(Sensors {
+    pub fn listen(address: &str) -> io::Result<SensorSocket> {
+        Ok(SensorSocket {
             socket: UdpSocket::bind(address)?,
             refused: 0,
         })
     }
-    /// Everything that waits; waits at most `longest` for the first.
-    pub fn read(&mut self, longest: Duration) -> Readings {
+    /// Everything that waits; waits at most `max_wait` for the first.
+    pub fn read(&mut self, max_wait: Duration) -> Readings {
         let mut all = Readings::default();
         let mut buffer = [0_u8; wire::MAX_WIRE_BYTES];
-        for k in 0..MOST_PER_READ {
+        for k in 0..MAX_PER_READ {
             let ready = if k == 0 {
                 self.socket
                     .set_nonblocking(false)
-                    .and_then(|()| self.socket.set_read_timeout(Some(longest)))
+                    .and_then(|()| self.socket.set_read_timeout(Some(max_wait)))
             } else {
                 self.socket.set_nonblocking(true)
             };
@@ -50,29 +50,29 @@ impl Sensors {
         all
     }
     /// Datagrams that were not readings.
-    pub fn refused(&self) -> u64 {
+    pub fn rejected(&self) -> u64 {
         self.refused
     }
 }
 
 /// The sending end of sensors, simulated or real.
-pub struct SimulatedSensors {
+pub struct SensorSender {
     socket: UdpSocket,
 }
 
-impl SimulatedSensors {
+impl SensorSender {
     /// Sends to the vessel's process at `address`.
-    pub fn to(address: &str) -> io::Result<SimulatedSensors> {
+    pub fn to(address: &str) -> io::Result<SensorSender> {
         let socket = UdpSocket::bind("127.0.0.1:0")?;
         socket.connect(address)?;
-        Ok(SimulatedSensors { socket })
+        Ok(SensorSender { socket })
     }
     /// Sends what there is. A vessel's process that is not there misses it, as it would at sea.
     pub fn send(&self, readings: &Readings) {
         if readings.is_empty() {
             return;
         }
-        for part in readings.parts(MOST_PER_DATAGRAM) {
+        for part in readings.parts(MAX_PER_DATAGRAM) {
             if let Ok(bytes) = wire::encode(&part) {
                 let _missed = self.socket.send(&bytes);
             }
@@ -86,10 +86,10 @@ mod tests {
     use alight_shared::msg::ImuSample;
 
     #[test]
-    fn readings_arrive_and_noise_is_counted() {
-        let mut sensors = Sensors::listen("127.0.0.1:0").unwrap();
+    fn sensor_socket_receives_readings_and_counts_invalid_datagrams() {
+        let mut sensors = SensorSocket::listen("127.0.0.1:0").unwrap();
         let address = sensors.socket.local_addr().unwrap().to_string();
-        let sender = SimulatedSensors::to(&address).unwrap();
+        let sender = SensorSender::to(&address).unwrap();
         let readings = Readings {
             imu: vec![ImuSample::default(); 3],
             ..Readings::default()
@@ -101,10 +101,10 @@ mod tests {
         // Loopback delivers at once; the bound is against a test that never ends.
         for _ in 0..100 {
             got.imu.extend(sensors.read(Duration::from_millis(50)).imu);
-            if got.imu.len() == 6 && sensors.refused() == 1 {
+            if got.imu.len() == 6 && sensors.rejected() == 1 {
                 break;
             }
         }
-        assert_eq!((got.imu.len(), sensors.refused()), (6, 1));
+        assert_eq!((got.imu.len(), sensors.rejected()), (6, 1));
     }
 }

@@ -13,14 +13,14 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_uav::camera::{Grey, Lens};
+use alight_uav::camera::{GreyImage, Lens};
 use nalgebra::{Rotation3, Vector3};
 
 use super::camera::View;
 use super::clocks::Clocks;
 use super::noise::{Noise, Schedule};
-use crate::body::RigidState;
-use crate::streams::Streams;
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
 use paint::{DeckPaint, Sea};
 use rays::{Pattern, Rays};
 
@@ -129,7 +129,7 @@ pub struct Renderer {
 }
 
 /// What is seen, in the camera's axes.
-struct Seen {
+struct DeckInCamera {
     /// Deck's centre, m, and its axes.
     at: Vector3<f64>,
     axes: Rotation3<f64>,
@@ -138,11 +138,11 @@ struct Seen {
     turn: Vector3<f64>,
 }
 
-impl Seen {
-    fn new(view: &View, deck: &RigidState<Deck>) -> Seen {
-        let at = view.sees(deck.position);
+impl DeckInCamera {
+    fn new(view: &View, deck: &RigidState<Deck>) -> DeckInCamera {
+        let at = view.to_camera_frame(deck.position);
         let axes = view.camera_from_world * deck.attitude;
-        Seen {
+        DeckInCamera {
             at,
             drift: view.drift(at, deck.velocity),
             turn: (axes * deck.rates).0 - view.rates.0,
@@ -219,7 +219,7 @@ impl Renderer {
     }
 
     /// The image. None for a size that the configuration's check refuses.
-    pub fn image(&mut self, shot: &Shot) -> Option<Grey> {
+    pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let Shot {
             t,
             exposure_s,
@@ -234,7 +234,7 @@ impl Renderer {
             .draw(&mut light, &self.rays, view, self.sun, t.secs() as f32, width);
         self.draw_deck(&mut light, view, deck, exposure_s, width);
         let pixels = self.expose(&light);
-        Grey::new(width, height, pixels).ok()
+        GreyImage::new(width, height, pixels).ok()
     }
 
     fn draw_deck(
@@ -245,11 +245,11 @@ impl Renderer {
         exposure_s: f64,
         width: usize,
     ) {
-        let seen = Seen::new(view, deck);
+        let deck_in_camera = DeckInCamera::new(view, deck);
         let focal = self.config.lens.focal_px[0];
-        let distance = seen.at.norm().max(0.1);
+        let distance = deck_in_camera.at.norm().max(0.1);
         let cell_px = focal * self.paint.cell_m() / distance;
-        let speed = seen.drift.norm() / distance + seen.turn.norm();
+        let speed = deck_in_camera.drift.norm() / distance + deck_in_camera.turn.norm();
         let blur_px = speed * exposure_s * focal;
         // Enough rays for cells of few pixels, and for every half pixel of a smear.
         let side = if cell_px > 16.0 {
@@ -267,16 +267,16 @@ impl Renderer {
             .rays
             .iter()
             .map(|ray| {
-                let (at, axes) = seen.after(ray.time * exposure_s);
+                let (at, axes) = deck_in_camera.after(ray.time * exposure_s);
                 ToDeck::new(&at, &axes)
             })
             .collect();
         let Some(maps) = maps else { return };
-        let Some([left, top, right, bottom]) = self.bounds(&seen, exposure_s, blur_px) else {
+        let Some([left, top, right, bottom]) = self.bounds(&deck_in_camera, exposure_s, blur_px) else {
             return;
         };
-        let glare = self.glare_on(view, &seen);
-        let share = 1.0 / maps.len() as f32;
+        let glare = self.glare_on(view, &deck_in_camera);
+        let fraction = 1.0 / maps.len() as f32;
         for row in top..=bottom {
             for column in left..=right {
                 let k = row * width + column;
@@ -292,21 +292,21 @@ impl Renderer {
                     }
                 }
                 if hits > 0.0 {
-                    let shine = glare.as_ref().map_or(0.0, |g| g.at(ray.at)) * hits * share;
-                    *out = *out * (1.0 - hits * share) + sum * share + shine;
+                    let shine = glare.as_ref().map_or(0.0, |g| g.at(ray.at)) * hits * fraction;
+                    *out = *out * (1.0 - hits * fraction) + sum * fraction + shine;
                 }
             }
         }
     }
 
     /// Pixels that may show the deck: left, top, right, bottom.
-    fn bounds(&self, seen: &Seen, exposure_s: f64, blur_px: f64) -> Option<[usize; 4]> {
+    fn bounds(&self, deck_in_camera: &DeckInCamera, exposure_s: f64, blur_px: f64) -> Option<[usize; 4]> {
         let lens = &self.config.lens;
         let whole = [0, 0, lens.width_px as usize - 1, lens.height_px as usize - 1];
         let mut low = [f64::INFINITY; 2];
         let mut high = [f64::NEG_INFINITY; 2];
         for s in [-0.5, 0.5] {
-            let (at, axes) = seen.after(s * exposure_s);
+            let (at, axes) = deck_in_camera.after(s * exposure_s);
             for edge in self.paint.outline() {
                 let p = axes * edge + at;
                 if p.z < 0.05 {
@@ -324,7 +324,7 @@ impl Renderer {
         if high[0] < -margin || high[1] < -margin || low[0] > right + margin || low[1] > bottom + margin {
             return None;
         }
-        let within = |v: f64, most: f64| v.clamp(0.0, most) as usize;
+        let within = |v: f64, max: f64| v.clamp(0.0, max) as usize;
         Some([
             within(low[0] - margin, right),
             within(low[1] - margin, bottom),
@@ -334,11 +334,11 @@ impl Renderer {
     }
 
     /// The sun in the deck as a mirror; None when it is dry.
-    fn glare_on(&self, view: &View, seen: &Seen) -> Option<Glare> {
+    fn glare_on(&self, view: &View, deck_in_camera: &DeckInCamera) -> Option<Glare> {
         if !(self.config.glare > 0.0) {
             return None;
         }
-        let normal = seen.axes * Vector3::z();
+        let normal = deck_in_camera.axes * Vector3::z();
         let sun = (view.camera_from_world * self.sun).0;
         // The direction that the mirror turns into the sun's.
         let from = sun - normal * (2.0 * sun.dot(&normal));

@@ -83,8 +83,8 @@ impl Rays {
     /// Pixel of a direction at unit distance. One outside the image is first brought near to it, where
     /// the distortion still means something.
     pub(super) fn pixel(&self, lens: &Lens, x: f64, y: f64) -> [f64; 2] {
-        let most = 1.05 * self.furthest;
-        let scale = (most / x.hypot(y).max(1e-12)).min(1.0);
+        let max_radius = 1.05 * self.furthest;
+        let scale = (max_radius / x.hypot(y).max(1e-12)).min(1.0);
         let d = distort(lens, x * scale, y * scale);
         [
             d[0] * lens.focal_px[0] + lens.centre_px[0],

@@ -2,7 +2,7 @@
 
 use alight_shared::frames::{Camera, DroneBody, Point, Rotation};
 use alight_shared::msg::TagPose;
-use alight_uav::camera::node::Names;
+use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraNode, CameraSettings};
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -19,7 +19,7 @@ fn shot(view: &View, deck: &RigidState<Deck>, exposure_s: f64) -> Shot {
     }
 }
 
-const NAMES: Names = Names {
+const NAMES: CameraIdentity = CameraIdentity {
     vessel: 1,
     drone: 1,
     boot: 1,
@@ -78,7 +78,7 @@ fn errors(pose: &TagPose, view: &View, deck: &RigidState<Deck>) -> (f64, f64) {
     let [w, x, y, z] = pose.attitude;
     let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
     let truth: Rotation<Camera, Deck> = view.camera_from_world * deck.attitude;
-    let at = view.sees(deck.position);
+    let at = view.to_camera_frame(deck.position);
     (
         (Vector3::from(pose.position) - at).norm(),
         seen.angle_to(&truth.0),
@@ -86,7 +86,7 @@ fn errors(pose: &TagPose, view: &View, deck: &RigidState<Deck>) -> (f64, f64) {
 }
 
 #[test]
-fn the_node_finds_the_deck_where_it_was_drawn_through_any_lens() {
+fn camera_node_finds_the_rendered_deck_through_any_lens() {
     for lens in [Lens::default(), distorted()] {
         let mut setup = setup(|c| c.lens = lens);
         for (up, aside, drone, level) in [
@@ -99,7 +99,7 @@ fn the_node_finds_the_deck_where_it_was_drawn_through_any_lens() {
                 .renderer
                 .image(&shot(&view, &deck, 0.004))
                 .expect("an image");
-            let pose = setup.node.look(&image).expect("seen");
+            let pose = setup.node.detect(&image).expect("seen");
             let (moved, turned) = errors(&pose, &view, &deck);
             assert!(moved < 0.01 * up, "{moved} m at {up} m");
             assert!(turned < 0.012 * up, "{turned} rad at {up} m");
@@ -108,13 +108,13 @@ fn the_node_finds_the_deck_where_it_was_drawn_through_any_lens() {
 }
 
 #[test]
-fn a_camera_that_is_mounted_otherwise_says_the_same() {
+fn camera_node_compensates_a_turned_mount() {
     let mut config = RenderConfig::default();
     config.lens.centre_px = [300.0, 250.0];
-    let turned_deg = [4.0, -6.0, 90.0];
+    let mount_rotation_deg = [4.0, -6.0, 90.0];
     let settings = CameraSettings {
         lens: config.lens,
-        turned_deg,
+        mount_rotation_deg,
         ..CameraSettings::default()
     };
     let mount = CameraMount {
@@ -131,7 +131,9 @@ fn a_camera_that_is_mounted_otherwise_says_the_same() {
     let image = renderer
         .image(&shot(&mount.view(&drone), &deck, 0.004))
         .expect("an image");
-    let pose = CameraNode::new(&settings, 1.0, NAMES).look(&image).expect("seen");
+    let pose = CameraNode::new(&settings, 1.0, NAMES)
+        .detect(&image)
+        .expect("seen");
     let shifted = View {
         centre: drone.position,
         ..designed
@@ -141,7 +143,7 @@ fn a_camera_that_is_mounted_otherwise_says_the_same() {
 }
 
 #[test]
-fn motion_in_the_exposure_smears_about_its_middle() {
+fn renderer_smears_motion_about_the_middle_of_the_exposure() {
     let mut setup = setup(|c| c.dark_sd = 0.0);
     // 4 ms at 2 rad/s: 2.6 px.
     let view_of = |rates| view(3.0, 0.0, [0.0; 3], rates);
@@ -150,7 +152,7 @@ fn motion_in_the_exposure_smears_about_its_middle() {
         .renderer
         .image(&shot(&view, &deck, 0.004))
         .expect("an image");
-    let pose = setup.node.look(&image).expect("seen");
+    let pose = setup.node.detect(&image).expect("seen");
     let (moved, _) = errors(&pose, &view, &deck);
     assert!(moved < 0.01, "{moved}");
     // 9 px in any direction: whatever way the edges are shifted together is an error of the drawing.
@@ -162,17 +164,17 @@ fn motion_in_the_exposure_smears_about_its_middle() {
             .renderer
             .image(&shot(&turning, &deck, 0.004))
             .expect("an image");
-        let pose = setup.node.look(&image).expect("seen");
-        sum += (Vector3::from(pose.position) - turning.sees(deck.position)) / 12.0;
+        let pose = setup.node.detect(&image).expect("seen");
+        sum += (Vector3::from(pose.position) - turning.to_camera_frame(deck.position)) / 12.0;
     }
     // A fifth of a pixel.
     assert!(sum.xy().norm() < 0.002, "{sum}");
     let smeared = setup.renderer.image(&shot(&view, &deck, 0.08)).expect("an image");
-    assert_eq!(setup.node.look(&smeared), None, "51 px of smear");
+    assert_eq!(setup.node.detect(&smeared), None, "51 px of smear");
 }
 
 #[test]
-fn glare_partial_view_and_the_sea_alone_show_no_tag() {
+fn camera_node_detects_no_tag_in_glare_partial_view_or_open_sea() {
     let mut setup = setup(|c| c.glare = 0.0);
     let level = deck([0.0; 3]);
     for view in [
@@ -184,7 +186,7 @@ fn glare_partial_view_and_the_sea_alone_show_no_tag() {
             .renderer
             .image(&shot(&view, &level, 0.004))
             .expect("an image");
-        assert_eq!(setup.node.look(&image), None);
+        assert_eq!(setup.node.detect(&image), None);
     }
     // A mirror that shows the sun to the camera: the sun is behind the drone.
     let sun = Vector3::new(0.5, 0.0, -0.75_f64.sqrt());
@@ -198,7 +200,7 @@ fn glare_partial_view_and_the_sea_alone_show_no_tag() {
         .expect("an image");
     let shining = image.pixels().iter().filter(|p| **p == 255).count();
     assert!(shining > 3000, "{shining}");
-    assert_eq!(setup.node.look(&image), None);
+    assert_eq!(setup.node.detect(&image), None);
 }
 
 /// A camera that looks straight down from where the deck mirrors the sun.

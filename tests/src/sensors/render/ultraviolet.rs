@@ -1,13 +1,13 @@
 //! Images of the ultraviolet camera: dark, but for the deck's blinking markers and glints on the water.
 
-use alight_uav::camera::Grey;
+use alight_uav::camera::GreyImage;
 use alight_uav::camera::uvdar::UvdarSettings;
 use alight_uav::camera::uvdar::blink::Code;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::Shot;
+use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
-use crate::streams::Streams;
 
 /// Light of a marker at 1 m, grey levels times pixels (ours: seen to 35 m above the threshold).
 const LIGHT: f64 = 6e5;
@@ -62,11 +62,11 @@ impl Ultraviolet {
         (0..parts).map(lit).sum::<f64>() / f64::from(parts)
     }
     /// The image; None for a size that the configuration's check refuses.
-    pub fn image(&mut self, shot: &Shot) -> Option<Grey> {
+    pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.settings.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);
         let mut light = vec![0.0_f32; width * height];
-        let centre = shot.view.sees(shot.deck.position);
+        let centre = shot.view.to_camera_frame(shot.deck.position);
         let axes = shot.view.camera_from_world * shot.deck.attitude;
         let above = axes.down().0.dot(&centre) > 0.0;
         for (k, marker) in self.settings.markers_m.iter().enumerate() {
@@ -92,7 +92,7 @@ impl Ultraviolet {
             let noise = self.normals.get(at).copied().unwrap_or(0.0) * NOISE_SD as f32;
             (l + BLACK as f32 + noise).clamp(0.0, 255.0) as u8
         });
-        Grey::new(width, height, pixels.collect()).ok()
+        GreyImage::new(width, height, pixels.collect()).ok()
     }
 }
 

@@ -42,7 +42,7 @@ fn range(drone: [f64; 3], euler: [f64; 3], deck: &RigidState<Deck>) -> Option<f6
 }
 
 #[test]
-fn an_ideal_sighting_gives_the_deck_back_and_comes_late_with_its_exposure_stamp() {
+fn ideal_tag_detection_recovers_the_deck_and_arrives_late_with_its_exposure_stamp() {
     let mut config = ideal();
     config.tag.latency_s = 0.05;
     let geometry = DroneGeometry::default();
@@ -84,7 +84,7 @@ fn an_ideal_sighting_gives_the_deck_back_and_comes_late_with_its_exposure_stamp(
 }
 
 #[test]
-fn a_tag_is_lost_outside_the_image_too_far_too_near_too_oblique_and_from_below() {
+fn tag_is_lost_outside_the_image_too_far_too_near_too_oblique_and_from_below() {
     let level = [0.0; 3];
     assert!(sees_tag([0.0, 0.0, -7.0], level));
     // 480 rows are 73.7 deg fore and aft, 640 columns 90 deg across.
@@ -110,7 +110,7 @@ fn a_tag_is_lost_outside_the_image_too_far_too_near_too_oblique_and_from_below()
 }
 
 #[test]
-fn a_blurred_frame_is_lost_the_sooner_the_smaller_the_tag() {
+fn tag_tolerates_less_blur_the_smaller_it_is() {
     // 320 px x 4 ms: 1.28 px for each rad/s.
     let reads = |height: f64, rate: f64| {
         let mut spinning = still([0.0, 0.0, -height], [0.0; 3]);
@@ -137,7 +137,7 @@ fn scatter(config: &SensorConfig, drone: &RigidState<DroneBody>, seconds: usize)
 }
 
 #[test]
-fn a_small_tag_is_read_less_often_and_worse_than_a_large_one_and_says_so() {
+fn tag_is_read_less_often_and_less_accurately_the_smaller_it_is_and_states_so() {
     let mut config = SensorConfig::default();
     config.camera_mount.angle_sd_deg = 0.0;
     config.camera_mount.position_sd_m = 0.0;
@@ -164,7 +164,7 @@ fn a_small_tag_is_read_less_often_and_worse_than_a_large_one_and_says_so() {
 }
 
 #[test]
-fn frames_are_missed_as_often_as_stated() {
+fn tag_frames_are_missed_at_the_configured_rate() {
     let mut config = SensorConfig::default();
     config.camera_mount.angle_sd_deg = 0.0;
     let seconds = 100;
@@ -181,7 +181,7 @@ fn frames_are_missed_as_often_as_stated() {
 }
 
 #[test]
-fn sightings_spread_as_their_variance_says() {
+fn tag_detections_scatter_as_their_stated_variance() {
     let mut config = SensorConfig::default();
     config.camera_mount.angle_sd_deg = 0.0;
     config.camera_mount.position_sd_m = 0.0;
@@ -219,7 +219,7 @@ fn sightings_spread_as_their_variance_says() {
 }
 
 #[test]
-fn the_mount_is_wrong_by_what_is_stated_and_moves_the_sighting() {
+fn camera_mount_errors_have_the_configured_size_and_move_the_detection() {
     let config = SensorConfig::default();
     let (mut turns, mut shifts) = (vec![], vec![]);
     for seed in 0..300 {
@@ -248,7 +248,7 @@ fn the_mount_is_wrong_by_what_is_stated_and_moves_the_sighting() {
 }
 
 #[test]
-fn uvdar_reaches_further_than_the_tag_and_sees_ahead_but_not_above_the_horizon() {
+fn uvdar_reaches_further_than_the_tag_and_ahead_but_not_above_the_horizon() {
     let level = [0.0; 3];
     assert!(sees_uvdar([-26.0, 0.0, -13.0], level) && !sees_tag([-26.0, 0.0, -13.0], level));
     assert!(!sees_uvdar([-30.0, 0.0, -15.0], level), "beyond 31 m");
@@ -262,7 +262,7 @@ fn uvdar_reaches_further_than_the_tag_and_sees_ahead_but_not_above_the_horizon()
 }
 
 #[test]
-fn uvdar_spreads_as_its_variance_says() {
+fn uvdar_fixes_scatter_as_their_stated_variance() {
     let mut config = ideal();
     config.uvdar.distance_correlation_s = 0.05;
     // Where what is stated is not the least that is.
@@ -271,8 +271,8 @@ fn uvdar_spreads_as_its_variance_says() {
     let drone = still([-12.0, 5.0, -9.0], [0.05, -0.03, 0.2]);
     let fixes = watch(&config, &drone, &deck(), 20_000).uvdar;
     let camera = Vector::<DroneBody>::from(Vector3::from(DroneGeometry::default().camera_m));
-    let arm = drone.attitude.inverse() * (Point::<TrueNed>::origin() - drone.position) - camera;
-    let truth = camera::body_from_camera().inverse() * arm;
+    let lever_arm = drone.attitude.inverse() * (Point::<TrueNed>::origin() - drone.position) - camera;
+    let truth = camera::body_from_camera().inverse() * lever_arm;
     let (mut distance, mut chi) = (vec![], [0.0; 3]);
     for f in &fixes {
         assert_eq!(f.check(), Ok(()));
@@ -288,7 +288,7 @@ fn uvdar_spreads_as_its_variance_says() {
 }
 
 #[test]
-fn the_rangefinder_meets_the_deck_inside_its_edges_and_else_the_water() {
+fn rangefinder_measures_the_deck_inside_its_edges_and_else_the_water() {
     // It sits 0.10 m ahead of and 0.08 m below the centre of mass.
     let level = [0.0; 3];
     let near = |a: Option<f64>, b: f64| assert!(a.is_some_and(|a| (a - b).abs() < 1e-9), "{a:?} {b}");
@@ -314,7 +314,7 @@ fn the_rangefinder_meets_the_deck_inside_its_edges_and_else_the_water() {
 }
 
 #[test]
-fn the_beam_ends_on_the_waves_surface() {
+fn rangefinder_beam_ends_on_the_wave_surface() {
     let surface = |n: f64, e: f64| 0.8 * (0.3 * n).sin() + 0.5 * (0.4 * e + 1.0).cos();
     let mut s = sensors(&ideal(), 1);
     let far = still::<Deck>([500.0, 0.0, 0.0], [0.0; 3]);
@@ -335,7 +335,7 @@ fn the_beam_ends_on_the_waves_surface() {
 }
 
 #[test]
-fn rangefinder_noise_misses_and_latency_are_as_stated() {
+fn rangefinder_noise_misses_and_latency_match_the_configuration() {
     let drone = still([0.0, 0.0, -5.0], [0.0; 3]);
     let mut s = sensors(&SensorConfig::default(), 3);
     let (mut error, mut over_deck) = (vec![], 0);
@@ -362,7 +362,7 @@ fn rangefinder_noise_misses_and_latency_are_as_stated() {
 }
 
 #[test]
-fn a_world_that_has_gone_wrong_gives_no_sighting_and_no_panic() {
+fn sensors_give_no_measurement_and_no_panic_for_a_non_finite_state() {
     let mut broken = still([0.0, 0.0, -5.0], [0.0; 3]);
     broken.position = Point::new(f64::NAN, 0.0, f64::INFINITY);
     let r = watch(&ideal(), &broken, &deck(), 50);

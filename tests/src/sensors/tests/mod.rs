@@ -104,7 +104,7 @@ fn moments(x: &[f64]) -> (f64, f64) {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
+fn sensors_are_bit_identical_for_a_seed_and_differ_between_seeds() {
     let run = |seed| {
         let mut s = sensors(&SensorConfig::default(), seed);
         let mut log = vec![];
@@ -130,7 +130,7 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
 }
 
 #[test]
-fn defaults_pass_their_check_and_survive_toml() {
+fn sensor_defaults_pass_their_check_and_survive_toml() {
     let c = SensorConfig::default();
     assert!(c.check(&Keys::ROOT).is_ok());
     assert!(ideal().check(&Keys::ROOT).is_ok());
@@ -142,7 +142,7 @@ fn defaults_pass_their_check_and_survive_toml() {
 }
 
 #[test]
-fn bad_configurations_are_refused_by_name() {
+fn sensor_configuration_errors_name_the_key() {
     let refused = |text: &str| {
         alight_shared::config::parse::<SensorConfig>(text, "test")
             .unwrap_err()

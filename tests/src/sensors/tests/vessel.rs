@@ -5,11 +5,11 @@ use alight_shared::msg::Message;
 use nalgebra::UnitQuaternion;
 
 #[test]
-fn an_ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
+fn ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
     let config = ideal();
-    let arm = Vector3::from(config.vessel_imu.lever_arm_m);
+    let lever_arm = Vector3::from(config.vessel_imu.lever_arm_m);
     let mut s = sensors(&config, 1);
-    let start = rocking::<VesselBody>(0.0).at::<VesselBody>(arm);
+    let start = rocking::<VesselBody>(0.0).at::<VesselBody>(lever_arm);
     let (mut q, mut v, mut p) = (start.attitude.0, start.velocity.0, start.position.0);
     let gravity = Vector3::new(0.0, 0.0, alight_shared::geometry::GRAVITY);
     let (dt, seconds) = (0.01, 20.0);
@@ -34,7 +34,7 @@ fn an_ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
         }
         k += 1;
     }
-    let end = rocking::<VesselBody>(seconds).at::<VesselBody>(arm);
+    let end = rocking::<VesselBody>(seconds).at::<VesselBody>(lever_arm);
     assert!(
         q.angle_to(&end.attitude.0) < 1e-4,
         "{}",
@@ -47,7 +47,7 @@ fn an_ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
 }
 
 #[test]
-fn a_level_imu_at_rest_measures_gravity_upwards() {
+fn level_imu_at_rest_measures_gravity_upwards() {
     let mut s = sensors(&ideal(), 1);
     let m = s.vessel(tick(0), &still([0.0; 3], [0.0; 3])).imu;
     assert_eq!(m.len(), 1);
@@ -58,7 +58,7 @@ fn a_level_imu_at_rest_measures_gravity_upwards() {
 }
 
 #[test]
-fn imu_noise_and_bias_have_their_stated_size() {
+fn imu_noise_and_bias_have_the_configured_size() {
     let (mut gyro_means, mut force_means) = (vec![], vec![]);
     let (mut gyro_sd, mut force_sd) = (0.0, 0.0);
     let mut config = SensorConfig::default();
@@ -87,7 +87,7 @@ fn imu_noise_and_bias_have_their_stated_size() {
 }
 
 #[test]
-fn an_ideal_fix_is_the_antenna_at_its_stamp_and_comes_late() {
+fn ideal_gnss_fix_is_the_antenna_at_its_stamp_and_arrives_late() {
     let config = ideal();
     let antenna = Vector3::from(config.vessel_gnss.antenna_m);
     let mut s = sensors(&config, 1);
@@ -110,7 +110,7 @@ fn an_ideal_fix_is_the_antenna_at_its_stamp_and_comes_late() {
 }
 
 #[test]
-fn gnss_errors_have_their_stated_size() {
+fn gnss_errors_have_the_configured_size() {
     let mut config = SensorConfig::default();
     config.vessel_gnss.antenna_error_sd_m = 0.0;
     config.vessel_gnss.antenna_m = [0.0; 3];
@@ -145,7 +145,7 @@ fn gnss_errors_have_their_stated_size() {
 }
 
 #[test]
-fn the_two_craft_have_independent_gnss_errors() {
+fn gnss_errors_of_the_two_craft_are_independent() {
     let config = gnss::GnssErrorConfig::default();
     let (mut product, n) = (0.0, 300);
     for seed in 0..n {
@@ -160,7 +160,7 @@ fn the_two_craft_have_independent_gnss_errors() {
 }
 
 #[test]
-fn heading_errors_have_their_stated_size() {
+fn heading_errors_have_the_configured_size() {
     let truth = 3.1;
     let (mut white, mut mean) = (vec![], vec![]);
     for seed in 0..150 {
@@ -181,7 +181,7 @@ fn heading_errors_have_their_stated_size() {
 }
 
 #[test]
-fn outages_and_dropouts_take_fixes_away_and_leave_the_rest_as_they_were() {
+fn gnss_outages_and_dropouts_leave_the_other_fixes_unchanged() {
     let run = |outages: Vec<[f64; 2]>, dropout| {
         let mut config = SensorConfig::default();
         config.vessel_gnss.outages_s = outages;

@@ -78,13 +78,13 @@ pub(super) fn landing_target(time_us: u64, position: &[f64; 3], attitude: &[f64;
         .0
 }
 /// `DEBUG_FLOAT_ARRAY`: time, number, name; then the extension: 58 floats.
-pub(super) fn deck(time_us: u64, figures: &[[f64; 3]; 5]) -> Vec<u8> {
+pub(super) fn deck(time_us: u64, values: &[[f64; 3]; 5]) -> Vec<u8> {
     let name: CharArray<10> = chars(DECK);
     Row::default()
         .bytes(&time_us.to_le_bytes())
         .bytes(&[0, 0])
         .bytes(&*name)
-        .floats(figures.as_flattened())
+        .floats(values.as_flattened())
         .0
 }
 /// `ODOMETRY`: time, position, attitude, velocity, rates, two covariances, frames; then the extension:
@@ -127,7 +127,7 @@ pub(super) fn read(id: u32, payload: &[u8]) -> Option<Message> {
             let rest = name.strip_prefix(DECK.as_bytes())?;
             rest.iter().all(|b| *b == 0).then(|| Message::Deck {
                 time_us: time_at(payload),
-                figures: core::array::from_fn(|k| floats_at(payload, LIST_AT + 12 * k)),
+                values: core::array::from_fn(|k| floats_at(payload, LIST_AT + 12 * k)),
             })
         }
         _ => None,

@@ -7,9 +7,9 @@
 //! that matter: the crate's own feature for them would bring its code generator, and default features
 //! of the regular expressions in it, into every program.
 
+mod decode;
+mod encode;
 mod extension;
-mod heard;
-mod said;
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read};
@@ -23,13 +23,13 @@ use super::message::{Address, Frame, Message};
 use extension::Extended;
 
 /// Bytes that wait to be decoded, at most; what comes beyond is lost, as it is on a full wire.
-const MOST_WAITING: usize = 1 << 16;
+const MAX_BUFFERED: usize = 1 << 16;
 
 /// What is there to read; `WouldBlock` when nothing is.
 #[derive(Debug, Default)]
-struct Waiting(VecDeque<u8>);
+struct ByteBuffer(VecDeque<u8>);
 
-impl Read for Waiting {
+impl Read for ByteBuffer {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self.0.read(buffer) {
             Ok(0) => Err(ErrorKind::WouldBlock.into()),
@@ -40,17 +40,17 @@ impl Read for Waiting {
 
 /// Frames from a stream of bytes, however it is cut.
 pub struct Decoder {
-    reader: MavlinkReader<Waiting>,
+    reader: MavlinkReader<ByteBuffer>,
     lost: u64,
-    passed_over: u64,
+    ignored: u64,
 }
 
 impl Default for Decoder {
     fn default() -> Self {
         Decoder {
-            reader: MavlinkReader::new(Waiting::default()),
+            reader: MavlinkReader::new(ByteBuffer::default()),
             lost: 0,
-            passed_over: 0,
+            ignored: 0,
         }
     }
 }
@@ -59,7 +59,7 @@ impl Decoder {
     /// Takes bytes in.
     pub fn push(&mut self, bytes: &[u8]) {
         let waiting = &mut self.reader.get_mut().0;
-        let room = MOST_WAITING.saturating_sub(waiting.len());
+        let room = MAX_BUFFERED.saturating_sub(waiting.len());
         let taken = bytes.len().min(room);
         waiting.extend(bytes.iter().take(taken));
         self.lost += (bytes.len() - taken) as u64;
@@ -76,21 +76,21 @@ impl Decoder {
                     let (id, payload) = (raw.message_id(), raw.payload());
                     let message = extension::read(id, payload).or_else(|| {
                         let message = m::MavMessage::parse(raw.version(), id, payload).ok()?;
-                        heard::understood(message, payload)
+                        decode::decode(message, payload)
                     });
                     if let (Some(from), Some(message)) = (from, message) {
                         return Some(Frame { from, message });
                     }
-                    self.passed_over += 1;
+                    self.ignored += 1;
                 }
-                Err(MessageReadError::Parse(_)) => self.passed_over += 1,
+                Err(MessageReadError::Parse(_)) => self.ignored += 1,
                 Err(MessageReadError::Io(_)) => return None,
             }
         }
     }
     /// Frames passed over: not of this vocabulary, or with a value that the dialect does not know.
-    pub fn passed_over(&self) -> u64 {
-        self.passed_over
+    pub fn ignored(&self) -> u64 {
+        self.ignored
     }
     /// Bytes lost because nobody read.
     pub fn lost(&self) -> u64 {
@@ -120,10 +120,10 @@ pub fn encode(from: Address, sequence: u8, message: &Message) -> Option<Vec<u8>>
             let payload = extension::landing_target(*time_us, position, attitude, *size_m);
             raw.serialize_message_data(header, &Extended::<149, 200>(payload));
         }
-        Message::Deck { time_us, figures } => {
-            raw.serialize_message_data(header, &Extended::<350, 232>(extension::deck(*time_us, figures)));
+        Message::Deck { time_us, values } => {
+            raw.serialize_message_data(header, &Extended::<350, 232>(extension::deck(*time_us, values)));
         }
-        other => raw.serialize_message(header, &said::said(other)?),
+        other => raw.serialize_message(header, &encode::encode(other)?),
     }
     Some(raw.raw_bytes().to_vec())
 }

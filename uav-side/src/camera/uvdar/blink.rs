@@ -8,9 +8,9 @@ use nalgebra::Vector2;
 use super::blobs::Blob;
 
 /// Images that a code has, and markers that there are, at most.
-pub const MOST_BITS: usize = 32;
+pub const MAX_BITS: usize = 32;
 /// Spots that are followed at a time.
-const MOST_TRACKS: usize = 64;
+const MAX_TRACKS: usize = 64;
 
 /// A marker's code: bits, the first one the lowest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,7 +23,7 @@ impl Code {
     /// From a text of 0 and 1, 4 to 32 of them; None for any other.
     pub fn parse(text: &str) -> Option<Code> {
         let length = text.len();
-        if !(4..=MOST_BITS).contains(&length) || !text.bytes().all(|b| b == b'0' || b == b'1') {
+        if !(4..=MAX_BITS).contains(&length) || !text.bytes().all(|b| b == b'0' || b == b'1') {
             return None;
         }
         let bits = text
@@ -41,7 +41,7 @@ impl Code {
         self.length
     }
     /// Longest time in the dark, images, across the code's end too.
-    pub fn longest_dark(&self) -> usize {
+    pub fn max_dark(&self) -> usize {
         let mut longest = 0;
         let mut dark = 0;
         for k in 0..2 * self.length as u64 {
@@ -90,7 +90,7 @@ struct Track {
 
 /// A spot that is a marker.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Known {
+pub struct IdentifiedMarker {
     /// Which marker.
     pub marker: usize,
     /// Where, px.
@@ -104,7 +104,7 @@ pub struct Tracker {
     wrong_bits: u32,
     gate_px: f64,
     period: Span,
-    longest_dark: usize,
+    max_dark: usize,
     tracks: Vec<Track>,
     last: Option<Time<DroneClock>>,
 }
@@ -114,7 +114,7 @@ impl Tracker {
     /// between images other than it did before.
     pub fn new(codes: Vec<Code>, wrong_bits: u32, gate_px: f64, period: Span) -> Tracker {
         Tracker {
-            longest_dark: codes.iter().map(Code::longest_dark).max().unwrap_or(0),
+            max_dark: codes.iter().map(Code::max_dark).max().unwrap_or(0),
             codes,
             wrong_bits,
             gate_px,
@@ -124,7 +124,7 @@ impl Tracker {
         }
     }
     /// Takes one image's spots; says which of them are markers.
-    pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<Known> {
+    pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<IdentifiedMarker> {
         // Images that were lost are bits that are not known: everything begins anew.
         let gap = self
             .last
@@ -175,10 +175,10 @@ impl Tracker {
             track.images = track.images.saturating_add(1);
             track.dark = if track.lit_now { 0 } else { track.dark + 1 };
         }
-        let longest = self.longest_dark + 1;
+        let longest = self.max_dark + 1;
         self.tracks.retain(|t| t.dark <= longest);
         for (blob, used) in blobs.iter().zip(&taken) {
-            if !used && self.tracks.len() < MOST_TRACKS {
+            if !used && self.tracks.len() < MAX_TRACKS {
                 self.tracks.push(Track {
                     at: blob.at,
                     velocity: Vector2::zeros(),
@@ -193,8 +193,8 @@ impl Tracker {
         self.known()
     }
     /// Spots that are lit now and blink like one marker; a marker that two spots claim is none of them.
-    fn known(&self) -> Vec<Known> {
-        let mut claims: Vec<(u32, Known)> = Vec::new();
+    fn known(&self) -> Vec<IdentifiedMarker> {
+        let mut claims: Vec<(u32, IdentifiedMarker)> = Vec::new();
         for track in self.tracks.iter().filter(|t| t.lit_now) {
             let fit = |(marker, code): (usize, &Code)| {
                 (track.images as usize >= code.images()).then(|| (code.distance(track.seen), marker))
@@ -206,10 +206,10 @@ impl Tracker {
             };
             let next = fits.get(1).map_or(u32::MAX, |f| f.0);
             if wrong <= self.wrong_bits && next > wrong {
-                claims.push((wrong, Known { marker, at: track.at }));
+                claims.push((wrong, IdentifiedMarker { marker, at: track.at }));
             }
         }
-        let alone = |(wrong, known): &(u32, Known)| {
+        let alone = |(wrong, known): &(u32, IdentifiedMarker)| {
             !claims
                 .iter()
                 .any(|(w, k)| k.marker == known.marker && k.at != known.at && w <= wrong)
@@ -242,12 +242,12 @@ mod tests {
     }
 
     #[test]
-    fn codes_are_bits_of_bounded_number() {
+    fn blink_codes_have_4_to_32_bits() {
         assert!(Code::parse("101").is_none() && Code::parse("10x1").is_none());
         assert!(Code::parse(&"01".repeat(17)).is_none());
         let code = Code::parse("0011").unwrap();
         assert_eq!((code.lit(0), code.lit(2), code.lit(7)), (false, true, true));
-        assert_eq!(code.longest_dark(), 2);
+        assert_eq!(code.max_dark(), 2);
         assert_eq!(
             code.apart(&Code::parse("1001").unwrap()),
             0,
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn moving_markers_in_any_phase_are_known_and_a_steady_light_is_not() {
+    fn tracker_identifies_moving_markers_in_any_phase_and_ignores_a_steady_light() {
         let mut tracker = tracker();
         let mut known = Vec::new();
         for k in 0..40_u64 {
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_bit_is_forgiven_and_a_gap_in_time_begins_anew() {
+    fn tracker_tolerates_a_wrong_bit_and_restarts_after_a_gap() {
         let code = codes()[2];
         let mut tracker = tracker();
         let mut seen = 0;

@@ -2,13 +2,13 @@
 
 use nalgebra::Vector2;
 
-use crate::camera::image::Grey;
+use crate::camera::image::GreyImage;
 
 /// Most spots of an image; the brightest count.
-pub const MOST: usize = 64;
+pub const MAX_BLOBS: usize = 64;
 
 /// An image with more runs of bright pixels than this shows no spots but glare or noise: none is found.
-const MOST_RUNS: usize = 4000;
+const MAX_RUNS: usize = 4000;
 
 /// A bright spot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,20 +21,20 @@ pub struct Blob {
 
 /// What a spot must be.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spot {
+pub struct BlobLimits {
     /// Least grey level of its middle.
     pub threshold: u8,
     /// Most pixels above the threshold: a marker is small, the sun and its image are not.
-    pub most_pixels: usize,
+    pub max_pixels: usize,
 }
 
 /// Spots of the image: pixels above the threshold that touch, in rows from the top. Bounded: a row's runs
 /// are joined with those of the row above, and an image with too many spots gives the brightest.
-pub fn find(image: &Grey, spot: &Spot) -> Vec<Blob> {
+pub fn find(image: &GreyImage, spot: &BlobLimits) -> Vec<Blob> {
     let mut open: Vec<(usize, usize, usize)> = Vec::new();
     let mut groups = Groups::default();
     for (row, pixels) in image.pixels().chunks(image.width()).enumerate() {
-        if groups.parent.len() > MOST_RUNS {
+        if groups.parent.len() > MAX_RUNS {
             return Vec::new();
         }
         let mut runs = Vec::new();
@@ -71,7 +71,7 @@ pub fn find(image: &Grey, spot: &Spot) -> Vec<Blob> {
         }
         open = runs;
     }
-    groups.blobs(spot.most_pixels)
+    groups.blobs(spot.max_pixels)
 }
 
 #[derive(Clone, Copy, Default)]
@@ -124,20 +124,20 @@ impl Groups {
             sum.pixels += add.pixels;
         }
     }
-    fn blobs(&self, most_pixels: usize) -> Vec<Blob> {
+    fn blobs(&self, max_pixels: usize) -> Vec<Blob> {
         let mut all: Vec<Blob> = self
             .parent
             .iter()
             .zip(&self.sums)
             .enumerate()
-            .filter(|(k, (parent, sum))| *parent == k && sum.pixels <= most_pixels)
+            .filter(|(k, (parent, sum))| *parent == k && sum.pixels <= max_pixels)
             .map(|(_, (_, sum))| Blob {
                 at: sum.moment / sum.light,
                 light: sum.light,
             })
             .collect();
         all.sort_by(|a, b| b.light.total_cmp(&a.light));
-        all.truncate(MOST);
+        all.truncate(MAX_BLOBS);
         all
     }
 }
@@ -147,21 +147,21 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const SPOT: Spot = Spot {
+    const SPOT: BlobLimits = BlobLimits {
         threshold: 100,
-        most_pixels: 30,
+        max_pixels: 30,
     };
 
-    fn image(bright: &[(usize, usize, u8)]) -> Grey {
+    fn image(bright: &[(usize, usize, u8)]) -> GreyImage {
         let mut pixels = vec![10_u8; 64 * 48];
         for (x, y, level) in bright {
             pixels[y * 64 + x] = *level;
         }
-        Grey::new(64, 48, pixels).unwrap()
+        GreyImage::new(64, 48, pixels).unwrap()
     }
 
     #[test]
-    fn touching_pixels_are_one_spot_whose_place_is_weighted() {
+    fn blob_of_touching_pixels_has_a_weighted_centre() {
         // A "U", whose arms meet in the last row only, and a pixel that touches by a corner.
         let u = [
             (10, 10, 150),
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_large_or_too_many_is_left_out() {
+    fn blobs_that_are_large_or_too_many_are_left_out() {
         let square: Vec<_> = (0..6)
             .flat_map(|y| (0..6).map(move |x| (20 + x, 20 + y, 255)))
             .collect();
@@ -192,18 +192,18 @@ mod tests {
             .flat_map(|y| (0..32).map(move |x| (2 * x, 2 * y, 120 + y as u8)))
             .collect();
         let found = find(&image(&many), &SPOT);
-        assert_eq!(found.len(), MOST);
+        assert_eq!(found.len(), MAX_BLOBS);
         assert!(found.iter().all(|b| b.light >= 40.0), "the brightest");
     }
 
     proptest! {
         #[test]
-        fn every_pixel_of_light_is_in_one_spot(pixels in prop::collection::vec(any::<u8>(), 32 * 32)) {
-            let grey = Grey::new(32, 32, pixels.clone()).unwrap();
-            let all = find(&grey, &Spot { threshold: 250, most_pixels: usize::MAX });
+        fn blobs_hold_every_bright_pixel_once(pixels in prop::collection::vec(any::<u8>(), 32 * 32)) {
+            let grey = GreyImage::new(32, 32, pixels.clone()).unwrap();
+            let all = find(&grey, &BlobLimits { threshold: 250, max_pixels: usize::MAX });
             let light: f64 = pixels.iter().filter(|p| **p >= 250).map(|p| f64::from(p - 250) + 1.0).sum();
             let found: f64 = all.iter().map(|b| b.light).sum();
-            prop_assert!(all.len() == MOST || (light - found).abs() < 1e-6);
+            prop_assert!(all.len() == MAX_BLOBS || (light - found).abs() < 1e-6);
         }
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::{Vector2, Vector3};
 use crate::camera::image::check_image;
 
 /// Bound on the steps of Newton's method.
-const MOST_STEPS: usize = 20;
+const MAX_STEPS: usize = 20;
 
 config! {
     /// A wide lens with its image.
@@ -36,7 +36,7 @@ config! {
             &this.centre_px,
         )?;
         let rim = 0.5 * this.cone_deg.to_radians();
-        let grows = (0..=100).all(|k| this.bent(rim * f64::from(k) / 100.0).1 > 0.0);
+        let grows = (0..=100).all(|k| this.distorted_angle(rim * f64::from(k) / 100.0).1 > 0.0);
         at.require(
             grows,
             "distortion",
@@ -48,7 +48,7 @@ config! {
 
 impl Fisheye {
     /// The angle in the image, and its derivative.
-    fn bent(&self, angle: f64) -> (f64, f64) {
+    fn distorted_angle(&self, angle: f64) -> (f64, f64) {
         let [k1, k2, k3, k4] = self.distortion;
         let a2 = angle * angle;
         let value = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))));
@@ -63,7 +63,7 @@ impl Fisheye {
             return None;
         }
         let scale = if across > 1e-12 {
-            self.bent(angle).0 / across
+            self.distorted_angle(angle).0 / across
         } else {
             0.0
         };
@@ -77,8 +77,8 @@ impl Fisheye {
         let goal = at.norm();
         let rim = 0.5 * self.cone_deg.to_radians();
         let mut angle = goal.min(rim);
-        for _ in 0..MOST_STEPS {
-            let (value, slope) = self.bent(angle);
+        for _ in 0..MAX_STEPS {
+            let (value, slope) = self.distorted_angle(angle);
             let step = (goal - value) / slope;
             if !step.is_finite() {
                 return None;
@@ -88,7 +88,7 @@ impl Fisheye {
                 break;
             }
         }
-        if !(angle <= rim) || (self.bent(angle).0 - goal).abs() > 1e-9 {
+        if !(angle <= rim) || (self.distorted_angle(angle).0 - goal).abs() > 1e-9 {
             return None;
         }
         let (sin, cos) = angle.sin_cos();
@@ -123,7 +123,7 @@ mod tests {
             }
         }
         #[test]
-        fn no_pixel_makes_it_panic(u in -1e6..1e6_f64, v in -1e6..1e6_f64, k in prop::array::uniform4(-2.0..2.0_f64)) {
+        fn fisheye_never_panics(u in -1e6..1e6_f64, v in -1e6..1e6_f64, k in prop::array::uniform4(-2.0..2.0_f64)) {
             let lens = Fisheye { distortion: k, ..Fisheye::default() };
             let _direction = lens.direction(Vector2::new(u, v));
             let _none = lens.direction(Vector2::new(f64::NAN, v));

@@ -16,19 +16,19 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::image::{Frame, Grey};
-use super::node::{CameraIn, Names};
+use super::image::{Frame, GreyImage};
+use super::node::{CameraIdentity, CameraIn};
 use blink::{Code, Tracker};
-use blobs::Spot;
+use blobs::BlobLimits;
 pub use fisheye::Fisheye;
-use pose::{Known, Seen, solve};
+use pose::{MarkerBearing, PosePrior, solve};
 
 /// Most markers of a deck.
-pub const MOST_MARKERS: usize = 16;
+pub const MAX_MARKERS: usize = 16;
 /// A deck's attitude is remembered for so long, s.
-const REMEMBERED_S: f64 = 0.5;
+const ATTITUDE_MEMORY_S: f64 = 0.5;
 /// Fewest bits in which two codes have to differ.
-const LEAST_APART: u32 = 3;
+const MIN_CODE_DISTANCE: u32 = 3;
 
 config! {
     /// The ultraviolet camera and the deck's markers.
@@ -44,7 +44,7 @@ config! {
         /// Least grey level of a marker.
         pub threshold: u8 = 80, in 5.0..=255.0;
         /// Most pixels of a marker.
-        pub most_pixels: u16 = 200, in 1.0..=1e4;
+        pub max_pixels: u16 = 200, in 1.0..=1e4;
         /// Markers in the deck's frame, m.
         /// Source: Ours: the corners of the deck.
         pub markers_m: Vec<[f64; 3]> = vec![
@@ -73,7 +73,7 @@ config! {
     }
     check |this, at| {
         at.require(
-            (2..=MOST_MARKERS).contains(&this.markers_m.len()) && this.markers_m.len() == this.codes.len(),
+            (2..=MAX_MARKERS).contains(&this.markers_m.len()) && this.markers_m.len() == this.codes.len(),
             "markers_m, codes",
             format!("{} and {}", this.markers_m.len(), this.codes.len()),
             "2 to 16 markers, a code for each",
@@ -83,7 +83,7 @@ config! {
         }
         let codes = this.parsed();
         let length = codes.first().map_or(0, Code::images);
-        let apart = |(k, a): (usize, &Code)| codes.iter().skip(k + 1).all(|b| a.apart(b) >= LEAST_APART);
+        let apart = |(k, a): (usize, &Code)| codes.iter().skip(k + 1).all(|b| a.apart(b) >= MIN_CODE_DISTANCE);
         at.require(
             codes.len() == this.codes.len()
                 && codes.iter().all(|c| c.images() == length)
@@ -129,12 +129,12 @@ pub struct UvdarNode {
     settings: UvdarSettings,
     tracker: Tracker,
     belly_from_uv: UnitQuaternion<f64>,
-    known: Known,
-    names: Names,
+    known: PosePrior,
+    names: CameraIdentity,
     sequence: u32,
     last: Option<Time<DroneClock>>,
     /// The attitude of the newest fix, camera from deck.
-    lay: Option<(Time<DroneClock>, UnitQuaternion<f64>)>,
+    last_attitude: Option<(Time<DroneClock>, UnitQuaternion<f64>)>,
     /// What became of images.
     pub counts: UvdarCounts,
 }
@@ -148,12 +148,12 @@ pub struct UvdarOut {
 
 impl UvdarNode {
     /// A node that looks for the markers in `settings`.
-    pub fn new(settings: &UvdarSettings, names: Names) -> UvdarNode {
+    pub fn new(settings: &UvdarSettings, names: CameraIdentity) -> UvdarNode {
         let period = Span::from_secs(1.0 / settings.rate_hz);
         let belly_from_uv = settings.belly_from_uv();
         UvdarNode {
             tracker: Tracker::new(settings.parsed(), settings.wrong_bits, settings.gate_px, period),
-            known: Known {
+            known: PosePrior {
                 bearing_sd: settings.spot_sd_px * settings.lens.pixel_rad(),
                 down: belly_from_uv.inverse() * Vector3::z(),
                 tilt_sd: settings.tilt_sd_deg.to_radians(),
@@ -163,28 +163,28 @@ impl UvdarNode {
             names,
             sequence: 0,
             last: None,
-            lay: None,
+            last_attitude: None,
             counts: UvdarCounts::default(),
         }
     }
     /// The deck's place by one image, which follows those before it.
-    pub fn look(&mut self, at: Time<DroneClock>, image: &Grey) -> Option<UvdarFix> {
+    pub fn detect(&mut self, at: Time<DroneClock>, image: &GreyImage) -> Option<UvdarFix> {
         self.counts.images += 1;
         let s = &self.settings;
         if [image.width(), image.height()] != [s.lens.width_px as usize, s.lens.height_px as usize] {
             self.counts.wrong_size += 1;
             return None;
         }
-        let spot = Spot {
+        let spot = BlobLimits {
             threshold: s.threshold,
-            most_pixels: usize::from(s.most_pixels),
+            max_pixels: usize::from(s.max_pixels),
         };
         let known = self.tracker.step(at, &blobs::find(image, &spot));
         self.counts.markers += known.len() as u64;
-        let seen: Vec<Seen> = known
+        let seen: Vec<MarkerBearing> = known
             .iter()
             .filter_map(|k| {
-                Some(Seen {
+                Some(MarkerBearing {
                     marker: Vector3::from(*s.markers_m.get(k.marker)?),
                     direction: s.lens.direction(k.at)?,
                 })
@@ -194,13 +194,19 @@ impl UvdarNode {
             self.counts.single += u64::from(seen.len() == 1);
             return None;
         }
-        let lay = self.lay.filter(|(then, _)| (at - *then).secs() < REMEMBERED_S);
-        let found = solve(&seen, &self.known, lay.as_ref().map(|(_, attitude)| attitude));
+        let last_attitude = self
+            .last_attitude
+            .filter(|(then, _)| (at - *then).secs() < ATTITUDE_MEMORY_S);
+        let found = solve(
+            &seen,
+            &self.known,
+            last_attitude.as_ref().map(|(_, attitude)| attitude),
+        );
         let Some(pose) = found.filter(|p| p.misfit <= s.max_misfit) else {
             self.counts.misfit += 1;
             return None;
         };
-        self.lay = Some((at, pose.attitude));
+        self.last_attitude = Some((at, pose.attitude));
         self.counts.fixes += 1;
         let position = self.belly_from_uv * pose.position + Vector3::from(s.offset_m);
         let turn = self.belly_from_uv.to_rotation_matrix().into_inner();
@@ -226,8 +232,8 @@ impl Node for UvdarNode {
                 continue;
             }
             self.last = Some(*at);
-            if let Some(fix) = self.look(*at, image) {
-                let Names { vessel, drone, boot } = self.names;
+            if let Some(fix) = self.detect(*at, image) {
+                let CameraIdentity { vessel, drone, boot } = self.names;
                 let header = Header::new(vessel, drone, boot, self.sequence, *at);
                 self.sequence = self.sequence.wrapping_add(1);
                 out.fixes.push(UvdarFix { header, ..fix });

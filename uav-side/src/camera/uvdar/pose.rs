@@ -12,19 +12,19 @@ use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2
 /// Headings that are tried as a start.
 const STARTS: usize = 8;
 /// Bound on refinement steps.
-const MOST_STEPS: usize = 25;
+const MAX_STEPS: usize = 25;
 /// A solution whose sum of squared residuals is larger by less than this (3 standard deviations) is a rival.
 const RIVAL: f64 = 9.0;
 /// Solutions nearer to each other than this share of the distance are one.
-const SAME_SHARE: f64 = 0.02;
+const SAME_FRACTION: f64 = 0.02;
 /// A deck goes on from the one before when it has turned by less than this, rad, and each rival by more
 /// than that many times as much.
-const GOES_ON_RAD: f64 = 0.5;
+const CONTINUITY_RAD: f64 = 0.5;
 const RIVAL_TURNS: f64 = 2.0;
 
 /// A marker and where it is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Seen {
+pub struct MarkerBearing {
     /// Its place in the deck's axes, m.
     pub marker: Vector3<f64>,
     /// Its direction in the camera's axes, a unit vector.
@@ -33,7 +33,7 @@ pub struct Seen {
 
 /// What is known beside the directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Known {
+pub struct PosePrior {
     /// Standard deviation of a direction, each of two axes, rad.
     pub bearing_sd: f64,
     /// Down in the camera's axes for a level drone, a unit vector.
@@ -75,7 +75,11 @@ fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
 
 /// Gauss-Newton matrix, gradient and cost at `s`; the perturbation is (translation, rotation about the
 /// camera's axes).
-fn equations(s: &State, seen: &[Seen], known: &Known) -> Option<(Matrix6<f64>, Vector6<f64>, f64)> {
+fn equations(
+    s: &State,
+    seen: &[MarkerBearing],
+    known: &PosePrior,
+) -> Option<(Matrix6<f64>, Vector6<f64>, f64)> {
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
     let mut add = |residual: Vector2<f64>, moved: Matrix2x3<f64>, turned: Matrix2x3<f64>, sd: f64| {
         for i in 0..2 {
@@ -121,11 +125,11 @@ fn equations(s: &State, seen: &[Seen], known: &Known) -> Option<(Matrix6<f64>, V
 }
 
 /// Levenberg-Marquardt.
-fn refine(start: State, seen: &[Seen], known: &Known) -> Option<(State, f64)> {
+fn refine(start: State, seen: &[MarkerBearing], known: &PosePrior) -> Option<(State, f64)> {
     let mut at = start;
     let (mut a, mut b, mut cost) = equations(&at, seen, known)?;
     let mut damping = 1e-3;
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let mut damped = a;
         for i in 0..6 {
             damped[(i, i)] *= 1.0 + damping;
@@ -165,12 +169,16 @@ fn which<'a>(rivals: &[&'a (State, f64)], last: Option<&UnitQuaternion<f64>>) ->
     let [(least, found), (next, _), ..] = turned.as_slice() else {
         return None;
     };
-    (*least < GOES_ON_RAD && *next > RIVAL_TURNS * least).then_some(found)
+    (*least < CONTINUITY_RAD && *next > RIVAL_TURNS * least).then_some(found)
 }
 
 /// Solves from two markers or more; None when nothing fits, or when several places fit alike and not just one
 /// of them goes on from the attitude `last`.
-pub fn solve(seen: &[Seen], known: &Known, last: Option<&UnitQuaternion<f64>>) -> Option<MarkerPose> {
+pub fn solve(
+    seen: &[MarkerBearing],
+    known: &PosePrior,
+    last: Option<&UnitQuaternion<f64>>,
+) -> Option<MarkerPose> {
     if seen.len() < 2 {
         return None;
     }
@@ -202,7 +210,7 @@ pub fn solve(seen: &[Seen], known: &Known, last: Option<&UnitQuaternion<f64>>) -
     let least = all.first()?.1;
     let mut rivals: Vec<&(State, f64)> = Vec::new();
     for found in all.iter().take_while(|(_, cost)| *cost < least + RIVAL) {
-        let apart = |other: &&(State, f64)| (other.0.t - found.0.t).norm() > SAME_SHARE * found.0.t.norm();
+        let apart = |other: &&(State, f64)| (other.0.t - found.0.t).norm() > SAME_FRACTION * found.0.t.norm();
         if rivals.iter().all(apart) {
             rivals.push(found);
         }
@@ -231,21 +239,21 @@ mod tests {
         [-1.25, -0.85, 0.0],
     ];
 
-    fn known() -> Known {
+    fn known() -> PosePrior {
         let slope = 45_f64.to_radians();
-        Known {
+        PosePrior {
             bearing_sd: 0.002,
             down: Vector3::new(0.0, slope.cos(), slope.sin()),
             tilt_sd: 0.2,
         }
     }
-    fn seen(t: Vector3<f64>, r: UnitQuaternion<f64>, markers: usize) -> Vec<Seen> {
+    fn seen(t: Vector3<f64>, r: UnitQuaternion<f64>, markers: usize) -> Vec<MarkerBearing> {
         CORNERS
             .iter()
             .take(markers)
             .map(|m| {
                 let marker = Vector3::from(*m);
-                Seen {
+                MarkerBearing {
                     marker,
                     direction: (r * marker + t).normalize(),
                 }
@@ -256,7 +264,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(128))]
         #[test]
-        fn exact_directions_of_a_nearly_level_deck_give_it_back(
+        fn marker_pose_recovers_a_nearly_level_deck_from_exact_bearings(
             range in 3.0..30.0_f64, side in -0.6..0.6_f64, up in -0.5..0.5_f64, heading in -3.1..3.1_f64,
             lean in prop::array::uniform2(-0.1..0.1_f64),
         ) {
@@ -283,8 +291,8 @@ mod tests {
             }
         }
         #[test]
-        fn no_directions_make_it_panic_or_lie(d in prop::collection::vec(-1.0..1.0_f64, 12)) {
-            let seen: Vec<Seen> = CORNERS.iter().zip(d.chunks(3)).map(|(m, d)| Seen {
+        fn marker_pose_is_finite_for_any_bearings(d in prop::collection::vec(-1.0..1.0_f64, 12)) {
+            let seen: Vec<MarkerBearing> = CORNERS.iter().zip(d.chunks(3)).map(|(m, d)| MarkerBearing {
                 marker: Vector3::from(*m),
                 direction: Vector3::new(d[0], d[1], d[2]).try_normalize(1e-9).unwrap_or(Vector3::z()),
             }).collect();
@@ -296,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn one_marker_gives_no_distance_and_no_pose() {
+    fn marker_pose_needs_two_markers() {
         let r = UnitQuaternion::identity();
         assert!(solve(&seen(Vector3::new(0.0, 0.0, 5.0), r, 1), &known(), None).is_none());
     }

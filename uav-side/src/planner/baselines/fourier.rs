@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_sines_are_found_with_their_amplitudes() {
+    fn spectrum_finds_two_sines_with_their_amplitudes() {
         let rate = 30.0;
         let record: Vec<f64> = (0..600)
             .map(|i| f64::from(i) / rate)

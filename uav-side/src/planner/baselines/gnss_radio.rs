@@ -51,7 +51,7 @@ mod tests {
     use alight_shared::time::Span;
 
     #[test]
-    fn the_deck_goes_on_and_its_heave_dies_out() {
+    fn gnss_radio_extrapolates_at_constant_velocity_with_decaying_heave() {
         let mut f = DeckForecast {
             step: Span::from_millis(100),
             ..DeckForecast::default()

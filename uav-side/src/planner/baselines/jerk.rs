@@ -16,7 +16,7 @@ pub type PerStage = [f64; STAGES];
 
 /// What an axis is asked.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ask {
+pub struct AxisProblem {
     /// Position, velocity, acceleration now: m, m/s, m/s².
     pub start: [f64; 3],
     /// Jerk applied now, m/s³.
@@ -98,15 +98,16 @@ impl JerkAxis {
         })
     }
 
-    fn cost(&self, ask: &Ask, barrier: Option<&Barrier>, jerk: &PerStage) -> f64 {
+    fn cost(&self, problem: &AxisProblem, barrier: Option<&Barrier>, jerk: &PerStage) -> f64 {
         let over = |x: f64, limit: f64| (x.abs() - limit).max(0.0).powi(2) * LIMIT_WEIGHT;
         let mut sum = 0.0;
-        let mut before = ask.previous;
-        for (k, (x, u)) in self.states(ask.start, jerk).iter().zip(jerk).enumerate() {
-            let (e, d) = (x[0] - ask.position[k], x[1] - ask.velocity[k]);
-            sum += ask.weight[0] * e * e + ask.weight[1] * d * d;
-            sum += ask.increment_weight * (u - before).powi(2);
-            sum += over(d, ask.limit[0]) + over(x[2], ask.limit[1]) + 0.01 * over(*u, ask.limit[2]);
+        let mut before = problem.previous;
+        for (k, (x, u)) in self.states(problem.start, jerk).iter().zip(jerk).enumerate() {
+            let (e, d) = (x[0] - problem.position[k], x[1] - problem.velocity[k]);
+            sum += problem.weight[0] * e * e + problem.weight[1] * d * d;
+            sum += problem.increment_weight * (u - before).powi(2);
+            sum +=
+                over(d, problem.limit[0]) + over(x[2], problem.limit[1]) + 0.01 * over(*u, problem.limit[2]);
             if let Some(b) = barrier {
                 sum += b.weight[k] * shape(b.contact[k] - x[0], b.height_m).0;
             }
@@ -117,26 +118,31 @@ impl JerkAxis {
 
     /// The jerks of least cost: Newton's method from `guess` with the convex part of the Hessian and
     /// a halving line search, so the cost never rises. Gives the steps taken, too.
-    pub fn solve(&self, ask: &Ask, barrier: Option<&Barrier>, guess: &PerStage) -> (PerStage, u32) {
+    pub fn solve(
+        &self,
+        problem: &AxisProblem,
+        barrier: Option<&Barrier>,
+        guess: &PerStage,
+    ) -> (PerStage, u32) {
         let mut u = *guess;
-        let mut cost = self.cost(ask, barrier, &u);
+        let mut cost = self.cost(problem, barrier, &u);
         let mut steps = 0;
         for _ in 0..NEWTON_STEPS {
-            let (gradient, hessian) = self.derivatives(ask, barrier, &u);
+            let (gradient, hessian) = self.derivatives(problem, barrier, &u);
             let Some(factor) = hessian.cholesky() else {
                 break;
             };
             let direction = factor.solve(&gradient);
-            let mut share = 1.0;
+            let mut fraction = 1.0;
             let mut taken = None;
             for _ in 0..HALVINGS {
-                let tried: PerStage = core::array::from_fn(|i| u[i] - share * direction[i]);
-                let c = self.cost(ask, barrier, &tried);
+                let tried: PerStage = core::array::from_fn(|i| u[i] - fraction * direction[i]);
+                let c = self.cost(problem, barrier, &tried);
                 if c < cost {
                     taken = Some((tried, c));
                     break;
                 }
-                share *= 0.5;
+                fraction *= 0.5;
             }
             let Some((tried, c)) = taken else {
                 break;
@@ -153,7 +159,7 @@ impl JerkAxis {
 
     fn derivatives(
         &self,
-        ask: &Ask,
+        problem: &AxisProblem,
         barrier: Option<&Barrier>,
         jerk: &PerStage,
     ) -> (SVector<f64, STAGES>, SMatrix<f64, STAGES, STAGES>) {
@@ -166,14 +172,14 @@ impl JerkAxis {
                 if beyond > 0.0 { 2.0 * LIMIT_WEIGHT } else { 0.0 },
             )
         };
-        for (k, x) in self.states(ask.start, jerk).iter().enumerate() {
-            let (e, d) = (x[0] - ask.position[k], x[1] - ask.velocity[k]);
-            let mut slope = [2.0 * ask.weight[0] * e, 2.0 * ask.weight[1] * d, 0.0];
-            let mut bend = [2.0 * ask.weight[0], 2.0 * ask.weight[1], 0.0];
-            let (s, b) = over(d, ask.limit[0]);
+        for (k, x) in self.states(problem.start, jerk).iter().enumerate() {
+            let (e, d) = (x[0] - problem.position[k], x[1] - problem.velocity[k]);
+            let mut slope = [2.0 * problem.weight[0] * e, 2.0 * problem.weight[1] * d, 0.0];
+            let mut bend = [2.0 * problem.weight[0], 2.0 * problem.weight[1], 0.0];
+            let (s, b) = over(d, problem.limit[0]);
             slope[1] += s;
             bend[1] += b;
-            (slope[2], bend[2]) = over(x[2], ask.limit[1]);
+            (slope[2], bend[2]) = over(x[2], problem.limit[1]);
             if let Some(b) = barrier {
                 // Height falls as z grows.
                 let (_, first, second) = shape(b.contact[k] - x[0], b.height_m);
@@ -190,9 +196,9 @@ impl JerkAxis {
                 }
             }
         }
-        let t = 2.0 * ask.increment_weight;
+        let t = 2.0 * problem.increment_weight;
         for k in 0..STAGES {
-            let before = if k == 0 { ask.previous } else { jerk[k - 1] };
+            let before = if k == 0 { problem.previous } else { jerk[k - 1] };
             let step = jerk[k] - before;
             g[k] += t * step;
             h[(k, k)] += t;
@@ -202,7 +208,7 @@ impl JerkAxis {
                 h[(k, k - 1)] -= t;
                 h[(k - 1, k)] -= t;
             }
-            let (s, b) = over(jerk[k], ask.limit[2]);
+            let (s, b) = over(jerk[k], problem.limit[2]);
             g[k] += 0.01 * s;
             h[(k, k)] += 0.01 * b + 1e-9;
         }
@@ -215,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_barrier_has_the_published_shape_and_its_derivatives_are_right() {
+    fn barrier_has_the_published_shape_and_right_derivatives() {
         assert!(shape(3.0, 1.2).0 < 1e-4 && shape(0.5, 1.2).0 > 0.98);
         assert!((shape(1.2, 1.2).0 - 0.5).abs() < 1e-12 && (shape(0.1, 1.2).0 - 0.5).abs() < 1e-12);
         assert!(shape(0.0, 1.2).0 < 1e-4 && shape(-5.0, 1.2).0 < 1e-20 + 1e-12);
@@ -234,34 +240,35 @@ mod tests {
         }
     }
 
-    fn falling(weight: f64, height: f64) -> (Ask, Barrier) {
-        let ask = Ask {
+    fn falling(weight: f64, height: f64) -> (AxisProblem, Barrier) {
+        let problem = AxisProblem {
             start: [-height, 0.0, 0.0],
             weight: [10.0, 2.0],
             increment_weight: 0.01,
             limit: [1.0, 3.0, 20.0],
-            ..Ask::default()
+            ..AxisProblem::default()
         };
         let barrier = Barrier {
             weight: [weight; STAGES],
             contact: [0.0; STAGES],
             height_m: 1.2,
         };
-        (ask, barrier)
+        (problem, barrier)
     }
 
     #[test]
-    fn the_gradient_is_that_of_the_cost() {
+    fn jerk_axis_gradient_is_that_of_its_cost() {
         let axis = JerkAxis::new(0.1);
-        let (ask, barrier) = falling(300.0, 1.5);
+        let (problem, barrier) = falling(300.0, 1.5);
         let u: PerStage = core::array::from_fn(|i| 25.0 - 4.0 * i as f64);
-        let (g, _) = axis.derivatives(&ask, Some(&barrier), &u);
+        let (g, _) = axis.derivatives(&problem, Some(&barrier), &u);
         for i in 0..STAGES {
             let e = 1e-5;
             let (mut a, mut b) = (u, u);
             a[i] -= e;
             b[i] += e;
-            let d = (axis.cost(&ask, Some(&barrier), &b) - axis.cost(&ask, Some(&barrier), &a)) / (2.0 * e);
+            let d = (axis.cost(&problem, Some(&barrier), &b) - axis.cost(&problem, Some(&barrier), &a))
+                / (2.0 * e);
             assert!((d - g[i]).abs() < 1e-3 * (1.0 + d.abs()), "{i}: {d} {}", g[i]);
         }
     }
@@ -269,19 +276,19 @@ mod tests {
     /// Flies the first step of each solve for `seconds`.
     fn fly(weight: f64, seconds: usize) -> f64 {
         let axis = JerkAxis::new(0.1);
-        let (mut ask, barrier) = falling(weight, 3.0);
+        let (mut problem, barrier) = falling(weight, 3.0);
         let mut guess = [0.0; STAGES];
         for _ in 0..10 * seconds {
-            let (u, _) = axis.solve(&ask, Some(&barrier), &guess);
-            ask.start = JerkAxis::roll(ask.start, u[0], 0.1);
-            ask.previous = u[0];
+            let (u, _) = axis.solve(&problem, Some(&barrier), &guess);
+            problem.start = JerkAxis::roll(problem.start, u[0], 0.1);
+            problem.previous = u[0];
             guess = u;
         }
-        ask.start[0]
+        problem.start[0]
     }
 
     #[test]
-    fn it_waits_above_a_tilted_deck_and_lands_on_a_level_one() {
+    fn jerk_axis_waits_above_a_tilted_deck_and_lands_on_a_level_one() {
         let tilted = fly(610.0, 20);
         assert!(
             (-2.2..-1.5).contains(&tilted),

@@ -159,9 +159,9 @@ impl DeckModes {
     }
 
     /// Takes a sighting.
-    pub fn observe(&mut self, at: Time<DroneClock>, seen: &DeckStage) {
+    pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
         let c = &self.config;
-        let value = [seen.position[2], seen.euler[0], seen.euler[1]];
+        let value = [detection.position[2], detection.euler[0], detection.euler[1]];
         let dt = match self.record.back() {
             // Half a tick early is on time.
             Some(last) if (at - last.at).secs() < 1.0 / RATE_HZ - 0.005 => return,
@@ -193,11 +193,11 @@ impl DeckModes {
         let theta = (-dt / c.place_s).exp();
         let place = self
             .place
-            .get_or_insert_with(|| [[seen.position[0], 0.0], [seen.position[1], 0.0]]);
+            .get_or_insert_with(|| [[detection.position[0], 0.0], [detection.position[1], 0.0]]);
         if dt > 0.0 {
             for (i, [p, v]) in place.iter_mut().enumerate() {
                 *p += *v * dt;
-                let off = seen.position[i] - *p;
+                let off = detection.position[i] - *p;
                 *p += (1.0 - theta * theta) * off;
                 *v += (1.0 - theta).powi(2) / dt * off;
             }
@@ -211,7 +211,7 @@ impl DeckModes {
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;
         };
-        if (last.at - first.at).secs() < c.least_s
+        if (last.at - first.at).secs() < c.min_s
             || self.analysed.is_some_and(|t| (now - t).secs() < c.refresh_s)
         {
             return;

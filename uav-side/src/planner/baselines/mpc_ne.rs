@@ -24,7 +24,7 @@ use alight_shared::msg::{DeckForecast, MissionState, Phase, Plan, PlanStage, Sol
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 
-use super::jerk::{Ask, Barrier, JerkAxis, PerStage, STAGES};
+use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
 use super::modes::{DeckModes, Predicted};
 use crate::planner::config::{PlannerConfig, Reset};
 use crate::planner::model::State;
@@ -75,7 +75,7 @@ config! {
         /// Length of the record that is transformed, s.
         pub window_s: f64 = 20.0, in 2.0..=30.0;
         /// Shortest such record, s.
-        pub least_s: f64 = 10.0;
+        pub min_s: f64 = 10.0;
         /// Frequencies are looked for anew this often, s.
         pub refresh_s: f64 = 1.0, in 0.1..=60.0;
         /// Modes smaller than this share of the largest are dropped.
@@ -94,7 +94,7 @@ config! {
         pub fresh_s: f64 = 0.1, in 0.01..=5.0;
     }
     check |this, at| {
-        at.range("least_s", this.least_s, 1.0, this.window_s)?;
+        at.range("min_s", this.min_s, 1.0, this.window_s)?;
     }
 }
 
@@ -115,13 +115,13 @@ struct Body {
 
 /// A trajectory: exact at any time.
 #[derive(Clone, Copy, Debug)]
-struct Flight {
+struct SolvedPlan {
     at: Time<DroneClock>,
     start: Body,
     jerk: [PerStage; 3],
 }
 
-impl Flight {
+impl SolvedPlan {
     /// The body and the jerk at a time; after the end at constant velocity.
     fn body(&self, t: Time<DroneClock>) -> (Body, [f64; 3]) {
         let since = (t - self.at).secs().max(0.0);
@@ -158,7 +158,7 @@ pub struct MpcNe {
     axis: JerkAxis,
     feet: f64,
     modes: DeckModes,
-    flight: Option<Flight>,
+    solved: Option<SolvedPlan>,
     /// Height over the deck that it keeps while no descent is permitted, m.
     held_m: Option<f64>,
 }
@@ -172,7 +172,7 @@ impl MpcNe {
             feet: drone.feet_below_m,
             modes: DeckModes::new(&config),
             config,
-            flight: None,
+            solved: None,
             held_m: None,
         }
     }
@@ -193,7 +193,7 @@ impl MpcNe {
     }
     /// Another planner flies now.
     pub fn leave(&mut self) {
-        self.flight = None;
+        self.solved = None;
     }
 
     /// Whether its last trajectory is young and the drone near it.
@@ -203,12 +203,12 @@ impl MpcNe {
         drone: Option<&(Time<DroneClock>, State)>,
         r: &Reset,
     ) -> bool {
-        let (Some(flight), Some((at, measured))) = (&self.flight, drone) else {
+        let (Some(solved), Some((at, measured))) = (&self.solved, drone) else {
             return false;
         };
-        let (then, _) = flight.body(*at);
+        let (then, _) = solved.body(*at);
         let gap = |i: usize, d: usize| measured[6 * d + i] - then.axes[i][d];
-        (now - flight.at).secs() <= r.age_s
+        (now - solved.at).secs() <= r.age_s
             && gap(0, 0).hypot(gap(1, 0)) <= r.horizontal_m
             && gap(0, 1).hypot(gap(1, 1)) <= r.horizontal_mps
             && gap(2, 0).abs() <= r.vertical_m
@@ -219,7 +219,7 @@ impl MpcNe {
     /// Begins from a state of the common planner; `down` its vertical acceleration, m/s².
     pub fn begin(&mut self, now: Time<DroneClock>, s: &State, down: f64) {
         let acceleration = [-GRAVITY * s[4], GRAVITY * s[3], down];
-        self.flight = Some(Flight {
+        self.solved = Some(SolvedPlan {
             at: now,
             start: Body {
                 axes: core::array::from_fn(|i| {
@@ -240,8 +240,8 @@ impl MpcNe {
         mission: &MissionState,
         forecast: &DeckForecast,
     ) -> Option<Plan> {
-        let flight = self.flight?;
-        let (start, previous) = flight.body(now);
+        let solved = self.solved?;
+        let (start, previous) = solved.body(now);
         let deck = self.deck(now, forecast)?;
         let c = &self.config;
         let landing = mission.state.phase() == Phase::Landing && self.modes.ready();
@@ -264,7 +264,7 @@ impl MpcNe {
             contact,
             height_m: c.barrier_m,
         });
-        let mut next = Flight {
+        let mut next = SolvedPlan {
             at: now,
             start,
             jerk: [[0.0; STAGES]; 3],
@@ -276,7 +276,7 @@ impl MpcNe {
             } else {
                 (c.horizontal, c.horizontal_limits)
             };
-            let ask = Ask {
+            let problem = AxisProblem {
                 start: start.axes[i],
                 previous: previous[i],
                 position: wanted[i],
@@ -288,15 +288,15 @@ impl MpcNe {
                 increment_weight: c.increment_weight,
                 limit,
             };
-            let (jerk, steps) = self
-                .axis
-                .solve(&ask, barrier.as_ref().filter(|_| i == 2), &flight.jerk[i]);
+            let (jerk, steps) =
+                self.axis
+                    .solve(&problem, barrier.as_ref().filter(|_| i == 2), &solved.jerk[i]);
             next.jerk[i] = jerk;
             iterations += steps;
         }
         let touch = landing && mission.state == Mode::Flare;
         let plan = self.written(&next, &contact, touch, iterations);
-        self.flight = Some(next);
+        self.solved = Some(next);
         Some(plan)
     }
 
@@ -325,7 +325,7 @@ impl MpcNe {
         Some(out)
     }
 
-    fn written(&self, flight: &Flight, contact: &PerStage, touch: bool, iterations: u32) -> Plan {
+    fn written(&self, solved: &SolvedPlan, contact: &PerStage, touch: bool, iterations: u32) -> Plan {
         let half = Span::from_secs(0.5 * STEP_S);
         let mut plan = Plan {
             step: half,
@@ -334,7 +334,7 @@ impl MpcNe {
             ..Plan::default()
         };
         for k in 0..=2 * STAGES {
-            let (body, jerk) = flight.body(flight.at + half * k as i64);
+            let (body, jerk) = solved.body(solved.at + half * k as i64);
             let [x, y, z] = body.axes;
             let push = Vector3::new(x[2], y[2], z[2] - GRAVITY);
             let (phi, theta) = tilt_of(&push.normalize(), body.yaw);
@@ -354,9 +354,9 @@ impl MpcNe {
             });
         }
         if touch {
-            let z = self.axis.states(flight.start.axes[2], &flight.jerk[2]);
+            let z = self.axis.states(solved.start.axes[2], &solved.jerk[2]);
             let k = z.iter().zip(contact).position(|(z, c)| z[0] >= *c);
-            plan.touchdown_at = k.map(|k| flight.at + Span::from_secs(STEP_S * (k + 1) as f64));
+            plan.touchdown_at = k.map(|k| solved.at + Span::from_secs(STEP_S * (k + 1) as f64));
         }
         plan
     }

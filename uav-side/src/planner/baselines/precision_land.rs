@@ -50,7 +50,7 @@ config! {
 /// The last sighting, and whether the descent has begun.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PrecisionLand {
-    seen: Option<(Time<DroneClock>, DeckStage)>,
+    detection: Option<(Time<DroneClock>, DeckStage)>,
     sinking: bool,
 }
 
@@ -72,12 +72,12 @@ impl PrecisionLand {
         if forecast.tag_age_s <= config.fresh_s
             && let Some(stage) = forecast.at(begin)
         {
-            self.seen = Some((begin, stage));
+            self.detection = Some((begin, stage));
         }
         self.sinking &= view.mission.state.phase() == Phase::Landing;
         // Before the first sighting the way there is by the radio's position.
-        let (at, seen) = match (self.seen, forecast.stages.first()) {
-            (Some((at, seen)), _) if (begin - at).secs() <= config.timeout_s => (at, seen),
+        let (at, detection) = match (self.detection, forecast.stages.first()) {
+            (Some((at, detection)), _) if (begin - at).secs() <= config.timeout_s => (at, detection),
             (_, Some(first)) => (forecast.header.at, *first),
             (_, None) => return,
         };
@@ -85,12 +85,12 @@ impl PrecisionLand {
         let step = forecast.step.secs();
         for (k, stage) in forecast.stages.iter_mut().enumerate() {
             let t = age + step * k as f64;
-            let [n, e, d] = seen.position;
-            let [vn, ve, _] = seen.velocity;
+            let [n, e, d] = detection.position;
+            let [vn, ve, _] = detection.velocity;
             stage.position = [n + vn * t, e + ve * t, d];
             stage.velocity = [vn, ve, 0.0];
             stage.acceleration = [0.0; 3];
-            stage.euler = [0.0, 0.0, seen.euler[2]];
+            stage.euler = [0.0, 0.0, detection.euler[2]];
             stage.euler_rates = [0.0; 3];
         }
 

@@ -115,7 +115,7 @@ fn precision_land_sinks_over_the_target_and_crawls_above_it() {
 }
 
 #[test]
-fn precision_land_knows_the_last_sighting_and_its_velocity_and_no_heave() {
+fn precision_land_extrapolates_the_last_detection_without_heave() {
     let mut law = PrecisionLand::default();
     lands(&mut law, 1.0, 0.3, -6.0, 0.02);
     // Half a second without a sighting: what the forecast says meanwhile is not heard.
@@ -130,7 +130,7 @@ fn precision_land_knows_the_last_sighting_and_its_velocity_and_no_heave() {
 }
 
 #[test]
-fn precision_land_stops_without_target_unless_it_is_near() {
+fn precision_land_stops_without_a_target_unless_near() {
     let mut law = PrecisionLand::default();
     assert!(lands(&mut law, 1.0, 0.3, -6.0, 0.02).mission.descent_mps > 0.0);
     assert_eq!(lands(&mut law, 7.0, 2.1, -4.0, 6.0).mission.descent_mps, 0.0);
@@ -142,10 +142,10 @@ fn calm(law: &mut WaitCalm, t: f64, clearance_m: f64, tilt_deg: f64, heave_mps: 
         mission: permits(State::Descent, 1.0),
         // Worst 1 s ahead, calm before: only a forecast knows.
         forecast: Some(forecast(t, 0.02, |s| {
-            let share = if s > t + 0.95 { 1.0 } else { 0.0 };
+            let fraction = if s > t + 0.95 { 1.0 } else { 0.0 };
             DeckStage {
-                euler: [share * tilt_deg.to_radians(), 0.0, 0.0],
-                velocity: [0.0, 0.0, share * heave_mps],
+                euler: [fraction * tilt_deg.to_radians(), 0.0, 0.0],
+                velocity: [0.0, 0.0, fraction * heave_mps],
                 ..level(s)
             }
         })),
@@ -155,7 +155,7 @@ fn calm(law: &mut WaitCalm, t: f64, clearance_m: f64, tilt_deg: f64, heave_mps: 
 }
 
 #[test]
-fn wait_calm_waits_for_tilt_and_heave_that_are_still_to_come() {
+fn wait_calm_waits_for_predicted_tilt_and_heave() {
     for (tilt, heave, goes) in [(3.0, 0.4, true), (6.0, 0.0, false), (0.0, 0.9, false)] {
         let mut law = WaitCalm::default();
         assert_eq!(
@@ -172,7 +172,7 @@ fn wait_calm_waits_for_tilt_and_heave_that_are_still_to_come() {
 }
 
 #[test]
-fn wait_calm_grows_patient_and_commits() {
+fn wait_calm_widens_its_limits_with_time_and_commits() {
     let mut law = WaitCalm::default();
     // 6 deg against a limit of 4 deg that doubles in 15 s.
     assert_eq!(calm(&mut law, 0.0, 1.9, 6.0, 0.0), 0.0);
@@ -190,7 +190,7 @@ fn wait_calm_grows_patient_and_commits() {
 }
 
 #[test]
-fn gnss_radio_goes_on_below_the_believed_deck_only_in_the_flare() {
+fn gnss_radio_descends_below_the_estimated_deck_only_in_the_flare() {
     let config = PlannerConfig::default();
     let mut views = Views::new(&config, &DroneGeometry::default());
     let mut z = |state| {
@@ -221,7 +221,7 @@ fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
 }
 
 #[test]
-fn the_modes_foretell_heave_and_tilt_a_second_ahead_from_the_tag_alone() {
+fn deck_modes_predict_heave_and_tilt_one_second_ahead_from_the_tag_alone() {
     let mut modes = DeckModes::new(&MpcNeConfig::default());
     let deck = rocking(0.1);
     let mut worst: (f64, f64) = (0.0, 0.0);
@@ -248,7 +248,7 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
     let deck = rocking(roll);
     let above = |s: &Start, t: f64| deck(t).position[2] - drone.feet_below_m - s[2];
     let mut state_now = resting([0.2, -0.1, -7.5]);
-    let (mut least, mut begun) = (f64::INFINITY, false);
+    let (mut min, mut begun) = (f64::INFINITY, false);
     for k in 0..2000 {
         let t = 0.02 * f64::from(k);
         let f = forecast(t, 0.02, &deck);
@@ -266,24 +266,24 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
         let stage = plan.sample(at(t + 0.02)).unwrap();
         let (p, v) = (stage.position, stage.velocity);
         state_now = [p[0], p[1], p[2], 0.0, 0.0, 0.0, v[0], v[1], v[2], 0.0, 0.0, 0.0];
-        least = least.min(above(&state_now, t + 0.02));
-        if least < 0.0 {
+        min = min.min(above(&state_now, t + 0.02));
+        if min < 0.0 {
             break;
         }
     }
-    (above(&state_now, 40.0), least)
+    (above(&state_now, 40.0), min)
 }
 
 #[test]
-fn mpc_ne_lands_between_tilts_waits_over_a_steep_deck_and_obeys_the_mission() {
-    let (_, least) = mpc_ne_over(0.03, State::Descent, 1.0);
-    assert!(least < 0.0, "never down: {least}");
+fn mpc_ne_lands_between_tilts_waits_over_a_steep_deck_and_follows_the_mission() {
+    let (_, min) = mpc_ne_over(0.03, State::Descent, 1.0);
+    assert!(min < 0.0, "never down: {min}");
     // 0.5 rad: never level for long enough.
-    let (_, least) = mpc_ne_over(0.5, State::Descent, 1.0);
-    assert!(least > 0.8, "through the barrier: {least}");
+    let (_, min) = mpc_ne_over(0.5, State::Descent, 1.0);
+    assert!(min > 0.8, "through the barrier: {min}");
     // Not permitted.
-    let (_, least) = mpc_ne_over(0.0, State::Descent, 0.0);
-    assert!(least > 4.0, "sank without permission: {least}");
+    let (_, min) = mpc_ne_over(0.0, State::Descent, 0.0);
+    assert!(min > 4.0, "sank without permission: {min}");
     // Following, at 7 m.
     let (end, _) = mpc_ne_over(0.0, State::TrackingStable, 0.0);
     assert!((end - 7.0).abs() < 1.2, "{end}");

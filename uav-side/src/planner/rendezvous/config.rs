@@ -9,20 +9,20 @@ use crate::planner::weights::FaaDistance;
 /// A stage's weight: far from the contact, and what is added at it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Meeting {
+pub struct WeightSchedule {
     /// Far from the contact.
     pub far: f64,
     /// Added at the contact.
     pub contact: f64,
 }
 
-impl Meeting {
+impl WeightSchedule {
     /// The weight at the share `g` of contact, 0 to 1.
     pub fn at(&self, g: f64) -> f64 {
         self.far + self.contact * g
     }
 }
-impl Check for Meeting {
+impl Check for WeightSchedule {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.range("far", self.far, 0.0, 1e6)?;
         at.range("contact", self.contact, 0.0, 1e7)
@@ -65,7 +65,7 @@ config! {
     ///
     /// Defaults: Ours, after a prototype.
     #[derive(Copy)]
-    pub struct InstantConfig {
+    pub struct TouchdownTimeConfig {
         /// The instant is chosen within this time after the earliest, s; 0 takes the earliest.
         pub window_s: f64 = 2.5, in 0.0..=4.0;
         /// Chosen no more when the contact is nearer than this, s.
@@ -109,7 +109,7 @@ config! {
         /// Wind up to this acceleration blows an aligned drone along, m/s² ...
         pub aligned_mps2: f64 = 1.2, in 0.0..=9.0;
         /// ... and this share of what is beyond; for the rest it keeps leaning.
-        pub aligned_share: f64 = 0.6, in 0.0..=1.0;
+        pub aligned_fraction: f64 = 0.6, in 0.0..=1.0;
     }
 }
 
@@ -120,7 +120,7 @@ pub struct RendezvousConfig {
     /// The way down.
     pub profile: ProfileConfig,
     /// The instant of contact.
-    pub instant: InstantConfig,
+    pub touchdown_time: TouchdownTimeConfig,
     /// The wind.
     pub wind: WindConfig,
     /// Tilt is planned as the horizontal acceleration that it causes at the planned vertical one; else
@@ -129,23 +129,23 @@ pub struct RendezvousConfig {
     /// Whose height over the deck tells how near the contact is.
     pub distance: FaaDistance,
     /// A landing begins from the measured state; else from the plan that was followed.
-    pub begins_measured: bool,
+    pub start_from_measured: bool,
     /// Height over the deck at which a stage counts as contact by exp(-1), m.
     pub near_m: f64,
     /// Stages this long after the contact count by exp(-1), s.
     pub after_s: f64,
     /// Position x, y, 1/m².
-    pub horizontal: Meeting,
+    pub horizontal: WeightSchedule,
     /// Velocity x, y, s²/m².
-    pub horizontal_velocity: Meeting,
+    pub horizontal_velocity: WeightSchedule,
     /// Tilt, as horizontal acceleration per g, 1/rad².
-    pub tilt: Meeting,
+    pub tilt: WeightSchedule,
     /// Its rate, s²/rad².
-    pub rates: Meeting,
+    pub rates: WeightSchedule,
     /// Position z, 1/m².
-    pub vertical: Meeting,
+    pub vertical: WeightSchedule,
     /// Velocity z, s²/m².
-    pub vertical_velocity: Meeting,
+    pub vertical_velocity: WeightSchedule,
 }
 
 impl Default for RendezvousConfig {
@@ -157,29 +157,29 @@ impl Default for RendezvousConfig {
     /// against the slope until 0.1 s before the contact, so that one that came early met it askew: 0.8 m, 5 s
     /// without sideways coupling, 400 seeds: tilt p95 4.75 -> 4.2 (13 000) and 3.6 deg (16 000), place 0.060 -> 0.062 and 0.063 m.
     fn default() -> Self {
-        let meeting = |far, contact| Meeting { far, contact };
+        let schedule = |far, contact| WeightSchedule { far, contact };
         RendezvousConfig {
             profile: ProfileConfig::default(),
-            instant: InstantConfig::default(),
+            touchdown_time: TouchdownTimeConfig::default(),
             wind: WindConfig::default(),
             true_tilt: true,
             distance: FaaDistance::PerStage,
-            begins_measured: true,
+            start_from_measured: true,
             near_m: 0.1,
             after_s: 0.3,
-            horizontal: meeting(40.0, 8000.0),
-            horizontal_velocity: meeting(4.0, 300.0),
-            tilt: meeting(50.0, 14_000.0),
-            rates: meeting(5.0, 30.0),
-            vertical: meeting(40.0, 1000.0),
-            vertical_velocity: meeting(40.0, 300.0),
+            horizontal: schedule(40.0, 8000.0),
+            horizontal_velocity: schedule(4.0, 300.0),
+            tilt: schedule(50.0, 14_000.0),
+            rates: schedule(5.0, 30.0),
+            vertical: schedule(40.0, 1000.0),
+            vertical_velocity: schedule(40.0, 300.0),
         }
     }
 }
 impl Check for RendezvousConfig {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         self.profile.check(&at.table("profile"))?;
-        self.instant.check(&at.table("instant"))?;
+        self.touchdown_time.check(&at.table("touchdown_time"))?;
         self.wind.check(&at.table("wind"))?;
         at.range("near_m", self.near_m, 0.01, 5.0)?;
         at.range("after_s", self.after_s, 0.01, 10.0)?;

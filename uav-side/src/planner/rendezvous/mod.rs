@@ -2,7 +2,7 @@
 //! of its choice.
 //!
 //! What differs from the paper's planner ([`super::mpc_faa`], whose model and solver it shares):
-//! - the instant of contact is chosen within the forecast ([`instant`]);
+//! - the instant of contact is chosen within the forecast ([`touchdown_time`]);
 //! - the height is flown against time left, fast down to just above the deck and softly onto it
 //!   ([`profile`]);
 //! - a stage's weights depend on the height that the drone will have *there*, `g = exp(-(h/h0)²)`:
@@ -13,8 +13,8 @@
 //!   what the wind does over the alignment is part of the plan.
 
 pub mod config;
-pub mod instant;
 pub mod profile;
+pub mod touchdown_time;
 pub mod wind;
 
 use alight_shared::frames::body_rates;
@@ -25,23 +25,23 @@ use nalgebra::{Vector2, Vector3};
 
 use super::model::State;
 use super::mpc_faa::Problem;
-use super::reference::Aim;
+use super::reference::Reference;
 use super::weights::FaaDistance;
-use config::{InstantConfig, RendezvousConfig};
-use instant::{Instant, aligned_acceleration};
+use config::{RendezvousConfig, TouchdownTimeConfig};
 use profile::{Height, Profile};
+use touchdown_time::{TouchdownTime, aligned_acceleration};
 use wind::Wind;
 
 /// The deck's plane is followed this far from its centre, m: half the way across the default deck, and
 /// a little.
-const BESIDE_M: f64 = 1.0;
+const MAX_LATERAL_OFFSET_M: f64 = 1.0;
 
 /// Writes the references and weights of a landing.
 #[derive(Clone, Debug)]
 pub struct Rendezvous {
     config: RendezvousConfig,
     profile: Profile,
-    instant: Instant,
+    touchdown_time: TouchdownTime,
     feet: f64,
 }
 
@@ -62,13 +62,13 @@ impl Rendezvous {
         Rendezvous {
             config: *config,
             profile: Profile::new(&config.profile),
-            instant: Instant::default(),
+            touchdown_time: TouchdownTime::default(),
             feet: drone.feet_below_m,
         }
     }
     /// Forgets the chosen instant.
     pub fn forget(&mut self) {
-        self.instant.forget();
+        self.touchdown_time.forget();
     }
     /// Whether it writes the references of this mission state.
     pub fn lands(mode: Mode) -> bool {
@@ -85,9 +85,9 @@ impl Rendezvous {
         }
     }
 
-    /// Replaces the guide's references and weights of place, tilt and height. `aim.deck` must hold
+    /// Replaces the guide's references and weights of place, tilt and height. `reference.deck` must hold
     /// the deck now and at each stage; gives the time to contact (s), if one is meant.
-    pub fn meet(
+    pub fn write_references(
         &mut self,
         now: Time<DroneClock>,
         mission: &MissionState,
@@ -95,28 +95,29 @@ impl Rendezvous {
         step_s: f64,
         wind: &Vector2<f64>,
         problem: &mut Problem,
-        aim: &Aim,
+        reference: &Reference,
     ) -> Option<f64> {
-        let here = aim.deck.first()?;
+        let here = reference.deck.first()?;
         let start = problem.state;
         let wind = &Wind::carried(wind, &self.config.wind);
         // Steep decks are met beside their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
         // below it than the centre says, and would stay above the deck that much longer.
-        let beside = self.beside(&start, here);
-        let contact = self.contact_z(here, &beside);
+        let lateral_offset = self.lateral_offset(&start, here);
+        let contact = self.contact_z(here, &lateral_offset);
         // Height over the surface that the profile follows at this height.
-        let over =
-            |share: f64| aim.mean_z + share * (here.position[2] - aim.mean_z) + (contact - here.position[2]);
+        let over = |fraction: f64| {
+            reference.mean_z + fraction * (here.position[2] - reference.mean_z) + (contact - here.position[2])
+        };
         let clearance = {
             let first = contact - start[2];
-            let share = self.share(first);
-            over(share) - start[2]
+            let fraction = self.fraction(first);
+            over(fraction) - start[2]
         };
         let permitted = mission.descent_mps > 0.0;
         let way = if permitted {
-            let least = self
+            let min_time = self
                 .profile
-                .least(clearance, start[8] - here.velocity[2] * self.share(clearance));
+                .min_time(clearance, start[8] - here.velocity[2] * self.fraction(clearance));
             let left = self.profile.left(clearance);
             // Low over the deck the tag is out of view: waiting there drifts off.
             let flare = match mission.state {
@@ -131,21 +132,25 @@ impl Rendezvous {
                 | Mode::Hold
                 | Mode::GaveUp => false,
             };
-            let window_s = if flare { 0.0 } else { self.config.instant.window_s };
-            let instant = InstantConfig {
-                window_s,
-                ..self.config.instant
+            let window_s = if flare {
+                0.0
+            } else {
+                self.config.touchdown_time.window_s
             };
-            let left = self
-                .instant
-                .choose(now, forecast, wind, least, left, flare, &instant);
+            let touchdown_time = TouchdownTimeConfig {
+                window_s,
+                ..self.config.touchdown_time
+            };
+            let left =
+                self.touchdown_time
+                    .choose(now, forecast, wind, min_time, left, flare, &touchdown_time);
             Way {
                 left,
                 ceiling: clearance,
                 floor: f64::NEG_INFINITY,
             }
         } else {
-            self.instant.forget();
+            self.touchdown_time.forget();
             Way {
                 left: f64::INFINITY,
                 ceiling: clearance,
@@ -154,10 +159,10 @@ impl Rendezvous {
         };
         let begin = Height {
             clearance,
-            sinking: start[8] - here.velocity[2] * self.share(clearance),
+            sinking: start[8] - here.velocity[2] * self.fraction(clearance),
         };
         for k in 0..problem.reference.len() {
-            let Some(deck) = aim.deck.get(k + 1) else {
+            let Some(deck) = reference.deck.get(k + 1) else {
                 break;
             };
             let time = step_s * (k as f64 + 1.0);
@@ -167,14 +172,24 @@ impl Rendezvous {
             } else {
                 wanted
             };
-            self.stage(k, time, &height, deck, &beside, &way, aim.mean_z, wind, problem);
+            self.stage(
+                k,
+                time,
+                &height,
+                deck,
+                &lateral_offset,
+                &way,
+                reference.mean_z,
+                wind,
+                problem,
+            );
         }
         permitted.then_some(way.left)
     }
 
     /// Share of the deck's heave that the reference follows at a height over it: smooth between two
     /// heights.
-    fn share(&self, clearance: f64) -> f64 {
+    fn fraction(&self, clearance: f64) -> f64 {
         let c = &self.config.profile;
         let s = ((c.mean_above_m - clearance) / (c.mean_above_m - c.heave_below_m)).clamp(0.0, 1.0);
         s * s * (3.0 - 2.0 * s)
@@ -182,18 +197,18 @@ impl Rendezvous {
 
     /// Horizontal place of an aligned drone's feet relative to the deck's centre (NED, m), not further
     /// than the deck reaches.
-    fn beside(&self, state: &State, deck: &DeckStage) -> Vector2<f64> {
+    fn lateral_offset(&self, state: &State, deck: &DeckStage) -> Vector2<f64> {
         let n = deck.normal();
         let o = Vector2::from_fn(|i, _| state[i] - deck.position[i] - self.feet * n[i]);
-        o * (BESIDE_M / o.norm().max(BESIDE_M))
+        o * (MAX_LATERAL_OFFSET_M / o.norm().max(MAX_LATERAL_OFFSET_M))
     }
 
-    /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck `beside` its
+    /// Height of the centre of mass (NED z) of an aligned drone that stands on the deck `lateral_offset` its
     /// centre, m: `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the
     /// feet's distance `l`.
-    fn contact_z(&self, deck: &DeckStage, beside: &Vector2<f64>) -> f64 {
+    fn contact_z(&self, deck: &DeckStage, lateral_offset: &Vector2<f64>) -> f64 {
         let n = deck.normal();
-        deck.position[2] + n.xy().dot(beside) / (-n.z).max(0.3) + self.feet * n.z
+        deck.position[2] + n.xy().dot(lateral_offset) / (-n.z).max(0.3) + self.feet * n.z
     }
 
     /// The height that the profile has `time` from now, where it can be followed.
@@ -219,11 +234,11 @@ impl Rendezvous {
     /// faster leaves the rotors too little thrust to hold the place.
     fn lowest(&self, h: &Height, time: f64) -> Height {
         let c = &self.config.profile;
-        let most = (c.sink_mps + c.hurry_mps).max(h.sinking);
-        let until = ((most - h.sinking) / c.acceleration_mps2).min(time);
+        let max = (c.sink_mps + c.hurry_mps).max(h.sinking);
+        let until = ((max - h.sinking) / c.acceleration_mps2).min(time);
         let fallen = h.sinking * until + 0.5 * c.acceleration_mps2 * until * until;
         Height {
-            clearance: h.clearance - fallen - most * (time - until),
+            clearance: h.clearance - fallen - max * (time - until),
             sinking: h.sinking + c.acceleration_mps2 * until,
         }
     }
@@ -234,7 +249,7 @@ impl Rendezvous {
         time: f64,
         h: &Height,
         deck: &DeckStage,
-        beside: &Vector2<f64>,
+        lateral_offset: &Vector2<f64>,
         way: &Way,
         mean_z: f64,
         wind: &Vector2<f64>,
@@ -244,12 +259,12 @@ impl Rendezvous {
             return;
         };
         let c = &self.config;
-        let share = self.share(h.clearance);
+        let fraction = self.fraction(h.clearance);
         let n = deck.normal();
         let spin =
             deck.rotation() * body_rates(deck.euler[0], deck.euler[1], Vector3::from(deck.euler_rates));
         let turn = spin.cross(&n) * self.feet;
-        let contact = self.contact_z(deck, beside);
+        let contact = self.contact_z(deck, lateral_offset);
         let (tilt, gain) = if c.true_tilt {
             let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
             (aligned_acceleration(deck) / GRAVITY, gain)
@@ -262,8 +277,8 @@ impl Rendezvous {
         }
         r[9] = gain * spin.x;
         r[10] = gain * spin.y;
-        r[2] = mean_z + share * (deck.position[2] - mean_z) + (contact - deck.position[2]) - h.clearance;
-        r[8] = share * deck.velocity[2] + h.sinking;
+        r[2] = mean_z + fraction * (deck.position[2] - mean_z) + (contact - deck.position[2]) - h.clearance;
+        r[8] = fraction * deck.velocity[2] + h.sinking;
 
         // After the contact nothing has to be met any more.
         let after = (time - way.left.max(0.0)).max(0.0) / c.after_s;

@@ -72,7 +72,7 @@ impl Profile {
 
     /// The least time from `clearance`, sinking at `speed` now, s: the profile's, and what getting
     /// up to its speed costs at its own deceleration.
-    pub fn least(&self, clearance: f64, speed: f64) -> f64 {
+    pub fn min_time(&self, clearance: f64, speed: f64) -> f64 {
         let left = self.left(clearance);
         let wanted = self.at(left).sinking;
         let missing = (wanted - speed).max(0.0);
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn height_and_time_left_invert_each_other_and_speed_is_the_slope() {
+    fn profile_height_and_time_are_inverse_and_speed_is_the_slope() {
         let p = Profile::new(&ProfileConfig::default());
         for k in -100..500 {
             let s = 0.01 * f64::from(k);
@@ -101,10 +101,10 @@ mod tests {
     }
 
     #[test]
-    fn a_standing_start_costs_time() {
+    fn profile_needs_more_time_from_a_standing_start() {
         let p = Profile::new(&ProfileConfig::default());
-        assert!(p.least(6.0, 0.0) > p.least(6.0, 2.5) + 0.4);
-        assert_eq!(p.least(6.0, 2.5), p.left(6.0));
-        assert!(p.left(-10.0).is_finite() && p.least(-10.0, 0.0).is_finite());
+        assert!(p.min_time(6.0, 0.0) > p.min_time(6.0, 2.5) + 0.4);
+        assert_eq!(p.min_time(6.0, 2.5), p.left(6.0));
+        assert!(p.left(-10.0).is_finite() && p.min_time(-10.0, 0.0).is_finite());
     }
 }

@@ -5,22 +5,22 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
 
 use super::config::WindConfig;
-use crate::disturbance::Disturbance;
+use crate::disturbance::DisturbanceObserver;
 
 /// Odometry further apart than this is no continuous flight, s.
-const LONGEST_GAP_S: f64 = 0.1;
+const MAX_GAP_S: f64 = 0.1;
 
 /// What is known of the wind.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wind {
-    learnt: Disturbance,
+    observer: DisturbanceObserver,
     at: Option<Time<DroneClock>>,
 }
 
 impl Wind {
     /// Its acceleration, NED, m/s².
     pub fn value(&self) -> Vector2<f64> {
-        self.learnt.value()
+        self.observer.value()
     }
 
     /// The part of the acceleration `wind` that an aligned drone is to be blown along with; against
@@ -30,19 +30,19 @@ impl Wind {
         if whole <= c.aligned_mps2 {
             return *wind;
         }
-        wind * ((c.aligned_mps2 + c.aligned_share * (whole - c.aligned_mps2)) / whole)
+        wind * ((c.aligned_mps2 + c.aligned_fraction * (whole - c.aligned_mps2)) / whole)
     }
 
     /// Learns from the newest odometry, unless the drone is `near` enough to the deck to touch it.
-    pub fn hear(&mut self, d: &DroneState, near: bool, c: &WindConfig) {
+    pub fn update(&mut self, d: &DroneState, near: bool, c: &WindConfig) {
         let dt = self.at.map_or(0.0, |t| (d.header.at - t).secs());
         self.at = Some(d.header.at);
-        if near || !(0.0..LONGEST_GAP_S).contains(&dt) {
-            self.learnt.pause();
+        if near || !(0.0..MAX_GAP_S).contains(&dt) {
+            self.observer.pause();
             return;
         }
         let force = Vector3::from(d.specific_force);
-        self.learnt
+        self.observer
             .learn(&force, &d.attitude(), &d.velocity(), dt, c.time_s, c.limit_mps2);
     }
 }
@@ -52,10 +52,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn strong_wind_is_shared_between_drift_and_lean_without_a_step() {
+    fn strong_wind_is_split_between_drift_and_tilt_continuously() {
         let c = WindConfig {
             aligned_mps2: 1.0,
-            aligned_share: 0.5,
+            aligned_fraction: 0.5,
             ..WindConfig::default()
         };
         let of = |d: f64| Wind::carried(&Vector2::new(0.0, d), &c).y;

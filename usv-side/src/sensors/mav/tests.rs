@@ -61,7 +61,7 @@ fn second(from_ms: u32) -> Vec<u8> {
     }
     out
 }
-fn decode(bytes: &[u8], cut: usize, mount: Mount) -> (Vec<Heard>, MavlinkDecoder) {
+fn decode(bytes: &[u8], cut: usize, mount: Mount) -> (Vec<SourceMeasurement>, MavlinkDecoder) {
     let mut d = MavlinkDecoder::new(&Mounting::new(&mount));
     let mut out = Vec::new();
     bytes.chunks(cut).for_each(|part| d.push(part, &mut out));
@@ -69,7 +69,7 @@ fn decode(bytes: &[u8], cut: usize, mount: Mount) -> (Vec<Heard>, MavlinkDecoder
 }
 
 #[test]
-fn a_boats_pixhawk_gives_all_four_kinds_at_its_own_times() {
+fn mavlink_autopilot_gives_all_four_kinds_of_measurement() {
     let mount = Mount {
         antenna_m: [0.0, 0.0, -2.0],
         mounting_deg: [0.0, 0.0, 90.0],
@@ -98,11 +98,11 @@ fn a_boats_pixhawk_gives_all_four_kinds_at_its_own_times() {
     assert!((a.rates.unwrap()[1] - 0.25).abs() < 1e-6);
     assert!((h.heading + core::f64::consts::FRAC_PI_2).abs() < 1e-6, "{h:?}");
     assert!((g.velocity[1] - 2.0).abs() < 1e-6 && g.velocity_sd[2] == NOT_MEASURED_SD);
-    assert_eq!((g.arm, g.datum.height_m), (Some([0.0, 0.0, -2.0]), 210.0));
+    assert_eq!((g.lever_arm, g.datum.height_m), (Some([0.0, 0.0, -2.0]), 210.0));
 }
 
 #[test]
-fn odometry_has_a_place_only_where_its_origin_is_known() {
+fn mavlink_odometry_has_a_position_only_with_a_known_origin() {
     let (q1, q2) = half(0.1);
     let mut data = m::ODOMETRY_DATA {
         time_usec: 1_000_000,
@@ -138,7 +138,7 @@ fn odometry_has_a_place_only_where_its_origin_is_known() {
 }
 
 #[test]
-fn damage_is_counted_and_the_next_frame_read() {
+fn mavlink_decoder_counts_damage_and_reads_the_next_frame() {
     let mut bytes = second(5000);
     let k = bytes.len() / 2;
     bytes[k] ^= 0xff;
@@ -149,7 +149,7 @@ fn damage_is_counted_and_the_next_frame_read() {
 }
 
 #[test]
-fn what_it_asks_for_is_asked_of_who_was_heard() {
+fn mavlink_decoder_requests_streams_from_the_observed_system() {
     let (_, mut d) = decode(&second(0), 500, Mount::default());
     let (first, second) = (d.ask(), d.ask());
     let said = |bytes: &[u8]| {
@@ -165,7 +165,7 @@ fn what_it_asks_for_is_asked_of_who_was_heard() {
 
 proptest! {
     #[test]
-    fn any_damage_is_survived(
+    fn mavlink_decoder_survives_any_damage(
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..80),
         noise in prop::collection::vec(any::<u8>(), 0..600),
         cut in 1_usize..700,
@@ -177,7 +177,7 @@ proptest! {
         }
         bytes.extend(noise);
         let (all, d) = decode(&bytes, cut, Mount::default());
-        prop_assert!(d.reader.get_ref().0.len() <= MOST_WAITING);
+        prop_assert!(d.reader.get_ref().0.len() <= MAX_WAITING);
         for heard in all {
             if let Measurement::Attitude(a) = heard.measurement {
                 prop_assert!(a.tilt.iter().all(|t| t.is_finite()));

@@ -10,7 +10,7 @@ fn sentence(body: &str) -> String {
 fn decoder(mount: Mount) -> NmeaDecoder {
     NmeaDecoder::new(&Mounting::new(&mount))
 }
-fn decode(text: &str, mount: Mount) -> (Vec<Heard>, Decoded) {
+fn decode(text: &str, mount: Mount) -> (Vec<SourceMeasurement>, Decoded) {
     let mut d = decoder(mount);
     let mut out = Vec::new();
     d.push(text.as_bytes(), &mut out);
@@ -40,7 +40,7 @@ fn stream(epochs: usize) -> String {
 }
 
 #[test]
-fn an_epoch_is_one_fix_one_heading_and_one_attitude_of_its_own_time() {
+fn nmea_epoch_gives_one_fix_one_heading_and_one_attitude() {
     let (all, counts) = decode(&stream(10), Mount::default());
     assert_eq!(
         counts,
@@ -85,7 +85,7 @@ fn an_epoch_is_one_fix_one_heading_and_one_attitude_of_its_own_time() {
 }
 
 #[test]
-fn a_time_is_never_guessed() {
+fn nmea_decoder_never_guesses_a_time() {
     let hdt = sentence("HEHDT,10.0,T");
     let zda = |t: &str| sentence(&format!("GPZDA,{t},20,05,2026,00,00"));
     // Before any time; twice in one epoch; a time that is none.
@@ -115,7 +115,7 @@ fn a_time_is_never_guessed() {
 }
 
 #[test]
-fn midnight_is_passed_both_ways() {
+fn nmea_decoder_passes_midnight_both_ways() {
     let at = |t: &str| sentence(&format!("PASHR,{t},0.0,T,1.0,1.0,0.0,0.1,0.1,0.1,1,1"));
     let text = [at("235959.50"), at("000000.00"), at("235959.75"), at("000000.50")].concat();
     let (all, _) = decode(&text, Mount::default());
@@ -128,7 +128,7 @@ fn midnight_is_passed_both_ways() {
 }
 
 #[test]
-fn a_motion_sensor_that_sends_no_time_is_read_by_its_neighbours_time() {
+fn nmea_sentence_without_time_takes_the_time_of_its_epoch() {
     let mount = Mount {
         heave: HeaveSign::None,
         ..Mount::default()
@@ -147,7 +147,7 @@ fn a_motion_sensor_that_sends_no_time_is_read_by_its_neighbours_time() {
 }
 
 #[test]
-fn damage_is_counted_and_the_next_sentence_read() {
+fn nmea_decoder_counts_damage_and_reads_the_next_sentence() {
     let good = stream(1);
     let zda = sentence("GPZDA,120001.00,20,05,2026,00,00");
     // A wrong letter, a sentence cut by another, one without a checksum, one without an end.
@@ -166,19 +166,19 @@ fn damage_is_counted_and_the_next_sentence_read() {
 
 proptest! {
     #[test]
-    fn any_bytes_are_counted_within_bounds(bytes in prop::collection::vec(any::<u8>(), 0..4000), cut in 1_usize..40) {
+    fn nmea_decoder_survives_any_bytes_within_bounds(bytes in prop::collection::vec(any::<u8>(), 0..4000), cut in 1_usize..40) {
         let mut d = decoder(Mount::default());
         let mut out = Vec::new();
         for part in bytes.chunks(cut) {
             d.push(part, &mut out);
-            prop_assert!(d.held() <= MOST_LINE && d.waiting.len() <= MOST_WAITING);
+            prop_assert!(d.held() <= MAX_LINE && d.waiting.len() <= MAX_WAITING);
         }
         d.finish(&mut out);
         prop_assert!(out.len() <= bytes.len());
     }
 
     #[test]
-    fn fields_of_any_text_make_sound_measurements_or_none(
+    fn nmea_fields_of_any_text_give_finite_measurements_or_none(
         name in prop::sample::select(vec!["GPGGA", "GPRMC", "GPVTG", "HEHDT", "HETHS", "HEROT", "PASHR", "PRDID", "GPZDA"]),
         time in prop::sample::select(vec!["120000.00", "235959.99", "", "996099", "12"]),
         fields in prop::collection::vec("[-+0-9.eENSAWTMVinf]{0,8}", 0..15),
@@ -199,7 +199,7 @@ proptest! {
 
     /// However a stream is cut into reads, the same comes out.
     #[test]
-    fn cuts_change_nothing(cuts in prop::collection::vec(1_usize..200, 1..60)) {
+    fn nmea_decoder_gives_the_same_however_the_stream_is_cut(cuts in prop::collection::vec(1_usize..200, 1..60)) {
         let text = stream(4);
         let (whole, counts) = decode(&text, Mount::default());
         let mut d = decoder(Mount::default());

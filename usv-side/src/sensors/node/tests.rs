@@ -27,7 +27,7 @@ fn at(k: i64) -> Time<VesselClock> {
 }
 
 #[test]
-fn two_sources_keep_their_names_and_their_own_times() {
+fn sensor_node_keeps_numbers_and_times_of_two_sources_apart() {
     let mut n = node(2);
     let (mut imu, mut times) = (0, Vec::new());
     for k in 0..50 {
@@ -58,7 +58,7 @@ fn two_sources_keep_their_names_and_their_own_times() {
 }
 
 #[test]
-fn repeated_and_reordered_messages_are_counted_and_not_given_on() {
+fn sensor_node_counts_and_drops_repeated_and_reordered_messages() {
     let mut n = node(1);
     let mut given = 0;
     for k in 0..40 {
@@ -84,22 +84,22 @@ fn repeated_and_reordered_messages_are_counted_and_not_given_on() {
 }
 
 #[test]
-fn a_flood_is_cut_off() {
+fn sensor_node_limits_the_bytes_of_one_step() {
     let mut n = node(1);
     let out = n.step(
         at(0),
         &SensorsIn {
-            bytes: vec![vec![b'x'; 3 * MOST_BYTES]],
+            bytes: vec![vec![b'x'; 3 * MAX_STEP_BYTES]],
         },
     );
     assert!(out.readings.is_empty());
-    assert_eq!(n.status()[0].lost_bytes, 2 * MOST_BYTES as u64);
+    assert_eq!(n.status()[0].lost_bytes, 2 * MAX_STEP_BYTES as u64);
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
-    fn any_bytes_give_measurements_of_now_or_before(parts in prop::collection::vec(
+    fn sensor_node_never_dates_a_measurement_in_the_future(parts in prop::collection::vec(
         (0_usize..3, prop::collection::vec(any::<u8>(), 0..300), any::<bool>()), 1..60
     )) {
         let formats = [Format::Nmea, Format::Ubx, Format::Mavlink];
@@ -140,7 +140,7 @@ fn fate() -> impl Strategy<Value = Fate> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(12))]
     #[test]
-    fn the_estimate_stays_with_the_boat_whatever_happens_to_its_messages(
+    fn estimate_survives_lost_late_and_damaged_sensor_messages(
         fates in prop::collection::vec((50_i64..580, fate()), 0..120)
     ) {
         let mut sensors = node(1);

@@ -1,0 +1,261 @@
+//! Who was refused at the radio's door. The middleware tells nobody but its log (crate `tracing`): a
+//! listener of that log counts the three kinds of refusal it knows.
+//!
+//! - a session whose TLS handshake (QUIC's, RFC 9001) failed: no certificate, another authority, expired;
+//! - a session whose certificate carries a name that no rule of ours is for;
+//! - a message of an admitted name on a key outside its rule.
+//!
+//! One more is noticed by [`PlaintextAttempts`]: a stream without TLS.
+//!
+//! The texts are those of the one version of zenoh that is built in; `deploy/tests/access.rs` fails when
+//! they change.
+
+use std::cell::Cell;
+use std::fmt::{Debug, Write};
+use std::net::TcpListener;
+use std::sync::{Mutex, Once, PoisonError};
+
+use tracing::field::{Field, Visit};
+use tracing::span::{Attributes, Id, Record};
+use tracing::subscriber::Interest;
+use tracing::{Event, Metadata, Subscriber};
+
+/// Why somebody was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum AccessRejection {
+    /// A session without a certificate.
+    NoCertificate = 1,
+    /// A certificate of another authority.
+    OtherAuthority,
+    /// An expired certificate, or one not yet valid.
+    Expired,
+    /// A stream without TLS.
+    NotTls,
+    /// Another failure of the handshake.
+    Handshake,
+    /// A good certificate whose name is not among our peers.
+    Name,
+    /// A peer's message on a key that is not its own.
+    Key,
+}
+
+impl AccessRejection {
+    /// All, in the order of their numbers.
+    pub const ALL: [AccessRejection; 7] = [
+        AccessRejection::NoCertificate,
+        AccessRejection::OtherAuthority,
+        AccessRejection::Expired,
+        AccessRejection::NotTls,
+        AccessRejection::Handshake,
+        AccessRejection::Name,
+        AccessRejection::Key,
+    ];
+    /// In words.
+    pub const fn name(self) -> &'static str {
+        match self {
+            AccessRejection::NoCertificate => "no certificate",
+            AccessRejection::OtherAuthority => "a certificate of another authority",
+            AccessRejection::Expired => "an expired certificate",
+            AccessRejection::NotTls => "plain TCP, no TLS",
+            AccessRejection::Handshake => "a failed handshake",
+            AccessRejection::Name => "a name that is not admitted",
+            AccessRejection::Key => "a key that is not the speaker's",
+        }
+    }
+    /// That of this number.
+    pub fn numbered(number: f64) -> Option<AccessRejection> {
+        AccessRejection::ALL
+            .into_iter()
+            .find(|r| f64::from(*r as u8) == number)
+    }
+}
+
+/// Refusals since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AccessRejections {
+    /// How many sessions and messages.
+    pub count: u64,
+    /// The last.
+    pub last: Option<AccessRejection>,
+    /// How many of each, in the order of [`AccessRejection::ALL`].
+    each: [u64; AccessRejection::ALL.len()],
+}
+
+impl AccessRejections {
+    /// How many for this reason.
+    pub fn of(&self, refusal: AccessRejection) -> u64 {
+        let at = AccessRejection::ALL.iter().position(|r| *r == refusal);
+        at.and_then(|k| self.each.get(k)).copied().unwrap_or(0)
+    }
+}
+
+static COUNTED: Mutex<AccessRejections> = Mutex::new(AccessRejections {
+    count: 0,
+    last: None,
+    each: [0; AccessRejection::ALL.len()],
+});
+static LISTENING: Once = Once::new();
+
+/// What this process has refused since it listens.
+pub fn counted() -> AccessRejections {
+    *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Listens from now on; a process that has a listener of its own for that log keeps it.
+pub fn listen() {
+    LISTENING.call_once(|| {
+        let _another = tracing::subscriber::set_global_default(Listener);
+    });
+}
+
+fn count(refusal: AccessRejection) {
+    let mut counted = COUNTED.lock().unwrap_or_else(PoisonError::into_inner);
+    counted.count = counted.count.saturating_add(1);
+    counted.last = Some(refusal);
+    let at = AccessRejection::ALL.iter().position(|r| *r == refusal);
+    if let Some(n) = at.and_then(|k| counted.each.get_mut(k)) {
+        *n = n.saturating_add(1);
+    }
+}
+
+/// Where the middleware says that it refused.
+const HANDSHAKES: &str = "zenoh_link_commons::quic";
+const RULES: &str = "zenoh::net::routing::interceptor::access_control";
+
+thread_local! {
+    /// The middleware works out beforehand what somebody may do with a key: nobody has tried it yet.
+    static BEFOREHAND: Cell<bool> = const { Cell::new(false) };
+}
+
+/// What the text means.
+fn of(target: &str, text: &str) -> Option<AccessRejection> {
+    if target.starts_with(HANDSHAKES) {
+        // The middleware takes any failed handshake for a lack of open files.
+        if !text.contains("Hint: increase the system open file limit") {
+            return None;
+        }
+        return Some(
+            if text.contains("NoCertificates") || text.contains("no certificates") {
+                AccessRejection::NoCertificate
+            } else if text.contains("UnknownIssuer") || text.contains("BadSignature") {
+                AccessRejection::OtherAuthority
+            } else if text.contains("xpired")
+                || text.contains("NotValidYet")
+                || text.contains("not valid yet")
+            {
+                AccessRejection::Expired
+            } else {
+                AccessRejection::Handshake
+            },
+        );
+    }
+    if text.contains("caching permissions") {
+        BEFOREHAND.set(true);
+        return None;
+    }
+    if text.contains("Declare Liveliness Subscriber") {
+        BEFOREHAND.set(false);
+        return None;
+    }
+    if text.contains("did not match any configured ACL subject") {
+        return Some(AccessRejection::Name);
+    }
+    let put = text.contains("is unauthorized to Put (ingress)");
+    let tried = text.starts_with("Using cached") || !BEFOREHAND.get();
+    (put && tried).then_some(AccessRejection::Key)
+}
+
+/// Who comes to the same port over TCP: QUIC is a protocol over UDP, so nobody of ours does. Whoever knocks
+/// is counted and shut out.
+pub(super) struct PlaintextAttempts(TcpListener);
+
+impl PlaintextAttempts {
+    /// Looked at so many at once at most.
+    const AT_ONCE: usize = 16;
+
+    /// At the endpoint with certificates, if there is one. A port that another program has over TCP is
+    /// that program's.
+    pub(super) fn at(listen: &[String]) -> Option<PlaintextAttempts> {
+        let address = listen.iter().find_map(|e| e.strip_prefix("quic/"))?;
+        let address = address.split(['?', '#']).next()?;
+        let listener = TcpListener::bind(address).ok()?;
+        listener.set_nonblocking(true).ok()?;
+        Some(PlaintextAttempts(listener))
+    }
+    /// Counts those who came since the last look; never waits.
+    pub(super) fn poll(&self) {
+        for _ in 0..Self::AT_ONCE {
+            match self.0.accept() {
+                Ok(_shut_at_once) => count(AccessRejection::NotTls),
+                Err(_nobody) => break,
+            }
+        }
+    }
+}
+
+struct Text(String);
+
+impl Visit for Text {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            // Writing to memory cannot fail.
+            let _written = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+struct Listener;
+
+impl Subscriber for Listener {
+    fn register_callsite(&self, metadata: &'static Metadata<'static>) -> Interest {
+        if self.enabled(metadata) {
+            Interest::always()
+        } else {
+            Interest::never()
+        }
+    }
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)
+    }
+    fn event(&self, event: &Event<'_>) {
+        let mut text = Text(String::new());
+        event.record(&mut text);
+        if let Some(refusal) = of(event.metadata().target(), &text.0) {
+            count(refusal);
+        }
+    }
+    fn new_span(&self, _: &Attributes<'_>) -> Id {
+        Id::from_u64(1)
+    }
+    fn record(&self, _: &Id, _: &Record<'_>) {}
+    fn record_follows_from(&self, _: &Id, _: &Id) {}
+    fn enter(&self, _: &Id) {}
+    fn exit(&self, _: &Id) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn access_rejections_ignore_permissions_cached_before_an_attempt() {
+        let put = "abc on drone-1 is unauthorized to Put (ingress) on alight/vessel-1/estimate";
+        assert_eq!(of(RULES, put), Some(AccessRejection::Key));
+        assert_eq!(of(RULES, "ACL (ingress): caching permissions for `x` ..."), None);
+        assert_eq!(of(RULES, put), None);
+        assert_eq!(
+            of(RULES, &format!("Using cached result: {put}")),
+            Some(AccessRejection::Key)
+        );
+        let last = "abc on drone-1 is unauthorized to Declare Liveliness Subscriber (ingress) on x";
+        assert_eq!(of(RULES, last), None);
+        assert_eq!(of(RULES, put), Some(AccessRejection::Key));
+        assert_eq!(
+            of(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
+            None
+        );
+        assert_eq!(AccessRejection::numbered(7.0), Some(AccessRejection::Key));
+        assert_eq!(AccessRejection::numbered(f64::NAN), None);
+    }
+}

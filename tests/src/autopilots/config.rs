@@ -1,0 +1,72 @@
+//! The plant that a firmware flies.
+
+use alight_shared::config;
+
+use crate::physics::drone::ROTORS;
+
+/// Ticks of the world a second.
+const TICKS_HZ: u32 = 100;
+
+config! {
+    /// Motors and sensors between a firmware and the simulated drone. Position, sense and strength of the
+    /// rotors are the drone's own (`airframe`): four in an X, numbered as PX4 and ArduPilot number them.
+    pub struct FirmwareConfig {
+        /// Where the firmware finds its simulator; 0: the usual port (PX4 TCP 4560, ArduPilot UDP 9002).
+        pub port: u16 = 0;
+        /// Exchanges a second, a multiple of 100; 0: the firmware's usual (PX4 400, ArduPilot 800).
+        pub exchange_hz: u32 = 0;
+        /// Which of the firmware's outputs turns which rotor: front right, rear left, front left, rear right.
+        /// Source: Both number an X quadrotor so.
+        pub outputs: [usize; ROTORS] = [0, 1, 2, 3];
+        /// Share of the square in thrust over output.
+        /// Source: PX4's THR_MDL_FAC 0; ArduPilot: MOT_THST_EXPO 0.
+        pub thrust_curve: f64 = 0.0, in 0.0..=1.0;
+        /// Below this share of thrust on all rotors the motors are off.
+        /// Source: Ours.
+        pub off_below: f64 = 0.01, in 0.0..=0.2;
+        /// Pulse widths that mean no and full thrust, us (ArduPilot).
+        /// Source: MOT_PWM_MIN, MOT_PWM_MAX.
+        pub pwm_us: [f64; 2] = [1000.0, 2000.0], in 500.0..=2500.0;
+        /// Magnetic field, NED, gauss.
+        /// Source: About 43.5 N 16.3 E (World Magnetic Model): declination 4.7 deg, inclination 60 deg.
+        pub field_gauss: [f64; 3] = [0.235, 0.019, 0.409], in -1.0..=1.0;
+        /// White noise of the magnetometer, gauss.
+        /// Source: Ours.
+        pub magnetometer_gauss: f64 = 0.002, in 0.0..=0.1;
+        /// White noise of the barometer, hPa.
+        /// Source: Ours: 8 cm.
+        pub barometer_hpa: f64 = 0.01, in 0.0..=1.0;
+        /// A firmware that does not answer within this time is not waited for, s.
+        /// Source: Ours.
+        pub answer_timeout_s: f64 = 0.05, in 0.001..=10.0;
+    }
+    check |this, at| {
+        at.require(
+            this.exchange_hz.is_multiple_of(TICKS_HZ) && this.exchange_hz <= 1000,
+            "exchange_hz",
+            this.exchange_hz,
+            "0, or a multiple of 100 to 1000",
+        )?;
+        for k in this.outputs {
+            at.require(k < 16, "outputs", k, "0 to 15")?;
+        }
+        at.require(
+            this.pwm_us[1] > this.pwm_us[0],
+            "pwm_us",
+            this.pwm_us[1],
+            "full above none",
+        )?;
+    }
+}
+
+impl FirmwareConfig {
+    /// Exchanges in a tick of the world, for a firmware that usually wants `usual_hz`.
+    pub fn exchanges(&self, usual_hz: u32) -> u32 {
+        let hz = if self.exchange_hz == 0 {
+            usual_hz
+        } else {
+            self.exchange_hz
+        };
+        (hz / TICKS_HZ).max(1)
+    }
+}

@@ -1,0 +1,187 @@
+//! A firmware's inertial sensors, magnetometer, barometer and GNSS.
+
+use alight_shared::frames::Datum;
+use alight_shared::time::{Time, TrueTime};
+use alight_uav::autopilot::message::{HilGps, HilSensor};
+use nalgebra::Vector3;
+use rand_chacha::ChaCha8Rng;
+
+use super::FirmwareConfig;
+use crate::physics::PlantState;
+use crate::physics::drone::NavigationConfig;
+use crate::physics::drone::noise::{GaussMarkov, normal};
+use crate::physics::streams::Streams;
+
+/// Inertial noise is configured per sample of this rate, Hz.
+const PER_HZ: f64 = 100.0;
+/// Temperature and pressure at sea level of the standard atmosphere, K and hPa.
+const SEA_LEVEL_K: f64 = 288.15;
+const SEA_LEVEL_HPA: f64 = 1013.25;
+/// Lapse rate, K/m, and exponent `g M / (R L)` of its pressure.
+const LAPSE: f64 = 0.0065;
+const EXPONENT: f64 = 5.255_88;
+
+/// The sensors, each with the noise that the simulated autopilot's have.
+pub struct FirmwareSensors {
+    config: FirmwareConfig,
+    navigation: NavigationConfig,
+    datum: Datum,
+    gyro_bias: Vector3<f64>,
+    accelerometer_bias: Vector3<f64>,
+    imu: ChaCha8Rng,
+    other: ChaCha8Rng,
+    gnss: ChaCha8Rng,
+    gnss_bias: [GaussMarkov; 3],
+    fixed: Option<Time<TrueTime>>,
+}
+
+impl FirmwareSensors {
+    /// Sensors sampled `rate_hz` times a second; NED begins at `datum`.
+    pub fn new(
+        config: &FirmwareConfig,
+        navigation: &NavigationConfig,
+        datum: Datum,
+        streams: &Streams,
+    ) -> FirmwareSensors {
+        let (mut imu, mut gnss) = (streams.stream("firmware.imu"), streams.stream("firmware.gnss"));
+        let n = navigation;
+        let mut draw = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut imu));
+        let (gyro_bias, accelerometer_bias) = (draw(n.gyro_bias_rps), draw(n.accelerometer_bias_mps2));
+        let gnss_bias = core::array::from_fn(|_| {
+            GaussMarkov::new(n.gnss_bias_m, n.gnss_bias_s, 1.0 / n.gnss_hz, &mut gnss)
+        });
+        FirmwareSensors {
+            config: config.clone(),
+            navigation: n.clone(),
+            datum,
+            gyro_bias,
+            accelerometer_bias,
+            imu,
+            other: streams.stream("firmware.other"),
+            gnss,
+            gnss_bias,
+            fixed: None,
+        }
+    }
+
+    /// Inertial sensors, magnetometer and barometer; `rate_hz` samples a second.
+    pub fn sample(&mut self, truth: &PlantState, rate_hz: f64) -> HilSensor {
+        let n = &self.navigation;
+        let denser = (rate_hz / PER_HZ).sqrt();
+        let mut noise = |sd: f64| Vector3::from_fn(|_, _| sd * denser * normal(&mut self.imu));
+        let limit = n.accelerometer_range_mps2;
+        let accelerometer =
+            (truth.specific_force + self.accelerometer_bias + noise(n.accelerometer_noise_mps2))
+                .map(|a| a.clamp(-limit, limit));
+        let gyro = truth.rates + self.gyro_bias + noise(n.gyro_noise_rps);
+        let mut draw = |sd: f64| sd * normal(&mut self.other);
+        let c = &self.config;
+        let field = truth
+            .attitude
+            .inverse_transform_vector(&Vector3::from(c.field_gauss));
+        let magnetometer = field + Vector3::from_fn(|_, _| draw(c.magnetometer_gauss));
+        let height = self.datum.height_m - truth.position.z;
+        let pressure = pressure_hpa(height) + draw(c.barometer_hpa);
+        HilSensor {
+            time_us: micros(truth.at),
+            accelerometer: accelerometer.into(),
+            gyro: gyro.into(),
+            magnetometer: magnetometer.into(),
+            pressure_hpa: pressure,
+            pressure_altitude_m: altitude_m(pressure),
+            temperature_degc: SEA_LEVEL_K - LAPSE * height - 273.15,
+        }
+    }
+
+    /// The GNSS, when it is due.
+    pub fn fix(&mut self, truth: &PlantState) -> Option<HilGps> {
+        let n = &self.navigation;
+        let due = self
+            .fixed
+            .is_none_or(|t| (truth.at - t).secs() >= 1.0 / n.gnss_hz - 1e-6);
+        if !due {
+            return None;
+        }
+        self.fixed = Some(truth.at);
+        let gnss = &mut self.gnss;
+        let wrong: [f64; 3] =
+            core::array::from_fn(|i| self.gnss_bias[i].step(gnss) + n.gnss_noise_m * normal(gnss));
+        let velocity = truth.velocity.map(|v| v + n.gnss_velocity_mps * normal(gnss));
+        let [latitude, longitude, altitude_m] =
+            geodetic(&self.datum, &(truth.position + Vector3::from(wrong)));
+        Some(HilGps {
+            time_us: micros(truth.at),
+            latitude,
+            longitude,
+            altitude_m,
+            velocity: velocity.into(),
+            sd_m: [
+                n.gnss_bias_m.hypot(n.gnss_noise_m),
+                n.gnss_bias_m.hypot(n.gnss_noise_m),
+            ],
+        })
+    }
+}
+
+/// Whole microseconds since the start; a firmware's clock does not begin at zero.
+fn micros(t: Time<TrueTime>) -> u64 {
+    1_000_000 + (t.nanos().max(0) / 1000).unsigned_abs()
+}
+
+/// Pressure of the standard atmosphere at a height, m.
+fn pressure_hpa(height_m: f64) -> f64 {
+    SEA_LEVEL_HPA * (1.0 - LAPSE * height_m / SEA_LEVEL_K).max(0.1).powf(EXPONENT)
+}
+/// Its inverse.
+fn altitude_m(pressure_hpa: f64) -> f64 {
+    SEA_LEVEL_K / LAPSE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
+}
+
+/// Latitude and longitude (rad) and height (m) of a NED position: the inverse of
+/// [`Datum::offset_to`] by the same local radii.
+fn geodetic(datum: &Datum, position: &Vector3<f64>) -> [f64; 3] {
+    // One degree further is so many metres.
+    let north = Datum {
+        latitude_deg: datum.latitude_deg + 1e-3,
+        longitude_deg: datum.longitude_deg + 1e-3,
+        ..*datum
+    };
+    let per = datum.offset_to::<alight_shared::frames::TrueNed>(&north).0 / 1e-3;
+    [
+        (datum.latitude_deg + position.x / per.x).to_radians(),
+        (datum.longitude_deg + position.y / per.y).to_radians(),
+        datum.height_m - position.z,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::frames::TrueNed;
+
+    #[test]
+    fn geodetic_position_inverts_the_datum_offset() {
+        let datum = Datum {
+            latitude_deg: 43.5,
+            longitude_deg: 16.3,
+            height_m: 0.0,
+        };
+        let there = Vector3::new(120.0, -80.0, -15.0);
+        let [latitude, longitude, height_m] = geodetic(&datum, &there);
+        let back = datum.offset_to::<TrueNed>(&Datum {
+            latitude_deg: latitude.to_degrees(),
+            longitude_deg: longitude.to_degrees(),
+            height_m,
+        });
+        assert!((back.0 - there).norm() < 1e-6, "{:?}", back.0);
+    }
+
+    #[test]
+    fn standard_atmosphere_pressure_inverts_to_its_height() {
+        for h in [-10.0, 0.0, 30.0, 500.0] {
+            assert!((altitude_m(pressure_hpa(h)) - h).abs() < 1e-3);
+        }
+        // The standard atmosphere at 1000 m.
+        assert!((pressure_hpa(1000.0) - 898.75).abs() < 0.2);
+    }
+}

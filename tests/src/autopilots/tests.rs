@@ -1,0 +1,374 @@
+//! A small firmware of our own at the other end of both protocols: takes off from the pad, hovers,
+//! lands on the deck. And the protocols' bytes.
+
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_uav::autopilot::message::{Address, Message};
+use alight_uav::autopilot::wire::{Decoder, encode};
+use nalgebra::{UnitQuaternion, Vector3};
+use proptest::prelude::*;
+
+use super::ardupilot;
+use super::px4::Px4Plant;
+use super::{FirmwareConfig, FirmwareSensors, motors};
+use crate::harness::scenario::Scenario;
+use crate::physics::drone::NavigationConfig;
+use crate::physics::sea::SeaConfig;
+use crate::physics::{EXCHANGES_PER_TICK, Physics, TICK};
+
+/// Exchanges a second.
+const RATE_HZ: f64 = 400.0;
+
+/// What a firmware believes of its motion.
+#[derive(Clone, Copy, Debug, Default)]
+struct Belief {
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    attitude: UnitQuaternion<f64>,
+    rates: Vector3<f64>,
+}
+
+/// Rotor outputs (linear in thrust) that fly to `place`: position, attitude and rate loops in cascade.
+fn outputs(b: &Belief, place: &Vector3<f64>, descend: f64) -> [f64; 4] {
+    let g = DroneGeometry::default();
+    let along = (place - b.position).map(|e| e.clamp(-2.0, 2.0));
+    let mut wanted = along * 1.2 + (Vector3::z() * descend - b.velocity) * 2.0;
+    wanted = Vector3::new(
+        wanted.x.clamp(-3.0, 3.0),
+        wanted.y.clamp(-3.0, 3.0),
+        wanted.z.clamp(-5.0, 4.0),
+    );
+    let down = Vector3::new(-wanted.x, -wanted.y, GRAVITY - wanted.z).normalize();
+    let tilt = UnitQuaternion::rotation_between(&(b.attitude * Vector3::z()), &down).unwrap_or_default();
+    let error = b.attitude.inverse_transform_vector(&tilt.scaled_axis());
+    let (_, _, yaw) = b.attitude.euler_angles();
+    let rates = Vector3::new(6.0 * error.x, 6.0 * error.y, -yaw);
+    let moment = (rates - b.rates)
+        .component_mul(&Vector3::new(15.0, 15.0, 5.0))
+        .component_mul(&Vector3::from(g.inertia_kgm2));
+    let thrust = g.mass_kg * (GRAVITY - wanted.z);
+    let (side, rotor) = (g.arm_m / 2.0_f64.sqrt(), g.max_thrust_n / 4.0);
+    [
+        [1.0, 1.0, 1.0],
+        [-1.0, -1.0, 1.0],
+        [1.0, -1.0, -1.0],
+        [-1.0, 1.0, -1.0],
+    ]
+    .map(|[x, y, sense]: [f64; 3]| {
+        let force =
+            thrust - y * moment.x / side + x * moment.y / side + sense * moment.z / g.moment_per_force_m;
+        (force / (4.0 * rotor)).clamp(0.03, 1.0)
+    })
+}
+
+/// Takes off, flies above the deck, hovers, lands: where to, how fast down, whether motors run.
+fn plan(t_s: f64, start: &Vector3<f64>, deck: &Vector3<f64>, grounded: bool) -> Option<(Vector3<f64>, f64)> {
+    let above = deck - Vector3::z() * 4.0;
+    match t_s {
+        t if t < 1.0 => None,
+        t if t < 5.0 => Some((start - Vector3::z() * 4.0, 0.0)),
+        t if t < 18.0 => Some((above, 0.0)),
+        _ if grounded => None,
+        t => Some((above + Vector3::z() * (0.5 * (t - 18.0)), 0.5)),
+    }
+}
+
+fn calm() -> Scenario {
+    let mut s = Scenario {
+        sea: SeaConfig::named("calm").expect("a sea of that name"),
+        ..Scenario::default()
+    };
+    s.start.warm_up_s = 1.0;
+    s.start.hover_s = 1.0;
+    s.start.distance_m = [6.0, 6.0];
+    s.start.height_m = [2.0, 2.0];
+    s.drone.airframe.mass_error = 0.0;
+    s.drone.airframe.thrust_error = 0.0;
+    s
+}
+
+/// Flies the plan; `exchange` is one slice of the protocol with the firmware behind it.
+fn fly(
+    mut physics: Physics,
+    mut exchange: impl FnMut(&crate::physics::PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; 4]>,
+) -> (f64, f64, f64) {
+    physics.place_drone_on_pad();
+    let start = physics.drone().unwrap_or_default().position.0;
+    let (mut hover, mut impact, mut touched) = (0.0_f64, 0.0_f64, false);
+    for tick in 0..3500_u32 {
+        let t_s = TICK.secs() * f64::from(tick);
+        let deck = physics.deck().position.0;
+        physics.advance_with_firmware(EXCHANGES_PER_TICK, |truth| exchange(truth, t_s, &start, &deck));
+        let drone = physics.drone().unwrap_or_default().position.0;
+        if (14.0..18.0).contains(&t_s) {
+            hover = hover.max((drone - (deck - Vector3::z() * 4.0)).norm());
+        }
+        for touch in physics
+            .observation(&alight_shared::msg::MissionState::default())
+            .contacts
+        {
+            touched = true;
+            impact = impact.max(touch.normal_mps);
+        }
+    }
+    assert!(touched, "it never met the deck");
+    let off = physics.drone().unwrap_or_default().position.0 - physics.deck().position.0;
+    (hover, impact, off.xy().norm())
+}
+
+#[test]
+fn ardupilot_plant_carries_a_take_off_hover_and_landing() {
+    let physics = Physics::new(&calm(), 3).expect("a world");
+    let c = FirmwareConfig::default();
+    let (mut frame, mut belief, mut grounded) = (0_u32, Belief::default(), false);
+    let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
+        // The plant's line, read as ArduPilot would.
+        let line = ardupilot::answer(truth, 0.0);
+        assert!(line.starts_with("\n{") && line.ends_with("}\n") && !line.contains(' '));
+        let list = |key: &str| -> Vec<f64> {
+            let from = line.find(key).expect("a key") + key.len();
+            let text = &line[from..];
+            let text = &text[text.find('[').expect("a list") + 1..text.find(']').expect("its end")];
+            text.split(',').map(|w| w.parse().expect("a number")).collect()
+        };
+        let three = |key: &str| Vector3::from_vec(list(key));
+        let q = list("\"quaternion\":");
+        belief = Belief {
+            position: three("\"position\":"),
+            velocity: three("\"velocity\":"),
+            attitude: UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q[0], q[1], q[2], q[3])),
+            rates: three("\"gyro\":"),
+        };
+        grounded |= t_s > 20.0 && belief.velocity.norm() < 0.05 && three("\"accel_body\":").norm() > 9.0;
+        let u = plan(t_s, start, deck, grounded).map_or([0.0; 4], |(p, v)| outputs(&belief, &p, v));
+        // Its servos, as bytes.
+        frame += 1;
+        let mut packet = 18458_u16.to_le_bytes().to_vec();
+        packet.extend(400_u16.to_le_bytes());
+        packet.extend(frame.to_le_bytes());
+        for k in 0..16 {
+            let pulse = 1000.0 + 1000.0 * u.get(k).copied().unwrap_or(0.0);
+            packet.extend((pulse as u16).to_le_bytes());
+        }
+        let servos = ardupilot::servos(&packet).expect("a packet");
+        assert_eq!(servos.frame, frame);
+        ardupilot::rotors(&c, &servos)
+    });
+    assert!(hover < 0.3, "hover within {hover} m");
+    assert!((0.05..1.2).contains(&impact), "met the deck at {impact} m/s");
+    assert!(off < 0.5, "{off} m from the deck's centre");
+}
+
+#[test]
+fn px4_plant_carries_a_take_off_hover_and_landing() {
+    let scenario = calm();
+    let streams = crate::physics::streams::Streams::new(3);
+    // Good sensors: the stand-in's estimator is a poor one.
+    let navigation = NavigationConfig {
+        gnss_bias_m: 0.0,
+        gnss_noise_m: 0.02,
+        gnss_velocity_mps: 0.02,
+        gyro_bias_rps: 0.0,
+        accelerometer_bias_mps2: 0.0,
+        ..scenario.drone.navigation.clone()
+    };
+    let datum = alight_shared::frames::Datum {
+        latitude_deg: 43.5,
+        longitude_deg: 16.3,
+        height_m: 0.0,
+    };
+    let c = FirmwareConfig::default();
+    let mut plant = Px4Plant::new(&c, FirmwareSensors::new(&c, &navigation, datum, &streams));
+    let physics = Physics::new(&scenario, 3).expect("a world");
+    let (mut decoder, mut belief) = (Decoder::default(), None::<Belief>);
+    let (mut grounded, mut fixes, mut carried) = (false, 0, 0.0);
+    let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
+        decoder.push(&plant.encode_sensors(truth, RATE_HZ));
+        let mut answer = None;
+        while let Some(f) = decoder.next_frame() {
+            match f.message {
+                Message::HilGps(g) => {
+                    fixes += 1;
+                    let place = alight_shared::frames::Datum {
+                        latitude_deg: g.latitude.to_degrees(),
+                        longitude_deg: g.longitude.to_degrees(),
+                        height_m: g.altitude_m,
+                    };
+                    let place = datum.offset_to::<alight_shared::frames::TrueNed>(&place).0;
+                    let b = belief.get_or_insert(Belief {
+                        position: place,
+                        attitude: truth.attitude,
+                        ..Belief::default()
+                    });
+                    b.position += (place - b.position) * 0.3;
+                    b.velocity += (Vector3::from(g.velocity) - b.velocity) * 0.3;
+                }
+                Message::HilSensor(s) => {
+                    let dt = 1.0 / RATE_HZ;
+                    if let Some(b) = &mut belief {
+                        b.rates = s.gyro.into();
+                        b.attitude *= UnitQuaternion::from_scaled_axis(b.rates * dt);
+                        let force = b.attitude * Vector3::from(s.accelerometer);
+                        b.velocity += (force + Vector3::z() * GRAVITY) * dt;
+                        b.position += b.velocity * dt;
+                        carried += (force.norm() - carried) * 0.02;
+                        grounded |= t_s > 20.0 && b.velocity.norm() < 0.1 && b.position.z > deck.z - 0.6;
+                        let wanted = plan(t_s, start, deck, grounded);
+                        let u = wanted.map_or([0.0; 4], |(p, v)| outputs(b, &p, v));
+                        let mut controls = [0.0; 16];
+                        controls.iter_mut().zip(u).for_each(|(c, u)| *c = u);
+                        answer = Some(Message::HilActuators {
+                            time_us: s.time_us,
+                            controls,
+                            mode: if wanted.is_some() { 129 } else { 1 },
+                        });
+                    }
+                }
+                _ => panic!("PX4 knows no such message of a simulator"),
+            }
+        }
+        if let Some(a) = answer {
+            let px4 = Address {
+                system: 1,
+                component: 1,
+            };
+            assert!(plant.decode(&encode(px4, 0, &a).expect("bytes")));
+        }
+        plant.motors()
+    });
+    assert!((340..=352).contains(&fixes), "{fixes} fixes in 35 s");
+    assert!(hover < 0.6, "hover within {hover} m");
+    assert!((0.05..1.5).contains(&impact), "met the deck at {impact} m/s");
+    assert!(off < 0.8, "{off} m from the deck's centre");
+}
+
+#[test]
+fn drone_without_a_firmware_stands_on_its_pad_while_the_sea_goes_on() {
+    let mut physics = Physics::new(&calm(), 5).expect("a world");
+    physics.place_drone_on_pad();
+    let before = physics.drone().unwrap_or_default().position.0;
+    let mut exchanges = 0;
+    for _ in 0..500 {
+        physics.advance_with_firmware(EXCHANGES_PER_TICK, |truth| {
+            exchanges += 1;
+            assert!((truth.specific_force - Vector3::new(0.0, 0.0, -GRAVITY)).norm() < 1e-6);
+            None
+        });
+    }
+    assert_eq!(exchanges, 500 * EXCHANGES_PER_TICK);
+    // It was not flown, which is not to say that its motors were stopped above the deck.
+    let mission = alight_shared::msg::MissionState::default();
+    assert!(physics.observation(&mission).motors_on);
+    assert!((physics.drone().unwrap_or_default().position.0 - before).norm() < 1e-9);
+    assert!((physics.now().secs() - 5.0).abs() < 1e-9);
+}
+
+#[test]
+fn px4_plant_waits_for_the_samples_that_px4_answers() {
+    let config = FirmwareConfig::default();
+    let streams = crate::physics::streams::Streams::new(1);
+    let sensors = FirmwareSensors::new(
+        &config,
+        &NavigationConfig::default(),
+        Default::default(),
+        &streams,
+    );
+    let mut plant = Px4Plant::new(&config, sensors);
+    let mut physics = Physics::new(&calm(), 4).expect("a world");
+    physics.place_drone_on_pad();
+    // As seen of PX4: at first each sample, then, where its rate loop runs half as often, every second.
+    let (mut slice, mut waits) = (0_u32, Vec::new());
+    for _ in 0..100 {
+        physics.advance_with_firmware(EXCHANGES_PER_TICK, |truth| {
+            plant.encode_sensors(truth, RATE_HZ);
+            let every = if slice < 200 { 1 } else { 2 };
+            slice += 1;
+            let answers = slice.is_multiple_of(every);
+            waits.push((plant.due(), answers));
+            if answers {
+                let answer = Message::HilActuators {
+                    time_us: 1_000_000 + (truth.at.nanos() / 1000).unsigned_abs(),
+                    controls: [0.0; 16],
+                    mode: 1,
+                };
+                let px4 = Address {
+                    system: 1,
+                    component: 1,
+                };
+                assert!(plant.decode(&encode(px4, 0, &answer).expect("bytes")));
+            }
+            None
+        });
+    }
+    // No answer is missed, and in vain it waited once: when the rate changed.
+    assert!(waits.iter().all(|(due, answers)| *due || !answers), "{waits:?}");
+    assert_eq!(waits.iter().filter(|(due, answers)| *due && !answers).count(), 1);
+}
+
+#[test]
+fn firmware_configuration_gives_each_firmware_its_exchange_rate() {
+    let hz = |exchange_hz| FirmwareConfig {
+        exchange_hz,
+        ..FirmwareConfig::default()
+    };
+    // ArduCopter does not arm below 1.8 readings of its gyroscopes in each of 400 loops a second.
+    assert!(f64::from(hz(0).exchanges(ardupilot::EXCHANGE_HZ)) / TICK.secs() > 1.8 * 400.0);
+    assert_eq!(hz(0).exchanges(400), EXCHANGES_PER_TICK);
+    assert_eq!(hz(1000).exchanges(400), 10);
+    for wrong in [50, 250, 1100] {
+        let text = format!("exchange_hz = {wrong}");
+        assert!(alight_shared::config::parse::<FirmwareConfig>(&text, "a file").is_err());
+    }
+}
+
+#[test]
+fn ardupilot_plant_rejects_malformed_packets() {
+    let good = |magic: u16, n: usize| {
+        let mut p = magic.to_le_bytes().to_vec();
+        p.extend([0_u8; 6]);
+        p.extend(vec![0; 2 * n]);
+        p
+    };
+    assert_eq!(
+        ardupilot::servos(&good(18458, 16)).map(|s| s.pwm_us.len()),
+        Some(16)
+    );
+    assert_eq!(
+        ardupilot::servos(&good(29569, 32)).map(|s| s.pwm_us.len()),
+        Some(32)
+    );
+    for bad in [
+        good(18458, 15),
+        good(18457, 16),
+        good(18458, 32),
+        vec![],
+        vec![0x1a],
+    ] {
+        assert_eq!(ardupilot::servos(&bad), None);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn firmware_outputs_of_any_kind_turn_rotors_within_their_bounds(
+        all in prop::collection::vec(prop_oneof![any::<f64>(), -0.5..1.5_f64, Just(f64::NAN)], 0..20),
+        curve in 0.0..1.0_f64,
+    ) {
+        let c = FirmwareConfig { thrust_curve: curve, ..FirmwareConfig::default() };
+        if let Some(thrusts) = motors(&c, &all) {
+            prop_assert!(thrusts.iter().all(|s| (0.0..=1.0).contains(s)), "{thrusts:?}");
+        }
+    }
+
+    #[test]
+    fn firmware_bytes_of_any_kind_are_decoded_without_panic(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        let _any = ardupilot::servos(&bytes);
+        let c = FirmwareConfig::default();
+        let streams = crate::physics::streams::Streams::new(1);
+        let sensors = FirmwareSensors::new(&c, &NavigationConfig::default(), Default::default(), &streams);
+        let mut plant = Px4Plant::new(&c, sensors);
+        plant.decode(&bytes);
+        prop_assert!(plant.motors().is_none_or(|m| m.iter().all(|s| s.is_finite())));
+    }
+}

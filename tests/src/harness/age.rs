@@ -1,0 +1,43 @@
+//! Age of information at the drone: how old the newest state of the vessel is, looked at in every
+//! tick. (Ten times a second, as the bridge says it, is in step with the vessel's 30 Hz and shows
+//! one phase of the saw-tooth only.)
+
+use alight_bridge::{BridgeIn, BridgeOut};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+
+use crate::harness::tap::Tap;
+
+/// Collects the ages from a time on.
+#[derive(Clone, Debug)]
+pub struct AgeTap {
+    from: Time<TrueTime>,
+    newest: Option<Time<DroneClock>>,
+    ages_s: Vec<f64>,
+}
+
+impl AgeTap {
+    /// Collects from `from_s` of the world's time on: before, clocks and sessions settle.
+    pub fn from(from_s: f64) -> AgeTap {
+        AgeTap {
+            from: Time::from_secs(from_s),
+            newest: None,
+            ages_s: Vec::new(),
+        }
+    }
+    /// The `q` quantile, s; NaN when nothing was seen.
+    pub fn quantile(&self, q: f64) -> f64 {
+        let mut sorted = self.ages_s.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let rank = ((q * sorted.len() as f64).ceil() as usize).max(1) - 1;
+        sorted.get(rank).copied().unwrap_or(f64::NAN)
+    }
+}
+
+impl Tap for AgeTap {
+    fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, _input: &BridgeIn, output: &BridgeOut) {
+        self.newest = output.estimate.map(|e| e.header.at).or(self.newest);
+        if t >= self.from {
+            self.ages_s.extend(self.newest.map(|at| (now - at).secs()));
+        }
+    }
+}

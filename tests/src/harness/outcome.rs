@@ -1,0 +1,512 @@
+//! How a trial ended, judged from the truth, the same for every planner.
+//!
+//! Success: at first foot contact normal and tangential speed relative to the deck at most
+//! 1.0 m/s and tilt difference at most 10 deg; later impacts at most 1.0 m/s; only feet touch and
+//! only the deck; motors stopped within 2 s of first contact; then, after 1 s to settle, 3 s with
+//! all four feet on the deck and inside its edges; all within 180 s of the start.
+
+use serde::{Deserialize, Serialize};
+
+/// Greatest normal or tangential speed at any contact, m/s.
+pub const MAX_CONTACT_MPS: f64 = 1.0;
+/// Greatest angle between the normals of deck and foot plane at first contact, rad.
+pub const MAX_TILT_ERROR_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
+/// The motors stop within this time of first contact, s.
+pub const MAX_STOP_S: f64 = 2.0;
+/// Time to settle after the motors stopped, s.
+pub const SETTLE_S: f64 = 1.0;
+/// Time at rest on the deck, s.
+pub const REST_S: f64 = 3.0;
+/// Everything happens within this time of the start, s.
+pub const TIME_LIMIT_S: f64 = 180.0;
+/// A foot counts as on the deck when it is no further above it, m.
+pub const ON_DECK_M: f64 = 0.02;
+/// An impact faster than this, in any direction, of any part, at any time, is counted apart, m/s.
+pub const FAST_CONTACT_MPS: f64 = 2.0;
+/// Motors stopped with the lowest foot higher than this are a stop in the air, m.
+pub const FALSE_STOP_M: f64 = 0.10;
+
+/// How a trial ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ending {
+    /// At rest on the deck.
+    Success,
+    /// A contact with too much speed along the deck's normal.
+    Hard,
+    /// First contact with too much speed along the deck.
+    Fast,
+    /// First contact with too much tilt between deck and drone.
+    Tilted,
+    /// First contact beside the deck.
+    Missed,
+    /// A foot left the deck's edges after landing.
+    Slid,
+    /// Something else than a foot touched, or the feet did not stay down.
+    Tipped,
+    /// In the water.
+    Water,
+    /// Motors stopped in the air.
+    FalseStop,
+    /// Not landed, or not stopped, in time.
+    Timeout,
+    /// The mission gave up.
+    GaveUp,
+}
+
+impl Ending {
+    /// The name in tables and JSON.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Ending::Success => "success",
+            Ending::Hard => "hard",
+            Ending::Fast => "fast",
+            Ending::Tilted => "tilted",
+            Ending::Missed => "missed",
+            Ending::Slid => "slid",
+            Ending::Tipped => "tipped",
+            Ending::Water => "water",
+            Ending::FalseStop => "false-stop",
+            Ending::Timeout => "timeout",
+            Ending::GaveUp => "gave-up",
+        }
+    }
+}
+
+/// One impact between drone and something else, from the truth just before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactEvent {
+    /// A foot touched (else another part).
+    pub foot: bool,
+    /// The deck's upper surface was touched (else its side).
+    pub on_deck: bool,
+    /// Approach speed along the deck's normal, m/s.
+    pub normal_mps: f64,
+    /// Speed along the deck, m/s.
+    pub tangential_mps: f64,
+}
+
+/// What the judge looks at in one tick.
+#[derive(Clone, Debug)]
+pub struct Observation<'a> {
+    /// Time since the start, s.
+    pub t_s: f64,
+    /// New impacts in this tick.
+    pub contacts: &'a [ContactEvent],
+    /// Feet in the deck frame: x forward, y right, height above the surface, m.
+    pub feet: [[f64; 3]; 4],
+    /// Roll, pitch, yaw of the drone in the deck's axes (drone minus deck), rad.
+    pub relative_euler: [f64; 3],
+    /// Angle between the normals, rad.
+    pub tilt_error: f64,
+    /// Horizontal distance drone to deck centre, m.
+    pub horizontal_m: f64,
+    /// The autopilot's motors turn.
+    pub motors_on: bool,
+    /// The mission is in descent or flare.
+    pub descending: bool,
+    /// Descents begun so far.
+    pub attempts: u32,
+    /// The mission has given up.
+    pub gave_up: bool,
+    /// A part of the drone is under water.
+    pub in_water: bool,
+}
+
+/// The outcome of a trial; null where there was no contact.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// How it ended.
+    pub outcome: Ending,
+    /// `outcome` is success.
+    pub success: bool,
+    /// The ending in words, with the figure that decided.
+    pub reason: String,
+    /// Seed of the trial.
+    pub seed: u64,
+    /// The sea, as given.
+    pub sea: String,
+    /// The planner.
+    pub planner: String,
+    /// Descents begun.
+    pub attempts: u32,
+    /// Contacts that break the limits.
+    pub unsafe_contacts: u32,
+    /// Contacts with water.
+    #[serde(default)]
+    pub water_contacts: u32,
+    /// Contacts at more than [`FAST_CONTACT_MPS`].
+    #[serde(default)]
+    pub contacts_above_2_mps: u32,
+    /// In the deck plane, deck centre to the feet's centroid at first contact, m.
+    pub position_error_m: Option<f64>,
+    /// The same at the end of the rest, m.
+    pub rest_position_error_m: Option<f64>,
+    /// Speed along the deck's normal at first contact, m/s.
+    pub touchdown_speed_mps: Option<f64>,
+    /// Speed along the deck at first contact, m/s.
+    pub tangential_speed_mps: Option<f64>,
+    /// Angle between the normals at first contact, deg.
+    pub tilt_error_deg: Option<f64>,
+    /// Drone minus deck in the deck's axes at first contact, deg.
+    pub roll_error_deg: Option<f64>,
+    /// Drone minus deck in the deck's axes at first contact, deg.
+    pub pitch_error_deg: Option<f64>,
+    /// Drone minus deck in the deck's axes at first contact, deg.
+    pub yaw_error_deg: Option<f64>,
+    /// First descent to first contact, interruptions included, s.
+    pub landing_time_s: Option<f64>,
+    /// First within 2 m horizontally to first contact, s.
+    pub over_deck_time_s: Option<f64>,
+    /// First contact to motors stopped, s.
+    pub stop_time_s: Option<f64>,
+    /// Age of the vessel's newest estimate in the forecast at first contact, s; none was ever used:
+    /// null.
+    #[serde(default)]
+    pub radio_age_s: Option<f64>,
+    /// Age of the newest sighting in the forecast at first contact, s.
+    #[serde(default)]
+    pub vision_age_s: Option<f64>,
+    /// Simulated time, warm-up included, s.
+    pub sim_time_s: f64,
+    /// Time it took to compute, s.
+    pub wall_time_s: f64,
+    /// Hash of every true state and set-point of the trial: equal digests, equal bits.
+    pub digest: String,
+}
+
+struct FirstContact {
+    t_s: f64,
+    position_error: f64,
+    normal: f64,
+    tangential: f64,
+    tilt: f64,
+    euler: [f64; 3],
+}
+
+/// Watches a trial and judges it.
+#[derive(Default)]
+pub struct Judge {
+    descent_began: Option<f64>,
+    over_deck: Option<f64>,
+    first: Option<FirstContact>,
+    stopped: Option<f64>,
+    failure: Option<(Ending, String)>,
+    unsafe_contacts: u32,
+    water_contacts: u32,
+    fast_contacts: u32,
+    attempts: u32,
+    rest_error: Option<f64>,
+    ended: bool,
+}
+
+fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
+    let mean = |i: usize| feet.iter().map(|f| f[i]).sum::<f64>() / 4.0;
+    mean(0).hypot(mean(1))
+}
+
+impl Judge {
+    /// Judges one tick; `half_deck` is half the deck's length and width, m. True when the trial is
+    /// over.
+    pub fn observe(&mut self, o: &Observation<'_>, half_deck: [f64; 2]) -> bool {
+        self.attempts = o.attempts;
+        if o.descending {
+            self.descent_began.get_or_insert(o.t_s);
+        }
+        if o.horizontal_m <= 2.0 {
+            self.over_deck.get_or_insert(o.t_s);
+        }
+        for touch in o.contacts {
+            self.touch(o, touch, half_deck);
+        }
+        if o.in_water {
+            self.water_contacts += 1;
+            self.fail(Ending::Water, format!("in the water after {:.1} s", o.t_s));
+            self.ended = true;
+        }
+        if !o.motors_on && self.stopped.is_none() {
+            self.stopped = Some(o.t_s);
+            let lowest = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
+            if self.first.is_none() || lowest > FALSE_STOP_M {
+                self.fail(
+                    Ending::FalseStop,
+                    format!("motors stopped {lowest:.2} m above the deck"),
+                );
+            }
+        }
+        match (self.first.as_ref().map(|f| f.t_s), self.stopped) {
+            (Some(first), None) if o.t_s > first + MAX_STOP_S => {
+                self.fail(
+                    Ending::Timeout,
+                    format!("motors still on {MAX_STOP_S} s after first contact"),
+                );
+            }
+            (_, Some(stopped)) => self.rest(o, stopped, half_deck),
+            (Some(_) | None, None) => {}
+        }
+        if o.gave_up && self.first.is_none() {
+            self.fail(
+                Ending::GaveUp,
+                format!("the mission gave up after {} attempts", o.attempts),
+            );
+            self.ended = true;
+        }
+        if o.t_s >= TIME_LIMIT_S {
+            self.fail(
+                Ending::Timeout,
+                format!("not at rest on the deck after {TIME_LIMIT_S} s"),
+            );
+            self.ended = true;
+        }
+        self.ended
+    }
+
+    fn touch(&mut self, o: &Observation<'_>, touch: &ContactEvent, half_deck: [f64; 2]) {
+        let (normal, tangential) = (touch.normal_mps, touch.tangential_mps);
+        let mut unsafe_contact = true;
+        if !touch.foot {
+            self.fail(
+                Ending::Tipped,
+                format!("something else than a foot touched at {normal:.2} m/s"),
+            );
+        } else if !touch.on_deck {
+            self.fail(
+                Ending::Missed,
+                "a foot touched something else than the deck".into(),
+            );
+        } else if normal > MAX_CONTACT_MPS {
+            self.fail(
+                Ending::Hard,
+                format!("contact at {normal:.2} m/s (limit {MAX_CONTACT_MPS})"),
+            );
+        } else if self.first.is_some() {
+            unsafe_contact = false;
+        } else if tangential > MAX_CONTACT_MPS {
+            self.fail(
+                Ending::Fast,
+                format!("first contact at {tangential:.2} m/s along the deck"),
+            );
+        } else if o.tilt_error > MAX_TILT_ERROR_RAD {
+            let deg = o.tilt_error.to_degrees();
+            self.fail(
+                Ending::Tilted,
+                format!("first contact {deg:.1} deg off the deck's tilt"),
+            );
+        } else {
+            unsafe_contact = false;
+        }
+        if unsafe_contact {
+            self.unsafe_contacts += 1;
+        }
+        if normal.hypot(tangential) > FAST_CONTACT_MPS {
+            self.fast_contacts += 1;
+        }
+        if self.first.is_none() {
+            let position_error = centroid_error(&o.feet);
+            if o.feet
+                .iter()
+                .all(|f| f[0].abs() > half_deck[0] || f[1].abs() > half_deck[1])
+            {
+                self.fail(
+                    Ending::Missed,
+                    format!("first contact {position_error:.2} m off the centre"),
+                );
+            }
+            self.first = Some(FirstContact {
+                t_s: o.t_s,
+                position_error,
+                normal,
+                tangential,
+                tilt: o.tilt_error,
+                euler: o.relative_euler,
+            });
+        }
+    }
+
+    fn rest(&mut self, o: &Observation<'_>, stopped: f64, half_deck: [f64; 2]) {
+        if o.t_s > stopped + SETTLE_S && self.failure.is_none() {
+            if o.feet
+                .iter()
+                .any(|f| f[0].abs() > half_deck[0] || f[1].abs() > half_deck[1])
+            {
+                self.fail(Ending::Slid, "a foot left the deck's edges".into());
+            } else if let Some(f) = o.feet.iter().find(|f| f[2] > ON_DECK_M) {
+                self.fail(Ending::Tipped, format!("a foot is {:.2} m above the deck", f[2]));
+            }
+        }
+        if o.t_s >= stopped + SETTLE_S + REST_S {
+            self.rest_error = Some(centroid_error(&o.feet));
+            self.ended = true;
+        }
+    }
+
+    fn fail(&mut self, ending: Ending, reason: String) {
+        // The first failure names the outcome; later ones follow from it.
+        self.failure.get_or_insert((ending, reason));
+    }
+
+    /// Time of first contact since the start, s.
+    pub fn first_contact_s(&self) -> Option<f64> {
+        self.first.as_ref().map(|f| f.t_s)
+    }
+
+    /// The verdict.
+    pub fn outcome(&self, seed: u64, sea: &str, planner: &str, sim_time_s: f64) -> Outcome {
+        let (ending, reason) = match (&self.failure, self.ended, self.first.is_some()) {
+            (Some((e, r)), _, _) => (*e, r.clone()),
+            (None, true, true) => (Ending::Success, "at rest on the deck".into()),
+            (None, _, _) => (Ending::Timeout, "not over yet".into()),
+        };
+        let first = self.first.as_ref();
+        let deg = |f: fn(&FirstContact) -> f64| first.map(|c| f(c).to_degrees());
+        Outcome {
+            outcome: ending,
+            success: ending == Ending::Success,
+            reason,
+            seed,
+            sea: sea.into(),
+            planner: planner.into(),
+            attempts: self.attempts,
+            unsafe_contacts: self.unsafe_contacts,
+            water_contacts: self.water_contacts,
+            contacts_above_2_mps: self.fast_contacts,
+            position_error_m: first.map(|c| c.position_error),
+            rest_position_error_m: self.rest_error,
+            touchdown_speed_mps: first.map(|c| c.normal),
+            tangential_speed_mps: first.map(|c| c.tangential),
+            tilt_error_deg: deg(|c| c.tilt),
+            roll_error_deg: deg(|c| c.euler[0]),
+            pitch_error_deg: deg(|c| c.euler[1]),
+            yaw_error_deg: deg(|c| c.euler[2]),
+            landing_time_s: first.and_then(|c| self.descent_began.map(|d| c.t_s - d)),
+            over_deck_time_s: first.and_then(|c| self.over_deck.map(|d| c.t_s - d)),
+            stop_time_s: first.and_then(|c| self.stopped.map(|s| s - c.t_s)),
+            radio_age_s: None,
+            vision_age_s: None,
+            sim_time_s,
+            wall_time_s: 0.0,
+            digest: String::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HALF: [f64; 2] = [1.25, 0.85];
+    const DOWN: [[f64; 3]; 4] = [
+        [0.2, 0.2, 0.0],
+        [0.2, -0.2, 0.0],
+        [-0.2, 0.2, 0.0],
+        [-0.2, -0.2, 0.0],
+    ];
+
+    fn at(t_s: f64) -> Observation<'static> {
+        Observation {
+            t_s,
+            contacts: &[],
+            feet: DOWN,
+            relative_euler: [0.0; 3],
+            tilt_error: 0.0,
+            horizontal_m: 0.1,
+            motors_on: true,
+            descending: true,
+            attempts: 1,
+            gave_up: false,
+            in_water: false,
+        }
+    }
+    fn touch(normal_mps: f64, tangential_mps: f64) -> ContactEvent {
+        ContactEvent {
+            foot: true,
+            on_deck: true,
+            normal_mps,
+            tangential_mps,
+        }
+    }
+    fn run(first: ContactEvent, tilt: f64, stop_s: f64, feet_after: [[f64; 3]; 4]) -> Outcome {
+        let mut judge = Judge::default();
+        let contacts = [first];
+        judge.observe(
+            &Observation {
+                contacts: &contacts,
+                tilt_error: tilt,
+                ..at(10.0)
+            },
+            HALF,
+        );
+        for k in 1..1000 {
+            let t = 10.0 + 0.01 * f64::from(k);
+            let o = Observation {
+                motors_on: t < 10.0 + stop_s,
+                feet: feet_after,
+                ..at(t)
+            };
+            if judge.observe(&o, HALF) {
+                break;
+            }
+        }
+        judge.outcome(1, "0.5,5", "mpc-faa", 100.0)
+    }
+
+    #[test]
+    fn judge_accepts_a_soft_landing() {
+        let o = run(touch(0.4, 0.2), 0.05, 0.5, DOWN);
+        assert_eq!(o.outcome, Ending::Success, "{}", o.reason);
+        assert_eq!(o.unsafe_contacts, 0);
+    }
+
+    #[test]
+    fn judge_names_each_exceeded_limit() {
+        assert_eq!(run(touch(1.1, 0.0), 0.0, 0.5, DOWN).outcome, Ending::Hard);
+        assert_eq!(run(touch(0.4, 1.1), 0.0, 0.5, DOWN).outcome, Ending::Fast);
+        assert_eq!(run(touch(0.4, 0.0), 0.2, 0.5, DOWN).outcome, Ending::Tilted);
+        assert_eq!(run(touch(0.4, 0.0), 0.0, 2.5, DOWN).outcome, Ending::Timeout);
+        let mut off = DOWN;
+        off[0] = [1.3, 0.0, 0.0];
+        assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, off).outcome, Ending::Slid);
+        let mut up = DOWN;
+        up[0][2] = 0.1;
+        assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, up).outcome, Ending::Tipped);
+        let other = ContactEvent {
+            foot: false,
+            ..touch(0.1, 0.0)
+        };
+        assert_eq!(run(other, 0.0, 0.5, DOWN).outcome, Ending::Tipped);
+    }
+
+    #[test]
+    fn judge_counts_water_and_fast_contacts_apart() {
+        let o = run(touch(1.5, 1.5), 0.0, 0.5, DOWN);
+        assert_eq!(
+            (o.unsafe_contacts, o.contacts_above_2_mps, o.water_contacts),
+            (1, 1, 0)
+        );
+        let o = run(touch(1.5, 1.0), 0.0, 0.5, DOWN);
+        assert_eq!((o.unsafe_contacts, o.contacts_above_2_mps), (1, 0));
+        let mut judge = Judge::default();
+        judge.observe(
+            &Observation {
+                in_water: true,
+                ..at(5.0)
+            },
+            HALF,
+        );
+        let o = judge.outcome(1, "", "", 0.0);
+        assert_eq!((o.outcome, o.water_contacts), (Ending::Water, 1));
+    }
+
+    #[test]
+    fn judge_calls_motors_stopped_before_contact_a_false_stop() {
+        let mut judge = Judge::default();
+        judge.observe(
+            &Observation {
+                motors_on: false,
+                ..at(5.0)
+            },
+            HALF,
+        );
+        assert_eq!(judge.outcome(1, "", "", 0.0).outcome, Ending::FalseStop);
+    }
+}

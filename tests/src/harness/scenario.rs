@@ -1,0 +1,151 @@
+//! What is flown: the world's figures and the nodes' configurations.
+
+use alight_bridge::BridgeConfig;
+use alight_shared::config;
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::State;
+use alight_shared::time::{Clock, Span, Time};
+use alight_uav::settings::DroneSettings;
+use alight_usv::VesselNodeConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::physics::deck_motion::DeckMotionConfig;
+use crate::physics::drone::DroneConfig;
+use crate::physics::sea::SeaConfig;
+use crate::physics::vessel::VesselConfig;
+use crate::radio::RadioConfig;
+use crate::sensors::SensorConfig;
+
+/// An outage of the radio, both directions, that a state of the mission brings about.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StateOutage {
+    /// It begins when the mission first enters this state.
+    pub state: State,
+    /// It begins this much later, s.
+    #[serde(default)]
+    pub after_s: f64,
+    /// It lasts so long, s; infinite (`inf`) for good.
+    pub duration_s: f64,
+}
+
+impl StateOutage {
+    /// Its window `[from, until)` when the mission enters the state at `t`.
+    pub fn window<C: Clock>(&self, t: Time<C>) -> [Time<C>; 2] {
+        let from = t + Span::from_secs(self.after_s);
+        // Longer than any trial is for good.
+        [from, from + Span::from_secs(self.duration_s.min(1e6))]
+    }
+}
+
+impl Check for StateOutage {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        at.range("after_s", self.after_s, 0.0, 600.0)?;
+        at.require(
+            self.duration_s >= 0.0,
+            "duration_s",
+            format!("{}", self.duration_s),
+            "seconds, 0 or more, or inf",
+        )
+    }
+}
+
+/// Where the drone starts, relative to the vessel at the start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StartConfig {
+    /// Horizontal distance, drawn uniformly between these, m.
+    pub distance_m: [f64; 2],
+    /// Height above the still water, drawn uniformly between these, m.
+    pub height_m: [f64; 2],
+    /// The vessel's estimator runs this long before the landing is commanded, s.
+    pub warm_up_s: f64,
+    /// The drone hovers this long before the landing is commanded, s.
+    pub hover_s: f64,
+}
+
+impl Default for StartConfig {
+    fn default() -> Self {
+        StartConfig {
+            // At least 40 m away at a random place and heading (Procházka 2024); upper bound ours.
+            distance_m: [40.0, 60.0],
+            // Ours: below and above the approach height of 15 m.
+            height_m: [8.0, 20.0],
+            // The estimator works from an unknown sea within 60 s.
+            warm_up_s: 60.0,
+            // Ours: the autopilot's own estimator has settled.
+            hover_s: 3.0,
+        }
+    }
+}
+
+config! {
+    /// A simulated scene. True figures; no node reads them.
+    pub struct Scenario {
+        /// The sea.
+        pub sea: SeaConfig;
+        /// The vessel.
+        pub vessel: VesselConfig;
+        /// Recorded motion in its place.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub deck_motion: Option<DeckMotionConfig> = None;
+        /// The landing deck as it is.
+        pub deck: DeckGeometry;
+        /// The drone's nominal geometry as it is; mass and thrust errors are in `drone.airframe`.
+        pub airframe: DroneGeometry;
+        /// The drone's physics and autopilot.
+        pub drone: DroneConfig;
+        /// Where the drone starts.
+        pub start: StartConfig = StartConfig::default();
+        /// Sensors and clocks.
+        pub sensors: SensorConfig;
+        /// The radio.
+        pub radio: RadioConfig;
+        /// Its outage at a state of the mission.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub radio_outage: Option<StateOutage> = None;
+        /// The pilot's process stands still at a state of the mission; in lock-step only.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub pilot_outage: Option<StateOutage> = None;
+        /// From the planner's step to the plan's arrival at the pilot, s.
+        /// Source: One period of the planner at 50 Hz: the plan is used one period after its inputs.
+        pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
+        /// The world runs on for so long after the outcome is known, s.
+        pub stay_s: f64 = 0.0, in 0.0..=3600.0;
+    }
+    check |this, at| {
+        if let Some(motion) = &this.deck_motion {
+            motion.check(&at.table("deck_motion"))?;
+        }
+        if let Some(outage) = &this.radio_outage {
+            outage.check(&at.table("radio_outage"))?;
+        }
+        if let Some(outage) = &this.pilot_outage {
+            outage.check(&at.table("pilot_outage"))?;
+        }
+        let start = at.table("start");
+        start.ranges("distance_m", &this.start.distance_m, 0.0, 500.0)?;
+        start.ranges("height_m", &this.start.height_m, 2.0, 120.0)?;
+        start.require(
+            this.start.distance_m[0] <= this.start.distance_m[1]
+                && this.start.height_m[0] <= this.start.height_m[1],
+            "distance_m, height_m",
+            format!("{:?}, {:?}", this.start.distance_m, this.start.height_m),
+            "lower bound first",
+        )?;
+        start.range("warm_up_s", this.start.warm_up_s, 0.0, 600.0)?;
+        start.range("hover_s", this.start.hover_s, 1.0, 60.0)?;
+    }
+}
+
+/// The configurations of all nodes, as a vessel and a drone install them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NodeConfigs {
+    /// The vessel's process.
+    pub vessel: VesselNodeConfig,
+    /// The drone's bridge.
+    pub bridge: BridgeConfig,
+    /// The drone's other processes.
+    pub drone: DroneSettings,
+}

@@ -1,0 +1,149 @@
+//! One landing: `fly(&Scenario, &NodeConfigs, seed)` to an [`Outcome`].
+
+use alight_shared::config::ConfigError;
+use alight_shared::msg::{CommandKind, Reason, State};
+use alight_shared::time::Span;
+use thiserror::Error;
+
+use crate::harness::outcome::{Judge, Outcome, TIME_LIMIT_S};
+use crate::harness::scenario::{NodeConfigs, Scenario};
+use crate::harness::tap::{NoTap, Tap};
+use crate::harness::trace::Trace;
+use crate::harness::world::{TICK, World};
+
+/// Why a trial could not be set up.
+#[derive(Debug, Error)]
+pub enum SetupError {
+    /// A configuration is out of range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The recorded motion cannot be used.
+    #[error(transparent)]
+    DeckMotion(#[from] crate::physics::deck_motion::DeckMotionError),
+}
+
+/// Something that a person wants to see as it happens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The mission entered a state.
+    Phase {
+        /// Time since the start, s.
+        t_s: f64,
+        /// The state.
+        name: &'static str,
+        /// Why.
+        reason: Reason,
+    },
+}
+
+/// What a caller wants to see.
+pub struct Watch<'a> {
+    /// Called for every event.
+    pub on_event: &'a mut dyn FnMut(&Event),
+    /// Keep a trace with this time between points, s.
+    pub trace_step_s: Option<f64>,
+}
+
+/// A flown trial.
+pub struct FlownTrial {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Its history, when it was asked for.
+    pub trace: Option<Trace>,
+}
+
+/// Flies the trial of `seed`; `sea` names the sea in the outcome.
+pub fn fly(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    sea: &str,
+    watch: Watch<'_>,
+) -> Result<FlownTrial, SetupError> {
+    fly_with(scenario, nodes, seed, sea, watch, &mut NoTap)
+}
+
+/// The same, shown to a tap.
+pub fn fly_with(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    sea: &str,
+    watch: Watch<'_>,
+    tap: &mut impl Tap,
+) -> Result<FlownTrial, SetupError> {
+    let world = World::new(scenario, nodes, seed)?;
+    Ok(land(world, scenario, nodes, seed, sea, watch, tap))
+}
+
+/// The same in a world that was prepared, before its warm-up.
+pub fn land(
+    mut world: World,
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    sea: &str,
+    watch: Watch<'_>,
+    tap: &mut impl Tap,
+) -> FlownTrial {
+    world.warm_up_with(tap);
+    world.command(CommandKind::Land);
+
+    let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
+    let mut judge = Judge::default();
+    let mut trace = watch.trace_step_s.map(|step_s| Trace {
+        step_s,
+        ..Trace::default()
+    });
+    let mut state = State::Idle;
+    let mut next_point = 0.0;
+    let mut ages: Option<[f64; 2]> = None;
+    // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
+    for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
+        world.tick_with(tap);
+        let t_s = world.time_since_start().secs();
+        let mission = world.mission_state();
+        if mission.state != state {
+            state = mission.state;
+            let (name, reason) = (state.name(), mission.entered);
+            (watch.on_event)(&Event::Phase { t_s, name, reason });
+            if let Some(trace) = trace.as_mut() {
+                trace.phases.push((t_s, name, reason.to_string()));
+            }
+            if let Some(outage) = scenario.radio_outage.filter(|o| o.state == state) {
+                world.radio_outage(&outage);
+            }
+            if let Some(outage) = scenario.pilot_outage.filter(|o| o.state == state) {
+                world.pilot_outage(&outage);
+            }
+        }
+        if let Some(trace) = trace.as_mut()
+            && t_s + 1e-9 >= next_point
+        {
+            next_point += trace.step_s;
+            trace.points.push(world.trace_point());
+        }
+        let over = judge.observe(&world.observation(), half_deck);
+        if let (Some(trace), Some(t)) = (trace.as_mut(), judge.first_contact_s()) {
+            trace.touchdown_s = Some(t);
+        }
+        if judge.first_contact_s().is_some()
+            && ages.is_none()
+            && let Some(forecast) = world.forecast()
+        {
+            ages = Some([forecast.radio_age_s, forecast.vision_age_s]);
+        }
+        if over {
+            break;
+        }
+    }
+    let sim_time_s = world.time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
+    let mut outcome = judge.outcome(seed, sea, nodes.drone.planner.kind.name(), sim_time_s);
+    [outcome.radio_age_s, outcome.vision_age_s] =
+        [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
+    outcome.digest = format!("{:016x}", world.digest());
+    for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
+        world.tick_with(tap);
+    }
+    FlownTrial { outcome, trace }
+}

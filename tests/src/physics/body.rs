@@ -1,0 +1,62 @@
+//! The kinematic state of a rigid body, as truth.
+
+use alight_shared::frames::{Point, Rotation, TrueNed, Vector};
+use nalgebra::Vector3;
+
+/// Where a rigid body's reference point is and how it moves. `B` is its FRD body frame.
+pub struct RigidState<B> {
+    /// Position of the reference point.
+    pub position: Point<TrueNed>,
+    /// Its velocity, m/s.
+    pub velocity: Vector<TrueNed>,
+    /// Its acceleration, m/s² (without gravity: the second derivative of position).
+    pub acceleration: Vector<TrueNed>,
+    /// Rotation NED from body.
+    pub attitude: Rotation<TrueNed, B>,
+    /// Angular velocity, rad/s.
+    pub rates: Vector<B>,
+    /// Angular acceleration, rad/s².
+    pub angular_acceleration: Vector<B>,
+}
+
+impl<B> Clone for RigidState<B> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<B> Copy for RigidState<B> {}
+
+impl<B> Default for RigidState<B> {
+    fn default() -> Self {
+        RigidState {
+            position: Point::origin(),
+            velocity: Vector::zero(),
+            acceleration: Vector::zero(),
+            attitude: Rotation::identity(),
+            rates: Vector::zero(),
+            angular_acceleration: Vector::zero(),
+        }
+    }
+}
+
+impl<B> RigidState<B> {
+    /// The state of the point at `lever_arm` (body frame, m) of the same rigid body, with parallel axes
+    /// called `P`: `v = v0 + w x r`, `a = a0 + dw x r + w x (w x r)`.
+    pub fn at<P>(&self, lever_arm: Vector3<f64>) -> RigidState<P> {
+        let (w, dw) = (self.rates.0, self.angular_acceleration.0);
+        let turn = |v: Vector3<f64>| self.attitude * Vector::<B>::from(v);
+        RigidState {
+            position: self.position + turn(lever_arm),
+            velocity: self.velocity + turn(w.cross(&lever_arm)),
+            acceleration: self.acceleration + turn(dw.cross(&lever_arm) + w.cross(&w.cross(&lever_arm))),
+            attitude: Rotation::from(self.attitude.0),
+            rates: Vector::from(w),
+            angular_acceleration: Vector::from(dw),
+        }
+    }
+    /// Roll, pitch, yaw, rad.
+    pub fn euler(&self) -> Vector3<f64> {
+        let (r, p, y) = self.attitude.euler();
+        Vector3::new(r, p, y)
+    }
+}

@@ -1,0 +1,375 @@
+//! What carries the deck: the simulated vessel, or prescribed motion in its place, recorded or
+//! sinusoidal ([`rocking`]).
+//!
+//! A recording (CSV) gives roll (starboard down positive), pitch (bow up positive) and any of heave (up
+//! positive), heading, surge and sway at any rate, with jitter, repeated stamps and gaps. Natural cubic
+//! splines make it twice differentiable, so that velocity, acceleration and rates are those of the motion.
+//!
+//! - What was recorded is the deck: the angles turn it about its centre, surge, sway and heave move that
+//!   centre from its height at rest. The vessel's reference point follows rigidly.
+//! - Surge and sway are displacements along and to starboard of the mean heading, about their mean; heave
+//!   is about its mean. The mean roll and pitch (a mounting error, usually) are removed unless they are
+//!   to be kept. `scale` acts on what deviates from the means.
+//! - Heave that was not recorded is the sea's elevation under the deck centre.
+//! - A heading that was not recorded is constant, drawn per seed.
+//! - The end joins the beginning: over the last seconds (5 s, or a quarter of a short recording) the end
+//!   is blended into the beginning by a twice differentiable weight. Heading, surge and sway go on from
+//!   where they are instead of jumping back.
+
+mod recording;
+pub mod rocking;
+mod spline;
+
+use core::f64::consts::TAU;
+use std::path::PathBuf;
+
+use alight_shared::config;
+use alight_shared::frames::{Deck, Point, Rotation, Vector, VesselBody};
+use alight_shared::geometry::DeckGeometry;
+use alight_shared::time::{Span, Time, TrueTime};
+use nalgebra::{Vector2, Vector3};
+use rand::RngExt;
+
+use self::recording::{CHANNELS, HEADING, HEAVE, PITCH, ROLL, SURGE, SWAY};
+pub use self::recording::{DeckMotionError, Recording};
+use self::rocking::{Rocking, RockingConfig};
+use self::spline::{Jet, Splines, smooth_step};
+use crate::physics::body::RigidState;
+use crate::physics::sea::Sea;
+use crate::physics::streams::Streams;
+use crate::physics::vessel::{Vessel, VesselConfig};
+
+/// Longest blend of the end into the beginning, s of the recording.
+const BLEND_S: f64 = 5.0;
+/// Step of the numerical derivatives of the sea's elevation, s: their error is (w h)²/6, below 1e-3 for
+/// waves longer than 2 s.
+const SEA_STEP_S: f64 = 0.02;
+/// Greatest tilt that a scaled recording may reach, rad (60 deg).
+const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
+
+config! {
+    /// A recording and how to play it, or a rocking without one.
+    ///
+    /// Defaults: As recorded, from the beginning.
+    pub struct DeckMotionConfig {
+        /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m; empty with
+        /// `rocking`.
+        pub file: PathBuf = PathBuf::new();
+        /// Sinusoidal roll and pitch instead of a file.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub rocking: Option<RockingConfig> = None;
+        /// Factor on the deviations from the means.
+        pub scale: f64 = 1.0, in 0.0..=20.0;
+        /// Factor on the recording's time: 2 plays twice as fast.
+        pub speed: f64 = 1.0, in 0.02..=20.0;
+        /// Time in the recording, from its first row, at the world's time zero, s.
+        pub start_s: f64 = 0.0, in 0.0..=1e7;
+        /// Keep the mean roll and pitch.
+        pub keep_mean: bool = false;
+    }
+    check |this, at| {
+        at.require(
+            this.file.as_os_str().is_empty() == this.rocking.is_some(),
+            "file",
+            this.file.display(),
+            "the path of a CSV file, or nothing and a table `rocking`",
+        )?;
+        if let Some(rocking) = &this.rocking {
+            rocking.check(&at.table("rocking"))?;
+            let steepest = this.scale * rocking.roll_rad.max(rocking.pitch_rad);
+            at.require(
+                steepest <= MAX_TILT,
+                "scale",
+                this.scale,
+                "a tilt of at most 60 deg",
+            )?;
+        }
+    }
+}
+
+/// What carries the deck.
+#[derive(Clone)]
+pub enum DeckCarrier {
+    /// The simulated vessel.
+    Simulated(Box<Vessel>),
+    /// Prescribed motion.
+    Recorded(Box<RecordedMotion>),
+}
+
+impl DeckCarrier {
+    /// The recording where one is given, else the simulated vessel.
+    pub fn new(
+        vessel: &VesselConfig,
+        motion: Option<&DeckMotionConfig>,
+        deck: &DeckGeometry,
+        sea: &Sea,
+        streams: &Streams,
+    ) -> Result<Self, DeckMotionError> {
+        match motion {
+            None => Ok(DeckCarrier::Simulated(Box::new(Vessel::new(
+                vessel, sea, streams,
+            )))),
+            Some(motion) => match &motion.rocking {
+                Some(rocking) => Ok(RecordedMotion::rocking(motion, rocking, deck, sea, streams)),
+                None => {
+                    let recording = Recording::load(&motion.file)?;
+                    RecordedMotion::new(motion, recording, deck, sea, streams)
+                }
+            }
+            .map(|m| DeckCarrier::Recorded(Box::new(m))),
+        }
+    }
+    /// Moves on from `t` to `t + dt_s`.
+    pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
+        match self {
+            DeckCarrier::Simulated(vessel) => vessel.step(t, dt_s, sea),
+            DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
+        }
+    }
+    /// The vessel's state now, at its reference point.
+    pub fn state(&self) -> RigidState<VesselBody> {
+        match self {
+            DeckCarrier::Simulated(vessel) => vessel.state(),
+            DeckCarrier::Recorded(motion) => motion.state(),
+        }
+    }
+}
+
+/// A recording, without end.
+#[derive(Clone)]
+struct Rounds {
+    splines: Splines<CHANNELS>,
+    /// One round, s of the recording, and the blend at its start.
+    period: f64,
+    blend: f64,
+    /// How far heading, surge and sway get in one round.
+    per_round: [f64; CHANNELS],
+}
+
+impl Rounds {
+    /// All channels at time `at` (s, not negative), derivatives per second of the recording.
+    fn channels(&self, at: f64) -> [Jet; CHANNELS] {
+        let round = (at / self.period).floor();
+        let phase = at - round * self.period;
+        let now = self.splines.at(phase);
+        let blend = smooth_step(phase, self.blend);
+        // The end of the round before, as long as it lasts.
+        let before = (round > 0.0 && phase < self.blend).then(|| self.splines.at(self.period + phase));
+        core::array::from_fn(|c| {
+            let here = now[c].shifted(round * self.per_round[c]);
+            match &before {
+                Some(b) => Jet::blend(b[c].shifted((round - 1.0) * self.per_round[c]), here, blend),
+                None => here,
+            }
+        })
+    }
+}
+
+/// Where the motion comes from.
+#[derive(Clone)]
+enum Source {
+    Recording(Rounds),
+    Rocking(Rocking),
+}
+
+/// Prescribed motion being played.
+#[derive(Clone)]
+pub struct RecordedMotion {
+    source: Source,
+    speed: f64,
+    start: f64,
+    mean_heading: f64,
+    heave_recorded: bool,
+    /// Deck centre in the body frame, m.
+    deck: Vector3<f64>,
+    state: RigidState<VesselBody>,
+}
+
+impl RecordedMotion {
+    /// Plays `recording` as `config` says, at time zero.
+    pub fn new(
+        config: &DeckMotionConfig,
+        recording: Recording,
+        deck: &DeckGeometry,
+        sea: &Sea,
+        streams: &Streams,
+    ) -> Result<Self, DeckMotionError> {
+        let whole = |message: String| DeckMotionError::Whole {
+            origin: config.file.display().to_string(),
+            message,
+        };
+        let Recording {
+            t, mut y, has, mean, ..
+        } = recording;
+        let mean_heading = if has[HEADING] {
+            mean[HEADING]
+        } else {
+            drawn_heading(streams)
+        };
+        let mut kept = [0.0; CHANNELS];
+        kept[HEADING] = mean_heading;
+        if config.keep_mean {
+            kept[ROLL] = mean[ROLL];
+            kept[PITCH] = mean[PITCH];
+        }
+        let mut steepest = 0.0_f64;
+        for row in &mut y {
+            for c in 0..CHANNELS {
+                row[c] = kept[c] + config.scale * (row[c] - mean[c]);
+            }
+            steepest = steepest.max(row[ROLL].abs()).max(row[PITCH].abs());
+        }
+        if steepest > MAX_TILT {
+            return Err(whole(format!(
+                "scaled by {} it tilts to {:.1} deg, allowed is 60; lower the scale",
+                config.scale,
+                steepest.to_degrees()
+            )));
+        }
+        let splines = Splines::through(t, y).ok_or_else(|| whole("its times do not ascend".into()))?;
+        let duration = splines.range().1;
+        let blend = BLEND_S.min(0.25 * duration);
+        let period = duration - blend;
+        let (head, tail) = (splines.at(0.5 * blend), splines.at(period + 0.5 * blend));
+        let mut per_round = [0.0; CHANNELS];
+        for c in [HEADING, SURGE, SWAY] {
+            per_round[c] = tail[c].y - head[c].y;
+        }
+        let rounds = Rounds {
+            splines,
+            period,
+            blend,
+            per_round,
+        };
+        Ok(RecordedMotion {
+            source: Source::Recording(rounds),
+            speed: config.speed,
+            start: config.start_s,
+            mean_heading,
+            heave_recorded: has[HEAVE],
+            deck: deck.centre(),
+            state: RigidState::default(),
+        }
+        .begun(sea))
+    }
+
+    /// Rocks as `rocking` says, heaving with the sea, at a heading drawn per seed.
+    pub fn rocking(
+        config: &DeckMotionConfig,
+        rocking: &RockingConfig,
+        deck: &DeckGeometry,
+        sea: &Sea,
+        streams: &Streams,
+    ) -> Self {
+        let mean_heading = drawn_heading(streams);
+        RecordedMotion {
+            source: Source::Rocking(Rocking::new(rocking, config.scale, mean_heading, streams)),
+            speed: config.speed,
+            start: config.start_s,
+            mean_heading,
+            heave_recorded: false,
+            deck: deck.centre(),
+            state: RigidState::default(),
+        }
+        .begun(sea)
+    }
+
+    fn begun(mut self, sea: &Sea) -> Self {
+        self.state = self.state_at(Time::EPOCH, sea);
+        self
+    }
+
+    /// Moves on from `t` to `t + dt_s`.
+    pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
+        self.state = self.state_at(t + Span::from_secs(dt_s), sea);
+    }
+    /// The state now.
+    pub fn state(&self) -> RigidState<VesselBody> {
+        self.state
+    }
+
+    /// All channels at world time `t` (s), derivatives per second of the world.
+    fn channels(&self, t: f64) -> [Jet; CHANNELS] {
+        let at = (self.start + self.speed * t).max(0.0);
+        match &self.source {
+            Source::Recording(rounds) => rounds.channels(at),
+            Source::Rocking(rocking) => rocking.channels(at),
+        }
+        .map(|j| Jet {
+            y: j.y,
+            d: j.d * self.speed,
+            dd: j.dd * self.speed * self.speed,
+        })
+    }
+
+    /// North and east of the deck centre, m.
+    fn place(&self, j: &[Jet; CHANNELS]) -> Vector2<f64> {
+        let (s, c) = self.mean_heading.sin_cos();
+        let (surge, sway) = (j[SURGE].y, j[SWAY].y);
+        Vector2::new(c * surge - s * sway, s * surge + c * sway)
+    }
+
+    /// The state at world time `t`.
+    pub fn state_at(&self, t: Time<TrueTime>, sea: &Sea) -> RigidState<VesselBody> {
+        let s = t.secs();
+        let j = self.channels(s);
+        let heave = if self.heave_recorded {
+            j[HEAVE]
+        } else {
+            let up = |j: &[Jet; CHANNELS], dt: f64| {
+                let deck = self.place(j);
+                sea.elevation(t + Span::from_secs(dt), deck.x, deck.y)
+            };
+            let h = SEA_STEP_S;
+            let (a, b, c) = (
+                up(&self.channels(s - h), -h),
+                up(&j, 0.0),
+                up(&self.channels(s + h), h),
+            );
+            Jet {
+                y: b,
+                d: (c - a) / (2.0 * h),
+                dd: (a - 2.0 * b + c) / (h * h),
+            }
+        };
+        let place = self.place(&j);
+        let (sin, cos) = self.mean_heading.sin_cos();
+        let level = |surge: f64, sway: f64, up: f64| {
+            Vector3::new(cos * surge - sin * sway, sin * surge + cos * sway, -up)
+        };
+        let (rates, angular_acceleration) = body_motion(&j[ROLL], &j[PITCH], &j[HEADING]);
+        let deck = RigidState::<Deck> {
+            position: Point::new(place.x, place.y, self.deck.z - heave.y),
+            velocity: Vector::from(level(j[SURGE].d, j[SWAY].d, heave.d)),
+            acceleration: Vector::from(level(j[SURGE].dd, j[SWAY].dd, heave.dd)),
+            attitude: Rotation::from_euler(j[ROLL].y, j[PITCH].y, j[HEADING].y),
+            rates: Vector::from(rates),
+            angular_acceleration: Vector::from(angular_acceleration),
+        };
+        deck.at(-self.deck)
+    }
+}
+
+/// The heading of a motion that has none, rad.
+fn drawn_heading(streams: &Streams) -> f64 {
+    streams.stream("vessel/heading").random::<f64>() * TAU
+}
+
+/// Body rates and angular acceleration (rad/s, rad/s²) from ZYX Euler angles with their derivatives:
+/// `w = T^-1 e'` (Fossen 2011, eq. 2.28) and its derivative.
+fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
+    let (sr, cr) = roll.y.sin_cos();
+    let (sp, cp) = pitch.y.sin_cos();
+    let (r, p, y) = (roll.d, pitch.d, yaw.d);
+    (
+        Vector3::new(r - sp * y, cr * p + sr * cp * y, -sr * p + cr * cp * y),
+        Vector3::new(
+            roll.dd - cp * p * y - sp * yaw.dd,
+            -sr * r * p + cr * pitch.dd + cr * r * cp * y - sr * sp * p * y + sr * cp * yaw.dd,
+            -cr * r * p - sr * pitch.dd - sr * r * cp * y - cr * sp * p * y + cr * cp * yaw.dd,
+        ),
+    )
+}
+
+#[cfg(test)]
+mod tests;

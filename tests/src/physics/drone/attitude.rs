@@ -1,0 +1,210 @@
+//! The autopilot's inner loops: attitude, rates, mixer.
+
+use alight_shared::geometry::DroneGeometry;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use super::airframe::{LAYOUT, ROTORS};
+use super::config::AutopilotConfig;
+
+/// What the outer loop or a set-point asks of the attitude loop.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AttitudeTarget {
+    /// NED from body.
+    pub(crate) attitude: UnitQuaternion<f64>,
+    /// Rate about NED's down axis, rad/s.
+    pub(crate) yaw_rate: f64,
+    /// Body rates as feed-forward, rad/s.
+    pub(crate) rates: Vector3<f64>,
+    /// Collective thrust, 0 to 1 of the nominal maximum.
+    pub(crate) thrust: f64,
+}
+
+/// Body-rate set-point of an attitude error: PX4's `AttitudeControl`, after Brescianini, Hehn,
+/// D'Andrea 2013 ("Nonlinear quadrocopter attitude control", section 4.2): tilt first, heading
+/// with a weight. `wanted` and `is` are NED from body; the result is in rad/s.
+///
+/// About a small error this is `w = P e`, so a ramp is followed with the lag `1/P`.
+pub(crate) fn rate_set_point(
+    config: &AutopilotConfig,
+    target: &AttitudeTarget,
+    is: &UnitQuaternion<f64>,
+) -> Vector3<f64> {
+    let wanted = target.attitude;
+    let (axis, axis_wanted) = (is * Vector3::z(), wanted * Vector3::z());
+    // Shortest rotation that aligns thrust; upside down there is none and heading does not matter.
+    let reduced = UnitQuaternion::rotation_between(&axis, &axis_wanted).map_or(wanted, |r| r * is);
+    let mix = canonical(&(reduced.inverse() * wanted));
+    let half = config.yaw_weight * mix.k.clamp(-1.0, 1.0).asin();
+    let turn = UnitQuaternion::from_quaternion(Quaternion::new(half.cos(), 0.0, 0.0, half.sin()));
+    let error = canonical(&(is.inverse() * (reduced * turn)));
+    let gain = 1.0 / config.attitude_lag_s;
+    let yaw_gain = config.yaw_gain_hz / config.yaw_weight;
+    let mut rates = 2.0 * Vector3::new(gain * error.i, gain * error.j, yaw_gain * error.k);
+    rates += is.inverse_transform_vector(&Vector3::new(0.0, 0.0, target.yaw_rate));
+    if config.use_rates {
+        rates += target.rates;
+    }
+    let (tilt, yaw) = (config.max_rate_rps, config.max_yaw_rate_rps);
+    Vector3::new(
+        rates.x.clamp(-tilt, tilt),
+        rates.y.clamp(-tilt, tilt),
+        rates.z.clamp(-yaw, yaw),
+    )
+}
+
+fn canonical(q: &UnitQuaternion<f64>) -> Quaternion<f64> {
+    if q.w < 0.0 {
+        -q.into_inner()
+    } else {
+        q.into_inner()
+    }
+}
+
+/// Rate loop and mixer. It knows the nominal airframe only.
+#[derive(Clone, Debug)]
+pub(crate) struct RateLoop {
+    inertia: Vector3<f64>,
+    side: f64,
+    moment_per_force: f64,
+    rotor_max: f64,
+    integral: Vector3<f64>,
+    saturated: [bool; 3],
+}
+
+impl RateLoop {
+    pub(crate) fn new(drone: &DroneGeometry) -> Self {
+        RateLoop {
+            inertia: Vector3::from(drone.inertia_kgm2),
+            side: drone.arm_m / 2.0_f64.sqrt(),
+            moment_per_force: drone.moment_per_force_m,
+            rotor_max: drone.max_thrust_n / ROTORS as f64,
+            integral: Vector3::zeros(),
+            saturated: [false; 3],
+        }
+    }
+    pub(crate) fn reset(&mut self) {
+        self.integral = Vector3::zeros();
+    }
+
+    /// Rotor commands (fractions of the nominal greatest thrust) that bring the body rates `is`
+    /// to `wanted` at the collective `thrust`: `dw = K (w_c - w) + I`, moments by the nominal
+    /// inertia, then [`Self::mix`].
+    pub(crate) fn step(
+        &mut self,
+        config: &AutopilotConfig,
+        wanted: &Vector3<f64>,
+        is: &Vector3<f64>,
+        thrust: f64,
+        dt: f64,
+    ) -> [f64; ROTORS] {
+        let error = wanted - is;
+        let gain = Vector3::new(config.rate_gain_hz, config.rate_gain_hz, config.yaw_rate_gain_hz);
+        for i in 0..3 {
+            // No winding up against a saturated mixer.
+            if !self.saturated[i] || error[i] * self.integral[i] < 0.0 {
+                let next = self.integral[i] + config.rate_integral_hz2 * error[i] * dt;
+                self.integral[i] = next.clamp(-10.0, 10.0);
+            }
+        }
+        let moment = (gain.component_mul(&error) + self.integral).component_mul(&self.inertia);
+        self.mix(thrust, &moment)
+    }
+
+    /// Priority when rotors saturate, as PX4 without air mode: roll and pitch over thrust at the
+    /// upper end (thrust gives way), thrust over roll and pitch at the lower end (they are scaled
+    /// down), heading last.
+    fn mix(&mut self, thrust: f64, moment: &Vector3<f64>) -> [f64; ROTORS] {
+        let n = ROTORS as f64;
+        let thrust = thrust.clamp(0.0, 1.0);
+        let scale = 1.0 / (n * self.rotor_max);
+        // Lift at (x, y) gives the moment (-y T, x T).
+        let tilt = LAYOUT.map(|[x, y, _]| (x * moment.y - y * moment.x) / self.side * scale);
+        let yaw = LAYOUT.map(|[_, _, s]| s * moment.z / self.moment_per_force * scale);
+        let (low, high) = span(&tilt);
+        let room = if -low > thrust { thrust / -low } else { 1.0 }.min(1.0 / (high - low).max(1.0));
+        let base = thrust.min(1.0 - high * room).max(0.0);
+        let mut out = tilt.map(|t| base + t * room);
+        // The share of heading that every rotor has room for.
+        let mut yaw_fraction: f64 = 1.0;
+        for (o, y) in out.iter().zip(yaw) {
+            if y > 0.0 {
+                yaw_fraction = yaw_fraction.min((1.0 - o).max(0.0) / y);
+            } else if y < 0.0 {
+                yaw_fraction = yaw_fraction.min(o.max(0.0) / -y);
+            }
+        }
+        for (o, y) in out.iter_mut().zip(yaw) {
+            *o = (*o + yaw_fraction * y).clamp(0.0, 1.0);
+        }
+        self.saturated = [room < 1.0, room < 1.0, yaw_fraction < 1.0];
+        out
+    }
+}
+
+fn span(values: &[f64; ROTORS]) -> (f64, f64) {
+    values.iter().fold((0.0, 0.0), |(low, high): (f64, f64), v| {
+        (low.min(*v), high.max(*v))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moments(loop_: &RateLoop, out: &[f64; 4]) -> (f64, Vector3<f64>) {
+        let mut m = Vector3::zeros();
+        for (o, [x, y, s]) in out.iter().zip(LAYOUT) {
+            let t = o * loop_.rotor_max;
+            m += Vector3::new(
+                -y * loop_.side * t,
+                x * loop_.side * t,
+                s * loop_.moment_per_force * t,
+            );
+        }
+        (out.iter().sum::<f64>() / 4.0, m)
+    }
+
+    #[test]
+    fn mixer_gives_the_commanded_moments_when_unsaturated() {
+        let mut l = RateLoop::new(&DroneGeometry::default());
+        let wanted = Vector3::new(0.8, -0.5, 0.05);
+        let out = l.mix(0.4, &wanted);
+        let (thrust, m) = moments(&l, &out);
+        assert!((thrust - 0.4).abs() < 1e-12 && (m - wanted).norm() < 1e-12, "{m}");
+    }
+
+    #[test]
+    fn mixer_gives_up_heading_first_and_thrust_next_at_the_upper_limit() {
+        let mut l = RateLoop::new(&DroneGeometry::default());
+        let wanted = Vector3::new(4.0, 0.0, 1.0);
+        let (thrust, m) = moments(&l, &l.clone().mix(1.0, &wanted));
+        assert!(
+            (m.x - 4.0).abs() < 1e-9 && m.z.abs() < 0.5 && thrust < 1.0,
+            "{thrust} {m}"
+        );
+        let out = l.mix(0.02, &wanted);
+        let (thrust, m) = moments(&l, &out);
+        assert!(
+            (thrust - 0.02).abs() < 1e-9 && m.x > 0.0 && m.x < 4.0,
+            "{thrust} {m}"
+        );
+        assert!(l.saturated[0]);
+    }
+
+    #[test]
+    fn attitude_loop_commands_rates_towards_the_target() {
+        let config = AutopilotConfig::default();
+        let target = AttitudeTarget {
+            attitude: UnitQuaternion::from_euler_angles(0.02, -0.01, 1.0),
+            yaw_rate: 0.0,
+            rates: Vector3::zeros(),
+            thrust: 0.3,
+        };
+        let is = UnitQuaternion::from_euler_angles(0.0, 0.0, 1.0);
+        let w = rate_set_point(&config, &target, &is);
+        assert!((w - Vector3::new(0.1, -0.05, 0.0)).norm() < 1e-3, "{w}");
+        let is = UnitQuaternion::from_euler_angles(0.02, -0.01, 0.9);
+        let w = rate_set_point(&config, &target, &is);
+        assert!((w.z - 0.28).abs() < 5e-3 && w.xy().norm() < 0.02, "{w}");
+    }
+}

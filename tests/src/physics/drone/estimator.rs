@@ -1,0 +1,251 @@
+//! The autopilot's sensors and its estimate of its own motion: what flies the drone instead of
+//! the truth.
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use rand_chacha::ChaCha8Rng;
+
+use alight_shared::geometry::GRAVITY;
+
+use super::airframe::Motion;
+use super::config::NavigationConfig;
+use super::noise::{GaussMarkov, normal};
+use crate::physics::streams::Streams;
+
+/// The estimate at one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Estimate {
+    pub(crate) position: Vector3<f64>,
+    pub(crate) velocity: Vector3<f64>,
+    pub(crate) attitude: UnitQuaternion<f64>,
+    pub(crate) rates: Vector3<f64>,
+    pub(crate) specific_force: Vector3<f64>,
+    /// Acceleration in NED, without gravity and accelerometer bias.
+    pub(crate) acceleration: Vector3<f64>,
+}
+
+/// Inertial sensors, GNSS and a Kalman filter over position, velocity and accelerometer bias.
+///
+/// The three axes have the same covariance, so one 3x3 matrix serves all of them.
+#[derive(Clone, Debug)]
+pub(crate) struct Estimator {
+    config: NavigationConfig,
+    gnss_bias: [GaussMarkov; 3],
+    attitude_error: [GaussMarkov; 3],
+    gyro_bias: Vector3<f64>,
+    accelerometer_bias: Vector3<f64>,
+    gnss_rng: ChaCha8Rng,
+    imu_rng: ChaCha8Rng,
+    attitude_rng: ChaCha8Rng,
+    /// Bias in NED, as the filter sees it, m/s².
+    bias: Vector3<f64>,
+    covariance: Matrix3<f64>,
+    until_fix_s: f64,
+    estimate: Estimate,
+}
+
+impl Estimator {
+    /// An estimator that has converged on a drone at rest in the air at `m`.
+    pub(crate) fn new(config: &NavigationConfig, streams: &Streams, m: &Motion, dt: f64) -> Self {
+        let mut gnss_rng = streams.stream("drone.gnss");
+        let mut imu_rng = streams.stream("drone.imu");
+        let mut attitude_rng = streams.stream("drone.attitude");
+        let c = config;
+        let gnss_bias = core::array::from_fn(|_| {
+            GaussMarkov::new(c.gnss_bias_m, c.gnss_bias_s, 1.0 / c.gnss_hz, &mut gnss_rng)
+        });
+        let attitude_error = [
+            (c.tilt_error_deg, c.tilt_error_s),
+            (c.tilt_error_deg, c.tilt_error_s),
+            (c.heading_error_deg, c.heading_error_s),
+        ]
+        .map(|(sd, time)| GaussMarkov::new(sd.to_radians(), time, dt, &mut attitude_rng));
+        let mut draw = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut imu_rng));
+        let (gyro_bias, accelerometer_bias) = (draw(c.gyro_bias_rps), draw(c.accelerometer_bias_mps2));
+        let offset = Vector3::from_fn(|i, _| gnss_bias[i].value);
+        let mut e = Estimator {
+            config: config.clone(),
+            gnss_bias,
+            attitude_error,
+            gyro_bias,
+            accelerometer_bias,
+            gnss_rng,
+            imu_rng,
+            attitude_rng,
+            bias: Vector3::zeros(),
+            covariance: Matrix3::from_diagonal(&Vector3::new(
+                c.gnss_noise_m.powi(2),
+                c.gnss_velocity_mps.powi(2),
+                c.accelerometer_bias_mps2.powi(2) + (c.tilt_error_deg.to_radians() * GRAVITY).powi(2),
+            )),
+            until_fix_s: 0.0,
+            estimate: Estimate {
+                position: m.position + offset,
+                velocity: m.velocity,
+                attitude: m.attitude,
+                rates: m.rates,
+                specific_force: Vector3::new(0.0, 0.0, -GRAVITY),
+                acceleration: Vector3::zeros(),
+            },
+        };
+        // Twenty seconds of hover before the start, for the biases to be known.
+        let still = Vector3::new(0.0, 0.0, -GRAVITY);
+        for _ in 0..(20.0 / dt) as usize {
+            e.step(m, &still, 0.35, dt);
+        }
+        e
+    }
+
+    /// Position of the drone's navigation frame relative to the true one, m: its GNSS error.
+    pub(crate) fn offset(&self) -> Vector3<f64> {
+        Vector3::from_fn(|i, _| self.gnss_bias[i].value)
+    }
+    pub(crate) fn now(&self) -> &Estimate {
+        &self.estimate
+    }
+    /// Standard deviations of position (relative to the slow GNSS error that all fixes of the last
+    /// seconds share, m) and velocity (m/s).
+    pub(crate) fn sd(&self) -> (f64, f64) {
+        let p = &self.covariance;
+        (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
+    }
+
+    /// Standard deviations of roll, pitch, yaw, rad.
+    pub(crate) fn euler_sd(&self) -> [f64; 3] {
+        let c = &self.config;
+        [c.tilt_error_deg, c.tilt_error_deg, c.heading_error_deg]
+            .map(|slow| slow.hypot(c.attitude_noise_deg).to_radians())
+    }
+
+    /// One tick of `dt` that ended at the true motion `m`, over which the mean specific force in
+    /// the body frame was `force` and the collective thrust `thrust` (fraction of the greatest).
+    pub(crate) fn step(&mut self, m: &Motion, force: &Vector3<f64>, thrust: f64, dt: f64) {
+        let c = &self.config;
+        let errors = [0, 1, 2].map(|i| {
+            self.attitude_error[i].step(&mut self.attitude_rng)
+                + c.attitude_noise_deg.to_radians() * normal(&mut self.attitude_rng)
+        });
+        // Tilt errors about the level axes, heading error about the vertical: NED on the left.
+        let (_, _, yaw) = m.attitude.euler_angles();
+        let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        let wrong = UnitQuaternion::from_scaled_axis(level * Vector3::from(errors));
+        let attitude = wrong * m.attitude;
+
+        let gyro = |rng: &mut ChaCha8Rng| c.gyro_noise_rps * normal(rng);
+        let rates = m.rates + self.gyro_bias + Vector3::from_fn(|_, _| gyro(&mut self.imu_rng));
+        let noise = c.accelerometer_noise_mps2.hypot(c.vibration_mps2 * thrust);
+        let limit = c.accelerometer_range_mps2;
+        let specific_force =
+            (force + self.accelerometer_bias + Vector3::from_fn(|_, _| noise * normal(&mut self.imu_rng)))
+                .map(|f| f.clamp(-limit, limit));
+
+        let acceleration = attitude * specific_force + Vector3::z() * GRAVITY - self.bias;
+        let e = &mut self.estimate;
+        e.position += e.velocity * dt + acceleration * (0.5 * dt * dt);
+        e.velocity += acceleration * dt;
+        e.attitude = attitude;
+        e.rates = rates;
+        e.specific_force = specific_force;
+        e.acceleration = acceleration;
+        self.predict(noise, dt);
+
+        self.until_fix_s -= dt;
+        if self.until_fix_s <= 0.5 * dt {
+            self.until_fix_s += 1.0 / self.config.gnss_hz;
+            self.fuse(m);
+        }
+    }
+
+    /// `P = F P F' + Q` for x = [p, v, b], dv/dt = a - b. Q: white accelerometer noise and quick
+    /// attitude noise, and the drift of the bias (tilt error times gravity). As in PX4's EKF2 the
+    /// drift of the GNSS error is no process noise: the estimate follows it slowly and smoothly.
+    fn predict(&mut self, accelerometer_sd: f64, dt: f64) {
+        let c = &self.config;
+        let f = Matrix3::new(1.0, dt, -0.5 * dt * dt, 0.0, 1.0, -dt, 0.0, 0.0, 1.0);
+        let white = accelerometer_sd.hypot(c.attitude_noise_deg.to_radians() * GRAVITY) * dt;
+        let tilt = c.tilt_error_deg.to_radians() * GRAVITY;
+        let q = Vector3::new(0.0, white * white, 2.0 * tilt * tilt / c.tilt_error_s * dt);
+        self.covariance = f * self.covariance * f.transpose() + Matrix3::from_diagonal(&q);
+    }
+
+    /// Position and velocity fix, one scalar at a time (Gelb 1974, section 4.2).
+    fn fuse(&mut self, m: &Motion) {
+        let (sd_p, sd_v) = (self.config.gnss_noise_m, self.config.gnss_velocity_mps);
+        let offset = Vector3::from_fn(|i, _| self.gnss_bias[i].step(&mut self.gnss_rng));
+        let mut noise = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut self.gnss_rng));
+        let position = m.position + offset + noise(sd_p);
+        let velocity = m.velocity + noise(sd_v);
+        for (row, measured, variance) in [(0, position, sd_p * sd_p), (1, velocity, sd_v * sd_v)] {
+            let p = &self.covariance;
+            let gain = p.column(row) / (p[(row, row)] + variance);
+            let predicted = if row == 0 {
+                self.estimate.position
+            } else {
+                self.estimate.velocity
+            };
+            let innovation = measured - predicted;
+            self.estimate.position += innovation * gain[0];
+            self.estimate.velocity += innovation * gain[1];
+            self.bias += innovation * gain[2];
+            let reduced = p - gain * p.row(row);
+            self.covariance = (reduced + reduced.transpose()) * 0.5;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn simulated_estimator_states_the_deviations_it_has() {
+        let dt = 0.01;
+        // A GNSS error that stays the same: what the stated deviation of position leaves out.
+        let config = NavigationConfig {
+            gnss_bias_s: 1e5,
+            ..NavigationConfig::default()
+        };
+        let (mut p2, mut v2, mut n) = (0.0, 0.0, 0.0);
+        let (mut sp, mut sv) = (0.0, 0.0);
+        for seed in 0..20 {
+            let mut m = Motion {
+                position: Vector3::new(0.0, 0.0, -15.0),
+                velocity: Vector3::zeros(),
+                attitude: UnitQuaternion::identity(),
+                rates: Vector3::zeros(),
+            };
+            let mut e = Estimator::new(&config, &Streams::new(seed), &m, dt);
+            for k in 0..3000 {
+                // Sway of 1 m at 1 rad/s.
+                let t = f64::from(k) * dt;
+                let a = Vector3::new(-t.sin(), 0.0, 0.0);
+                m.position.x = t.sin();
+                m.velocity.x = t.cos();
+                let f = a - Vector3::z() * GRAVITY;
+                e.step(&m, &f, 0.35, dt);
+                if k > 500 && k % 50 == 0 {
+                    p2 += (e.now().position - m.position - e.offset()).norm_squared() / 3.0;
+                    v2 += (e.now().velocity - m.velocity).norm_squared() / 3.0;
+                    n += 1.0;
+                    sp += e.sd().0.powi(2);
+                    sv += e.sd().1.powi(2);
+                }
+            }
+        }
+        let (position, velocity) = (p2 / sp, v2 / sv);
+        println!(
+            "sd {} {} ratio {position} {velocity}",
+            (sp / n).sqrt(),
+            (sv / n).sqrt()
+        );
+        assert!(
+            (0.6..1.6).contains(&position),
+            "{position} (sd {})",
+            (sp / n).sqrt()
+        );
+        assert!(
+            (0.6..1.6).contains(&velocity),
+            "{velocity} (sd {})",
+            (sv / n).sqrt()
+        );
+    }
+}

@@ -1,0 +1,398 @@
+//! The drone as truth: rigid body, rotors, wind, contact, and the autopilot that flies it by its
+//! own imperfect estimate.
+//!
+//! [`SimulatedDrone::step`] advances one tick in sub-steps of 2 ms: wind, autopilot, rotors, forces,
+//! contact. Free flight is integrated in double precision; near the deck rapier3d solves contact.
+
+mod airframe;
+mod attitude;
+mod autopilot;
+mod config;
+mod contact;
+mod estimator;
+pub(crate) mod noise;
+mod wind;
+
+#[cfg(test)]
+mod tests;
+
+use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::msg::{AutopilotMode, AutopilotState, DroneState, Header, SetPoint};
+use alight_shared::time::DroneClock;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::physics::body::RigidState;
+use crate::physics::streams::Streams;
+use airframe::{Airframe, Motion};
+use autopilot::Autopilot;
+use contact::{Contact, DeckSpan};
+use estimator::Estimator;
+use wind::Wind;
+
+pub use airframe::ROTORS;
+pub use config::{
+    AirframeConfig, AutopilotConfig, ContactConfig, DroneConfig, LossAction, NavigationConfig, WindConfig,
+};
+pub use contact::{Impact, Part};
+
+/// Longest sub-step, s.
+const SUB_STEP_S: f64 = 0.002;
+/// Further than this from the deck (m) the ground effect is below 0.1 % and is not computed.
+const GROUND_EFFECT_M: f64 = 3.0;
+/// Rapier is asked from this clearance on, m: more than a sub-step at 10 m/s and rapier's own
+/// margin.
+const CONTACT_MARGIN_M: f64 = 0.05;
+
+/// Where the drone starts, hovering.
+#[derive(Clone, Copy, Debug)]
+pub struct DroneStart {
+    /// Centre of mass, true NED, m.
+    pub position: Vector3<f64>,
+    /// Heading, rad.
+    pub yaw: f64,
+}
+
+/// What happened in one tick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// Parts that met the deck in this tick, in order.
+    pub impacts: Vec<Impact>,
+    /// Feet that touch the deck at the end of the tick (within the last 10 ms): front right, rear
+    /// left, front left, rear right.
+    pub feet: [bool; 4],
+    /// Something other than a foot touches the deck at the end of the tick.
+    pub other: bool,
+    /// A foot is below the water's surface.
+    pub in_water: bool,
+    /// The motors may turn.
+    pub armed: bool,
+}
+
+/// The drone.
+pub struct SimulatedDrone {
+    airframe: Airframe,
+    contact: Contact,
+    wind: Wind,
+    estimator: Estimator,
+    autopilot: Autopilot,
+    motion: Motion,
+    acceleration: Vector3<f64>,
+    angular_acceleration: Vector3<f64>,
+    now_s: f64,
+    nominal_max_n: f64,
+    /// Height (NED z, m) of the pad that it stands on before a firmware takes off.
+    pad: Option<f64>,
+    /// Specific force over the last step, body, m/s².
+    specific_force: Vector3<f64>,
+}
+
+/// Who turns the rotors.
+enum FlownBy<'a> {
+    /// The simulated autopilot.
+    Autopilot,
+    /// A firmware: shares of a rotor's greatest thrust; None with the motors off.
+    Firmware(Option<&'a [f64; airframe::ROTORS]>),
+}
+
+impl SimulatedDrone {
+    /// A drone that hovers at `start`, armed, with its estimator converged. True mass and thrust,
+    /// sensor errors and wind come from named streams (`drone.*`, `wind`).
+    pub fn new(
+        config: &DroneConfig,
+        drone: &DroneGeometry,
+        deck: &DeckGeometry,
+        streams: &Streams,
+        start: DroneStart,
+    ) -> Self {
+        let mut airframe = Airframe::new(&config.airframe, drone, deck, streams);
+        airframe.spin_up();
+        let motion = Motion {
+            position: start.position,
+            velocity: Vector3::zeros(),
+            attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, start.yaw),
+            rates: Vector3::zeros(),
+        };
+        let estimator = Estimator::new(&config.navigation, streams, &motion, 0.01);
+        let hover = airframe.mass * GRAVITY / (4.0 * airframe.rotor_max);
+        let autopilot = Autopilot::new(&config.autopilot, drone, estimator.now(), hover);
+        SimulatedDrone {
+            contact: Contact::new(&config.contact, &airframe, drone, deck),
+            wind: Wind::new(&config.wind, streams.stream("wind")),
+            airframe,
+            estimator,
+            autopilot,
+            motion,
+            acceleration: Vector3::zeros(),
+            angular_acceleration: Vector3::zeros(),
+            now_s: 0.0,
+            nominal_max_n: drone.max_thrust_n,
+            pad: None,
+            specific_force: Vector3::new(0.0, 0.0, -GRAVITY),
+        }
+    }
+
+    /// Stands on a pad where it is, motors off, to be flown by a firmware.
+    pub fn stand(&mut self) {
+        self.pad = Some(self.motion.position.z);
+        self.airframe.stand_still();
+    }
+    /// Specific force over the last step, body, m/s².
+    pub fn specific_force(&self) -> Vector3<f64> {
+        self.specific_force
+    }
+
+    /// A set-point reaches the autopilot.
+    pub fn apply(&mut self, set_point: &SetPoint) {
+        self.autopilot.apply(set_point, self.now_s);
+    }
+    /// The operator chooses the autopilot's mode; it starts in `Offboard`.
+    pub fn command_mode(&mut self, mode: AutopilotMode) {
+        self.autopilot.command(mode, self.estimator.now());
+    }
+
+    /// Advances from `t_s` by `dt_s`, over which the deck's centre moves from `deck_start` to
+    /// `deck_end` (cubic between, by position and velocity). The water's surface below the drone
+    /// is at `water_z` (NED, down, m).
+    pub fn step(
+        &mut self,
+        t_s: f64,
+        dt_s: f64,
+        deck_start: &RigidState<Deck>,
+        deck_end: &RigidState<Deck>,
+        water_z: f64,
+    ) -> StepReport {
+        self.integrate(t_s, dt_s, deck_start, deck_end, water_z, &FlownBy::Autopilot)
+    }
+
+    /// The same under a firmware's motors: shares of a rotor's greatest thrust, None with all off.
+    pub fn step_with_motors(
+        &mut self,
+        t_s: f64,
+        dt_s: f64,
+        deck: [&RigidState<Deck>; 2],
+        water_z: f64,
+        motors: Option<&[f64; airframe::ROTORS]>,
+    ) -> StepReport {
+        self.integrate(t_s, dt_s, deck[0], deck[1], water_z, &FlownBy::Firmware(motors))
+    }
+
+    fn integrate(
+        &mut self,
+        t_s: f64,
+        dt_s: f64,
+        deck_start: &RigidState<Deck>,
+        deck_end: &RigidState<Deck>,
+        water_z: f64,
+        flown: &FlownBy<'_>,
+    ) -> StepReport {
+        let mut report = StepReport::default();
+        self.now_s = t_s;
+        let count = (dt_s / SUB_STEP_S - 1e-9).ceil().max(1.0) as u32;
+        let dt = dt_s / f64::from(count);
+        let height = water_z - self.motion.position.z;
+        self.wind.step(dt_s, height, &self.motion.velocity);
+        if matches!(flown, FlownBy::Autopilot) {
+            self.autopilot.outer(self.estimator.now(), t_s, dt_s);
+        }
+
+        // What the attitude and rate loops see: the truth of the sub-step with the errors of the
+        // last estimate, since they are far slower than a tick.
+        let error = self.estimator.now().attitude * self.motion.attitude.inverse();
+        let rate_error = self.estimator.now().rates - self.motion.rates;
+        let path = DeckPath::new(deck_start, deck_end, dt_s);
+        let mut specific = Vector3::zeros();
+        for k in 0..count {
+            let span = path.span(f64::from(k) * dt, dt);
+            let command = match flown {
+                FlownBy::Autopilot => self.autopilot.inner(
+                    &(error * self.motion.attitude),
+                    &(self.motion.rates + rate_error),
+                    dt,
+                ),
+                FlownBy::Firmware(motors) => motors.copied(),
+            };
+            let before = self.motion.velocity;
+            self.sub_step(command.as_ref(), &span, dt, &mut report.impacts);
+            self.rest_on_pad();
+            self.acceleration = (self.motion.velocity - before) / dt;
+            specific += self
+                .motion
+                .attitude
+                .inverse_transform_vector(&(self.acceleration - Vector3::z() * GRAVITY));
+        }
+        self.now_s = t_s + dt_s;
+        let thrust = self.airframe.thrust();
+        self.specific_force = specific / f64::from(count);
+        if matches!(flown, FlownBy::Autopilot) {
+            self.estimator
+                .step(&self.motion, &self.specific_force, thrust, dt_s);
+        }
+
+        report.feet = self.contact.feet();
+        report.other = self.contact.other();
+        report.in_water = self.contact.soles().any(|s| self.motion.point(&s).z > water_z);
+        report.armed = match flown {
+            FlownBy::Autopilot => self.autopilot.armed(),
+            FlownBy::Firmware(motors) => motors.is_some(),
+        };
+        report
+    }
+
+    /// It has not been flown off its pad yet.
+    pub fn on_pad(&self) -> bool {
+        self.pad.is_some()
+    }
+    /// The pad carries what has not taken off: level and at rest. It is gone once the drone is above.
+    fn rest_on_pad(&mut self) {
+        const LEFT_M: f64 = 0.5;
+        let Some(pad) = self.pad else { return };
+        let m = &mut self.motion;
+        if m.position.z < pad - LEFT_M {
+            self.pad = None;
+        } else if m.position.z >= pad {
+            let (_, _, yaw) = m.attitude.euler_angles();
+            m.position.z = pad;
+            m.velocity = Vector3::new(0.0, 0.0, m.velocity.z.min(0.0));
+            m.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+            m.rates = Vector3::zeros();
+        }
+    }
+
+    fn sub_step(
+        &mut self,
+        command: Option<&[f64; airframe::ROTORS]>,
+        deck: &DeckSpan,
+        dt: f64,
+        impacts: &mut Vec<Impact>,
+    ) {
+        self.airframe.spin(command, dt);
+        let m = self.motion;
+        let wind = self.wind.velocity();
+        let distance = self.contact.distance(&m.position, deck);
+        let surface = (distance < GROUND_EFFECT_M).then_some((&deck.centre, &deck.turn));
+        let (force, moment) = self.airframe.loads(&m, &wind, surface);
+        let (dv, dw) = self.airframe.accelerations(&m, &force, &moment, dt);
+
+        let solved = if distance < CONTACT_MARGIN_M {
+            self.contact.step(&m, &(dv * dt), &(dw * dt), deck, dt, impacts)
+        } else {
+            self.contact.away();
+            None
+        };
+        self.motion = solved.unwrap_or_else(|| m.advanced(&dv, &dw, dt));
+        self.angular_acceleration = (self.motion.rates - m.rates) / dt;
+    }
+
+    /// The true state of the centre of mass.
+    pub fn truth(&self) -> RigidState<DroneBody> {
+        let m = &self.motion;
+        RigidState {
+            position: Point::from(m.position),
+            velocity: Vector::from(m.velocity),
+            acceleration: Vector::from(self.acceleration),
+            attitude: Rotation::from(m.attitude),
+            rates: Vector::from(m.rates),
+            angular_acceleration: Vector::from(self.angular_acceleration),
+        }
+    }
+    /// Displacement of the drone's NED from the true one as of now: its GNSS error, m.
+    pub fn frame_offset(&self) -> Vector3<f64> {
+        self.estimator.offset()
+    }
+    /// Wind velocity now, NED, m/s.
+    pub fn wind(&self) -> Vector3<f64> {
+        self.wind.velocity()
+    }
+    /// True mass, kg.
+    pub fn mass_kg(&self) -> f64 {
+        self.airframe.mass
+    }
+    /// True collective thrust now, N (without ground effect).
+    pub fn thrust_n(&self) -> f64 {
+        self.airframe.thrust() * 4.0 * self.airframe.rotor_max
+    }
+    /// Lowest points of the feet in the body frame, m.
+    pub fn soles(&self) -> [Vector3<f64>; 4] {
+        let mut soles = [Vector3::zeros(); 4];
+        for (s, v) in soles.iter_mut().zip(self.contact.soles()) {
+            *s = v;
+        }
+        soles
+    }
+    /// Set-points that were refused.
+    pub fn rejected(&self) -> u64 {
+        self.autopilot.rejected()
+    }
+
+    /// The odometry message, 100 Hz.
+    pub fn odometry(&self, header: Header<DroneClock>) -> DroneState {
+        let e = self.estimator.now();
+        let (position_sd, velocity_sd) = self.estimator.sd();
+        let q = e.attitude;
+        DroneState {
+            header,
+            position: e.position.into(),
+            velocity: e.velocity.into(),
+            attitude: [q.w, q.i, q.j, q.k],
+            rates: e.rates.into(),
+            specific_force: e.specific_force.into(),
+            position_sd: [position_sd; 3],
+            velocity_sd: [velocity_sd; 3],
+            euler_sd: self.estimator.euler_sd(),
+        }
+    }
+    /// The autopilot's state message, 10 Hz.
+    pub fn autopilot_state(&self, header: Header<DroneClock>) -> AutopilotState {
+        let a = &self.autopilot;
+        AutopilotState {
+            header,
+            armed: a.armed(),
+            mode: a.mode(),
+            landed: a.landed(),
+            origin_resets: 0,
+            battery: a.battery(),
+            thrust: a.thrust(),
+            hover_thrust: a.hover_thrust(),
+        }
+    }
+    /// Greatest nominal thrust, N: what a normalised thrust of 1 commands.
+    pub fn nominal_max_n(&self) -> f64 {
+        self.nominal_max_n
+    }
+}
+
+/// The deck's motion over one tick: cubic Hermite in position, turned at a constant rate.
+struct DeckPath {
+    a: [Vector3<f64>; 4],
+    turn: UnitQuaternion<f64>,
+    spin: Vector3<f64>,
+    length: f64,
+}
+
+impl DeckPath {
+    fn new(start: &RigidState<Deck>, end: &RigidState<Deck>, length: f64) -> Self {
+        let (p0, p1) = (start.position.0, end.position.0);
+        let (v0, v1) = (start.velocity.0 * length, end.velocity.0 * length);
+        let turn = end.attitude.0 * start.attitude.0.inverse();
+        DeckPath {
+            a: [p0, v0, (p1 - p0) * 3.0 - v0 * 2.0 - v1, (p0 - p1) * 2.0 + v0 + v1],
+            turn: start.attitude.0,
+            spin: turn.scaled_axis() / length,
+            length,
+        }
+    }
+    fn position(&self, t: f64) -> Vector3<f64> {
+        let s = t / self.length;
+        self.a[0] + (self.a[1] + (self.a[2] + self.a[3] * s) * s) * s
+    }
+    fn span(&self, t: f64, dt: f64) -> DeckSpan {
+        let centre = self.position(t);
+        DeckSpan {
+            centre,
+            turn: UnitQuaternion::from_scaled_axis(self.spin * t) * self.turn,
+            velocity: (self.position(t + dt) - centre) / dt,
+            spin: self.spin,
+        }
+    }
+}

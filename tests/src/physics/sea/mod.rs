@@ -1,0 +1,370 @@
+//! The sea as truth: deep-water Gerstner waves, asked at any point and time.
+//!
+//! Each water particle with label `x0` (its place at rest, horizontal) is at
+//! `x = x0 - sum q A d sin(theta)`, elevation `zeta = sum A cos(theta)`, `theta = k d.x0 - w t + phi`,
+//! `w² = g k` (Gerstner 1802; several components as in Tessendorf 2001 and VRX). The questions are
+//! Eulerian (what is at this place?), so `x0` is solved from `x` by two Newton steps and one
+//! correction of the phases to second order, always the same work. It is loop-free while
+//! `sum q k A < 1`, which [`Sea::new`] ensures by lowering q where needed.
+//!
+//! Below the surface, velocity and acceleration decay with `exp(-k h)`, h the depth under the
+//! *instantaneous* surface: exact for one Gerstner wave up to second order in steepness, and what
+//! Wheeler (1970) does for irregular seas; above the surface h counts as zero.
+
+pub mod config;
+pub mod spectrum;
+mod trig;
+
+use core::f64::consts::TAU;
+
+use alight_shared::frames::{Point, TrueNed, Vector};
+use alight_shared::geometry::GRAVITY;
+use alight_shared::time::{Time, TrueTime};
+use nalgebra::{Vector2, Vector3};
+use rand::RngExt;
+
+pub use config::{MAX_COMPONENTS, SeaConfig, SeaKind};
+
+use crate::physics::streams::Streams;
+
+/// Density of sea water at 15 °C, kg/m³ (ITTC 2011).
+pub const WATER_DENSITY: f64 = 1026.0;
+
+/// Greatest sum of q k A: 1 is where the surface starts to fold.
+const MAX_STEEPNESS: f64 = 0.9;
+
+/// One wave.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Component {
+    /// Amplitude, m.
+    pub amplitude_m: f64,
+    /// Wave number, rad/m.
+    pub wave_number: f64,
+    /// Angular frequency, rad/s.
+    pub frequency: f64,
+    /// Direction of travel: unit vector north, east.
+    pub direction: Vector2<f64>,
+    /// Phase at the origin at time zero, rad.
+    pub phase: f64,
+}
+
+impl Component {
+    /// A deep-water wave by its angular frequency.
+    pub fn deep(amplitude_m: f64, frequency: f64, direction_rad: f64, phase: f64) -> Self {
+        Component {
+            amplitude_m,
+            wave_number: frequency * frequency / GRAVITY,
+            frequency,
+            direction: Vector2::new(direction_rad.cos(), direction_rad.sin()),
+            phase,
+        }
+    }
+}
+
+/// What the water does at one place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WaterSample {
+    /// Elevation of the surface above the rest level, m, up.
+    pub elevation_m: f64,
+    /// Its gradient towards north and east (up per horizontal), -.
+    pub slope: Vector2<f64>,
+    /// Velocity of the water, NED, m/s.
+    pub velocity: Vector3<f64>,
+    /// Acceleration of the water particle, NED, m/s².
+    pub acceleration: Vector3<f64>,
+    /// `sum A cos(theta) exp(-k h)`, m: the elevation felt at depth.
+    pub elevation_at_depth_m: f64,
+}
+
+impl WaterSample {
+    /// Unit normal of the surface, out of the water, NED.
+    pub fn normal(&self) -> Vector<TrueNed> {
+        Vector::from(Vector3::new(-self.slope.x, -self.slope.y, -1.0).normalize())
+    }
+    /// NED z of the surface, m, down.
+    pub fn surface_z(&self) -> f64 {
+        -self.elevation_m
+    }
+}
+
+/// The water at a point in space.
+#[derive(Clone, Copy, Debug)]
+pub struct Water {
+    /// Depth under the instantaneous surface, m; negative in the air.
+    pub depth_m: f64,
+    /// Velocity, m/s.
+    pub velocity: Vector<TrueNed>,
+    /// Acceleration of the particle, m/s².
+    pub acceleration: Vector<TrueNed>,
+    /// Pressure above the atmosphere's, Pa; zero at the surface and above it.
+    pub pressure_pa: f64,
+    /// Its part from the waves: [`Water::pressure_pa`] minus the hydrostatic pressure under the rest
+    /// level, Pa.
+    pub dynamic_pressure_pa: f64,
+}
+
+/// The sea.
+#[derive(Clone, Debug)]
+pub struct Sea {
+    components: Vec<Component>,
+    /// q: share of the full horizontal displacement.
+    steepness_factor: f64,
+}
+
+impl Sea {
+    /// Draws the sea of `config` from the streams `sea/...`.
+    pub fn new(config: &SeaConfig, streams: &Streams) -> Sea {
+        let mut rng = streams.stream("sea/mean-direction");
+        let drawn = rng.random::<f64>() * TAU;
+        let mean = config.mean_direction_deg.map_or(drawn, f64::to_radians);
+        let mut phases = streams.stream("sea/phase");
+        let peak = TAU / config.peak_period_s;
+        let components = match config.kind {
+            SeaKind::Calm => Vec::new(),
+            SeaKind::Paper => {
+                let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
+                let s: f64 = config.wavelength_scale.unwrap_or(drawn);
+                let middle = TAU / config.period_s;
+                [-1.0, 0.0, 1.0]
+                    .into_iter()
+                    .map(|i: f64| {
+                        Component::deep(
+                            config.amplitude_m * s.powf(i),
+                            // Wavelength times s^i is frequency over s^(i/2).
+                            middle * s.powf(-0.5 * i),
+                            mean + i * config.direction_step_rad,
+                            spectrum::phase(&mut phases),
+                        )
+                    })
+                    .collect()
+            }
+            SeaKind::Jonswap => irregular(config, peak, config.gamma, mean, streams),
+            SeaKind::PiersonMoskowitz => irregular(config, peak, 1.0, mean, streams),
+        };
+        Self::from_components(components)
+    }
+
+    /// A regular wave of given length (m), going towards `direction_rad` clockwise from north.
+    pub fn regular(amplitude_m: f64, wavelength_m: f64, direction_rad: f64) -> Sea {
+        let frequency = (GRAVITY * TAU / wavelength_m).sqrt();
+        Self::from_components(vec![Component::deep(amplitude_m, frequency, direction_rad, 0.0)])
+    }
+
+    /// A sea of these waves; those beyond [`MAX_COMPONENTS`] and those without amplitude are left out.
+    pub fn from_components(mut components: Vec<Component>) -> Sea {
+        components.retain(|c| c.amplitude_m > 0.0);
+        components.truncate(MAX_COMPONENTS);
+        let steepness: f64 = components.iter().map(|c| c.wave_number * c.amplitude_m).sum();
+        Sea {
+            components,
+            steepness_factor: if steepness > MAX_STEEPNESS {
+                MAX_STEEPNESS / steepness
+            } else {
+                1.0
+            },
+        }
+    }
+
+    /// Its waves.
+    pub fn components(&self) -> &[Component] {
+        &self.components
+    }
+    /// Sum of q k A, below 1: the sea does not fold.
+    pub fn steepness(&self) -> f64 {
+        let sum = |s, c: &Component| s + c.wave_number * c.amplitude_m;
+        self.steepness_factor * self.components.iter().fold(0.0, sum)
+    }
+    /// Variance of the elevation, m².
+    pub fn variance(&self) -> f64 {
+        self.components
+            .iter()
+            .map(|c| 0.5 * c.amplitude_m * c.amplitude_m)
+            .sum()
+    }
+
+    /// Elevation of the surface at `north`, `east` (m), m up.
+    pub fn elevation(&self, t: Time<TrueTime>, north: f64, east: f64) -> f64 {
+        self.surface(t, north, east).elevation_m
+    }
+    /// The water at the surface above or below `north`, `east` (m).
+    pub fn surface(&self, t: Time<TrueTime>, north: f64, east: f64) -> WaterSample {
+        let mut out = [WaterSample::default()];
+        self.sample(t, &[Vector2::new(north, east)], 0.0, &mut out);
+        out[0]
+    }
+    /// The water at a point in space.
+    pub fn water(&self, t: Time<TrueTime>, p: Point<TrueNed>) -> Water {
+        let at = [p.0.xy()];
+        let mut out = [WaterSample::default()];
+        self.sample(t, &at, 0.0, &mut out);
+        let depth_m = p.0.z + out[0].elevation_m;
+        if depth_m > 0.0 {
+            self.sample(t, &at, depth_m, &mut out);
+        }
+        let h = depth_m.max(0.0);
+        let weight = WATER_DENSITY * GRAVITY;
+        // p = rho g (h - sum A cos (1 - e^-kh)): zero at the surface, linear theory below.
+        let pressure_pa =
+            weight * (h - out[0].elevation_m + out[0].elevation_at_depth_m).max(0.0) * f64::from(h > 0.0);
+        Water {
+            depth_m,
+            velocity: Vector::from(out[0].velocity),
+            acceleration: Vector::from(out[0].acceleration),
+            pressure_pa,
+            dynamic_pressure_pa: pressure_pa - weight * p.0.z.max(0.0),
+        }
+    }
+
+    /// The water at many places (north, east, m) at once: the surface above each, and the motion at
+    /// `depth_m` under that surface. Fills as many of `out` as there are `points`.
+    pub fn sample(&self, t: Time<TrueTime>, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
+        let n = self.components.len();
+        let t = t.secs();
+        let mut kernel = [Precomputed::default(); MAX_COMPONENTS];
+        for (k, c) in kernel.iter_mut().zip(&self.components) {
+            let wave = c.direction * c.wave_number;
+            let reach = c.direction * (self.steepness_factor * c.amplitude_m);
+            *k = Precomputed {
+                k: wave,
+                base: (c.phase - c.frequency * t) % TAU,
+                reach,
+                bend: [reach.x * wave.x, reach.x * wave.y, reach.y * wave.y],
+                // At the surface, the usual question, without the exponential.
+                decay: if depth_m > 0.0 {
+                    (-c.wave_number * depth_m).exp()
+                } else {
+                    1.0
+                },
+            };
+        }
+        let mut trig = [(0.0, 1.0); MAX_COMPONENTS];
+        for (p, o) in points.iter().zip(out) {
+            *o = self.sample_one(&kernel[..n], &mut trig[..n], *p);
+        }
+    }
+
+    /// One place; `kernel` holds what does not depend on the place, `trig` is scratch for the sine and
+    /// cosine of each phase.
+    fn sample_one(&self, kernel: &[Precomputed], trig: &mut [(f64, f64)], x: Vector2<f64>) -> WaterSample {
+        // Solve x0 - D(x0) = x by Newton's method; D(x0) = sum q A d sin is the displacement.
+        let mut displacement = Vector2::zeros();
+        let mut fold = Fold::default();
+        for (sc, k) in trig.iter_mut().zip(kernel) {
+            *sc = trig::sin_cos(k.k.dot(&x) + k.base);
+            displacement += k.reach * sc.0;
+            fold.add(k, sc.1);
+        }
+        // First step from x0 = x: the phases turn by k.step, less than the steepness allows (1.6 rad).
+        let step = fold.solve(displacement);
+        displacement = Vector2::zeros();
+        fold = Fold::default();
+        for (sc, k) in trig.iter_mut().zip(kernel) {
+            let turn = k.k.dot(&step).clamp(-1.6, 1.6);
+            *sc = turned(*sc, trig::near_zero(turn));
+            displacement += k.reach * sc.0;
+            fold.add(k, sc.1);
+        }
+        // The second step is small: second order in it is enough.
+        let step = fold.solve(displacement - step);
+        for (sc, k) in trig.iter_mut().zip(kernel) {
+            let e = k.k.dot(&step);
+            *sc = turned(*sc, (e, 1.0 - 0.5 * e * e));
+        }
+        let mut w = WaterSample::default();
+        let mut gradient = Vector2::zeros();
+        for ((k, c), &(sin, cos)) in kernel.iter().zip(&self.components).zip(trig.iter()) {
+            let up = c.amplitude_m * cos;
+            w.elevation_m += up;
+            w.elevation_at_depth_m += up * k.decay;
+            gradient -= k.k * (c.amplitude_m * sin);
+            let speed = c.frequency * k.decay;
+            let push = speed * c.frequency;
+            w.velocity += Vector3::new(
+                k.reach.x * speed * cos,
+                k.reach.y * speed * cos,
+                -c.amplitude_m * speed * sin,
+            );
+            w.acceleration += Vector3::new(
+                k.reach.x * push * sin,
+                k.reach.y * push * sin,
+                c.amplitude_m * push * cos,
+            );
+        }
+        // d zeta/dx = (dx/dx0)^-T d zeta/dx0; the fold is symmetric.
+        w.slope = fold.solve(gradient);
+        w
+    }
+}
+
+/// Part of a component that is the same for all places of one call.
+#[derive(Clone, Copy, Default)]
+struct Precomputed {
+    /// Wave vector, rad/m.
+    k: Vector2<f64>,
+    /// Phase at the origin now, rad.
+    base: f64,
+    /// q A d, m.
+    reach: Vector2<f64>,
+    /// q A k d d': north-north, north-east, east-east.
+    bend: [f64; 3],
+    /// exp(-k h).
+    decay: f64,
+}
+
+/// Sine and cosine of the sum of two angles.
+#[inline(always)]
+fn turned(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0 * b.1 + a.1 * b.0, a.1 * b.1 - a.0 * b.0)
+}
+
+/// The symmetric 2x2 matrix `dx/dx0 = I - sum q A k d d' cos(theta)`.
+#[derive(Clone, Copy)]
+struct Fold {
+    nn: f64,
+    ne: f64,
+    ee: f64,
+}
+impl Default for Fold {
+    fn default() -> Self {
+        Fold {
+            nn: 1.0,
+            ne: 0.0,
+            ee: 1.0,
+        }
+    }
+}
+impl Fold {
+    #[inline(always)]
+    fn add(&mut self, c: &Precomputed, cos: f64) {
+        self.nn -= c.bend[0] * cos;
+        self.ne -= c.bend[1] * cos;
+        self.ee -= c.bend[2] * cos;
+    }
+    /// Solves `fold y = v`; positive definite while the sea does not fold.
+    fn solve(&self, v: Vector2<f64>) -> Vector2<f64> {
+        let det = self.nn * self.ee - self.ne * self.ne;
+        Vector2::new(self.ee * v.x - self.ne * v.y, self.nn * v.y - self.ne * v.x) / det
+    }
+}
+
+/// Components of an irregular sea, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`.
+fn irregular(config: &SeaConfig, peak: f64, gamma: f64, mean: f64, streams: &Streams) -> Vec<Component> {
+    let n = config.components.clamp(1, MAX_COMPONENTS);
+    let amplitude = config.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();
+    let mut directions = streams.stream("sea/direction");
+    let mut phases = streams.stream("sea/phase");
+    spectrum::frequencies(peak, gamma, n, &mut streams.stream("sea/frequency"))
+        .into_iter()
+        .map(|w| {
+            Component::deep(
+                amplitude,
+                w,
+                mean + spectrum::direction(config.spread, &mut directions),
+                spectrum::phase(&mut phases),
+            )
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

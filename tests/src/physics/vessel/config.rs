@@ -1,0 +1,107 @@
+//! The simulated vessel's figures.
+
+use alight_shared::config;
+use serde::{Deserialize, Serialize};
+
+/// What the vessel's own autopilot does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Course {
+    /// Engines off.
+    #[default]
+    Drift,
+    /// Along the starting heading at a set speed.
+    Straight,
+    /// Around a square, turning to starboard, the first leg along the starting heading.
+    Square,
+}
+
+/// Somebody presses or pushes the vessel, and lets go.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Push {
+    /// When, s of true time.
+    pub at_s: f64,
+    /// For how long, s.
+    pub for_s: f64,
+    /// How hard: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    pub by_n_nm: [f64; 6],
+}
+
+config! {
+    /// Vessel as truth: nonlinear, and by purpose not the model that estimator and predictor use.
+    ///
+    /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge drag,
+    /// thrust; sway and yaw drag from its newer set); added mass of the Otter (Fossen, MSS toolbox; its
+    /// surge share is 0.1), relative damping heave 0.3, roll 0.2, pitch 0.4 (likewise). Ours: centre of
+    /// gravity 0.2 m above the water, 12 sections per hull, square of 40 m so that a leg lasts 20 s at 2
+    /// m/s.
+    pub struct VesselConfig {
+        /// Mass, kg.
+        pub mass_kg: f64 = 211.0;
+        /// Centre of gravity in the body frame (origin midships on the waterline at rest), m.
+        pub centre_of_gravity_m: [f64; 3] = [0.0, 0.0, -0.2], in -2.0..=2.0;
+        /// Moments of inertia about the centre of gravity, forward, right, down, kg m².
+        pub inertia_kgm2: [f64; 3] = [120.0, 393.0, 446.0];
+        /// Added mass as a share of mass (surge, sway, heave) and of inertia (roll, pitch, yaw), -.
+        pub added_mass: [f64; 6] = [0.1, 1.5, 1.0, 0.2, 0.8, 1.7], in 0.0..=5.0;
+        /// Radius of the half-cylinder hulls, m.
+        pub hull_radius_m: f64 = 0.213, in 0.05..=5.0;
+        /// Their length, m.
+        pub hull_length_m: f64 = 4.9, in 0.5..=50.0;
+        /// Distance of each hull from the centre line, m.
+        pub hull_offset_m: f64 = 1.03, in 0.1..=20.0;
+        /// Sections per hull over which pressure is integrated.
+        pub sections_per_hull: usize = 12, in 5.0..=40.0;
+        /// Damping ratio of heave, roll and pitch relative to the moving water, -.
+        pub damping_ratio: [f64; 3] = [0.3, 0.2, 0.4], in 0.0..=2.0;
+        /// Linear drag relative to the moving water, surge and sway, N/(m/s).
+        pub linear_drag_nspm: [f64; 2] = [51.3, 100.0], in 0.0..=5e3;
+        /// Quadratic drag, surge and sway, N/(m/s)².
+        pub quadratic_drag_ns2pm2: [f64; 2] = [72.4, 100.0], in 0.0..=5e3;
+        /// Linear yaw drag, Nm/(rad/s).
+        pub linear_yaw_drag_nms: f64 = 400.0, in 0.0..=2e4;
+        /// Quadratic yaw drag, Nm/(rad/s)².
+        pub quadratic_yaw_drag_nms2: f64 = 800.0, in 0.0..=2e4;
+        /// How much of the water's horizontal motion reaches surge, sway and yaw: 1 is physics, 0 the stock
+        /// simulator whose buoyancy is purely vertical.
+        pub sideways_coupling: f64 = 1.0, in 0.0..=1.0;
+        /// Greatest forward thrust of each of the two engines, N.
+        pub thrust_forward_n: f64 = 250.0, in 0.0..=1e5;
+        /// Greatest reverse thrust of each, N.
+        pub thrust_reverse_n: f64 = 100.0, in 0.0..=1e5;
+        /// What the vessel's autopilot does.
+        pub course: Course = Course::Drift;
+        /// Its speed through the water, m/s.
+        pub speed_mps: f64 = 2.0, in 0.0..=10.0;
+        /// Side of the square, m.
+        pub side_m: f64 = 40.0, in 5.0..=5e3;
+        /// Starting heading clockwise from north, deg; drawn per seed where absent.
+        pub heading_deg: Option<f64> = None, in -360.0..=360.0;
+        /// Pushes.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub pushes: Vec<Push> = Vec::new();
+    }
+    check |this, at| {
+        // Two half cylinders carry at most rho pi r² L; beyond 0.7 of it they would be awash.
+        let carried = crate::physics::sea::WATER_DENSITY
+            * core::f64::consts::PI
+            * this.hull_radius_m.powi(2)
+            * this.hull_length_m;
+        at.range("mass_kg", this.mass_kg, 0.02 * carried, 0.7 * carried)?;
+        // Radii of gyration between a twentieth and twice the hull's length.
+        let l2 = this.mass_kg * this.hull_length_m.powi(2);
+        at.ranges("inertia_kgm2", &this.inertia_kgm2, l2 / 400.0, 4.0 * l2)?;
+        for push in &this.pushes {
+            at.range("pushes.at_s", push.at_s, 0.0, 1e6)?;
+            at.range("pushes.for_s", push.for_s, 0.0, 1e3)?;
+            at.ranges("pushes.by_n_nm", &push.by_n_nm, -1e6, 1e6)?;
+        }
+        at.require(
+            this.pushes.len() <= 100,
+            "pushes",
+            this.pushes.len(),
+            "at most 100",
+        )?;
+    }
+}

@@ -1,0 +1,278 @@
+use super::*;
+use crate::physics::sea::{SeaConfig, SeaKind};
+
+const DT: f64 = 0.01;
+
+fn calm() -> Sea {
+    Sea::from_components(Vec::new())
+}
+fn heading_north() -> VesselConfig {
+    VesselConfig {
+        heading_deg: Some(0.0),
+        ..VesselConfig::default()
+    }
+}
+/// Runs for `seconds` and hands every state to `see`.
+fn run(vessel: &mut Vessel, sea: &Sea, seconds: f64, mut see: impl FnMut(f64, &RigidState<VesselBody>)) {
+    for i in 0..(seconds / DT).round() as i64 {
+        let t = Time::from_nanos(i * 10_000_000);
+        vessel.step(t, DT, sea);
+        see((i + 1) as f64 * DT, &vessel.state());
+    }
+}
+
+#[test]
+fn vessel_floats_level_and_still_on_calm_water() {
+    let sea = calm();
+    let mut vessel = Vessel::new(&heading_north(), &sea, &Streams::new(1));
+    run(&mut vessel, &sea, 20.0, |_, _| {});
+    let s = vessel.state();
+    assert!(s.position.0.norm() < 1e-6, "{:?}", s.position);
+    assert!(s.velocity.norm() < 1e-6 && s.rates.norm() < 1e-6);
+    assert!(s.attitude.0.angle() < 1e-6);
+}
+
+#[test]
+fn vessel_natural_periods_are_those_of_a_stiff_boat() {
+    // Released 3 cm too high, or tilted by 2 deg, with little damping: periods by zero crossings.
+    let sea = calm();
+    let config = VesselConfig {
+        damping_ratio: [0.02; 3],
+        ..heading_north()
+    };
+    for (axis, low, high) in [("heave", 0.6, 0.8), ("roll", 0.3, 0.5), ("pitch", 0.45, 0.75)] {
+        let mut vessel = Vessel::new(&config, &sea, &Streams::new(1));
+        match axis {
+            "heave" => vessel.motion.position.z = -0.03,
+            "roll" => vessel.motion.attitude = UnitQuaternion::from_euler_angles(0.035, 0.0, 0.0),
+            _ => vessel.motion.attitude = UnitQuaternion::from_euler_angles(0.0, 0.035, 0.0),
+        }
+        let mut crossings = Vec::new();
+        let mut before = 1.0;
+        run(&mut vessel, &sea, 5.0, |t, s| {
+            let e = s.euler();
+            let x = match axis {
+                "heave" => s.position.0.z,
+                "roll" => e.x,
+                _ => e.y,
+            };
+            if x < 0.0 && before >= 0.0 {
+                crossings.push(t);
+            }
+            before = x;
+        });
+        let n = crossings.len();
+        let period = (crossings[n - 1] - crossings[0]) / (n - 1) as f64;
+        assert!((low..high).contains(&period), "{axis}: {period} s");
+    }
+}
+
+#[test]
+fn vessel_follows_long_waves_as_a_water_particle_and_lies_on_their_slope() {
+    // 160 m long, 0.8 m high: ratio to the hull 33.
+    let sea = Sea::regular(0.8, 160.0, 0.5);
+    let config = VesselConfig {
+        heading_deg: Some(60.0),
+        ..VesselConfig::default()
+    };
+    let mut vessel = Vessel::new(&config, &sea, &Streams::new(1));
+    let (mut heave, mut tilt, mut deficit, mut speed) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+    run(&mut vessel, &sea, 60.0, |t, s| {
+        let w = sea.surface(Time::from_secs(t), s.position.0.x, s.position.0.y);
+        heave = heave.max((s.position.0.z - w.surface_z()).abs());
+        tilt = tilt.max((s.attitude.down().0 + w.normal().0).norm());
+        deficit = deficit.max((s.velocity.0 - w.velocity).norm());
+        speed = speed.max(w.velocity.norm());
+    });
+    assert!(heave < 0.02, "{heave} m off the surface");
+    assert!(
+        tilt.to_degrees() < 0.35,
+        "{} deg off the slope",
+        tilt.to_degrees()
+    );
+    assert!(deficit < 0.08 * speed, "slips {deficit} of {speed} m/s");
+}
+
+#[test]
+fn vessel_without_sideways_coupling_hardly_surges_in_waves() {
+    let sea = Sea::regular(0.8, 80.0, 0.0);
+    let reach = |coupling: f64| {
+        let config = VesselConfig {
+            sideways_coupling: coupling,
+            ..heading_north()
+        };
+        let mut vessel = Vessel::new(&config, &sea, &Streams::new(1));
+        let (mut low, mut high) = (0.0_f64, 0.0_f64);
+        run(&mut vessel, &sea, 30.0, |_, s| {
+            (low, high) = (low.min(s.velocity.0.x), high.max(s.velocity.0.x));
+        });
+        high - low
+    };
+    let (full, half, none) = (reach(1.0), reach(0.5), reach(0.0));
+    assert!(none < 0.35 * full && half < 0.75 * full, "{full} {half} {none}");
+}
+
+#[test]
+fn vessel_moves_in_all_six_degrees_of_freedom_in_waves() {
+    let sea = Sea::new(&SeaConfig::default(), &Streams::new(5));
+    let mut vessel = Vessel::new(&VesselConfig::default(), &sea, &Streams::new(5));
+    let mut sums = [0.0_f64; 6];
+    run(&mut vessel, &sea, 60.0, |_, s| {
+        let v = s.attitude.inverse() * s.velocity;
+        for i in 0..3 {
+            sums[i] = sums[i].max(v.0[i].abs());
+            sums[i + 3] = sums[i + 3].max(s.rates.0[i].abs());
+        }
+    });
+    for (i, low) in [0.2, 0.2, 0.4, 0.05, 0.05, 0.005].into_iter().enumerate() {
+        assert!(sums[i] > low, "degree of freedom {i}: {sums:?}");
+    }
+}
+
+#[test]
+fn vessel_velocities_and_accelerations_are_derivatives_of_its_motion() {
+    let sea = Sea::new(&SeaConfig::paper(0.8, 5.0), &Streams::new(2));
+    let mut vessel = Vessel::new(&VesselConfig::default(), &sea, &Streams::new(2));
+    let mut last: Vec<RigidState<VesselBody>> = Vec::new();
+    run(&mut vessel, &sea, 20.0, |_, s| last.push(*s));
+    for w in last[200..].windows(3) {
+        let v = (w[2].position.0 - w[0].position.0) / (2.0 * DT);
+        assert!((v - w[1].velocity.0).norm() < 2e-3);
+        let a = (w[2].velocity.0 - w[0].velocity.0) / (2.0 * DT);
+        assert!(
+            (a - w[1].acceleration.0).norm() < 5e-2,
+            "{a} {}",
+            w[1].acceleration.0
+        );
+        let turn = (w[0].attitude.0.inverse() * w[2].attitude.0).scaled_axis() / (2.0 * DT);
+        assert!((turn - w[1].rates.0).norm() < 5e-3);
+        let dw = (w[2].rates.0 - w[0].rates.0) / (2.0 * DT);
+        assert!((dw - w[1].angular_acceleration.0).norm() < 0.1);
+    }
+}
+
+#[test]
+fn vessel_stays_bounded_for_ten_minutes_of_very_rough_and_steep_irregular_seas() {
+    let irregular = SeaConfig {
+        kind: SeaKind::Jonswap,
+        significant_height_m: 3.0,
+        peak_period_s: 6.0,
+        ..SeaConfig::default()
+    };
+    for (config, course) in [
+        (SeaConfig::paper(1.0, 6.0), Course::Drift),
+        (SeaConfig::paper(1.0, 6.0), Course::Square),
+        (irregular, Course::Drift),
+    ] {
+        let sea = Sea::new(&config, &Streams::new(11));
+        let vessel_config = VesselConfig {
+            course,
+            ..VesselConfig::default()
+        };
+        let mut vessel = Vessel::new(&vessel_config, &sea, &Streams::new(11));
+        run(&mut vessel, &sea, 600.0, |t, s| {
+            let w = sea.surface(Time::from_secs(t), s.position.0.x, s.position.0.y);
+            assert!((s.position.0.z - w.surface_z()).abs() < 0.6, "heave at {t}");
+            assert!(s.velocity.norm() < 8.0 && s.rates.norm() < 3.0, "fast at {t}");
+            assert!(s.attitude.down().0.z > 0.6, "tilted at {t}");
+        });
+    }
+}
+
+#[test]
+fn vessel_autopilot_holds_course_and_speed_in_waves() {
+    let sea = Sea::new(&SeaConfig::paper(0.5, 5.0), &Streams::new(3));
+    let config = VesselConfig {
+        course: Course::Straight,
+        ..heading_north()
+    };
+    let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
+    let (mut off, mut far) = (0.0_f64, 0.0);
+    run(&mut vessel, &sea, 100.0, |_, s| {
+        off = off.max(s.position.0.y.abs());
+        far = s.position.0.x;
+    });
+    assert!(off < 5.0, "{off} m off the line");
+    assert!((150.0..250.0).contains(&far), "{far} m in 100 s at 2 m/s");
+}
+
+#[test]
+fn vessel_square_course_at_2_mps_has_four_legs_of_20_s() {
+    let sea = calm();
+    let config = VesselConfig {
+        course: Course::Square,
+        ..heading_north()
+    };
+    let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
+    let mut legs = [0_u32; 4];
+    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+    run(&mut vessel, &sea, 90.0, |_, s| {
+        let quarter = (s.euler().z.rem_euclid(TAU) / (TAU / 4.0)).round() as usize % 4;
+        legs[quarter] += 1;
+        (low, high) = (low.inf(&s.position.0), high.sup(&s.position.0));
+    });
+    assert!(legs.iter().all(|n| *n > 1600), "{legs:?}");
+    for i in 0..2 {
+        assert!((38.0..52.0).contains(&(high[i] - low[i])), "{low} {high}");
+    }
+}
+
+#[test]
+fn vessel_is_bit_identical_for_a_seed_and_differs_between_seeds() {
+    let go = |seed| {
+        let sea = Sea::new(&SeaConfig::default(), &Streams::new(seed));
+        let mut vessel = Vessel::new(&VesselConfig::default(), &sea, &Streams::new(seed));
+        run(&mut vessel, &sea, 5.0, |_, _| {});
+        vessel.state().position.0.map(f64::to_bits)
+    };
+    assert_eq!(go(4), go(4));
+    assert_ne!(go(4), go(5));
+}
+
+#[test]
+fn vessel_default_survives_toml_and_bad_values_are_named() {
+    use alight_shared::config::parse;
+    let text = toml::to_string(&VesselConfig::default()).unwrap();
+    assert_eq!(
+        parse::<VesselConfig>(&text, "test").unwrap(),
+        VesselConfig::default()
+    );
+    for (bad, key) in [
+        ("mass_kg = 5000.0", "mass_kg"),
+        ("sideways_coupling = 1.5", "sideways_coupling"),
+        ("speed_mps = nan", "speed_mps"),
+        ("inertia_kgm2 = [0.0, 1.0, 1.0]", "inertia_kgm2"),
+        ("speed = 1.0", "unknown field"),
+    ] {
+        let e = parse::<VesselConfig>(bad, "test").unwrap_err().to_string();
+        assert!(e.contains(key), "{bad}: {e}");
+    }
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(24))]
+    #[test]
+    fn vessel_of_any_allowed_configuration_stays_finite_in_any_allowed_sea(
+        mass in 60.0..450.0_f64, damping in 0.0..2.0_f64, radius in 0.0..1.0_f64,
+        amplitude in 0.0..1.2_f64, period in 5.0..12.0_f64, coupling in 0.0..1.0_f64, seed in 0_u64..1000,
+    ) {
+        use alight_shared::config::{Check, Keys};
+        let l2 = mass * 4.9 * 4.9;
+        let config = VesselConfig {
+            mass_kg: mass,
+            // From the least allowed inertia to one a quarter of the greatest.
+            inertia_kgm2: [l2 * (1.0 / 400.0 + radius); 3],
+            damping_ratio: [damping; 3],
+            sideways_coupling: coupling,
+            course: Course::Square,
+            ..VesselConfig::default()
+        };
+        proptest::prop_assert!(config.check(&Keys::ROOT).is_ok());
+        let sea = Sea::new(&SeaConfig::paper(amplitude, period), &Streams::new(seed));
+        let mut vessel = Vessel::new(&config, &sea, &Streams::new(seed));
+        run(&mut vessel, &sea, 30.0, |_, _| {});
+        let s = vessel.state();
+        proptest::prop_assert!(s.position.0.norm() < 300.0 && s.velocity.norm() < 15.0, "{:?}", s.position);
+        proptest::prop_assert!(s.acceleration.norm() < 100.0 && s.rates.norm() < 10.0);
+    }
+}

@@ -1,0 +1,208 @@
+//! Two planners on the same seeds: differences pair by pair, so that the sea is not in them.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::harness::outcome::Outcome;
+use crate::studies::statistics::{Metric, SampleStatistics, bootstrap, bootstrap_mean, wilson};
+
+/// What is compared.
+pub const COMPARED: [Metric; 6] = [
+    ("position_error_m", |o| o.position_error_m),
+    ("touchdown_speed_mps", |o| o.touchdown_speed_mps),
+    ("tangential_speed_mps", |o| o.tangential_speed_mps),
+    ("tilt_error_deg", |o| o.tilt_error_deg),
+    ("landing_time_s", |o| o.landing_time_s),
+    ("over_deck_time_s", |o| o.over_deck_time_s),
+];
+
+/// The mean of `other - first` over the pairs in which both touched.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Difference {
+    /// Name of the figure.
+    pub metric: &'static str,
+    /// Mean difference.
+    pub mean: f64,
+    /// Its 95 % bootstrap interval.
+    pub interval: [f64; 2],
+    /// Pairs.
+    pub pairs: usize,
+}
+
+/// How often each succeeds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Rates {
+    /// Successes of the first, and of the other.
+    pub successes: [usize; 2],
+    /// Wilson's 95 % interval of each rate.
+    pub wilson: [[f64; 2]; 2],
+    /// Seeds on which only the first succeeds, and only the other.
+    pub only: [usize; 2],
+    /// Difference of the rates, `other - first`.
+    pub difference: f64,
+    /// Its 95 % bootstrap interval over pairs.
+    pub interval: [f64; 2],
+}
+
+/// A planner against the first one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Scenario; None for all together.
+    pub scenario: Option<String>,
+    /// The first planner.
+    pub first: String,
+    /// The other.
+    pub other: String,
+    /// Seeds that both flew.
+    pub pairs: usize,
+    /// Successes.
+    pub rates: Rates,
+    /// Figures.
+    pub differences: Vec<Difference>,
+}
+
+type Pair<'a> = (&'a Outcome, &'a Outcome);
+
+/// Outcomes of both planners by scenario and seed, where both are there.
+pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, other: &str) -> Vec<Pair<'a>> {
+    let of = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
+        outcomes
+            .iter()
+            .filter(|o| o.planner == planner && scenario.is_none_or(|s| s == o.sea))
+            .map(|o| ((o.sea.as_str(), o.seed), o))
+            .collect()
+    };
+    let others = of(other);
+    of(first)
+        .into_iter()
+        .filter_map(|(key, a)| others.get(&key).map(|b| (a, *b)))
+        .collect()
+}
+
+/// `other` against `first` in one scenario, or in all. None without a common seed.
+pub fn compare(outcomes: &[Outcome], scenario: Option<&str>, first: &str, other: &str) -> Option<Comparison> {
+    let pairs = pairs(outcomes, scenario, first, other);
+    let n = pairs.len();
+    let count = |f: &dyn Fn(&Pair<'_>) -> bool| pairs.iter().filter(|p| f(p)).count();
+    let successes = [count(&|p| p.0.success), count(&|p| p.1.success)];
+    let changes: Vec<f64> = pairs
+        .iter()
+        .map(|(a, b)| f64::from(i8::from(b.success) - i8::from(a.success)))
+        .collect();
+    let rates = Rates {
+        successes,
+        wilson: successes.map(|s| wilson(s, n).into()),
+        only: [
+            count(&|p| p.0.success && !p.1.success),
+            count(&|p| p.1.success && !p.0.success),
+        ],
+        difference: changes.iter().sum::<f64>() / n.max(1) as f64,
+        interval: bootstrap_mean(&changes)?,
+    };
+    let differences = COMPARED
+        .iter()
+        .filter_map(|(metric, f)| {
+            let d: Vec<f64> = pairs
+                .iter()
+                .filter_map(|(a, b)| Some(f(b)? - f(a)?))
+                .filter(|d| d.is_finite())
+                .collect();
+            Some(Difference {
+                metric,
+                interval: bootstrap_mean(&d)?,
+                mean: d.iter().sum::<f64>() / d.len() as f64,
+                pairs: d.len(),
+            })
+        })
+        .collect();
+    Some(Comparison {
+        scenario: scenario.map(Into::into),
+        first: first.into(),
+        other: other.into(),
+        pairs: n,
+        rates,
+        differences,
+    })
+}
+
+/// How many times larger the 95th percentile of a figure is with `other` than with `first`, with its
+/// 95 % bootstrap interval over pairs.
+pub fn p95_ratio(
+    outcomes: &[Outcome],
+    first: &str,
+    other: &str,
+    metric: fn(&Outcome) -> Option<f64>,
+) -> Option<(f64, [f64; 2])> {
+    let values: Vec<(f64, f64)> = pairs(outcomes, None, first, other)
+        .into_iter()
+        .filter_map(|(a, b)| Some((metric(a)?, metric(b)?)))
+        .collect();
+    let ratio = |v: &[(f64, f64)]| {
+        let p95 =
+            |f: fn(&(f64, f64)) -> f64| SampleStatistics::of(v.iter().map(f)).map_or(f64::NAN, |f| f.p95);
+        p95(|v| v.1) / p95(|v| v.0)
+    };
+    Some((ratio(&values), bootstrap(&values, ratio)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::harness::outcome::Judge;
+
+    fn flown(planner: &str, sea: &str, seed: u64, position: Option<f64>, success: bool) -> Outcome {
+        Outcome {
+            position_error_m: position,
+            success,
+            ..Judge::default().outcome(seed, sea, planner, 1.0)
+        }
+    }
+
+    #[test]
+    fn paired_difference_does_not_contain_the_common_sea() {
+        let mut all = Vec::new();
+        for seed in 0..40 {
+            let sea = 0.1 * (seed % 7) as f64;
+            all.push(flown("a", "x", seed, Some(sea), true));
+            // Not in the order of the seeds, and one more than the first has flown.
+            all.insert(0, flown("b", "x", seed, Some(sea + 0.05), seed % 4 != 0));
+        }
+        all.push(flown("b", "x", 99, Some(9.0), false));
+        all.push(flown("b", "y", 1, Some(9.0), false));
+        let c = compare(&all, Some("x"), "a", "b").unwrap();
+        assert_eq!(
+            (c.pairs, c.rates.successes, c.rates.only),
+            (40, [40, 30], [10, 0])
+        );
+        let d = c.differences[0];
+        assert!((d.mean - 0.05).abs() < 1e-12 && d.interval.iter().all(|i| (i - 0.05).abs() < 1e-12));
+        assert!((c.rates.difference + 0.25).abs() < 1e-12);
+        assert!(c.rates.interval[0] < -0.25 && c.rates.interval[1] > -0.25);
+        assert!(compare(&all, Some("y"), "a", "b").is_none());
+    }
+
+    #[test]
+    fn paired_rates_count_a_trial_without_contact() {
+        let all = [
+            flown("a", "x", 1, Some(0.1), true),
+            flown("b", "x", 1, None, false),
+            flown("a", "x", 2, Some(0.1), true),
+            flown("b", "x", 2, Some(0.4), true),
+        ];
+        let c = compare(&all, None, "a", "b").unwrap();
+        assert_eq!((c.pairs, c.differences[0].pairs), (2, 1));
+        assert!((c.differences[0].mean - 0.3).abs() < 1e-12);
+    }
+
+    #[test]
+    fn p95_ratio_recovers_a_known_factor() {
+        let mut all = Vec::new();
+        for seed in 1..=100 {
+            all.push(flown("a", "x", seed, Some(seed as f64), true));
+            all.push(flown("b", "x", seed, Some(3.0 * seed as f64), true));
+        }
+        let (ratio, [lo, hi]) = p95_ratio(&all, "a", "b", |o| o.position_error_m).unwrap();
+        assert!((ratio - 3.0).abs() < 1e-12 && (lo - 3.0).abs() < 1e-9 && (hi - 3.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,318 @@
+//! The calibrations on the simulated vehicles, whose truth is known here and nowhere else.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use alight_shared::msg::{CommandKind, State};
+use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::Tap;
+use alight_sim::harness::world::World;
+use alight_sim::physics::vessel::rigid::rigid_body_mass;
+use alight_sim::physics::vessel::{Push, VesselConfig, hull::Hull};
+use alight_uav::calibrate::{
+    DeckCalibration, DeckCalibrationError, DeckCalibrationResult, DronePlacement, USABLE_M, ValueWithSd,
+};
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_usv::calibrate::incline::{inertia, stiffness};
+use alight_usv::calibrate::{DOF_NAMES, NotObservable, Record, Weight};
+use alight_usv::{VesselIn, VesselOut};
+use nalgebra::{Matrix6, Vector3, Vector6};
+
+/// Hands the calibration what the predictor reads, once the drone stands.
+struct Press {
+    calibration: DeckCalibration,
+    stands: bool,
+}
+
+impl Tap for Press {
+    fn predictor(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, i: &PredictorIn, _: &PredictorOut) {
+        self.calibration.take(i, self.stands);
+    }
+}
+
+fn at_sea(sea: &str) -> Scenario {
+    Scenario {
+        sea: sea.parse().unwrap(),
+        ..Scenario::default()
+    }
+}
+
+/// Receivers with corrections, and a tag that the camera sees from the deck.
+fn scene() -> Scenario {
+    let mut s = at_sea("slight");
+    s.deck.tag_side_m = 0.12;
+    s.sensors.tag.min_distance_m = 0.1;
+    s.sensors.vessel_gnss.error.bias_sd_m = 0.01;
+    s.sensors.vessel_gnss.error.white_sd_m = 0.01;
+    s.drone.navigation.gnss_bias_m = 0.01;
+    s.drone.navigation.gnss_noise_m = 0.01;
+    s
+}
+
+/// Lands, then stands for `seconds`; what the calibration finds, and the truth: deck's centre in the
+/// vessel's body, and where the drone really stands on the deck.
+fn press(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    seconds: f64,
+    receivers_sd_m: Option<[f64; 2]>,
+) -> (Result<DeckCalibrationResult, DeckCalibrationError>, [f64; 2]) {
+    let config = nodes.drone.predictor();
+    let middle = DronePlacement::centred(&config);
+    let stand = DronePlacement {
+        receivers_sd_m: receivers_sd_m.unwrap_or(middle.receivers_sd_m),
+        ..middle
+    };
+    let mut tap = Press {
+        calibration: DeckCalibration::new(&config, stand),
+        stands: false,
+    };
+    let mut world = World::new(scenario, nodes, seed).unwrap();
+    world.warm_up_with(&mut tap);
+    world.command(CommandKind::Land);
+    let mut landed = None;
+    for _ in 0..60_000 {
+        world.tick_with(&mut tap);
+        if world.mission_state().state == State::Landed && landed.is_none() {
+            landed = Some(world.now().secs() + 3.0);
+        }
+        tap.stands = landed.is_some_and(|t| world.now().secs() >= t);
+        if landed.is_some_and(|t| world.now().secs() >= t + seconds) {
+            break;
+        }
+    }
+    assert!(landed.is_some(), "seed {seed} did not land");
+    let deck = world.deck();
+    let drone = world.drone().unwrap();
+    let at = deck.attitude.0.inverse() * (drone.position.0 - deck.position.0);
+    (tap.calibration.result(), [at.x, at.y])
+}
+
+fn within(found: &ValueWithSd, truth: f64, what: &str) {
+    let error = (found.value - truth).abs();
+    println!(
+        "{what}: {:.4} +- {:.4}, truth {truth:.4}: {:.1} sd",
+        found.value,
+        found.sd,
+        error / found.sd
+    );
+    assert!(error < 3.0 * found.sd, "{what}: {found:?}, truth {truth}");
+}
+
+#[test]
+fn deck_calibration_finds_the_displaced_deck_that_the_drone_stands_on() {
+    let mut scenario = scene();
+    scenario.deck.centre_m = [0.25, -0.1, -1.42];
+    let mut nodes = NodeConfigs::default();
+    nodes.vessel.gnss.height_bias_sd_m = 0.02;
+    nodes.drone.deck.tag_side_m = scenario.deck.tag_side_m;
+    for seed in [1, 2, 3, 4] {
+        let (found, truly_at) = press(&scenario, &nodes, seed, 60.0, Some([0.03, 0.03]));
+        let found = found.unwrap();
+        for (f, (truth, axis)) in found
+            .centre
+            .iter()
+            .zip(scenario.deck.centre_m.into_iter().zip(["x", "y", "z"]))
+        {
+            within(f, truth, axis);
+            assert!(f.sd <= USABLE_M, "{axis}: {f:?}");
+        }
+        for (f, truth) in found.stood_at.iter().zip(truly_at) {
+            within(f, truth, "stands at");
+        }
+    }
+}
+
+#[test]
+fn deck_calibration_separates_receiver_offsets_from_a_displaced_deck() {
+    let mut scenario = at_sea("slight");
+    scenario.deck.centre_m = [0.25, -0.1, -1.42];
+    for seed in [4, 5] {
+        let (found, truly_at) = press(&scenario, &NodeConfigs::default(), seed, 60.0, None);
+        let found = found.unwrap();
+        println!("{found:?}");
+        assert!(found.mount.is_none(), "a tag of 1 m is too near to be seen");
+        let at = [truly_at[0], truly_at[1], 0.0];
+        for k in 0..3 {
+            // Nobody has told it where on the deck it stands.
+            within(&found.centre[k], scenario.deck.centre_m[k] + at[k], "place");
+        }
+    }
+}
+
+/// Records what the vessel's sensors say.
+#[derive(Default)]
+struct Recorder(Record);
+
+impl Tap for Recorder {
+    fn vessel(&mut self, _: Time<TrueTime>, _: Time<VesselClock>, i: &VesselIn, _: &VesselOut) {
+        i.imu.iter().for_each(|m| self.0.imu(m));
+        i.gnss.iter().for_each(|m| self.0.gnss(m));
+        i.heading.iter().for_each(|m| self.0.heading(m));
+    }
+}
+
+/// What the recording of `seconds` of this vessel tells.
+fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::Found {
+    let mut scenario = scenario.clone();
+    scenario.start.warm_up_s = seconds;
+    let nodes = NodeConfigs::default();
+    let mut recorder = Recorder::default();
+    let mut world = World::new(&scenario, &nodes, seed).unwrap();
+    while world.now().secs() < seconds {
+        world.tick_with(&mut recorder);
+    }
+    recorder.0.found(&nodes.vessel)
+}
+
+/// Damping and stiffness per mass of small motions: sway and roll, surge and pitch share inertia because
+/// the centre of gravity lies above the water, so what counts is the diagonal of the inverse of M.
+fn linear(v: &VesselConfig) -> [[f64; 2]; DOFS] {
+    let inertia = Vector3::from(v.inertia_kgm2);
+    let added =
+        [0, 1, 2, 3, 4, 5].map(|i| v.added_mass[i] * if i < 3 { v.mass_kg } else { v.inertia_kgm2[i - 3] });
+    let mass = rigid_body_mass(v.mass_kg, Vector3::from(v.centre_of_gravity_m), inertia)
+        + Matrix6::from_diagonal(&Vector6::from(added));
+    let inverse = mass.try_inverse().unwrap();
+    let g = Hull::new(v, alight_shared::geometry::GRAVITY).stiffness;
+    let mut of = [[0.0; 2]; DOFS];
+    for (i, dof) in [HEAVE, ROLL, PITCH].into_iter().enumerate() {
+        let d = 2.0 * v.damping_ratio[i] * (g[i] * mass[(dof, dof)]).sqrt();
+        of[dof] = [d * inverse[(dof, dof)], g[i] * inverse[(dof, dof)]];
+    }
+    of[SURGE][0] = v.linear_drag_nspm[0] * inverse[(SURGE, SURGE)];
+    of[SWAY][0] = v.linear_drag_nspm[1] * inverse[(SWAY, SWAY)];
+    of[YAW][0] = v.linear_yaw_drag_nms * inverse[(YAW, YAW)];
+    of
+}
+
+/// Pushed in every degree of freedom three times, on calm water.
+fn pushed(strength: f64) -> Scenario {
+    let mut s = at_sea("0,5");
+    // Drag that grows with the square of the speed has no place in a linear model.
+    s.vessel.quadratic_drag_ns2pm2 = [0.0; 2];
+    s.vessel.quadratic_yaw_drag_nms2 = 0.0;
+    let mut t = 20.0;
+    // Pressed for 3 s and let go; shoved for a second and let go.
+    for (dof, by, for_s, rest_s) in [
+        (ROLL, 800.0, 3.0, 12.0),
+        (PITCH, 1200.0, 3.0, 12.0),
+        (HEAVE, 800.0, 3.0, 12.0),
+        (YAW, 450.0, 1.0, 30.0),
+        (SURGE, 600.0, 1.0, 40.0),
+        (SWAY, 1000.0, 1.0, 40.0),
+    ] {
+        for _ in 0..3 {
+            let mut by_n_nm = [0.0; 6];
+            by_n_nm[dof] = by * strength;
+            s.vessel.pushes.push(Push {
+                at_s: t,
+                for_s,
+                by_n_nm,
+            });
+            t += rest_s;
+        }
+    }
+    s
+}
+
+#[test]
+fn vessel_calibration_recovers_damping_stiffness_and_antenna_from_pushes() {
+    let mut scenario = pushed(1.0);
+    scenario.sensors.vessel_gnss.antenna_m = [-1.0, 0.3, -1.7];
+    for seed in [1, 2] {
+        let found = recorded(&scenario, seed, 480.0);
+        let truth = linear(&scenario.vessel);
+        for (dof, decay) in found.decays.iter().enumerate() {
+            let d = decay.unwrap_or_else(|e| panic!("{}: {e:?}", DOF_NAMES[dof]));
+            for (figure, truth, what) in [
+                (d.damping, truth[dof][0], "D/M"),
+                (d.stiffness, truth[dof][1], "G/M"),
+            ] {
+                let off = (figure.value - truth).abs();
+                println!(
+                    "{} {what} {figure:?} truth {truth:.3}, {} pushes",
+                    DOF_NAMES[dof], d.pushes
+                );
+                // The hull is no linear model: 5 % are its own.
+                assert!(
+                    off <= 3.0 * figure.sd + 0.05 * truth,
+                    "{} {what} {figure:?} {truth}",
+                    DOF_NAMES[dof]
+                );
+            }
+        }
+        let antenna = found.antenna_m.unwrap();
+        println!("{antenna:?}");
+        for (f, truth) in antenna.iter().zip(scenario.sensors.vessel_gnss.antenna_m) {
+            assert!((f.value - truth).abs() < 3.0 * f.sd, "{f:?} {truth}");
+        }
+    }
+}
+
+#[test]
+fn vessel_calibration_recovers_mass_and_stiffness_from_a_known_weight() {
+    let scenario = pushed(1.0);
+    let weight = Weight {
+        mass_kg: 60.0,
+        at_m: [1.4, 0.9],
+    };
+    let mut loaded = pushed(0.0);
+    let newton = weight.mass_kg * alight_shared::geometry::GRAVITY;
+    let [x, y] = weight.at_m;
+    loaded.vessel.pushes = vec![Push {
+        at_s: 0.0,
+        for_s: 1000.0,
+        by_n_nm: [0.0, 0.0, newton, newton * y, -newton * x, 0.0],
+    }];
+    let v = &scenario.vessel;
+    let truth = Hull::new(v, alight_shared::geometry::GRAVITY).stiffness;
+    for seed in [1, 2, 3] {
+        let (without, with) = (recorded(&scenario, seed, 140.0), recorded(&loaded, seed, 60.0));
+        let found = stiffness(&weight, &without.level, &with.level);
+        for (k, dof) in [ROLL, PITCH].into_iter().enumerate() {
+            let g = found[k].unwrap_or_else(|e| panic!("{}: {e:?}", DOF_NAMES[dof]));
+            let m = inertia(&g, &without.decays[dof].unwrap()).unwrap();
+            let true_m = truth[k + 1] / linear(v)[dof][1];
+            println!(
+                "{} G {g:?} truth {:.0}, M {m:?} truth {true_m:.0}",
+                DOF_NAMES[dof],
+                truth[k + 1]
+            );
+            // The hull is no linear model: 5 % are its own.
+            assert!((g.value - truth[k + 1]).abs() <= 3.0 * g.sd + 0.05 * truth[k + 1]);
+            assert!((m.value - true_m).abs() <= 3.0 * m.sd + 0.05 * true_m);
+        }
+    }
+}
+
+#[test]
+fn vessel_calibration_is_not_observable_at_rest_or_in_waves() {
+    let found = recorded(&pushed(0.0), 1, 60.0);
+    assert!(
+        found
+            .decays
+            .iter()
+            .all(|d| matches!(d, Err(NotObservable::NotPushed { .. }))),
+        "{found:?}"
+    );
+    assert!(
+        found.antenna_m.is_none_or(|a| a.iter().all(|f| f.sd > 0.1)),
+        "{found:?}"
+    );
+    // Waves tell where the antenna is, and nothing else.
+    let mut scenario = at_sea("moderate");
+    scenario.sensors.vessel_gnss.antenna_m = [-1.0, 0.3, -1.7];
+    let found = recorded(&scenario, 2, 180.0);
+    assert!(found.decays.iter().all(Result::is_err), "{found:?}");
+    let antenna = found.antenna_m.unwrap();
+    println!("{antenna:?}");
+    for (f, truth) in antenna.iter().zip(scenario.sensors.vessel_gnss.antenna_m) {
+        assert!(
+            (f.value - truth).abs() < 3.0 * f.sd && f.sd < 0.15,
+            "{f:?} {truth}"
+        );
+    }
+}

@@ -1,0 +1,97 @@
+//! The link as the whole system feels it: what it costs, what it loses, how it comes back.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use alight_shared::msg::State;
+use alight_sim::harness::outcome::{Ending, Outcome};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::world::World;
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::radio::Transport;
+
+fn slight() -> Scenario {
+    Scenario {
+        sea: "slight".parse::<SeaConfig>().unwrap(),
+        ..Scenario::default()
+    }
+}
+
+fn land(scenario: &Scenario, seed: u64) -> Outcome {
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    fly(scenario, &NodeConfigs::default(), seed, "test", watch)
+        .unwrap()
+        .outcome
+}
+
+/// Bytes per second to the drone and the share that a full queue swallowed, over the second half of
+/// a warm-up of a minute.
+fn load(scenario: &Scenario) -> (f64, f64) {
+    let mut world = World::new(scenario, &NodeConfigs::default(), 102).unwrap();
+    let mut counts = Vec::new();
+    for _ in 0..2 {
+        for _ in 0..3000 {
+            world.tick();
+        }
+        counts.push(world.radio_counts()[0]);
+    }
+    let (a, b) = (counts[0], counts[1]);
+    let sent = (b.sent - a.sent) as f64;
+    (
+        (b.sent_bytes - a.sent_bytes) as f64 / 30.0,
+        (b.overflowed - a.overflowed) as f64 / sent,
+    )
+}
+
+#[test]
+fn vessel_broadcasts_less_than_20_kb_a_second_at_full_rates() {
+    let (bytes_per_s, overflowed) = load(&slight());
+    // The large messages alone are 8 kB/s: less than that would not be the full rates.
+    assert!((12_000.0..20_000.0).contains(&bytes_per_s), "{bytes_per_s}");
+    assert_eq!(overflowed, 0.0);
+}
+
+#[test]
+fn vessel_adapts_to_a_narrow_link_and_the_drone_still_lands() {
+    let mut scenario = slight();
+    scenario.radio.rate_bps = 32_000.0;
+    scenario.radio.queue_bytes = 4096;
+    let (bytes_per_s, overflowed) = load(&scenario);
+    // 32 kbit/s are 4000 bytes/s.
+    assert!((2_000.0..4_200.0).contains(&bytes_per_s), "{bytes_per_s}");
+    assert!(overflowed < 0.03, "{overflowed}");
+    for seed in [102, 103] {
+        let outcome = land(&scenario, seed);
+        assert_eq!(outcome.outcome, Ending::Success, "{outcome:?}");
+    }
+}
+
+#[test]
+fn drone_lands_after_a_long_outage_in_any_state_over_either_transport() {
+    let states = [
+        (State::GetAltitude, Transport::Udp),
+        (State::Approach, Transport::Quic),
+        (State::Tracking, Transport::Udp),
+        (State::Descent, Transport::Quic),
+        (State::Flare, Transport::Udp),
+    ];
+    for (state, transport) in states {
+        let mut scenario = slight();
+        scenario.radio.transport = transport;
+        scenario.radio_outage = Some(StateOutage {
+            state,
+            after_s: 0.0,
+            duration_s: 10.0,
+        });
+        let outcome = land(&scenario, 104);
+        let what = format!("{state:?} over {transport:?}: {outcome:?}");
+        assert_eq!(
+            (outcome.outcome, outcome.unsafe_contacts),
+            (Ending::Success, 0),
+            "{what}"
+        );
+    }
+}

@@ -1,0 +1,93 @@
+//! Motion that no wave explains: a platform that rocks fast about its deck, 1.3 m above the vessel's
+//! sensors, while the heave is of an unrelated sea.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use std::path::{Path, PathBuf};
+
+use alight_sim::harness::outcome::Ending;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::studies::estimator::{run, state_errors};
+use alight_usv::VesselNodeConfig;
+
+fn scene(file: PathBuf, scale: f64, start_s: f64) -> Scenario {
+    Scenario {
+        sea: SeaConfig::paper(0.2, 5.0),
+        deck_motion: Some(DeckMotionConfig {
+            file,
+            scale,
+            start_s,
+            ..DeckMotionConfig::default()
+        }),
+        ..Scenario::default()
+    }
+}
+
+/// Roll and pitch of 1.5 deg amplitude at 1.1 to 1.4 Hz with a slower rocking at 0.47 Hz, 10 rows a
+/// second, in a file of the test's own name.
+fn platform(name: &str) -> PathBuf {
+    let mut csv = String::from("t_s,roll_deg,pitch_deg\n");
+    for k in 0..1500 {
+        let t = 0.1 * f64::from(k);
+        let w = |hz: f64| (core::f64::consts::TAU * hz * t).sin();
+        let (roll, pitch) = (w(0.47) + 1.5 * w(1.13), 0.3 * w(0.47) + 1.5 * w(1.37));
+        csv += &format!("{t:.1},{roll:.4},{pitch:.4}\n");
+    }
+    let path = std::env::temp_dir().join(format!("alight-{name}-{}.csv", std::process::id()));
+    std::fs::write(&path, csv).unwrap();
+    path
+}
+
+#[test]
+fn estimator_tilt_is_unbiased_under_horizontal_acceleration() {
+    let file = platform("estimator");
+    let scenario = scene(file.clone(), 1.0, 0.0);
+    let runs: Vec<_> = (0..2)
+        .map(|seed| run(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
+        .collect();
+    std::fs::remove_file(file).unwrap();
+    // Position, attitude, velocity, rates. An accelerometer bias of 0.1 m/s² is 0.01 rad of tilt; it
+    // was 0.1 rad while the force's fluctuation was taken to tell tilt from bias.
+    let e = state_errors(&runs).per_axis;
+    assert!(e[1] < 0.025, "attitude {} rad", e[1]);
+    assert!(e[2] < 0.1, "velocity {} m/s", e[2]);
+}
+
+#[test]
+fn drone_lands_on_a_platform_that_rocks_fast() {
+    let file = platform("landing");
+    for seed in [1, 2] {
+        let scenario = scene(file.clone(), 1.0, 7.0 * seed as f64);
+        assert_lands(&scenario, seed);
+    }
+    std::fs::remove_file(file).unwrap();
+}
+
+#[test]
+fn drone_lands_on_the_recorded_platform_as_it_was_and_twice_as_steep() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
+    if !file.exists() {
+        eprintln!("skipped: {} is missing", file.display());
+        return;
+    }
+    for (scale, seed) in [(1.0, 101), (1.0, 107), (2.0, 103), (2.0, 109)] {
+        assert_lands(&scene(file.clone(), scale, 29.0 * (seed - 100) as f64), seed);
+    }
+}
+
+fn assert_lands(scenario: &Scenario, seed: u64) {
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    let o = fly(scenario, &NodeConfigs::default(), seed, "recorded", watch)
+        .unwrap()
+        .outcome;
+    assert_eq!(o.outcome, Ending::Success, "seed {seed}: {}", o.reason);
+    assert_eq!(o.unsafe_contacts, 0, "seed {seed}");
+    let tilt = o.tilt_error_deg.unwrap();
+    assert!(tilt < 6.0, "seed {seed}: {tilt} deg");
+}

@@ -1,0 +1,190 @@
+//! The dialect's words in ours.
+
+use alight_shared::frames::Datum;
+use mavlink::dialects::common as m;
+
+use super::super::message::{
+    Address, AttitudeTarget, CommandLong, CommandResult, HilGps, HilSensor, Message, OdometryReport,
+    PositionTarget, VelocityFrame,
+};
+use super::extension::RESET_COUNTER_AT;
+use super::{text, wide};
+
+/// Standard gravity as `SCALED_IMU` means it, m/s² per mG.
+const MILLI_G: f64 = 9.806_65e-3;
+
+/// What of a message landing needs; extension fields are looked up in its payload.
+pub(super) fn decode(message: m::MavMessage, payload: &[u8]) -> Option<Message> {
+    use m::MavMessage as M;
+    Some(match message {
+        M::HEARTBEAT(d) => Message::Heartbeat {
+            autopilot: d.autopilot as u8,
+            vehicle: d.mavtype as u8,
+            base_mode: d.base_mode.bits(),
+            custom_mode: d.custom_mode,
+        },
+        M::TIMESYNC(d) => Message::Timesync {
+            remote_ns: d.tc1,
+            local_ns: d.ts1,
+        },
+        M::ODOMETRY(d) => Message::Odometry(odometry(&d, payload)?),
+        M::LOCAL_POSITION_NED(d) => Message::LocalPosition {
+            time_ms: d.time_boot_ms,
+            position: wide([d.x, d.y, d.z]),
+            velocity: wide([d.vx, d.vy, d.vz]),
+        },
+        M::ATTITUDE_QUATERNION(d) => Message::Attitude {
+            time_ms: d.time_boot_ms,
+            attitude: wide([d.q1, d.q2, d.q3, d.q4]),
+            rates: wide([d.rollspeed, d.pitchspeed, d.yawspeed]),
+        },
+        M::HIGHRES_IMU(d) => Message::Imu {
+            time_us: d.time_usec,
+            accelerometer: wide([d.xacc, d.yacc, d.zacc]),
+            gyro: wide([d.xgyro, d.ygyro, d.zgyro]),
+        },
+        M::SCALED_IMU(d) => Message::Imu {
+            time_us: u64::from(d.time_boot_ms) * 1000,
+            accelerometer: [d.xacc, d.yacc, d.zacc].map(|a| f64::from(a) * MILLI_G),
+            gyro: [d.xgyro, d.ygyro, d.zgyro].map(|w| f64::from(w) * 1e-3),
+        },
+        M::DISTANCE_SENSOR(d) => {
+            if d.orientation != m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270 {
+                return None;
+            }
+            let metres = |cm: u16| f64::from(cm) * 0.01;
+            Message::Distance {
+                time_ms: d.time_boot_ms,
+                range_m: metres(d.current_distance),
+                limits_m: [metres(d.min_distance), metres(d.max_distance)],
+                // cm²; 255 is unknown.
+                variance: Some(d.covariance)
+                    .filter(|c| !matches!(c, 0 | 255))
+                    .map(|c| f64::from(c) * 1e-4),
+            }
+        }
+        M::CURRENT_MODE(d) => Message::Mode {
+            custom_mode: d.custom_mode,
+        },
+        M::EXTENDED_SYS_STATE(d) => Message::Landed {
+            state: d.landed_state as u8,
+        },
+        M::BATTERY_STATUS(d) => Message::Battery {
+            number: d.id,
+            remaining: (0..=100)
+                .contains(&d.battery_remaining)
+                .then(|| f64::from(d.battery_remaining) * 0.01),
+        },
+        M::ATTITUDE_TARGET(d) => Message::AttitudeTargetThrust {
+            thrust: d.thrust.into(),
+        },
+        M::PARAM_REQUEST_READ(d) => Message::ParameterRequest {
+            to: to(d.target_system, d.target_component),
+            name: text(&d.param_id),
+        },
+        M::PARAM_VALUE(d) => Message::Parameter {
+            name: text(&d.param_id),
+            value: d.param_value.into(),
+        },
+        M::GPS_GLOBAL_ORIGIN(d) => Message::Origin(Datum {
+            latitude_deg: f64::from(d.latitude) * 1e-7,
+            longitude_deg: f64::from(d.longitude) * 1e-7,
+            height_m: f64::from(d.altitude) * 1e-3,
+        }),
+        M::COMMAND_LONG(d) => Message::Command(CommandLong {
+            to: to(d.target_system, d.target_component),
+            command: d.command as u16,
+            confirmation: d.confirmation,
+            parameters: wide([
+                d.param1, d.param2, d.param3, d.param4, d.param5, d.param6, d.param7,
+            ]),
+        }),
+        M::COMMAND_ACK(d) => Message::CommandAck {
+            command: d.command as u16,
+            result: match d.result {
+                m::MavResult::MAV_RESULT_ACCEPTED => CommandResult::Accepted,
+                m::MavResult::MAV_RESULT_TEMPORARILY_REJECTED => CommandResult::TemporarilyRejected,
+                m::MavResult::MAV_RESULT_DENIED => CommandResult::Denied,
+                m::MavResult::MAV_RESULT_UNSUPPORTED => CommandResult::Unsupported,
+                m::MavResult::MAV_RESULT_FAILED => CommandResult::Failed,
+                m::MavResult::MAV_RESULT_IN_PROGRESS => CommandResult::InProgress,
+                _ => CommandResult::Other,
+            },
+        },
+        M::SET_POSITION_TARGET_LOCAL_NED(d) => Message::Position(PositionTarget {
+            to: to(d.target_system, d.target_component),
+            position: wide([d.x, d.y, d.z]),
+            velocity: wide([d.vx, d.vy, d.vz]),
+            acceleration: wide([d.afx, d.afy, d.afz]),
+            yaw: d.yaw.into(),
+            yaw_rate: d.yaw_rate.into(),
+        }),
+        M::SET_ATTITUDE_TARGET(d) => {
+            let ignored = m::AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE;
+            Message::AttitudeThrust(AttitudeTarget {
+                to: to(d.target_system, d.target_component),
+                attitude: wide(d.q),
+                rates: (!d.type_mask.contains(ignored))
+                    .then(|| wide([d.body_roll_rate, d.body_pitch_rate, d.body_yaw_rate])),
+                thrust: d.thrust.into(),
+            })
+        }
+        M::STATUSTEXT(d) => Message::Text {
+            severity: d.severity as u8,
+            text: text(&d.text),
+        },
+        M::HIL_SENSOR(d) => Message::HilSensor(HilSensor {
+            time_us: d.time_usec,
+            accelerometer: wide([d.xacc, d.yacc, d.zacc]),
+            gyro: wide([d.xgyro, d.ygyro, d.zgyro]),
+            magnetometer: wide([d.xmag, d.ymag, d.zmag]),
+            pressure_hpa: d.abs_pressure.into(),
+            pressure_altitude_m: d.pressure_alt.into(),
+            temperature_degc: d.temperature.into(),
+        }),
+        M::HIL_GPS(d) => Message::HilGps(HilGps {
+            time_us: d.time_usec,
+            latitude: (f64::from(d.lat) * 1e-7).to_radians(),
+            longitude: (f64::from(d.lon) * 1e-7).to_radians(),
+            altitude_m: f64::from(d.alt) * 1e-3,
+            velocity: [d.vn, d.ve, d.vd].map(|v| f64::from(v) * 0.01),
+            sd_m: [d.eph, d.epv].map(|v| f64::from(v) * 0.01),
+        }),
+        M::HIL_ACTUATOR_CONTROLS(d) => Message::HilActuators {
+            time_us: d.time_usec,
+            controls: wide(d.controls),
+            mode: d.mode.bits(),
+        },
+        _ => return None,
+    })
+}
+
+fn to(system: u8, component: u8) -> Address {
+    Address { system, component }
+}
+
+fn odometry(d: &m::ODOMETRY_DATA, payload: &[u8]) -> Option<OdometryReport> {
+    use m::MavFrame as F;
+    // Another frame of the position is not NED: a camera's odometry, say.
+    if d.frame_id != F::MAV_FRAME_LOCAL_NED {
+        return None;
+    }
+    let frame = match d.child_frame_id {
+        F::MAV_FRAME_LOCAL_NED => VelocityFrame::Ned,
+        F::MAV_FRAME_BODY_FRD => VelocityFrame::Body,
+        _ => return None,
+    };
+    let (p, v) = (wide(d.pose_covariance), wide(d.velocity_covariance));
+    // Upper triangles of 6 x 6, row by row. The first is no number when nothing is told.
+    let told = p[0].is_finite() && v[0].is_finite();
+    Some(OdometryReport {
+        time_us: d.time_usec,
+        position: wide([d.x, d.y, d.z]),
+        attitude: wide(d.q),
+        velocity: wide([d.vx, d.vy, d.vz]),
+        frame,
+        rates: wide([d.rollspeed, d.pitchspeed, d.yawspeed]),
+        variances: told.then_some([[p[0], p[6], p[11]], [p[15], p[18], p[20]], [v[0], v[6], v[11]]]),
+        resets: payload.get(RESET_COUNTER_AT).copied().unwrap_or(0),
+    })
+}

@@ -1,0 +1,152 @@
+//! Errors of estimates from samples that follow each other closely: neighbours share their error, so
+//! that a thousand samples tell less than a thousand would.
+
+use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
+
+/// Sum over lags of the cross products of `scores`, Bartlett's weights up to `lags` (Newey and West
+/// 1987): the covariance of their sum.
+fn long_run(scores: &[Vector3<f64>], lags: usize) -> Matrix3<f64> {
+    let mut s: Matrix3<f64> = scores.iter().map(|v| v * v.transpose()).sum();
+    for lag in 1..=lags.min(scores.len().saturating_sub(1)) {
+        let w = 1.0 - lag as f64 / (lags + 1) as f64;
+        let g: Matrix3<f64> = scores
+            .iter()
+            .skip(lag)
+            .zip(scores)
+            .map(|(a, b)| a * b.transpose())
+            .sum();
+        s += (g + g.transpose()) * w;
+    }
+    s
+}
+
+/// Mean of `samples` and its covariance, errors shared over up to `lags` neighbours.
+pub fn mean(samples: &[Vector3<f64>], lags: usize) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+    if samples.len() < 2 {
+        return None;
+    }
+    let n = samples.len() as f64;
+    let mean = samples.iter().sum::<Vector3<f64>>() / n;
+    let about: Vec<_> = samples.iter().map(|s| s - mean).collect();
+    Some((mean, long_run(&about, lags) / (n * n)))
+}
+
+/// What a regression knows: an information matrix (the inverse of a covariance, zero where nothing is
+/// known) and its product with the value.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Information {
+    matrix: Matrix3<f64>,
+    vector: Vector3<f64>,
+}
+
+impl Information {
+    /// From a value and its covariance.
+    pub fn of(value: &Vector3<f64>, covariance: &Matrix3<f64>) -> Option<Information> {
+        let matrix = covariance.try_inverse()?;
+        Some(Information {
+            matrix,
+            vector: matrix * value,
+        })
+    }
+    /// Both together.
+    #[must_use]
+    pub fn with(&self, other: &Information) -> Information {
+        Information {
+            matrix: self.matrix + other.matrix,
+            vector: self.vector + other.vector,
+        }
+    }
+    /// Value and covariance, once every direction is known.
+    pub fn value(&self) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let covariance = self.matrix.try_inverse()?;
+        Some((covariance * self.vector, covariance))
+    }
+}
+
+/// Least squares of `y = A x + e` over all samples, in those directions of x that the `A` move by
+/// `least` (root mean square) or more; errors shared over up to `lags` neighbours, and of `with` (root mean
+/// square) in the same rhythm as the `A`, which no residual shows.
+pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], least: f64, lags: usize, with: f64) -> Information {
+    let n = samples.len() as f64;
+    let normal: Matrix3<f64> = samples.iter().map(|(a, _)| a.transpose() * a).sum();
+    let SymmetricEigen {
+        eigenvalues,
+        eigenvectors,
+    } = SymmetricEigen::new(normal);
+    let seen: Vec<Vector3<f64>> = (0..3)
+        .filter(|&k| eigenvalues[k] > n * least * least)
+        .map(|k| eigenvectors.column(k).into_owned())
+        .collect();
+    if seen.is_empty() {
+        return Information::default();
+    }
+    let right: Vector3<f64> = samples.iter().map(|(a, y)| a.transpose() * y).sum();
+    // In the eigenvectors the normal matrix is diagonal.
+    let value: Vector3<f64> = seen
+        .iter()
+        .map(|v| v * (v.dot(&right) / (v.dot(&(normal * v)))))
+        .sum();
+    let scores: Vec<Vector3<f64>> = samples
+        .iter()
+        .map(|(a, y)| a.transpose() * (y - a * value))
+        .collect();
+    let long = long_run(&scores, lags);
+    let k = seen.len();
+    let basis = DMatrix::from_fn(3, k, |r, c| seen[c][r]);
+    let lean = DMatrix::from_fn(3, 3, |r, c| long[(r, c)]);
+    let bread = DMatrix::from_fn(k, k, |r, c| {
+        if r == c {
+            1.0 / seen[r].dot(&(normal * seen[r]))
+        } else {
+            0.0
+        }
+    });
+    let covariance = &bread * (basis.transpose() * lean * &basis) * &bread + &bread * (n * with * with);
+    let Some(information) = covariance.try_inverse() else {
+        return Information::default();
+    };
+    let full = &basis * information * basis.transpose();
+    let matrix = Matrix3::from_fn(|r, c| full[(r, c)]);
+    Information {
+        matrix,
+        vector: matrix * value,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mean_covariance_accounts_for_correlated_samples() {
+        // Each value ten times over: the error of the mean is that of the distinct ones.
+        let distinct: Vec<f64> = (0..100)
+            .map(|k| (f64::from(k * k) * 0.754_877_666).fract() - 0.5)
+            .collect();
+        let often: Vec<_> = distinct.iter().flat_map(|v| [Vector3::repeat(*v); 10]).collect();
+        let once: Vec<_> = distinct.iter().map(|v| Vector3::repeat(*v)).collect();
+        let sd = |s: &[Vector3<f64>], lags| mean(s, lags).unwrap().1[(0, 0)].sqrt();
+        let (naive, fair, expected) = (sd(&often, 0), sd(&often, 20), sd(&once, 0));
+        assert!(naive < 0.4 * expected, "{naive} {expected}");
+        assert!((fair / expected - 1.0).abs() < 0.3, "{fair} {expected}");
+    }
+
+    #[test]
+    fn regression_leaves_unexcited_directions_unknown() {
+        let samples: Vec<_> = (0..200)
+            .map(|k| {
+                let s = 0.1 * (f64::from(k) * 0.3).sin();
+                let e = 0.001 * f64::from(k * 37 % 101 - 50) / 50.0;
+                // Only the first component is moved.
+                let a = Matrix3::new(s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+                (a, Vector3::new(2.0 * s + e, 0.0, 0.0))
+            })
+            .collect();
+        let known = regress(&samples, 0.005, 5, 0.0);
+        assert!(known.value().is_none());
+        let prior = Information::of(&Vector3::new(0.0, 5.0, 5.0), &Matrix3::identity()).unwrap();
+        let (value, covariance) = known.with(&prior).value().unwrap();
+        assert!((value.x - 2.0).abs() < 4.0 * covariance[(0, 0)].sqrt() && covariance[(0, 0)] < 1e-4);
+        assert!((value.y - 5.0).abs() < 1e-9 && (covariance[(1, 1)] - 1.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,182 @@
+//! When to touch: the instant within reach at which the deck is about level, turns slowly and
+//! accelerates as a drone aligned with it would.
+
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::{DeckForecast, DeckStage};
+use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::{Vector2, Vector3};
+
+use super::config::TouchdownTimeConfig;
+
+/// Candidates are this far apart, s.
+const GRID_S: f64 = 0.1;
+/// Most candidates: a window of 4 s.
+const MAX_CANDIDATES: usize = 41;
+
+/// Horizontal acceleration of a drone that lies along the normal of `deck` and keeps its height
+/// over it: `(g - a_z) n_xy / -n_z`, NED, m/s².
+pub fn aligned_acceleration(deck: &DeckStage) -> Vector2<f64> {
+    let n = deck.normal();
+    let up = (-n.z).max(0.3);
+    Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
+}
+
+/// What touching this deck in `wind` (its horizontal acceleration, m/s²) costs, besides waiting for
+/// it.
+pub fn cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
+    let a = Vector3::from(deck.acceleration).xy();
+    let mismatch = (a - aligned_acceleration(deck) - wind).norm() / c.mismatch_mps2;
+    let n = deck.normal();
+    let tilt = n.x.hypot(n.y).min(1.0).asin().to_degrees() / c.tilt_deg;
+    let rate = deck.euler_rates[0].hypot(deck.euler_rates[1]).to_degrees() / c.tilt_rate_dps;
+    let rising = (-deck.velocity[2]).max(0.0) / c.rising_mps;
+    mismatch * mismatch + 0.5 * (tilt * tilt + rate * rate + rising * rising)
+}
+
+/// The chosen instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TouchdownTime {
+    at: Option<Time<DroneClock>>,
+}
+
+impl TouchdownTime {
+    /// Forgets the choice.
+    pub fn forget(&mut self) {
+        self.at = None;
+    }
+
+    /// Time until the contact (s), chosen anew while it is far. `min_time` is the earliest possible,
+    /// `left` what the profile says for the present height; in a `flare` it is not waited for.
+    pub fn choose(
+        &mut self,
+        now: Time<DroneClock>,
+        forecast: &DeckForecast,
+        wind: &Vector2<f64>,
+        min_time: f64,
+        left: f64,
+        flare: bool,
+        c: &TouchdownTimeConfig,
+    ) -> f64 {
+        let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
+        let price = |t: Time<DroneClock>| {
+            // Beyond the forecast every instant is like its end.
+            let deck = forecast.at(t.min(end).max(forecast.header.at))?;
+            Some(cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
+        };
+        let earliest = now + Span::from_secs(min_time);
+        let old = self.at;
+        let frozen = old.is_some_and(|t| (t - now).secs() < c.freeze_s);
+        let mut chosen = match old {
+            Some(t) => t,
+            None => earliest,
+        };
+        if !frozen && min_time >= c.freeze_s {
+            let mut best = price(chosen).unwrap_or(f64::INFINITY);
+            if old.is_some() {
+                best -= c.hysteresis;
+            }
+            let count = ((c.window_s / GRID_S) as usize).min(MAX_CANDIDATES);
+            for k in 0..=count {
+                let t = earliest + Span::from_secs(GRID_S * k as f64);
+                if let Some(p) = price(t)
+                    && p < best
+                {
+                    best = p;
+                    chosen = t;
+                }
+            }
+        }
+        // Late: a little faster than the profile, not at any speed.
+        let soonest = now + Span::from_secs((left - c.hurry_s * left.max(1.0)).max(-10.0));
+        chosen = chosen.max(soonest);
+        if flare {
+            chosen = chosen.min(now + Span::from_secs(left + c.linger_s));
+        }
+        self.at = Some(chosen);
+        (chosen - now).secs()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+
+    const STILL: Vector2<f64> = Vector2::new(0.0, 0.0);
+
+    fn rocking(phase: f64) -> DeckForecast {
+        let mut f = DeckForecast {
+            header: Header::new(1, 1, 1, 0, Time::EPOCH),
+            step: Span::from_millis(100),
+            ..DeckForecast::default()
+        };
+        for k in 0..41 {
+            let (s, c) = (1.3 * 0.1 * f64::from(k) + phase).sin_cos();
+            let _ = f.stages.push(DeckStage {
+                euler: [0.15 * s, 0.0, 0.0],
+                euler_rates: [0.15 * 1.3 * c, 0.0, 0.0],
+                ..DeckStage::default()
+            });
+        }
+        f
+    }
+
+    #[test]
+    fn touchdown_time_prefers_a_level_deck_and_then_stays() {
+        let c = TouchdownTimeConfig {
+            waiting_per_s: 0.0,
+            tilt_rate_dps: 100.0,
+            ..TouchdownTimeConfig::default()
+        };
+        let f = rocking(0.0);
+        let mut i = TouchdownTime::default();
+        // Level at pi / 1.3 = 2.42 s.
+        let t = i.choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, false, &c);
+        assert!((t - 2.42).abs() < 0.1, "{t}");
+        // Frozen: the same instant although the sea now looks otherwise.
+        let now = Time::from_secs(1.5);
+        let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, false, &c);
+        assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
+        // Late by half a second: put off, less the hurry.
+        let late = i.choose(now, &f, &STILL, 1.5, 1.5, false, &c);
+        assert!((late - 1.275).abs() < 1e-6, "{late}");
+        // Early, low over the deck: not waited for.
+        let early = i.choose(now, &f, &STILL, 0.3, 0.3, true, &c);
+        assert!((early - 0.3 - c.linger_s).abs() < 1e-6, "{early}");
+    }
+
+    #[test]
+    fn touchdown_time_weighs_waiting() {
+        let c = TouchdownTimeConfig {
+            waiting_per_s: 1e3,
+            ..TouchdownTimeConfig::default()
+        };
+        let t = TouchdownTime::default().choose(Time::EPOCH, &rocking(0.7), &STILL, 1.6, 1.6, false, &c);
+        assert!((t - 1.6).abs() < 1e-9);
+    }
+
+    #[test]
+    fn touchdown_cost_is_zero_on_a_deck_that_accelerates_down_its_slope() {
+        // Water slopes as it accelerates: a = g tan(tilt).
+        let mut d = DeckStage {
+            euler: [0.1, 0.0, 0.0],
+            ..DeckStage::default()
+        };
+        let a = aligned_acceleration(&d);
+        assert!((a.norm() - GRAVITY * 0.1_f64.tan()).abs() < 1e-9);
+        let c = TouchdownTimeConfig {
+            tilt_deg: 90.0,
+            ..TouchdownTimeConfig::default()
+        };
+        let stuck = cost(&d, &STILL, &c);
+        d.acceleration = [a.x, a.y, 0.0];
+        assert!(cost(&d, &STILL, &c) < 0.01 && stuck > 1.0);
+        // So does a level deck in wind that accelerates as the wind pushes.
+        let level = DeckStage {
+            acceleration: [0.8, 0.0, 0.0],
+            ..DeckStage::default()
+        };
+        let wind = Vector2::new(0.8, 0.0);
+        assert!(cost(&level, &wind, &c) < 1e-9 && cost(&level, &STILL, &c) > 1.0);
+    }
+}

@@ -1,0 +1,519 @@
+//! An autopilot at protocol level, for tests: speaks MAVLink bytes and behaves as PX4 and ArduCopter
+//! were seen to (modes, refusals, rates asked for, set-point loss, forced disarm), flying a point mass
+//! with an attitude lag above a heaving deck.
+
+#![allow(dead_code, reason = "each of the tests that include it uses a part")]
+
+use std::collections::{BTreeMap, VecDeque};
+
+use alight_shared::frames::Datum;
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_uav::autopilot::message::{
+    ARMED, Address, CUSTOM_MODE, CommandLong, CommandResult, Frame, Message, OdometryReport, VelocityFrame,
+    command, id,
+};
+use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use alight_uav::autopilot::wire::{Decoder, encode};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+/// Lag of the attitude loop, s.
+const LAG_S: f64 = 0.2;
+/// Share of thrust that hovers.
+pub const HOVER: f64 = 0.45;
+/// Feet below the centre of mass, m.
+pub const FEET_M: f64 = 0.3;
+/// PX4 wants set-points this often before OFFBOARD ...
+const OFFBOARD_HZ: f64 = 2.0;
+/// ... for so long, s.
+const OFFBOARD_S: f64 = 1.0;
+/// Without set-points for this long PX4 holds, ArduCopter brakes, s.
+const LOSS_S: f64 = 0.5;
+
+/// What it was told to fly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Target {
+    /// Position, velocity, acceleration, heading.
+    Place([Vector3<f64>; 3], f64),
+    Attitude(UnitQuaternion<f64>, f64),
+}
+
+pub struct FakeAutopilot {
+    pub firmware: Firmware,
+    pub address: Address,
+    /// Its clock is the true time less this, s.
+    pub booted_s: f64,
+    /// The mode that a person chose; the one in force may be a failsafe's.
+    pub chosen: u32,
+    pub mode: u32,
+    pub armed: bool,
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    pub attitude: UnitQuaternion<f64>,
+    pub thrust: f64,
+    /// Deck's height now (NED z, m) and its velocity.
+    pub deck: [f64; 2],
+    pub on_deck: bool,
+    pub battery: f64,
+    pub options: u32,
+    pub resets: u8,
+    /// Says nothing at all.
+    pub silent: bool,
+    /// Answers every command with this instead of obeying.
+    pub answer: Option<CommandResult>,
+    /// Answers no TIMESYNC.
+    pub timeless: bool,
+    /// Every command that came.
+    pub commands: Vec<(f64, CommandLong)>,
+    /// When set-points came.
+    pub set_points: VecDeque<f64>,
+    pub attitudes: u32,
+    /// Where a person holds it; None: where it is.
+    pub manual_hold_position: Option<Vector3<f64>>,
+    /// Share of thrust that hovers.
+    pub hover: f64,
+    /// Flown as a plant says, not as a point mass; its rangefinder is the plant's.
+    pub external: bool,
+    /// Where its NED begins.
+    pub origin: Datum,
+    /// Does not tell it.
+    pub deaf_to_requests: bool,
+    pub rates: Vector3<f64>,
+    pub force: Vector3<f64>,
+    target: Option<Target>,
+    /// The mode told last in CURRENT_MODE, and when.
+    told_mode: (f64, u32),
+    streams: BTreeMap<u32, f64>,
+    due: BTreeMap<u32, f64>,
+    now_s: f64,
+    decoder: Decoder,
+    sequence: u8,
+}
+
+pub const PX4_POSITION: u32 = px4_mode(3, 0);
+pub const PX4_HOLD: u32 = px4_mode(4, 3);
+pub const PX4_RETURN: u32 = px4_mode(4, 5);
+pub const PX4_LAND: u32 = px4_mode(4, 6);
+pub const PX4_OFFBOARD: u32 = px4_mode(6, 0);
+
+impl FakeAutopilot {
+    pub fn new(firmware: Firmware, height_m: f64) -> FakeAutopilot {
+        FakeAutopilot {
+            firmware,
+            address: Address {
+                system: 3,
+                component: 1,
+            },
+            booted_s: 977.25,
+            chosen: FakeAutopilot::manual_mode(firmware),
+            mode: FakeAutopilot::manual_mode(firmware),
+            armed: true,
+            position: Vector3::new(0.0, 0.0, -height_m),
+            velocity: Vector3::zeros(),
+            attitude: UnitQuaternion::identity(),
+            thrust: HOVER,
+            deck: [0.0; 2],
+            on_deck: false,
+            battery: 0.9,
+            options: 8,
+            resets: 0,
+            silent: false,
+            answer: None,
+            timeless: false,
+            commands: Vec::new(),
+            set_points: VecDeque::new(),
+            attitudes: 0,
+            manual_hold_position: None,
+            hover: HOVER,
+            external: false,
+            origin: Datum::default(),
+            deaf_to_requests: false,
+            rates: Vector3::zeros(),
+            force: Vector3::new(0.0, 0.0, -GRAVITY),
+            target: None,
+            told_mode: (f64::NEG_INFINITY, 0),
+            // What an onboard link sends without being asked.
+            streams: BTreeMap::from([(id::HEARTBEAT, 1.0)]),
+            due: BTreeMap::new(),
+            now_s: 0.0,
+            decoder: Decoder::default(),
+            sequence: 0,
+        }
+    }
+    /// A mode in which a person flies.
+    pub fn manual_mode(firmware: Firmware) -> u32 {
+        match firmware {
+            Firmware::Px4 => PX4_POSITION,
+            Firmware::ArduCopter => 5,
+        }
+    }
+    /// The mode that takes set-points.
+    pub fn offboard_mode(firmware: Firmware) -> u32 {
+        match firmware {
+            Firmware::Px4 => PX4_OFFBOARD,
+            Firmware::ArduCopter => 4,
+        }
+    }
+    /// A person moves the switch. True when the mode was entered.
+    pub fn choose(&mut self, mode: u32) -> bool {
+        if self.firmware == Firmware::Px4 && mode == PX4_OFFBOARD && !self.offered() {
+            return false;
+        }
+        self.chosen = mode;
+        self.mode = mode;
+        self.target = None;
+        true
+    }
+    /// Set-points came above 2 Hz for a second.
+    fn offered(&self) -> bool {
+        let recent: Vec<f64> = self
+            .set_points
+            .iter()
+            .copied()
+            .filter(|t| self.now_s - t <= OFFBOARD_S)
+            .chain([self.now_s])
+            .collect();
+        let since = recent.first().is_some_and(|t| self.now_s - t > 0.8 * OFFBOARD_S);
+        since && recent.windows(2).all(|w| w[1] - w[0] <= 1.0 / OFFBOARD_HZ)
+    }
+    /// It was switched off and on again in the air (a thing of tests).
+    pub fn restart(&mut self) {
+        self.booted_s = self.now_s;
+        self.streams = BTreeMap::from([(id::HEARTBEAT, 1.0)]);
+        self.due.clear();
+    }
+    pub fn time_us(&self) -> u64 {
+        ((self.now_s - self.booted_s) * 1e6) as u64
+    }
+    fn ours_now(&self) -> bool {
+        self.mode == FakeAutopilot::offboard_mode(self.firmware)
+    }
+
+    /// Moves on to `t` and answers the bytes that came.
+    pub fn step(&mut self, t_s: f64, bytes: &[Vec<u8>]) -> Vec<Vec<u8>> {
+        let dt = t_s - self.now_s;
+        self.now_s = t_s;
+        let mut replies = Vec::new();
+        for b in bytes {
+            self.decoder.push(b);
+        }
+        while let Some(Frame { message, .. }) = self.decoder.next_frame() {
+            self.hear(&message, &mut replies);
+        }
+        self.failsafe();
+        if (0.0..0.1).contains(&dt) && !self.external {
+            self.fly(dt);
+        }
+        self.stream(&mut replies);
+        if self.silent {
+            return Vec::new();
+        }
+        replies
+            .iter()
+            .map(|m| {
+                self.sequence = self.sequence.wrapping_add(1);
+                encode(self.address, self.sequence, m).expect("a message of this vocabulary")
+            })
+            .collect()
+    }
+
+    fn hear(&mut self, message: &Message, replies: &mut Vec<Message>) {
+        match message {
+            Message::Timesync {
+                remote_ns: 0,
+                local_ns,
+            } if !self.timeless => {
+                let ns = ((self.now_s - self.booted_s) * 1e9) as i64;
+                replies.push(Message::Timesync {
+                    remote_ns: ns,
+                    local_ns: *local_ns,
+                });
+            }
+            Message::Command(c) if c.to == self.address => {
+                self.commands.push((self.now_s, *c));
+                if c.command == command::REQUEST_MESSAGE && !self.deaf_to_requests {
+                    replies.push(Message::Origin(self.origin));
+                }
+                let result = self.answer.unwrap_or_else(|| self.apply(c));
+                replies.push(Message::CommandAck {
+                    command: c.command,
+                    result,
+                });
+            }
+            Message::ParameterRequest { to, name } if *to == self.address && name == "GUID_OPTIONS" => {
+                replies.push(Message::Parameter {
+                    name: name.clone(),
+                    value: f64::from(self.options),
+                });
+            }
+            Message::Position(p) if p.to == self.address => {
+                self.told();
+                let [x, v, a] = [p.position, p.velocity, p.acceleration].map(Vector3::from);
+                self.target = Some(Target::Place([x, v, a], p.yaw));
+            }
+            Message::AttitudeThrust(a) if a.to == self.address => {
+                self.told();
+                self.attitudes += 1;
+                let [w, x, y, z] = a.attitude;
+                let q = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+                // PX4 drops the rates. ArduCopter 4.6 and 4.7 lead the attitude by them, but turn them by it
+                // once too often.
+                let ahead = match (self.firmware, a.rates) {
+                    (Firmware::ArduCopter, Some(r)) => q * Vector3::from(r) * LAG_S,
+                    (Firmware::ArduCopter, None) | (Firmware::Px4, _) => Vector3::zeros(),
+                };
+                let q = q * UnitQuaternion::from_scaled_axis(ahead);
+                self.target = Some(Target::Attitude(q, a.thrust));
+            }
+            _ => {}
+        }
+    }
+    fn told(&mut self) {
+        self.set_points.push_back(self.now_s);
+        if self.set_points.len() > 10_000 {
+            self.set_points.pop_front();
+        }
+    }
+
+    fn apply(&mut self, c: &CommandLong) -> CommandResult {
+        let p = c.parameters;
+        match c.command {
+            command::MESSAGE_INTERVAL => {
+                match (self.firmware, p[0] as u32) {
+                    (Firmware::Px4, id::SCALED_IMU) => return CommandResult::Failed,
+                    (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
+                    // Its heartbeats have a rate of their own, and it says so to nobody.
+                    (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
+                    (Firmware::Px4 | Firmware::ArduCopter, _) => {}
+                }
+                self.streams.insert(p[0] as u32, 1e6 / p[1]);
+                CommandResult::Accepted
+            }
+            command::ARM_DISARM => {
+                let forced = (p[1] - command::FORCE).abs() < 0.5;
+                if p[0] > 0.5 {
+                    self.armed = true;
+                } else if forced || self.on_deck {
+                    self.armed = false;
+                } else {
+                    return CommandResult::Denied;
+                }
+                CommandResult::Accepted
+            }
+            command::SET_MODE => {
+                let custom = match self.firmware {
+                    Firmware::Px4 => px4_mode(p[1] as u32, p[2] as u32),
+                    Firmware::ArduCopter => p[1] as u32,
+                };
+                if self.choose(custom) {
+                    CommandResult::Accepted
+                } else {
+                    CommandResult::Denied
+                }
+            }
+            command::REQUEST_MESSAGE => CommandResult::Accepted,
+            _ => CommandResult::Unsupported,
+        }
+    }
+
+    /// Set-point loss: PX4 goes to its hold and comes back with the stream; ArduCopter stays.
+    fn failsafe(&mut self) {
+        let lost = self.set_points.back().is_none_or(|t| self.now_s - t > LOSS_S);
+        if self.chosen == FakeAutopilot::offboard_mode(self.firmware) {
+            if lost {
+                self.target = None;
+            }
+            if self.firmware == Firmware::Px4 {
+                self.mode = if lost { PX4_HOLD } else { PX4_OFFBOARD };
+            }
+        }
+    }
+
+    /// ArduCopter raises the thrust of what leans by one over this, and tells it as before.
+    fn upright(&self, q: &UnitQuaternion<f64>) -> f64 {
+        match self.firmware {
+            Firmware::Px4 => 1.0,
+            Firmware::ArduCopter => (q * Vector3::z()).z.clamp(0.1, 1.0),
+        }
+    }
+    /// Attitude and share of thrust that its loops want now.
+    pub fn wanted(&self) -> (UnitQuaternion<f64>, f64) {
+        let heading = self.attitude.euler_angles().2;
+        let ([p, v, a], yaw) = match self.target.filter(|_| self.ours_now()) {
+            Some(Target::Attitude(q, thrust)) => return (q, thrust / self.upright(&q)),
+            Some(Target::Place(place, yaw)) => (place, yaw),
+            None => {
+                let place = self.manual_hold_position.unwrap_or(self.position);
+                ([place, Vector3::zeros(), Vector3::zeros()], heading)
+            }
+        };
+        let apart = (p - self.position).map(|e| e.clamp(-3.0, 3.0));
+        let a = a + apart * 2.0 + (v - self.velocity) * 3.0;
+        // Lean towards the acceleration, seen from its heading.
+        let (sin, cos) = yaw.sin_cos();
+        let (ahead, right) = (a.x * cos + a.y * sin, a.y * cos - a.x * sin);
+        let lean = UnitQuaternion::from_euler_angles(
+            (right / GRAVITY).clamp(-0.4, 0.4),
+            (-ahead / GRAVITY).clamp(-0.4, 0.4),
+            yaw,
+        );
+        (lean, self.hover * (1.0 - a.z / GRAVITY).clamp(0.2, 1.8))
+    }
+
+    /// From now on it flies a plant, whose word it takes for its own estimate, not its point mass.
+    pub fn fly_plant(&mut self) {
+        let g = DroneGeometry::default();
+        (self.external, self.hover) = (true, g.mass_kg * GRAVITY / g.max_thrust_n);
+    }
+    /// What the plant says: position and velocity (its NED, m, m/s), attitude, body rates (rad/s), specific
+    /// force (body, m/s²).
+    pub fn feels(
+        &mut self,
+        position: Vector3<f64>,
+        velocity: Vector3<f64>,
+        attitude: UnitQuaternion<f64>,
+        rates: Vector3<f64>,
+        force: Vector3<f64>,
+    ) {
+        (self.position, self.velocity, self.attitude) = (position, velocity, attitude);
+        (self.rates, self.force) = (rates, force);
+        self.thrust = if self.armed { self.wanted().1 } else { 0.0 };
+    }
+
+    /// Rotor outputs for what its loops want: attitude and rate loop, and a mixer.
+    pub fn motors(&self) -> [f64; 4] {
+        if !self.armed {
+            return [0.0; 4];
+        }
+        let g = DroneGeometry::default();
+        let (wanted, thrust) = self.wanted();
+        let error = (self.attitude.inverse() * wanted).scaled_axis();
+        let turn = Vector3::new(5.0 * error.x, 5.0 * error.y, (2.0 * error.z).clamp(-1.0, 1.0)) - self.rates;
+        let moment = turn
+            .component_mul(&Vector3::new(18.0, 18.0, 6.0))
+            .component_mul(&Vector3::from(g.inertia_kgm2));
+        let side = g.arm_m / 2.0_f64.sqrt();
+        [
+            [1.0, 1.0, 1.0],
+            [-1.0, -1.0, 1.0],
+            [1.0, -1.0, -1.0],
+            [-1.0, 1.0, -1.0],
+        ]
+        .map(|[x, y, sense]: [f64; 3]| {
+            let force = -y * moment.x / side + x * moment.y / side + sense * moment.z / g.moment_per_force_m;
+            (thrust + force / g.max_thrust_n).clamp(0.05, 1.0)
+        })
+    }
+
+    fn fly(&mut self, dt: f64) {
+        let g = Vector3::z() * GRAVITY;
+        let (wanted, thrust) = self.wanted();
+        let step = UnitQuaternion::from_scaled_axis(
+            (self.attitude.inverse() * wanted).scaled_axis() * (dt / LAG_S).min(1.0),
+        );
+        self.attitude *= step;
+        let goal = if self.armed { thrust } else { 0.0 };
+        self.thrust += (goal - self.thrust) * (dt / 0.05).min(1.0);
+        let lift = self.attitude * -Vector3::z() * (self.thrust / self.hover * GRAVITY);
+        let mut acceleration = lift + g;
+        self.on_deck =
+            self.position.z + FEET_M >= self.deck[0] - 1e-3 && self.velocity.z >= self.deck[1] - 0.3;
+        if self.on_deck && acceleration.z > 0.0 {
+            let carried = Vector3::new(0.0, 0.0, self.deck[1]);
+            acceleration = Vector3::zeros();
+            self.velocity = carried;
+            self.position.z = self.deck[0] - FEET_M;
+            self.attitude = UnitQuaternion::identity();
+        }
+        self.velocity += acceleration * dt;
+        self.position += self.velocity * dt;
+        self.force = self.attitude.inverse() * (acceleration - g);
+    }
+
+    fn stream(&mut self, replies: &mut Vec<Message>) {
+        let due: Vec<u32> = self
+            .streams
+            .iter()
+            .filter(|(id, _)| self.due.get(id).is_none_or(|t| self.now_s >= *t - 1e-9))
+            .map(|(id, _)| *id)
+            .collect();
+        for id in due {
+            let period = 1.0 / self.streams[&id];
+            let last = self.due.get(&id).copied().unwrap_or(self.now_s);
+            self.due.insert(id, (last + period).max(self.now_s));
+            if id == id::CURRENT_MODE {
+                // When it changes, and with the vehicle's state twice a second.
+                let (at, mode) = self.told_mode;
+                if mode == self.mode && self.now_s - at < 0.5 {
+                    continue;
+                }
+                self.told_mode = (self.now_s, self.mode);
+            }
+            replies.extend(self.said(id));
+        }
+    }
+
+    fn said(&self, which: u32) -> Option<Message> {
+        let time_us = self.time_us();
+        let time_ms = (time_us / 1000) as u32;
+        let q = self.attitude;
+        let attitude = [q.w, q.i, q.j, q.k];
+        Some(match which {
+            id::HEARTBEAT => Message::Heartbeat {
+                autopilot: match self.firmware {
+                    Firmware::Px4 => 12,
+                    Firmware::ArduCopter => 3,
+                },
+                vehicle: 2,
+                base_mode: CUSTOM_MODE | if self.armed { ARMED } else { 0 },
+                custom_mode: self.mode,
+            },
+            id::CURRENT_MODE => Message::Mode {
+                custom_mode: self.mode,
+            },
+            id::ODOMETRY => Message::Odometry(OdometryReport {
+                time_us,
+                position: self.position.into(),
+                attitude,
+                velocity: (q.inverse() * self.velocity).into(),
+                frame: VelocityFrame::Body,
+                rates: self.rates.into(),
+                variances: None,
+                resets: self.resets,
+            }),
+            id::LOCAL_POSITION_NED => Message::LocalPosition {
+                time_ms,
+                position: self.position.into(),
+                velocity: self.velocity.into(),
+            },
+            id::ATTITUDE_QUATERNION => Message::Attitude {
+                time_ms,
+                attitude,
+                rates: self.rates.into(),
+            },
+            id::HIGHRES_IMU | id::SCALED_IMU => Message::Imu {
+                time_us,
+                accelerometer: self.force.into(),
+                gyro: [0.0; 3],
+            },
+            id::DISTANCE_SENSOR if self.external => return None,
+            id::DISTANCE_SENSOR => Message::Distance {
+                time_ms,
+                range_m: self.deck[0] - self.position.z - 0.08,
+                limits_m: [0.1, 12.0],
+                variance: None,
+            },
+            id::EXTENDED_SYS_STATE => Message::Landed {
+                // On a deck that heaves its land detector does not see it.
+                state: if self.armed { 2 } else { 1 },
+            },
+            id::BATTERY_STATUS => Message::Battery {
+                number: 0,
+                remaining: Some(self.battery),
+            },
+            id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
+                thrust: self.thrust * self.upright(&self.attitude),
+            },
+            _ => return None,
+        })
+    }
+}

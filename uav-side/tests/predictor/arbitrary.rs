@@ -1,0 +1,77 @@
+//! Whatever comes in: counted, and the forecast stays sane.
+
+use alight_shared::msg::{
+    DroneState, Header, LinkState, Message, RangeSample, TagPose, UvdarFix, VesselEstimate, WaveComponent,
+    WaveModel,
+};
+use alight_shared::node::Node;
+use alight_shared::seq::Seq;
+use alight_uav::predictor::{PredictorConfig, PredictorIn};
+use proptest::prelude::*;
+
+use crate::world::{Setup, Vessel, run, time};
+
+/// Any number, absurd ones included.
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -10.0..10.0f64,
+        any::<f64>(),
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(-1e300)
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn predictor_counts_arbitrary_input_and_stays_finite(
+        x in prop::collection::vec(any_number(), 24), which in 0..7u8, at in prop_oneof![0.0..30.0f64, any_number()],
+        from in 0..3u8,
+    ) {
+        let v = Vessel::moderate();
+        let seconds = [0.0, 2.0, 12.0][usize::from(from)];
+        let mut r = run(&v, &Setup::default(), seconds, &PredictorConfig::default());
+        let before = r.predictor.rejections().total();
+        let h = Header::new(1, 0, 1, 1_000_000, time(at));
+        let a3 = |i: usize| [x[i], x[i + 1], x[i + 2]];
+        let six = |i: usize| core::array::from_fn(|k| x[i + k]);
+        let mut bad = PredictorIn::default();
+        match which {
+            0 => bad.tags = vec![TagPose { header: h, position: a3(0), attitude: [x[3], x[4], x[5], x[6]],
+                variance: six(7) }; 3],
+            1 => bad.uvdar = vec![UvdarFix { header: h, position: a3(0), variance: a3(3) }; 3],
+            2 => bad.ranges = vec![RangeSample { header: h, range_m: x[0], variance: x[1] }; 3],
+            3 => bad.drone = Some(DroneState { header: h, position: a3(0), velocity: a3(3), ..Default::default() }),
+            4 => bad.link = Some(LinkState { header: h, clock_offset_sd_s: x[0], age_s: x[1], ..Default::default() }),
+            5 => bad.estimate = Some(VesselEstimate { header: h, datum: Default::default(), eta: six(0),
+                eta_dot: six(6).map(|v: f64| v as f32), eta_ddot: [x[12] as f32; 6],
+                covariance: [[x[13] as f32, 0.0, x[14] as f32]; 6], deck_centre: [0.0, 0.0, -1.3],
+                mean_velocity: [x[15] as f32; 2], mean_heading: [x[16] as f32; 2] }),
+            _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32, wave_following_deficit: x[9] as f32, crest_steepening: x[10] as f32,
+                slopes: Seq::filled([x[8] as u8; 60]), components: Seq::filled([WaveComponent { omega: x[1] as f32, omega_encounter: x[2] as f32,
+                    damping: x[3] as f32, state: [[x[4] as f32; 2]; 6], drive: [x[5] as f32; 6],
+                    direction: x[6] as f32, direction_sd: x[7] as f32, ..Default::default() }; 6]) }),
+        }
+        let valid = match which {
+            0 => bad.tags[0].check(),
+            1 => bad.uvdar[0].check(),
+            2 => bad.ranges[0].check(),
+            3 => bad.drone.unwrap().check(),
+            4 => bad.link.unwrap().check(),
+            5 => bad.estimate.unwrap().check(),
+            _ => bad.wave.unwrap().check(),
+        };
+        for k in 0..20 {
+            let now = time(seconds + 0.01 * f64::from(k));
+            if let Some(f) = r.predictor.step(now, &bad).forecast {
+                prop_assert!(f.check().is_ok(), "{:?}", f.check());
+                prop_assert!(f.stages.iter().all(|s| s.position_sd.iter().all(|v| v.is_finite())));
+            }
+        }
+        if valid.is_err() {
+            prop_assert!(r.predictor.rejections().total() >= before + 20);
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! How steep the deck felt of late.
+//!
+//! A landed drone with stopped motors stays only while the deck holds it. In steep short seas without the
+//! water's sideways motion a light hull leaves the water: its deck tilts and falls as no sum of waves
+//! foretells, in groups 15 to 45 s apart. The vessel has watched its deck for longer than
+//! any drone that has just arrived, so it says what it saw.
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::body_rates;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, VesselEstimate};
+use alight_shared::seq::Seq;
+use alight_shared::time::{Span, Time, VesselClock};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// The deck is felt so often, 1/s.
+pub(crate) const RATE_HZ: f64 = 20.0;
+/// The specific force is averaged over this time, s: what lasts shorter moves a drone that it makes slide by
+/// centimetres, and a quickly rocking platform is all of that kind.
+const MEAN_S: f64 = 1.0;
+/// A longer pause between two estimates is none in which an acceleration can be told, s.
+const MAX_GAP_S: f64 = 0.3;
+/// Less normal force than this holds nothing, m/s².
+const MIN_NORMAL_FORCE_MPS2: f64 = 0.5;
+
+/// The deck's motion over the last moment, and its steepest slopes.
+#[derive(Clone, Debug, Default)]
+pub struct ApparentSlope {
+    /// Time and velocity (NED, m/s) of the deck's centre before.
+    before: Option<(Time<VesselClock>, Vector3<f64>)>,
+    /// Specific force in the deck's axes (m/s²) and the time that each lasted (s), oldest first.
+    forces: VecDeque<(Vector3<f64>, f64)>,
+    /// Steepest slope per span, newest first, and when the newest began.
+    spans: Seq<u8, SLOPE_WINDOWS>,
+    began: Option<Time<VesselClock>>,
+}
+
+impl ApparentSlope {
+    /// Takes the vessel's state. The deck's acceleration is the difference of its velocity: the filter's own
+    /// knows only what its model does.
+    pub fn update(&mut self, e: &VesselEstimate<VesselClock>) {
+        let at = e.header.at;
+        let [_, _, _, roll, pitch, yaw] = e.eta;
+        let attitude = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let [vn, ve, vd, dr, dp, dy] = e.eta_dot.map(f64::from);
+        let spin = attitude * body_rates(roll, pitch, Vector3::new(dr, dp, dy));
+        let velocity = Vector3::new(vn, ve, vd) + spin.cross(&(attitude * e.deck_centre()));
+        let before = self.before.replace((at, velocity));
+        let Some((dt, old)) = before.map(|(t, v)| ((at - t).secs(), v)) else {
+            return;
+        };
+        if !(dt > 0.0 && dt < MAX_GAP_S) {
+            self.forces.clear();
+            return;
+        }
+        let acceleration = (velocity - old) / dt;
+        let force = attitude.inverse_transform_vector(&(acceleration - Vector3::z() * GRAVITY));
+        self.forces.push_back((force, dt));
+        while self.duration_s() - self.forces.front().map_or(0.0, |f| f.1) >= MEAN_S {
+            self.forces.pop_front();
+        }
+        self.advance_spans(at);
+        if self.duration_s() < MEAN_S {
+            return;
+        }
+        let sum = self
+            .forces
+            .iter()
+            .fold(Vector3::zeros(), |a, (f, dt)| a + f * *dt)
+            / self.duration_s();
+        let slope = sum.xy().norm() / (-sum.z).max(MIN_NORMAL_FORCE_MPS2);
+        if let Some(newest) = self.spans.first_mut() {
+            // A cast of a number too large gives the largest.
+            *newest = (*newest).max((slope / SLOPE_STEP).round() as u8);
+        }
+    }
+
+    /// The steepest slope of each span, the present one first; empty before the first.
+    pub fn slopes(&self, now: Time<VesselClock>) -> Seq<u8, SLOPE_WINDOWS> {
+        let mut copy = ApparentSlope {
+            spans: self.spans,
+            began: self.began,
+            ..ApparentSlope::default()
+        };
+        if copy.began.is_some() {
+            copy.advance_spans(now);
+        }
+        copy.spans
+    }
+
+    fn duration_s(&self) -> f64 {
+        self.forces.iter().map(|f| f.1).sum()
+    }
+
+    /// Begins new spans up to `now`.
+    fn advance_spans(&mut self, now: Time<VesselClock>) {
+        let Some(began) = self.began else {
+            self.began = Some(now);
+            self.spans = Seq::filled([0]);
+            return;
+        };
+        let steps = ((now - began).secs() / SLOPE_WINDOW_S).clamp(0.0, SLOPE_WINDOWS as f64) as usize;
+        if steps > 0 {
+            self.began = Some(if steps == SLOPE_WINDOWS {
+                now
+            } else {
+                began + Span::from_secs(SLOPE_WINDOW_S * steps as f64)
+            });
+            let old = self.spans;
+            self.spans = Seq::filled(std::iter::repeat_n(0, steps).chain(old.iter().copied()));
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use alight_shared::frames::Datum;
+    use alight_shared::msg::Header;
+
+    /// A vessel that rolls by `amplitude` sin(omega t) and is shaken sideways as the sloping water under it
+    /// would be (`with` 1) or not (0); the deck is at its reference point.
+    fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope {
+        let mut f = ApparentSlope::default();
+        for k in 0..(seconds * RATE_HZ) as u32 {
+            let t = f64::from(k) / RATE_HZ;
+            let (s, c) = (omega * t).sin_cos();
+            let mut e = VesselEstimate {
+                header: Header::new(1, 0, 1, k, Time::from_secs(100.0 + t)),
+                datum: Datum::default(),
+                eta: [0.0; 6],
+                eta_dot: [0.0; 6],
+                eta_ddot: [0.0; 6],
+                covariance: [[1.0, 0.0, 1.0]; 6],
+                deck_centre: [0.0; 3],
+                mean_velocity: [0.0; 2],
+                mean_heading: [0.0; 2],
+            };
+            e.eta[3] = amplitude * s;
+            e.eta_dot[3] = (amplitude * omega * c) as f32;
+            // Starboard down: the water there accelerates to starboard, g tan(roll).
+            e.eta_dot[1] = (-with * GRAVITY * amplitude * c / omega) as f32;
+            f.update(&e);
+        }
+        f
+    }
+
+    #[test]
+    fn apparent_slope_is_the_tilt_of_a_slow_roll_less_the_acceleration_of_the_water() {
+        let now = Time::from_secs(160.0);
+        let steepest = |f: &ApparentSlope| f.slopes(now).iter().skip(2).take(4).max().copied();
+        let alone = rolling_vessel(0.3, 1.0, 0.0, 60.0);
+        assert!(
+            (28..=34).contains(&steepest(&alone).unwrap()),
+            "{:?}",
+            steepest(&alone)
+        );
+        let carried = rolling_vessel(0.3, 1.0, 1.0, 60.0);
+        assert!(steepest(&carried).unwrap() < 5, "{:?}", steepest(&carried));
+    }
+
+    #[test]
+    fn apparent_slope_averages_quick_rocking_away() {
+        let slopes =
+            rolling_vessel(0.2, 2.0 * core::f64::consts::PI, 0.0, 30.0).slopes(Time::from_secs(130.0));
+        assert!(slopes[2] < 3, "{}", slopes[2]);
+    }
+
+    #[test]
+    fn apparent_slope_spans_last_two_minutes_and_restart_after_silence() {
+        let f = rolling_vessel(0.3, 1.0, 0.0, 7.0);
+        let soon = f.slopes(Time::from_secs(130.0));
+        assert!(soon.len() >= 6 && soon[0] == 0 && soon.iter().any(|s| *s > 20));
+        let late = f.slopes(Time::from_secs(400.0));
+        assert!(late.len() == SLOPE_WINDOWS && late.iter().all(|s| *s == 0));
+        assert!(ApparentSlope::default().slopes(Time::from_secs(1.0)).is_empty());
+    }
+}

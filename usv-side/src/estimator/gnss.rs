@@ -1,0 +1,159 @@
+//! GNSS and heading: late, compared with the state rolled back to their time of validity.
+
+use alight_shared::frames::{VesselNed, wrap_angle};
+use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
+use nalgebra::{Rotation2, Vector2, Vector3};
+
+use super::{Channel, Filter, GNSS_BIAS};
+use crate::VesselNodeConfig;
+
+/// Gate on the normalised innovation squared (5 standard deviations).
+const GATE: f64 = 25.0;
+/// Noise of a rate of turn, rad/s (ours: told in tenths of a degree a minute, smoothed).
+const RATE_SD: f64 = 0.02;
+/// After this many refused fixes in a row the position starts anew (2 s at 10 Hz).
+const MAX_REJECTED: u32 = 20;
+/// After this many refused velocities of one axis in a row they are believed (0.5 s at 10 Hz): a hull that
+/// slams is pushed aside faster than the inertial gate lets through, and a velocity from Doppler shifts has no
+/// memory of what it said before. Places may be led astray together for seconds: their patience is longer.
+const MAX_REJECTED_VELOCITIES: u32 = 5;
+
+impl Filter {
+    /// Fuses a fix; returns the number of its components that were refused.
+    pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
+        let late = (self.at - fix.header.at).secs();
+        let shift = self.datum.offset_to::<VesselNed>(&fix.datum).0;
+        let turn = Rotation2::new(-self.reference);
+        let flat = |v: Vector3<f64>| {
+            let h = turn * Vector2::new(v.x, v.y);
+            Vector3::new(h.x, h.y, v.z)
+        };
+        let position = flat(Vector3::from(fix.position) + shift);
+        let velocity = flat(Vector3::from(fix.velocity));
+        let arm_body = Vector3::from(fix.lever_arm.unwrap_or(config.gnss.antenna_m));
+        let mut rejected = 0;
+        for axis in [SURGE, SWAY, HEAVE] {
+            let before = [ETA, NU].map(|slot| self.belief.get(axis, slot));
+            let state_at = self.state_at(fix.header.at);
+            let arm = state_at.tilt.rotation() * arm_body;
+            let spin = state_at.tilt.rotation() * state_at.tilt.body_rates();
+            let v = state_at.nu[axis] + spin.cross(&arm)[axis];
+            let level = if axis == HEAVE {
+                self.belief.get(HEAVE, GNSS_BIAS)
+            } else {
+                0.0
+            };
+            let p = state_at.eta[axis] + level + arm[axis];
+            // (tilt that moves the antenna along this axis, metres per radian)
+            let lever = match axis {
+                SURGE => Some((PITCH, arm.z)),
+                SWAY => Some((ROLL, -arm.z)),
+                _ => None,
+            };
+            let mut row = core::mem::take(&mut self.row);
+            row.clear();
+            row.extend([Term::new(axis, ETA, 1.0), Term::new(axis, NU, -late)]);
+            if let Some((tilt, arm)) = lever {
+                row.extend([Term::new(tilt, ETA, arm), Term::new(tilt, NU, -late * arm)]);
+            }
+            if axis == HEAVE {
+                row.push(Term::new(HEAVE, GNSS_BIAS, 1.0));
+            }
+            let innovation = position[axis] - p;
+            let r = fix.position_sd[axis].powi(2);
+            let gate = self.gate_after(axis, ETA, MAX_REJECTED, innovation);
+            let update = self.belief.update(&row, innovation, r, gate);
+            self.count(axis, ETA, update.fused());
+            // What a receiver does not measure says nothing of how well it fits.
+            if fix.position_sd[axis] < NOT_MEASURED_SD {
+                self.consistency.observe(Channel::Position, update);
+            }
+            rejected += u64::from(!update.fused());
+
+            row.clear();
+            row.push(Term::new(axis, NU, 1.0));
+            self.belief.acceleration_terms(&self.model, axis, -late, &mut row);
+            if let Some((tilt, arm)) = lever {
+                row.push(Term::new(tilt, NU, arm));
+            }
+            let innovation = velocity[axis] - v;
+            let r = fix.velocity_sd[axis].powi(2);
+            let gate = self.gate_after(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
+            let update = self.belief.update(&row, innovation, r, gate);
+            self.count(axis, NU, update.fused());
+            if fix.velocity_sd[axis] < NOT_MEASURED_SD {
+                self.consistency.observe(Channel::Velocity, update);
+            }
+            rejected += u64::from(!update.fused());
+            self.row = row;
+            let [eta, nu] = [ETA, NU].map(|slot| self.belief.get(axis, slot));
+            self.correct_history(axis, eta - before[0], nu - before[1]);
+        }
+        self.rejected_fixes = if rejected > 2 { self.rejected_fixes + 1 } else { 0 };
+        if self.rejected_fixes > MAX_REJECTED {
+            // The receiver insists: its frame has jumped, or we have gone astray.
+            self.rejected_fixes = 0;
+            self.history.clear();
+            let arm = self.tilt().rotation() * arm_body;
+            for axis in [SURGE, SWAY] {
+                self.belief.set(axis, ETA, position[axis] - arm[axis]);
+                self.belief.set_variance(axis, ETA, 1.0);
+                if fix.velocity_sd[axis] < NOT_MEASURED_SD {
+                    self.belief.set(axis, NU, velocity[axis]);
+                    self.belief.set_variance(axis, NU, 0.25);
+                }
+            }
+            let heave = self.belief.get(HEAVE, ETA);
+            self.belief.set(HEAVE, GNSS_BIAS, position[2] - arm.z - heave);
+            self.belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
+        }
+        rejected
+    }
+
+    /// The gate of an axis' place ([`ETA`]) or velocity ([`NU`]): open when it was refused `gate_after` times in
+    /// a row, and the state then known no better than it is off. A height that jumps is the receiver's, not the
+    /// hull's, which the water holds.
+    fn gate_after(&mut self, axis: usize, slot: usize, gate_after: u32, innovation: f64) -> f64 {
+        if self.rejected_rows[slot][axis] < gate_after {
+            return GATE;
+        }
+        let state = if (axis, slot) == (HEAVE, ETA) {
+            GNSS_BIAS
+        } else {
+            slot
+        };
+        self.belief.inflate(axis, state, innovation * innovation);
+        f64::INFINITY
+    }
+    fn count(&mut self, axis: usize, slot: usize, fused: bool) {
+        let n = &mut self.rejected_rows[slot][axis];
+        *n = if fused { 0 } else { *n + 1 };
+    }
+
+    /// Fuses a heading; false when it was refused.
+    pub(super) fn fuse_heading(&mut self, fix: &HeadingFix) -> bool {
+        let late = (self.at - fix.header.at).secs();
+        let compass = HEAD + 1;
+        let predicted =
+            self.belief.get(YAW, ETA) - late * self.belief.get(YAW, NU) + self.belief.get(YAW, compass);
+        let row = [
+            Term::new(YAW, ETA, 1.0),
+            Term::new(YAW, NU, -late),
+            Term::new(YAW, compass, 1.0),
+        ];
+        let innovation = wrap_angle(fix.heading - predicted);
+        let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), GATE);
+        self.consistency.observe(Channel::Heading, update);
+        // A rate of turn says nothing that a gyroscope does not say better.
+        if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(fix.header.at)) {
+            let innovation =
+                rate - (self.belief.get(YAW, NU) - late * self.belief.acceleration(&self.model, YAW));
+            let update = self
+                .belief
+                .update(&[Term::new(YAW, NU, 1.0)], innovation, RATE_SD * RATE_SD, GATE);
+            self.consistency.observe(Channel::Rate, update);
+        }
+        update.fused()
+    }
+}

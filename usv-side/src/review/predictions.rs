@@ -1,0 +1,138 @@
+//! Predictions against what the node says itself when the time has come.
+
+use std::collections::VecDeque;
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{VesselEstimate, VesselPrediction};
+use alight_shared::time::{Span, Time, VesselClock};
+use serde::Serialize;
+
+/// Times ahead, s.
+pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
+/// Degrees of freedom, as in the estimate.
+const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
+const HEAVE: usize = 2;
+/// Predictions under way, at most.
+const MAX_PENDING: usize = 64;
+/// Two estimates further apart than this are not interpolated between, s.
+const MAX_GAP_S: f64 = 0.2;
+
+/// One degree of freedom.
+#[derive(Clone, Debug, Serialize)]
+pub struct PredictionReview {
+    /// Which: position north, east, down, then roll, pitch, yaw.
+    pub what: &'static str,
+    /// m or deg.
+    pub unit: &'static str,
+    /// Predictions compared.
+    pub count: u64,
+    /// Root mean square difference to the later estimate, per horizon.
+    pub rms: [f64; 3],
+    /// That of holding the last estimate.
+    pub hold_rms: [f64; 3],
+    /// Share of differences within 1.96 of the standard deviation that came with the prediction.
+    pub inside_95: [f64; 3],
+}
+
+#[derive(Clone, Copy)]
+struct Pending {
+    horizon: usize,
+    due: Time<VesselClock>,
+    predicted: [f64; 6],
+    sd: [f64; 6],
+    held: [f64; 6],
+}
+
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    n: u64,
+    squares: [f64; 6],
+    held: [f64; 6],
+    inside: [u64; 6],
+}
+
+/// Predictions waiting for their time, and how those before them fared.
+pub(super) struct Predictions {
+    heave: bool,
+    pending: VecDeque<Pending>,
+    last: Option<(Time<VesselClock>, [f64; 6])>,
+    sums: [Sums; HORIZONS_S.len()],
+}
+
+fn difference(dof: usize, a: f64, b: f64) -> f64 {
+    if dof < 3 { a - b } else { wrap_angle(a - b) }
+}
+
+impl Predictions {
+    pub(super) fn new(heave: bool) -> Self {
+        Predictions {
+            heave,
+            pending: VecDeque::new(),
+            last: None,
+            sums: Default::default(),
+        }
+    }
+    pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>) {
+        let Some((held, _)) = p.at(0.0) else { return };
+        for (horizon, h) in HORIZONS_S.iter().enumerate() {
+            if let Some((predicted, sd)) = p.at(*h)
+                && self.pending.len() < MAX_PENDING
+            {
+                self.pending.push_back(Pending {
+                    horizon,
+                    due: p.header.at + Span::from_secs(*h),
+                    predicted,
+                    sd,
+                    held,
+                });
+            }
+        }
+    }
+    pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>) {
+        let (at, eta) = (estimate.header.at, estimate.eta);
+        if let Some((before, was)) = self.last.replace((at, eta)) {
+            let whole = (at - before).secs();
+            let (sums, sound) = (&mut self.sums, whole > 0.0 && whole < MAX_GAP_S);
+            self.pending.retain(|p| {
+                if p.due > at {
+                    return true;
+                }
+                let share = (p.due - before).secs() / whole;
+                if let Some(s) = sums.get_mut(p.horizon)
+                    && sound
+                    && (0.0..=1.0).contains(&share)
+                {
+                    s.n += 1;
+                    for d in 0..6 {
+                        let then = was[d] + share * difference(d, eta[d], was[d]);
+                        let off = difference(d, p.predicted[d], then);
+                        s.squares[d] += off * off;
+                        s.held[d] += difference(d, p.held[d], then).powi(2);
+                        s.inside[d] += u64::from(off.abs() <= 1.96 * p.sd[d]);
+                    }
+                }
+                false
+            });
+        }
+    }
+    pub(super) fn reviews(&self) -> Vec<PredictionReview> {
+        let count = self.sums.iter().map(|s| s.n).min().unwrap_or_default();
+        if count == 0 {
+            return Vec::new();
+        }
+        let dofs = (0..6).filter(|d| *d != HEAVE || self.heave);
+        dofs.map(|d| {
+            let scale = if d < 3 { 1.0 } else { 1.0_f64.to_degrees() };
+            let each = |f: &dyn Fn(&Sums) -> f64| self.sums.each_ref().map(f);
+            PredictionReview {
+                what: DOFS[d],
+                unit: if d < 3 { "m" } else { "deg" },
+                count,
+                rms: each(&|s| scale * (s.squares[d] / s.n as f64).sqrt()),
+                hold_rms: each(&|s| scale * (s.held[d] / s.n as f64).sqrt()),
+                inside_95: each(&|s| s.inside[d] as f64 / s.n as f64),
+            }
+        })
+        .collect()
+    }
+}
