@@ -11,7 +11,7 @@ use alight_shared::node::Node;
 use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use alight_uav::mission::{Mission, MissionConfig, MissionIn};
-use alight_usv::{DeckArbiter, DeckConfig};
+use alight_usv::deck::{ArbiterIn, DeckArbiter, DeckConfig};
 use nalgebra::Vector3;
 
 /// Height of the deck, NED z, m.
@@ -178,7 +178,8 @@ impl Fleet {
                 .filter(|d| speak && d.radio)
                 .map(|d| d.status(t))
                 .collect();
-            let grant = self.arbiter.step(vessel_t, &statuses).map(|g| g.restamped(t));
+            let out = self.arbiter.step(vessel_t, &ArbiterIn { statuses });
+            let grant = out.grant.map(|g| g.restamped(t));
             let command = (self.k == 5).then_some(CommandKind::Land);
             for (d, visited) in self.drones.iter_mut().zip(&mut self.visited) {
                 let received = grant.filter(|_| d.radio);

@@ -1,12 +1,17 @@
 //! The vessel's side of Alight: sensors to estimate, identification of the sea, broadcast.
 //!
-//! [`VesselNode`] is the process: it admits what the sensors say, feeds the [`estimator`], which in
-//! turn feeds and uses the [`sea_state`] identification, and speaks at the rates that the link bears
-//! ([`rate_control`]).
+//! | module | what |
+//! |---|---|
+//! | [`sensors`] | bytes of the vessel's sensors to measurements with their time |
+//! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
+//! | [`estimator`], [`sea_state`] | the Kalman filter; the wave components in its model |
+//! | [`apparent_slope`] | how steep the deck was of late for what stands on it |
+//! | [`rate_control`] | the rates that the radio carries |
+//! | [`deck`] | the deck arbiter and the operator relay |
+//! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |
 
 pub mod apparent_slope;
 pub mod calibrate;
-pub mod commands;
 pub mod config;
 pub mod deck;
 pub mod estimator;
@@ -17,8 +22,7 @@ pub mod review;
 pub mod sea_state;
 pub mod sensors;
 
-pub use commands::OperatorRelay;
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
-pub use deck::{DeckArbiter, DeckConfig};
+pub use deck::{DeckArbiter, DeckConfig, OperatorRelay};
 pub use estimator::Estimator;
 pub use node::{KINDS, Rejections, SourceCounts, VesselIn, VesselNode, VesselOut};

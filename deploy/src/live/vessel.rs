@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
+use alight_shared::node::Node;
 use alight_shared::seq::Seq;
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics::{self, Topic};
@@ -13,7 +14,8 @@ use alight_shared::transport::radio::{Publication, Radio, Urgency};
 use alight_shared::transport::rejections::{self, AccessRejections};
 use alight_shared::transport::statistics::Quantiles;
 use alight_shared::wire;
-use alight_usv::{DeckArbiter, KINDS, OperatorRelay, SourceCounts, VesselIn, VesselNode};
+use alight_usv::deck::{ArbiterIn, ArbiterOut, DeckArbiter, OperatorIn, OperatorRelay};
+use alight_usv::{KINDS, SourceCounts, VesselIn, VesselNode};
 use serde::Serialize;
 
 use super::args::ProcessArgs;
@@ -102,7 +104,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         .peers
         .iter()
         .any(|p| p.starts_with("operator-"));
-    let mut commands = OperatorRelay::new(id, process.life.boot());
+    let mut operator_relay = OperatorRelay::new(id, process.life.boot());
     let mut arbiter = DeckArbiter::new(&computer.deck, id, process.life.boot());
     let mut undecoded = 0_u64;
     let mut status_file = StatusFile::new(&computer);
@@ -127,6 +129,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             )));
         }
         let readings = sensors.read(MAX_WAIT);
+        let mut commands = Vec::new();
         while let Some(heard) = radio.receive(Duration::ZERO) {
             // What does not decode is nobody's request.
             match heard.subscription {
@@ -137,14 +140,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 // Whoever reaches a radio without certificates could command.
                 COMMANDS if !secured => undecoded += 1,
                 COMMANDS => match wire::decode(&heard.bytes) {
-                    Ok(said) => {
-                        if commands.hear(process.now(), &said) {
-                            terminal::line(format_args!(
-                                "an operator tells drone {}: {:?}",
-                                said.header.drone, said.kind
-                            ));
-                        }
-                    }
+                    Ok(command) => commands.push(command),
                     Err(_) => undecoded += 1,
                 },
                 _ => match wire::decode(&heard.bytes) {
@@ -162,11 +158,26 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         status_file.observe_drones(&computer, &heard);
         let now = process.now();
         let had = arbiter.owner();
-        let grant = arbiter.step(now, heard.iter().map(|(_, word)| word));
+        let drone_statuses: Vec<DroneStatus> = heard.iter().map(|(_, status)| *status).collect();
+        let input = ArbiterIn {
+            statuses: drone_statuses.clone(),
+        };
+        let ArbiterOut { grant } = arbiter.step(now, &input);
         publish(&mut radio, DECK, grant.as_ref());
         status_file.observe_grant(grant.as_ref());
-        for command in commands.step(now, heard.iter().map(|(_, word)| word)) {
-            publish(&mut radio, OPERATOR, Some(&command));
+        let input = OperatorIn {
+            commands,
+            statuses: drone_statuses,
+        };
+        let relayed = operator_relay.step(now, &input);
+        for command in &relayed.accepted {
+            terminal::line(format_args!(
+                "an operator commands drone {}: {:?}",
+                command.header.drone, command.kind
+            ));
+        }
+        for command in &relayed.commands {
+            publish(&mut radio, OPERATOR, Some(command));
         }
         for (_, word) in heard.iter().filter(|_| operators) {
             publish(&mut radio, DRONES, Some(word));
@@ -206,7 +217,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             sensors.rejected() as f64,
             counts.sent_bytes as f64,
             counts.dropped as f64,
-            (undecoded + commands.rejected() + node.absurd + node.other_vessel + node.flood) as f64,
+            (undecoded + operator_relay.rejected() + node.absurd + node.other_vessel + node.flood) as f64,
         ];
         process.life.figures = {
             let rate_fraction = process.node().rate_fraction();

@@ -1,0 +1,10 @@
+//! Who may use the deck, and what operators say to drones: the vessel's nodes that speak with drones.
+
+pub mod arbiter;
+pub mod operator;
+
+pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig};
+pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
+
+/// Most drones that a vessel keeps apart; further ones get neither deck nor commands.
+pub const MAX_DRONES: usize = 64;

@@ -1,0 +1,232 @@
+//! The operator relay: operators' commands on their way through the vessel to its drones.
+//!
+//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most. While an
+//! abort has not shown its effect, no other command reaches that drone.
+
+use alight_shared::msg::{CommandKind, DroneStatus, Header, MESSAGE_VERSION, OperatorCommand};
+use alight_shared::node::Node;
+use alight_shared::time::{Span, Time, VesselClock};
+use serde::{Deserialize, Serialize};
+
+use super::MAX_DRONES;
+
+/// Time between two repetitions.
+const REPEAT_PERIOD: Span = Span::from_millis(500);
+/// A command that shows no effect is given up after this long.
+const TIMEOUT: Span = Span::from_millis(10_000);
+
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    drone: u32,
+    kind: CommandKind,
+    given: Time<VesselClock>,
+    next: Time<VesselClock>,
+    /// Boot and sequence of the operator's message.
+    identity: (u32, u32),
+    /// In effect or given up: kept to recognise its repetitions.
+    finished: bool,
+}
+
+/// What arrived since the last step.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct OperatorIn {
+    /// From operators whose certificates were accepted.
+    pub commands: Vec<OperatorCommand<VesselClock>>,
+    /// From drones.
+    pub statuses: Vec<DroneStatus>,
+}
+
+/// What the relay sends and has accepted.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct OperatorOut {
+    /// Commands of this step that were new and valid, as the operators gave them.
+    pub accepted: Vec<OperatorCommand<VesselClock>>,
+    /// For the drones that their headers name.
+    pub commands: Vec<OperatorCommand<VesselClock>>,
+}
+
+/// The node that passes commands on.
+#[derive(Clone, Debug)]
+pub struct OperatorRelay {
+    vessel: u32,
+    boot: u32,
+    sequence: u32,
+    pending: Vec<Pending>,
+    rejected: u64,
+}
+
+impl OperatorRelay {
+    /// The relay of vessel `vessel`, which started with this boot id.
+    pub fn new(vessel: u32, boot: u32) -> OperatorRelay {
+        OperatorRelay {
+            vessel,
+            boot,
+            sequence: 0,
+            pending: Vec::new(),
+            rejected: 0,
+        }
+    }
+    /// Commands that were not passed on.
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+
+    /// Takes an operator's command; true when it is new and valid.
+    fn accept(&mut self, now: Time<VesselClock>, command: &OperatorCommand<VesselClock>) -> bool {
+        let h = &command.header;
+        let identity = (h.boot, h.sequence);
+        let index = self.pending.iter().position(|p| p.drone == h.drone);
+        let before = index.and_then(|k| self.pending.get(k));
+        if before.is_some_and(|p| p.identity == identity) {
+            return false;
+        }
+        let valid = h.version == MESSAGE_VERSION && h.vessel == self.vessel && h.drone != 0;
+        let aborting = before.is_some_and(|p| !p.finished && p.kind == CommandKind::Abort);
+        let full = before.is_none() && self.pending.len() >= MAX_DRONES;
+        if !valid || full || aborting && command.kind != CommandKind::Abort {
+            self.rejected = self.rejected.saturating_add(1);
+            return false;
+        }
+        let pending = Pending {
+            drone: h.drone,
+            kind: command.kind,
+            given: now,
+            next: now,
+            identity,
+            finished: false,
+        };
+        match index.and_then(|k| self.pending.get_mut(k)) {
+            Some(slot) => *slot = pending,
+            None => self.pending.push(pending),
+        }
+        true
+    }
+}
+
+impl Node for OperatorRelay {
+    type Clock = VesselClock;
+    type In = OperatorIn;
+    type Out = OperatorOut;
+
+    fn step(&mut self, now: Time<VesselClock>, input: &OperatorIn) -> OperatorOut {
+        let new = |c: &&OperatorCommand<VesselClock>| self.accept(now, c);
+        let mut out = OperatorOut {
+            accepted: input.commands.iter().filter(new).copied().collect(),
+            commands: Vec::new(),
+        };
+        for p in &mut self.pending {
+            // A status that was under way when the command was given shows nothing.
+            let met = |s: &DroneStatus| {
+                p.drone == s.header.drone && p.next > p.given && p.kind.is_met(s.state, s.waiting.code)
+            };
+            p.finished |= input.statuses.iter().any(met) || now - p.given > TIMEOUT;
+            if p.finished || now < p.next {
+                continue;
+            }
+            p.next = now + REPEAT_PERIOD;
+            self.sequence = self.sequence.wrapping_add(1);
+            out.commands.push(OperatorCommand {
+                header: Header::new(self.vessel, p.drone, self.boot, self.sequence, now),
+                kind: p.kind,
+            });
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::{Reason, ReasonCode, State};
+
+    fn command(sequence: u32, drone: u32, kind: CommandKind) -> OperatorCommand<VesselClock> {
+        OperatorCommand {
+            header: Header::new(1, drone, 5, sequence, Time::EPOCH),
+            kind,
+        }
+    }
+    fn status(state: State, waiting: ReasonCode) -> DroneStatus {
+        DroneStatus {
+            header: Header::new(1, 3, 1, 1, Time::EPOCH),
+            state,
+            waiting: Reason::plain(waiting),
+            ..DroneStatus::default()
+        }
+    }
+
+    /// Steps the relay with at most one command and one status.
+    fn step(
+        relay: &mut OperatorRelay,
+        t_s: f64,
+        command: Option<OperatorCommand<VesselClock>>,
+        status: Option<DroneStatus>,
+    ) -> (bool, Vec<CommandKind>) {
+        let input = OperatorIn {
+            commands: command.into_iter().collect(),
+            statuses: status.into_iter().collect(),
+        };
+        let out = relay.step(Time::from_secs(t_s), &input);
+        let sent = out.commands.iter().map(|c| c.kind).collect();
+        (!out.accepted.is_empty(), sent)
+    }
+
+    #[test]
+    fn operator_relay_repeats_a_command_until_the_drone_status_shows_it() {
+        let mut relay = OperatorRelay::new(1, 9);
+        let land = Some(command(1, 3, CommandKind::Land));
+        let idle = Some(status(State::Idle, ReasonCode::NotCommanded));
+        let (accepted, sent) = step(&mut relay, 1.0, land, idle);
+        assert!(accepted && sent.len() == 1);
+        assert!(!step(&mut relay, 1.1, land, None).0, "a repetition");
+        let sent: usize = (11..30)
+            .map(|k| step(&mut relay, f64::from(k) * 0.1, None, idle).1.len())
+            .sum();
+        assert_eq!(sent, 3);
+        let climbing = Some(status(State::GetAltitude, ReasonCode::TooFar));
+        assert!(step(&mut relay, 3.0, None, climbing).1.is_empty());
+        assert!(step(&mut relay, 4.0, None, None).1.is_empty());
+        assert_eq!(relay.rejected(), 0);
+    }
+
+    #[test]
+    fn operator_relay_holds_other_commands_back_until_an_abort_is_effective() {
+        let mut relay = OperatorRelay::new(1, 9);
+        let [land, abort, again, last] = [
+            (1, CommandKind::Land),
+            (2, CommandKind::Abort),
+            (3, CommandKind::Land),
+            (4, CommandKind::Land),
+        ]
+        .map(|(sequence, kind)| Some(command(sequence, 3, kind)));
+        assert_eq!(step(&mut relay, 1.0, land, None), (true, vec![CommandKind::Land]));
+        assert_eq!(
+            step(&mut relay, 1.2, abort, None),
+            (true, vec![CommandKind::Abort])
+        );
+        assert!(!step(&mut relay, 1.3, again, None).0);
+        let descent = Some(status(State::Descent, ReasonCode::TooFar));
+        assert_eq!(step(&mut relay, 1.8, None, descent).1, [CommandKind::Abort]);
+        let over = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+        assert!(step(&mut relay, 2.4, None, over).1.is_empty());
+        assert!(step(&mut relay, 2.5, last, None).0);
+        assert_eq!(relay.rejected(), 1);
+    }
+
+    #[test]
+    fn operator_relay_gives_up_after_10_s_and_rejects_foreign_commands() {
+        let mut relay = OperatorRelay::new(1, 9);
+        assert!(!step(&mut relay, 1.0, Some(command(1, 0, CommandKind::Abort)), None).0);
+        let mut other = command(2, 3, CommandKind::Abort);
+        other.header.vessel = 2;
+        assert!(!step(&mut relay, 1.0, Some(other), None).0);
+        assert_eq!(relay.rejected(), 2);
+        let hold = command(3, 3, CommandKind::Hold);
+        let sent: usize = (0..100)
+            .map(|k| {
+                let given = (k == 0).then_some(hold);
+                step(&mut relay, 1.0 + f64::from(k) * 0.5, given, None).1.len()
+            })
+            .sum();
+        assert_eq!(sent, 21);
+    }
+}
