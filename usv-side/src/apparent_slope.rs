@@ -1,9 +1,9 @@
-//! How steep the deck felt of late.
+//! The apparent slope of the deck: the tangent of the angle between its normal and the specific force.
 //!
-//! A landed drone with stopped motors stays only while the deck holds it. In steep short seas without the
-//! water's sideways motion a light hull leaves the water: its deck tilts and falls as no sum of waves
-//! foretells, in groups 15 to 45 s apart. The vessel has watched its deck for longer than
-//! any drone that has just arrived, so it says what it saw.
+//! A landed drone with stopped motors stays only while friction holds it against that slope. In steep short seas a
+//! light hull that the water does not carry sideways leaves the water: its deck tilts and falls as no sum of waves
+//! predicts, in groups 15 to 45 s apart. The vessel has watched its deck for longer than a drone that has just
+//! arrived, so it publishes the steepest apparent slope of each window of the last two minutes.
 
 use std::collections::VecDeque;
 
@@ -14,31 +14,31 @@ use alight_shared::seq::Seq;
 use alight_shared::time::{Span, Time, VesselClock};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// The deck is felt so often, 1/s.
+/// Rate of the estimates that it is computed from, Hz.
 pub(crate) const RATE_HZ: f64 = 20.0;
-/// The specific force is averaged over this time, s: what lasts shorter moves a drone that it makes slide by
-/// centimetres, and a quickly rocking platform is all of that kind.
+/// The specific force is averaged over this time, s: a shorter slide moves the drone by centimetres, and a quickly
+/// rocking platform has only such.
 const MEAN_S: f64 = 1.0;
-/// A longer pause between two estimates is none in which an acceleration can be told, s.
+/// Longest time between two estimates over which an acceleration is computed, s.
 const MAX_GAP_S: f64 = 0.3;
-/// Less normal force than this holds nothing, m/s².
+/// Smallest normal force that the slope is computed with, m/s².
 const MIN_NORMAL_FORCE_MPS2: f64 = 0.5;
 
-/// The deck's motion over the last moment, and its steepest slopes.
+/// The deck's specific force over the last second, and its steepest slope per window.
 #[derive(Clone, Debug, Default)]
 pub struct ApparentSlope {
-    /// Time and velocity (NED, m/s) of the deck's centre before.
+    /// Time and velocity (NED, m/s) of the deck's centre at the last update.
     before: Option<(Time<VesselClock>, Vector3<f64>)>,
     /// Specific force in the deck's axes (m/s²) and the time that each lasted (s), oldest first.
     forces: VecDeque<(Vector3<f64>, f64)>,
-    /// Steepest slope per span, newest first, and when the newest began.
-    spans: Seq<u8, SLOPE_WINDOWS>,
+    /// Steepest slope per window, newest first, and when the newest began.
+    windows: Seq<u8, SLOPE_WINDOWS>,
     began: Option<Time<VesselClock>>,
 }
 
 impl ApparentSlope {
     /// Takes the vessel's state. The deck's acceleration is the difference of its velocity: the filter's own
-    /// knows only what its model does.
+    /// acceleration knows only the motion of its model.
     pub fn update(&mut self, e: &VesselEstimate<VesselClock>) {
         let at = e.header.at;
         let [_, _, _, roll, pitch, yaw] = e.eta;
@@ -60,7 +60,7 @@ impl ApparentSlope {
         while self.duration_s() - self.forces.front().map_or(0.0, |f| f.1) >= MEAN_S {
             self.forces.pop_front();
         }
-        self.advance_spans(at);
+        self.advance_windows(at);
         if self.duration_s() < MEAN_S {
             return;
         }
@@ -70,34 +70,34 @@ impl ApparentSlope {
             .fold(Vector3::zeros(), |a, (f, dt)| a + f * *dt)
             / self.duration_s();
         let slope = sum.xy().norm() / (-sum.z).max(MIN_NORMAL_FORCE_MPS2);
-        if let Some(newest) = self.spans.first_mut() {
+        if let Some(newest) = self.windows.first_mut() {
             // A cast of a number too large gives the largest.
             *newest = (*newest).max((slope / SLOPE_STEP).round() as u8);
         }
     }
 
-    /// The steepest slope of each span, the present one first; empty before the first.
+    /// The steepest slope of each window, in units of [`SLOPE_STEP`], the present one first; empty before the first.
     pub fn slopes(&self, now: Time<VesselClock>) -> Seq<u8, SLOPE_WINDOWS> {
         let mut copy = ApparentSlope {
-            spans: self.spans,
+            windows: self.windows,
             began: self.began,
             ..ApparentSlope::default()
         };
         if copy.began.is_some() {
-            copy.advance_spans(now);
+            copy.advance_windows(now);
         }
-        copy.spans
+        copy.windows
     }
 
     fn duration_s(&self) -> f64 {
         self.forces.iter().map(|f| f.1).sum()
     }
 
-    /// Begins new spans up to `now`.
-    fn advance_spans(&mut self, now: Time<VesselClock>) {
+    /// Begins new windows up to `now`.
+    fn advance_windows(&mut self, now: Time<VesselClock>) {
         let Some(began) = self.began else {
             self.began = Some(now);
-            self.spans = Seq::filled([0]);
+            self.windows = Seq::filled([0]);
             return;
         };
         let steps = ((now - began).secs() / SLOPE_WINDOW_S).clamp(0.0, SLOPE_WINDOWS as f64) as usize;
@@ -107,8 +107,8 @@ impl ApparentSlope {
             } else {
                 began + Span::from_secs(SLOPE_WINDOW_S * steps as f64)
             });
-            let old = self.spans;
-            self.spans = Seq::filled(std::iter::repeat_n(0, steps).chain(old.iter().copied()));
+            let old = self.windows;
+            self.windows = Seq::filled(std::iter::repeat_n(0, steps).chain(old.iter().copied()));
         }
     }
 }
@@ -120,8 +120,8 @@ mod tests {
     use alight_shared::frames::Datum;
     use alight_shared::msg::Header;
 
-    /// A vessel that rolls by `amplitude` sin(omega t) and is shaken sideways as the sloping water under it
-    /// would be (`with` 1) or not (0); the deck is at its reference point.
+    /// A vessel that rolls by `amplitude` sin(omega t) and is accelerated sideways like the sloping water under it
+    /// (`with` 1) or not (0); the deck is at its reference point.
     fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope {
         let mut f = ApparentSlope::default();
         for k in 0..(seconds * RATE_HZ) as u32 {
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn apparent_slope_spans_last_two_minutes_and_restart_after_silence() {
+    fn apparent_slope_windows_last_two_minutes_and_restart_after_silence() {
         let f = rolling_vessel(0.3, 1.0, 0.0, 7.0);
         let soon = f.slopes(Time::from_secs(130.0));
         assert!(soon.len() >= 6 && soon[0] == 0 && soon.iter().any(|s| *s > 20));

@@ -306,8 +306,7 @@ impl VesselNode {
             } else if asked.vessel != self.vessel {
                 self.rejected.other_vessel += 1;
             } else {
-                let period_s =
-                    1.0 / (self.config.broadcast.estimate_hz * self.rate_control.estimate_fraction());
+                let period_s = 1.0 / (self.config.broadcast.estimate_hz * self.rate_control.rate_fraction());
                 if asked_boot(&request.value) == Some(self.boot) {
                     let newest = request.value.newest_at;
                     self.rate_control
@@ -364,7 +363,7 @@ impl Node for VesselNode {
             return out;
         };
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
-        if self.estimate.0.due(now, self.rate_control.estimate_fraction()) {
+        if self.estimate.0.due(now, self.rate_control.rate_fraction()) {
             let m = filter.estimate(&self.config, header(self.estimate.1));
             out.estimate = checked(m, &mut self.estimate.1, &mut self.rejected);
         }

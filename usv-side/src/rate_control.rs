@@ -1,54 +1,52 @@
-//! How much of its full rates the vessel uses: less while the link backs up, all of it when it is
-//! free.
+//! Rate control of the broadcast: lower rates while the radio link is congested, full rates while it is free.
 //!
-//! Each drone's question for the time says which estimate was its newest. The time from that
-//! estimate's validity to the question's arrival, all on the vessel's clock, is the way there, the
-//! wait for the next message and the way back. Its shortest of late is the free link's; what comes
-//! on top is a queue. Loss says nothing: a bad link loses whatever is sent. The rise after a start
-//! and the fall at a full queue are those of congestion control (Jacobson 1988): quickly up to where
-//! the link backed up last, slowly beyond, down by a factor.
+//! Each time request of a drone names its newest estimate. From that estimate's validity to the request's
+//! arrival, all on the vessel's clock, pass the delay to the drone, the wait for its next request and the delay
+//! back. The smallest such time of the last minute is the delay of a free link; what exceeds it is queueing
+//! delay. Loss is no sign of congestion here: a bad link loses whatever is sent. As in congestion control
+//! (Jacobson 1988) the rate rises quickly up to where the link was last congested, slowly beyond, and falls by
+//! a factor.
 
 use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};
 
-/// Drones that are told apart.
+/// Most drones whose links are observed.
 const MAX_DRONES: usize = 8;
-/// The shortest way of so long counts, in two halves, s.
+/// The smallest delay is taken over a window of two halves of this length, s.
 const HALF_WINDOW_S: f64 = 30.0;
-/// A drone that says nothing for so long is not asked any more, s.
+/// A drone without a time request for this long no longer counts, s.
 const LINK_TIMEOUT_S: f64 = 10.0;
-/// The share that backed up is respected for so long, s.
+/// The fraction at which the link was congested is avoided for this long, s.
 const THRESHOLD_MEMORY_S: f64 = 10.0;
-/// Answers of a drone that was not heard before, at the first share: a queue that was there drains,
-/// and the shortest way shows.
+/// Samples of a new drone at the initial fraction: a queue that was there drains, and the smallest delay shows.
 const STARTUP_SAMPLES: u32 = 8;
-/// Share gained at an answer below and beyond the share that backed up, and factor on backing up.
+/// Increase of the fraction at a sample, below and beyond the threshold, and factor on congestion.
 const INCREASE: f64 = 0.1;
 const SLOW_INCREASE: f64 = 0.005;
 const DECREASE_FACTOR: f64 = 0.7;
 
 config! {
-    /// When a link counts as backed up.
+    /// When a link counts as congested.
     pub struct RateControlConfig {
-        /// The way there and back is longer than the shortest of late by this, s.
-        /// Source: Ours: above the jitter of every profile, below half of the predictor's patience.
+        /// Queueing delay of a congested link, s.
+        /// Source: ours, above the jitter of every radio profile, below half of the predictor's timeout.
         pub congestion_delay_s: f64 = 0.2, in 0.02..=10.0;
-        /// Share of the full rates for a drone that was not heard before.
-        /// Source: Ours: 2.5 kB/s with headers, clearly less than 32 kbit/s: the way that is found at the
-        /// start is one without a queue. At 0.3 (4 kB/s) it was not: 0.74 s of it stayed.
+        /// Fraction of the full rates for a new drone.
+        /// Source: ours, 2.5 kB/s with headers, clearly less than 32 kbit/s, so that the delay found at the start
+        /// is one without a queue. At 0.3 (4 kB/s) 0.74 s of queueing delay remained.
         pub initial_fraction: f64 = 0.15, in 0.05..=1.0;
-        /// The lowest share.
-        /// Source: Ours: estimates at 4.5 Hz.
+        /// Smallest fraction of the full rates.
+        /// Source: ours, estimates at 4.5 Hz.
         pub min_fraction: f64 = 0.15, in 0.05..=1.0;
     }
 }
 
-/// One drone's link.
+/// The link to one drone.
 #[derive(Clone, Copy, Debug)]
 struct DroneLink {
     drone: u32,
     at: Time<VesselClock>,
-    /// The shortest way of this half of the window and of the one before, s.
+    /// The smallest delay of this half of the window and of the one before, s.
     min_delay_s: [f64; 2],
     half_window_start: Time<VesselClock>,
     congested: u32,
@@ -58,7 +56,52 @@ struct DroneLink {
     threshold_at: Time<VesselClock>,
 }
 
-/// The share of the full rates.
+impl DroneLink {
+    fn new(config: &RateControlConfig, now: Time<VesselClock>, drone: u32, delay_s: f64) -> Self {
+        DroneLink {
+            drone,
+            at: now,
+            min_delay_s: [delay_s; 2],
+            half_window_start: now,
+            congested: 0,
+            samples: 0,
+            rate_fraction: config.initial_fraction,
+            threshold: 1.0,
+            threshold_at: now,
+        }
+    }
+
+    fn observe(&mut self, config: &RateControlConfig, now: Time<VesselClock>, delay_s: f64, period_s: f64) {
+        self.at = now;
+        self.samples = self.samples.saturating_add(1);
+        if (now - self.half_window_start).secs() > HALF_WINDOW_S {
+            (self.half_window_start, self.min_delay_s) = (now, [delay_s, self.min_delay_s[0]]);
+        }
+        self.min_delay_s[0] = self.min_delay_s[0].min(delay_s);
+        let queue_delay_s = delay_s - self.min_delay_s[0].min(self.min_delay_s[1]);
+        // Between two estimates the newest grows older by a period without any queue; a lost one makes it two.
+        if queue_delay_s > config.congestion_delay_s + 1.5 * period_s {
+            self.congested += 1;
+        } else {
+            self.congested = 0;
+        }
+        if (now - self.threshold_at).secs() > THRESHOLD_MEMORY_S {
+            self.threshold = 1.0;
+        }
+        // Twice in a row: a single late one is an outage that has just ended.
+        if self.congested >= 2 {
+            (self.threshold, self.threshold_at) = (0.85 * self.rate_fraction, now);
+            self.rate_fraction = (DECREASE_FACTOR * self.rate_fraction).max(config.min_fraction);
+            self.congested = 0;
+        } else if self.congested == 0 && self.samples > STARTUP_SAMPLES {
+            let fast = self.rate_fraction < self.threshold;
+            let increase = if fast { INCREASE } else { SLOW_INCREASE };
+            self.rate_fraction = (self.rate_fraction + increase).min(1.0);
+        }
+    }
+}
+
+/// Chooses the fraction of the full rates that the links carry.
 #[derive(Clone, Debug)]
 pub struct RateControl {
     config: RateControlConfig,
@@ -66,7 +109,7 @@ pub struct RateControl {
 }
 
 impl RateControl {
-    /// Nobody has answered yet.
+    /// Without any link.
     pub fn new(config: &RateControlConfig) -> RateControl {
         RateControl {
             config: config.clone(),
@@ -74,8 +117,8 @@ impl RateControl {
         }
     }
 
-    /// A question of `drone` arrived at `now`; its newest estimate was valid at `newest`, and
-    /// estimates go out every `period_s`.
+    /// A time request of `drone` arrived at `now`; its newest estimate was valid at `newest`, and estimates are
+    /// published every `period_s`.
     pub fn observe(&mut self, now: Time<VesselClock>, drone: u32, newest: Time<VesselClock>, period_s: f64) {
         let delay_s = (now - newest).secs();
         if !(0.0..=60.0).contains(&delay_s) {
@@ -83,61 +126,14 @@ impl RateControl {
         }
         let config = &self.config;
         self.links.retain(|l| (now - l.at).secs() < LINK_TIMEOUT_S);
-        let known = self.links.iter().position(|l| l.drone == drone);
-        let index = match known {
-            Some(index) => index,
-            None if self.links.len() < MAX_DRONES => {
-                self.links.push(DroneLink {
-                    drone,
-                    at: now,
-                    min_delay_s: [delay_s; 2],
-                    half_window_start: now,
-                    congested: 0,
-                    samples: 0,
-                    rate_fraction: config.initial_fraction,
-                    threshold: 1.0,
-                    threshold_at: now,
-                });
-                return;
-            }
-            None => return,
-        };
-        let Some(l) = self.links.get_mut(index) else {
-            return;
-        };
-        l.at = now;
-        l.samples = l.samples.saturating_add(1);
-        if (now - l.half_window_start).secs() > HALF_WINDOW_S {
-            (l.half_window_start, l.min_delay_s) = (now, [delay_s, l.min_delay_s[0]]);
-        }
-        l.min_delay_s[0] = l.min_delay_s[0].min(delay_s);
-        let queue_delay_s = delay_s - l.min_delay_s[0].min(l.min_delay_s[1]);
-        // Between two estimates the newest grows older by a period without any queue; a lost one
-        // makes it two.
-        if queue_delay_s > config.congestion_delay_s + 1.5 * period_s {
-            l.congested += 1;
-        } else {
-            l.congested = 0;
-        }
-        if (now - l.threshold_at).secs() > THRESHOLD_MEMORY_S {
-            l.threshold = 1.0;
-        }
-        // Twice in a row: a single late one is an outage that has just ended.
-        if l.congested >= 2 {
-            (l.threshold, l.threshold_at) = (0.85 * l.rate_fraction, now);
-            l.rate_fraction = (DECREASE_FACTOR * l.rate_fraction).max(config.min_fraction);
-            l.congested = 0;
-        } else if l.congested == 0 && l.samples > STARTUP_SAMPLES {
-            let increase = if l.rate_fraction < l.threshold {
-                INCREASE
-            } else {
-                SLOW_INCREASE
-            };
-            l.rate_fraction = (l.rate_fraction + increase).min(1.0);
+        if let Some(link) = self.links.iter_mut().find(|l| l.drone == drone) {
+            link.observe(config, now, delay_s, period_s);
+        } else if self.links.len() < MAX_DRONES {
+            self.links.push(DroneLink::new(config, now, drone, delay_s));
         }
     }
 
-    /// The share of the full rates, after the listener with the worst link; all while nobody answers.
+    /// The fraction of the full rates, that of the worst link; 1 without any. State estimates use it as it is.
     pub fn rate_fraction(&self) -> f64 {
         self.links
             .iter()
@@ -145,11 +141,7 @@ impl RateControl {
             .reduce(f64::min)
             .unwrap_or(1.0)
     }
-    /// What the share does to the rate of estimates.
-    pub fn estimate_fraction(&self) -> f64 {
-        self.rate_fraction()
-    }
-    /// What it does to the rate of the large messages: they give way first.
+    /// The fraction for wave model and prediction: the large messages give way first.
     pub fn model_fraction(&self) -> f64 {
         self.rate_fraction().powi(2).max(0.09)
     }
@@ -159,8 +151,8 @@ impl RateControl {
 mod tests {
     use super::*;
 
-    /// Answers at 2 Hz over a link of `capacity` (share of the full rates) with a queue of `depth_s`;
-    /// the shares over `seconds`.
+    /// The fractions over `seconds` of samples at 2 Hz over a link of `capacity` (fraction of the full rates) with
+    /// a queue of at most `depth_s`.
     fn run(
         rate_control: &mut RateControl,
         from_s: f64,
