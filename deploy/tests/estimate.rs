@@ -105,7 +105,7 @@ fn estimate_of_an_unreadable_file_exits_with_code_2_and_a_reason() {
     let cases: &[(&[&str], &str)] = &[
         (&["/nonexistent/boat.csv"], "/nonexistent/boat.csv"),
         (&[&write("empty.log", b"")], "empty"),
-        (&[&write("noise.bin", &[7; 5000])], "no kind of recording"),
+        (&[&write("noise.bin", &[7; 5000])], "no known recording format"),
         (&[&write("bad-column.csv", b"t_s,rol_deg\n0,1\n")], "rol_deg"),
         (
             &[&write("bad-rows.csv", b"t_s,roll_deg,pitch_deg\n0,x,1\n")],

@@ -1,4 +1,4 @@
-//! Tables: one row per instant, one column per figure; an empty cell was not measured.
+//! Tables (CSV): one row per instant, one column per quantity; an empty cell was not measured.
 //!
 //! | column | what |
 //! |---|---|
@@ -14,12 +14,12 @@
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use alight_shared::frames::{Datum, wrap_angle};
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
+use alight_shared::msg::{AttitudeFix, GnssFix, NOT_MEASURED_SD};
 
-use super::{Gather, LogError, Recording};
+use super::{Gather, LogError, MAX_MEASUREMENTS, Recording};
 use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement};
 
-/// Columns with the greatest magnitude that a cell may have.
+/// Columns with the largest magnitude that a cell may have.
 const COLUMNS: [(&str, f64); 19] = [
     ("t_s", 1e10),
     ("roll_deg", 75.0),
@@ -68,9 +68,9 @@ const TOGETHER: [&[usize]; 5] = [
     &[PLACE, PLACE + 1, PLACE + 2],
     &[VELOCITY, VELOCITY + 1, VELOCITY + 2],
 ];
-/// Standard deviation of a place that a table tells, m (ours: motion capture, RTK).
+/// Standard deviation of surge and sway, m (ours: motion capture, RTK).
 const PLACE_SD_M: f64 = 0.02;
-/// Standard deviation of a GNSS place and velocity that a table tells, m, m/s (ours).
+/// Standard deviation of a GNSS position and velocity, m, m/s (ours).
 const GNSS_SD: [f64; 2] = [0.5, 0.1];
 
 /// The cells of a row.
@@ -88,7 +88,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
         });
     }
     let mounting = Mounting::new(mount);
-    // Surge and sway are told along the mean heading: where that is not told it is north.
+    // Surge and sway are along the mean heading, which is north where it was not recorded.
     let (mut s, mut c) = (0.0, 0.0);
     for heading in rows.iter().filter_map(|r| r[HEADING]) {
         let (a, b) = heading.to_radians().sin_cos();
@@ -122,7 +122,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
     })
 }
 
-/// What a row says.
+/// The measurements of a row.
 fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measurement> {
     let mut out = Vec::new();
     let three = |first: usize| -> Option<[f64; 3]> {
@@ -130,23 +130,16 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
         Some([cell(0)?, cell(1)?, cell(2)?])
     };
     if let (Some(gyro), Some(force)) = (three(GYRO), three(ACCELEROMETER)) {
-        out.push(Measurement::Imu(ImuSample {
-            gyro: mounting.vector(gyro),
-            accelerometer: mounting.vector(force),
-            lever_arm: Some(mounting.mount.lever_arm_m),
-            ..ImuSample::default()
-        }));
+        out.push(mounting.imu(gyro, force).into());
     }
     let heading = row[HEADING].map(|h| wrap_angle(h.to_radians()));
     if let (Some(roll), Some(pitch)) = (row[ROLL], row[PITCH]) {
-        let told = [roll.to_radians(), pitch.to_radians(), heading.unwrap_or_default()];
-        let [roll, pitch, _] = mounting.attitude(told);
+        let shown = [roll.to_radians(), pitch.to_radians(), heading.unwrap_or_default()];
+        let [roll, pitch, _] = mounting.attitude(shown);
         out.push(Measurement::Attitude(AttitudeFix {
-            tilt: [roll, pitch],
-            tilt_sd: mounting.tilt_sd(),
             heave: row[HEAVE].and_then(|h| mounting.heave(h)),
             heave_sd: mounting.mount.heave_sd_m,
-            ..AttitudeFix::default()
+            ..mounting.tilt([roll, pitch])
         }));
     }
     if let (Some(surge), Some(sway)) = (row[SURGE], row[SWAY]) {
@@ -155,7 +148,7 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
             position: [c * surge - s * sway, s * surge + c * sway, 0.0],
             position_sd: mounting.position_sd([PLACE_SD_M, PLACE_SD_M, NOT_MEASURED_SD]),
             velocity_sd: [NOT_MEASURED_SD; 3],
-            // The reference point's own place.
+            // The place of the reference point itself.
             lever_arm: Some([0.0; 3]),
             ..GnssFix::default()
         }));
@@ -164,27 +157,17 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
         let velocity = three(VELOCITY);
         let [sd, velocity_sd] = GNSS_SD;
         let velocity_sd = velocity.map_or(NOT_MEASURED_SD, |_| velocity_sd);
-        out.push(Measurement::Gnss(GnssFix {
-            // The place is the origin of its own plane.
-            datum: Datum {
-                latitude_deg,
-                longitude_deg,
-                height_m,
-            },
-            velocity: velocity.unwrap_or_default(),
-            position_sd: mounting.position_sd([sd, sd, 2.0 * sd]),
-            velocity_sd: mounting.velocity_sd([velocity_sd; 3]),
-            lever_arm: Some(mounting.mount.antenna_m),
-            ..GnssFix::default()
-        }));
+        // The position is the origin of its own plane.
+        let datum = Datum {
+            latitude_deg,
+            longitude_deg,
+            height_m,
+        };
+        let velocity = velocity.unwrap_or_default();
+        let fix = mounting.fix(datum, velocity, [sd, sd, 2.0 * sd], [velocity_sd; 3]);
+        out.push(fix.into());
     }
-    if let Some(heading) = heading {
-        out.push(Measurement::Heading(HeadingFix {
-            heading: mounting.heading(heading),
-            heading_sd: mounting.heading_sd(),
-            ..HeadingFix::default()
-        }));
-    }
+    out.extend(heading.map(|h| mounting.heading_fix(mounting.heading(h)).into()));
     out
 }
 
@@ -239,7 +222,7 @@ fn rows(bytes: &[u8], origin: &str) -> Result<Rows, LogError> {
     loop {
         line += 1;
         let read = reader.read_record(&mut record);
-        // The reader's own count, where it has one: it knows of empty lines.
+        // The reader's own count, where it has one: it counts empty lines.
         let here = record.position().map_or(line, ::csv::Position::line);
         let row = match read {
             Ok(false) => break,
@@ -249,13 +232,10 @@ fn rows(bytes: &[u8], origin: &str) -> Result<Rows, LogError> {
         match row {
             Ok(row) => {
                 decoded.good += 1;
-                if rows.len() >= super::MAX_MEASUREMENTS {
+                if rows.len() >= MAX_MEASUREMENTS {
                     return Err(LogError::Whole {
                         origin: origin.into(),
-                        message: format!(
-                            "more than {} rows; cut the table into parts",
-                            super::MAX_MEASUREMENTS
-                        ),
+                        message: format!("more than {MAX_MEASUREMENTS} rows; cut the table into parts"),
                     });
                 }
                 rows.push(row);

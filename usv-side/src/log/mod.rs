@@ -1,5 +1,5 @@
-//! Recordings of a boat's sensors: bytes in, measurements out, in the order in which they were
-//! recorded and dated by the sensors' own time.
+//! Recordings of a boat's sensors (offline): bytes to measurements, in their recorded order, with the sensors' own
+//! time.
 
 mod csv;
 mod ulog;
@@ -8,25 +8,27 @@ use alight_shared::msg::{Header, ImuSample};
 use alight_shared::time::{Time, VesselClock};
 use thiserror::Error;
 
-use crate::sensors::{Average, Decoded, Measurement, Mount, Mounting, NmeaDecoder, SourceMeasurement};
+use crate::sensors::{
+    Average, Decoded, Decoder, Measurement, Mount, Mounting, NmeaDecoder, SourceMeasurement,
+};
 
 /// Most measurements that a recording may hold.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
-/// Why a recording was refused.
+/// Why a recording was rejected.
 #[derive(Debug, Error)]
 pub enum LogError {
-    /// Not a recording of any kind that is read.
+    /// Not a recording of a known format.
     #[error(
         "{origin}: {message}; NMEA 0183 text, CSV (a first line of columns), PX4 ULog and Alight's own MCAP are read"
     )]
     Kind {
         /// The file.
         origin: String,
-        /// What it looks like.
+        /// What was found.
         message: String,
     },
-    /// A line that makes the rest useless.
+    /// A line that makes the recording unusable.
     #[error("{origin}, line {line}: {message}")]
     Line {
         /// The file.
@@ -36,7 +38,7 @@ pub enum LogError {
         /// What is wrong, and what to do.
         message: String,
     },
-    /// Usable, but not as a whole.
+    /// Readable, but unusable as a whole.
     #[error("{origin}: {message}")]
     Whole {
         /// The file.
@@ -46,16 +48,16 @@ pub enum LogError {
     },
 }
 
-/// What a recording holds.
+/// The content of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
-    /// What kind of file it is.
+    /// File format.
     pub format: &'static str,
     /// Its measurements in their order, on a clock that begins near zero.
     pub measurements: Vec<Measurement>,
-    /// What its decoder made of the bytes.
+    /// Statistics of its decoder.
     pub decoded: Decoded,
-    /// What a reader should know of how it was read.
+    /// Assumptions and omissions while it was read.
     pub notes: Vec<String>,
 }
 
@@ -69,19 +71,21 @@ struct Gather {
 }
 
 impl Gather {
-    /// A measurement of a source's time; inertial samples are averaged to the filter's rate.
-    fn push(&mut self, heard: SourceMeasurement, source: u8) {
-        let first = *self.first_ns.get_or_insert(heard.at_ns);
-        match heard.measurement {
+    /// A measurement of `source`; inertial samples are averaged to the filter's rate.
+    fn push(&mut self, SourceMeasurement { at_ns, measurement }: SourceMeasurement, source: u8) {
+        let first = *self.first_ns.get_or_insert(at_ns);
+        match measurement {
             Measurement::Imu(m) => {
                 let sample = ImuSample { source, ..m };
                 let k = usize::from(source).min(1);
-                let mean = self.average.get_mut(k).and_then(|a| a.push(heard.at_ns, &sample));
+                let mean = self.average.get_mut(k).and_then(|a| a.push(at_ns, &sample));
                 if let Some((at_ns, m)) = mean {
                     self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
                 }
             }
-            other => self.add(heard.at_ns.saturating_sub(first), other, source),
+            Measurement::Gnss(_) | Measurement::Heading(_) | Measurement::Attitude(_) => {
+                self.add(at_ns.saturating_sub(first), measurement, source);
+            }
         }
     }
     fn add(&mut self, at_ns: i64, measurement: Measurement, source: u8) {
@@ -92,7 +96,7 @@ impl Gather {
         let at: Time<VesselClock> = Time::from_nanos(at_ns);
         self.measurements.push(measurement.of(source, at));
     }
-    /// All of them, or why they are of no use.
+    /// All measurements, or why they are unusable.
     fn finish(mut self, origin: &str) -> Result<Vec<Measurement>, LogError> {
         let first = self.first_ns.unwrap_or_default();
         for k in 0..self.average.len() {
@@ -130,7 +134,7 @@ impl Gather {
     }
 }
 
-/// Reads a recording; `origin` names it in errors, `mount` says how its sensors are mounted.
+/// Reads a recording; `origin` names it in errors, `mount` is the mounting of its sensors.
 pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
     let kind = |message: &str| LogError::Kind {
         origin: origin.into(),
@@ -155,10 +159,10 @@ pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogE
     if looks_like_nmea(head) {
         return nmea(bytes, origin, mount);
     }
-    Err(kind("no kind of recording begins like this"))
+    Err(kind("no known recording format begins like this"))
 }
 
-/// Some sentence begins in it: a dollar, an address of capitals, a comma.
+/// A sentence begins in it: a dollar, an address of capitals, a comma.
 fn looks_like_nmea(head: &[u8]) -> bool {
     head.split(|b| *b == b'$').skip(1).any(|rest| {
         let address = rest.iter().take_while(|b| b.is_ascii_uppercase()).count();
@@ -166,16 +170,16 @@ fn looks_like_nmea(head: &[u8]) -> bool {
     })
 }
 
-/// NMEA 0183 text, with or without a logger's own words before each sentence.
+/// NMEA 0183 text, with or without a logger's prefix before each sentence.
 fn nmea(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
     let mut decoder = NmeaDecoder::new(&Mounting::new(mount));
-    let (mut gather, mut heard) = (Gather::default(), Vec::new());
+    let (mut gather, mut decoded) = (Gather::default(), Vec::new());
     for part in bytes.chunks(1 << 16) {
-        decoder.push(part, &mut heard);
-        heard.drain(..).for_each(|h| gather.push(h, 0));
+        decoder.push(part, &mut decoded);
+        decoded.drain(..).for_each(|m| gather.push(m, 0));
     }
-    decoder.finish(&mut heard);
-    heard.drain(..).for_each(|h| gather.push(h, 0));
+    decoder.finish(&mut decoded);
+    decoded.drain(..).for_each(|m| gather.push(m, 0));
     Ok(Recording {
         format: "NMEA 0183",
         measurements: gather.finish(origin)?,

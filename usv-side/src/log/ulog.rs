@@ -1,29 +1,27 @@
-//! PX4's ULog: `sensor_combined`, `vehicle_attitude` and the receivers' `sensor_gps` (or
-//! `vehicle_gps_position`), by the format that the file itself declares (docs.px4.io, "ULog File
-//! Format"). Own code, because the published reader unfolds declared arrays and nested types without
-//! a bound and takes a path instead of bytes; of the format only this much is needed.
+//! ULog of PX4: `sensor_combined`, `vehicle_attitude` and the receivers' `sensor_gps` (or `vehicle_gps_position`),
+//! by the formats that the file itself declares (docs.px4.io, "ULog File Format"). Own code, because the published
+//! reader unfolds declared arrays and nested types without a bound and takes a path instead of bytes.
 
 use std::collections::BTreeMap;
 
 use alight_shared::frames::Datum;
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
-use nalgebra::{Quaternion, UnitQuaternion};
+use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
 
 use super::{Gather, LogError, Recording};
-use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement};
+use crate::sensors::{Decoded, Measurement, Mount, Mounting, SourceMeasurement, euler};
 
 /// The first bytes.
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const HEADER_BYTES: usize = 16;
-/// What a sync message holds (specification, "Synchronization Message").
+/// The bytes of a sync message (specification, "Synchronization Message").
 const SYNC: [u8; 11] = [8, 0, b'S', 0x2f, 0x73, 0x13, 0x20, 0x25, 0x0c, 0xbb, 0x12];
-/// Kinds of messages that there are.
+/// Kinds of messages in the specification.
 const KINDS: &[u8] = b"BFIMPQADLCSOR";
-/// Attitudes are taken this far apart, us: those in between are the same filter's opinion.
+/// Time between two attitudes that are used, us: those in between come from the same filter.
 const ATTITUDE_STEP_US: u64 = 40_000;
 /// Headings of the autopilot's own filter, us.
 const HEADING_STEP_US: u64 = 200_000;
-/// Longest declared format and most fields that are looked at.
+/// Longest declared format and most fields that are read.
 const MAX_FORMAT: usize = 8192;
 const MAX_FIELDS: usize = 256;
 
@@ -92,7 +90,7 @@ fn format(fields: &str) -> Format {
             Some((kind, n)) => (kind, n.trim_end_matches(']').parse().unwrap_or(0)),
             None => (kind, 1_usize),
         };
-        // What lies behind a nested type is not known without it: none of our topics has one.
+        // The size of a nested type is unknown here: none of our topics has one.
         let Some(primitive) = Primitive::of(kind) else {
             break;
         };
@@ -140,12 +138,13 @@ impl Data<'_> {
     fn finite(&self, name: &str, k: usize) -> Option<f64> {
         self.number(name, k).filter(|v| v.is_finite())
     }
-    fn three(&self, name: &str) -> Option<[f64; 3]> {
-        Some([
-            self.finite(name, 0)?,
-            self.finite(name, 1)?,
-            self.finite(name, 2)?,
-        ])
+    /// The first elements of a field.
+    fn numbers<const N: usize>(&self, name: &str) -> Option<[f64; N]> {
+        let mut all = [0.0; N];
+        for (k, to) in all.iter_mut().enumerate() {
+            *to = self.finite(name, k)?;
+        }
+        Some(all)
     }
     /// When it was sampled, us of the autopilot's clock; else when it was published.
     fn time_us(&self) -> Option<u64> {
@@ -168,7 +167,7 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
             Some((*kind, payload))
         });
         let Some((kind, payload)) = whole else {
-            // Damaged or cut off: goes on at the next mark that the writer has left, if any.
+            // Damaged or cut off: reading continues at the next sync message, if any.
             reader.decoded.corrupted += 1;
             let ahead = rest.get(1..).unwrap_or_default();
             match ahead.windows(SYNC.len()).position(|w| w == SYNC) {
@@ -215,7 +214,7 @@ struct Reader {
     dropouts: u64,
     attitude_us: u64,
     heading_us: u64,
-    /// A receiver tells the heading: the autopilot's own is not wanted.
+    /// A receiver measures the heading: the autopilot's own is not used.
     gps_heading: bool,
 }
 
@@ -224,8 +223,8 @@ impl Reader {
         let text = |b: &[u8]| core::str::from_utf8(b).ok().map(str::to_owned);
         match kind {
             b'B' => {
-                // Appended data comes last in the file and is read where it is; any other flag means
-                // that an old reader must not go on.
+                // Appended data comes last in the file and is read where it is; any other flag forbids an old
+                // reader to continue.
                 let incompatible = payload.get(8..16).unwrap_or_default();
                 if incompatible
                     .iter()
@@ -283,27 +282,19 @@ impl Reader {
         let at_ns = i64::try_from(time_us.saturating_mul(1000)).unwrap_or(i64::MAX);
         let mut out = Vec::new();
         let understood = match topic {
-            Topic::Imu => self.mounting.imu(&data).map(|m| out.push(m)),
-            Topic::Attitude => quaternion(&data).map(|[roll, pitch, yaw]| {
-                let told = self.mounting.attitude([roll, pitch, yaw]);
+            Topic::Imu => imu(&data, &self.mounting).map(|m| out.push(m)),
+            Topic::Attitude => data.numbers("q").and_then(euler).map(|shown| {
+                let [roll, pitch, yaw] = self.mounting.attitude(shown);
                 if time_us.abs_diff(self.attitude_us) >= ATTITUDE_STEP_US {
                     self.attitude_us = time_us;
-                    out.push(Measurement::Attitude(AttitudeFix {
-                        tilt: [told[0], told[1]],
-                        tilt_sd: self.mounting.tilt_sd(),
-                        ..AttitudeFix::default()
-                    }));
+                    out.push(self.mounting.tilt([roll, pitch]).into());
                 }
                 if !self.gps_heading && time_us.abs_diff(self.heading_us) >= HEADING_STEP_US {
                     self.heading_us = time_us;
-                    out.push(Measurement::Heading(HeadingFix {
-                        heading: told[2],
-                        heading_sd: self.mounting.heading_sd(),
-                        ..HeadingFix::default()
-                    }));
+                    out.push(self.mounting.heading_fix(yaw).into());
                 }
             }),
-            Topic::Gps => self.mounting.gps(&data).map(|(fix, heading)| {
+            Topic::Gps => gps(&data, &self.mounting).map(|(fix, heading)| {
                 out.extend(fix.map(Measurement::Gnss));
                 self.gps_heading |= heading.is_some();
                 out.extend(heading.map(Measurement::Heading));
@@ -320,74 +311,53 @@ impl Reader {
     }
 }
 
-/// Roll, pitch, yaw of `q`, body FRD to NED.
-fn quaternion(data: &Data<'_>) -> Option<[f64; 3]> {
-    let at = |k| data.finite("q", k);
-    let q = Quaternion::new(at(0)?, at(1)?, at(2)?, at(3)?);
-    if !(0.5..2.0).contains(&q.norm()) {
-        return None;
-    }
-    let (roll, pitch, yaw) = UnitQuaternion::from_quaternion(q).euler_angles();
-    Some([roll, pitch, yaw])
+fn imu(data: &Data<'_>, mounting: &Mounting) -> Option<Measurement> {
+    let (gyro, force) = (data.numbers("gyro_rad")?, data.numbers("accelerometer_m_s2")?);
+    Some(mounting.imu(gyro, force).into())
 }
 
-impl Mounting {
-    fn imu(&self, data: &Data<'_>) -> Option<Measurement> {
-        Some(Measurement::Imu(ImuSample {
-            gyro: self.vector(data.three("gyro_rad")?),
-            accelerometer: self.vector(data.three("accelerometer_m_s2")?),
-            lever_arm: Some(self.mount.lever_arm_m),
-            ..ImuSample::default()
-        }))
-    }
-    /// A fix, if there is one, and a heading of two antennas, if there is one.
-    fn gps(&self, data: &Data<'_>) -> Option<(Option<GnssFix>, Option<HeadingFix>)> {
-        let kind = data.number("fix_type", 0)?;
-        // Since 2023 in degrees and metres, before in 1e-7 degrees and millimetres.
-        let latitude_deg = data
-            .finite("latitude_deg", 0)
-            .or_else(|| data.finite("lat", 0).map(|v| v * 1e-7))?;
-        let longitude_deg = data
-            .finite("longitude_deg", 0)
-            .or_else(|| data.finite("lon", 0).map(|v| v * 1e-7))?;
-        let height_m = data
-            .finite("altitude_ellipsoid_m", 0)
-            .or_else(|| data.finite("alt_ellipsoid", 0).map(|v| v * 1e-3))
-            .or_else(|| data.finite("alt", 0).map(|v| v * 1e-3))?;
-        let told = |name: &str, otherwise: f64| {
-            let sd = data.finite(name, 0).filter(|v| *v > 0.0);
-            sd.unwrap_or(otherwise).clamp(1e-3, 1e3)
-        };
-        // PX4's `eph` is the receiver's whole error; what changes within a minute is less (ours).
-        let (across, down) = (0.3 * told("eph", 2.0), 0.3 * told("epv", 4.0));
-        let velocity = (
-            data.finite("vel_n_m_s", 0),
-            data.finite("vel_e_m_s", 0),
-            data.finite("vel_d_m_s", 0),
-        );
-        let (velocity, velocity_sd) = match velocity {
-            (Some(n), Some(e), Some(d)) => ([n, e, d], told("s_variance_m_s", 0.3)),
-            _ => ([0.0; 3], NOT_MEASURED_SD),
-        };
-        let fix = (kind >= 2.0).then(|| GnssFix {
-            datum: Datum {
-                latitude_deg,
-                longitude_deg,
-                height_m,
-            },
-            velocity,
-            position_sd: self.position_sd([across, across, if kind >= 3.0 { down } else { NOT_MEASURED_SD }]),
-            velocity_sd: self.velocity_sd([velocity_sd; 3]),
-            lever_arm: Some(self.mount.antenna_m),
-            ..GnssFix::default()
-        });
-        let heading = data.finite("heading", 0).map(|heading| HeadingFix {
-            heading: self.heading(heading),
-            heading_sd: told("heading_accuracy", self.heading_sd()).min(1.0),
-            ..HeadingFix::default()
-        });
-        Some((fix, heading))
-    }
+/// A fix, if there is one, and a heading of two antennas, if there is one.
+fn gps(data: &Data<'_>, mounting: &Mounting) -> Option<(Option<GnssFix>, Option<HeadingFix>)> {
+    let kind = data.number("fix_type", 0)?;
+    // Since 2023 in degrees and metres, before in 1e-7 degrees and millimetres.
+    let first = |names: &[(&str, f64)]| {
+        let mut values = names
+            .iter()
+            .map(|(name, unit)| Some(data.finite(name, 0)? * unit));
+        values.find_map(|v| v)
+    };
+    let datum = Datum {
+        latitude_deg: first(&[("latitude_deg", 1.0), ("lat", 1e-7)])?,
+        longitude_deg: first(&[("longitude_deg", 1.0), ("lon", 1e-7)])?,
+        height_m: first(&[
+            ("altitude_ellipsoid_m", 1.0),
+            ("alt_ellipsoid", 1e-3),
+            ("alt", 1e-3),
+        ])?,
+    };
+    let stated = |name: &str, otherwise: f64| {
+        let sd = data.finite(name, 0).filter(|v| *v > 0.0);
+        sd.unwrap_or(otherwise).clamp(1e-3, 1e3)
+    };
+    // PX4's `eph` is the receiver's whole error; what changes within a minute is less (ours).
+    let (across, down) = (0.3 * stated("eph", 2.0), 0.3 * stated("epv", 4.0));
+    let down = if kind >= 3.0 { down } else { NOT_MEASURED_SD };
+    let component = |name| data.finite(name, 0);
+    let velocity = (
+        component("vel_n_m_s"),
+        component("vel_e_m_s"),
+        component("vel_d_m_s"),
+    );
+    let (velocity, velocity_sd) = match velocity {
+        (Some(n), Some(e), Some(d)) => ([n, e, d], stated("s_variance_m_s", 0.3)),
+        _ => ([0.0; 3], NOT_MEASURED_SD),
+    };
+    let fix = || mounting.fix(datum, velocity, [across, across, down], [velocity_sd; 3]);
+    let heading = data.finite("heading", 0).map(|heading| HeadingFix {
+        heading_sd: stated("heading_accuracy", mounting.heading_sd()).min(1.0),
+        ..mounting.heading_fix(mounting.heading(heading))
+    });
+    Some(((kind >= 2.0).then(fix), heading))
 }
 
 #[cfg(test)]

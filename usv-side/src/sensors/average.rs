@@ -1,13 +1,13 @@
-//! Inertial samples at the rate that the filter is made for.
+//! Inertial samples at the rate of the filter.
 
 use alight_shared::msg::ImuSample;
 
 /// Longest time that is averaged over, ns: 100 Hz.
 const WINDOW_NS: i64 = 10_000_000;
-/// Samples in a window, at most: a sensor that repeats its time must not be summed for ever.
+/// Most samples in a window: a sensor that repeats its time must not be summed for ever.
 const MAX_SAMPLES: u32 = 1000;
 
-/// Means of inertial samples over a hundredth of a second; what comes slower passes as it is.
+/// Means of inertial samples over 0.01 s; slower samples pass as they are.
 #[derive(Clone, Debug, Default)]
 pub struct Average {
     open: Option<Window>,
@@ -19,10 +19,9 @@ struct Window {
     last_ns: i64,
     /// Sum of times since the first, ns.
     times: i64,
-    gyro: [f64; 3],
-    accelerometer: [f64; 3],
     count: u32,
-    like: ImuSample,
+    /// The first sample, with the sums of rates and specific forces.
+    sum: ImuSample,
 }
 
 impl Window {
@@ -31,26 +30,24 @@ impl Window {
             first_ns: at_ns,
             last_ns: at_ns,
             times: 0,
-            gyro: sample.gyro,
-            accelerometer: sample.accelerometer,
             count: 1,
-            like: *sample,
+            sum: *sample,
         }
     }
     fn mean(&self) -> (i64, ImuSample) {
         let n = f64::from(self.count);
         let sample = ImuSample {
-            gyro: self.gyro.map(|v| v / n),
-            accelerometer: self.accelerometer.map(|v| v / n),
-            ..self.like
+            gyro: self.sum.gyro.map(|v| v / n),
+            accelerometer: self.sum.accelerometer.map(|v| v / n),
+            ..self.sum
         };
         (self.first_ns + self.times / i64::from(self.count), sample)
     }
 }
 
 impl Average {
-    /// Takes a sample of the source's time `at_ns`; gives a mean when one is complete. A sample that is
-    /// not newer than the one before passes at once: whoever admits samples counts it.
+    /// Takes a sample at the source's time `at_ns`; returns a mean when one is complete. A sample that is not newer
+    /// than the last passes at once: it is counted where samples are admitted.
     pub fn push(&mut self, at_ns: i64, sample: &ImuSample) -> Option<(i64, ImuSample)> {
         let Some(w) = &mut self.open else {
             self.open = Some(Window::new(at_ns, sample));
@@ -65,8 +62,8 @@ impl Average {
             w.times += since;
             w.count += 1;
             for k in 0..3 {
-                w.gyro[k] += sample.gyro[k];
-                w.accelerometer[k] += sample.accelerometer[k];
+                w.sum.gyro[k] += sample.gyro[k];
+                w.sum.accelerometer[k] += sample.accelerometer[k];
             }
             return None;
         }
@@ -74,7 +71,7 @@ impl Average {
         self.open = Some(Window::new(at_ns, sample));
         Some(mean)
     }
-    /// What is open at the end.
+    /// The mean of the incomplete window at the end.
     pub fn finish(&mut self) -> Option<(i64, ImuSample)> {
         self.open.take().map(|w| w.mean())
     }

@@ -1,30 +1,53 @@
-//! A source's clock against the vessel's. Nobody answers questions here, so what is known is that no
-//! measurement arrives before it is made: the least of arrival less source time is the offset plus the
-//! least time on the way. Of that the configuration may take off what is known of the sensor.
-//! Measurements keep the intervals that their source gives them, however they were delayed.
+//! A source's clock against the vessel's. A source answers no time requests; known is only that no measurement
+//! arrives before it is made. The smallest difference between arrival and source time is the offset plus the
+//! smallest delay, of which the configuration may subtract what is known of the sensor. Measurements keep the
+//! intervals that their source gives them, however they were delayed.
 
 use alight_shared::time::{Span, Time, VesselClock};
 
 /// Drift between two crystals, s/s.
 const DRIFT: f64 = 1e-4;
-/// Further off than this, s, it is not delay: the time is wrong, or the source's clock has begun anew.
-const APART_S: f64 = 2.0;
-/// So many in a row that agree among themselves: it has begun anew.
-const AGREE: u32 = 10;
+/// Largest deviation from the offset that is delay, s: beyond, the time is wrong or the source has restarted.
+const MAX_DELAY_S: f64 = 2.0;
+/// After so many deviating times in a row that agree among themselves the source has restarted.
+const AGREEING: u32 = 10;
 
-/// What is known of a source's clock.
+/// The offset of a source's clock.
 #[derive(Clone, Debug, Default)]
 pub struct SourceClock {
-    /// Vessel's less source's, ns, and when it was last looked at.
+    /// Vessel's less source's, ns, and the time of its last update.
     offset: Option<(i64, Time<VesselClock>)>,
-    /// Another offset that has been seen of late, and how often in a row.
+    /// Another offset observed since, and how often in a row.
     other: Option<(i64, u32)>,
     restarts: u64,
 }
 
+/// Unwraps a time that starts anew every `PERIOD_NS` (time of day, time of week).
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Rollover<const PERIOD_NS: i64> {
+    periods: i64,
+    /// The last unwrapped time, ns.
+    pub(super) last: Option<i64>,
+}
+
+impl<const PERIOD_NS: i64> Rollover<PERIOD_NS> {
+    /// The time in the period that brings it nearest to the last.
+    pub(super) fn unwrap(&mut self, in_period_ns: i64) -> i64 {
+        if let Some(last) = self.last {
+            let off = last - (self.periods * PERIOD_NS + in_period_ns);
+            if off > PERIOD_NS / 2 {
+                self.periods += 1;
+            } else if off < -PERIOD_NS / 2 {
+                self.periods -= 1;
+            }
+        }
+        *self.last.insert(self.periods * PERIOD_NS + in_period_ns)
+    }
+}
+
 impl SourceClock {
-    /// The vessel's time of a measurement that its source dates at `at_ns` and that arrives at `now`,
-    /// `least` after it was made at the earliest. None when that time cannot be right.
+    /// The vessel's time of a measurement that its source dates at `at_ns` and that arrives at `now`, at least
+    /// `least` after it was made. None when that time is implausible.
     pub fn vessel_time(
         &mut self,
         now: Time<VesselClock>,
@@ -32,22 +55,22 @@ impl SourceClock {
         least: Span,
     ) -> Option<Time<VesselClock>> {
         let seen = now.nanos().saturating_sub(at_ns);
-        let apart_ns = Span::from_secs(APART_S).nanos();
-        let Some((offset, looked)) = self.offset else {
+        let max_delay_ns = Span::from_secs(MAX_DELAY_S).nanos();
+        let Some((offset, updated)) = self.offset else {
             self.offset = Some((seen, now));
             return Some(now - least);
         };
-        // The least seen, made larger by what the clocks may drift apart meanwhile.
-        let drifted = offset.saturating_add(((now - looked).nanos() as f64 * DRIFT) as i64);
-        if seen.saturating_sub(drifted).saturating_abs() > apart_ns {
+        // The smallest observed, enlarged by the drift possible since.
+        let drifted = offset.saturating_add(((now - updated).nanos() as f64 * DRIFT) as i64);
+        if seen.saturating_sub(drifted).saturating_abs() > max_delay_ns {
             let (other, count) = self.other.unwrap_or((seen, 0));
-            let agrees = seen.saturating_sub(other).saturating_abs() < apart_ns;
+            let agrees = seen.saturating_sub(other).saturating_abs() < max_delay_ns;
             let (other, count) = if agrees {
                 (other.min(seen), count + 1)
             } else {
                 (seen, 1)
             };
-            if count < AGREE {
+            if count < AGREEING {
                 self.other = Some((other, count));
                 return None;
             }
@@ -61,7 +84,7 @@ impl SourceClock {
         let (offset, _) = self.offset?;
         Some(Time::from_nanos(at_ns.saturating_add(offset)) - least)
     }
-    /// Times that it began anew.
+    /// Restarts of the source's clock.
     pub fn restarts(&self) -> u64 {
         self.restarts
     }

@@ -1,10 +1,12 @@
-//! How a sensor is mounted, and how good it is where it does not say so itself.
+//! The sources of a vessel: mounting, format, and accuracy where the source does not state its own.
 
 use alight_shared::config;
-use nalgebra::{Rotation3, Vector3};
+use alight_shared::frames::{Datum, wrap_angle};
+use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Which way a source counts heave.
+/// Sign of a source's heave.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum HeaveSign {
@@ -13,15 +15,15 @@ pub enum HeaveSign {
     Up,
     /// Down is positive.
     Down,
-    /// It has none: what it says there is to be left alone.
+    /// It measures none: its field is ignored.
     None,
 }
 
 config! {
-    /// Place, turn and quality of a source's sensors.
+    /// Place, orientation and accuracy of a source's sensors.
     pub struct Mount {
-        /// Its inertial or attitude sensor against the vessel's axes: roll, pitch, yaw (ZYX), deg. What the
-        /// sensor says of a vessel that lies level and heads north.
+        /// Orientation of its inertial or attitude sensor in the vessel: roll, pitch, yaw (ZYX), deg. What the
+        /// sensor shows while the vessel lies level and heads north.
         pub mounting_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
         /// Its inertial sensor in the vessel's body frame, m.
         pub lever_arm_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
@@ -29,32 +31,31 @@ config! {
         pub antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
         /// The antenna of its second receiver (MAVLink's GPS2_RAW), m.
         pub second_antenna_m: [f64; 3] = [0.0; 3], in -50.0..=50.0;
-        /// What its heading (of two antennas, or a compass) shows when the vessel heads north, deg.
+        /// What its heading (of two antennas, or a compass) shows while the vessel heads north, deg.
         pub heading_offset_deg: f64 = 0.0, in -360.0..=360.0;
         /// Standard deviation of its roll and pitch, deg.
-        /// Source: Ours: between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
+        /// Source: ours, between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
         pub tilt_sd_deg: f64 = 0.2, in 1e-3..=45.0;
-        /// Which way it counts heave: up, down, or none.
-        /// Source: Makers differ.
+        /// Positive direction of its heave: up, down, or none where it measures none.
         pub heave: HeaveSign = HeaveSign::Up;
-        /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the time that follows
-        /// them in the stream, not to the one before.
-        /// Source: Most receivers begin an epoch with a sentence that has its time.
+        /// Sentences without a time of their own (HDT, THS, ROT, VTG, PRDID) belong to the next time in the
+        /// stream, not to the last.
+        /// Source: most receivers begin an epoch with a sentence that has its time.
         pub untimed_lead: bool = false;
         /// Standard deviation of its heave, m.
-        /// Source: Data sheets of motion sensors: 0.05 m or 5 %.
+        /// Source: data sheets of motion sensors, 0.05 m or 5 %.
         pub heave_sd_m: f64 = 0.05, in 1e-4..=100.0;
         /// Standard deviation of its heading, deg.
-        /// Source: Ours: two antennas 1 m apart give 0.3 to 0.5.
+        /// Source: ours, two antennas 1 m apart give 0.3 to 0.5.
         pub heading_sd_deg: f64 = 0.5, in 1e-3..=90.0;
-        /// Standard deviation of its position, horizontal and vertical, m; zero: as the source says it.
+        /// Standard deviation of its position, horizontal and vertical, m; zero: the source's own.
         pub position_sd_m: [f64; 2] = [0.0; 2], in 0.0..=1000.0;
-        /// Standard deviation of its velocity, m/s; zero: as the source says it.
+        /// Standard deviation of its velocity, m/s; zero: the source's own.
         pub velocity_sd_mps: f64 = 0.0, in 0.0..=100.0;
     }
 }
 
-/// What a source speaks.
+/// Protocol of a source.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
@@ -70,16 +71,16 @@ pub enum Format {
 config! {
     /// A source of measurements.
     pub struct SourceConfig {
-        /// What it is called in messages.
+        /// Its name in messages to people.
         pub name: String = "source".into();
-        /// Where it is: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, ...
+        /// Its URL: `serial:///dev/ttyUSB0:115200`, `udpin://0.0.0.0:10110`, `tcpout://HOST:PORT`, ...
         /// Source: NMEA over UDP as most multiplexers send it.
         pub connect: String = "udpin://0.0.0.0:10110".into();
-        /// What it speaks.
+        /// Its protocol.
         pub format: Format = Format::Nmea;
-        /// Least time from a measurement to its arrival, s: from its data sheet, or half of a question's way.
+        /// Smallest delay from a measurement to its arrival, s: from its data sheet, or half of a round trip.
         pub latency_s: f64 = 0.0, in 0.0..=0.5;
-        /// Where its sensors are and how good.
+        /// Mounting and accuracy of its sensors.
         pub mount: Mount;
     }
     check |this, at| {
@@ -99,7 +100,7 @@ config! {
         pub sources: Vec<SourceConfig> = Default::default();
     }
     check |this, at| {
-        let most = alight_shared::msg::MAX_SOURCES / 2;
+        let most = MAX_SOURCES / 2;
         let count = this.sources.len();
         at.require(count <= most, "sources", count, "4 sources at most")?;
         this.sources
@@ -108,10 +109,10 @@ config! {
     }
 }
 
-/// A mount, worked out.
+/// Turns what a source shows into measurements of the vessel.
 #[derive(Clone, Debug)]
 pub struct Mounting {
-    /// The settings.
+    /// The configuration.
     pub mount: Mount,
     /// Vessel from sensor.
     turn: Rotation3<f64>,
@@ -124,7 +125,7 @@ impl Default for Mounting {
 }
 
 impl Mounting {
-    /// Of these settings.
+    /// For this configuration.
     pub fn new(mount: &Mount) -> Self {
         let [roll, pitch, yaw] = mount.mounting_deg.map(f64::to_radians);
         Mounting {
@@ -144,14 +145,56 @@ impl Mounting {
     }
     /// Heading of the vessel where the source shows this one, rad.
     pub fn heading(&self, shown: f64) -> f64 {
-        alight_shared::frames::wrap_angle(shown - self.mount.heading_offset_deg.to_radians())
+        wrap_angle(shown - self.mount.heading_offset_deg.to_radians())
     }
-    /// Heave of the vessel, m down, where the source says this.
-    pub fn heave(&self, said: f64) -> Option<f64> {
+    /// Heave of the vessel, m down, where the source shows this.
+    pub fn heave(&self, shown: f64) -> Option<f64> {
         match self.mount.heave {
-            HeaveSign::Up => Some(-said),
-            HeaveSign::Down => Some(said),
+            HeaveSign::Up => Some(-shown),
+            HeaveSign::Down => Some(shown),
             HeaveSign::None => None,
+        }
+    }
+    /// An inertial sample from rates (rad/s) and specific force (m/s²) in the sensor's axes.
+    pub fn imu(&self, gyro: [f64; 3], force: [f64; 3]) -> ImuSample {
+        ImuSample {
+            gyro: self.vector(gyro),
+            accelerometer: self.vector(force),
+            lever_arm: Some(self.mount.lever_arm_m),
+            ..ImuSample::default()
+        }
+    }
+    /// A fix of the antenna at `datum` with the source's standard deviations.
+    pub fn fix(
+        &self,
+        datum: Datum,
+        velocity: [f64; 3],
+        position_sd: [f64; 3],
+        velocity_sd: [f64; 3],
+    ) -> GnssFix {
+        GnssFix {
+            datum,
+            velocity,
+            position_sd: self.position_sd(position_sd),
+            velocity_sd: self.velocity_sd(velocity_sd),
+            lever_arm: Some(self.mount.antenna_m),
+            ..GnssFix::default()
+        }
+    }
+    /// A tilt of the vessel (rad) with the configured standard deviation.
+    pub fn tilt(&self, tilt: [f64; 2]) -> AttitudeFix {
+        AttitudeFix {
+            tilt,
+            tilt_sd: self.tilt_sd(),
+            ..AttitudeFix::default()
+        }
+    }
+    /// A heading of the vessel (rad) with the configured standard deviation.
+    pub fn heading_fix(&self, heading: f64) -> HeadingFix {
+        HeadingFix {
+            heading,
+            heading_sd: self.heading_sd(),
+            ..HeadingFix::default()
         }
     }
     /// Standard deviation of roll and pitch, rad.
@@ -163,22 +206,32 @@ impl Mounting {
         self.mount.heading_sd_deg.to_radians()
     }
     /// Standard deviations of a position: the source's own where none is set, m.
-    pub fn position_sd(&self, said: [f64; 3]) -> [f64; 3] {
+    pub fn position_sd(&self, own: [f64; 3]) -> [f64; 3] {
         let [across, down] = self.mount.position_sd_m;
-        let set = [across, across, down];
-        core::array::from_fn(|k| {
-            let measured = said[k] < alight_shared::msg::NOT_MEASURED_SD;
-            if set[k] > 0.0 && measured { set[k] } else { said[k] }
-        })
+        configured_sd([across, across, down], own)
     }
     /// Standard deviations of a velocity: the source's own where none is set, m/s.
-    pub fn velocity_sd(&self, said: [f64; 3]) -> [f64; 3] {
-        let set = self.mount.velocity_sd_mps;
-        said.map(|s| {
-            let measured = s < alight_shared::msg::NOT_MEASURED_SD;
-            if set > 0.0 && measured { set } else { s }
-        })
+    pub fn velocity_sd(&self, own: [f64; 3]) -> [f64; 3] {
+        configured_sd([self.mount.velocity_sd_mps; 3], own)
     }
+}
+
+/// The configured standard deviations of what is measured; the source's own where they are zero.
+fn configured_sd(configured: [f64; 3], own: [f64; 3]) -> [f64; 3] {
+    core::array::from_fn(|k| match own[k] < NOT_MEASURED_SD && configured[k] > 0.0 {
+        true => configured[k],
+        false => own[k],
+    })
+}
+
+/// Roll, pitch, yaw (rad) of the quaternion w, x, y, z; None when it is not near a unit quaternion.
+pub(crate) fn euler(q: [f64; 4]) -> Option<[f64; 3]> {
+    let [w, x, y, z] = q;
+    let q = Quaternion::new(w, x, y, z);
+    (0.5..2.0).contains(&q.norm()).then(|| {
+        let (roll, pitch, yaw) = UnitQuaternion::from_quaternion(q).euler_angles();
+        [roll, pitch, yaw]
+    })
 }
 
 #[cfg(test)]
@@ -192,7 +245,7 @@ mod tests {
             heading_offset_deg: 90.0,
             ..Mount::default()
         });
-        // What a sensor so mounted shows of a vessel of this attitude.
+        // What a sensor with this mounting shows of a vessel with this attitude.
         let vessel = Rotation3::from_euler_angles(0.2, -0.1, 2.0);
         let shown = vessel * mounting.turn;
         let (r, p, y) = shown.euler_angles();
@@ -200,11 +253,11 @@ mod tests {
         for (a, b) in back.iter().zip([0.2, -0.1, 2.0]) {
             assert!((a - b).abs() < 1e-12, "{back:?}");
         }
-        // Gravity as the sensor feels it is gravity in the vessel's axes.
+        // The specific force in the sensor's axes is that in the vessel's.
         let force = vessel.inverse() * Vector3::new(0.0, 0.0, -9.81);
-        let felt = mounting.turn.inverse() * force;
-        let seen = Vector3::from(mounting.vector(felt.into()));
-        assert!((seen - force).norm() < 1e-12);
+        let measured = mounting.turn.inverse() * force;
+        let turned = Vector3::from(mounting.vector(measured.into()));
+        assert!((turned - force).norm() < 1e-12);
         assert!((mounting.heading(2.0 + core::f64::consts::FRAC_PI_2) - 2.0).abs() < 1e-12);
     }
 }

@@ -13,25 +13,24 @@ use mavlink::error::MessageReadError;
 use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::{Decoded, Measurement, Mounting, SourceMeasurement};
+use super::{Decoded, Decoder, Mounting, SourceMeasurement, euler};
 
-/// Bytes that wait to be decoded, at most; what comes beyond is lost, and counted as damage.
+/// Most bytes that wait to be decoded; further ones are lost, and counted as damage.
 const MAX_WAITING: usize = 1 << 14;
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
-/// Headings of an autopilot's own filter are taken this far apart, ns: those in between are the same
-/// opinion.
+/// Time between two headings of an autopilot's own filter that are used, ns: those in between repeat it.
 const HEADING_STEP_NS: i64 = 200_000_000;
-/// What changes within a minute of the error that a receiver tells (ours), and the error of one that
-/// tells none, across and down, m.
-const FAST_SHARE: f64 = 0.3;
-const PLACE_SD: [f64; 2] = [2.0, 4.0];
-/// Velocity of a receiver that tells no accuracy, m/s.
+/// Fraction of a receiver's stated error that changes within a minute (ours), and the error of one that states
+/// none, across and down, m.
+const FAST_FRACTION: f64 = 0.3;
+const POSITION_SD: [f64; 2] = [2.0, 4.0];
+/// Standard deviation of the velocity of a receiver that states none, m/s.
 const VELOCITY_SD: f64 = 0.3;
 
-/// Messages that are asked for, and their interval, us.
+/// Requested messages and their interval, us.
 const WANTED: [(u32, f32); 4] = [(31, 40_000.0), (105, 10_000.0), (24, 200_000.0), (124, 200_000.0)];
-/// Our own address: an onboard computer's, of the system that is asked.
+/// Our own component: an onboard computer of the autopilot's system.
 const COMPANION: u8 = 191;
 const AUTOPILOT: u8 = 1;
 
@@ -98,24 +97,14 @@ impl Payload<'_> {
     fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
         core::array::from_fn(|k| f32::from_le_bytes(self.bytes(at + 4 * k)).into())
     }
-    /// Millimetres that are zero when they are not told, as m.
-    fn told_mm(&self, at: usize) -> Option<f64> {
+    /// Millimetres as m; zero means unknown.
+    fn known_mm(&self, at: usize) -> Option<f64> {
         Some(self.u32(at)).filter(|v| *v > 0).map(|v| f64::from(v) * 1e-3)
     }
 }
 
 fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
     v.iter().all(|x| x.is_finite()).then_some(v)
-}
-
-/// Roll, pitch, yaw of w, x, y, z.
-fn euler(q: [f64; 4]) -> Option<[f64; 3]> {
-    let [w, x, y, z] = finite(q)?;
-    let q = Quaternion::new(w, x, y, z);
-    (0.5..2.0).contains(&q.norm()).then(|| {
-        let (roll, pitch, yaw) = UnitQuaternion::from_quaternion(q).euler_angles();
-        [roll, pitch, yaw]
-    })
 }
 
 impl MavlinkDecoder {
@@ -237,16 +226,10 @@ impl MavlinkDecoder {
         out: &mut Vec<SourceMeasurement>,
     ) -> Option<()> {
         let sample = ImuSample {
-            gyro: self.mounting.vector(finite(gyro)?),
-            accelerometer: self.mounting.vector(finite(force)?),
             source,
-            lever_arm: Some(self.mounting.mount.lever_arm_m),
-            ..ImuSample::default()
+            ..self.mounting.imu(finite(gyro)?, finite(force)?)
         };
-        out.push(SourceMeasurement {
-            at_ns,
-            measurement: Measurement::Imu(sample),
-        });
+        out.push(SourceMeasurement::new(at_ns, sample));
         Some(())
     }
 
@@ -259,25 +242,14 @@ impl MavlinkDecoder {
     ) -> Option<()> {
         let [roll, pitch, yaw] = self.mounting.attitude(euler(q)?);
         let rates = rates.and_then(finite).map(|r| self.mounting.vector(r));
-        out.push(SourceMeasurement {
-            at_ns,
-            measurement: Measurement::Attitude(AttitudeFix {
-                tilt: [roll, pitch],
-                tilt_sd: self.mounting.tilt_sd(),
-                rates,
-                ..AttitudeFix::default()
-            }),
-        });
+        let fix = AttitudeFix {
+            rates,
+            ..self.mounting.tilt([roll, pitch])
+        };
+        out.push(SourceMeasurement::new(at_ns, fix));
         if !self.gps_heading && at_ns.saturating_sub(self.heading_ns).saturating_abs() >= HEADING_STEP_NS {
             self.heading_ns = at_ns;
-            out.push(SourceMeasurement {
-                at_ns,
-                measurement: Measurement::Heading(HeadingFix {
-                    heading: yaw,
-                    heading_sd: self.mounting.heading_sd(),
-                    ..HeadingFix::default()
-                }),
-            });
+            out.push(SourceMeasurement::new(at_ns, self.mounting.heading_fix(yaw)));
         }
         Some(())
     }
@@ -295,22 +267,23 @@ impl MavlinkDecoder {
         if latitude_deg.abs() > 90.0 || longitude_deg.abs() > 180.0 {
             return None;
         }
-        // Above the ellipsoid where it is told.
+        // Above the ellipsoid where it is known.
         let height_m = match p.i32(at.ellipsoid) {
             0.0 => p.i32(16),
-            told => told,
+            known => known,
         } * 1e-3;
-        let across = p.told_mm(at.accuracy).unwrap_or(PLACE_SD[0]) * FAST_SHARE;
-        let down = p.told_mm(at.accuracy + 4).unwrap_or(PLACE_SD[1]) * FAST_SHARE;
+        let across = p.known_mm(at.accuracy).unwrap_or(POSITION_SD[0]) * FAST_FRACTION;
+        let down = p.known_mm(at.accuracy + 4).unwrap_or(POSITION_SD[1]) * FAST_FRACTION;
         let (speed, course) = (p.u16(at.speed), p.u16(at.speed + 2));
-        let told = speed != u16::MAX && course != u16::MAX;
+        let measured = speed != u16::MAX && course != u16::MAX;
         let (speed, course) = (f64::from(speed) * 0.01, (f64::from(course) * 0.01).to_radians());
-        let velocity_sd = if told {
-            p.told_mm(at.accuracy + 8).unwrap_or(VELOCITY_SD).max(0.02)
+        let (velocity, velocity_sd) = if measured {
+            let sd = p.known_mm(at.accuracy + 8).unwrap_or(VELOCITY_SD).max(0.02);
+            ([speed * course.cos(), speed * course.sin(), 0.0], sd)
         } else {
-            NOT_MEASURED_SD
+            ([0.0; 3], NOT_MEASURED_SD)
         };
-        let arm = match source {
+        let antenna = match source {
             0 => self.mounting.mount.antenna_m,
             _ => self.mounting.mount.second_antenna_m,
         };
@@ -321,48 +294,38 @@ impl MavlinkDecoder {
                 NOT_MEASURED_SD
             };
             let across = across.max(0.005);
-            out.push(SourceMeasurement {
-                at_ns,
-                measurement: Measurement::Gnss(GnssFix {
-                    datum: Datum {
-                        latitude_deg,
-                        longitude_deg,
-                        height_m,
-                    },
-                    velocity: if told {
-                        [speed * course.cos(), speed * course.sin(), 0.0]
-                    } else {
-                        [0.0; 3]
-                    },
-                    position_sd: self.mounting.position_sd([across, across, down]),
-                    velocity_sd: self
-                        .mounting
-                        .velocity_sd([velocity_sd, velocity_sd, NOT_MEASURED_SD]),
-                    source,
-                    lever_arm: Some(arm),
-                    ..GnssFix::default()
-                }),
-            });
+            let datum = Datum {
+                latitude_deg,
+                longitude_deg,
+                height_m,
+            };
+            let (position_sd, velocity_sd) = (
+                [across, across, down],
+                [velocity_sd, velocity_sd, NOT_MEASURED_SD],
+            );
+            let fix = GnssFix {
+                source,
+                lever_arm: Some(antenna),
+                ..self.mounting.fix(datum, velocity, position_sd, velocity_sd)
+            };
+            out.push(SourceMeasurement::new(at_ns, fix));
         }
         // Of two antennas: 0 is none, 65535 not now, 36000 north.
         let yaw = p.u16(at.yaw);
         if (1..=36_000).contains(&yaw) {
             self.gps_heading = true;
-            out.push(SourceMeasurement {
-                at_ns,
-                measurement: Measurement::Heading(HeadingFix {
-                    heading: self.mounting.heading((f64::from(yaw) * 0.01).to_radians()),
-                    heading_sd: self.mounting.heading_sd(),
-                    source,
-                    ..HeadingFix::default()
-                }),
-            });
+            let heading = self.mounting.heading((f64::from(yaw) * 0.01).to_radians());
+            let fix = HeadingFix {
+                source,
+                ..self.mounting.heading_fix(heading)
+            };
+            out.push(SourceMeasurement::new(at_ns, fix));
         }
         Some(())
     }
 
     fn odometry(&mut self, at_ns: i64, p: &Payload<'_>, out: &mut Vec<SourceMeasurement>) -> Option<()> {
-        // Position, attitude, velocity, rates, two covariances, frames. NED, velocity in the body.
+        // Position, attitude, velocity, rates, two covariances, frames; NED, or the velocity in body axes.
         let (frame, child) = (p.u8(228), p.u8(229));
         let (position, q, velocity): ([f64; 3], [f64; 4], [f64; 3]) =
             (p.floats(8), p.floats(20), p.floats(36));
@@ -373,13 +336,13 @@ impl MavlinkDecoder {
         let Some(datum) = self.origin else { return Some(()) };
         let [w, x, y, z] = q;
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-        let told = finite(velocity).map(Vector3::from);
+        let measured = finite(velocity).map(Vector3::from);
         let velocity = match child {
-            c if c == m::MavFrame::MAV_FRAME_LOCAL_NED as u8 => told,
-            c if c == m::MavFrame::MAV_FRAME_BODY_FRD as u8 => told.map(|v| turn * v),
+            c if c == m::MavFrame::MAV_FRAME_LOCAL_NED as u8 => measured,
+            c if c == m::MavFrame::MAV_FRAME_BODY_FRD as u8 => measured.map(|v| turn * v),
             _ => None,
         };
-        // Upper triangle of 6 x 6, row by row; the first is no number when nothing is told.
+        // Upper triangle of 6 x 6, row by row; the first is NaN when the covariance is unknown.
         let sd = |at: usize, k: usize, otherwise: f64| {
             let [v]: [f64; 1] = p.floats(at + 4 * k);
             if v.is_finite() && v > 0.0 {
@@ -390,27 +353,18 @@ impl MavlinkDecoder {
         };
         let position_sd = [sd(60, 0, 0.5), sd(60, 6, 0.5), sd(60, 11, 1.0)];
         let velocity_sd = match velocity {
-            Some(_) => [
-                sd(144, 0, VELOCITY_SD),
-                sd(144, 6, VELOCITY_SD),
-                sd(144, 11, VELOCITY_SD),
-            ],
+            Some(_) => [0, 6, 11].map(|k| sd(144, k, VELOCITY_SD)),
             None => [NOT_MEASURED_SD; 3],
         };
-        out.push(SourceMeasurement {
-            at_ns,
-            measurement: Measurement::Gnss(GnssFix {
-                datum,
-                position: finite(position)?,
-                velocity: velocity.unwrap_or_default().into(),
-                position_sd: self.mounting.position_sd(position_sd),
-                velocity_sd: self.mounting.velocity_sd(velocity_sd),
-                source: 2,
-                // The place of the autopilot itself.
-                lever_arm: Some(self.mounting.mount.lever_arm_m),
-                ..GnssFix::default()
-            }),
-        });
+        let velocity = velocity.unwrap_or_default().into();
+        let fix = GnssFix {
+            position: finite(position)?,
+            source: 2,
+            // The place of the autopilot itself.
+            lever_arm: Some(self.mounting.mount.lever_arm_m),
+            ..self.mounting.fix(datum, velocity, position_sd, velocity_sd)
+        };
+        out.push(SourceMeasurement::new(at_ns, fix));
         Some(())
     }
 

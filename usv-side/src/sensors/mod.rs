@@ -1,6 +1,6 @@
-//! A real vessel's sensors: from what they say, byte by byte, to dated measurements of the vessel.
+//! Sensors of a real vessel: their bytes to measurements of the vessel, with the time of measurement.
 //!
-//! A source's own time is the only time of a measurement; its arrival is used for nothing but the
+//! A source's own clock is the only time of a measurement; the time of arrival serves for nothing but the
 //! offset between the source's clock and the vessel's.
 
 mod average;
@@ -13,6 +13,7 @@ mod ubx;
 
 pub use average::Average;
 pub use clock::SourceClock;
+pub(crate) use config::euler;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
 pub use mav::MavlinkDecoder;
 pub use nmea::NmeaDecoder;
@@ -53,19 +54,23 @@ impl Readings {
         self.heading.extend(other.heading);
         self.attitude.extend(other.attitude);
     }
-    /// The same in parts of at most `most` measurements of each kind.
-    pub fn parts(&self, most: usize) -> Vec<Readings> {
-        let counts = [
+    /// How many there are of each kind, in the order of [`crate::KINDS`].
+    pub fn counts(&self) -> [usize; crate::KINDS.len()] {
+        [
             self.imu.len(),
             self.gnss.len(),
             self.heading.len(),
             self.attitude.len(),
-        ];
-        let parts = counts.iter().map(|n| n.div_ceil(most.max(1))).max().unwrap_or(0);
+        ]
+    }
+    /// The same in parts of at most `most` measurements of each kind.
+    pub fn parts(&self, most: usize) -> Vec<Readings> {
+        let most = most.max(1);
+        let parts = self.counts().map(|n| n.div_ceil(most)).into_iter().max();
         fn part<T: Copy>(all: &[T], k: usize, most: usize) -> Vec<T> {
             all.iter().skip(k * most).take(most).copied().collect()
         }
-        (0..parts)
+        (0..parts.unwrap_or(0))
             .map(|k| Readings {
                 imu: part(&self.imu, k, most),
                 gnss: part(&self.gnss, k, most),
@@ -76,7 +81,7 @@ impl Readings {
     }
     /// Nothing arrived.
     pub fn is_empty(&self) -> bool {
-        self.imu.is_empty() && self.gnss.is_empty() && self.heading.is_empty() && self.attitude.is_empty()
+        self.counts() == [0; crate::KINDS.len()]
     }
 }
 
@@ -93,15 +98,33 @@ pub enum Measurement {
     Attitude(AttitudeFix),
 }
 
+/// The same expression of a measurement of whichever kind.
+macro_rules! of_any_kind {
+    ($measurement:expr, $m:ident => $result:expr) => {
+        match $measurement {
+            Measurement::Imu($m) => $result,
+            Measurement::Gnss($m) => $result,
+            Measurement::Heading($m) => $result,
+            Measurement::Attitude($m) => $result,
+        }
+    };
+}
+
+macro_rules! measurement_from {
+    ($($kind:ident $message:ty),*) => {$(
+        impl From<$message> for Measurement {
+            fn from(m: $message) -> Self {
+                Measurement::$kind(m)
+            }
+        }
+    )*};
+}
+measurement_from!(Imu ImuSample, Gnss GnssFix, Heading HeadingFix, Attitude AttitudeFix);
+
 impl Measurement {
     /// Its header.
     pub fn header(&self) -> &Header<VesselClock> {
-        match self {
-            Measurement::Imu(m) => &m.header,
-            Measurement::Gnss(m) => &m.header,
-            Measurement::Heading(m) => &m.header,
-            Measurement::Attitude(m) => &m.header,
-        }
+        of_any_kind!(self, m => &m.header)
     }
     /// Its time of validity.
     pub fn at(&self) -> Time<VesselClock> {
@@ -118,12 +141,7 @@ impl Measurement {
     }
     /// Which of the vessel's sources of its kind.
     pub const fn source(&self) -> u8 {
-        match self {
-            Measurement::Imu(m) => m.source,
-            Measurement::Gnss(m) => m.source,
-            Measurement::Heading(m) => m.source,
-            Measurement::Attitude(m) => m.source,
-        }
+        of_any_kind!(self, m => m.source)
     }
     /// The same of another source and time.
     pub fn of(self, source: u8, at: Time<VesselClock>) -> Self {
@@ -132,14 +150,7 @@ impl Measurement {
     }
     /// The same of another source, with this header.
     pub fn headed(mut self, source: u8, header: Header<VesselClock>) -> Self {
-        let (to, own) = match &mut self {
-            Measurement::Imu(m) => (&mut m.source, &mut m.header),
-            Measurement::Gnss(m) => (&mut m.source, &mut m.header),
-            Measurement::Heading(m) => (&mut m.source, &mut m.header),
-            Measurement::Attitude(m) => (&mut m.source, &mut m.header),
-        };
-        *to = source;
-        *own = header;
+        of_any_kind!(&mut self, m => (m.source, m.header) = (source, header));
         self
     }
 }
@@ -153,19 +164,41 @@ pub struct SourceMeasurement {
     pub measurement: Measurement,
 }
 
-/// What a decoder made of what it was given.
+impl SourceMeasurement {
+    /// A measurement at this time of its source.
+    pub fn new(at_ns: i64, measurement: impl Into<Measurement>) -> Self {
+        SourceMeasurement {
+            at_ns,
+            measurement: measurement.into(),
+        }
+    }
+}
+
+/// Makes measurements of the bytes of one source.
+pub trait Decoder {
+    /// Takes bytes, cut anywhere, and appends the measurements that they complete.
+    fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>);
+    /// Statistics of its bytes.
+    fn decoded(&self) -> Decoded;
+    /// Bytes to be sent to the source now, once a second, where it sends only what it is asked for.
+    fn request(&mut self) -> Option<Vec<u8>> {
+        None
+    }
+}
+
+/// Statistics of a decoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Decoded {
     /// Whole messages of a kind that is used.
     pub good: u64,
-    /// Damaged: a checksum, a length, a number that is none.
+    /// Damaged: a checksum, a length, a number that is NaN.
     pub corrupted: u64,
     /// Whole messages of other kinds.
     pub ignored: u64,
-    /// Measurements that the source has given no time.
+    /// Measurements without a time of their source.
     pub undated: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
-    /// Of those, at a time that cannot be the next pulse's after the fix before: another time base.
+    /// Of those, at a time that cannot be the next pulse's after the last fix: another time base.
     pub mismatched_pulses: u64,
 }

@@ -1,56 +1,56 @@
 //! NMEA 0183: GGA, RMC, VTG, HDT, THS, ROT, PASHR, PRDID and ZDA to measurements.
 //!
-//! A sentence with a time opens an epoch; those without one (HDT, THS, ROT, VTG, PRDID) belong to the
-//! epoch that they come in, each kind once: a second one in the same epoch has no time of its own and
-//! is counted, not guessed. Place and velocity of an epoch make one fix, heading and rate of turn one
-//! heading.
+//! A sentence with a time opens an epoch. Those without one (HDT, THS, ROT, VTG, PRDID) belong to the epoch in
+//! which they arrive, each kind once: a second one in the same epoch has no time, and is counted and dropped.
+//! Position and velocity of an epoch make one fix, heading and rate of turn one heading.
 
 use alight_shared::frames::Datum;
-use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::msg::{AttitudeFix, HeadingFix, NOT_MEASURED_SD};
 use nmea_kit::nmea::NmeaSentence;
 use nmea_kit::nmea::sentences::{Gga, Hdt, Pashr, Prdid, Rmc, Rot, Ths, Vtg, Zda};
 use nmea_kit::parse_frame;
 
-use super::{Decoded, Measurement, Mounting, SourceMeasurement};
+use super::clock::Rollover;
+use super::{Decoded, Decoder, Mounting, SourceMeasurement};
 
 /// Longest line, bytes: the standard allows 82, makers' own sentences are longer.
 const MAX_LINE: usize = 512;
 const DAY_NS: i64 = 86_400_000_000_000;
-/// Epochs after which a partner that does not come is not waited for.
+/// After this many epochs without the partner (velocity of a position, rate of a heading) it is not waited for.
 const MAX_EPOCHS_WITHOUT: u8 = 3;
 const KNOT_MPS: f64 = 1852.0 / 3600.0;
-/// Below it a course need not be told, m/s.
+/// Below it a velocity needs no course, m/s.
 const STILL_MPS: f64 = 0.3;
-/// Noise of a velocity that is told in tenths of a knot, m/s (ours).
+/// Standard deviation of a velocity in tenths of a knot, m/s (ours).
 const VELOCITY_SD: f64 = 0.1;
-/// The same of a place, by the quality that GGA tells, m at a dilution of 1 (ours: what is left within
-/// a minute; slow error is the filter's height bias).
-const PLACE_SD: [(u8, f64); 5] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1)];
-/// Quality by dead reckoning or by hand: no measurement.
-const PLACE_SD_OTHER: f64 = 5.0;
+/// Standard deviation of a position by the quality in GGA, m at a dilution of 1 (ours: the error that changes
+/// within a minute; slow error is the filter's height bias).
+const POSITION_SD: [(u8, f64); 5] = [(1, 0.5), (2, 0.3), (3, 0.5), (4, 0.01), (5, 0.1)];
+/// The same for dead reckoning, manual input and simulation, m.
+const POSITION_SD_OTHER: f64 = 5.0;
 
-/// Bytes to measurements.
+/// Decodes NMEA 0183.
 #[derive(Clone, Debug)]
 pub struct NmeaDecoder {
     mounting: Mounting,
     line: Vec<u8>,
-    /// The line has grown too long: it is passed over to its end.
+    /// The line has grown too long: the rest of it is dropped.
     overlong: bool,
     decoded: Decoded,
-    day: i64,
+    day: Rollover<DAY_NS>,
     epoch: Option<Epoch>,
-    /// What came before its time, where sentences without one lead.
+    /// Sentences before their time, where those without one lead.
     waiting: Vec<Untimed>,
-    /// Epochs since the partner of a place and of a heading was seen.
+    /// Epochs since the last velocity with a position and the last rate with a heading.
     without_velocity: u8,
     without_rate: u8,
 }
 
-/// What one time has.
+/// The content of one time.
 #[derive(Clone, Debug, Default)]
 struct Epoch {
     at_ns: i64,
-    place: Option<(Datum, [f64; 3])>,
+    position: Option<(Datum, [f64; 3])>,
     velocity: Option<[f64; 2]>,
     heading: Option<(f64, f64)>,
     rate: Option<f64>,
@@ -59,7 +59,7 @@ struct Epoch {
     tilted: bool,
 }
 
-/// What a sentence without a time says.
+/// The content of a sentence without a time.
 #[derive(Clone, Copy, Debug)]
 enum Untimed {
     Velocity([f64; 2]),
@@ -70,62 +70,25 @@ enum Untimed {
     Tilt([f64; 3]),
 }
 
-/// Sentences without a time that wait for one, at most.
+/// Most sentences that wait for a time.
 const MAX_WAITING: usize = 8;
 
 impl NmeaDecoder {
-    /// Of a source so mounted.
+    /// For a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         NmeaDecoder {
             mounting: mounting.clone(),
             line: Vec::with_capacity(MAX_LINE),
             overlong: false,
             decoded: Decoded::default(),
-            day: 0,
+            day: Rollover::default(),
             epoch: None,
             waiting: Vec::new(),
             without_velocity: MAX_EPOCHS_WITHOUT,
             without_rate: MAX_EPOCHS_WITHOUT,
         }
     }
-    /// What became of what it was given.
-    pub fn decoded(&self) -> Decoded {
-        self.decoded
-    }
-    /// Bytes that it holds.
-    pub fn held(&self) -> usize {
-        self.line.len()
-    }
-
-    /// Takes bytes, however they are cut.
-    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
-        for byte in bytes {
-            match byte {
-                b'\n' | b'\r' => {
-                    if self.overlong {
-                        self.decoded.corrupted += 1;
-                    } else if !self.line.is_empty() {
-                        let line = core::mem::take(&mut self.line);
-                        self.take(&line, out);
-                        self.line = line;
-                    }
-                    self.overlong = false;
-                    self.line.clear();
-                }
-                // A sentence begins in the middle of a line where bytes were lost.
-                b'$' if !self.line.is_empty() => {
-                    // What a logger puts before a sentence is nobody's.
-                    self.decoded.corrupted += u64::from(self.line.starts_with(b"$"));
-                    self.overlong = false;
-                    self.line.clear();
-                    self.line.push(*byte);
-                }
-                _ if self.line.len() >= MAX_LINE => self.overlong = true,
-                _ => self.line.push(*byte),
-            }
-        }
-    }
-    /// The end: the last epoch waits for nothing more.
+    /// Ends the stream: the last epoch is complete.
     pub fn finish(&mut self, out: &mut Vec<SourceMeasurement>) {
         if !self.line.is_empty() {
             self.decoded.corrupted += 1;
@@ -143,7 +106,7 @@ impl NmeaDecoder {
             self.decoded.ignored += 1;
             return;
         }
-        // A checksum is not optional here: what is cut off before it would pass.
+        // A checksum is required: a sentence that is cut off before it would pass.
         let sound = text.starts_with('$') && text.contains('*');
         let Some(frame) = sound.then(|| parse_frame(text).ok()).flatten() else {
             self.decoded.corrupted += 1;
@@ -162,33 +125,14 @@ impl NmeaDecoder {
             _ => self.decoded.ignored += 1,
         }
     }
-    /// It was whole and of use, or not.
-    fn count(&mut self, good: bool) {
-        let to = if good {
-            &mut self.decoded.good
-        } else {
-            &mut self.decoded.corrupted
-        };
-        *to += 1;
-    }
-
     /// The epoch of a sentence's time; None, and counted, where that is no time.
     fn open(&mut self, time: Option<&str>, out: &mut Vec<SourceMeasurement>) -> Option<&mut Epoch> {
         let Some(of_day) = time.and_then(time_of_day_ns) else {
-            self.count(false);
+            self.decoded.corrupted += 1;
             return None;
         };
-        self.count(true);
-        // The day is the one that brings the time nearest to the last.
-        if let Some(last) = self.epoch.as_ref().map(|e| e.at_ns) {
-            let off = last - (self.day * DAY_NS + of_day);
-            if off > DAY_NS / 2 {
-                self.day += 1;
-            } else if off < -DAY_NS / 2 {
-                self.day -= 1;
-            }
-        }
-        let at_ns = self.day * DAY_NS + of_day;
+        self.decoded.good += 1;
+        let at_ns = self.day.unwrap(of_day);
         if self.epoch.as_ref().is_none_or(|e| e.at_ns != at_ns) {
             self.close(out);
             self.epoch = Some(Epoch {
@@ -204,7 +148,7 @@ impl NmeaDecoder {
 
     /// A sentence without a time goes to its epoch, or waits for it.
     fn untimed(&mut self, untimed: Untimed, out: &mut Vec<SourceMeasurement>) {
-        self.count(true);
+        self.decoded.good += 1;
         if self.mounting.mount.untimed_lead {
             if self.waiting.len() < MAX_WAITING {
                 self.waiting.push(untimed);
@@ -242,48 +186,30 @@ impl NmeaDecoder {
         self.emit(false, out);
     }
 
-    /// Says what is complete, and at an epoch's end what is there.
+    /// Emits complete measurements, and at the epoch's end incomplete ones too.
     fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
-        if let Some((datum, sd)) = e.place.filter(|_| !e.fixed)
+        if let Some((datum, sd)) = e.position.filter(|_| !e.fixed)
             && (e.velocity.is_some() || last || self.without_velocity >= MAX_EPOCHS_WITHOUT)
         {
             e.fixed = true;
             let [north, east] = e.velocity.unwrap_or_default();
             let velocity_sd = e.velocity.map_or(NOT_MEASURED_SD, |_| VELOCITY_SD);
-            let fix = GnssFix {
-                header: Header::default(),
-                datum,
-                position: [0.0; 3],
-                velocity: [north, east, 0.0],
-                position_sd: self.mounting.position_sd(sd),
-                velocity_sd: self
-                    .mounting
-                    .velocity_sd([velocity_sd, velocity_sd, NOT_MEASURED_SD]),
-                source: 0,
-                lever_arm: Some(self.mounting.mount.antenna_m),
-            };
-            out.push(SourceMeasurement {
-                at_ns,
-                measurement: Measurement::Gnss(fix),
-            });
+            let velocity_sd = [velocity_sd, velocity_sd, NOT_MEASURED_SD];
+            let fix = self.mounting.fix(datum, [north, east, 0.0], sd, velocity_sd);
+            out.push(SourceMeasurement::new(at_ns, fix));
         }
         if let Some((heading, heading_sd)) = e.heading.filter(|_| !e.headed)
             && (e.rate.is_some() || last || self.without_rate >= MAX_EPOCHS_WITHOUT)
         {
             e.headed = true;
             let fix = HeadingFix {
-                header: Header::default(),
-                heading: self.mounting.heading(heading),
                 heading_sd,
                 rate: e.rate,
-                source: 0,
+                ..self.mounting.heading_fix(self.mounting.heading(heading))
             };
-            out.push(SourceMeasurement {
-                at_ns,
-                measurement: Measurement::Heading(fix),
-            });
+            out.push(SourceMeasurement::new(at_ns, fix));
         }
     }
     fn close(&mut self, out: &mut Vec<SourceMeasurement>) {
@@ -293,10 +219,10 @@ impl NmeaDecoder {
                 if seen {
                     0
                 } else {
-                    since.saturating_add(1).min(MAX_EPOCHS_WITHOUT)
+                    (since + 1).min(MAX_EPOCHS_WITHOUT)
                 }
             };
-            if e.place.is_some() {
+            if e.position.is_some() {
                 self.without_velocity = later(e.velocity.is_some(), self.without_velocity);
             }
             if e.heading.is_some() {
@@ -315,33 +241,29 @@ impl NmeaDecoder {
     ) {
         let [roll, pitch, _] = self.mounting.attitude(angles);
         let fix = AttitudeFix {
-            tilt: [roll, pitch],
             tilt_sd: sd,
             heave,
             heave_sd: self.mounting.mount.heave_sd_m,
-            ..AttitudeFix::default()
+            ..self.mounting.tilt([roll, pitch])
         };
-        out.push(SourceMeasurement {
-            at_ns,
-            measurement: Measurement::Attitude(fix),
-        });
+        out.push(SourceMeasurement::new(at_ns, fix));
     }
 
     fn gga(&mut self, s: &Gga, out: &mut Vec<SourceMeasurement>) {
         let height = s
             .altitude
             .map(|a| f64::from(a) + s.geoid_sep.map_or(0.0, f64::from));
-        let datum = place(s.lat, s.ns, s.lon, s.ew);
+        let datum = position(s.lat, s.ns, s.lon, s.ew);
         let quality = s.quality.unwrap_or_default();
         let Some(e) = self.open(s.time.as_deref(), out) else {
             return;
         };
-        // Quality 0: there is none; 6 to 8: reckoned, by hand, simulated.
+        // Quality 0: no fix; 6 to 8: dead reckoning, manual, simulated.
         if let (Some(datum), 1..=8) = (datum, quality) {
-            let sd = PLACE_SD
+            let sd = POSITION_SD
                 .iter()
                 .find(|q| q.0 == quality)
-                .map_or(PLACE_SD_OTHER, |q| {
+                .map_or(POSITION_SD_OTHER, |q| {
                     q.1 * s.hdop.map_or(1.0, f64::from).clamp(0.5, 50.0)
                 });
             let down = height.map_or(NOT_MEASURED_SD, |_| 2.0 * sd);
@@ -349,8 +271,8 @@ impl NmeaDecoder {
                 height_m: height.unwrap_or_default(),
                 ..datum
             };
-            // A place of RMC in the same epoch has no height.
-            e.place = Some((datum, [sd, sd, down]));
+            // A position of RMC in the same epoch has no height.
+            e.position = Some((datum, [sd, sd, down]));
         }
         self.emit(false, out);
     }
@@ -367,8 +289,8 @@ impl NmeaDecoder {
     }
     fn vtg(&mut self, s: &Vtg, out: &mut Vec<SourceMeasurement>) {
         match velocity(s.speed_kts, s.course_true) {
-            // Told by RMC as well.
-            Some(_) if self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) => self.count(true),
+            // RMC of this epoch has it as well.
+            Some(_) if self.epoch.as_ref().is_some_and(|e| e.velocity.is_some()) => self.decoded.good += 1,
             Some(v) if s.mode != Some('N') => self.untimed(Untimed::Velocity(v), out),
             Some(_) | None => self.decoded.ignored += 1,
         }
@@ -377,7 +299,7 @@ impl NmeaDecoder {
         self.heading(s.heading_true, true, out);
     }
     fn ths(&mut self, s: &Ths, out: &mut Vec<SourceMeasurement>) {
-        // Autonomous or estimated; by hand, simulated or void is none.
+        // Autonomous or estimated; manual, simulated and invalid headings are dropped.
         self.heading(s.heading_true, matches!(s.mode, Some('A' | 'E')), out);
     }
     fn heading(&mut self, degrees: Option<f32>, valid: bool, out: &mut Vec<SourceMeasurement>) {
@@ -400,14 +322,14 @@ impl NmeaDecoder {
         let rad = |d: Option<f32>| d.map(|d| f64::from(d).to_radians());
         let heading = rad(s.heading);
         let angles = rad(s.roll).zip(rad(s.pitch));
-        // Zero is a sensor that does not know.
-        let said = |a: Option<f32>| rad(a).filter(|a| *a > 0.0);
-        let sd = said(s.roll_accuracy)
+        // Zero means unknown.
+        let known = |a: Option<f32>| rad(a).filter(|a| *a > 0.0);
+        let sd = known(s.roll_accuracy)
             .into_iter()
-            .chain(said(s.pitch_accuracy))
+            .chain(known(s.pitch_accuracy))
             .reduce(f64::max)
             .unwrap_or(self.mounting.tilt_sd());
-        let heading_sd = said(s.heading_accuracy).unwrap_or(self.mounting.heading_sd());
+        let heading_sd = known(s.heading_accuracy).unwrap_or(self.mounting.heading_sd());
         let heave = s.heave.and_then(|h| self.mounting.heave(h.into()));
         let Some(e) = self.open(s.time.as_deref(), out) else {
             return;
@@ -416,7 +338,7 @@ impl NmeaDecoder {
         if let Some(h) = heading {
             e.heading.get_or_insert((h, heading_sd));
         }
-        // A second one of the same time is for whoever admits measurements to count.
+        // A second attitude of the same time is counted where measurements are admitted.
         if let Some((roll, pitch)) = angles {
             self.tilt(at_ns, [roll, pitch, heading.unwrap_or_default()], heave, sd, out);
         }
@@ -434,6 +356,39 @@ impl NmeaDecoder {
     fn zda(&mut self, s: &Zda, out: &mut Vec<SourceMeasurement>) {
         // Its time opens an epoch; its date is not needed.
         let _epoch = self.open(s.time.as_deref(), out);
+    }
+}
+
+impl Decoder for NmeaDecoder {
+    fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
+        for byte in bytes {
+            match byte {
+                b'\n' | b'\r' => {
+                    if self.overlong {
+                        self.decoded.corrupted += 1;
+                    } else if !self.line.is_empty() {
+                        let line = core::mem::take(&mut self.line);
+                        self.take(&line, out);
+                        self.line = line;
+                    }
+                    self.overlong = false;
+                    self.line.clear();
+                }
+                // A sentence begins in the middle of a line where bytes were lost.
+                b'$' if !self.line.is_empty() => {
+                    // The prefix that a logger writes before a sentence is no damage.
+                    self.decoded.corrupted += u64::from(self.line.starts_with(b"$"));
+                    self.overlong = false;
+                    self.line.clear();
+                    self.line.push(*byte);
+                }
+                _ if self.line.len() >= MAX_LINE => self.overlong = true,
+                _ => self.line.push(*byte),
+            }
+        }
+    }
+    fn decoded(&self) -> Decoded {
+        self.decoded
     }
 }
 
@@ -455,7 +410,7 @@ fn time_of_day_ns(text: &str) -> Option<i64> {
 }
 
 /// Degrees from `ddmm.mmmm` and a letter.
-fn place(lat: Option<f64>, ns: Option<char>, lon: Option<f64>, ew: Option<char>) -> Option<Datum> {
+fn position(lat: Option<f64>, ns: Option<char>, lon: Option<f64>, ew: Option<char>) -> Option<Datum> {
     let degrees = |v: f64, limit: f64| {
         let whole = (v / 100.0).trunc();
         let minutes = v - 100.0 * whole;

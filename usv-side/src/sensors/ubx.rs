@@ -1,171 +1,141 @@
-//! u-blox's UBX: NAV-PVT to a fix, NAV-RELPOSNED of a moving base to a heading. TIM-TP announces the
-//! time of the next pulse. Without the pulse's edge it dates nothing; it tells whether pulse and fixes
-//! count the same time, which is what a computer that takes its clock from the pulse relies on.
+//! UBX of u-blox: NAV-PVT to a fix, NAV-RELPOSNED of a moving base to a heading. TIM-TP announces the time of the
+//! next pulse. Its edge is not observed, so it gives no measurement a time; it shows whether pulse and fixes use
+//! one time base, on which a computer that takes its clock from the pulse relies.
 
 use alight_shared::frames::Datum;
-use alight_shared::msg::{GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::msg::{HeadingFix, NOT_MEASURED_SD};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, GnssFixType, Parser, UbxPacket};
 
-use super::{Decoded, Measurement, Mounting, SourceMeasurement};
+use super::clock::Rollover;
+use super::{Decoded, Decoder, Measurement, Mounting, SourceMeasurement};
 
-/// Bytes that wait for their end, at most: above the longest message that is used.
+/// Longest unfinished message, bytes: above the longest message that is used.
 const MAX_WAITING: usize = 2048;
 /// Bytes given to the parser at a time.
 const PART: usize = 512;
 const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// The pulse that is announced comes within its period of 1 s (the receivers' default) after the fix
-/// before; a message in between may be late by as much. UTC and GPS time are whole seconds apart, 18 since 2017.
+/// An announced pulse comes within its period of 1 s (the receivers' default) after the last fix; a message in
+/// between may be late by as much. UTC and GPS time are whole seconds apart, 18 since 2017.
 const PULSE_NS: i64 = 2_000_000_000;
-/// What changes within a minute of the error that a receiver tells (ours).
-const FAST_SHARE: f64 = 0.3;
+/// Fraction of a receiver's stated error that changes within a minute (ours).
+const FAST_FRACTION: f64 = 0.3;
 
-/// Bytes to measurements.
+/// Decodes UBX.
 pub struct UbxDecoder {
     mounting: Mounting,
     parser: Parser<FixedBuffer<MAX_WAITING>, Proto27>,
     decoded: Decoded,
-    week: i64,
-    last_ns: Option<i64>,
+    week: Rollover<WEEK_NS>,
 }
 
-/// What a message says, its time of week in ms first.
-enum Said {
-    Fix(u32, Option<GnssFix>),
-    Heading(u32, Option<HeadingFix>),
-    Pulse(u32),
-    Other,
+/// The content of a message.
+enum Content {
+    /// Valid or not.
+    Measurement(Option<Measurement>),
+    Pulse,
 }
 
 impl UbxDecoder {
-    /// Of a source so mounted.
+    /// For a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         UbxDecoder {
             mounting: mounting.clone(),
             parser: Parser::with_fixed_buffer(),
             decoded: Decoded::default(),
-            week: 0,
-            last_ns: None,
-        }
-    }
-    /// What became of what it was given.
-    pub fn decoded(&self) -> Decoded {
-        self.decoded
-    }
-
-    /// Takes bytes, however they are cut.
-    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
-        for part in bytes.chunks(PART) {
-            let mut all = Vec::new();
-            {
-                let mut packets = self.parser.consume_ubx(part);
-                while let Some(packet) = packets.next() {
-                    match packet {
-                        Ok(UbxPacket::Proto27(p)) => all.push(said(&p, &self.mounting)),
-                        Err(_) => self.decoded.corrupted += 1,
-                    }
-                }
-            }
-            for said in all {
-                self.take(said, out);
-            }
+            week: Rollover::default(),
         }
     }
 
-    /// A pulse is announced for this time of week, ms.
-    fn pulse(&mut self, of_week_ms: u32) {
+    /// Takes the content of a message with its time of week, ms.
+    fn take(&mut self, of_week_ms: u32, content: Content, out: &mut Vec<SourceMeasurement>) {
         let of_week = i64::from(of_week_ms) * 1_000_000;
         if of_week >= WEEK_NS {
             self.decoded.corrupted += 1;
             return;
         }
         self.decoded.good += 1;
-        self.decoded.pulses += 1;
-        let apart = self
-            .last_ns
-            .is_some_and(|last| after(of_week, last).abs() > PULSE_NS);
-        self.decoded.mismatched_pulses += u64::from(apart);
-    }
-
-    fn take(&mut self, said: Said, out: &mut Vec<SourceMeasurement>) {
-        let (of_week_ms, measurement) = match said {
-            Said::Fix(t, fix) => (t, fix.map(Measurement::Gnss)),
-            Said::Heading(t, heading) => (t, heading.map(Measurement::Heading)),
-            Said::Pulse(t) => return self.pulse(t),
-            Said::Other => {
-                self.decoded.ignored += 1;
-                return;
+        match content {
+            Content::Measurement(measurement) => {
+                let at_ns = self.week.unwrap(of_week);
+                out.extend(measurement.map(|m| SourceMeasurement::new(at_ns, m)));
             }
-        };
-        let of_week = i64::from(of_week_ms) * 1_000_000;
-        if of_week >= WEEK_NS {
-            self.decoded.corrupted += 1;
-            return;
-        }
-        self.decoded.good += 1;
-        // The week is the one that brings the time nearest to the last.
-        if let Some(last) = self.last_ns {
-            let off = last - (self.week * WEEK_NS + of_week);
-            if off > WEEK_NS / 2 {
-                self.week += 1;
-            } else if off < -WEEK_NS / 2 {
-                self.week -= 1;
+            Content::Pulse => {
+                self.decoded.pulses += 1;
+                let apart = self
+                    .week
+                    .last
+                    .is_some_and(|last| after(of_week, last).abs() > PULSE_NS);
+                self.decoded.mismatched_pulses += u64::from(apart);
             }
         }
-        let at_ns = self.week * WEEK_NS + of_week;
-        self.last_ns = Some(at_ns);
-        out.extend(measurement.map(|measurement| SourceMeasurement { at_ns, measurement }));
     }
 }
 
-/// What one time of week is after another, ns, by the shorter way round the week.
+impl Decoder for UbxDecoder {
+    fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
+        for part in bytes.chunks(PART) {
+            let mut all = Vec::new();
+            let mut packets = self.parser.consume_ubx(part);
+            while let Some(packet) = packets.next() {
+                match packet {
+                    Ok(UbxPacket::Proto27(p)) => match content(&p, &self.mounting) {
+                        Some(message) => all.push(message),
+                        None => self.decoded.ignored += 1,
+                    },
+                    Err(_) => self.decoded.corrupted += 1,
+                }
+            }
+            for (of_week_ms, content) in all {
+                self.take(of_week_ms, content, out);
+            }
+        }
+    }
+    fn decoded(&self) -> Decoded {
+        self.decoded
+    }
+}
+
+/// Time from one time of week to another, ns, by the shorter way round the week.
 fn after(of_week_ns: i64, than_ns: i64) -> i64 {
     (of_week_ns - than_ns + WEEK_NS / 2).rem_euclid(WEEK_NS) - WEEK_NS / 2
 }
 
-fn said(packet: &PacketRef<'_>, mounting: &Mounting) -> Said {
-    match packet {
+/// Time of week, ms, and content of a message of a kind that is used.
+fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)> {
+    Some(match packet {
         PacketRef::NavPvt(p) => {
             let kind = p.fix_type();
             let three = matches!(kind, GnssFixType::Fix3D | GnssFixType::GPSPlusDeadReckoning);
             // gnssFixOK.
-            let sound = p.flags_raw() & 1 != 0;
-            let fix = (sound && (three || matches!(kind, GnssFixType::Fix2D))).then(|| {
-                let across = (FAST_SHARE * p.horizontal_accuracy()).max(0.005);
-                let down = (FAST_SHARE * p.vertical_accuracy()).max(0.005);
+            let valid = p.flags_raw() & 1 != 0;
+            let fix = (valid && (three || matches!(kind, GnssFixType::Fix2D))).then(|| {
+                let across = (FAST_FRACTION * p.horizontal_accuracy()).max(0.005);
+                let down = (FAST_FRACTION * p.vertical_accuracy()).max(0.005);
                 let velocity_sd = p.speed_accuracy().clamp(0.02, 100.0);
-                GnssFix {
-                    datum: Datum {
-                        latitude_deg: p.latitude(),
-                        longitude_deg: p.longitude(),
-                        height_m: p.height_above_ellipsoid(),
-                    },
-                    velocity: [p.vel_north(), p.vel_east(), p.vel_down()],
-                    position_sd: mounting.position_sd([
-                        across,
-                        across,
-                        if three { down } else { NOT_MEASURED_SD },
-                    ]),
-                    velocity_sd: mounting.velocity_sd([velocity_sd; 3]),
-                    lever_arm: Some(mounting.mount.antenna_m),
-                    ..GnssFix::default()
-                }
+                let datum = Datum {
+                    latitude_deg: p.latitude(),
+                    longitude_deg: p.longitude(),
+                    height_m: p.height_above_ellipsoid(),
+                };
+                let velocity = [p.vel_north(), p.vel_east(), p.vel_down()];
+                let down = if three { down } else { NOT_MEASURED_SD };
+                mounting.fix(datum, velocity, [across, across, down], [velocity_sd; 3])
             });
-            Said::Fix(p.itow(), fix)
+            (p.itow(), Content::Measurement(fix.map(Measurement::Gnss)))
         }
         PacketRef::NavRelPosNed(p) => {
             // relPosHeadingValid (interface description of the F9 receivers).
             let valid = p.flags_raw() & (1 << 8) != 0;
             let heading = valid.then(|| HeadingFix {
-                heading: mounting.heading(p.rel_pos_heading_degrees().to_radians()),
                 heading_sd: p.acc_heading_degrees().to_radians().clamp(1e-3, 1.0),
-                ..HeadingFix::default()
+                ..mounting.heading_fix(mounting.heading(p.rel_pos_heading_degrees().to_radians()))
             });
-            Said::Heading(p.itow(), heading)
+            (p.itow(), Content::Measurement(heading.map(Measurement::Heading)))
         }
-        PacketRef::TimTp(p) => Said::Pulse(p.tow_ms()),
-        _ => Said::Other,
-    }
+        PacketRef::TimTp(p) => (p.tow_ms(), Content::Pulse),
+        _ => return None,
+    })
 }
 
 #[cfg(test)]
