@@ -15,6 +15,8 @@ pub mod calibrate;
 pub mod config;
 pub mod deck;
 pub mod estimator;
+#[cfg(test)]
+mod fixtures;
 pub mod log;
 pub mod node;
 pub mod rate_control;

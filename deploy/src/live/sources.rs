@@ -88,7 +88,7 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
         let now = computer.clock.read(steady_ns());
         let out = node.step(now, &input);
         to.send(&out.readings);
-        for (k, bytes) in &out.ask {
+        for (k, bytes) in &out.requests {
             if let Some(wire) = wires.get_mut(*k) {
                 wire.write(steady_ns(), bytes);
             }

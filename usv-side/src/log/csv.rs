@@ -167,7 +167,9 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
         let fix = mounting.fix(datum, velocity, [sd, sd, 2.0 * sd], [velocity_sd; 3]);
         out.push(fix.into());
     }
-    out.extend(heading.map(|h| mounting.heading_fix(mounting.heading(h)).into()));
+    if let Some(heading) = heading {
+        out.push(mounting.heading_fix(mounting.heading(heading)).into());
+    }
     out
 }
 

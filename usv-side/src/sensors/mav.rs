@@ -52,7 +52,7 @@ impl Read for Waiting {
     }
 }
 
-/// Bytes to measurements.
+/// Decodes MAVLink.
 pub struct MavlinkDecoder {
     mounting: Mounting,
     reader: MavlinkReader<Waiting>,
@@ -65,7 +65,7 @@ pub struct MavlinkDecoder {
     origin: Option<Datum>,
     heading_ns: i64,
     gps_heading: bool,
-    asked: u32,
+    requests: u32,
 }
 
 /// A payload; zero where MAVLink 2 left out zeros.
@@ -108,7 +108,7 @@ fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
 }
 
 impl MavlinkDecoder {
-    /// Of a source so mounted.
+    /// For a source with this mounting.
     pub fn new(mounting: &Mounting) -> Self {
         MavlinkDecoder {
             mounting: mounting.clone(),
@@ -121,25 +121,7 @@ impl MavlinkDecoder {
             origin: None,
             heading_ns: i64::MIN,
             gps_heading: false,
-            asked: 0,
-        }
-    }
-    /// What became of what it was given.
-    pub fn decoded(&self) -> Decoded {
-        self.decoded
-    }
-
-    /// Takes bytes, however they are cut.
-    pub fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
-        for part in bytes.chunks(MAX_WAITING / 4) {
-            let waiting = &mut self.reader.get_mut().0;
-            if waiting.len() + part.len() > MAX_WAITING {
-                self.decoded.corrupted += 1;
-                continue;
-            }
-            waiting.extend(part);
-            self.taken += part.len() as u64;
-            self.drain(out);
+            requests: 0,
         }
     }
 
@@ -368,8 +350,37 @@ impl MavlinkDecoder {
         Some(())
     }
 
-    /// Once a second: who we are, and every fifth time what we want to hear.
-    pub fn ask(&mut self) -> Vec<u8> {
+    fn frame(&mut self, message: &m::MavMessage) -> Vec<u8> {
+        let header = MavHeader {
+            system_id: self.system.unwrap_or(1).into(),
+            component_id: COMPANION,
+            sequence: self.sequence,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message(header, message);
+        raw.raw_bytes().to_vec()
+    }
+}
+
+impl Decoder for MavlinkDecoder {
+    fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
+        for part in bytes.chunks(MAX_WAITING / 4) {
+            let waiting = &mut self.reader.get_mut().0;
+            if waiting.len() + part.len() > MAX_WAITING {
+                self.decoded.corrupted += 1;
+                continue;
+            }
+            waiting.extend(part);
+            self.taken += part.len() as u64;
+            self.drain(out);
+        }
+    }
+    fn decoded(&self) -> Decoded {
+        self.decoded
+    }
+    /// Our heartbeat, and with every fifth one the requested messages.
+    fn request(&mut self) -> Option<Vec<u8>> {
         let system = self.system.unwrap_or(1);
         let mut bytes = self.frame(&m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
             mavtype: m::MavType::MAV_TYPE_ONBOARD_CONTROLLER,
@@ -378,7 +389,7 @@ impl MavlinkDecoder {
             mavlink_version: 3,
             ..m::HEARTBEAT_DATA::DEFAULT
         }));
-        if self.system.is_some() && self.asked.is_multiple_of(5) {
+        if self.system.is_some() && self.requests.is_multiple_of(5) {
             for (id, interval_us) in WANTED {
                 let wanted = m::COMMAND_LONG_DATA {
                     target_system: system,
@@ -391,19 +402,8 @@ impl MavlinkDecoder {
                 bytes.extend(self.frame(&m::MavMessage::COMMAND_LONG(wanted)));
             }
         }
-        self.asked = self.asked.wrapping_add(1);
-        bytes
-    }
-    fn frame(&mut self, message: &m::MavMessage) -> Vec<u8> {
-        let header = MavHeader {
-            system_id: self.system.unwrap_or(1).into(),
-            component_id: COMPANION,
-            sequence: self.sequence,
-        };
-        self.sequence = self.sequence.wrapping_add(1);
-        let mut raw = MAVLinkV2MessageRaw::new();
-        raw.serialize_message(header, message);
-        raw.raw_bytes().to_vec()
+        self.requests = self.requests.wrapping_add(1);
+        Some(bytes)
     }
 }
 

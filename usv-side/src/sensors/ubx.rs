@@ -86,6 +86,7 @@ impl Decoder for UbxDecoder {
                     Err(_) => self.decoded.corrupted += 1,
                 }
             }
+            drop(packets);
             for (of_week_ms, content) in all {
                 self.take(of_week_ms, content, out);
             }
@@ -141,6 +142,7 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{self, damage, damaged};
     use crate::sensors::Mount;
     use proptest::prelude::*;
 
@@ -188,10 +190,7 @@ mod tests {
             heading_offset_deg: 90.0,
             ..Mount::default()
         };
-        let mut d = UbxDecoder::new(&Mounting::new(&mount));
-        let mut out = Vec::new();
-        bytes.chunks(cut).for_each(|part| d.push(part, &mut out));
-        (out, d)
+        fixtures::decode(UbxDecoder::new(&Mounting::new(&mount)), bytes, cut)
     }
 
     #[test]
@@ -256,16 +255,10 @@ mod tests {
     proptest! {
         #[test]
         fn ubx_decoder_survives_any_damage(
-            changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..60),
-            noise in prop::collection::vec(any::<u8>(), 0..600),
-            cut in 1_usize..700,
+            damage in damage(60), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700,
         ) {
-            let mut bytes: Vec<u8> = (0..10).flat_map(|k| [pvt(200 * k), relative(200 * k, true)].concat()).collect();
-            for (at, to) in changes {
-                let k = at.index(bytes.len());
-                bytes[k] = to;
-            }
-            bytes.extend(noise);
+            let whole = (0..10).flat_map(|k| [pvt(200 * k), relative(200 * k, true)].concat()).collect();
+            let bytes = [damaged(whole, damage), noise].concat();
             let (all, _) = decode(&bytes, cut);
             prop_assert!(all.len() <= 40);
         }

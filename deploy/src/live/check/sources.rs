@@ -46,7 +46,7 @@ pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
             }
         }
         let out = node.step(computer.clock.read(steady_ns()), &input);
-        for (k, bytes) in &out.ask {
+        for (k, bytes) in &out.requests {
             if let Some(Ok(wire)) = wires.get_mut(*k) {
                 wire.write(steady_ns(), bytes);
             }

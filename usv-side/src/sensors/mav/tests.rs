@@ -1,5 +1,6 @@
 use super::*;
-use crate::sensors::Mount;
+use crate::fixtures::{self, damage, damaged};
+use crate::sensors::{Measurement, Mount};
 use proptest::prelude::*;
 
 fn frame(sequence: u8, message: &m::MavMessage) -> Vec<u8> {
@@ -62,10 +63,7 @@ fn second(from_ms: u32) -> Vec<u8> {
     out
 }
 fn decode(bytes: &[u8], cut: usize, mount: Mount) -> (Vec<SourceMeasurement>, MavlinkDecoder) {
-    let mut d = MavlinkDecoder::new(&Mounting::new(&mount));
-    let mut out = Vec::new();
-    bytes.chunks(cut).for_each(|part| d.push(part, &mut out));
-    (out, d)
+    fixtures::decode(MavlinkDecoder::new(&Mounting::new(&mount)), bytes, cut)
 }
 
 #[test]
@@ -151,14 +149,10 @@ fn mavlink_decoder_counts_damage_and_reads_the_next_frame() {
 #[test]
 fn mavlink_decoder_requests_streams_from_the_observed_system() {
     let (_, mut d) = decode(&second(0), 500, Mount::default());
-    let (first, second) = (d.ask(), d.ask());
-    let said = |bytes: &[u8]| {
-        let mut d = MavlinkDecoder::new(&Mounting::default());
-        d.push(bytes, &mut Vec::new());
-        d.decoded()
-    };
+    let (first, second) = (d.request().unwrap(), d.request().unwrap());
+    let messages = |bytes: &[u8]| decode(bytes, 500, Mount::default()).1.decoded().ignored;
     assert_eq!(
-        (said(&first).ignored, said(&second).ignored),
+        (messages(&first), messages(&second)),
         (1 + WANTED.len() as u64, 1)
     );
 }
@@ -166,20 +160,13 @@ fn mavlink_decoder_requests_streams_from_the_observed_system() {
 proptest! {
     #[test]
     fn mavlink_decoder_survives_any_damage(
-        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..80),
-        noise in prop::collection::vec(any::<u8>(), 0..600),
-        cut in 1_usize..700,
+        damage in damage(80), noise in prop::collection::vec(any::<u8>(), 0..600), cut in 1_usize..700,
     ) {
-        let mut bytes = second(1000);
-        for (at, to) in changes {
-            let k = at.index(bytes.len());
-            bytes[k] = to;
-        }
-        bytes.extend(noise);
+        let bytes = [damaged(second(1000), damage), noise].concat();
         let (all, d) = decode(&bytes, cut, Mount::default());
         prop_assert!(d.reader.get_ref().0.len() <= MAX_WAITING);
-        for heard in all {
-            if let Measurement::Attitude(a) = heard.measurement {
+        for m in all {
+            if let Measurement::Attitude(a) = m.measurement {
                 prop_assert!(a.tilt.iter().all(|t| t.is_finite()));
             }
         }

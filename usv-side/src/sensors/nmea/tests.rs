@@ -1,12 +1,8 @@
 use super::*;
-use crate::sensors::{HeaveSign, Mount};
+use crate::fixtures::sentence;
+use crate::sensors::{HeaveSign, Measurement, Mount};
 use proptest::prelude::*;
 
-/// With its checksum and end of line.
-fn sentence(body: &str) -> String {
-    let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
-    format!("${body}*{sum:02X}\r\n")
-}
 fn decoder(mount: Mount) -> NmeaDecoder {
     NmeaDecoder::new(&Mounting::new(&mount))
 }
@@ -88,7 +84,7 @@ fn nmea_epoch_gives_one_fix_one_heading_and_one_attitude() {
 fn nmea_decoder_never_guesses_a_time() {
     let hdt = sentence("HEHDT,10.0,T");
     let zda = |t: &str| sentence(&format!("GPZDA,{t},20,05,2026,00,00"));
-    // Before any time; twice in one epoch; a time that is none.
+    // Before any time; twice in one epoch; invalid times.
     let text = [
         hdt.clone(),
         zda("120000.00"),
@@ -99,7 +95,7 @@ fn nmea_decoder_never_guesses_a_time() {
     ];
     let (all, counts) = decode(&text.concat(), Mount::default());
     assert_eq!((all.len(), counts.undated, counts.corrupted), (1, 2, 2));
-    // Where sentences without a time lead, they belong to what follows.
+    // Where sentences without a time lead, they belong to the next time.
     let lead = Mount {
         untimed_lead: true,
         ..Mount::default()
@@ -171,7 +167,7 @@ proptest! {
         let mut out = Vec::new();
         for part in bytes.chunks(cut) {
             d.push(part, &mut out);
-            prop_assert!(d.held() <= MAX_LINE && d.waiting.len() <= MAX_WAITING);
+            prop_assert!(d.line.len() <= MAX_LINE && d.waiting.len() <= MAX_WAITING);
         }
         d.finish(&mut out);
         prop_assert!(out.len() <= bytes.len());
@@ -188,16 +184,15 @@ proptest! {
             + &sentence(&format!("{name},{}", fields.join(",")));
         let (all, counts) = decode(&text, Mount::default());
         prop_assert_eq!(counts.good + counts.corrupted + counts.ignored, 3);
-        for heard in all {
-            prop_assert!(heard.at_ns.abs() < 2 * DAY_NS);
-            // Wild numbers are for whoever admits measurements; none is not a number.
-            if let Measurement::Gnss(g) = heard.measurement {
+        for m in all {
+            prop_assert!(m.at_ns.abs() < 2 * DAY_NS);
+            // Implausible numbers are rejected where measurements are admitted; NaN never leaves the decoder.
+            if let Measurement::Gnss(g) = m.measurement {
                 prop_assert!(g.datum.latitude_deg.abs() <= 90.0 && g.velocity.iter().all(|v| v.is_finite()));
             }
         }
     }
 
-    /// However a stream is cut into reads, the same comes out.
     #[test]
     fn nmea_decoder_gives_the_same_however_the_stream_is_cut(cuts in prop::collection::vec(1_usize..200, 1..60)) {
         let text = stream(4);

@@ -1,24 +1,21 @@
 use super::*;
+use crate::fixtures::sentence;
 use proptest::prelude::*;
 
-fn nmea(body: &str) -> String {
-    let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
-    format!("${body}*{sum:02X}\r\n")
-}
 fn node(sources: usize) -> SensorNode {
     let config = SourcesConfig {
         sources: vec![SourceConfig::default(); sources],
     };
     SensorNode::new(&config, 1, 9)
 }
-/// What a motion sensor and a receiver send at step `k` of 100 ms.
-fn said(k: i64) -> String {
+/// Sentences of a motion sensor and a receiver at step `k` of 100 ms.
+fn messages(k: i64) -> String {
     let (s, tenth) = (k / 10, k % 10);
     let t = format!("12{:02}{:02}.{tenth}0", s / 60, s % 60);
-    nmea(&format!(
+    sentence(&format!(
         "PASHR,{t},90.0,T,{:.2},1.00,0.10,0.1,0.1,0.2,1,1",
         (0.1 * k as f64).sin()
-    )) + &nmea(&format!(
+    )) + &sentence(&format!(
         "GPGGA,{t},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,,"
     ))
 }
@@ -36,13 +33,13 @@ fn sensor_node_keeps_numbers_and_times_of_two_sources_apart() {
         let first = n.step(
             at(k),
             &SensorsIn {
-                bytes: vec![said(k).into(), vec![]],
+                bytes: vec![messages(k).into(), vec![]],
             },
         );
         let second = n.step(
             at(k) + late,
             &SensorsIn {
-                bytes: vec![vec![], said(k).into()],
+                bytes: vec![vec![], messages(k).into()],
             },
         );
         imu += first.readings.imu.len();
@@ -62,12 +59,12 @@ fn sensor_node_counts_and_drops_repeated_and_reordered_messages() {
     let mut n = node(1);
     let mut given = 0;
     for k in 0..40 {
-        let mut text = said(k);
+        let mut text = messages(k);
         if k % 10 == 5 {
             text = text.clone() + &text;
         }
         if k % 10 == 9 {
-            text += &said(k - 3);
+            text += &messages(k - 3);
         }
         let out = n.step(
             at(k),
@@ -107,7 +104,7 @@ proptest! {
         let mut n = SensorNode::new(&SourcesConfig { sources: sources.into() }, 1, 9);
         for (k, (which, bytes, good)) in parts.into_iter().enumerate() {
             let mut all = vec![Vec::new(); 3];
-            all[which] = if good { said(k as i64).into_bytes() } else { bytes };
+            all[which] = if good { messages(k as i64).into_bytes() } else { bytes };
             let now = at(k as i64);
             let out = n.step(now, &SensorsIn { bytes: all });
             for a in &out.readings.attitude {
@@ -148,7 +145,7 @@ proptest! {
         let mut late: Vec<(i64, Vec<u8>)> = Vec::new();
         let mut last = None;
         for k in 0..620_i64 {
-            let mut bytes = said(k).into_bytes();
+            let mut bytes = messages(k).into_bytes();
             for (_, fate) in fates.iter().filter(|(at, _)| *at == k) {
                 match fate {
                     Fate::Repeated => bytes = [&bytes[..], &bytes].concat(),

@@ -1,0 +1,35 @@
+//! Parts that the tests of several modules share.
+
+use proptest::prelude::*;
+use proptest::sample::Index;
+
+use crate::sensors::{Decoder, SourceMeasurement};
+
+/// An NMEA sentence with its checksum and end of line.
+pub(crate) fn sentence(body: &str) -> String {
+    let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
+    format!("${body}*{sum:02X}\r\n")
+}
+
+/// What `decoder` makes of bytes that arrive in parts of `cut`, and the decoder then.
+pub(crate) fn decode<D: Decoder>(mut decoder: D, bytes: &[u8], cut: usize) -> (Vec<SourceMeasurement>, D) {
+    let mut out = Vec::new();
+    bytes.chunks(cut).for_each(|part| decoder.push(part, &mut out));
+    (out, decoder)
+}
+
+/// Up to `most` changed bytes, and where the bytes are cut off.
+pub(crate) fn damage(most: usize) -> impl Strategy<Value = (Vec<(Index, u8)>, Index)> {
+    let changes = prop::collection::vec((any::<Index>(), any::<u8>()), 0..most);
+    (changes, any::<Index>())
+}
+
+/// The bytes with this damage.
+pub(crate) fn damaged(mut bytes: Vec<u8>, (changes, cut): (Vec<(Index, u8)>, Index)) -> Vec<u8> {
+    for (at, to) in changes {
+        let k = at.index(bytes.len());
+        bytes[k] = to;
+    }
+    bytes.truncate(cut.index(bytes.len()));
+    bytes
+}
