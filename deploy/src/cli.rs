@@ -1,9 +1,16 @@
 //! The command line.
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use alight_shared::transport::process::ProcessKind;
+use clap::{Parser, Subcommand};
 
-#[cfg(feature = "sim")]
-use crate::args::{ResponseArgs, StudyArgs, TrialArgs, TrialsArgs};
+use crate::drone::{autopilot, bridge, camera, mission, pilot, planner, predictor};
+use crate::exit::{CliError, Exit};
+#[cfg(feature = "lab")]
+use crate::lab;
+use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs};
+use crate::process::shell;
+use crate::tools::{calibrate, check, command, config, estimate, keys, status};
+use crate::{drone, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
 #[derive(Parser, Debug)]
@@ -17,60 +24,79 @@ Exit codes: 0 success, 1 failed landing, 2 bad input."
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
-    pub command: Verb,
+    pub command: Command,
 }
 
 /// What to do.
 #[derive(Subcommand, Debug)]
-pub enum Verb {
-    /// Fly one landing in the simulated world and say how it went.
-    #[cfg(feature = "sim")]
-    Trial(TrialArgs),
-    /// Fly many landings and print the success rate with its interval.
-    #[cfg(feature = "sim")]
-    Trials(TrialsArgs),
-    /// Measure one thing over many seeds.
-    #[cfg(feature = "sim")]
-    Study(StudyArgs),
-    /// Compute a recording again and say whether every output is bit-identical.
-    #[cfg(feature = "record")]
-    Replay(crate::record::args::ReplayArgs),
-    /// Print the simulated vessel's response in surge, heave and pitch against wave length.
-    #[cfg(feature = "sim")]
-    Response(ResponseArgs),
-    /// Print a default configuration.
-    Config(ConfigArgs),
-    /// Run the vessel's estimator over a recording of a boat and say how well it fits.
-    #[cfg(feature = "flight")]
-    Estimate(crate::estimate::EstimateArgs),
-    /// The live system.
-    #[cfg(feature = "flight")]
+pub enum Command {
+    /// What flies nothing.
+    #[cfg(feature = "lab")]
     #[command(flatten)]
-    Live(crate::live::args::LiveVerb),
+    Lab(Box<lab::LabCommand>),
+    /// Print a default configuration.
+    Config(config::ConfigArgs),
+    /// Run the vessel's estimator over a recording of a boat and say how well it fits.
+    Estimate(estimate::EstimateArgs),
+    /// Show what runs: processes, topics, ages, drops, link and mission.
+    Status(status::StatusArgs),
+    /// Process of the vessel: estimator and broadcast.
+    Vessel(ProcessArgs),
+    /// All processes of the drone's computer, as its service runs them.
+    Drone(ProcessArgs),
+    /// Tell the drone to land, to break off or to hold, and show its answer.
+    #[command(name = "command")]
+    Operate(command::CommandArgs),
+    /// Process of the drone: its end of the radio.
+    Bridge(ProcessArgs),
+    /// Process of the drone: the deck's forecast.
+    Predictor(ProcessArgs),
+    /// Process of the drone: the state machine.
+    Mission(ProcessArgs),
+    /// Process of the drone: the trajectory.
+    Planner(ProcessArgs),
+    /// Process of the drone: the set-points.
+    Pilot(ProcessArgs),
+    /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink), which it starts.
+    Sensors(SensorsArgs),
+    /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
+    Autopilot(AutopilotArgs),
+    /// Process of the drone: the belly camera's images, and the tag in them.
+    Camera(CameraArgs),
+    /// Process of the drone: the ultraviolet camera's images, and the markers in them.
+    Uvdar(CameraArgs),
+    /// Make a private authority and certificates of vessel and drone; show when they expire.
+    Keys(keys::KeysArgs),
+    /// Look for what keeps this computer from flying, and say what to do about it.
+    Check(check::CheckArgs),
+    /// Measure what the configuration has to say of this vessel and this drone.
+    Calibrate(calibrate::CalibrateArgs),
 }
 
-/// Which configuration.
-#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum ConfigKind {
-    /// The vessel's side.
-    Vessel,
-    /// The drone's side.
-    Drone,
-    /// The simulated world.
-    #[cfg(feature = "sim")]
-    Scenario,
-    /// The whole file of the vessel's computer, for `alight vessel`.
-    #[cfg(feature = "flight")]
-    VesselComputer,
-    /// The whole file of the drone's computer, for `alight drone`.
-    #[cfg(feature = "flight")]
-    DroneComputer,
-}
-
-/// A configuration to print.
-#[derive(Args, Debug)]
-pub struct ConfigArgs {
-    /// Which
-    #[arg(value_enum)]
-    pub kind: ConfigKind,
+impl Command {
+    /// Runs it to its end.
+    pub fn run(&self) -> Result<Exit, CliError> {
+        match self {
+            #[cfg(feature = "lab")]
+            Command::Lab(c) => c.run(),
+            Command::Config(a) => config::run(a),
+            Command::Estimate(a) => estimate::run(a),
+            Command::Status(a) => status::run(a),
+            Command::Vessel(a) => vessel::run(a),
+            Command::Drone(a) => drone::run(a),
+            Command::Operate(a) => command::run(a),
+            Command::Bridge(a) => bridge::run(a),
+            Command::Predictor(a) => shell::run::<predictor::PredictorShell>(a),
+            Command::Mission(a) => shell::run::<mission::MissionShell>(a),
+            Command::Planner(a) => shell::run::<planner::PlannerShell>(a),
+            Command::Pilot(a) => shell::run::<pilot::PilotShell>(a),
+            Command::Sensors(a) => vessel::sensors::run(a),
+            Command::Autopilot(a) => autopilot::run(a),
+            Command::Camera(a) => camera::run(a, ProcessKind::Camera),
+            Command::Uvdar(a) => camera::run(a, ProcessKind::Uvdar),
+            Command::Keys(a) => keys::run(a),
+            Command::Check(a) => check::run(a),
+            Command::Calibrate(a) => calibrate::run(a),
+        }
+    }
 }

@@ -1,7 +1,6 @@
 //! Recording and replay as a person meets them.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-#![cfg(feature = "record")]
 
 #[path = "common/program.rs"]
 mod program;

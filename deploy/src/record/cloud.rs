@@ -6,7 +6,7 @@ use alight_sim::harness::scenario::Scenario;
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{PackedElementField, PointCloud, Pose, Timestamp};
 
-use super::scene::frame;
+use crate::record::scene::frame;
 
 /// Between two points of an outline, m.
 const SPACING_M: f64 = 0.05;
@@ -75,7 +75,7 @@ impl Points {
         PointCloud {
             timestamp: Some(timestamp),
             frame_id: frame.into(),
-            pose: Some(super::scene::pose(
+            pose: Some(crate::record::scene::pose(
                 [0.0; 3],
                 &nalgebra::UnitQuaternion::identity(),
             )),

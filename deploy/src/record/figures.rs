@@ -1,7 +1,7 @@
 //! The figures' message types: what a plot shows. SI units; angles in degrees where the name says.
 
-use super::flat::Flat;
-use super::flat::Kind::{Number, Numbers, Text};
+use crate::record::flat::Flat;
+use crate::record::flat::Kind::{Number, Numbers, Text};
 
 /// Drone and deck as they are.
 pub const TRUTH: Flat = Flat {

@@ -25,7 +25,7 @@ use std::path::Path;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::trial::{FlownTrial, Watch};
 
-use crate::CliError;
+use crate::exit::CliError;
 
 pub use recorder::{Recorder, Subject};
 

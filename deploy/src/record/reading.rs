@@ -8,9 +8,9 @@ use alight_shared::wire::WireError;
 use mcap::read::Options;
 use mcap::{MessageStream, Summary};
 
-use super::entry::{ENCODING, FORMAT};
-use super::{NODES, RECORDING, topic};
-use crate::CliError;
+use crate::exit::CliError;
+use crate::record::entry::{ENCODING, FORMAT};
+use crate::record::{NODES, RECORDING, topic};
 
 /// No recording that this program makes is larger, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
@@ -49,7 +49,7 @@ impl Recording {
             )));
         }
         let file = std::fs::read(path).map_err(|e| reading(&e))?;
-        super::outline::check(&file).map_err(|e| reading(&e))?;
+        crate::record::outline::check(&file).map_err(|e| reading(&e))?;
         let summary = Summary::read(&file)
             .map_err(|e| unreadable(&origin, &e))?
             .ok_or_else(|| unreadable(&origin, &"no summary at its end"))?;

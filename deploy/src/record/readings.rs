@@ -8,10 +8,11 @@ use alight_usv::log::{LogError, MAX_MEASUREMENTS, Recording};
 use alight_usv::sensors::{Decoded, Measurement};
 use alight_usv::{VesselIn, VesselNodeConfig};
 
-use super::entry::Entry;
-use super::reading::{self, contained};
-use super::{NODES, VESSEL_FILE};
-use crate::CliError;
+use crate::exit::CliError;
+use crate::record::entry::Entry;
+use crate::record::reading;
+use crate::record::reading::contained;
+use crate::record::{NODES, VESSEL_FILE};
 
 /// The first bytes of the format.
 const MAGIC: &[u8] = b"\x89MCAP";

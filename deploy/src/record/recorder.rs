@@ -18,12 +18,12 @@ use alight_usv::{VesselIn, VesselOut};
 use mcap::McapError;
 use serde::Serialize;
 
-use super::entry::{ENCODING, Entry, FORMAT, MissionEntry, Newest, PilotEntry, PlannerEntry};
-use super::show::Show;
-use super::sink::{Channel, Opening, Sink};
-use super::{NODES, topic};
-use crate::CliError;
-use crate::configs::DroneFile;
+use crate::config::DroneFile;
+use crate::exit::CliError;
+use crate::record::entry::{ENCODING, Entry, FORMAT, MissionEntry, Newest, PilotEntry, PlannerEntry};
+use crate::record::show::Show;
+use crate::record::sink::{Channel, Opening, Sink};
+use crate::record::{NODES, topic};
 
 /// What is recorded.
 pub struct Subject<'a> {
@@ -62,8 +62,8 @@ impl Recorder {
         .map_err(|e| CliError::because(doing(), e))?;
         let scenario = toml::to_string(subject.scenario).map_err(|e| CliError::because(doing(), e))?;
         let texts = [
-            (super::VESSEL_FILE, vessel),
-            (super::DRONE_FILE, drone),
+            (crate::record::VESSEL_FILE, vessel),
+            (crate::record::DRONE_FILE, drone),
             ("scenario.toml", scenario),
         ];
         Self::open(path, subject, &texts)
@@ -81,13 +81,13 @@ impl Recorder {
         ];
         let boots = NODES.iter().zip(subject.boots);
         let boots: Vec<(String, String)> = boots
-            .map(|(node, boot)| (super::boot(node), boot.to_string()))
+            .map(|(node, boot)| (crate::record::boot(node), boot.to_string()))
             .collect();
         let all: Vec<(&str, String)> = values
             .into_iter()
             .chain(boots.iter().map(|(name, boot)| (name.as_str(), boot.clone())))
             .collect();
-        opening.metadata(super::RECORDING, &all)?;
+        opening.metadata(crate::record::RECORDING, &all)?;
         for (name, text) in texts {
             opening.attach(name, text)?;
         }

@@ -16,13 +16,14 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::json;
 
-use super::args::ReplayArgs;
-use super::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEntry};
-use super::reading::{Recording, contained};
-use super::{DRONE_FILE, NODES, VESSEL_FILE};
-use crate::configs::DroneFile;
-use crate::terminal::{self, note};
-use crate::{CliError, Exit};
+use crate::config::DroneFile;
+use crate::exit::{CliError, Exit};
+use crate::record::args::ReplayArgs;
+use crate::record::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEntry};
+use crate::record::reading::{Recording, contained};
+use crate::record::{DRONE_FILE, NODES, VESSEL_FILE};
+use crate::terminal;
+use crate::terminal::note;
 
 /// How one node's replay went.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -117,7 +118,7 @@ impl Nodes {
         let (vessel_id, id) = (number("vessel_id")?, number("drone_id")?);
         let mut boots = [0; NODES.len()];
         for (boot, node) in boots.iter_mut().zip(NODES) {
-            *boot = number(&super::boot(node))?;
+            *boot = number(&crate::record::boot(node))?;
         }
         let [v, b, p, m, l, t] = boots;
         let refused = |e: config::ConfigError| CliError(e.to_string());

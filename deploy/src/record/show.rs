@@ -21,13 +21,15 @@ use foxglove::messages::{
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::cloud;
-use super::figures;
-use super::flat::Flat;
-use super::flat::Value::{self, Number as N, Numbers as V, Text as T};
-use super::recorder::stamp;
-use super::scene::{self, frame, pose, quaternion, vector};
-use super::sink::{Channel, Opening, Sink};
+use crate::record::cloud;
+use crate::record::figures;
+use crate::record::flat::Flat;
+use crate::record::flat::Value;
+use crate::record::flat::Value::{Number as N, Numbers as V, Text as T};
+use crate::record::recorder::stamp;
+use crate::record::scene;
+use crate::record::scene::{frame, pose, quaternion, vector};
+use crate::record::sink::{Channel, Opening, Sink};
 
 /// Periods of what is shown, ms: paths and states, attitudes and positions (before the drone
 /// appears there is little to see), shapes.

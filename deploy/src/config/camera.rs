@@ -1,0 +1,86 @@
+//! Where the images of the drone's cameras come from.
+
+use alight_shared::config;
+
+/// The source's name of images that the simulated world renders.
+const SIMULATION: &str = "simulation";
+
+config! {
+    /// Where images come from.
+    pub struct CameraSource {
+        /// A V4L2 device (/dev/video0), a PGM file or a directory of them, a named pipe of raw grey images,
+        /// "simulation"; empty: no camera process, another program publishes sightings.
+        pub source: String = String::new();
+        /// Pixel format that a V4L2 device is asked for: GREY, YUYV, NV12 or YU12.
+        /// Source: What most USB cameras speak.
+        pub format: String = "YUYV".into();
+        /// Images per second that a device is asked for, and at which files are shown.
+        pub rate_hz: f64 = 30.0, in 1.0..=120.0;
+        /// From the middle of the exposure to the image's time stamp (V4L2: the driver's, else: the
+        /// arrival), s.
+        /// Source: Ours: half an exposure and the transfer of a USB camera.
+        pub delay_s: f64 = 0.02, in 0.0..=1.0;
+    }
+    check |this, at| {
+        at.require(
+            ["GREY", "YUYV", "NV12", "YU12"].contains(&this.format.as_str()),
+            "format",
+            &this.format,
+            "GREY, YUYV, NV12 or YU12",
+        )?;
+    }
+}
+
+impl CameraSource {
+    /// Whether there is a camera process.
+    pub fn is_there(&self) -> bool {
+        !self.source.is_empty()
+    }
+    /// Whether the simulated world renders its images.
+    pub fn is_simulation(&self) -> bool {
+        self.source == SIMULATION
+    }
+    /// The simulated camera, if it is on.
+    pub fn of_simulation(on: bool) -> CameraSource {
+        CameraSource {
+            source: if on { SIMULATION.into() } else { String::new() },
+            ..CameraSource::default()
+        }
+    }
+}
+
+config! {
+    /// Where an ultraviolet camera's images come from; their rate is that of the markers' bits.
+    pub struct UltravioletSource {
+        /// As [`CameraSource::source`]; not the simulation, which renders markers in lock-step only.
+        pub source: String = String::new();
+        /// As [`CameraSource::format`].
+        /// Source: One channel behind a filter.
+        pub format: String = "GREY".into();
+        /// As [`CameraSource::delay_s`].
+        pub delay_s: f64 = CameraSource::default().delay_s;
+    }
+    check |this, at| {
+        let images = this.at_rate(CameraSource::default().rate_hz);
+        images.check(at)?;
+        at.require(
+            !images.is_simulation(),
+            "source",
+            &this.source,
+            "a V4L2 device, PGM files or a named pipe: the simulation renders markers in lock-step only (a \
+             scenario's [sensors.render] markers)",
+        )?;
+    }
+}
+
+impl UltravioletSource {
+    /// With the rate of the markers' bits.
+    pub fn at_rate(&self, rate_hz: f64) -> CameraSource {
+        CameraSource {
+            source: self.source.clone(),
+            format: self.format.clone(),
+            rate_hz,
+            delay_s: self.delay_s,
+        }
+    }
+}

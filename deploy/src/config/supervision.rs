@@ -1,0 +1,34 @@
+//! How the drone's processes are run.
+
+use alight_shared::config;
+
+/// Processors that a process can be kept to, at most.
+const MAX_PROCESSORS: usize = 64;
+
+config! {
+    /// How the drone's processes are run.
+    pub struct Supervision {
+        /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link where the system permits it; 0: none.
+        /// Source: Above the planner: a set-point takes microseconds, a plan milliseconds. Both below the
+        /// kernel's own threads (50).
+        pub pilot_priority: u8 = 30, in 0.0..=49.0;
+        /// The same of the planner.
+        pub planner_priority: u8 = 20, in 0.0..=49.0;
+        /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
+        pub processors: Vec<u16> = Vec::new();
+        /// The link to the autopilot is one of the processes; false where another program speaks for it.
+        /// Source: Every drone but a simulated one.
+        pub autopilot: bool = true;
+        /// A process that says nothing for this long is killed and started again, s.
+        /// Source: Six times the period of a process's word about itself.
+        pub silent_s: f64 = 3.0, in 1.5..=600.0;
+    }
+    check |this, at| {
+        at.require(
+            this.processors.len() <= MAX_PROCESSORS,
+            "processors",
+            this.processors.len(),
+            "64 numbers at most",
+        )?;
+    }
+}

@@ -1,0 +1,127 @@
+//! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the
+//! node and back, the node's words to the topics that predictor, mission, planner and pilot read.
+//! Its figures: doubt about the autopilot's clock (s), samples refused, times its clock began anew,
+//! thrust that hovers, set-points sent, times the link was opened again.
+
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, MissionState, RangeSample, SetPoint};
+use alight_shared::seq::Seq;
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory};
+use alight_shared::transport::process::ProcessKind;
+use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
+use alight_uav::pilot::Output;
+
+use crate::config::DroneComputer;
+use crate::exit::{CliError, Exit};
+use crate::io::byte_link::ByteLink;
+use crate::io::link_url::LinkUrl;
+use crate::process::args::AutopilotArgs;
+use crate::process::life::Process;
+use crate::terminal;
+
+/// Without news of the link it looks again after this long.
+const IDLE_WAIT: Duration = Duration::from_millis(2);
+/// A step is due after this long without news, ns.
+const MAX_STEP_PERIOD_NS: i64 = 10_000_000;
+
+/// The node of this computer, for a start with this boot id.
+pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
+    let (drone, p) = (&computer.drone, &computer.drone.pilot);
+    let attitudes = [p.navigation_output, p.follow_output, p.landing_output].contains(&Output::Attitude);
+    AutopilotLink::new(
+        &computer.autopilot,
+        &drone.odometry,
+        &drone.airframe,
+        attitudes,
+        drone.predictor.datum,
+        computer.bridge.drone_id,
+        boot,
+    )
+}
+
+/// Runs until told to end.
+pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.process.config).map_err(|e| CliError(e.to_string()))?;
+    let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
+    let url: LinkUrl = name.parse().map_err(CliError)?;
+    let mut wire = ByteLink::new(url.clone(), steady_ns())?;
+    let make = |boot| node(&computer, boot);
+    let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
+    let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
+    let mut set_points = memory.subscriber::<SetPoint>()?;
+    let mut missions = memory.subscriber::<MissionState>()?;
+    let mut forecasts = memory.subscriber::<DeckForecast>()?;
+    let mut odometry = memory.publisher::<DroneState>()?;
+    let mut states = memory.publisher::<AutopilotState>()?;
+    let mut ranges = memory.publisher::<RangeSample>()?;
+    let mut said = memory.publisher()?;
+    let (mut decoder, mut sequence, mut stepped_ns) = (Decoder::default(), 0_u8, 0_i64);
+    terminal::line(format_args!("autopilot: {url}"));
+
+    while !process.ended() {
+        wire.read(steady_ns(), |bytes| decoder.push(bytes));
+        let mut input = AutopilotIn::default();
+        while input.received.len() < MAX_FRAMES
+            && let Some(frame) = decoder.next_frame()
+        {
+            input.received.push(frame);
+        }
+        let t = process.now().nanos();
+        input.set_point = set_points.newest(t);
+        input.mission = missions.newest(t);
+        input.forecast = forecasts.newest(t);
+        if input.received.is_empty()
+            && input.set_point.is_none()
+            && steady_ns() - stepped_ns < MAX_STEP_PERIOD_NS
+        {
+            if !memory.wait(IDLE_WAIT) {
+                break;
+            }
+            continue;
+        }
+        stepped_ns = steady_ns();
+        // Read after the messages: a step is never earlier than one whose words it has heard.
+        let now = process.now();
+        let out = process.step(now, &input, |out| {
+            // The link first: what is flown waits for nothing.
+            for message in &out.messages {
+                sequence = sequence.wrapping_add(1);
+                if let Some(bytes) = encode(out.from, sequence, message) {
+                    wire.write(steady_ns(), &bytes);
+                }
+            }
+            out.ranges.iter().for_each(|m| ranges.send(m));
+            states.send_any(out.state.as_ref());
+            // Odometry last, because it wakes the other processes.
+            out.odometry.iter().for_each(|m| odometry.send(m));
+            !input.received.is_empty()
+        });
+        for text in out.texts.iter().chain(wire.last_error().as_ref()) {
+            terminal::line(format_args!("autopilot: {text}"));
+        }
+        let f = process.node().metrics(now);
+        process.life.figures = Seq::filled([
+            f.clock_uncertainty_s,
+            f64::from(f.rejected),
+            f64::from(f.restarts),
+            f.hover_thrust,
+            f64::from(f.set_points),
+            f64::from(wire.opened()),
+        ]);
+        let inputs = || {
+            vec![
+                set_points.intake().state(t),
+                missions.intake().state(t),
+                forecasts.intake().state(t),
+            ]
+        };
+        let unsent = wire.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
+        let state = process.state(inputs, unsent);
+        said.send_any(state.as_ref());
+    }
+    Ok(Exit::Success)
+}

@@ -1,0 +1,205 @@
+//! The drone's bridge as a process: zenoh in, shared memory out.
+
+use std::time::Duration;
+
+use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind, RejectionReason, Rejections};
+use alight_shared::config;
+use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
+use alight_shared::seq::Seq;
+use alight_shared::time::Stamped;
+use alight_shared::topics;
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory, Publisher};
+use alight_shared::transport::process::{MAX_METRICS, ProcessKind, ProcessState};
+use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
+use alight_shared::transport::relay;
+use alight_shared::wire;
+
+use crate::config::DroneComputer;
+use crate::exit::{CliError, Exit};
+use crate::process::args::ProcessArgs;
+use crate::process::life::Process;
+use crate::process::link::{Impaired, STATUS, drone_key, vessel_key};
+use crate::process::radio_rates::RadioRates;
+use crate::process::relay::RadioRelay;
+
+/// Without packets the process wakes this often all the same.
+const MAX_WAIT: Duration = Duration::from_millis(5);
+/// Figures before those of the relay.
+pub const RELAY_FIGURES: usize = 4 + RejectionReason::ALL.len();
+/// What comes on each subscription; the vessel's word about itself is the one after.
+const KINDS: [PacketKind; 6] = [
+    PacketKind::Estimate,
+    PacketKind::Wave,
+    PacketKind::Prediction,
+    PacketKind::TimeReply,
+    PacketKind::Deck,
+    PacketKind::Command,
+];
+
+/// Runs until told to end. Twice a second it tells the vessel how the drone's mission stands.
+pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
+    let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
+        Bridge::new(&computer.bridge, boot)
+    })?;
+    let mut memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
+    if let Some(relay) = &computer.relay {
+        memory.copy_to(relay.socket.clone());
+    }
+    let relayed = computer
+        .relay
+        .as_ref()
+        .map(|r| RadioRelay::listen(r.port))
+        .transpose()?;
+    let mut estimate = memory.publisher()?;
+    let mut wave = memory.publisher()?;
+    let mut prediction = memory.publisher()?;
+    let mut grant = memory.publisher()?;
+    let mut command = memory.publisher()?;
+    let mut link = memory.publisher()?;
+    let mut state: Publisher<ProcessState> = memory.publisher()?;
+    let mut mission = memory.subscriber::<MissionState>()?;
+
+    let mut autopilot = memory.subscriber::<AutopilotState>()?;
+    let (mut deck, mut flight) = (MissionState::default(), AutopilotState::default());
+    let mut age_s = f64::INFINITY;
+    let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
+
+    let publication = |name: &str, urgency| Publication {
+        key: drone_key(&own, name),
+        urgency,
+    };
+    let publications = vec![
+        publication(topics::TIME_REQUEST.name, Urgency::State),
+        publication(topics::DRONE_STATUS.name, Urgency::Status),
+    ];
+    let names = [
+        topics::ESTIMATE.name,
+        topics::WAVE.name,
+        topics::PREDICTION.name,
+        topics::TIME_REPLY.name,
+        topics::DECK.name,
+        topics::OPERATOR.name,
+    ];
+    let keys = names
+        .iter()
+        .chain([&STATUS])
+        .map(|name| vessel_key(vessel, name))
+        .collect();
+    let mut radio = Radio::open(&computer.radio, publications, keys)?;
+    let mut impaired: Impaired<Packet> = computer.heard();
+
+    let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
+    while !process.ended() {
+        let mut heard = radio.receive(MAX_WAIT);
+        while let Some(packet) = heard {
+            heard_bytes += packet.bytes.len() as u64;
+            if let (Some(relayed), 0) = (&relayed, packet.subscription) {
+                relayed.original(relay::key(&[&packet.bytes]), packet.at_ns);
+            }
+            match KINDS.get(packet.subscription) {
+                Some(kind) => impaired.take(
+                    packet.at_ns,
+                    packet.bytes.len(),
+                    Packet {
+                        kind: *kind,
+                        bytes: packet.bytes,
+                    },
+                ),
+                None => refused += u64::from(!show_vessel(&mut state, &packet.bytes)),
+            }
+            heard = radio.receive(Duration::ZERO);
+        }
+        let now = process.now();
+        let packets = impaired
+            .arrived(steady_ns())
+            .into_iter()
+            .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
+            .collect();
+        let out = process.step(now, &BridgeIn { packets }, |out| out.estimate.is_some());
+        estimate.send_any(out.estimate.as_ref());
+        wave.send_any(out.wave.as_ref());
+        prediction.send_any(out.prediction.as_ref());
+        grant.send_any(out.deck.as_ref());
+        command.send_any(out.command.as_ref());
+        link.send_any(out.link.as_ref());
+        age_s = out.link.map_or(age_s, |l| l.age_s);
+        if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
+            radio.send(0, bytes);
+        }
+        if let Some(news) = mission.newest(now.nanos()) {
+            deck = news;
+            impaired.enter(steady_ns(), news.state);
+        }
+        flight = autopilot.newest(now.nanos()).unwrap_or(flight);
+        let counts = radio.counts();
+        process.life.figures = figures(process.node().rejections(), heard_bytes, refused, &counts);
+        if let Some(mut said) = process.state(Vec::new, counts.unsent) {
+            if let Some(relayed) = &relayed {
+                said.figures = Seq::filled(said.figures.iter().copied().chain(relayed.figures()));
+            }
+            let flows = flows.since(&radio, said.at_ns);
+            state.send(&ProcessState { flows, ..said });
+            radio.watch(age_s);
+            sequence = sequence.wrapping_add(1);
+            let status = DroneStatus {
+                header: Header::new(
+                    vessel,
+                    computer.bridge.drone_id,
+                    process.life.boot(),
+                    sequence,
+                    now,
+                ),
+                state: deck.state,
+                entered: deck.entered,
+                waiting: deck.waiting,
+                attempts: deck.attempts,
+                battery: flight.battery,
+                landed: flight.landed,
+            };
+            if let Ok(bytes) = wire::encode(&status) {
+                radio.send(1, bytes);
+            }
+        }
+    }
+    Ok(Exit::Success)
+}
+
+/// The bridge's figures, in the order of [`crate::process::metrics`].
+fn figures(
+    rejections: &Rejections,
+    heard_bytes: u64,
+    refused: u64,
+    counts: &RadioCounts,
+) -> Seq<f64, MAX_METRICS> {
+    let own = [
+        heard_bytes as f64,
+        counts.dropped as f64,
+        counts.reopened as f64,
+        refused as f64,
+    ];
+    let of = RejectionReason::ALL.map(|reason| f64::from(rejections.of(reason)));
+    Seq::filled(own.into_iter().chain(of))
+}
+
+/// Passes on what the vessel's process says about itself, for who looks on; false when it is not
+/// such a word.
+fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) -> bool {
+    let Ok(said) = wire::decode::<ProcessState>(bytes) else {
+        return false;
+    };
+    if said.kind != ProcessKind::Vessel {
+        return false;
+    }
+    // Its times are the other computer's; what lies between them is the same here.
+    let (at_ns, up_ns) = (steady_ns(), said.at_ns.saturating_sub(said.began_ns));
+    let began_ns = at_ns.saturating_sub(up_ns);
+    state.send(&ProcessState {
+        at_ns,
+        began_ns,
+        ..said
+    });
+    true
+}

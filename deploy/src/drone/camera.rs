@@ -1,0 +1,362 @@
+//! A camera of the drone as a process: images in; sightings of the deck's tag (belly camera) or fixes of the
+//! deck by its blinking markers (ultraviolet camera) to the topic that the predictor reads.
+//! Figures of the first: images, those with the tag, other tags, too faint, misshapen, without a pose, of
+//! another size; of the second: images, those with a fix, markers, images with one marker only, without a
+//! place, of another size. Of both: the time from exposure to sighting (median, 99 %), times its source was
+//! opened again.
+
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::time::Duration;
+
+use alight_shared::config::{self, Check as _, Keys};
+use alight_shared::msg::{TagPose, UvdarFix};
+use alight_shared::node::Node;
+use alight_shared::seq::Seq;
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::images::ImageSubscriber;
+use alight_shared::transport::memory::{Instance, Memory, Publisher};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::transport::statistics::Quantiles;
+use alight_uav::camera::node::CameraIdentity;
+use alight_uav::camera::uvdar::UvdarNode;
+use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage};
+use serde_json::{Value, json};
+
+use crate::config::DroneComputer;
+use crate::config::camera::CameraSource;
+use crate::drone::camera_source::Images;
+use crate::exit::{CliError, Exit};
+use crate::process::args::CameraArgs;
+use crate::process::life::{Life, draw_boot};
+use crate::terminal;
+
+/// Without news it looks again after this long.
+const IDLE_WAIT: Duration = Duration::from_millis(2);
+/// Images that wait for the node; more are lost.
+const QUEUE_LENGTH: usize = 2;
+/// A source that broke is opened again after this long.
+const RETRY_PERIOD: Duration = Duration::from_secs(1);
+
+/// Where sightings go.
+struct Shared {
+    memory: Memory,
+    states: Publisher<ProcessState>,
+}
+
+/// What looks at images, and where it says what it saw.
+enum Detector {
+    /// For the tag.
+    Tag(CameraNode, Option<Publisher<TagPose>>),
+    /// For the blinking markers.
+    Markers(UvdarNode, Option<Publisher<UvdarFix>>),
+}
+
+/// A sighting as people read it.
+struct Detection {
+    at: Time<DroneClock>,
+    line: Value,
+}
+
+impl Detector {
+    fn new(
+        kind: ProcessKind,
+        computer: &DroneComputer,
+        names: CameraIdentity,
+        memory: Option<&Memory>,
+    ) -> Result<Detector, CliError> {
+        let settings = &computer.drone.camera;
+        Ok(if kind == ProcessKind::Uvdar {
+            let fixes = memory.map(Memory::publisher).transpose()?;
+            Detector::Markers(UvdarNode::new(&settings.uvdar, names), fixes)
+        } else {
+            let tags = memory.map(Memory::publisher).transpose()?;
+            let node = CameraNode::new(settings, computer.drone.deck.tag_side_m, names);
+            Detector::Tag(node, tags)
+        })
+    }
+    /// Looks, and says what it saw.
+    fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> Vec<Detection> {
+        match self {
+            Detector::Tag(node, port) => {
+                let tags = node.step(now, input).tags;
+                if let Some(port) = port {
+                    tags.iter().for_each(|tag| port.send(tag));
+                }
+                let line = |m: &TagPose| {
+                    json!({
+                        "at_s": m.header.at.secs(),
+                        "position_m": m.position,
+                        "attitude_wxyz": m.attitude,
+                        "sd": m.variance.map(f64::sqrt),
+                    })
+                };
+                tags.iter()
+                    .map(|m| Detection {
+                        at: m.header.at,
+                        line: line(m),
+                    })
+                    .collect()
+            }
+            Detector::Markers(node, port) => {
+                let fixes = node.step(now, input).fixes;
+                if let Some(port) = port {
+                    fixes.iter().for_each(|fix| port.send(fix));
+                }
+                let line = |m: &UvdarFix| {
+                    json!({
+                        "at_s": m.header.at.secs(),
+                        "position_m": m.position,
+                        "sd": m.variance.map(f64::sqrt),
+                    })
+                };
+                fixes
+                    .iter()
+                    .map(|m| Detection {
+                        at: m.header.at,
+                        line: line(m),
+                    })
+                    .collect()
+            }
+        }
+    }
+    /// Messages that could not be sent.
+    fn unsent(&self) -> u64 {
+        match self {
+            Detector::Tag(_, port) => port.as_ref().map_or(0, Publisher::unsent),
+            Detector::Markers(_, port) => port.as_ref().map_or(0, Publisher::unsent),
+        }
+    }
+    /// What became of images, in the order of the figures.
+    fn figures(&self) -> Vec<u64> {
+        match self {
+            Detector::Tag(node, _) => {
+                let c = node.counts();
+                vec![
+                    c.images,
+                    c.detected,
+                    c.other_tags,
+                    c.faint,
+                    c.misshapen,
+                    c.misfit,
+                    c.wrong_size,
+                ]
+            }
+            Detector::Markers(node, _) => {
+                let c = &node.counts;
+                vec![c.images, c.fixes, c.markers, c.single, c.misfit, c.wrong_size]
+            }
+        }
+    }
+    /// The same for people.
+    fn counts(&self) -> Value {
+        match self {
+            Detector::Tag(node, _) => json!(node.counts()),
+            Detector::Markers(node, _) => json!(node.counts),
+        }
+    }
+}
+
+/// Where images come from.
+enum Source {
+    /// The simulated world, through shared memory.
+    Simulation(ImageSubscriber),
+    /// A thread that waits for a device, a pipe or files.
+    Thread(Receiver<SourceEvent>),
+}
+
+/// What that thread says.
+enum SourceEvent {
+    /// An image.
+    Image(Frame),
+    /// It broke; it is tried again.
+    Failed(String),
+    /// There are no more images.
+    Finished,
+}
+
+/// Runs until told to end, as the belly camera or as the ultraviolet one.
+pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
+    let mut computer: DroneComputer =
+        config::load(&args.process.config).map_err(|e| CliError(e.to_string()))?;
+    let markers = kind == ProcessKind::Uvdar;
+    if let Some(source) = &args.source {
+        let named = if markers {
+            &mut computer.uvdar.source
+        } else {
+            &mut computer.camera.source
+        };
+        named.clone_from(source);
+    }
+    let config = if markers {
+        computer.ultraviolet()
+    } else {
+        computer.camera.clone()
+    };
+    // What was named here is held to the same rules.
+    computer.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
+    if !config.is_there() {
+        return Err(CliError(format!(
+            "{}: no camera is configured; set source in [{}] to a V4L2 device such as /dev/video0, or name one \
+             with --source",
+            args.process.config.display(),
+            kind.name()
+        )));
+    }
+    let names = CameraIdentity {
+        vessel: computer.bridge.vessel_id,
+        drone: computer.bridge.drone_id,
+        boot: draw_boot(),
+    };
+    let shared = if args.print && !config.is_simulation() {
+        None
+    } else {
+        let memory = Memory::join(&Instance::new(&computer.instance)?, kind.name())?;
+        Some(Shared {
+            states: memory.publisher()?,
+            memory,
+        })
+    };
+    let mut shared = shared;
+    let mut detector = Detector::new(kind, &computer, names, shared.as_ref().map(|s| &s.memory))?;
+    let mut source = match &shared {
+        Some(shared) if config.is_simulation() => Source::Simulation(shared.memory.image_subscriber()?),
+        Some(_) | None => Source::Thread(spawn_source(kind, &config, &computer)?),
+    };
+    let mut life = Life::begin(kind, names.boot, args.process.supervised);
+    let mut ages = Quantiles::default();
+    let (mut opened, mut last) = (0_u32, Time::<DroneClock>::from_nanos(i64::MIN));
+    while !life.ended() {
+        let mut input = CameraIn::default();
+        let mut over = false;
+        match &mut source {
+            Source::Simulation(images) => {
+                while input.frames.len() < QUEUE_LENGTH
+                    && let Some(image) = images.next_image()
+                {
+                    let [width, height] = image.size.map(|s| s as usize);
+                    // One of another size than it says is what no publisher of ours sends.
+                    if let Ok(grey) = GreyImage::new(width, height, image.pixels) {
+                        let at = Time::from_nanos(image.at_ns);
+                        input.frames.push(Frame { at, image: grey });
+                    }
+                }
+            }
+            Source::Thread(events) => match events.recv_timeout(IDLE_WAIT) {
+                Ok(SourceEvent::Image(frame)) => input.frames.push(frame),
+                Ok(SourceEvent::Failed(why)) => {
+                    opened = opened.saturating_add(1);
+                    eprintln!("{}: {why}; trying again", kind.name());
+                }
+                Ok(SourceEvent::Finished) => over = true,
+                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
+                Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => over = true,
+            },
+        }
+        if !input.frames.is_empty() {
+            last = last.max(computer.clock.now());
+            let before = steady_ns();
+            let seen = detector.detect(last, &input);
+            life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
+            let sent: Time<DroneClock> = computer.clock.now();
+            seen.iter().for_each(|s| ages.add((sent - s.at).secs()));
+            if args.print {
+                print(&input, &seen);
+            }
+        } else if let (Some(shared), Source::Simulation(_)) = (&shared, &source)
+            && !shared.memory.wait(IDLE_WAIT)
+        {
+            break;
+        }
+        let figures = detector.figures().into_iter().map(|n| n as f64);
+        let times = [ages.quantile(0.5), ages.quantile(0.99), f64::from(opened)];
+        life.figures = Seq::filled(figures.chain(times));
+        if let Some(shared) = &mut shared
+            && let Some(said) = life.state(Vec::new, detector.unsent())
+        {
+            shared.states.send(&said);
+        }
+        if over {
+            break;
+        }
+    }
+    if args.print {
+        terminal::line(json!({"counts": detector.counts()}));
+    }
+    Ok(Exit::Success)
+}
+
+/// Waits for images on a thread of its own, so that the process goes on saying that it lives.
+fn spawn_source(
+    kind: ProcessKind,
+    config: &CameraSource,
+    computer: &DroneComputer,
+) -> Result<Receiver<SourceEvent>, CliError> {
+    let settings = &computer.drone.camera;
+    let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
+    let size = if kind == ProcessKind::Uvdar {
+        [markers.width_px, markers.height_px]
+    } else {
+        [tag.width_px, tag.height_px]
+    };
+    let size = size.map(|s| s as usize);
+    // Bad input is refused at once; what breaks later is tried again.
+    let mut images = Images::open(config, size)?;
+    let (sender, receiver) = sync_channel(QUEUE_LENGTH);
+    let (config, clock) = (config.clone(), computer.clock);
+    std::thread::spawn(move || {
+        loop {
+            let why = loop {
+                match images.next_frame(&clock) {
+                    Ok(Some(frame)) => {
+                        // Files wait for the node; of a camera the newest counts.
+                        let sent = if matches!(images, Images::Files(_)) {
+                            sender.send(SourceEvent::Image(frame)).is_ok()
+                        } else {
+                            !matches!(
+                                sender.try_send(SourceEvent::Image(frame)),
+                                Err(std::sync::mpsc::TrySendError::Disconnected(_))
+                            )
+                        };
+                        if !sent {
+                            return;
+                        }
+                    }
+                    Ok(None) => {
+                        let _gone = sender.send(SourceEvent::Finished);
+                        return;
+                    }
+                    Err(CliError(why)) if matches!(images, Images::Files(_)) => {
+                        // The next file may be sound.
+                        if sender.send(SourceEvent::Failed(why)).is_err() {
+                            return;
+                        }
+                    }
+                    Err(CliError(why)) => break why,
+                }
+            };
+            if sender.send(SourceEvent::Failed(why)).is_err() {
+                return;
+            }
+            crate::process::supervisor::pause(RETRY_PERIOD);
+            match Images::open(&config, size) {
+                Ok(again) => images = again,
+                Err(CliError(why)) => {
+                    if sender.send(SourceEvent::Failed(why)).is_err() {
+                        return;
+                    }
+                }
+            }
+        }
+    });
+    Ok(receiver)
+}
+
+/// A line for each image: where tag or deck is, or that it is not seen.
+fn print(input: &CameraIn, seen: &[Detection]) {
+    for frame in &input.frames {
+        let found = seen.iter().find(|s| s.at == frame.at);
+        let none = json!({"at_s": frame.at.secs(), "position_m": null});
+        terminal::line(found.map_or(none, |s| s.line.clone()));
+    }
+}

@@ -1,0 +1,46 @@
+//! How a command ends.
+
+use std::fmt;
+
+use alight_shared::config::ConfigError;
+use alight_shared::transport::TransportError;
+
+/// How a command ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Exit code 0.
+    Success,
+    /// Exit code 1: it ran, and the landing (or one of them) failed.
+    Failed,
+    /// Exit code 2: a check found something that does not work.
+    Broken,
+}
+
+/// Bad input or an output that cannot be written: exit code 2, the message says what to do.
+#[derive(Debug)]
+pub struct CliError(pub String);
+
+impl fmt::Display for CliError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+impl CliError {
+    /// Wraps any error with what was being done.
+    pub fn because(doing: impl fmt::Display, error: impl fmt::Display) -> Self {
+        CliError(format!("{doing}: {error}"))
+    }
+}
+
+impl From<TransportError> for CliError {
+    fn from(e: TransportError) -> Self {
+        CliError(e.to_string())
+    }
+}
+
+impl From<ConfigError> for CliError {
+    fn from(e: ConfigError) -> Self {
+        CliError(e.to_string())
+    }
+}

@@ -1,0 +1,298 @@
+//! Flags of what is flown in the simulated world.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use alight_shared::msg::State;
+use alight_sim::physics::sea::SeaConfig;
+use alight_uav::planner::PlannerKind;
+use clap::{Args, ValueEnum};
+
+/// Planners.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Planner {
+    /// The paper's: attitude weights that grow near the deck (FAA).
+    MpcFaa,
+    /// The same without FAA.
+    Mpc,
+    /// Ours: place, velocity and attitude meet the deck at a chosen instant.
+    Alight,
+    /// Baseline of Gupta et al.: Fourier modes of the tag's pose, lands when the tilt allows it.
+    MpcNe,
+    /// Baseline: like mpc, but descends only in a predicted calm.
+    WaitCalm,
+    /// Baseline: today's autopilots, tag alone, constant descent, no prediction.
+    PrecisionLand,
+    /// Baseline: position by radio, no camera, constant velocity.
+    GnssRadio,
+}
+
+impl Planner {
+    /// The planner as the configuration names it.
+    pub const fn kind(self) -> PlannerKind {
+        match self {
+            Planner::MpcFaa => PlannerKind::MpcFaa,
+            Planner::Mpc => PlannerKind::Mpc,
+            Planner::Alight => PlannerKind::Alight,
+            Planner::MpcNe => PlannerKind::MpcNe,
+            Planner::WaitCalm => PlannerKind::WaitCalm,
+            Planner::PrecisionLand => PlannerKind::PrecisionLand,
+            Planner::GnssRadio => PlannerKind::GnssRadio,
+        }
+    }
+}
+
+/// What the vessel does.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Course {
+    /// Engines off.
+    Drift,
+    /// A straight line at --speed.
+    Straight,
+    /// A square path at --speed.
+    Square,
+}
+
+/// When the radio falls silent: at the mission's first entry into a state.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum RadioLost {
+    /// It does not.
+    Never,
+    /// Rising to the approach height.
+    GetAltitude,
+    /// On the way to the vessel.
+    Approach,
+    /// Above the vessel.
+    Tracking,
+    /// The same, stably.
+    TrackingStable,
+    /// Descending.
+    Descent,
+    /// The last part.
+    Flare,
+}
+
+impl RadioLost {
+    /// The state; None for never.
+    pub const fn state(self) -> Option<State> {
+        match self {
+            RadioLost::Never => None,
+            RadioLost::GetAltitude => Some(State::GetAltitude),
+            RadioLost::Approach => Some(State::Approach),
+            RadioLost::Tracking => Some(State::Tracking),
+            RadioLost::TrackingStable => Some(State::TrackingStable),
+            RadioLost::Descent => Some(State::Descent),
+            RadioLost::Flare => Some(State::Flare),
+        }
+    }
+}
+
+/// A sea by name or by amplitude and period.
+#[derive(Clone, Debug)]
+pub struct SeaArg {
+    /// The text as given.
+    pub text: String,
+    /// What it means.
+    pub config: SeaConfig,
+}
+
+impl FromStr for SeaArg {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(SeaArg {
+            text: text.into(),
+            config: text.parse()?,
+        })
+    }
+}
+
+/// The scene of a trial.
+#[derive(Args, Debug, Clone)]
+pub struct SceneArgs {
+    /// calm, slight, moderate, rough, very-rough, or AMPLITUDE_M,PERIOD_S [default: moderate]
+    #[arg(long, value_name = "NAME|A,T", allow_hyphen_values = true)]
+    pub sea: Option<SeaArg>,
+    /// Planner that flies [default: what the configuration says, alight]
+    #[arg(long, value_enum)]
+    pub planner: Option<Planner>,
+    /// What the vessel does [default: drift]
+    #[arg(long, value_enum)]
+    pub vessel: Option<Course>,
+    /// Vessel's speed on a straight or square course, m/s [default: 2]
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    pub speed: Option<f64>,
+    /// Mean wind with gusts, m/s [default: 0]
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    pub wind: Option<f64>,
+    /// The radio falls silent when the mission first enters this state [default: never]
+    #[arg(long, value_enum)]
+    pub radio_lost: Option<RadioLost>,
+    /// It comes back after this long, s [default: it does not]
+    #[arg(long, value_name = "S", requires = "radio_lost")]
+    pub radio_back: Option<f64>,
+    /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Configuration of the vessel's side (TOML; `alight config vessel`)
+    #[arg(long, value_name = "FILE")]
+    pub vessel_config: Option<PathBuf>,
+    /// Configuration of the drone's side (TOML; `alight config drone`)
+    #[arg(long, value_name = "FILE")]
+    pub drone_config: Option<PathBuf>,
+    /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and
+    /// any of heave_m, heading_deg, surge_m, sway_m
+    #[arg(long, value_name = "FILE.csv")]
+    pub deck_motion: Option<PathBuf>,
+    /// Factor on the recorded deviations [default: 1]
+    #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
+    pub motion_scale: Option<f64>,
+    /// Factor on the recording's speed [default: 1]
+    #[arg(long, value_name = "FACTOR", requires = "deck_motion")]
+    pub motion_speed: Option<f64>,
+    /// Where in the recording the trial begins, s [default: 0]
+    #[arg(long, value_name = "S", requires = "deck_motion")]
+    pub motion_start: Option<f64>,
+    /// Render the belly camera's images and find the tag in them, in the place of its measurement model
+    #[arg(long)]
+    pub pixels: bool,
+    /// Keep the recording's mean tilt instead of removing it
+    #[arg(long, requires = "deck_motion")]
+    pub keep_mean: bool,
+}
+
+/// One landing.
+#[derive(Args, Debug)]
+pub struct TrialArgs {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Seed of sea, noise and start: the same seed, the same bits
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
+    pub seed: u64,
+    /// Draw paths, speeds and attitudes to an SVG
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Print the outcome as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Many landings.
+#[derive(Args, Debug)]
+pub struct TrialsArgs {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// How many
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub trials: u32,
+    /// First seed; seeds SEED0 to SEED0+TRIALS-1 are flown
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Spread the start over the recording: trial i begins at motion-start + i * this, s
+    #[arg(long, value_name = "S", requires = "deck_motion")]
+    pub motion_stride: Option<f64>,
+    /// Append one line per trial (CSV) to this file
+    #[arg(long, value_name = "FILE.csv")]
+    pub rows: Option<PathBuf>,
+    /// Print the summary as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to measure.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Study {
+    /// The paper's Table I: Moderate.
+    Table1,
+    /// The ten rows of the paper's Table II.
+    Table2,
+    /// Two rows of Table II with the waves' sideways coupling at 0 and at full.
+    Coupling,
+    /// FAA against no FAA on the same seeds.
+    Faa,
+    /// The planner alight with each of its ingredients left out in turn.
+    Ablation,
+    /// Unpublished numbers of mpc-ne, so that it does as well as it can: every one in turn up and down.
+    Search,
+    /// From 90 m away onto a turning vessel in gusts.
+    Approach,
+    /// A vessel under way: square path at 2 m/s, straight lines up to 8 m/s.
+    Moving,
+    /// Irregular, crossing and very rough seas.
+    Seas,
+    /// Mean wind of 0 to 15 m/s with gusts.
+    Wind,
+    /// Better, worse and missing sensors, mass, thrust and attitude lag.
+    Sensors,
+    /// Loss, delay and outages of the radio.
+    Link,
+    /// The camera node on rendered images, beside its measurement model: range, incidence, blur, glare.
+    Camera,
+    /// The vessel's estimator against the truth: state errors, consistency, prediction.
+    Estimator,
+    /// The deck's prediction against horizon and sea: error, consistency, against told waves.
+    Prediction,
+    /// Hover, tracking and aborted approaches in all seas: motor stops in the air.
+    Airborne,
+    /// Join the rows of shards: `study merge --out ALL shard-1 shard-2`.
+    Merge,
+}
+
+/// A study.
+#[derive(Args, Debug)]
+pub struct StudyArgs {
+    /// What to measure
+    #[arg(value_enum)]
+    pub name: Study,
+    /// Directories of shards, for merge
+    pub dirs: Vec<PathBuf>,
+    /// The scene, where the study leaves it open.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Planners to compare, separated by commas [default: the configured one]
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub planners: Vec<Planner>,
+    /// Trials per row
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub trials: u32,
+    /// First seed
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// Threads [default: all cores]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Write rows.csv, summary.md, summary.json and report.html there; a study that was cut off goes
+    /// on where it stopped. Link draws link.svg too, and with --live writes live.md, live.json, live.svg
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Link: fly N seeds of a few links live across the link emulator, beside lock-step
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub live: Option<u32>,
+    /// Certificates for TLS, with --live, as of `alight land`
+    #[arg(long, value_name = "DIR", requires = "live")]
+    pub certificates: Option<PathBuf>,
+    /// Flags of `alight land`, with --live
+    #[arg(last = true, value_name = "LAND FLAGS", requires = "live")]
+    pub land: Vec<String>,
+    /// Fly only part I of N of the trials, for several machines
+    #[arg(long, value_name = "I/N")]
+    pub shard: Option<crate::lab::study::run::Shard>,
+    /// Print the result as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The vessel's response.
+#[derive(Args, Debug)]
+pub struct ResponseArgs {
+    /// Print as one JSON object
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,331 @@
+//! What lies between vessel and drone in a live landing: the loopback interface with an impairment
+//! inside the processes, or a link emulator between two network namespaces.
+
+use std::path::PathBuf;
+
+use alight_shared::msg::State;
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::radio::TlsConfig;
+use alight_sim::harness::scenario::StateOutage;
+use alight_sim::radio::{ChannelCounts, Congestion};
+use serde::{Deserialize, Serialize};
+
+use crate::certificates;
+use crate::config::LinkImpairment;
+use crate::exit::CliError;
+use crate::lab::live::args::{Emulate, LandArgs};
+use crate::lab::live::emulator::{Emulation, EmulatorReport, Order};
+use crate::lab::live::land::{free_port, write};
+use crate::lab::live::namespaces::{ADDRESSES, OwnSpaces};
+use crate::lab::live::packets::{OnAir, Recent};
+use crate::lab::live::plant::AutopilotKind;
+use crate::lab::live::profile;
+use crate::lab::scene::Scene;
+use crate::process::instance::OwnedInstance;
+use crate::process::snapshot::{Snapshot, time};
+use crate::process::supervisor::Supervisor;
+
+/// The vessel's port in its own namespace, zenoh's usual one.
+const PORT: u16 = 7447;
+
+/// Ages that are kept: an hour of ten a second.
+const MAX_AGES: usize = 36_000;
+
+/// Ages of the first five seconds, while clocks and session settle.
+const WARM_UP_AGES: usize = 50;
+
+/// How this computer's kernel answers a loss in a stream, for the lock-step model of it.
+pub fn congestion() -> Congestion {
+    let setting = std::fs::read_to_string("/proc/sys/net/ipv4/tcp_congestion_control");
+    match setting.as_deref().map(str::trim) {
+        Ok("bbr") => Congestion::Bbr,
+        Ok(_) | Err(_) => Congestion::Cubic,
+    }
+}
+
+/// The link as it is arranged before the processes start.
+pub struct RadioPath {
+    spaces: Option<OwnSpaces>,
+    emulator: Option<PathBuf>,
+    outage: Option<StateOutage>,
+    /// What the processes do to what they receive.
+    pub impairment: Option<LinkImpairment>,
+    /// Where the vessel listens.
+    pub listen: String,
+    /// What the drone dials.
+    pub dial: String,
+    /// Certificates of vessel and drone.
+    pub tls: [TlsConfig; 2],
+}
+
+impl RadioPath {
+    /// As the flags say; `epoch_ns` is the profile's time zero on the steady clock.
+    pub fn of(
+        scene: &Scene,
+        args: &LandArgs,
+        owned: &OwnedInstance,
+        epoch_ns: i64,
+    ) -> Result<RadioPath, CliError> {
+        let profile = match args.link.as_str() {
+            "scenario" => scene.scenario.radio.clone(),
+            name => profile::load(name)?,
+        };
+        let firmware = args.autopilot != AutopilotKind::Internal;
+        let spaces = match args.emulate {
+            Emulate::Always if firmware => {
+                return Err(CliError(
+                    "--emulate always: a firmware beside could not reach the drone's namespace; leave it out"
+                        .into(),
+                ));
+            }
+            Emulate::Auto if firmware => None,
+            Emulate::Always => Some(OwnSpaces::make(&args.instance)?),
+            Emulate::Auto if args.link != "scenario" && args.link != "clean" => {
+                let made = OwnSpaces::make(&args.instance);
+                if let Err(e) = &made {
+                    eprintln!(
+                        "network namespaces are not permitted here ({e}): the link {} is emulated inside the \
+                         processes",
+                        args.link
+                    );
+                }
+                made.ok()
+            }
+            Emulate::Auto | Emulate::Never => None,
+        };
+        let tls = certificates(scene, args, owned)?;
+        let outage = scene.scenario.radio_outage;
+        let link = LinkImpairment {
+            seed: args.seed,
+            outage,
+            profile,
+        };
+        let address = |host: &str, port: u16| format!("{}/{host}:{port}", args.transport);
+        Ok(if spaces.is_some() {
+            let emulation = Emulation {
+                name: args.instance.clone(),
+                epoch_ns,
+                link,
+            };
+            RadioPath {
+                spaces,
+                emulator: Some(write(owned, "link.toml", &emulation)?),
+                outage,
+                impairment: None,
+                // Every address of the namespace: its device may come later than the process.
+                listen: address("0.0.0.0", PORT),
+                dial: address(ADDRESSES[0], PORT),
+                tls,
+            }
+        } else {
+            let nothing = args.link == "clean" && outage.is_none();
+            let endpoint = address("127.0.0.1", free_port()?);
+            RadioPath {
+                spaces: None,
+                emulator: None,
+                outage,
+                impairment: (!nothing).then_some(link),
+                listen: endpoint.clone(),
+                dial: endpoint,
+                tls,
+            }
+        })
+    }
+    /// The drone's address.
+    pub fn drone_host(&self) -> &'static str {
+        if self.spaces.is_some() {
+            ADDRESSES[1]
+        } else {
+            "127.0.0.1"
+        }
+    }
+    /// Starts the emulator, if there is one.
+    pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), CliError> {
+        match &self.emulator {
+            Some(config) => supervisor.start(ProcessKind::Link, config.clone(), Vec::new()),
+            None => Ok(()),
+        }
+    }
+    /// What to put before a process's command: the way into its computer's namespace. The simulated
+    /// vehicles are on the vessel's network, where its sensors are.
+    pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
+        let side = match kind {
+            ProcessKind::Vessel | ProcessKind::Sensors | ProcessKind::World | ProcessKind::Link => 0,
+            ProcessKind::Bridge
+            | ProcessKind::Predictor
+            | ProcessKind::Mission
+            | ProcessKind::Planner
+            | ProcessKind::Pilot
+            | ProcessKind::Autopilot
+            | ProcessKind::Camera
+            | ProcessKind::Uvdar => 1,
+        };
+        self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
+    }
+}
+
+/// The certificates of vessel and drone: those named, else some made for this landing alone.
+fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<[TlsConfig; 2], CliError> {
+    if args.transport != "quic" {
+        return Ok([TlsConfig::default(), TlsConfig::default()]);
+    }
+    let sides = [
+        ("vessel", scene.nodes.bridge.vessel_id),
+        ("drone", scene.nodes.bridge.drone_id),
+    ];
+    let directory = match &args.certificates {
+        Some(directory) => directory.clone(),
+        None => {
+            let directory = owned.file("keys");
+            if directory.exists() {
+                // Of a landing that was killed.
+                std::fs::remove_dir_all(&directory)
+                    .map_err(|e| CliError::because(format!("removing {}", directory.display()), e))?;
+            }
+            certificates::init(&directory, 1)?;
+            let hosts = ["127.0.0.1", ADDRESSES[0], ADDRESSES[1]].map(String::from);
+            for (kind, number) in sides {
+                certificates::issue(&directory, kind, number, &hosts, 1)?;
+            }
+            directory
+        }
+    };
+    let [vessel, drone] = sides.map(|(kind, number)| certificates::common_name(kind, number));
+    Ok([
+        certificates::files(&directory.join(&vessel), vec![drone.clone()])?,
+        certificates::files(&directory.join(&drone), vec![vessel])?,
+    ])
+}
+
+/// What is seen of the link while it is flown.
+pub struct RadioWatch {
+    packets: Option<[ChannelCounts; 2]>,
+    recent: Recent,
+    ages_s: Vec<f64>,
+    /// Ages yet to come while clocks and session settle, which are not kept.
+    unsettled: usize,
+    outage_announced: bool,
+}
+
+impl Default for RadioWatch {
+    fn default() -> Self {
+        RadioWatch {
+            packets: None,
+            recent: Recent::default(),
+            ages_s: Vec::new(),
+            unsettled: WARM_UP_AGES,
+            outage_announced: false,
+        }
+    }
+}
+
+impl RadioWatch {
+    /// Takes in what the emulator said, and the age of the vessel's newest state; tells the emulator
+    /// when the outage begins.
+    pub fn look(
+        &mut self,
+        air: &RadioPath,
+        said: &[String],
+        ages_s: &[f64],
+        state: Option<State>,
+        supervisor: &mut Supervisor,
+    ) {
+        let counts = |line: &String| match serde_json::from_str(line) {
+            Ok(EmulatorReport::Packets(to_drone, to_vessel)) => Some([to_drone, to_vessel]),
+            Ok(EmulatorReport::Flows(_)) | Err(_) => None,
+        };
+        for line in said {
+            if let Ok(EmulatorReport::Flows(flows)) = serde_json::from_str(line) {
+                self.recent.observe(steady_ns(), flows);
+            }
+        }
+        self.packets = said.iter().rev().find_map(counts).or(self.packets);
+        let room = MAX_AGES.saturating_sub(self.ages_s.len());
+        let mut known: Vec<f64> = ages_s.iter().copied().filter(|a| a.is_finite()).collect();
+        let early = known.len().min(self.unsettled);
+        self.unsettled -= early;
+        known.drain(..early);
+        self.ages_s.extend(known.into_iter().take(room));
+        if !self.outage_announced && air.outage.is_some_and(|o| Some(o.state) == state) {
+            self.outage_announced = true;
+            supervisor.write_line(ProcessKind::Link, Order::Outage.line());
+        }
+    }
+    /// The figures at the end, `seconds` after the profile's time zero.
+    pub fn report(&self, seconds: f64, snapshot: &Snapshot) -> RadioReport {
+        let way = |c: ChannelCounts| WayReport {
+            packets: c.sent,
+            bytes_per_s: c.sent_bytes as f64 / seconds.max(1.0),
+            lost: c.lost as f64 / c.sent.max(1) as f64,
+            overflowed: c.overflowed,
+        };
+        let mut sorted = self.ages_s.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let age = |q: f64| {
+            let rank = ((q * sorted.len() as f64).ceil() as usize).max(1) - 1;
+            sorted.get(rank).copied().unwrap_or(0.0)
+        };
+        RadioReport {
+            age_p50_s: age(0.5),
+            age_p95_s: age(0.95),
+            age_max_s: age(1.0),
+            emulated: self.packets.map(|ways| ways.map(way)),
+            on_air: self.recent.on_air(snapshot, PORT),
+        }
+    }
+}
+
+/// The link of a live landing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RadioReport {
+    /// Age of the vessel's newest state at the drone, looked at ten times a second: median, s.
+    pub age_p50_s: f64,
+    /// 95th percentile of the same, s.
+    pub age_p95_s: f64,
+    /// The greatest of the same, s.
+    pub age_max_s: f64,
+    /// What the emulator counted: to the drone, to the vessel.
+    pub emulated: Option<[WayReport; 2]>,
+    /// What it counted over the last seconds, by flow and by topic.
+    pub on_air: Option<OnAir>,
+}
+
+/// One direction of the emulated link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WayReport {
+    /// IP packets.
+    pub packets: u64,
+    /// Bytes per second, IP headers included.
+    pub bytes_per_s: f64,
+    /// Share that was lost on the way.
+    pub lost: f64,
+    /// Packets that a full queue refused.
+    pub overflowed: u64,
+}
+
+impl RadioReport {
+    /// In words.
+    pub fn text(&self) -> String {
+        let mut out = format!(
+            "  age of the vessel's newest state at the drone: {} (p50), {} (p95), {} (longest)\n",
+            time(self.age_p50_s),
+            time(self.age_p95_s),
+            time(self.age_max_s)
+        );
+        for (way, c) in ["drone", "vessel"].iter().zip(self.emulated.iter().flatten()) {
+            out.push_str(&format!(
+                "  radio to the {way}: {} packets, {:.2} kB/s with IP headers, {:.1} % lost, {} too many for its \
+                 rate\n",
+                c.packets,
+                c.bytes_per_s / 1e3,
+                100.0 * c.lost,
+                c.overflowed
+            ));
+        }
+        if let Some(on_air) = &self.on_air {
+            out.push_str(&on_air.text());
+        }
+        out
+    }
+}

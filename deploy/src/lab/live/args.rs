@@ -1,0 +1,178 @@
+//! Flags of the live system.
+
+use std::path::PathBuf;
+
+use alight_sim::radio::Transport;
+use clap::Args;
+use clap::ValueEnum;
+
+use crate::lab::args::SceneArgs;
+use crate::lab::live::fault::FaultSpec;
+use crate::lab::live::follow::MAX_FOLLOW_S;
+use crate::lab::live::plant::AutopilotKind;
+use crate::process::args::ProcessArgs;
+
+/// One landing, live.
+#[derive(Args, Debug)]
+pub struct LandArgs {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Seed of sea, noise and start
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// The vessel's estimator runs this long before the landing is commanded, s [default: the
+    /// scenario's, 60]
+    #[arg(long, value_name = "S")]
+    pub warm_up: Option<f64>,
+    /// Impair the radio: scenario, clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s,
+    /// narrow, or a TOML file
+    #[arg(long, value_name = "PROFILE", default_value = "scenario")]
+    pub link: String,
+    /// Impair it by a link emulator between two network namespaces (needs root) or inside the
+    /// processes; auto: the emulator for a --link other than scenario, where it is permitted
+    #[arg(long, value_enum, default_value_t = Emulate::Auto)]
+    pub emulate: Emulate,
+    /// Transport of the radio: quic (with certificates on both sides), udp or tcp
+    #[arg(long, default_value = "quic", value_parser = ["quic", "udp", "tcp"])]
+    pub transport: String,
+    /// For quic: directory of `alight keys` with vessel and drone of these numbers [default: made for
+    /// this landing alone]
+    #[arg(long, value_name = "DIR")]
+    pub certificates: Option<PathBuf>,
+    /// Name of this set of processes; several may run side by side
+    #[arg(long, default_value = "land")]
+    pub instance: String,
+    /// Who flies the simulated drone: internal, or the firmware of PX4 or ArduPilot, which is started
+    /// beside and flown from the pad by a person (see deploy/README.md)
+    #[arg(long, value_enum, default_value_t = AutopilotKind::Internal)]
+    pub autopilot: AutopilotKind,
+    /// Where that firmware's MAVLink is [default: udpin://0.0.0.0:14540 for PX4,
+    /// tcpout://127.0.0.1:5760 for ArduPilot]
+    #[arg(long, value_name = "URL", requires = "autopilot")]
+    pub connect: Option<String>,
+    /// Its plant's motors, sensors and port (TOML, keys of [firmware])
+    #[arg(long, value_name = "FILE", requires = "autopilot")]
+    pub firmware: Option<PathBuf>,
+    /// Plain Unix and UDP sockets carry the same messages beside the middlewares; the report compares
+    #[arg(long)]
+    pub relay: bool,
+    /// Draw paths, speeds and attitudes to an SVG
+    #[arg(long, value_name = "FILE.svg", conflicts_with = "follow")]
+    pub plot: Option<PathBuf>,
+    /// Record everything to an MCAP file, for Foxglove, Lichtblick, Rerun and `alight replay`
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "follow")]
+    pub record: Option<PathBuf>,
+    /// Follow the vessel for this long after the start instead of landing, s
+    #[arg(long, value_name = "S", value_parser = follow_s)]
+    pub follow: Option<f64>,
+    /// Write what the processes use, and their files, to this file (CSV) once a minute
+    #[arg(long, value_name = "FILE.csv")]
+    pub usage: Option<PathBuf>,
+    /// Every process logs what it consumed into this directory, for `alight replay`
+    #[arg(long, value_name = "DIR")]
+    pub log: Option<PathBuf>,
+    /// Kill a process, or freeze it for 2 s, in a phase: PROCESS:kill|freeze:PHASE, such as
+    /// planner:kill:descent
+    #[arg(long, value_name = "FAULT")]
+    pub fault: Option<FaultSpec>,
+    /// Print the outcome as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+    /// End when standard input closes
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+/// Many landings, live.
+#[derive(Args, Debug)]
+pub struct LandsArgs {
+    /// How many
+    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub trials: u32,
+    /// First seed; seeds SEED0 to SEED0+TRIALS-1 are flown
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// How many at a time, each with processes of its own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub jobs: u16,
+    /// Names of the sets of processes begin with this
+    #[arg(long, default_value = "lands")]
+    pub instance: String,
+    /// Print the summary as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+    /// Flags of `alight land`, for all of them
+    #[arg(last = true, value_name = "LAND FLAGS")]
+    pub land: Vec<String>,
+}
+
+/// Faults, live.
+#[derive(Args, Debug)]
+pub struct FaultsArgs {
+    /// Only this one (may be repeated) [default: 6 processes, killed and frozen, in approach,
+    /// tracking, descent and flare]
+    #[arg(long, value_name = "FAULT")]
+    pub fault: Vec<FaultSpec>,
+    /// Every case so many times, each with a seed of its own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub repeat: u32,
+    /// Seed of the first case; each next case has the next seed
+    #[arg(long, default_value_t = 1)]
+    pub seed0: u64,
+    /// How many at a time, each with processes of its own
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub jobs: u16,
+    /// Names of the sets of processes begin with this
+    #[arg(long, default_value = "faults")]
+    pub instance: String,
+    /// Print the cases as one JSON list, the last line
+    #[arg(long)]
+    pub json: bool,
+    /// Flags of `alight land`, for all of them
+    #[arg(last = true, value_name = "LAND FLAGS")]
+    pub land: Vec<String>,
+}
+
+/// Times that the drone can be told to follow: up to what a mission may take.
+fn follow_s(text: &str) -> Result<f64, String> {
+    let s: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if (1.0..=MAX_FOLLOW_S).contains(&s) {
+        Ok(s)
+    } else {
+        Err(format!("1 to {MAX_FOLLOW_S} seconds"))
+    }
+}
+
+impl LandArgs {
+    /// The transport of the radio, as lock-step models it.
+    pub fn transport(&self) -> Transport {
+        match self.transport.as_str() {
+            "tcp" => Transport::Tcp,
+            "quic" => Transport::Quic,
+            _ => Transport::Udp,
+        }
+    }
+}
+
+/// Where the radio is impaired.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Emulate {
+    /// Between namespaces for a named link, where it is permitted; else inside the processes.
+    Auto,
+    /// Between namespaces.
+    Always,
+    /// Inside the processes.
+    Never,
+}
+
+/// The simulated vehicles.
+#[derive(Args, Debug)]
+pub struct WorldArgs {
+    /// What every process has
+    #[command(flatten)]
+    pub process: ProcessArgs,
+    /// Who flies the drone [default: the configuration's]
+    #[arg(long, value_enum)]
+    pub autopilot: Option<AutopilotKind>,
+}

@@ -1,0 +1,296 @@
+//! `alight link`: a layer-3 link with the faults of a profile between two network namespaces.
+//!
+//! Every IP packet that the vessel's side sends into its TUN device comes out of the drone's when
+//! the profile lets it, and the other way round. The fates of the packets are those of
+//! [`alight_sim::radio`], drawn from the seed.
+
+use std::io::BufRead;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::time::Duration;
+
+use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_shared::time::{Time, TrueTime};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::wake::end_requested;
+use alight_sim::harness::scenario::StateOutage;
+use alight_sim::physics::streams::Streams;
+use alight_sim::radio::{ChannelCounts, Direction, Radio};
+use clap::Args;
+use serde::{Deserialize, Serialize};
+use tun_rs::SyncDevice;
+
+use crate::config::LinkImpairment;
+use crate::exit::{CliError, Exit};
+use crate::lab::live::namespaces::{ADDRESSES, Namespaces};
+use crate::lab::live::packets::{FlowCount, Flows};
+use crate::lab::live::profile;
+use crate::terminal;
+
+/// Packets between a device and the emulator; what comes on top is lost, as in a full card.
+const INBOX: usize = 1024;
+/// Longest wait without a look at whether to end.
+const MAX_WAIT: Duration = Duration::from_millis(100);
+/// Time between two words about what was counted, ns.
+const REPORT_PERIOD_NS: i64 = 1_000_000_000;
+
+/// A link between two namespaces of this computer.
+#[derive(Args, Debug)]
+pub struct LinkArgs {
+    /// clean, wifi-near, wifi-far, radio-mesh, storm, blackout-5s, narrow, or a TOML file
+    #[arg(long, default_value = "clean")]
+    pub profile: String,
+    /// Seed of losses and delays
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// The namespaces are alight-NAME-vessel (10.77.0.1) and alight-NAME-drone (10.77.0.2)
+    #[arg(long, default_value = "link")]
+    pub name: String,
+    /// Everything from a file, as `alight land` writes it
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub config: Option<PathBuf>,
+    /// End when standard input closes, and take orders from it
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+}
+
+/// What the emulator is told.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Emulation {
+    /// Name of the namespaces.
+    pub name: String,
+    /// The steady clock's reading at the profile's time zero, ns.
+    pub epoch_ns: i64,
+    /// What happens to the packets.
+    pub link: LinkImpairment,
+}
+
+impl Check for Emulation {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.link.profile.check(&at.table("link").table("profile"))
+    }
+}
+
+/// What the emulator says on standard output, one JSON object per line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EmulatorReport {
+    /// The packets so far: to the drone, to the vessel.
+    Packets(ChannelCounts, ChannelCounts),
+    /// The same packets by flow.
+    Flows(Vec<FlowCount>),
+}
+
+/// What its supervisor may tell it, one line each on standard input.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order {
+    /// The mission entered the state of the profile's outage: it begins.
+    Outage,
+}
+
+impl Order {
+    /// The line.
+    pub const fn line(self) -> &'static str {
+        match self {
+            Order::Outage => "outage",
+        }
+    }
+}
+
+/// Runs until told to end.
+pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
+    let emulation = match &args.config {
+        Some(file) => config::load::<Emulation>(file).map_err(|e| CliError(e.to_string()))?,
+        None => Emulation {
+            name: args.name.clone(),
+            epoch_ns: steady_ns(),
+            link: LinkImpairment {
+                seed: args.seed,
+                outage: None,
+                profile: profile::load(&args.profile)?,
+            },
+        },
+    };
+    let spaces = Namespaces::named(&emulation.name);
+    if !args.supervised {
+        spaces.remove();
+    }
+    spaces.make().map_err(|e| {
+        CliError(format!(
+            "network namespaces are not permitted here ({e}); run as root, or use the impairment inside \
+             the processes (`alight land --link {} --emulate never`)",
+            args.profile
+        ))
+    })?;
+    let devices = match spaces.devices() {
+        Ok(devices) => devices.map(Arc::new),
+        Err(e) => {
+            spaces.remove();
+            return Err(e);
+        }
+    };
+    if !args.supervised {
+        terminal::line(format_args!(
+            "vessel {} in {}, drone {} in {}; run a command there with: ip netns exec NAMESPACE COMMAND",
+            ADDRESSES[0],
+            spaces.space(0),
+            ADDRESSES[1],
+            spaces.space(1)
+        ));
+    }
+    let ended = carry(&emulation, &devices, args.supervised);
+    spaces.remove();
+    ended
+}
+
+/// A packet that came out of a device.
+struct ReceivedPacket {
+    side: usize,
+    at_ns: i64,
+    packet: Vec<u8>,
+}
+
+fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>) {
+    let mut buffer = [0_u8; 65_536];
+    while let Ok(length) = device.recv(&mut buffer) {
+        let packet = buffer.get(..length).unwrap_or_default().to_vec();
+        // IPv4 only: what the kernel says about itself on IPv6 is not ours.
+        let is_ours = packet.first().is_some_and(|b| b >> 4 == 4);
+        let at_ns = steady_ns();
+        if is_ours && sender.try_send(ReceivedPacket { side, at_ns, packet }).is_err() && end_requested() {
+            return;
+        }
+    }
+}
+
+/// The orders on standard input; the channel breaks when it closes.
+fn listen(orders: Sender<Order>) {
+    for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+        if line == Order::Outage.line() && orders.send(Order::Outage).is_err() {
+            return;
+        }
+    }
+}
+
+fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool) -> Result<Exit, CliError> {
+    let (sender, inbox) = sync_channel(INBOX);
+    for (side, device) in devices.iter().enumerate() {
+        let (device, sender) = (Arc::clone(device), sender.clone());
+        std::thread::spawn(move || read(side, device, sender));
+    }
+    let orders = supervised.then(|| {
+        let (order_sender, orders) = channel();
+        std::thread::spawn(move || listen(order_sender));
+        orders
+    });
+    let mut link = Link::new(emulation);
+    let mut next_word_ns = steady_ns() + REPORT_PERIOD_NS;
+    while !end_requested() {
+        match link.turn(&inbox, orders.as_ref()) {
+            Turn::Deliver(out) => {
+                for (side, packet) in out {
+                    // A device whose other side is not up yet refuses: the packet is lost.
+                    if let Some(device) = devices.get(side) {
+                        let _lost = device.send(&packet);
+                    }
+                }
+            }
+            Turn::End => break,
+        }
+        if steady_ns() >= next_word_ns {
+            next_word_ns += REPORT_PERIOD_NS;
+            if supervised {
+                report_counts(&link)?;
+            }
+        }
+    }
+    report_counts(&link)?;
+    Ok(Exit::Success)
+}
+
+fn report_counts(link: &Link) -> Result<(), CliError> {
+    let [to_drone, to_vessel] = &link.radios;
+    let packets = EmulatorReport::Packets(to_drone.counts(), to_vessel.counts());
+    for report in [packets, EmulatorReport::Flows(link.flows.counts())] {
+        terminal::line(
+            serde_json::to_string(&report).map_err(|e| CliError::because("writing the counts", e))?,
+        );
+    }
+    Ok(())
+}
+
+enum Turn {
+    /// Packets for the device of a side.
+    Deliver(Vec<(usize, Vec<u8>)>),
+    End,
+}
+
+/// Both directions; index 0 carries what the vessel's side sends.
+struct Link {
+    radios: [Radio<Vec<u8>>; 2],
+    flows: Flows,
+    epoch_ns: i64,
+    outage: Option<StateOutage>,
+}
+
+impl Link {
+    fn new(emulation: &Emulation) -> Link {
+        let streams = Streams::new(emulation.link.seed);
+        let radio = |direction| Radio::new(&emulation.link.profile, direction, &streams);
+        Link {
+            radios: [radio(Direction::ToDrone), radio(Direction::ToVessel)],
+            flows: Flows::default(),
+            epoch_ns: emulation.epoch_ns,
+            outage: emulation.link.outage,
+        }
+    }
+    fn time(&self, steady_ns: i64) -> Time<TrueTime> {
+        Time::from_nanos(steady_ns.saturating_sub(self.epoch_ns))
+    }
+    /// How long nothing is due.
+    fn idle(&self, now: Time<TrueTime>) -> Duration {
+        let next = self.radios.iter().filter_map(Radio::next).min();
+        next.map_or(MAX_WAIT, |at| {
+            Duration::from_nanos((at - now).nanos().max(0).unsigned_abs()).min(MAX_WAIT)
+        })
+    }
+    /// Waits for a packet or until one is due, and says what is due.
+    fn turn(&mut self, inbox: &Receiver<ReceivedPacket>, orders: Option<&Receiver<Order>>) -> Turn {
+        match inbox.recv_timeout(self.idle(self.time(steady_ns()))) {
+            Ok(first) => {
+                for received in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
+                    let at = self.time(received.at_ns);
+                    self.flows.count(u8::from(received.side == 1), &received.packet);
+                    if let Some(radio) = self.radios.get_mut(received.side) {
+                        radio.send(at, received.packet.len(), received.packet);
+                    }
+                }
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Turn::End,
+        }
+        match orders.map(Receiver::try_recv) {
+            Some(Ok(Order::Outage)) => {
+                if let Some(outage) = self.outage {
+                    let window = outage.window(self.time(steady_ns()));
+                    self.radios.iter_mut().for_each(|r| r.set_outage(window));
+                }
+            }
+            None | Some(Err(TryRecvError::Empty)) => {}
+            Some(Err(TryRecvError::Disconnected)) => return Turn::End,
+        }
+        let now = self.time(steady_ns());
+        let mut due = Vec::new();
+        for (side, radio) in self.radios.iter_mut().enumerate() {
+            due.extend(
+                radio
+                    .receive(now)
+                    .into_iter()
+                    .map(|(_, packet)| (1 - side, packet)),
+            );
+        }
+        Turn::Deliver(due)
+    }
+}

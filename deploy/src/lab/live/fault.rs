@@ -1,0 +1,281 @@
+//! A fault put into a running landing: a process killed, or frozen for two seconds, in a phase.
+
+use core::fmt;
+use core::str::FromStr;
+
+use alight_shared::msg::{MissionState, State};
+use alight_shared::transport::process::{ProcessKind, Signal, signal};
+use alight_sim::physics::streams::Streams;
+use alight_sim::sensors::noise::Noise;
+use serde::{Deserialize, Serialize};
+
+use crate::exit::CliError;
+use crate::process::snapshot::Snapshot;
+
+/// How long a frozen process stays frozen, ns.
+const FREEZE_DURATION_NS: i64 = 2_000_000_000;
+
+/// What happens to the process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FaultKind {
+    /// SIGKILL: it is gone at once and started again by its supervisor.
+    Kill,
+    /// SIGSTOP, and SIGCONT after two seconds: it knows nothing of the time between.
+    Freeze,
+}
+
+impl FaultKind {
+    /// Both.
+    pub const ALL: [FaultKind; 2] = [FaultKind::Kill, FaultKind::Freeze];
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            FaultKind::Kill => "kill",
+            FaultKind::Freeze => "freeze",
+        }
+    }
+}
+
+/// A fault as it is asked for: `PROCESS:kill|freeze:PHASE`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct FaultSpec {
+    /// Which process; not the world, which is the vehicles themselves.
+    pub process: ProcessKind,
+    /// What happens to it.
+    pub kind: FaultKind,
+    /// After this state was entered for the first time.
+    pub state: State,
+}
+
+/// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws
+/// of physics.
+pub const PROCESSES: [ProcessKind; 6] = [
+    ProcessKind::Vessel,
+    ProcessKind::Bridge,
+    ProcessKind::Predictor,
+    ProcessKind::Mission,
+    ProcessKind::Planner,
+    ProcessKind::Pilot,
+];
+
+/// States in which a fault can happen, by their names on the command line, with the longest time
+/// that it waits after the state was entered, s: less than the state usually lasts.
+pub const STATES: [(&str, State, f64); 6] = [
+    ("get-altitude", State::GetAltitude, 0.5),
+    ("approach", State::Approach, 2.0),
+    ("tracking", State::Tracking, 0.5),
+    ("tracking-stable", State::TrackingStable, 0.1),
+    ("descent", State::Descent, 2.5),
+    ("flare", State::Flare, 0.8),
+];
+
+impl FromStr for FaultSpec {
+    type Err = String;
+    fn from_str(text: &str) -> Result<FaultSpec, String> {
+        let form = || format!("{text:?}: write PROCESS:kill|freeze:PHASE, such as planner:kill:descent");
+        let mut parts = text.split(':');
+        let (Some(process), Some(kind), Some(state), None) =
+            (parts.next(), parts.next(), parts.next(), parts.next())
+        else {
+            return Err(form());
+        };
+        let named = |names: Vec<&str>, what: &str| format!("no {what} of that name: {}", names.join(", "));
+        let process = *PROCESSES.iter().find(|p| p.name() == process).ok_or_else(|| {
+            named(
+                PROCESSES.iter().map(|p| p.name()).collect(),
+                "process that can fail",
+            )
+        })?;
+        let kind = *FaultKind::ALL
+            .iter()
+            .find(|k| k.name() == kind)
+            .ok_or_else(form)?;
+        let (_, state, _) = STATES
+            .into_iter()
+            .find(|(name, _, _)| *name == state)
+            .ok_or_else(|| named(STATES.iter().map(|s| s.0).collect(), "phase"))?;
+        Ok(FaultSpec { process, kind, state })
+    }
+}
+
+impl fmt::Display for FaultSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let state = STATES.iter().find(|s| s.1 == self.state).map_or("?", |s| s.0);
+        write!(f, "{}:{}:{state}", self.process.name(), self.kind.name())
+    }
+}
+
+/// What came of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FaultReport {
+    /// As it was asked for.
+    pub fault: String,
+    /// When it happened, time since the start, s; null if it never did.
+    pub at_s: Option<f64>,
+    /// The mission's state when it happened.
+    pub state: Option<State>,
+    /// From the fault to the first word of the process afterwards, s; null if none came.
+    pub recovery_s: Option<f64>,
+}
+
+/// How far it has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum FaultStage {
+    /// The state has not been entered yet.
+    Waits,
+    /// It will happen at this time of the steady clock, ns.
+    Due(i64),
+    /// It happened at this time to this process id, which stays frozen until then.
+    Happened {
+        at_ns: i64,
+        pid: u32,
+        frozen_until_ns: Option<i64>,
+    },
+    /// The process has been heard again, or nothing more is to be done.
+    Over,
+}
+
+/// A fault under way.
+pub struct Fault {
+    spec: FaultSpec,
+    delay_ns: i64,
+    stage: FaultStage,
+    /// What came of it so far.
+    pub report: FaultReport,
+}
+
+impl Fault {
+    /// The fault, with its delay after the state's beginning drawn from the seed.
+    pub fn new(spec: FaultSpec, seed: u64) -> Fault {
+        let longest = STATES.iter().find(|s| s.1 == spec.state).map_or(0.0, |s| s.2);
+        let delay_s = longest * Noise::new(&Streams::new(seed), "fault").uniform();
+        Fault {
+            spec,
+            delay_ns: (delay_s * 1e9) as i64,
+            stage: FaultStage::Waits,
+            report: FaultReport {
+                fault: spec.to_string(),
+                at_s: None,
+                state: None,
+                recovery_s: None,
+            },
+        }
+    }
+
+    /// It happened, and the process has not been heard again.
+    pub fn is_under_way(&self) -> bool {
+        matches!(self.stage, FaultStage::Happened { .. })
+    }
+
+    /// Looks whether it is time for something; `t_s` is the time since the start. True when the
+    /// fault has just happened.
+    pub fn poll(&mut self, now_ns: i64, t_s: f64, snapshot: &Snapshot) -> Result<bool, CliError> {
+        let Some(mission) = snapshot.mission else {
+            return Ok(false);
+        };
+        match self.stage {
+            FaultStage::Waits => {
+                if mission.state == self.spec.state {
+                    self.stage = FaultStage::Due(now_ns + self.delay_ns);
+                }
+            }
+            FaultStage::Due(at_ns) if now_ns >= at_ns => return self.inject(now_ns, t_s, &mission, snapshot),
+            FaultStage::Happened {
+                at_ns,
+                pid,
+                frozen_until_ns,
+            } => {
+                if frozen_until_ns.is_some_and(|until| now_ns >= until) {
+                    self.send(pid, Signal::Continue)?;
+                    self.stage = FaultStage::Happened {
+                        at_ns,
+                        pid,
+                        frozen_until_ns: None,
+                    };
+                } else if frozen_until_ns.is_none()
+                    && let Some(p) = snapshot.processes.get(&self.spec.process)
+                    && p.at_ns > at_ns
+                    && (self.spec.kind == FaultKind::Freeze || p.pid != pid)
+                {
+                    self.report.recovery_s = Some((p.at_ns - at_ns) as f64 * 1e-9);
+                    self.stage = FaultStage::Over;
+                }
+            }
+            FaultStage::Due(_) | FaultStage::Over => {}
+        }
+        Ok(false)
+    }
+
+    fn inject(
+        &mut self,
+        now_ns: i64,
+        t_s: f64,
+        mission: &MissionState,
+        snapshot: &Snapshot,
+    ) -> Result<bool, CliError> {
+        let Some(process) = snapshot.processes.get(&self.spec.process) else {
+            return Ok(false);
+        };
+        let frozen_until_ns = match self.spec.kind {
+            FaultKind::Kill => {
+                self.send(process.pid, Signal::Kill)?;
+                None
+            }
+            FaultKind::Freeze => {
+                self.send(process.pid, Signal::Freeze)?;
+                Some(now_ns + FREEZE_DURATION_NS)
+            }
+        };
+        self.report.at_s = Some(t_s);
+        self.report.state = Some(mission.state);
+        self.stage = FaultStage::Happened {
+            at_ns: now_ns,
+            pid: process.pid,
+            frozen_until_ns,
+        };
+        Ok(true)
+    }
+
+    fn send(&self, pid: u32, what: Signal) -> Result<(), CliError> {
+        signal(pid, what).map_err(|e| CliError::because(format!("the fault {}", self.spec), e))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fault_spec_round_trips_and_rejects_others() {
+        for process in PROCESSES {
+            for kind in FaultKind::ALL {
+                for (_, state, _) in STATES {
+                    let spec = FaultSpec { process, kind, state };
+                    assert_eq!(spec.to_string().parse(), Ok(spec));
+                }
+            }
+        }
+        for text in [
+            "planner",
+            "world:kill:flare",
+            "planner:hit:flare",
+            "planner:kill:soon",
+            "a:b:c:d",
+        ] {
+            assert!(text.parse::<FaultSpec>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_delay_follows_from_the_seed_and_is_shorter_than_its_limit() {
+        let spec: FaultSpec = "planner:kill:descent".parse().unwrap();
+        let delays: Vec<i64> = (0..20).map(|seed| Fault::new(spec, seed).delay_ns).collect();
+        assert!(
+            delays.iter().all(|d| (0..2_500_000_000).contains(d)),
+            "{delays:?}"
+        );
+        assert_eq!(Fault::new(spec, 3).delay_ns, delays[3]);
+        assert!(delays.iter().any(|d| *d != delays[0]));
+    }
+}

@@ -1,0 +1,206 @@
+//! `alight faults`: every process killed and frozen in every phase of a live landing, and what came
+//! of it.
+
+use alight_shared::msg::State;
+use alight_sim::harness::outcome::Ending;
+use serde::Serialize;
+
+use crate::exit::{CliError, Exit};
+use crate::lab::live::args::FaultsArgs;
+use crate::lab::live::fault::{FaultKind, FaultSpec, PROCESSES};
+use crate::lab::live::fleet;
+use crate::lab::live::fleet::{Done, Job};
+use crate::lab::table;
+use crate::terminal;
+use crate::terminal::note;
+
+/// The phases of the table.
+const PHASES: [State; 4] = [State::Approach, State::Tracking, State::Descent, State::Flare];
+
+/// One case.
+#[derive(Clone, Debug, Serialize)]
+struct Case {
+    fault: String,
+    seed: u64,
+    /// The state in which it happened.
+    state: Option<State>,
+    at_s: Option<f64>,
+    recovery_s: Option<f64>,
+    /// First contact minus fault, s.
+    contact_after_s: Option<f64>,
+    outcome: Option<Ending>,
+    reason: String,
+    unsafe_contacts: u32,
+    position_error_m: Option<f64>,
+    attempts: u32,
+    restarts: u32,
+    leftovers: Vec<String>,
+    /// The mission's states from the fault on.
+    then: Vec<String>,
+}
+
+impl Case {
+    fn of(spec: FaultSpec, seed: u64, done: &Done) -> Case {
+        let report = done.landed.as_ref();
+        let fault = report.and_then(|r| r.live.fault.as_ref());
+        let at_s = fault.and_then(|f| f.at_s);
+        let contact = report.and_then(|r| r.live.first_contact_s);
+        Case {
+            fault: spec.to_string(),
+            seed,
+            state: fault.and_then(|f| f.state),
+            at_s,
+            recovery_s: fault.and_then(|f| f.recovery_s),
+            contact_after_s: contact.zip(at_s).map(|(c, f)| c - f),
+            outcome: report.map(|r| r.outcome.outcome),
+            reason: report.map_or_else(
+                || done.output.lines().last().unwrap_or_default().to_string(),
+                |r| r.outcome.reason.clone(),
+            ),
+            unsafe_contacts: report.map_or(0, |r| r.outcome.unsafe_contacts),
+            position_error_m: report.and_then(|r| r.outcome.position_error_m),
+            attempts: report.map_or(0, |r| r.outcome.attempts),
+            restarts: report.map_or(0, |r| r.live.restarts),
+            leftovers: done.leftovers.clone(),
+            then: report
+                .into_iter()
+                .flat_map(|r| &r.live.phases)
+                .filter(|p| at_s.is_some_and(|at| p.t_s >= at))
+                .map(|p| p.state.clone())
+                .collect(),
+        }
+    }
+    /// Whether the fault met the landing at all.
+    fn was_injected(&self) -> bool {
+        self.at_s.is_some()
+    }
+    /// Not into the water, no unsafe contact but in the flare, back, and nothing left.
+    fn holds(&self) -> bool {
+        let in_flare = self.state == Some(State::Flare);
+        self.was_injected()
+            && self.outcome.is_some_and(|o| o != Ending::Water)
+            && (self.unsafe_contacts == 0 || in_flare)
+            && self.recovery_s.is_some()
+            && self.leftovers.is_empty()
+    }
+    fn line(&self) -> String {
+        let seconds = |v: Option<f64>| v.map_or_else(|| "-".into(), |v| format!("{v:.2}"));
+        format!(
+            "{:<28} seed {:<5} {:<15} back {:>5} s  {:<9} {} unsafe, {} attempts, contact {:>6} s after  {}{}",
+            self.fault,
+            self.seed,
+            self.state.map_or("never", State::name),
+            seconds(self.recovery_s),
+            self.outcome.map_or("none", Ending::name),
+            self.unsafe_contacts,
+            self.attempts,
+            seconds(self.contact_after_s),
+            table::verdict(if self.holds() { "holds" } else { "FAILS" }, self.holds()),
+            if self.outcome == Some(Ending::Success) {
+                String::new()
+            } else {
+                format!(": {}", self.reason)
+            },
+        )
+    }
+}
+
+/// Flies all cases and shows the table.
+pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
+    let mut specs = args.fault.clone();
+    if specs.is_empty() {
+        for state in PHASES {
+            for process in PROCESSES {
+                for kind in FaultKind::ALL {
+                    specs.push(FaultSpec { process, kind, state });
+                }
+            }
+        }
+    }
+    let specs: Vec<FaultSpec> = (0..args.repeat).flat_map(|_| specs.clone()).collect();
+    let seed = |k: usize| args.seed0 + k as u64;
+    let jobs: Vec<Job> = specs
+        .iter()
+        .enumerate()
+        .map(|(k, spec)| Job {
+            instance: format!("{}-{k}", args.instance),
+            flags: ["--seed", &seed(k).to_string(), "--fault", &spec.to_string()]
+                .map(str::to_string)
+                .into_iter()
+                .chain(args.land.clone())
+                .collect(),
+        })
+        .collect();
+    let case = |k: usize, done: &Done| specs.get(k).map(|spec| Case::of(*spec, seed(k), done));
+    let done = fleet::fly(&jobs, usize::from(args.jobs), |k, d| {
+        if let Some(case) = case(k, d) {
+            note(args.json, case.line());
+        }
+    })?;
+    let cases: Vec<Case> = done.iter().enumerate().filter_map(|(k, d)| case(k, d)).collect();
+    note(args.json, matrix(&specs, &cases));
+    let held = cases.iter().filter(|c| c.holds()).count();
+    note(
+        args.json,
+        format!(
+            "{held} of {} cases hold: not into the water, no unsafe contact but after a fault in the flare, the process back, nothing left behind",
+            cases.len()
+        ),
+    );
+    if args.json {
+        terminal::line(serde_json::to_string(&cases).map_err(|e| CliError::because("writing JSON", e))?);
+    }
+    Ok(if held == cases.len() {
+        Exit::Success
+    } else {
+        Exit::Failed
+    })
+}
+
+/// Process and kind by phase: landed of flown, unsafe contacts.
+fn matrix(specs: &[FaultSpec], cases: &[Case]) -> String {
+    let mut out = String::from("\n| process | fault |");
+    let mut states: Vec<State> = specs.iter().map(|s| s.state).collect();
+    states.sort_unstable();
+    states.dedup();
+    for state in &states {
+        out.push_str(&format!(" {} |", state.name()));
+    }
+    out.push_str(&format!("\n|---|---|{}\n", "---|".repeat(states.len())));
+    for process in PROCESSES {
+        for kind in FaultKind::ALL {
+            let row: Vec<String> = states
+                .iter()
+                .map(|state| {
+                    let these = specs
+                        .iter()
+                        .zip(cases)
+                        .filter(|(s, _)| s.process == process && s.kind == kind && s.state == *state);
+                    let (mut flown, mut landed, mut unsafe_contacts, mut missing) = (0, 0, 0, 0);
+                    for (_, c) in these {
+                        flown += 1;
+                        landed += u32::from(c.outcome == Some(Ending::Success));
+                        unsafe_contacts += u32::from(c.unsafe_contacts > 0);
+                        missing += u32::from(!c.was_injected());
+                    }
+                    let mut text = format!("{landed} of {flown} landed");
+                    for (n, what) in [(unsafe_contacts, "unsafe"), (missing, "not met")] {
+                        if n > 0 {
+                            text.push_str(&format!(", {n} {what}"));
+                        }
+                    }
+                    if flown == 0 { "-".into() } else { text }
+                })
+                .collect();
+            if row.iter().any(|t| t != "-") {
+                out.push_str(&format!(
+                    "| {} | {} | {} |\n",
+                    process.name(),
+                    kind.name(),
+                    row.join(" | ")
+                ));
+            }
+        }
+    }
+    out
+}

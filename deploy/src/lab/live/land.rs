@@ -1,0 +1,574 @@
+//! `alight land`: every process of vessel and drone on this machine, the simulated world as the
+//! vehicles, one landing in real time.
+
+use std::io::{IsTerminal, Write};
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::frames::Datum;
+use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_shared::transport::memory::{Memory, Publisher, Services};
+use alight_shared::transport::process::ProcessKind;
+use alight_shared::transport::radio::RadioConfig;
+use alight_shared::transport::wake::end_requested;
+use alight_sim::autopilots::FirmwareConfig;
+use alight_sim::physics::streams::Streams;
+use alight_sim::sensors::clocks::{ClockModel, Clocks};
+use alight_uav::autopilot::AutopilotLinkConfig;
+use alight_usv::DeckConfig;
+use serde::Serialize;
+
+use crate::config::camera::{CameraSource, UltravioletSource};
+use crate::config::supervision::Supervision;
+use crate::config::{DroneComputer, SimulatedWorld, VesselComputer};
+use crate::exit::{CliError, Exit};
+use crate::lab::live::air::{RadioPath, RadioWatch};
+use crate::lab::live::args::LandArgs;
+use crate::lab::live::fault::Fault;
+use crate::lab::live::follow;
+use crate::lab::live::plant::AutopilotKind;
+use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
+use crate::lab::live::usage::UsageLog;
+use crate::lab::live::world::WorldReport;
+use crate::lab::scene::Scene;
+use crate::lab::{plot, table};
+use crate::process::instance::OwnedInstance;
+use crate::process::life::{draw_boot, end_with_supervisor};
+use crate::process::observer::Observer;
+use crate::process::relay::{DroneRelay, Tap};
+use crate::process::supervisor::{Event, Supervisor, pause};
+use crate::terminal;
+use crate::terminal::note;
+
+/// The world's time zero lies this much in the future when the processes start, ns.
+const START_DELAY_NS: i64 = 1_500_000_000;
+/// The supervisor looks after things this often.
+const SUPERVISION_PERIOD: Duration = Duration::from_millis(50);
+/// A process that a fault met has this long to be heard again after the landing, ns.
+const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
+/// Entries of the mission's states that are kept.
+const MAX_PHASES: usize = 1000;
+/// Where the simulated sea is for a firmware, in the Adriatic.
+const AT_SEA: Datum = Datum {
+    latitude_deg: 43.5,
+    longitude_deg: 16.3,
+    height_m: 0.0,
+};
+/// A command that shows no effect is repeated after this long, s.
+const COMMAND_REPEAT_S: f64 = 1.0;
+
+/// What is flown, with the flags of the live system over it.
+pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
+    let mut scene = Scene::of(&args.scene)?;
+    if let Some(warm_up_s) = args.warm_up {
+        scene.scenario.start.warm_up_s = warm_up_s;
+        scene.scenario.start.hover_s = scene.scenario.start.hover_s.min(warm_up_s);
+    }
+    if args.autopilot != AutopilotKind::Internal {
+        // A firmware has an origin of its own, and takes no place at 0 N 0 E.
+        let datum = &mut scene.scenario.sensors.vessel_gnss.datum;
+        if *datum == Datum::default() {
+            *datum = AT_SEA;
+        }
+        scene.nodes.drone.predictor.datum = Some(*datum);
+    }
+    if args.follow.is_some() {
+        follow::disable_landing(&mut scene);
+    }
+    Ok(scene)
+}
+
+/// One landing.
+pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
+    let scene = scene(args)?;
+    if let Some(path) = &args.plot {
+        plot::can_write(path)?;
+    }
+    if i64::try_from(args.seed).is_err() {
+        return Err(CliError(format!(
+            "--seed {}: at most {}; choose a smaller one",
+            args.seed,
+            i64::MAX
+        )));
+    }
+    // The first question puts the handler in place: a signal from here on stops the processes instead
+    // of leaving them to find out.
+    if end_requested() {
+        return Ok(Exit::Failed);
+    }
+    let owned = OwnedInstance::take(&args.instance)?;
+    let memory = Memory::join(owned.instance(), "supervisor")?;
+    let services = Services::create(&memory)?;
+    owned.ready()?;
+    let plan = LandingSetup::of(&scene, args, &owned)?;
+    let landing = match Landing::begin(args, &memory, &plan, &owned) {
+        // A signal can end a start half way; what it broke there is no error of the input.
+        Err(_) if !memory.wait(Duration::from_millis(1)) => {
+            eprintln!("stopped");
+            return Ok(Exit::Failed);
+        }
+        begun => begun?,
+    };
+    let ended = landing.run(&memory);
+    let ended = ended.and_then(|ending| {
+        if let Some(ending) = &ending {
+            record(args, &scene, &plan, ending)?;
+        }
+        Ok(ending)
+    });
+    drop(services);
+    drop(memory);
+    drop(owned);
+    match ended? {
+        Some(ending) => ending.show(args),
+        None => {
+            eprintln!("stopped");
+            Ok(Exit::Failed)
+        }
+    }
+}
+
+/// Where the landing is recorded to.
+fn recording(args: &LandArgs) -> Option<&Path> {
+    args.record.as_deref()
+}
+
+/// Records the landing that just ended, when it was asked for.
+fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) -> Result<(), CliError> {
+    let (Some(path), Some(log), WorldReport::Landed(landed)) = (recording(args), &plan.log, &ending.result)
+    else {
+        return Ok(());
+    };
+    let computers = crate::lab::live::recording::Computers {
+        vessel: &plan.vessel,
+        drone: &plan.drone,
+    };
+    let subject = crate::record::Subject {
+        scenario: &scene.scenario,
+        nodes: &scene.nodes,
+        seed: args.seed,
+        sea: &scene.sea,
+        boots: Default::default(),
+    };
+    let again = crate::lab::live::recording::write(path, log, &computers, subject, &landed.outcome)?;
+    for process in again {
+        note(
+            true,
+            format!("the recording has the {process} up to its first end only"),
+        );
+    }
+    note(args.json, format!("recording: {}", path.display()));
+    Ok(())
+}
+
+/// How a landing that was not stopped from outside ended.
+struct Ending {
+    result: WorldReport,
+    usage: String,
+    report: LiveReport,
+}
+
+impl Ending {
+    fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
+        let json = |e| CliError::because("writing JSON", e);
+        let report = format!("{}{}", self.usage, self.report.text());
+        match self.result {
+            WorldReport::Followed(followed) => {
+                note(true, report);
+                let text = serde_json::to_string(&followed).map_err(json)?;
+                terminal::line(if args.json { text } else { followed.to_string() });
+                Ok(Exit::Success)
+            }
+            WorldReport::Landed(landed) => {
+                let outcome = landed.outcome;
+                let end = if outcome.success {
+                    Exit::Success
+                } else {
+                    Exit::Failed
+                };
+                if args.json {
+                    note(true, report);
+                    let live = LiveReport {
+                        first_contact_s: landed.first_contact_s,
+                        ..self.report
+                    };
+                    terminal::line(serde_json::to_string(&LiveOutcome { outcome, live }).map_err(json)?);
+                } else {
+                    terminal::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
+                    if let Some(path) = &args.plot {
+                        terminal::line(format_args!("plot: {}", path.display()));
+                    }
+                }
+                Ok(end)
+            }
+        }
+    }
+}
+
+/// The files of the computers, and the drone's clock.
+struct LandingSetup {
+    air: RadioPath,
+    vessel: VesselComputer,
+    drone: DroneComputer,
+    vessel_file: PathBuf,
+    drone_file: PathBuf,
+    world: PathBuf,
+    log: Option<PathBuf>,
+    clock: ProcessClock,
+    warm_up_s: f64,
+    ids: (u32, u32),
+}
+
+impl LandingSetup {
+    fn of(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<LandingSetup, CliError> {
+        let epoch_ns = steady_ns() + START_DELAY_NS;
+        let streams = Streams::new(args.seed);
+        let clocks = Clocks::new(&scene.scenario.sensors.clocks, &streams);
+        let clock = |c: &ClockModel| ProcessClock {
+            epoch_ns,
+            offset_s: c.offset().secs(),
+            drift_ppm: c.drift() * 1e6,
+        };
+        let air = RadioPath::of(scene, args, owned, epoch_ns)?;
+        let [vessel_tls, drone_tls] = air.tls.clone();
+        let sensors = format!("127.0.0.1:{}", free_port()?);
+        let relay = if args.relay {
+            Some(DroneRelay {
+                port: free_port()?,
+                socket: owned.file("relay"),
+            })
+        } else {
+            None
+        };
+        let vessel = VesselComputer {
+            vessel_id: scene.nodes.bridge.vessel_id,
+            sensors: sensors.clone(),
+            clock: clock(&clocks.vessel),
+            radio: RadioConfig {
+                listen: vec![air.listen.clone()],
+                tls: vessel_tls,
+                ..RadioConfig::default()
+            },
+            impairment: air.impairment.clone(),
+            relay: relay.as_ref().map(|r| format!("{}:{}", air.drone_host(), r.port)),
+            deck: DeckConfig::default(),
+            vessel: scene.nodes.vessel.clone(),
+            ..VesselComputer::default()
+        };
+        let drone = DroneComputer {
+            instance: args.instance.clone(),
+            clock: clock(&clocks.drone),
+            radio: RadioConfig {
+                connect: vec![air.dial.clone()],
+                tls: drone_tls,
+                ..RadioConfig::default()
+            },
+            impairment: air.impairment.clone(),
+            relay,
+            autopilot: AutopilotLinkConfig {
+                connect: args.connect.clone().unwrap_or(args.autopilot.connect().into()),
+                ..AutopilotLinkConfig::default()
+            },
+            bridge: scene.nodes.bridge.clone(),
+            camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
+            uvdar: UltravioletSource::default(),
+            supervision: Supervision::default(),
+            drone: scene.nodes.drone.clone(),
+        };
+        let world = SimulatedWorld {
+            instance: args.instance.clone(),
+            sensors,
+            epoch_ns,
+            seed: args.seed,
+            sea: scene.sea.clone(),
+            planner: scene.nodes.drone.planner.kind.name().into(),
+            follow_s: args.follow,
+            truth: recording(args).is_some(),
+            plot: args.plot.clone(),
+            autopilot: args.autopilot,
+            firmware: match &args.firmware {
+                Some(path) => config::load(path).map_err(|e| CliError(e.to_string()))?,
+                None => FirmwareConfig::default(),
+            },
+            odometry: scene.nodes.drone.odometry,
+            scenario: scene.scenario.clone(),
+        };
+        Ok(LandingSetup {
+            air,
+            vessel_file: write(owned, "vessel.toml", &vessel)?,
+            drone_file: write(owned, "drone.toml", &drone)?,
+            world: write(owned, "world.toml", &world)?,
+            clock: drone.clock,
+            warm_up_s: scene.scenario.start.warm_up_s,
+            ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
+            // What is recorded needs a log, and without --log it goes with the instance.
+            log: match (&args.log, recording(args)) {
+                (Some(log), _) => Some(log.clone()),
+                (None, Some(_)) => Some(owned.file("log")),
+                (None, None) => None,
+            },
+            vessel,
+            drone,
+        })
+    }
+}
+
+/// Writes a configuration into the instance's directory.
+pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Result<PathBuf, CliError> {
+    let path = owned.file(name);
+    let text = toml::to_string(config).map_err(|e| CliError::because(format!("writing {name}"), e))?;
+    std::fs::write(&path, text).map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
+    Ok(path)
+}
+
+/// A port of the loopback interface that is free now.
+pub fn free_port() -> Result<u16, CliError> {
+    let socket =
+        UdpSocket::bind("127.0.0.1:0").map_err(|e| CliError::because("looking for a free port", e))?;
+    Ok(socket
+        .local_addr()
+        .map_err(|e| CliError::because("looking for a free port", e))?
+        .port())
+}
+
+/// The world's last word among what it said.
+fn verdict(lines: &[String]) -> Option<WorldReport> {
+    lines.iter().find_map(|line| serde_json::from_str(line).ok())
+}
+
+/// A landing under way.
+struct Landing<'a> {
+    args: &'a LandArgs,
+    plan: &'a LandingSetup,
+    supervisor: Supervisor,
+    observer: Observer,
+    commands: Publisher<Command>,
+    boot: u32,
+    sequence: u32,
+    commanded_s: f64,
+    state: State,
+    phases: Vec<PhaseEntry>,
+    fault: Option<Fault>,
+    stop_requested: Arc<AtomicBool>,
+    usage: Option<UsageLog>,
+    watch: RadioWatch,
+    tap: Option<Tap>,
+}
+
+impl<'a> Landing<'a> {
+    fn begin(
+        args: &'a LandArgs,
+        memory: &Memory,
+        plan: &'a LandingSetup,
+        owned: &OwnedInstance,
+    ) -> Result<Landing<'a>, CliError> {
+        let observer = Observer::join(memory)?;
+        let tap = plan.drone.relay.as_ref().map(|r| Tap::open(owned.instance(), r));
+        let tap = tap.transpose()?;
+        let commands = memory.publisher()?;
+        let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone());
+        plan.air.start(&mut supervisor)?;
+        for kind in ProcessKind::ALL {
+            let config = match kind {
+                ProcessKind::Link
+                | ProcessKind::Autopilot
+                | ProcessKind::Sensors
+                | ProcessKind::Camera
+                | ProcessKind::Uvdar => continue,
+                ProcessKind::Vessel => &plan.vessel_file,
+                ProcessKind::World => &plan.world,
+                ProcessKind::Bridge
+                | ProcessKind::Predictor
+                | ProcessKind::Mission
+                | ProcessKind::Planner
+                | ProcessKind::Pilot => &plan.drone_file,
+            };
+            supervisor.start(kind, config.clone(), plan.air.enter(kind))?;
+        }
+        if plan.drone.camera.is_there() {
+            let kind = ProcessKind::Camera;
+            supervisor.start(kind, plan.drone_file.clone(), plan.air.enter(kind))?;
+        }
+        if args.autopilot != AutopilotKind::Internal {
+            let kind = ProcessKind::Autopilot;
+            supervisor.start(kind, plan.drone_file.clone(), plan.air.enter(kind))?;
+        }
+        Ok(Landing {
+            args,
+            plan,
+            supervisor,
+            observer,
+            commands,
+            boot: draw_boot(),
+            sequence: 0,
+            commanded_s: f64::NEG_INFINITY,
+            state: State::Idle,
+            phases: Vec::new(),
+            fault: args.fault.map(|spec| Fault::new(spec, args.seed)),
+            stop_requested: end_with_supervisor(args.supervised),
+            usage: args
+                .usage
+                .as_deref()
+                .map(|path| UsageLog::create(path, owned.instance()))
+                .transpose()?,
+            watch: RadioWatch::default(),
+            tap,
+        })
+    }
+
+    /// To the end; None when it was stopped from outside.
+    fn run(mut self, memory: &Memory) -> Result<Option<Ending>, CliError> {
+        let shown = std::io::stderr().is_terminal();
+        loop {
+            if !memory.wait(SUPERVISION_PERIOD) || self.stop_requested.load(Ordering::Relaxed) {
+                self.supervisor.stop(pause);
+                return Ok(None);
+            }
+            let now: Time<DroneClock> = self.plan.clock.now();
+            self.observer.poll(Some(now.nanos()));
+            let true_s = ProcessClock {
+                epoch_ns: self.plan.clock.epoch_ns,
+                ..ProcessClock::default()
+            }
+            .now::<TrueTime>()
+            .secs();
+            self.phase(true_s - self.plan.warm_up_s, shown);
+            self.command(now, true_s - self.plan.warm_up_s);
+            self.poll_fault(true_s - self.plan.warm_up_s)?;
+            if let Some(usage) = &mut self.usage {
+                usage.note(steady_ns(), &self.observer.snapshot)?;
+            }
+            let said = self.supervisor.output_lines();
+            let state = self.observer.snapshot.mission.map(|m| m.state);
+            let ages_s = std::mem::take(&mut self.observer.ages_s);
+            let (watch, air) = (&mut self.watch, &self.plan.air);
+            watch.look(air, &said, &ages_s, state, &mut self.supervisor);
+            if let Some(outcome) = verdict(&said) {
+                self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                return Ok(Some(self.finish(outcome)));
+            }
+            for Event::Ended(kind, status) in self.supervisor.poll()? {
+                memory.reap();
+                if kind == ProcessKind::World
+                    && let Some(outcome) = verdict(&self.supervisor.remaining_lines())
+                {
+                    self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
+                    return Ok(Some(self.finish(outcome)));
+                }
+                self.on_exit(kind, &status)?;
+            }
+        }
+    }
+
+    /// A process ended that should not have.
+    fn on_exit(&mut self, kind: ProcessKind, status: &str) -> Result<(), CliError> {
+        let why = self.supervisor.last_error_line(kind).unwrap_or_default();
+        if kind == ProcessKind::World {
+            return Err(CliError(format!("the simulated world ended ({status}): {why}")));
+        }
+        eprintln!("{} ended ({status}) and is started again; {why}", kind.name());
+        Ok(())
+    }
+
+    /// Lets the fault happen when it is time.
+    fn poll_fault(&mut self, t_s: f64) -> Result<(), CliError> {
+        let Some(fault) = &mut self.fault else {
+            return Ok(());
+        };
+        if fault.poll(steady_ns(), t_s, &self.observer.snapshot)? {
+            note(
+                self.args.json,
+                format!("{t_s:>7.2} s  fault {}", fault.report.fault),
+            );
+        }
+        Ok(())
+    }
+
+    /// The landing is over: waits a little for a process that a fault met and that has not been heard
+    /// again yet.
+    fn await_recovery(&mut self, memory: &Memory, t_s: f64) -> Result<(), CliError> {
+        let until = steady_ns() + RECOVERY_TIMEOUT_NS;
+        while self.fault.as_ref().is_some_and(Fault::is_under_way) && steady_ns() < until {
+            if !memory.wait(SUPERVISION_PERIOD) {
+                break;
+            }
+            self.observer.poll(None);
+            self.poll_fault(t_s)?;
+            self.supervisor.poll()?;
+        }
+        Ok(())
+    }
+
+    /// Shows the phase and the line below it.
+    fn phase(&mut self, t_s: f64, shown: bool) {
+        if shown {
+            eprint!("\r\x1b[K");
+        }
+        if let Some(m) = self.observer.snapshot.mission
+            && m.state != self.state
+        {
+            self.state = m.state;
+            note(
+                self.args.json,
+                format!("{t_s:>7.2} s  {:<16} {}", m.state.name(), m.entered),
+            );
+            if self.phases.len() < MAX_PHASES {
+                self.phases.push(PhaseEntry {
+                    t_s,
+                    state: m.state.name().into(),
+                    reason: m.entered.to_string(),
+                });
+            }
+        }
+        if shown {
+            eprint!("{t_s:>7.2} s  {}", self.observer.snapshot.line());
+            let _unseen = std::io::stderr().flush();
+        }
+    }
+
+    /// Commands the landing when it is time, and again while a mission that began anew waits for it.
+    fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
+        let waits =
+            self.observer.snapshot.mission.is_some_and(|m| {
+                m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotCommanded)
+            });
+        let first = self.sequence == 0;
+        if t_s < 0.0 || !(first || waits && t_s > self.commanded_s + COMMAND_REPEAT_S) {
+            return;
+        }
+        self.sequence += 1;
+        self.commanded_s = t_s;
+        let (vessel, drone) = self.plan.ids;
+        let header = Header::new(vessel, drone, self.boot, self.sequence, now);
+        self.commands.send(&Command {
+            header,
+            kind: CommandKind::Land,
+        });
+    }
+
+    /// The world's word, and what the processes used.
+    fn finish(mut self, result: WorldReport) -> Ending {
+        let snapshot = &self.observer.snapshot;
+        let ending = Ending {
+            result,
+            usage: [snapshot.usage(steady_ns()), snapshot.stages(), snapshot.radio()].concat(),
+            report: LiveReport {
+                phases: std::mem::take(&mut self.phases),
+                fault: self.fault.take().map(|f| f.report),
+                stages: self.tap.as_ref().map_or_else(Vec::new, |t| t.rows(snapshot)),
+                radio: self
+                    .watch
+                    .report((steady_ns() - self.plan.clock.epoch_ns) as f64 * 1e-9, snapshot),
+                ..LiveReport::of(snapshot, self.supervisor.restarts())
+            },
+        };
+        self.supervisor.stop(pause);
+        ending
+    }
+}

@@ -1,0 +1,26 @@
+//! Landings in real time: the nodes as processes over zenoh and iceoryx2, the simulated vehicles as a
+//! process beside them, and what is done to them in between.
+
+pub mod air;
+pub mod args;
+pub mod compare;
+pub mod emulator;
+pub mod fault;
+pub mod faults;
+pub mod fleet;
+pub mod follow;
+pub mod land;
+pub mod lands;
+pub mod latency;
+pub mod namespaces;
+pub mod packets;
+pub mod plant;
+pub mod profile;
+pub mod recording;
+pub mod render_thread;
+pub mod replay;
+pub mod report;
+pub mod simulated_autopilot;
+pub mod truth;
+pub mod usage;
+pub mod world;

@@ -1,0 +1,385 @@
+//! The world's end of a firmware's lock-step: sockets around [`alight_sim::autopilots`]. A firmware that
+//! is not there, or answers too late, is not waited for: the drone stands on its pad, or flies on with
+//! the motors of before, and the sea goes on in real time.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::time::Duration;
+
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_shared::transport::memory::Memory;
+use alight_sim::autopilots::px4::Px4Plant;
+use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
+use alight_sim::physics::drone::ROTORS;
+use alight_sim::physics::{Physics, PlantState, TICK};
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+
+use crate::exit::CliError;
+use crate::lab::live::world::wait_until;
+use crate::terminal;
+
+/// Who flies the simulated drone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum AutopilotKind {
+    /// The simulated autopilot.
+    #[default]
+    Internal,
+    /// PX4, over its simulator API (TCP 4560).
+    Px4,
+    /// ArduPilot, over its JSON backend (UDP 9002).
+    Ardupilot,
+}
+
+impl AutopilotKind {
+    /// Where its MAVLink is found when it runs on this computer.
+    pub const fn connect(self) -> &'static str {
+        match self {
+            AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://0.0.0.0:14540",
+            AutopilotKind::Ardupilot => "tcpout://127.0.0.1:5760",
+        }
+    }
+}
+
+/// A read waits this long at a time.
+const READ: Duration = Duration::from_millis(2);
+/// Silence of a firmware after which its motors are off, ns.
+const GONE_NS: i64 = 1_000_000_000;
+/// Reads in one slice, at most.
+const MAX_READS: u32 = 64;
+
+/// The link to one firmware.
+enum Link {
+    Px4 {
+        door: TcpListener,
+        stream: Option<TcpStream>,
+        plant: Box<Px4Plant>,
+    },
+    Ardupilot {
+        socket: UdpSocket,
+        /// Who asked last, and its packet's number.
+        asker: Option<(SocketAddr, u32)>,
+        motors: Option<[f64; ROTORS]>,
+    },
+}
+
+/// What came of one slice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    Answered,
+    /// The firmware does not answer each sample, and this one is not its turn.
+    NoneDue,
+    /// Not in time.
+    Unanswered,
+}
+
+/// A plant for a firmware.
+pub struct Plant {
+    link: Link,
+    config: FirmwareConfig,
+    /// Exchanges in a tick.
+    exchanges: u32,
+    heard_ns: i64,
+    late: u64,
+}
+
+impl Plant {
+    /// Listens where the firmware looks for a simulator; None for the simulated autopilot.
+    pub fn open(
+        kind: AutopilotKind,
+        config: &FirmwareConfig,
+        sensors: FirmwareSensors,
+    ) -> Result<Option<Plant>, CliError> {
+        let (usual, hz) = match kind {
+            AutopilotKind::Internal => return Ok(None),
+            AutopilotKind::Px4 => (px4::PORT, px4::EXCHANGE_HZ),
+            AutopilotKind::Ardupilot => (ardupilot::PORT, ardupilot::EXCHANGE_HZ),
+        };
+        let port = if config.port == 0 { usual } else { config.port };
+        let doing = || format!("listening for the firmware on port {port}");
+        let link = match kind {
+            AutopilotKind::Internal => return Ok(None),
+            AutopilotKind::Px4 => {
+                let door = TcpListener::bind(("0.0.0.0", port))
+                    .and_then(|door| door.set_nonblocking(true).map(|()| door))
+                    .map_err(|e| CliError::because(doing(), e))?;
+                Link::Px4 {
+                    door,
+                    stream: None,
+                    plant: Box::new(Px4Plant::new(config, sensors)),
+                }
+            }
+            AutopilotKind::Ardupilot => {
+                let socket = UdpSocket::bind(("0.0.0.0", port))
+                    .and_then(|s| s.set_read_timeout(Some(READ)).map(|()| s))
+                    .map_err(|e| CliError::because(doing(), e))?;
+                Link::Ardupilot {
+                    socket,
+                    asker: None,
+                    motors: None,
+                }
+            }
+        };
+        Ok(Some(Plant {
+            link,
+            config: config.clone(),
+            exchanges: config.exchanges(hz),
+            heard_ns: 0,
+            late: 0,
+        }))
+    }
+    /// Slices in which the firmware did not answer in time.
+    pub fn late(&self) -> u64 {
+        self.late
+    }
+    /// Moves the world on by one tick, each slice when the clock has come to it.
+    pub fn advance(&mut self, physics: &mut Physics, memory: &Memory, clock: &ProcessClock) {
+        physics.advance_with_firmware(self.exchanges, |sensed| {
+            wait_until(memory, clock, sensed.at);
+            self.exchange(sensed)
+        });
+    }
+
+    /// What the drone feels to the firmware, its motors back.
+    fn exchange(&mut self, sensed: &PlantState) -> Option<[f64; ROTORS]> {
+        let now = steady_ns();
+        let answer_timeout_ns = (self.config.answer_timeout_s * 1e9) as i64;
+        // Who was not heard lately is not waited for.
+        let present = now - self.heard_ns < GONE_NS;
+        let until = now + if present { answer_timeout_ns } else { 0 };
+        let rate_hz = f64::from(self.exchanges) / TICK.secs();
+        let (turn, motors) = match &mut self.link {
+            Link::Px4 { door, stream, plant } => {
+                if stream.is_none()
+                    && let Ok((new, from)) = door.accept()
+                    && new
+                        .set_nonblocking(false)
+                        .and_then(|()| new.set_nodelay(true))
+                        .and_then(|()| new.set_read_timeout(Some(READ)))
+                        .is_ok()
+                {
+                    terminal::line(format_args!("world: PX4 is there ({from})"));
+                    *stream = Some(new);
+                }
+                let sent = plant.encode_sensors(sensed, rate_hz);
+                let answered = stream.as_mut().map(|s| px4_turn(s, plant, &sent, until));
+                if matches!(answered, Some(Err(()))) {
+                    terminal::line("world: PX4 closed the link");
+                    *stream = None;
+                    plant.lost();
+                }
+                let turn = match answered {
+                    Some(Ok(turn)) => turn,
+                    Some(Err(())) | None => Turn::Unanswered,
+                };
+                (turn, plant.motors())
+            }
+            Link::Ardupilot {
+                socket,
+                asker,
+                motors,
+            } => {
+                let answer = ardupilot::answer(sensed, 0.0);
+                // The packet of the last slice is answered with where it led.
+                if let Some((to, _)) = asker {
+                    let _lost = socket.send_to(answer.as_bytes(), *to);
+                }
+                let received = ardupilot_turn(socket, asker, &answer, until);
+                let turn = match received {
+                    Some(servos) => {
+                        *motors = ardupilot::rotors(&self.config, &servos);
+                        Turn::Answered
+                    }
+                    None => Turn::Unanswered,
+                };
+                if turn == Turn::Unanswered && now - self.heard_ns > GONE_NS {
+                    (*motors, *asker) = (None, None);
+                }
+                (turn, *motors)
+            }
+        };
+        match turn {
+            Turn::Answered => self.heard_ns = now,
+            Turn::NoneDue => {}
+            Turn::Unanswered => self.late += u64::from(present),
+        }
+        motors
+    }
+}
+
+/// Sends what the sensors say and, where motors are due, reads until they came or it is `until`. Err: the
+/// link is gone.
+fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Result<Turn, ()> {
+    stream.write_all(sent).map_err(|_| ())?;
+    if !plant.due() {
+        return Ok(Turn::NoneDue);
+    }
+    let mut buffer = [0_u8; 2048];
+    for _ in 0..MAX_READS {
+        match stream.read(&mut buffer) {
+            Ok(0) => return Err(()),
+            Ok(n) if plant.decode(buffer.get(..n).unwrap_or_default()) => return Ok(Turn::Answered),
+            Ok(_) => {}
+            Err(e)
+                if matches!(
+                    e.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) => {}
+            Err(_) => return Err(()),
+        }
+        if steady_ns() >= until {
+            break;
+        }
+    }
+    Ok(Turn::Unanswered)
+}
+
+/// Waits until `until` for a new packet; one that comes again is answered again.
+fn ardupilot_turn(
+    socket: &UdpSocket,
+    asker: &mut Option<(SocketAddr, u32)>,
+    answer: &str,
+    until: i64,
+) -> Option<ardupilot::Servos> {
+    let mut buffer = [0_u8; 256];
+    for _ in 0..MAX_READS {
+        if let Ok((n, from)) = socket.recv_from(&mut buffer)
+            && let Some(servos) = ardupilot::servos(buffer.get(..n).unwrap_or_default())
+        {
+            if *asker == Some((from, servos.frame)) {
+                let _lost = socket.send_to(answer.as_bytes(), from);
+            } else {
+                if asker.is_none() {
+                    terminal::line(format_args!("world: ArduPilot is there ({from})"));
+                }
+                *asker = Some((from, servos.frame));
+                return Some(servos);
+            }
+        }
+        if steady_ns() >= until {
+            break;
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::time::Time;
+    use alight_sim::physics::streams::Streams;
+    use alight_uav::autopilot::message::{Address, Message};
+    use alight_uav::autopilot::wire::{Decoder, encode};
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    /// Slices that are exchanged at most before a test gives up.
+    const MOST: i64 = 2000;
+
+    fn sensed(k: i64) -> PlantState {
+        PlantState {
+            at: Time::from_nanos(k * 2_500_000),
+            position: Vector3::new(0.0, 0.0, -1.0),
+            velocity: Vector3::zeros(),
+            attitude: UnitQuaternion::identity(),
+            rates: Vector3::zeros(),
+            specific_force: Vector3::new(0.0, 0.0, -9.8),
+        }
+    }
+    fn open(kind: AutopilotKind, port: u16) -> Plant {
+        let c = FirmwareConfig {
+            port,
+            ..FirmwareConfig::default()
+        };
+        let sensors = FirmwareSensors::new(&c, &Default::default(), Default::default(), &Streams::new(1));
+        Plant::open(kind, &c, sensors).unwrap().unwrap()
+    }
+    /// Exchanges until the motors are as `wanted`; the slice in which they were.
+    fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; ROTORS]>) -> bool) -> i64 {
+        (from..from + MOST)
+            .find(|k| {
+                let done = wanted(plant.exchange(&sensed(*k)));
+                crate::process::supervisor::pause(Duration::from_millis(1));
+                done
+            })
+            .expect("the motors as wanted")
+    }
+    fn quarter(motors: Option<[f64; ROTORS]>) -> bool {
+        motors.is_some_and(|m| m.iter().all(|s| (s - 0.25).abs() < 1e-3))
+    }
+
+    #[test]
+    fn px4_connects_is_answered_in_lock_step_and_its_end_stops_the_motors() {
+        let port = crate::lab::live::land::free_port().unwrap();
+        let mut plant = open(AutopilotKind::Px4, port);
+        // Nobody is there: the drone stands, and nothing waits.
+        assert!(plant.exchange(&sensed(0)).is_none() && plant.late() == 0);
+        let firmware = std::thread::spawn(move || {
+            let mut link = TcpStream::connect(("127.0.0.1", port)).unwrap();
+            let (mut decoder, mut times) = (Decoder::default(), Vec::new());
+            let mut buffer = [0; 2048];
+            while times.len() < 100 {
+                let n = link.read(&mut buffer).unwrap();
+                decoder.push(&buffer[..n]);
+                while let Some(f) = decoder.next_frame() {
+                    if let Message::HilSensor(s) = f.message {
+                        times.push(s.time_us);
+                        let answer = Message::HilActuators {
+                            time_us: s.time_us,
+                            controls: [0.25; 16],
+                            mode: 129,
+                        };
+                        let px4 = Address {
+                            system: 1,
+                            component: 1,
+                        };
+                        link.write_all(&encode(px4, 0, &answer).unwrap()).unwrap();
+                    }
+                }
+            }
+            times
+        });
+        let k = until(&mut plant, 1, quarter);
+        let end = until(&mut plant, k + 1, |m| m.is_none());
+        assert!(end > k);
+        let times = firmware.join().unwrap();
+        assert!(times.windows(2).all(|w| w[1] == w[0] + 2500), "{times:?}");
+    }
+
+    #[test]
+    fn ardupilot_asks_and_each_packet_is_answered_once_also_when_it_comes_again() {
+        let port = crate::lab::live::land::free_port().unwrap();
+        let mut plant = open(AutopilotKind::Ardupilot, port);
+        let firmware = std::thread::spawn(move || {
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket.connect(("127.0.0.1", port)).unwrap();
+            socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+            let mut stamps = Vec::new();
+            for frame in 0..50_u32 {
+                let mut packet = 18458_u16.to_le_bytes().to_vec();
+                packet.extend(400_u16.to_le_bytes());
+                packet.extend(frame.to_le_bytes());
+                (0..16).for_each(|_| packet.extend(1250_u16.to_le_bytes()));
+                socket.send(&packet).unwrap();
+                if frame == 10 {
+                    // As after an answer that was lost.
+                    socket.send(&packet).unwrap();
+                    let mut buffer = [0; 1024];
+                    socket.recv(&mut buffer).unwrap();
+                }
+                let mut buffer = [0; 1024];
+                let n = socket.recv(&mut buffer).unwrap();
+                let text = String::from_utf8_lossy(&buffer[..n]).into_owned();
+                let stamp = text.split("\"timestamp\":").nth(1).unwrap();
+                stamps.push(stamp.split(',').next().unwrap().parse::<f64>().unwrap());
+            }
+            stamps
+        });
+        let k = until(&mut plant, 1, quarter);
+        // It ends after fifty packets; a second later its motors are off.
+        until(&mut plant, k + 1, |m| m.is_none());
+        let stamps = firmware.join().unwrap();
+        assert!(stamps.windows(2).all(|w| w[1] >= w[0]), "{stamps:?}");
+        assert!(plant.exchange(&sensed(9999)).is_none());
+    }
+}

@@ -1,0 +1,127 @@
+//! What a live landing says beside its outcome: what the processes used, how late things were, what
+//! a fault did.
+
+use alight_shared::transport::process::ProcessKind;
+use alight_sim::harness::outcome::Outcome;
+use serde::{Deserialize, Serialize};
+
+use crate::lab::live::air::RadioReport;
+use crate::lab::live::fault::FaultReport;
+use crate::process::relay;
+use crate::process::snapshot::{Snapshot, time};
+
+/// What one process used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ProcessUsage {
+    /// Its name.
+    pub process: String,
+    /// Processor time by time since its last start, per cent of one core.
+    pub cpu_percent: f64,
+    /// Resident memory, MB.
+    pub memory_mb: f64,
+    /// Median time of one step of its node, s.
+    pub step_p50_s: f64,
+    /// 99th percentile of the same, s.
+    pub step_p99_s: f64,
+}
+
+/// A mission state as it was entered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhaseEntry {
+    /// Time since the start, s.
+    pub t_s: f64,
+    /// The state's name.
+    pub state: String,
+    /// Why it was entered.
+    pub reason: String,
+}
+
+/// Beside the outcome.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LiveReport {
+    /// Starts of processes beyond the first.
+    pub restarts: u32,
+    /// What each process used.
+    pub processes: Vec<ProcessUsage>,
+    /// Measurement on the vessel to set-point on the drone, median and 99th percentile, s.
+    pub vessel_to_set_point_s: [f64; 2],
+    /// Odometry to set-point, the same, s.
+    pub odometry_to_set_point_s: [f64; 2],
+    /// The most that a tick of the simulated world was late, s.
+    pub world_late_s: f64,
+    /// Ticks of it more than one period late.
+    pub world_late_ticks: u64,
+    /// First contact, time since the start, s.
+    pub first_contact_s: Option<f64>,
+    /// The mission's states.
+    pub phases: Vec<PhaseEntry>,
+    /// The link.
+    pub radio: RadioReport,
+    /// Stage by stage, beside plain relays.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stages: Vec<relay::Stage>,
+    /// The fault that was asked for.
+    pub fault: Option<FaultReport>,
+}
+
+/// An outcome and what a live landing says beside it: one JSON object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LiveOutcome {
+    /// As of a trial.
+    #[serde(flatten)]
+    pub outcome: Outcome,
+    /// Beside it.
+    pub live: LiveReport,
+}
+
+impl LiveReport {
+    /// From what the processes said last.
+    pub fn of(snapshot: &Snapshot, restarts: u32) -> LiveReport {
+        let figure = |kind, k| snapshot.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
+        let pilot = |k| figure(ProcessKind::Pilot, k);
+        LiveReport {
+            restarts,
+            processes: snapshot
+                .processes
+                .values()
+                .map(|p| ProcessUsage {
+                    process: p.kind.name().into(),
+                    cpu_percent: 100.0 * p.cpu_s / ((p.at_ns - p.began_ns) as f64 * 1e-9).max(1e-3),
+                    memory_mb: p.resident_bytes as f64 / 1e6,
+                    step_p50_s: p.step_p50_s,
+                    step_p99_s: p.step_p99_s,
+                })
+                .collect(),
+            vessel_to_set_point_s: [pilot(0), pilot(1)],
+            odometry_to_set_point_s: [pilot(2), pilot(3)],
+            world_late_s: figure(ProcessKind::World, 0),
+            world_late_ticks: figure(ProcessKind::World, 1) as u64,
+            ..LiveReport::default()
+        }
+    }
+    /// In words, below the table of the processes.
+    pub fn text(&self) -> String {
+        let [a, b] = self.vessel_to_set_point_s.map(time);
+        let [c, d] = self.odometry_to_set_point_s.map(time);
+        let mut out = format!(
+            "  measurement on the vessel to set-point: {a} (p50), {b} (p99); odometry to set-point: {c}, {d}\n  \
+             the world's worst tick was {} late, {} ticks more than one period; {} restarts\n",
+            time(self.world_late_s),
+            self.world_late_ticks,
+            self.restarts
+        );
+        out.push_str(&self.radio.text());
+        out.push_str(&relay::text(&self.stages));
+        if let Some(f) = &self.fault {
+            let what = match (f.at_s, f.state, f.recovery_s) {
+                (Some(at), Some(state), Some(back)) => {
+                    format!("at {at:.2} s in {}, heard again after {back:.2} s", state.name())
+                }
+                (Some(at), Some(state), None) => format!("at {at:.2} s in {}, not heard again", state.name()),
+                _ => "its phase did not come".into(),
+            };
+            out.push_str(&format!("  fault {}: {what}\n", f.fault));
+        }
+        out
+    }
+}

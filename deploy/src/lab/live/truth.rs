@@ -1,0 +1,88 @@
+//! The truth as the world's process logs it: both bodies at the beginning of every tick.
+
+use alight_shared::frames::{DroneBody, Point, Rotation, Vector, VesselBody};
+use alight_sim::physics::Physics;
+use alight_sim::physics::body::RigidState;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// A body: position, velocity, acceleration (NED), attitude (w, x, y, z), angular velocity and
+/// acceleration (body), SI.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Body {
+    vectors: [[f64; 3]; 5],
+    attitude: [f64; 4],
+}
+
+/// Both bodies; the drone once it is there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    vessel: Body,
+    drone: Option<Body>,
+}
+
+impl Body {
+    fn of<B>(s: &RigidState<B>) -> Body {
+        let q = s.attitude.0;
+        Body {
+            vectors: [
+                s.position.0,
+                s.velocity.0,
+                s.acceleration.0,
+                s.rates.0,
+                s.angular_acceleration.0,
+            ]
+            .map(Into::into),
+            attitude: [q.w, q.i, q.j, q.k],
+        }
+    }
+    fn state<B>(&self) -> RigidState<B> {
+        let [p, v, a, w, dw] = self.vectors.map(Vector3::from);
+        let [qw, x, y, z] = self.attitude;
+        RigidState {
+            position: Point::from(p),
+            velocity: Vector::from(v),
+            acceleration: Vector::from(a),
+            // It was a unit quaternion: dividing by its length again could move a bit.
+            attitude: Rotation::from(UnitQuaternion::new_unchecked(Quaternion::new(qw, x, y, z))),
+            rates: Vector::from(w),
+            angular_acceleration: Vector::from(dw),
+        }
+    }
+}
+
+impl Truth {
+    /// The truth now.
+    pub fn of(physics: &Physics) -> Truth {
+        Truth {
+            vessel: Body::of(&physics.vessel()),
+            drone: physics.drone().as_ref().map(Body::of),
+        }
+    }
+    /// The vessel's reference point.
+    pub fn vessel(&self) -> RigidState<VesselBody> {
+        self.vessel.state()
+    }
+    /// The drone.
+    pub fn drone(&self) -> Option<RigidState<DroneBody>> {
+        self.drone.as_ref().map(Body::state)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn truth_round_trips_a_body() {
+        let state = RigidState::<DroneBody> {
+            position: Point::from(Vector3::new(1.0, -2.0, 3.5)),
+            velocity: Vector::from(Vector3::new(0.1, 0.2, 0.3)),
+            attitude: Rotation::from(UnitQuaternion::from_euler_angles(0.1, -0.2, 3.0)),
+            ..RigidState::default()
+        };
+        let body = Body::of(&state);
+        assert_eq!(Body::of(&body.state::<DroneBody>()), body);
+        assert_eq!(body.vectors[0], [1.0, -2.0, 3.5]);
+    }
+}

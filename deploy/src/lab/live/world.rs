@@ -1,0 +1,312 @@
+//! The simulated vehicles in real time: the vessel with its sensors, the drone with its autopilot,
+//! camera and rangefinder. Speaks to the other processes only as real ones would, and to its
+//! supervisor by lines on standard output.
+
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::{DeckForecast, MissionState, State};
+use alight_shared::seq::Seq;
+use alight_shared::time::TrueTime;
+use alight_shared::transport::clock::{ProcessClock, steady_ns};
+use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_sim::autopilots::FirmwareSensors;
+use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::trace::Trace;
+use alight_sim::physics::{Physics, TICK};
+use serde::{Deserialize, Serialize};
+
+use crate::config::SimulatedWorld;
+use crate::exit::{CliError, Exit};
+use crate::io::sensor_socket::{Readings, SensorSender};
+use crate::lab::live::args::WorldArgs;
+use crate::lab::live::follow::Followed;
+use crate::lab::live::plant::Plant;
+use crate::lab::live::render_thread::RenderThread;
+use crate::lab::live::simulated_autopilot::SimulatedAutopilot;
+use crate::lab::live::truth::Truth;
+use crate::lab::plot;
+use crate::process::instance::owner;
+use crate::process::life::{Life, draw_boot, log_writer};
+use crate::terminal;
+
+/// What the world tells its supervisor, one JSON object per line.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WorldReport {
+    /// How it ended, judged from the truth.
+    Landed(Box<Landed>),
+    /// It was told to follow only, and followed.
+    Followed(Followed),
+}
+
+/// An outcome and what the report beside it takes from the truth.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Landed {
+    /// The outcome.
+    pub outcome: Outcome,
+    /// First contact, time since the start, s.
+    pub first_contact_s: Option<f64>,
+}
+
+/// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
+/// (s), ticks later than one period, true time since the start (s), slices that a firmware left
+/// unanswered.
+pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
+    let (kind, args) = (args.autopilot, &args.process);
+    let world: SimulatedWorld = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let mut physics = Physics::new(&world.scenario, world.seed)
+        .map_err(|e| CliError::because("setting up the simulated world", e))?;
+    let mut plant = {
+        let (scenario, firmware) = (&world.scenario, &world.firmware);
+        let (navigation, datum) = (&scenario.drone.navigation, scenario.sensors.vessel_gnss.datum);
+        let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
+        Plant::open(kind.unwrap_or(world.autopilot), firmware, sensors)?
+    };
+    let instance = Instance::new(&world.instance)?;
+    let mut computer = DroneSide::join(&instance, &world)?;
+    let sensors = SensorSender::to(&world.sensors)
+        .map_err(|e| CliError::because(format!("sending sensors to {}", world.sensors), e))?;
+    let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
+    let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
+    let clock = ProcessClock {
+        epoch_ns: world.epoch_ns,
+        ..ProcessClock::default()
+    };
+    let deck = &world.scenario.deck;
+    let half_deck = [deck.length_m / 2.0, deck.width_m / 2.0];
+    let mut judge = Judge::default();
+    let mut phase = MissionState::default();
+    let (mut latest_s, mut late_ticks) = (0.0_f64, 0_u32);
+    let mut history = History::new(world.plot.is_some());
+    let mut followed = Followed::default();
+    let mut stays_until_s: Option<f64> = None;
+
+    let mut truth = match &args.log {
+        Some(directory) if world.truth => Some(log_writer(
+            directory,
+            ProcessKind::World,
+            life.boot(),
+            &args.config,
+        )?),
+        Some(_) | None => None,
+    };
+
+    while !life.ended() {
+        computer.rejoin(&instance, &world);
+        let DroneSide {
+            memory,
+            autopilot,
+            mission,
+            forecasts,
+            state,
+            render_thread,
+            ..
+        } = &mut computer;
+        // The truth at `t` is made and measured when the computer's clock reads `t`.
+        let early = physics.now() - clock.now::<TrueTime>();
+        if early.nanos() > 0 {
+            let wait = Duration::from_nanos(early.nanos().unsigned_abs());
+            if !memory.wait(wait.min(Duration::from_millis(100))) {
+                break;
+            }
+            continue;
+        }
+        let late_s = -early.secs();
+        latest_s = latest_s.max(late_s);
+        late_ticks += u32::from(late_s > TICK.secs());
+        let before = steady_ns();
+
+        if physics.drone().is_none() {
+            if plant.is_some() {
+                // A firmware wakes up on the ground, and is flown from there by a person.
+                physics.place_drone_on_pad();
+            } else if physics.now() >= physics.hover_from() {
+                physics.place_drone();
+            }
+        }
+        if let Some(log) = &mut truth {
+            log.write(physics.now().nanos(), &Truth::of(&physics), &());
+        }
+        let readings = physics.vessel_readings();
+        sensors.send(&Readings {
+            imu: readings.imu,
+            gnss: readings.gnss,
+            heading: readings.heading,
+            ..Readings::default()
+        });
+        if let Some(flight) = physics.drone_measurements() {
+            autopilot.publish_detections(&flight.readings);
+            if let Some(render_thread) = render_thread {
+                render_thread.take(&flight.readings.shots);
+            }
+            if plant.is_none() {
+                autopilot.publish(&flight);
+            }
+        }
+        // Set-points have until the next tick to arrive: what the vehicle does in between follows
+        // from what it was told before.
+        let drone_ns = physics.drone_now().nanos();
+        life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
+        if let Some(plant) = &mut plant {
+            plant.advance(&mut physics, memory, &clock);
+        } else {
+            wait_until(memory, &clock, physics.now() + TICK);
+            if let Some(set_point) = autopilot.set_point(drone_ns + TICK.nanos()) {
+                physics.apply(&set_point);
+            }
+            physics.advance();
+        }
+
+        phase = mission.newest(drone_ns).unwrap_or(phase);
+        let unanswered = plant.as_ref().map_or(0, Plant::late) as f64;
+        let t_s = physics.time_since_start().secs();
+        let lost = render_thread.as_ref().map_or(0, RenderThread::lost) as f64;
+        life.figures = Seq::filled([latest_s, f64::from(late_ticks), t_s, unanswered, lost]);
+        history.update(&physics, t_s, &phase);
+        followed.update(t_s, TICK.secs(), phase.state);
+        if world.follow_s.is_some_and(|f| t_s >= f) {
+            break;
+        }
+        let mut seen = physics.observation(&phase);
+        if world.follow_s.is_some() {
+            // The judge's limit is on landings.
+            seen.t_s = seen.t_s.min(TIME_LIMIT_S / 2.0);
+        }
+        if stays_until_s.is_none() && t_s > 0.0 && judge.observe(&seen, half_deck) {
+            stays_until_s = Some(t_s + world.scenario.stay_s);
+        }
+        forecast = forecasts.newest(drone_ns).or(forecast);
+        if judge.first_contact_s().is_some() {
+            ages = ages.or(forecast.map(|f| [f.radio_age_s, f.vision_age_s]));
+        }
+        if stays_until_s.is_some_and(|until| t_s >= until) {
+            break;
+        }
+        let inputs = || {
+            vec![
+                autopilot.set_points.intake().state(drone_ns),
+                mission.intake().state(drone_ns),
+            ]
+        };
+        if let Some(said) = life.state(inputs, autopilot.unsent()) {
+            state.send(&said);
+        }
+    }
+    let sim_time_s = physics.now().secs();
+    let mut outcome = judge.outcome(world.seed, &world.sea, &world.planner, sim_time_s);
+    [outcome.radio_age_s, outcome.vision_age_s] =
+        [0, 1].map(|i: usize| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
+    outcome.digest = format!("{:016x}", physics.digest());
+    outcome.wall_time_s = clock.now::<TrueTime>().secs();
+    if let (Some(path), Some(mut trace)) = (&world.plot, history.trace) {
+        trace.touchdown_s = judge.first_contact_s();
+        plot::landing(&trace, &outcome, path)?;
+    }
+    let untouched = outcome.outcome == Ending::Timeout && outcome.touchdown_speed_mps.is_none();
+    let report = if world.follow_s.is_some() && untouched {
+        WorldReport::Followed(followed)
+    } else {
+        WorldReport::Landed(Box::new(Landed {
+            outcome,
+            first_contact_s: judge.first_contact_s(),
+        }))
+    };
+    let report = serde_json::to_string(&report).map_err(|e| CliError::because("writing the outcome", e))?;
+    terminal::line(report);
+    Ok(Exit::Success)
+}
+
+/// The drone's memory as the simulated vehicle uses it.
+struct DroneSide {
+    owner: Option<u32>,
+    looked_ns: i64,
+    memory: Memory,
+    autopilot: SimulatedAutopilot,
+    mission: Subscriber<MissionState>,
+    forecasts: Subscriber<DeckForecast>,
+    state: Publisher<ProcessState>,
+    /// The simulated camera, where images are rendered.
+    render_thread: Option<RenderThread>,
+}
+
+impl DroneSide {
+    /// Whether the computer was started anew is looked for this often, ns.
+    const LOOK_NS: i64 = 200_000_000;
+
+    fn join(instance: &Instance, world: &SimulatedWorld) -> Result<DroneSide, CliError> {
+        let owner = owner(instance);
+        let memory = Memory::join(instance, "world")?;
+        Ok(DroneSide {
+            owner,
+            looked_ns: steady_ns(),
+            autopilot: SimulatedAutopilot::join(&memory, &world.odometry)?,
+            mission: memory.subscriber()?,
+            forecasts: memory.subscriber()?,
+            state: memory.publisher()?,
+            render_thread: RenderThread::of(instance, &world.scenario, world.seed)?,
+            memory,
+        })
+    }
+    /// A drone flies on while its computer is started anew, as its autopilot lets it; then there is
+    /// another memory to join.
+    fn rejoin(&mut self, instance: &Instance, world: &SimulatedWorld) {
+        let now = steady_ns();
+        if now - self.looked_ns < Self::LOOK_NS {
+            return;
+        }
+        self.looked_ns = now;
+        let owner = owner(instance);
+        if owner.is_none() || owner == self.owner {
+            return;
+        }
+        // One that is just being made is tried again.
+        if let Ok(new) = DroneSide::join(instance, world) {
+            // Its names are the new memory's by now: what is dropped would be removed under them.
+            core::mem::forget(core::mem::replace(self, new));
+        }
+    }
+}
+
+/// What a picture of the landing is drawn from.
+struct History {
+    trace: Option<Trace>,
+    state: State,
+    next_s: f64,
+}
+
+impl History {
+    /// Time between points, s.
+    const STEP_S: f64 = 0.05;
+
+    fn new(kept: bool) -> History {
+        let trace = kept.then(|| Trace {
+            step_s: Self::STEP_S,
+            ..Trace::default()
+        });
+        History {
+            trace,
+            state: State::Idle,
+            next_s: 0.0,
+        }
+    }
+    fn update(&mut self, physics: &Physics, t_s: f64, mission: &MissionState) {
+        let Some(trace) = &mut self.trace else { return };
+        if mission.state != self.state {
+            self.state = mission.state;
+            let reason = mission.entered.to_string();
+            trace.phases.push((t_s, mission.state.name(), reason));
+        }
+        if t_s >= self.next_s {
+            self.next_s += Self::STEP_S;
+            trace.points.push(physics.trace_point());
+        }
+    }
+}
+
+/// Waits until the clock reads `t`, but no longer than a tick.
+pub fn wait_until(memory: &Memory, clock: &ProcessClock, t: alight_shared::time::Time<TrueTime>) {
+    let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
+    let _told_to_end = memory.wait(Duration::from_nanos(left.unsigned_abs()));
+}

@@ -1,0 +1,68 @@
+//! What flies nothing: trials and studies in lock-step, landings in real time with simulated vehicles,
+//! faults, the link emulator. No part of what a vessel and a drone install.
+
+pub mod args;
+pub mod live;
+pub mod plot;
+pub mod scene;
+pub mod study;
+pub mod table;
+pub mod trial;
+pub mod trials;
+
+use clap::Subcommand;
+
+use crate::exit::{CliError, Exit};
+use crate::record;
+use crate::record::args::ReplayArgs;
+use args::{ResponseArgs, StudyArgs, TrialArgs, TrialsArgs};
+use live::args::{FaultsArgs, LandArgs, LandsArgs, WorldArgs};
+use live::emulator::LinkArgs;
+use live::latency::LatencyArgs;
+
+/// Commands of the laboratory.
+#[derive(Subcommand, Debug)]
+pub enum LabCommand {
+    /// Fly one landing in the simulated world and say how it went.
+    Trial(TrialArgs),
+    /// Fly many landings and print the success rate with its interval.
+    Trials(TrialsArgs),
+    /// Measure one thing over many seeds.
+    Study(StudyArgs),
+    /// Compute a recording again and say whether every output is bit-identical.
+    Replay(ReplayArgs),
+    /// Print the simulated vessel's response in surge, heave and pitch against wave length.
+    Response(ResponseArgs),
+    /// Land once in real time: all processes of vessel and drone, simulated vehicles.
+    Land(Box<LandArgs>),
+    /// Land live with many seeds, beside the lock-step landings of the same seeds.
+    Lands(LandsArgs),
+    /// Kill and freeze every process in every phase of a live landing, and say what came of it.
+    Faults(FaultsArgs),
+    /// Process of the simulation: both vehicles, in real time.
+    World(WorldArgs),
+    /// Emulate a bad link between two network namespaces of this computer (needs root).
+    Link(LinkArgs),
+    /// Measure one hop through both middlewares, beside plain sockets.
+    Latency(LatencyArgs),
+}
+
+impl LabCommand {
+    /// Runs it to its end.
+    pub fn run(&self) -> Result<Exit, CliError> {
+        match self {
+            LabCommand::Trial(a) => trial::run(a),
+            LabCommand::Trials(a) => trials::run(a),
+            LabCommand::Study(a) => study::run(a),
+            LabCommand::Replay(a) if live::replay::takes(&a.path) => live::replay::run(&a.path),
+            LabCommand::Replay(a) => record::replay::run(a),
+            LabCommand::Response(a) => study::response(a),
+            LabCommand::Land(a) => live::land::run(a),
+            LabCommand::Lands(a) => live::lands::run(a),
+            LabCommand::Faults(a) => live::faults::run(a),
+            LabCommand::World(a) => live::world::run(a),
+            LabCommand::Link(a) => live::emulator::run(a),
+            LabCommand::Latency(a) => live::latency::run(a),
+        }
+    }
+}

@@ -1,0 +1,299 @@
+//! The rows of each study: which scenes are flown.
+
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::deck_motion::rocking::RockingConfig;
+use alight_sim::physics::sea::{SeaConfig, SeaKind};
+use alight_sim::physics::vessel::Course;
+use alight_uav::planner::PlannerKind;
+
+use crate::exit::CliError;
+use crate::lab::args::Study;
+use crate::lab::scene::Scene;
+use crate::lab::study::ablation;
+use crate::lab::study::flown::PlannerVariant;
+use crate::lab::study::link;
+
+/// One scene of a study.
+#[derive(Clone)]
+pub struct StudyScene {
+    /// Its name in tables.
+    pub name: String,
+    /// The world.
+    pub world: Scenario,
+    /// The nodes.
+    pub nodes: NodeConfigs,
+}
+
+/// Published precision (m), duration (s) and touchdown speed (m/s).
+pub type Published = [f64; 3];
+
+/// Table II of Procházka et al.: sea, their MPC-FAA, and MPC-NE as they flew it.
+pub const TABLE2: [(&str, Published, Published); 10] = [
+    ("0,0", [0.0, 11.8, 0.2], [0.0, 50.8, 0.1]),
+    ("0.2,5", [0.1, 25.3, 0.3], [0.2, 43.3, 0.3]),
+    ("0.3,5", [0.1, 18.7, 0.3], [0.3, 43.9, 0.4]),
+    ("0.4,5", [0.2, 18.3, 0.4], [0.3, 44.5, 0.5]),
+    ("0.4,4", [0.3, 24.6, 0.5], [0.4, 43.1, 0.4]),
+    ("0.5,5", [0.1, 17.7, 0.4], [0.5, 34.5, 0.7]),
+    ("0.6,6", [0.1, 15.4, 0.4], [0.8, 37.9, 0.8]),
+    ("0.7,7", [0.2, 15.4, 0.5], [0.3, 33.2, 0.5]),
+    ("0.8,5", [0.2, 45.1, 0.4], [0.7, 47.2, 0.9]),
+    ("0.8,8", [0.4, 18.2, 0.6], [0.5, 41.9, 0.4]),
+];
+
+/// Table I of the same: Moderate; the speeds are the greatest of 100 landings.
+pub const TABLE1: (&str, Published, Published) = ("moderate", [0.10, 17.0, 1.0], [0.5, 34.0, 2.0]);
+
+/// Failures that are published for Table II: of MPC-FAA and of MPC-NE, in this many landings.
+pub const TABLE2_FAILURES: ([u32; 2], u32) = ([5, 30], 1000);
+
+/// What is published for a scenario of Table I or II: of MPC-NE for `mpc-ne`, else of MPC-FAA, the
+/// figures to beat.
+pub fn published(scenario: &str, planner: &str) -> Option<Published> {
+    core::iter::once(&TABLE1)
+        .chain(&TABLE2)
+        .find(|(name, ..)| *name == scenario)
+        .map(|(_, faa, ne)| {
+            if planner == PlannerKind::MpcNe.name() {
+                *ne
+            } else {
+                *faa
+            }
+        })
+}
+
+/// The rows of `study` with the scene's settings as the base.
+pub fn rows(study: Study, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
+    let row = |name: &str, change: &dyn Fn(&mut Scenario)| {
+        let mut world = base.scenario.clone();
+        change(&mut world);
+        StudyScene {
+            name: name.into(),
+            world,
+            nodes: base.nodes.clone(),
+        }
+    };
+    let paper = |text: &str| text.parse::<SeaConfig>().map_err(CliError);
+    let rows = match study {
+        Study::Table1 => {
+            let (name, ..) = TABLE1;
+            let sea = paper(name)?;
+            vec![row(name, &|w| w.sea = sea.clone())]
+        }
+        Study::Table2 => TABLE2
+            .iter()
+            .map(|(name, ..)| {
+                let sea = paper(name)?;
+                Ok(row(name, &|w| w.sea = sea.clone()))
+            })
+            .collect::<Result<Vec<_>, CliError>>()?,
+        Study::Coupling => {
+            let mut rows = Vec::new();
+            for name in ["0.5,5", "0.8,5"] {
+                let sea = paper(name)?;
+                for coupling in [0.0, 1.0] {
+                    rows.push(row(&format!("{name} coupling {coupling}"), &|w| {
+                        w.sea = sea.clone();
+                        w.vessel.sideways_coupling = coupling;
+                    }));
+                }
+            }
+            rows
+        }
+        Study::Ablation => ablation::SEAS
+            .iter()
+            .map(|name| {
+                let sea = paper(name)?;
+                Ok(row(name, &|w| w.sea = sea.clone()))
+            })
+            .collect::<Result<Vec<_>, CliError>>()?,
+        Study::Faa => vec![row(&base.sea, &|_| {})],
+        Study::Approach => vec![row("90 m, turning, gusts", &|w| {
+            // Pitch to 8 and roll to 6 deg or more: the greatest of 40 s on this course are, in the
+            // median of 30 vessels, 7.3 and 8.0 deg at 0.4 m, 9.4 and 10.1 deg at 0.5 m.
+            w.sea = SeaConfig::paper(0.45, 5.0);
+            w.start.distance_m = [90.0, 90.0];
+            w.vessel.course = Course::Square;
+            w.vessel.speed_mps = 1.0;
+            // Gusts to 17 km/h = 4.7 m/s over a mean of 2.5 m/s.
+            w.drone.wind.mean_mps = 2.5;
+        })],
+        Study::Moving => moving(&row, &paper)?,
+        Study::Seas => seas(&row)?,
+        Study::Wind => [0.0, 2.0, 5.0, 8.0, 10.0, 12.0, 15.0]
+            .iter()
+            .map(|v| row(&format!("{v} m/s"), &|w| w.drone.wind.mean_mps = *v))
+            .collect(),
+        Study::Sensors => sensors(&row),
+        Study::Link => link::rows(&row),
+        Study::Camera
+        | Study::Estimator
+        | Study::Prediction
+        | Study::Airborne
+        | Study::Merge
+        | Study::Search => Vec::new(),
+    };
+    Ok(rows)
+}
+
+/// Makes a row: its name, and what it changes in the scene.
+pub type MakeScene<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> StudyScene;
+
+fn moving(
+    row: MakeScene<'_>,
+    paper: &dyn Fn(&str) -> Result<SeaConfig, CliError>,
+) -> Result<Vec<StudyScene>, CliError> {
+    let mut rows = Vec::new();
+    for name in ["slight", "moderate"] {
+        let sea = paper(name)?;
+        rows.push(row(&format!("square 2 m/s, {name}"), &|w| {
+            w.sea = sea.clone();
+            w.vessel.course = Course::Square;
+            w.vessel.speed_mps = 2.0;
+        }));
+    }
+    let calm = paper("calm")?;
+    for speed in [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0] {
+        rows.push(row(&format!("straight {speed} m/s, calm"), &|w| {
+            w.sea = calm.clone();
+            w.vessel.course = Course::Straight;
+            w.vessel.speed_mps = speed;
+            // The thrust that this speed needs: quadratic drag, with a reserve.
+            w.vessel.thrust_forward_n = 250.0 * (speed / 1.5_f64).powi(2);
+            w.vessel.thrust_reverse_n = 100.0 * (speed / 1.5_f64).powi(2);
+        }));
+    }
+    Ok(rows)
+}
+
+/// Share of the landings on a straight course that a vessel's speed must leave for it to count.
+const SPEED_RATE: f64 = 0.95;
+
+/// What a study asks beyond its table: the fastest straight course landed on.
+pub fn answer(
+    study: Study,
+    rows: &[StudyScene],
+    planners: &[PlannerVariant],
+    outcomes: &[Outcome],
+) -> Vec<String> {
+    if study != Study::Moving {
+        return Vec::new();
+    }
+    let of = |planner: &PlannerVariant| {
+        let rate = |row: &StudyScene| {
+            let (mut landed, mut flown) = (0_u32, 0_u32);
+            for o in outcomes {
+                if o.sea == row.name && o.planner == planner.name {
+                    flown += 1;
+                    landed += u32::from(o.success);
+                }
+            }
+            f64::from(landed) / f64::from(flown.max(1))
+        };
+        let straight = rows
+            .iter()
+            .filter(|r| r.world.vessel.course == Course::Straight && rate(r) >= SPEED_RATE);
+        let fastest = straight.map(|r| r.world.vessel.speed_mps).fold(0.0, f64::max);
+        format!(
+            "{}: fastest straight course landed on at {:.0} % or more: {fastest} m/s",
+            planner.name,
+            100.0 * SPEED_RATE
+        )
+    };
+    planners.iter().map(of).collect()
+}
+
+fn seas(row: MakeScene<'_>) -> Result<Vec<StudyScene>, CliError> {
+    let mut rows = Vec::new();
+    for (height, peak) in [(0.5, 4.0), (1.0, 5.0), (1.5, 5.5), (2.0, 6.5), (3.0, 8.0)] {
+        rows.push(row(&format!("JONSWAP Hs {height} m, Tp {peak} s"), &|w| {
+            w.sea = SeaConfig {
+                kind: SeaKind::Jonswap,
+                significant_height_m: height,
+                peak_period_s: peak,
+                ..SeaConfig::default()
+            };
+        }));
+    }
+    rows.push(row("Pierson-Moskowitz Hs 1 m, Tp 5 s", &|w| {
+        w.sea = SeaConfig {
+            kind: SeaKind::PiersonMoskowitz,
+            significant_height_m: 1.0,
+            peak_period_s: 5.0,
+            ..SeaConfig::default()
+        };
+    }));
+    rows.push(row("cross sea 0.5,5 (1.5 rad apart)", &|w| {
+        w.sea = SeaConfig {
+            direction_step_rad: 1.5,
+            ..SeaConfig::paper(0.5, 5.0)
+        };
+    }));
+    rows.push(row("very rough 1.0,6", &|w| w.sea = SeaConfig::paper(1.0, 6.0)));
+    // Small decks that rock fast, in the heave of a slight sea.
+    for (frequency_hz, tilt_rad) in [
+        (0.5, 0.1),
+        (0.5, 0.2),
+        (0.5, 0.4),
+        (0.7, 0.1),
+        (0.7, 0.2),
+        (0.7, 0.4),
+        (0.95, 0.1),
+        (0.95, 0.2),
+        (0.95, 0.4),
+    ] {
+        rows.push(row(&format!("rocking {frequency_hz} Hz, {tilt_rad} rad"), &|w| {
+            w.sea = SeaConfig::paper(0.2, 5.0);
+            w.deck_motion = Some(DeckMotionConfig {
+                rocking: Some(RockingConfig {
+                    roll_rad: tilt_rad,
+                    pitch_rad: 0.5 * tilt_rad,
+                    frequency_hz,
+                }),
+                ..DeckMotionConfig::default()
+            });
+        }));
+    }
+    Ok(rows)
+}
+
+fn sensors(row: MakeScene<'_>) -> Vec<StudyScene> {
+    let always = || vec![[0.0, 1.0e6]];
+    let mut rows = vec![
+        row("default", &|_| {}),
+        row("RTK on both", &|w| {
+            w.sensors.vessel_gnss.error.bias_sd_m = 0.02;
+            w.sensors.vessel_gnss.error.white_sd_m = 0.02;
+            w.drone.navigation.gnss_bias_m = 0.02;
+            w.drone.navigation.gnss_noise_m = 0.02;
+        }),
+        row("GNSS bias 3 m", &|w| {
+            w.sensors.vessel_gnss.error.bias_sd_m = 3.0;
+            w.drone.navigation.gnss_bias_m = 3.0;
+        }),
+        row("no UVDAR", &|w| w.sensors.uvdar.outages_s = always()),
+        row("no camera at all", &|w| {
+            w.sensors.uvdar.outages_s = always();
+            w.sensors.tag.outages_s = always();
+        }),
+        row("tag lost nearer than 3 m", &|w| {
+            w.sensors.tag.min_distance_m = 3.0
+        }),
+        row("IMU bias x 3", &|w| {
+            w.sensors.vessel_imu.gyro_bias_sd_radps *= 3.0;
+            w.sensors.vessel_imu.accelerometer_bias_sd_mps2 *= 3.0;
+        }),
+        // Unknown to the nodes, besides the errors to 5 % that are always drawn.
+        row("mass 20 % more", &|w| w.drone.airframe.mass_factor = 1.2),
+        row("mass 20 % less", &|w| w.drone.airframe.mass_factor = 0.8),
+        row("thrust 15 % less", &|w| w.drone.airframe.thrust_factor = 0.85),
+    ];
+    for lag in [0.1, 0.2, 0.3, 0.4] {
+        rows.push(row(&format!("attitude lag {lag} s"), &|w| {
+            w.drone.autopilot.attitude_lag_s = lag
+        }));
+    }
+    rows
+}

@@ -1,0 +1,334 @@
+//! Runs a grid of scenes and planners: resumable, sharded, every trial a row in a CSV.
+
+use std::collections::BTreeSet;
+use std::fs::OpenOptions;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::harness::trial::{Watch, fly};
+use alight_uav::planner::PlannerKind;
+use indicatif::ParallelProgressIterator;
+use rayon::prelude::*;
+
+use crate::config::DroneFile;
+use crate::exit::CliError;
+use crate::lab::args::StudyArgs;
+use crate::lab::scene::stopwatch;
+use crate::lab::study::flown::PlannerVariant;
+use crate::lab::study::grid::StudyScene;
+use crate::lab::trials::{bar, pool, seeds};
+use crate::terminal::note;
+
+/// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
+pub fn configuration_hash(nodes: &NodeConfigs) -> String {
+    let mut drone = DroneFile {
+        bridge: nodes.bridge.clone(),
+        drone: nodes.drone.clone(),
+    };
+    drone.drone.planner.kind = PlannerKind::default();
+    let text = [toml::to_string(&nodes.vessel), toml::to_string(&drone)]
+        .map(Result::unwrap_or_default)
+        .concat();
+    // FNV-1a.
+    let hash = text.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+        (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3)
+    });
+    format!("{hash:016x}")
+}
+
+/// Part `index` of `count`.
+#[derive(Clone, Copy, Debug)]
+pub struct Shard {
+    /// From 1 on.
+    pub index: u64,
+    /// How many.
+    pub count: u64,
+}
+
+impl std::str::FromStr for Shard {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is no shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
+        let (i, n) = text.split_once('/').ok_or_else(wrong)?;
+        let (index, count) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
+        if !(1..=100_000).contains(&count) || !(1..=count).contains(&index) {
+            return Err(wrong());
+        }
+        Ok(Shard { index, count })
+    }
+}
+
+fn rows_file(out: &Path) -> PathBuf {
+    out.join("rows.csv")
+}
+
+/// The rows that `dir` already holds.
+pub fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
+    let path = rows_file(dir);
+    let reading = |e: csv::Error| CliError::because(format!("reading the rows {}", path.display()), e);
+    let mut reader = csv::Reader::from_path(&path).map_err(reading)?;
+    reader.deserialize().map(|r| r.map_err(reading)).collect()
+}
+
+/// Joins what `dirs` hold into `out`: rows, and the files that fly a trial again. All have to be of
+/// one configuration, whose hash is given.
+pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliError> {
+    let writing = |e: &dyn std::fmt::Display| CliError::because(format!("writing into {}", out.display()), e);
+    let mut outcomes = Vec::new();
+    let mut hashes = BTreeSet::new();
+    std::fs::create_dir_all(out).map_err(|e| writing(&e))?;
+    for dir in dirs {
+        outcomes.extend(read_rows(dir)?);
+        hashes.insert(read_hash(dir).unwrap_or_else(|| "unknown".into()));
+        for part in ["scenarios", "configs/vessel", "configs/drone"] {
+            // What is not there was the default.
+            for entry in std::fs::read_dir(dir.join(part)).into_iter().flatten().flatten() {
+                let folder = out.join(part);
+                std::fs::create_dir_all(&folder).map_err(|e| writing(&e))?;
+                std::fs::copy(entry.path(), folder.join(entry.file_name())).map_err(|e| writing(&e))?;
+            }
+        }
+    }
+    if hashes.len() > 1 {
+        return Err(CliError(format!(
+            "study merge: the directories are of different configurations ({}); join those of one",
+            hashes.into_iter().collect::<Vec<_>>().join(", ")
+        )));
+    }
+    outcomes.sort_by(|a, b| (&a.sea, &a.planner, a.seed).cmp(&(&b.sea, &b.planner, b.seed)));
+    outcomes.dedup_by(|a, b| (&a.sea, &a.planner, a.seed) == (&b.sea, &b.planner, b.seed));
+    let hash = hashes.into_iter().next().unwrap_or_default();
+    std::fs::write(out.join(HASH_FILE), format!("{hash}\n")).map_err(|e| writing(&e))?;
+    let mut writer = csv::Writer::from_path(rows_file(out)).map_err(|e| writing(&e))?;
+    for o in &outcomes {
+        writer.serialize(o).map_err(|e| writing(&e))?;
+    }
+    writer.flush().map_err(|e| writing(&e))?;
+    Ok((outcomes, hash))
+}
+
+/// Where a study keeps the scene of a row.
+pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
+    out.join("scenarios").join(file_name(scenario))
+}
+
+/// Where a study keeps the configurations of vessel and drone that are not the defaults.
+pub fn config_files(out: &Path, scenario: &str, flown: &str) -> [PathBuf; 2] {
+    ["vessel", "drone"].map(|side| {
+        out.join("configs")
+            .join(side)
+            .join(file_name(&format!("{scenario} {flown}")))
+    })
+}
+
+/// The file with the hash of the configuration that a directory's rows were flown with.
+const HASH_FILE: &str = "configuration";
+
+/// The hash that `dir` says, if it says one.
+pub fn read_hash(dir: &Path) -> Option<String> {
+    let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
+    Some(text.trim().into())
+}
+
+/// Writes what is needed to fly a trial of the study again; refuses a directory that holds rows of
+/// another configuration or another scene.
+fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<(), CliError> {
+    let doing = || format!("preparing the directory {}", out.display());
+    let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
+    let Some(base) = rows.first().map(|r| &r.nodes) else {
+        return Ok(());
+    };
+    let mut files = vec![(out.join(HASH_FILE), configuration_hash(base) + "\n")];
+    for row in rows {
+        let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
+        files.push((scenario_file(out, &row.name), text));
+    }
+    for (row, f) in rows.iter().flat_map(|r| flown.iter().map(move |f| (r, f))) {
+        let nodes = f.nodes(&row.nodes);
+        let [vessel, drone] = config_files(out, &row.name, &f.name);
+        if nodes.vessel != NodeConfigs::default().vessel {
+            files.push((vessel, toml::to_string(&nodes.vessel).map_err(|e| because(&e))?));
+        }
+        let file = DroneFile {
+            bridge: nodes.bridge,
+            drone: nodes.drone,
+        };
+        let mut plain = DroneFile::default();
+        plain.drone.planner.kind = f.kind;
+        if file != plain {
+            files.push((drone, toml::to_string(&file).map_err(|e| because(&e))?));
+        }
+    }
+    let used = rows_file(out).exists();
+    for (path, text) in files {
+        if used && std::fs::read_to_string(&path).is_ok_and(|old| old != text) {
+            return Err(CliError(format!(
+                "{} was written by a study with another configuration or scene: its rows would be \
+                 mixed with these; give another directory",
+                path.display()
+            )));
+        }
+        if let Some(dir) = path.parent() {
+            std::fs::create_dir_all(dir).map_err(|e| because(&e))?;
+        }
+        std::fs::write(&path, text).map_err(|e| because(&e))?;
+    }
+    Ok(())
+}
+
+fn file_name(scenario: &str) -> String {
+    let safe: String = scenario
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || c == '.' {
+                c
+            } else {
+                '-'
+            }
+        })
+        .collect();
+    format!("{safe}.toml")
+}
+
+/// Flies what is not flown yet; all rows in the order of scenario, planner and seed.
+pub fn fly_grid(
+    args: &StudyArgs,
+    rows: &[StudyScene],
+    planners: &[PlannerVariant],
+) -> Result<Vec<Outcome>, CliError> {
+    let seeds = seeds(args.seed0, args.trials)?;
+    let mut done = Vec::new();
+    if let Some(out) = &args.out {
+        prepare(out, rows, planners)?;
+        if rows_file(out).exists() {
+            done = read_rows(out)?;
+        }
+    }
+    let known: BTreeSet<(String, String, u64)> = done
+        .iter()
+        .map(|o| (o.sea.clone(), o.planner.clone(), o.seed))
+        .collect();
+    let mut work = Vec::new();
+    for (i, row) in rows.iter().enumerate() {
+        for planner in planners {
+            for &seed in &seeds {
+                work.push((i, row, planner, seed));
+            }
+        }
+    }
+    let wanted: BTreeSet<(String, String, u64)> = work
+        .iter()
+        .map(|(_, r, k, s)| (r.name.clone(), k.name.clone(), *s))
+        .collect();
+    let mut number = 0;
+    work.retain(|(_, row, planner, seed)| {
+        number += 1;
+        args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1)
+            && !known.contains(&(row.name.clone(), planner.name.clone(), *seed))
+    });
+    let writer = match &args.out {
+        Some(out) => {
+            let path = rows_file(out);
+            let fresh = !path.exists();
+            let file = OpenOptions::new()
+                .create(true)
+                .append(true)
+                .open(&path)
+                .map_err(|e| CliError::because(format!("writing the rows {}", path.display()), e))?;
+            Some(Mutex::new(
+                csv::WriterBuilder::new().has_headers(fresh).from_writer(file),
+            ))
+        }
+        None => None,
+    };
+    let progress = bar(work.len() as u64, "trials");
+    let flown: Result<Vec<Outcome>, CliError> = pool(args.jobs)?.install(|| {
+        work.par_iter()
+            .progress_with(progress.clone())
+            .map(|(_, row, planner, seed)| {
+                let nodes = planner.nodes(&row.nodes);
+                let elapsed = stopwatch();
+                let mut quiet = |_: &_| {};
+                let watch = Watch {
+                    on_event: &mut quiet,
+                    trace_step_s: None,
+                };
+                let flight = fly(&row.world, &nodes, *seed, &row.name, watch)
+                    .map_err(|e| CliError::because(format!("setting up `{}`, seed {seed}", row.name), e))?;
+                let outcome = Outcome {
+                    wall_time_s: elapsed(),
+                    planner: planner.name.clone(),
+                    ..flight.outcome
+                };
+                if let Some(Ok(mut writer)) = writer.as_ref().map(Mutex::lock) {
+                    writer
+                        .serialize(&outcome)
+                        .and_then(|()| writer.flush().map_err(Into::into))
+                        .map_err(|e| CliError::because("writing a row", e))?;
+                }
+                Ok(outcome)
+            })
+            .collect()
+    });
+    progress.finish_and_clear();
+    done.extend(flown?);
+    done.retain(|o| wanted.contains(&(o.sea.clone(), o.planner.clone(), o.seed)));
+    let order = |o: &Outcome| {
+        let scenario = rows.iter().position(|r| r.name == o.sea).unwrap_or(usize::MAX);
+        let planner = planners
+            .iter()
+            .position(|p| p.name == o.planner)
+            .unwrap_or(usize::MAX);
+        (scenario, planner, o.seed)
+    };
+    done.sort_by_key(order);
+    if let Some(out) = &args.out {
+        record_failed(args, out, (rows, planners), &done)?;
+    }
+    Ok(done)
+}
+
+/// Failed trials that are flown again and recorded.
+const MAX_RECORDED_FAILURES: usize = 5;
+
+/// Flies the first failed trials again, with a recording of each.
+fn record_failed(
+    args: &StudyArgs,
+    out: &Path,
+    (rows, planners): (&[StudyScene], &[PlannerVariant]),
+    done: &[Outcome],
+) -> Result<(), CliError> {
+    let dir = out.join("failed");
+    for o in done.iter().filter(|o| !o.success).take(MAX_RECORDED_FAILURES) {
+        let Some(row) = rows.iter().find(|r| r.name == o.sea) else {
+            continue;
+        };
+        let Some(planner) = planners.iter().find(|k| k.name == o.planner) else {
+            continue;
+        };
+        let name = file_name(&format!("{} {}", o.sea, o.planner)).replace(".toml", "");
+        let path = dir.join(format!("{name}-{}.mcap", o.seed));
+        if path.exists() {
+            continue;
+        }
+        std::fs::create_dir_all(&dir)
+            .map_err(|e| CliError::because(format!("making {}", dir.display()), e))?;
+        let nodes = planner.nodes(&row.nodes);
+        let subject = crate::record::Subject {
+            scenario: &row.world,
+            nodes: &nodes,
+            seed: o.seed,
+            sea: &row.name,
+            boots: crate::record::LOCK_STEP_BOOTS,
+        };
+        let watch = Watch {
+            on_event: &mut |_| {},
+            trace_step_s: None,
+        };
+        crate::record::fly(&path, &subject, watch)?;
+        note(args.json, format_args!("recorded: {}", path.display()));
+    }
+    Ok(())
+}

@@ -1,0 +1,66 @@
+//! `alight trial`: one landing.
+
+use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
+
+use crate::exit::{CliError, Exit};
+use crate::lab::args::TrialArgs;
+use crate::lab::scene::{Scene, stopwatch};
+use crate::lab::{plot, table};
+use crate::terminal;
+use crate::terminal::note;
+
+/// Flies one landing, shows its phases, ends with a table.
+pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
+    let scene = Scene::of(&args.scene)?;
+    if let Some(path) = &args.plot {
+        plot::can_write(path)?;
+    }
+    let elapsed = stopwatch();
+    let mut show = |event: &Event| {
+        let Event::Phase { t_s, name, reason } = event;
+        let line = format!("{t_s:>7.2} s  {name:<16} {reason}");
+        // With --json the object is the only thing on standard output.
+        note(args.json, line);
+    };
+    let watch = Watch {
+        on_event: &mut show,
+        trace_step_s: args.plot.as_ref().map(|_| 0.05),
+    };
+    let flight = flown(args, &scene, watch)?;
+    let mut outcome = flight.outcome;
+    outcome.wall_time_s = elapsed();
+    if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
+        plot::landing(trace, &outcome, path)?;
+    }
+    if args.json {
+        terminal::line(serde_json::to_string(&outcome).map_err(|e| CliError::because("writing JSON", e))?);
+    } else {
+        terminal::line(format_args!("\n{}", table::outcome(&outcome)));
+        if let Some(path) = &args.plot {
+            terminal::line(format_args!("plot: {}", path.display()));
+        }
+        if let Some(path) = &args.record {
+            terminal::line(format_args!("recording: {}", path.display()));
+        }
+    }
+    Ok(if outcome.success {
+        Exit::Success
+    } else {
+        Exit::Failed
+    })
+}
+
+fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
+    if let Some(path) = &args.record {
+        let subject = crate::record::Subject {
+            scenario: &scene.scenario,
+            nodes: &scene.nodes,
+            seed: args.seed,
+            sea: &scene.sea,
+            boots: crate::record::LOCK_STEP_BOOTS,
+        };
+        return crate::record::fly(path, &subject, watch);
+    }
+    fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
+        .map_err(|e| CliError::because("setting up the trial", e))
+}

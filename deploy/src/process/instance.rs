@@ -1,0 +1,189 @@
+//! A set of processes on this computer: its files, and the lock that says it is running.
+
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+
+use alight_shared::transport::memory::Instance;
+
+use crate::exit::CliError;
+use crate::process::supervisor::pause;
+
+/// The lock file's name in the instance's directory.
+const LOCK: &str = "lock";
+/// This file says that all services are there: onlookers may join from now on. It holds the process
+/// number of the owner who said so, because a killed owner's file survives_pause it.
+const READY: &str = "ready";
+/// A name that is in use is asked for this often ...
+const MAX_TRIES: u32 = 20;
+/// ... with this pause.
+const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
+
+/// An instance that is ours: nobody else runs under its name while this lives.
+pub struct OwnedInstance {
+    instance: Instance,
+    _lock: File,
+}
+
+impl OwnedInstance {
+    /// Takes the name and starts from a clean slate.
+    pub fn take(name: &str) -> Result<OwnedInstance, CliError> {
+        let instance = Instance::new(name)?;
+        let directory = instance.directory();
+        let doing = || format!("preparing {}", directory.display());
+        std::fs::create_dir_all(&directory).map_err(|e| CliError::because(doing(), e))?;
+        // Its files are going to be removed: nobody sends us to another directory's.
+        if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
+            return Err(CliError(format!(
+                "{}: a link leads elsewhere; remove it",
+                directory.display()
+            )));
+        }
+        let lock = File::create(directory.join(LOCK)).map_err(|e| CliError::because(doing(), e))?;
+        // A former owner's child that is just being born holds the lock for some milliseconds more.
+        let mut tries = 0;
+        let taken = loop {
+            match lock.try_lock() {
+                Err(TryLockError::WouldBlock) if tries < MAX_TRIES => {
+                    tries += 1;
+                    pause(RETRY_PAUSE);
+                }
+                other => break other,
+            }
+        };
+        match taken {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(CliError(format!(
+                    "an instance named {name} runs already; stop it, or choose another --instance"
+                )));
+            }
+            Err(TryLockError::Error(e)) => return Err(CliError::because(doing(), e)),
+        }
+        // A former owner that was killed left its files: the mark first, so that nobody joins.
+        let _none = std::fs::remove_file(directory.join(READY));
+        remove_contents(&directory).map_err(|e| CliError::because(doing(), e))?;
+        instance.wipe().map_err(|e| CliError::because(doing(), e))?;
+        Ok(OwnedInstance {
+            instance,
+            _lock: lock,
+        })
+    }
+    /// Its name and place.
+    pub fn instance(&self) -> &Instance {
+        &self.instance
+    }
+    /// All services are there.
+    pub fn ready(&self) -> Result<(), CliError> {
+        let path = self.file(READY);
+        std::fs::write(&path, std::process::id().to_string())
+            .map_err(|e| CliError::because(format!("writing {}", path.display()), e))
+    }
+    /// A file of the instance.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.instance.directory().join(name)
+    }
+}
+
+impl Drop for OwnedInstance {
+    fn drop(&mut self) {
+        // Onlookers first: nobody joins what is being removed.
+        let _none = std::fs::remove_file(self.file(READY));
+        // All processes have ended by now. What cannot be removed is removed at the next start.
+        let _left = self.instance.wipe();
+        let _left = std::fs::remove_dir_all(self.instance.directory());
+    }
+}
+
+/// Removes what is in a former owner's directory, but not the lock that we hold.
+fn remove_contents(directory: &Path) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(directory)? {
+        let entry = entry?;
+        if entry.file_name() == LOCK {
+            continue;
+        }
+        // A link is removed and not what it leads to.
+        if entry.file_type()?.is_dir() {
+            std::fs::remove_dir_all(entry.path())?;
+        } else {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Process number of the owner who said that all services are there, while it lives.
+pub fn owner(instance: &Instance) -> Option<u32> {
+    let owner = std::fs::read_to_string(instance.directory().join(READY));
+    let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
+    owner.filter(|pid| Path::new("/proc").join(pid.to_string()).exists())
+}
+
+/// Whether an instance of this name runs and is ready.
+pub fn is_running(instance: &Instance) -> bool {
+    // The lock alone does not tell: a next owner holds it before it has removed a killed one's mark.
+    if owner(instance).is_none() {
+        return false;
+    }
+    File::open(instance.directory().join(LOCK))
+        .is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instance_is_owned_once_and_leaves_nothing() {
+        let name = format!("test-{}", std::process::id());
+        let owned = OwnedInstance::take(&name).unwrap();
+        let instance = owned.instance().clone();
+        assert!(!is_running(&instance));
+        owned.ready().unwrap();
+        assert!(is_running(&instance));
+        let Err(refused) = OwnedInstance::take(&name) else {
+            panic!("taken twice")
+        };
+        assert!(refused.0.contains("runs already"), "{refused}");
+        drop(owned);
+        assert!(!instance.directory().exists() && !is_running(&instance));
+        assert!(Instance::new("No/such name").is_err());
+    }
+
+    #[test]
+    fn instance_removes_the_files_of_a_killed_owner() {
+        let name = format!("test-left-{}", std::process::id());
+        let directory = Instance::new(&name).unwrap().directory();
+        let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
+        std::fs::create_dir_all(directory.join("log/old")).unwrap();
+        std::fs::write(directory.join("pilot.err"), "an old complaint").unwrap();
+        std::fs::write(directory.join(READY), std::process::id().to_string()).unwrap();
+        std::fs::write(directory.join("log/old/pilot.log"), "old").unwrap();
+        std::fs::write(&elsewhere, "somebody else's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, directory.join("link")).unwrap();
+        let owned = OwnedInstance::take(&name).unwrap();
+        let left: Vec<_> = std::fs::read_dir(&directory)
+            .unwrap()
+            .map(|e| e.unwrap().file_name())
+            .collect();
+        assert_eq!(left, [LOCK]);
+        assert!(elsewhere.exists() && !is_running(owned.instance()));
+        std::fs::remove_file(elsewhere).unwrap();
+    }
+
+    #[test]
+    fn instance_refuses_a_symbolic_link_and_removes_nothing() {
+        let name = format!("test-link-{}", std::process::id());
+        let directory = Instance::new(&name).unwrap().directory();
+        let elsewhere = directory.with_extension("elsewhere");
+        std::fs::create_dir_all(&elsewhere).unwrap();
+        std::fs::write(elsewhere.join("file"), "somebody else's").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &directory).unwrap();
+        let Err(refused) = OwnedInstance::take(&name) else {
+            panic!("taken through a link")
+        };
+        assert!(refused.0.contains("a link leads elsewhere"), "{refused}");
+        assert!(elsewhere.join("file").exists());
+        std::fs::remove_file(&directory).unwrap();
+        std::fs::remove_dir_all(elsewhere).unwrap();
+    }
+}

@@ -1,0 +1,16 @@
+//! What every process does around its node: it wakes with messages, steps, publishes, logs, reports itself
+//! twice a second, and ends when it is told to. And what starts processes and starts them again.
+
+pub mod args;
+pub mod instance;
+pub mod life;
+pub mod link;
+pub mod log;
+pub mod metrics;
+pub mod notify;
+pub mod observer;
+pub mod radio_rates;
+pub mod relay;
+pub mod shell;
+pub mod snapshot;
+pub mod supervisor;

@@ -1,0 +1,121 @@
+//! The shell around a node of the drone: wakes with messages, hands the node what came, publishes
+//! what it says. The processes differ in what they read and say, nothing else.
+
+use core::ops::ControlFlow;
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::node::Node;
+use alight_shared::seq::Seq;
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::transport::TransportError;
+use alight_shared::transport::memory::{Instance, Listener, Memory};
+use alight_shared::transport::process::{InputState, ProcessKind};
+use alight_shared::transport::wake;
+use serde::Serialize;
+
+use crate::config::DroneComputer;
+use crate::exit::{CliError, Exit};
+use crate::process::args::ProcessArgs;
+use crate::process::life::Process;
+
+/// Without news a process wakes this often all the same.
+const MAX_WAIT: Duration = Duration::from_millis(20);
+
+/// The topics that a node reads.
+pub trait Reads: Sized {
+    /// What they are together.
+    type In;
+    /// Subscribes to all.
+    fn join(memory: &Memory) -> Result<Self, TransportError>;
+    /// What came since the last call; `t` is the drone's clock, ns.
+    fn read(&mut self, t: i64) -> Self::In;
+    /// Statistics of each topic.
+    fn states(&self, t: i64) -> Vec<InputState>;
+}
+
+/// Declares the topics that a node reads, with the names of its input's fields: `newest` is a state
+/// stream, `all` an event stream.
+macro_rules! reads {
+    ($(#[$doc:meta])* $name:ident => $input:ident { $($how:ident $field:ident: $message:ty,)* }) => {
+        $(#[$doc])*
+        pub struct $name { $($field: alight_shared::transport::memory::Subscriber<$message>,)* }
+        impl $crate::process::shell::Reads for $name {
+            type In = $input;
+            fn join(memory: &Memory) -> Result<Self, TransportError> {
+                Ok($name { $($field: memory.subscriber()?,)* })
+            }
+            fn read(&mut self, t: i64) -> $input {
+                $input { $($field: self.$field.$how(t),)* }
+            }
+            fn states(&self, t: i64) -> Vec<alight_shared::transport::process::InputState> {
+                vec![$(self.$field.intake().state(t),)*]
+            }
+        }
+    };
+}
+pub(crate) use reads;
+
+/// A node of the drone as a process.
+pub trait Shell: Sized {
+    /// The node.
+    type Node: Node<Clock = DroneClock, In: Serialize, Out: Serialize>;
+    /// The topics it reads.
+    type Reads: Reads<In = <Self::Node as Node>::In>;
+    /// Which process.
+    const KIND: ProcessKind;
+
+    /// The node of this computer, for a start with this boot id.
+    fn node(computer: &DroneComputer, boot: u32) -> Self::Node;
+    /// Declares what it says.
+    fn join(memory: &Memory) -> Result<Self, TransportError>;
+    /// What wakes it.
+    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError>;
+    /// Publishes; true when the node had something to do.
+    fn send(&mut self, out: &<Self::Node as Node>::Out) -> bool;
+    /// Messages that could not be published.
+    fn unsent(&self) -> u64;
+    /// Figures of its own after a step whose output was sent at `sent`; see the process for their
+    /// meaning.
+    fn figures(
+        &mut self,
+        _input: &<Self::Node as Node>::In,
+        _out: &<Self::Node as Node>::Out,
+        _sent: Time<DroneClock>,
+    ) -> Vec<f64> {
+        Vec::new()
+    }
+}
+
+/// Runs until told to end.
+pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;
+    let mut memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
+    if let Some(relay) = &computer.relay {
+        memory.copy_to(relay.socket.clone());
+    }
+    let mut reads = S::Reads::join(&memory)?;
+    let mut shell = S::join(&memory)?;
+    let mut state = memory.publisher()?;
+    let wakes = S::wakes(&memory)?;
+
+    wake::run(&wakes.iter().collect::<Vec<_>>(), MAX_WAIT, || {
+        let input = reads.read(process.now().nanos());
+        // Read after the messages: a step is never earlier than one whose words it has heard, however
+        // long the process was kept waiting in between.
+        let now = process.now();
+        let t = now.nanos();
+        let out = process.step(now, &input, |out| shell.send(out));
+        let sent = process.now();
+        process.life.figures = Seq::filled(shell.figures(&input, &out, sent));
+        let said = process.state(|| reads.states(t), shell.unsent());
+        state.send_any(said.as_ref());
+        if process.ended() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })?;
+    Ok(Exit::Success)
+}

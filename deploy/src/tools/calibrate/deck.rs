@@ -1,0 +1,326 @@
+//! `alight calibrate deck`: the drone stands on the deck, motors off, and looks around.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::{AutopilotState, DroneState, TagPose, VesselEstimate};
+use alight_shared::time::DroneClock;
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory, Subscriber};
+use alight_uav::calibrate::{
+    DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd,
+};
+use alight_uav::predictor::PredictorConfig;
+#[cfg(feature = "lab")]
+use alight_uav::predictor::PredictorIn;
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::config::DroneComputer;
+use crate::exit::{CliError, Exit};
+use crate::process::instance::is_running;
+use crate::terminal;
+use crate::terminal::note;
+use crate::tools::calibrate::list;
+
+/// Live topics are read this often.
+const POLL_PERIOD: Duration = Duration::from_millis(50);
+/// A turn of the camera that the predictor finds by itself, in its standard deviations.
+const MOUNT_SDS: f64 = 2.0;
+
+/// The drone on the deck.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Put the drone on the middle of the deck, nose to the bow, motors off, the vessel rocking as it \
+does. Run it as the user that runs Alight: sudo -u alight alight calibrate deck\n\
+Exit codes: 0 measured, 1 the deck's place is not known better than by tape, 2 bad input or it moves."
+)]
+pub struct DeckArgs {
+    /// A recording (MCAP) that ends with the drone on the deck, instead of the running processes
+    #[arg(value_name = "FILE.mcap")]
+    pub recording: Option<PathBuf>,
+    /// Configuration of the drone's computer (TOML) [default: the recording's, else /etc/alight/drone.toml]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Name of the set of processes [default: the configuration's]
+    #[arg(long, conflicts_with = "recording")]
+    pub instance: Option<String>,
+    /// How long to look, s
+    #[arg(long = "for", value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u64).range(20..=3600))]
+    pub seconds: u64,
+    /// Where the drone's centre is: forward and right of the deck's centre, m [default: 0,0, or as the tag
+    /// shows]
+    #[arg(
+        long,
+        value_name = "FORWARD,RIGHT",
+        allow_hyphen_values = true,
+        value_delimiter = ',',
+        num_args = 2
+    )]
+    pub at: Vec<f64>,
+    /// What the two GNSS receivers differ by, horizontally and vertically, m, such as 0.02,0.03 with RTK
+    /// [default: what the predictor is told]
+    #[arg(long, value_name = "H,V", value_delimiter = ',', num_args = 2)]
+    pub receivers: Vec<f64>,
+    /// Print as one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Measures and tells.
+pub fn run(args: &DeckArgs) -> Result<Exit, CliError> {
+    let (predictor, calibration) = match &args.recording {
+        Some(path) => recorded(args, path)?,
+        None => live(args)?,
+    };
+    let found = calibration.result().map_err(|e| CliError(e.to_string()))?;
+    if args.json {
+        terminal::line(object(&found));
+    } else {
+        print(&found, &predictor);
+    }
+    let usable = found.centre.iter().any(|f| f.sd <= USABLE_M);
+    Ok(if usable { Exit::Success } else { Exit::Failed })
+}
+
+fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<DronePlacement, CliError> {
+    let mut stand = DronePlacement::centred(config);
+    if let [forward, right] = args.at[..] {
+        stand.at_m = [forward, right];
+    }
+    if let [h, v] = args.receivers[..] {
+        stand.receivers_sd_m = [h, v];
+    }
+    let fine = stand.at_m.iter().all(|v| v.abs() <= 50.0)
+        && stand.receivers_sd_m.iter().all(|v| (1e-4..=100.0).contains(v));
+    if !fine {
+        return Err(CliError(format!(
+            "--at {:?} --receivers {:?}: at most 50 m from the deck's centre, receivers 0.0001 to 100 m apart",
+            stand.at_m, stand.receivers_sd_m
+        )));
+    }
+    Ok(stand)
+}
+
+fn computer(path: &Path) -> Result<DroneComputer, CliError> {
+    config::load(path).map_err(|e| CliError(e.to_string()))
+}
+
+/// From the running processes.
+fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError> {
+    let path = args
+        .config
+        .clone()
+        .unwrap_or_else(|| "/etc/alight/drone.toml".into());
+    let computer = computer(&path)?;
+    let predictor = computer.drone.predictor();
+    let name = args.instance.as_ref().unwrap_or(&computer.instance);
+    let instance = Instance::new(name)?;
+    if !is_running(&instance) {
+        return Err(CliError(format!(
+            "nothing runs under the name {name}: systemctl status alight-drone"
+        )));
+    }
+    let memory = Memory::join(&instance, "calibrate")?;
+    let mut estimates: Subscriber<VesselEstimate<DroneClock>> = memory.subscriber()?;
+    let mut drones: Subscriber<DroneState> = memory.subscriber()?;
+    let mut tags: Subscriber<TagPose> = memory.subscriber()?;
+    let mut autopilots: Subscriber<AutopilotState> = memory.subscriber()?;
+    let mut calibration = DeckCalibration::new(&predictor, stand(args, &predictor)?);
+    let until_ns = steady_ns() + Duration::from_secs(args.seconds).as_nanos() as i64;
+    let mut reported_s = 0;
+    let mut armed = None;
+    while steady_ns() < until_ns && memory.wait(POLL_PERIOD) {
+        let t = computer.clock.now::<DroneClock>().nanos();
+        for state in autopilots.all(t) {
+            armed = Some(state.armed);
+        }
+        if armed == Some(true) && calibration.collected().0 == 0 {
+            break;
+        }
+        let states = drones.all(t);
+        // An autopilot that does not say is not trusted to have its motors off.
+        if armed != Some(false) {
+            calibration.armed();
+        }
+        states.iter().for_each(|s| calibration.drone(s));
+        let (seen, said) = (tags.all(t), estimates.all(t));
+        if armed == Some(false) {
+            said.iter().for_each(|e| calibration.estimate(e));
+            seen.iter().for_each(|m| calibration.tag(m));
+        }
+        let (n, s) = calibration.collected();
+        if s as u64 >= reported_s + 10 {
+            reported_s = s as u64;
+            note(args.json, format_args!("{s:.0} s, {n} estimates of the vessel"));
+        }
+    }
+    match armed {
+        Some(false) => Ok((predictor, calibration)),
+        Some(true) => Err(CliError(
+            "the drone is armed: put it on the deck, disarm it, and try again".into(),
+        )),
+        None => Err(CliError(format!(
+            "no autopilot is heard under the name {name}: alight status --instance {name} shows what runs"
+        ))),
+    }
+}
+
+/// From a recording.
+#[cfg(feature = "lab")]
+fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
+    use crate::config::DroneFile;
+    use crate::record::entry::{Entry, MissionEntry};
+    use crate::record::reading::{Recording, contained};
+    use crate::record::{DRONE_FILE, NODES};
+    use alight_shared::wire;
+
+    contained(path, || {
+        let recording = Recording::open(path)?;
+        let settings = match &args.config {
+            Some(file) => computer(file)?.drone,
+            None => {
+                let origin = format!("{}, {DRONE_FILE}", recording.origin());
+                config::parse::<DroneFile>(&recording.text(DRONE_FILE)?, &origin)
+                    .map_err(|e| CliError(e.to_string()))?
+                    .drone
+            }
+        };
+        let predictor = settings.predictor();
+        let mut calibration = DeckCalibration::new(&predictor, stand(args, &predictor)?);
+        let mut armed = true;
+        recording.steps(|k, _, bytes| {
+            match NODES[k] {
+                "mission" => {
+                    let entry: Entry<MissionEntry> = wire::decode_record(bytes)?;
+                    armed = entry.input.armed().unwrap_or(armed);
+                }
+                "predictor" => {
+                    let entry: Entry<PredictorIn> = wire::decode_record(bytes)?;
+                    if armed {
+                        calibration.armed();
+                    }
+                    calibration.take(&entry.input, !armed);
+                }
+                _ => {}
+            }
+            Ok(())
+        })?;
+        Ok((predictor, calibration))
+    })
+}
+
+#[cfg(not(feature = "lab"))]
+fn recorded(_args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
+    Err(CliError(format!(
+        "{}: this program is built without recordings; calibrate with the processes running, or on a computer \
+         with the whole program",
+        path.display()
+    )))
+}
+
+fn object(found: &DeckCalibrationResult) -> Value {
+    let figure = |f: &ValueWithSd| json!({ "value": f.value, "sd": f.sd });
+    let figures = |all: &[ValueWithSd]| all.iter().map(figure).collect::<Vec<_>>();
+    json!({
+        "estimates": found.estimates,
+        "seconds": found.seconds,
+        "rocking_rad": found.rocking_rad,
+        "centre_m": figures(&found.centre),
+        "stood_at_m": figures(&found.stood_at),
+        "tilt_rad": figures(&found.tilt),
+        "heading_rad": figure(&found.heading),
+        "mount": found.mount.map(|m| json!({
+            "tags": m.tags,
+            "tilt_rad": figures(&m.tilt),
+            "turn_rad": figure(&m.turn),
+            "height_m": figure(&m.height),
+        })),
+    })
+}
+
+fn degrees(f: &ValueWithSd) -> String {
+    format!("{:.2} +- {:.2} deg", f.value.to_degrees(), f.sd.to_degrees())
+}
+
+fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
+    terminal::line(format_args!(
+        "{} estimates of the vessel over {:.0} s, which rocked by {:.1} deg (rms)",
+        found.estimates,
+        found.seconds,
+        found.rocking_rad.to_degrees()
+    ));
+    for (name, (f, old)) in ["forward", "right", "down"]
+        .iter()
+        .zip(found.centre.iter().zip(config.deck.centre_m))
+    {
+        let note = if f.sd > USABLE_M {
+            "  not observable, left: measure by tape, or with RTK (--receivers)"
+        } else if f.replaces(old) {
+            ""
+        } else {
+            "  agrees, left"
+        };
+        terminal::line(format_args!(
+            "deck's centre {name:<8} {:>7.3} +- {:.3} m, configured {old:.3}{note}",
+            f.value, f.sd
+        ));
+    }
+    let [roll, pitch] = &found.tilt;
+    terminal::line(format_args!(
+        "deck against the vessel's sensors: roll {}, pitch {}; drone's heading on it {}",
+        degrees(roll),
+        degrees(pitch),
+        degrees(&found.heading)
+    ));
+    match &found.mount {
+        Some(mount) => print_mount(found, mount, config),
+        None => terminal::line(format_args!(
+            "the tag is not seen from the deck: where the drone stands is taken from --at, and nothing is said of \
+             the camera's mount"
+        )),
+    }
+    let centre: Vec<f64> = found
+        .centre
+        .iter()
+        .zip(config.deck.centre_m)
+        .map(|(f, old)| if f.replaces(old) { f.value } else { old })
+        .collect();
+    let line = list("centre_m", &centre, 3);
+    terminal::line(format_args!(
+        "\n# vessel.toml\n[vessel.deck]\n{line}\n\n# drone.toml\n[drone.deck]\n{line}"
+    ));
+}
+
+fn print_mount(found: &DeckCalibrationResult, mount: &MountCalibration, config: &PredictorConfig) {
+    let [forward, right] = &found.stood_at;
+    terminal::line(format_args!(
+        "by {} sightings of the tag the drone stands {:.3} +- {:.3} m forward, {:.3} +- {:.3} m right of the \
+         deck's centre",
+        mount.tags, forward.value, forward.sd, right.value, right.sd
+    ));
+    let [roll, pitch] = &mount.tilt;
+    terminal::line(format_args!(
+        "camera's mount against the feet: roll {}, pitch {}, turn {}; {:.3} +- {:.3} m higher than configured",
+        degrees(roll),
+        degrees(pitch),
+        degrees(&mount.turn),
+        mount.height.value,
+        mount.height.sd
+    ));
+    let granted = config.vision_bias_sd_m_rad[3];
+    if mount
+        .tilt
+        .iter()
+        .any(|t| t.value.abs() > MOUNT_SDS * granted + t.sd)
+    {
+        terminal::line(format_args!(
+            "  more than the predictor allows for ({:.1} deg): set the camera straight",
+            (MOUNT_SDS * granted).to_degrees()
+        ));
+    }
+    if mount.height.value.abs() > 3.0 * mount.height.sd.hypot(config.camera_mount_sd_m) {
+        terminal::line("  measure drone.airframe.camera_m, feet_below_m and drone.deck.tag_side_m again");
+    }
+}

@@ -1,0 +1,408 @@
+//! `alight calibrate vessel`: damping, stiffness and the antenna's place from a recording.
+
+use std::path::{Path, PathBuf};
+
+use alight_shared::config;
+use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_usv::calibrate::incline::{inertia, level, stiffness};
+use alight_usv::calibrate::{
+    DOF_NAMES, Decay, Figure, Found, NotObservable, Record, Signal, Stiffness, Weight, identify,
+};
+use alight_usv::{VesselIn, VesselNodeConfig};
+use clap::Args;
+use serde_json::{Value, json};
+
+use crate::config::VesselComputer;
+use crate::exit::{CliError, Exit};
+use crate::process::log::LogReader;
+use crate::terminal;
+use crate::tools::calibrate::list;
+
+/// An antenna known to this is better than what a tape gives on a boat, m (ours).
+const USABLE_M: f64 = 0.1;
+/// Longest table, bytes.
+const MAX_TABLE_BYTES: u64 = 256 << 20;
+
+/// A recorded vessel.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "On calm water, engines off: press one side down and let go, then the bow, then let somebody heavy \
+step off; push her forward, sideways, and turn her, and let go. Three times each, and let her come to rest between, \
+for longer than she moves. For the antenna's place rock her for two minutes, or take a recording in waves.\n\
+For M in roll and pitch lay a known weight off the middle and record her at rest for a minute (--weighed, --weight).\n\
+Record with: alight vessel --config /etc/alight/vessel.toml --log DIR (its vessel-*.log)\n\
+Exit codes: 0 something was found, 1 nothing is observable, 2 bad input."
+)]
+pub struct VesselArgs {
+    /// The recording: an MCAP file, a log of `alight vessel --log`, or a table (CSV) with t_s and any of
+    /// roll_deg, pitch_deg, heading_deg, heave_m, surge_m, sway_m
+    #[arg(value_name = "FILE")]
+    pub recording: PathBuf,
+    /// Configuration of the vessel's computer (TOML) [default: the recording's, else the program's defaults]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// A recording of her at rest with a known weight on board, of any of these kinds
+    #[arg(long, value_name = "FILE", requires = "weight")]
+    pub weighed: Option<PathBuf>,
+    /// That weight: its mass (kg) and its place from the vessel's reference point (m)
+    #[arg(long, value_name = "KG,FORWARD,RIGHT", requires = "weighed", value_parser = weight, allow_hyphen_values = true)]
+    pub weight: Option<Weight>,
+    /// Print as one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn weight(text: &str) -> Result<Weight, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
+    match numbers.unwrap_or_default().as_slice() {
+        [mass_kg, x, y] if *mass_kg > 0.0 && *mass_kg < 1e6 && x.abs() < 1e3 && y.abs() < 1e3 => Ok(Weight {
+            mass_kg: *mass_kg,
+            at_m: [*x, *y],
+        }),
+        _ => Err("three numbers: kg, m forward, m right, as in 80,0.5,0.9".into()),
+    }
+}
+
+/// What a known weight told: stiffness in roll and pitch.
+type LoadedStiffness = Option<Stiffness>;
+
+/// Identifies and tells.
+pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
+    let named = match &args.config {
+        Some(path) => {
+            let computer: VesselComputer = config::load(path).map_err(|e| CliError(e.to_string()))?;
+            Some(computer.vessel)
+        }
+        None => None,
+    };
+    let (config, found) = read(&args.recording, named.clone())?;
+    let weighed = match (&args.weighed, &args.weight) {
+        (Some(path), Some(weight)) => {
+            let (_, with) = read(path, named)?;
+            Some(stiffness(weight, &found.level, &with.level))
+        }
+        (_, _) => None,
+    };
+    if args.json {
+        terminal::line(object(&found, &weighed));
+    } else {
+        print(&found, &weighed, &config);
+    }
+    let some = found.decays.iter().any(Result::is_ok) || antenna(&found).is_some();
+    Ok(if some { Exit::Success } else { Exit::Failed })
+}
+
+fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("mcap") => recorded(path, named),
+        Some("csv") => table(path, named.unwrap_or_default()),
+        Some("log") => logged(path, named),
+        Some(_) | None => Err(CliError(format!(
+            "{}: neither FILE.mcap, FILE.log nor FILE.csv",
+            path.display()
+        ))),
+    }
+}
+
+fn take(record: &mut Record, input: &VesselIn) {
+    input.imu.iter().for_each(|m| record.imu(m));
+    input.gnss.iter().for_each(|m| record.gnss(m));
+    input.heading.iter().for_each(|m| record.heading(m));
+}
+
+/// What the vessel's process logged.
+fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+    let doing = || format!("reading {}", path.display());
+    let (mut log, head) = LogReader::open(path).map_err(|e| CliError::because(doing(), e))?;
+    if head.process != "vessel" {
+        return Err(CliError(format!(
+            "{}: the log of the process `{}`; the vessel's is vessel-*.log",
+            path.display(),
+            head.process
+        )));
+    }
+    let config = match named {
+        Some(config) => config,
+        None => {
+            config::parse::<VesselComputer>(&head.config, &format!("{}, its configuration", path.display()))
+                .map_err(|e| CliError(e.to_string()))?
+                .vessel
+        }
+    };
+    let mut record = Record::default();
+    while let Some((_, input, _)) = log
+        .step::<VesselIn>()
+        .map_err(|e| CliError::because(doing(), e))?
+    {
+        take(&mut record, &input);
+    }
+    let found = record.found(&config);
+    Ok((config, found))
+}
+
+#[cfg(feature = "lab")]
+fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+    use crate::record::entry::Entry;
+    use crate::record::reading::{Recording, contained};
+    use crate::record::{NODES, VESSEL_FILE};
+    use alight_shared::wire;
+
+    contained(path, || {
+        let recording = Recording::open(path)?;
+        let config = match named {
+            Some(config) => config,
+            None => {
+                let origin = format!("{}, {VESSEL_FILE}", recording.origin());
+                config::parse(&recording.text(VESSEL_FILE)?, &origin).map_err(|e| CliError(e.to_string()))?
+            }
+        };
+        let mut record = Record::default();
+        recording.steps(|k, _, bytes| {
+            if NODES[k] == "vessel" {
+                let entry: Entry<VesselIn> = wire::decode_record(bytes)?;
+                take(&mut record, &entry.input);
+            }
+            Ok(())
+        })?;
+        let found = record.found(&config);
+        Ok((config, found))
+    })
+}
+
+#[cfg(not(feature = "lab"))]
+fn recorded(path: &Path, _: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+    Err(CliError(format!(
+        "{}: this program is built without recordings; take the log of `alight vessel --log DIR`, or a computer with \
+         the whole program",
+        path.display()
+    )))
+}
+
+/// A table of poses: each column decays as its degree of freedom does.
+fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Found), CliError> {
+    let doing = || format!("reading {}", path.display());
+    let size = std::fs::metadata(path)
+        .map_err(|e| CliError::because(doing(), e))?
+        .len();
+    if size > MAX_TABLE_BYTES {
+        return Err(CliError(format!(
+            "{}: {size} bytes; at most {MAX_TABLE_BYTES}",
+            doing()
+        )));
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| CliError::because(doing(), e))?;
+    let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
+    let (_, head) = lines
+        .next()
+        .ok_or_else(|| CliError(format!("{}: an empty file", doing())))?;
+    let column = |name: &str| head.split(',').position(|c| c.trim() == name);
+    let time = column("t_s").ok_or_else(|| CliError(format!("{}: no column t_s", doing())))?;
+    let columns: [(usize, &str, f64); DOFS] = [
+        (SURGE, "surge_m", 1.0),
+        (SWAY, "sway_m", 1.0),
+        (HEAVE, "heave_m", 1.0),
+        (ROLL, "roll_deg", 1_f64.to_radians()),
+        (PITCH, "pitch_deg", 1_f64.to_radians()),
+        (YAW, "heading_deg", 1_f64.to_radians()),
+    ];
+    let there: Vec<(usize, usize, f64)> = columns
+        .iter()
+        .filter_map(|(dof, name, unit)| column(name).map(|c| (*dof, c, *unit)))
+        .collect();
+    if there.is_empty() {
+        return Err(CliError(format!("{}: no column of a pose: {head}", doing())));
+    }
+    let mut signals: [Signal; DOFS] = Default::default();
+    let mut seconds = [f64::NAN; 2];
+    for (k, line) in lines {
+        let cells: Vec<&str> = line.split(',').collect();
+        let cell = |c: usize| -> Result<f64, CliError> {
+            let value = cells.get(c).and_then(|v| v.trim().parse::<f64>().ok());
+            value.filter(|v| v.abs() < 1e9).ok_or_else(|| {
+                CliError(format!(
+                    "{}: line {}: no number in column {}",
+                    doing(),
+                    k + 1,
+                    c + 1
+                ))
+            })
+        };
+        let t = cell(time)?;
+        if seconds[1] >= t {
+            return Err(CliError(format!(
+                "{}: line {}: time does not rise",
+                doing(),
+                k + 1
+            )));
+        }
+        seconds = [if seconds[0].is_nan() { t } else { seconds[0] }, t];
+        for (dof, c, unit) in &there {
+            let y = cell(*c)? * unit;
+            let signal = &mut signals[*dof];
+            // A heading goes on over north.
+            let y = match signal.y.last() {
+                Some(before) if *dof == YAW => before + alight_shared::frames::wrap_angle(y - before),
+                Some(_) | None => y,
+            };
+            signal.t_s.push(t);
+            signal.y.push(y);
+        }
+    }
+    let found = Found {
+        seconds: seconds[1] - seconds[0],
+        decays: identify(&signals),
+        level: [ROLL, PITCH].map(|dof| signals.get(dof).and_then(level)),
+        antenna_m: None,
+    };
+    Ok((config, found))
+}
+
+/// The antenna's place, where it is known well enough.
+fn antenna(found: &Found) -> Option<[Figure; 3]> {
+    found.antenna_m.filter(|a| a.iter().any(|f| f.sd <= USABLE_M))
+}
+
+fn why(unknown: &NotObservable) -> String {
+    match unknown {
+        NotObservable::NotMeasured => "not in the recording".into(),
+        NotObservable::NotPushed { stands_out } => format!(
+            "nothing stands out from its rest (the largest by {stands_out:.1} standard deviations): push her and let \
+             her come to rest, on calm water"
+        ),
+        NotObservable::NoDecay { explained } => format!(
+            "a free decay explains {:.0} % of the best push: held, driven by waves, or another motion's",
+            100.0 * explained
+        ),
+        NotObservable::Vague => "the pushes are too weak or too short to tell".into(),
+    }
+}
+
+/// M where a weight has told it.
+fn mass(dof: usize, decay: &Decay, weighed: &LoadedStiffness) -> Option<Figure> {
+    let [roll, pitch] = weighed.as_ref()?;
+    let of = match dof {
+        ROLL => roll,
+        PITCH => pitch,
+        _ => return None,
+    };
+    inertia(of.as_ref().ok()?, decay)
+}
+
+/// Damping and stiffness as the model has them, with their errors: M as configured or found.
+fn scaled(m: f64, decay: &Decay) -> [Figure; 2] {
+    [decay.damping, decay.stiffness].map(|f| Figure {
+        value: m * f.value,
+        sd: m * f.sd,
+    })
+}
+
+fn object(found: &Found, weighed: &LoadedStiffness) -> Value {
+    let figure = |f: &Figure| json!({ "value": f.value, "sd": f.sd });
+    let decays: serde_json::Map<String, Value> = DOF_NAMES
+        .iter()
+        .zip(&found.decays)
+        .enumerate()
+        .map(|(dof, (name, decay))| {
+            let of = match decay {
+                Ok(d) => json!({
+                    "damping_per_mass": figure(&d.damping),
+                    "stiffness_per_mass": figure(&d.stiffness),
+                    "pushes": d.pushes,
+                    "mass": mass(dof, d, weighed).as_ref().map(figure),
+                }),
+                Err(unknown) => json!({ "not_observable": why(unknown) }),
+            };
+            ((*name).into(), of)
+        })
+        .collect();
+    json!({
+        "seconds": found.seconds,
+        "decays": decays,
+        "antenna_m": found.antenna_m.map(|a| a.iter().map(figure).collect::<Vec<_>>()),
+    })
+}
+
+/// What a weight told of roll and pitch.
+fn print_loaded(weighed: &Stiffness) {
+    for (name, of) in ["roll", "pitch"].iter().zip(weighed) {
+        let text = match of {
+            Ok(g) => format!("G {:.0} +- {:.0}", g.value, g.sd),
+            Err(Some(lean)) => format!(
+                "leans by {:.2} +- {:.2} deg, which tells too little or is the wrong way: a heavier weight, farther \
+                 from the middle, on calm water",
+                lean.value.to_degrees(),
+                lean.sd.to_degrees()
+            ),
+            Err(None) => "no attitude for 20 s with and without it".into(),
+        };
+        terminal::line(format_args!("{name:<6} under the weight: {text}"));
+    }
+}
+
+fn print(found: &Found, weighed: &LoadedStiffness, config: &VesselNodeConfig) {
+    let model = &config.model;
+    terminal::line(format_args!("{:.0} s recorded", found.seconds));
+    weighed.iter().for_each(print_loaded);
+    let (mut damping, mut stiffness) = (model.damping_npmps_nmpradps, model.stiffness_npm_nmprad);
+    let mut inertia = model.inertia_kg_kgm2;
+    for (dof, (name, decay)) in DOF_NAMES.iter().zip(&found.decays).enumerate() {
+        match decay {
+            Ok(d) => {
+                let m = mass(dof, d, weighed);
+                if let Some(m) = &m {
+                    terminal::line(format_args!(
+                        "{name:<6} M {:.0} +- {:.0} (configured {:.0})",
+                        m.value, m.sd, inertia[dof]
+                    ));
+                    inertia[dof] = m.value;
+                }
+                let [dd, gg] = scaled(inertia[dof], d);
+                terminal::line(format_args!(
+                    "{name:<6} D {:.0} +- {:.0} (configured {:.0}), G {:.0} +- {:.0} (configured {:.0}), {} pushes",
+                    dd.value, dd.sd, damping[dof], gg.value, gg.sd, stiffness[dof], d.pushes
+                ));
+                damping[dof] = dd.value;
+                if gg.value > 0.0 {
+                    stiffness[dof] = gg.value;
+                }
+            }
+            Err(unknown) => terminal::line(format_args!("{name:<6} not observable, left: {}", why(unknown))),
+        }
+    }
+    terminal::line(
+        "M is not observable from free motion and elsewhere left as configured (a known weight tells it in roll and \
+         pitch: --weighed): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
+         place is where the reference point is reckoned from, and left",
+    );
+    let mut place = config.gnss.antenna_m;
+    match &found.antenna_m {
+        Some(figures) => {
+            for (axis, (f, slot)) in ["forward", "right", "down"]
+                .iter()
+                .zip(figures.iter().zip(&mut place))
+            {
+                let known = f.sd <= USABLE_M;
+                let note = if known {
+                    ""
+                } else {
+                    "  not observable, left: too little rocking"
+                };
+                terminal::line(format_args!(
+                    "GNSS antenna {axis:<8} {:>7.3} +- {:.3} m, configured {:.3}{note}",
+                    f.value, f.sd, *slot
+                ));
+                if known {
+                    *slot = f.value;
+                }
+            }
+        }
+        None => terminal::line("GNSS antenna not observable, left: no fixes with motion between them"),
+    }
+    let m = list("inertia_kg_kgm2", &inertia, 0);
+    let d = list("damping_npmps_nmpradps", &damping, 0);
+    let g = list("stiffness_npm_nmprad", &stiffness, 0);
+    let a = list("antenna_m", &place, 3);
+    terminal::line(format_args!(
+        "\n# vessel.toml\n[vessel.model]\n{m}\n{d}\n{g}\n[vessel.gnss]\n{a}\n\n# drone.toml\n[drone.predictor.vessel]\n{m}\n{d}\n{g}"
+    ));
+}

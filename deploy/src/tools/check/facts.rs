@@ -1,0 +1,167 @@
+//! What `alight check` looks at: plain data, so that the rules can be tried on any computer.
+
+use std::path::PathBuf;
+
+use alight_usv::sensors::SourceStatus;
+
+use crate::certificates::Certificate;
+use crate::config::{DroneComputer, VesselComputer};
+
+/// Which computer this is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Computer {
+    /// The vessel's.
+    Vessel(Box<VesselComputer>),
+    /// The drone's.
+    Drone(Box<DroneComputer>),
+}
+
+/// The three files of the radio's tls section.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Identity {
+    /// Whom we trust, or why it cannot be read.
+    pub authority: Result<Certificate, String>,
+    /// Who we are.
+    pub own: Result<Certificate, String>,
+    /// Whether the key is readable, or why not.
+    pub key: Result<(), String>,
+    /// The key's permission bits; None when it is not there.
+    pub key_mode: Option<u32>,
+    /// The key belongs to the certificate; None when one of them cannot be read.
+    pub key_fits: Option<bool>,
+    /// The authority made the certificate, by the key identifiers in both; None when one lacks it.
+    pub of_authority: Option<bool>,
+}
+
+/// How the system's clock is kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClockSync {
+    /// Who says so.
+    pub source: &'static str,
+    /// In step with a reference.
+    pub synchronised: bool,
+    /// Estimated error, s.
+    pub error_s: Option<f64>,
+}
+
+/// An address that the program will listen on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Port {
+    /// The key in the configuration.
+    pub key: &'static str,
+    /// The endpoint or address as it stands there.
+    pub address: String,
+    /// What trying it gave.
+    pub state: PortState,
+}
+
+/// What trying an address gave.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PortState {
+    /// Free.
+    Free,
+    /// Somebody listens there.
+    Busy,
+    /// The system refuses it, in its words.
+    Unavailable(String),
+    /// Not an address that can be tried here.
+    Untried,
+}
+
+/// Whether the other end answers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reach {
+    /// It took a connection.
+    Answers,
+    /// It did not, in the system's words.
+    Unreachable(String),
+    /// Datagrams: nobody answers before the session; there is a route.
+    Routed,
+}
+
+/// What came from the vessel's sensors while the check listened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SensorReadings {
+    /// Inertial samples.
+    pub imu: usize,
+    /// GNSS fixes.
+    pub gnss: usize,
+    /// Headings.
+    pub heading: usize,
+    /// Datagrams that were none of these.
+    pub refused: u64,
+}
+
+/// A real sensor, listened to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceCheck {
+    /// Its name.
+    pub name: String,
+    /// Where it is.
+    pub connect: String,
+    /// Bytes that came and what became of them, or why none can come.
+    pub received: Result<(usize, SourceStatus), String>,
+}
+
+/// The place for shared memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SharedMemory {
+    /// Free, bytes; None when the system does not say.
+    pub free_bytes: Option<u64>,
+    /// Whether a file can be made there, or why not.
+    pub writable: Result<(), String>,
+    /// Whether the instance's directory can be used by this user, or why not.
+    pub directory: Result<PathBuf, String>,
+}
+
+/// One of the drone's cameras.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CameraCheck {
+    /// Its table in the configuration.
+    pub key: &'static str,
+    /// The table of its lens.
+    pub lens: &'static str,
+    /// Its source as configured.
+    pub source: String,
+    /// Whether that can be read.
+    pub there: Result<(), String>,
+    /// Whether the lens was calibrated.
+    pub calibrated: bool,
+}
+
+/// Everything that was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Facts {
+    /// The configuration's file.
+    pub config: PathBuf,
+    /// What it says, or why it was refused.
+    pub computer: Result<Computer, String>,
+    /// Alight runs here already.
+    pub running: bool,
+    /// Certificates; None when the configuration names none.
+    pub identity: Option<Identity>,
+    /// The system's clock, s since 1970.
+    pub clock_s: i64,
+    /// How it is kept; None when nobody says.
+    pub sync: Option<ClockSync>,
+    /// Shared memory; the drone's processes need it.
+    pub memory: Option<SharedMemory>,
+    /// Addresses to listen on.
+    pub ports: Vec<Port>,
+    /// Addresses to dial, and whether they answer.
+    pub dialled: Vec<(String, Reach)>,
+    /// The autopilot's link as configured, and whether it can be had; None where none is.
+    pub autopilot: Option<(String, Result<Reach, String>)>,
+    /// Each camera that is configured.
+    pub cameras: Vec<CameraCheck>,
+    /// What the sensors sent; None when it was not listened to.
+    pub sensors: Option<SensorReadings>,
+    /// The vessel's real sensors; None when they are the running process's.
+    pub sources: Option<Vec<SourceCheck>>,
+    /// How the frequency of each processor is chosen; empty without frequency scaling.
+    pub governors: Vec<String>,
+    /// This user may ask for real-time priority.
+    pub realtime: bool,
+    /// Processors.
+    pub processors: usize,
+}

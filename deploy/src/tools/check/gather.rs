@@ -1,0 +1,464 @@
+//! Looks at this computer and says what is there; judges nothing.
+
+use std::fs::{self, OpenOptions};
+use std::io::ErrorKind;
+use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::transport::memory::Instance;
+use alight_shared::transport::radio::{RadioConfig, TlsConfig};
+use alight_uav::camera::Lens;
+use alight_uav::camera::uvdar::Fisheye;
+
+use crate::certificates;
+use crate::config::{DroneComputer, VesselComputer};
+use crate::drone;
+use crate::exit::CliError;
+use crate::io::link_url::LinkUrl;
+use crate::io::sensor_socket::SensorSocket;
+use crate::process::instance;
+use crate::tools::check::facts::{
+    CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings, SharedMemory,
+};
+use crate::tools::check::sources;
+
+/// Longest look into a file of the system.
+const TIMEOUT: Duration = Duration::from_secs(2);
+/// The sensors are listened to so many times ...
+const LISTEN_ROUNDS: u32 = 15;
+/// ... for this long each.
+const LISTEN_TIME: Duration = Duration::from_millis(100);
+/// Processors that are looked at.
+const MAX_PROCESSORS: usize = 1024;
+
+/// Everything about this computer that bears on the configuration in `path`.
+pub fn gather(path: &Path) -> Facts {
+    let computer = computer(path).map_err(|e| e.to_string());
+    let mut facts = Facts {
+        config: path.into(),
+        running: false,
+        identity: None,
+        clock_s: certificates::today_s(),
+        sync: sync(),
+        memory: None,
+        ports: Vec::new(),
+        dialled: Vec::new(),
+        autopilot: None,
+        cameras: Vec::new(),
+        sensors: None,
+        sources: None,
+        governors: governors(),
+        realtime: drone::permitted(&drone::REALTIME),
+        processors: std::thread::available_parallelism().map_or(1, usize::from),
+        computer: Err(String::new()),
+    };
+    match &computer {
+        Ok(Computer::Vessel(v)) => {
+            facts.running = runs_as("vessel");
+            facts.radio(&v.radio);
+            let mut port = Port {
+                key: "sensors",
+                address: v.sensors.clone(),
+                state: PortState::Untried,
+            };
+            match SensorSocket::listen(&v.sensors) {
+                Ok(mut sensors) => {
+                    port.state = PortState::Free;
+                    facts.sensors = Some(listen(&mut sensors));
+                }
+                Err(e) => port.state = port_state(&e),
+            }
+            facts.ports.push(port);
+            facts.sources = (!facts.running).then(|| sources::listen(v));
+            // The service starts what would send to that port.
+            facts.sensors = facts.sensors.filter(|_| v.sensor.sources.is_empty());
+        }
+        Ok(Computer::Drone(d)) => {
+            let instance = Instance::new(&d.instance);
+            facts.running = instance.as_ref().is_ok_and(instance::is_running);
+            facts.radio(&d.radio);
+            facts.autopilot = d.supervision.autopilot.then(|| {
+                let name = d.autopilot.connect.clone();
+                let reach = name.parse().map(|url| autopilot(&url));
+                (name, reach)
+            });
+            let settings = &d.drone.camera;
+            let ultraviolet = d.ultraviolet();
+            let cameras = [
+                (
+                    "camera",
+                    "drone.camera.lens",
+                    &d.camera,
+                    settings.lens != Lens::default(),
+                ),
+                (
+                    "uvdar",
+                    "drone.camera.uvdar.lens",
+                    &ultraviolet,
+                    settings.uvdar.lens != Fisheye::default(),
+                ),
+            ];
+            for (key, lens, config, calibrated) in cameras.into_iter().filter(|(_, _, c, _)| c.is_there()) {
+                facts.cameras.push(CameraCheck {
+                    key,
+                    lens,
+                    source: config.source.clone(),
+                    there: if config.is_simulation() {
+                        Ok(())
+                    } else {
+                        readable(&config.source)
+                    },
+                    calibrated,
+                });
+            }
+            facts.memory = Some(memory(instance.map_err(|e| e.to_string())));
+        }
+        Err(_) => {}
+    }
+    facts.computer = computer;
+    facts
+}
+
+/// Whether a camera's source is there and may be read. Looked at only: a pipe without a writer would block.
+fn readable(name: &str) -> Result<(), String> {
+    let meta = fs::metadata(name).map_err(|e| e.to_string())?;
+    if meta.file_type().is_fifo() {
+        return Ok(());
+    }
+    fs::File::open(name).map(drop).map_err(|e| e.to_string())
+}
+
+/// Reads a vessel's or a drone's configuration, told apart by the keys that only one of them has.
+pub fn computer(path: &Path) -> Result<Computer, CliError> {
+    let text = fs::read_to_string(path).map_err(|e| {
+        CliError::because(
+            format!("reading {} (check the path and its permissions)", path.display()),
+            e,
+        )
+    })?;
+    let table: toml::Table = text
+        .parse()
+        .map_err(|e| CliError::because(format!("parsing {}", path.display()), e))?;
+    let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
+    let origin = path.display().to_string();
+    match (
+        has(&["vessel_id", "vessel", "sensors"]),
+        has(&["instance", "bridge", "drone"]),
+    ) {
+        (true, false) => config::parse::<VesselComputer>(&text, &origin)
+            .map(|v| Computer::Vessel(Box::new(v)))
+            .map_err(|e| CliError(e.to_string())),
+        (false, true) => config::parse::<DroneComputer>(&text, &origin)
+            .map(|d| Computer::Drone(Box::new(d)))
+            .map_err(|e| CliError(e.to_string())),
+        (true, true) | (false, false) => Err(CliError(format!(
+            "{origin} is neither a vessel's configuration (vessel_id) nor a drone's (instance)"
+        ))),
+    }
+}
+
+impl Facts {
+    fn radio(&mut self, radio: &RadioConfig) {
+        if !radio.tls.authority.is_empty() {
+            self.identity = Some(identity(&radio.tls));
+        }
+        self.ports = radio
+            .listen
+            .iter()
+            .map(|e| Port {
+                key: "radio.listen",
+                address: e.clone(),
+                state: try_listening(e),
+            })
+            .collect();
+        self.dialled = radio.connect.iter().map(|e| (e.clone(), reach(e))).collect();
+    }
+}
+
+fn identity(tls: &TlsConfig) -> Identity {
+    let [authority, own] = [&tls.authority, &tls.certificate].map(|file| {
+        let path = Path::new(file);
+        certificates::read_certificate(path).map_err(|e| e.to_string())
+    });
+    let key = fs::read_to_string(&tls.key).map_err(|e| format!("reading {}: {e}", tls.key));
+    let key_mode = fs::metadata(&tls.key).ok().map(|m| m.permissions().mode());
+    let key_fits = match (&own, &key) {
+        (Ok(own), Ok(key)) => Some(certificates::key_matches(key, own)),
+        (_, _) => None,
+    };
+    let of_authority = match (&own, &authority) {
+        (Ok(own), Ok(authority)) => certificates::is_signed_by(own, authority),
+        (_, _) => None,
+    };
+    Identity {
+        authority: authority.map(|l| l.certificate),
+        own: own.map(|l| l.certificate),
+        key: key.map(|_| ()),
+        key_mode,
+        key_fits,
+        of_authority,
+    }
+}
+
+/// `udp/0.0.0.0:7447?...#...` as protocol and address.
+fn endpoint(text: &str) -> Option<(&str, &str)> {
+    let (protocol, address) = text.split_once('/')?;
+    let address = address.split(['?', '#']).next()?;
+    matches!(protocol, "udp" | "tcp" | "quic").then_some((protocol, address))
+}
+
+fn port_state(e: &std::io::Error) -> PortState {
+    if e.kind() == ErrorKind::AddrInUse {
+        PortState::Busy
+    } else {
+        PortState::Unavailable(e.to_string())
+    }
+}
+
+fn try_listening(text: &str) -> PortState {
+    let tried = match endpoint(text) {
+        None => return PortState::Untried,
+        Some(("udp" | "quic", address)) => UdpSocket::bind(address).map(|_| ()),
+        Some((_, address)) => TcpListener::bind(address).map(|_| ()),
+    };
+    tried.map_or_else(|e| port_state(&e), |()| PortState::Free)
+}
+
+fn reach(text: &str) -> Reach {
+    let Some((protocol, address)) = endpoint(text) else {
+        return Reach::Unreachable("not PROTOCOL/ADDRESS:PORT with udp, tcp or quic".into());
+    };
+    let found = address
+        .to_socket_addrs()
+        .map_err(|e| e.to_string())
+        .and_then(|mut all| all.next().ok_or_else(|| "no such host".to_owned()));
+    let result = found.and_then(|to| {
+        match protocol {
+            "udp" => routed(to).map(|_| Reach::Routed),
+            "quic" => routed(to).and_then(|s| speaks_quic(&s)).map(|()| Reach::Answers),
+            _ => TcpStream::connect_timeout(&to, TIMEOUT).map(|_| Reach::Answers),
+        }
+        .map_err(|e| e.to_string())
+    });
+    result.unwrap_or_else(Reach::Unreachable)
+}
+
+fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
+    let any = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let socket = UdpSocket::bind(any)?;
+    socket.connect(to)?;
+    Ok(socket)
+}
+
+/// Whether a server of QUIC is there: it answers a version that nobody has with those it has (RFC 9000,
+/// section 6.1), without a handshake and without counting us among the strangers. Asked three times, for
+/// a radio loses packets.
+fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
+    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes; a server
+    // answers no datagram below 1200 bytes.
+    let mut hello = vec![0u8; 1200];
+    let header = [
+        &[0xc0, 0x0a, 0x0a, 0x0a, 0x0a, 8][..],
+        b"alight-d",
+        &[8],
+        b"alight-s",
+    ]
+    .concat();
+    hello.splice(..header.len(), header);
+    socket.set_read_timeout(Some(TIMEOUT / 3))?;
+    let mut answer = [0u8; 1500];
+    let mut last = ErrorKind::TimedOut.into();
+    for _ in 0..3 {
+        let read = socket.send(&hello).and_then(|_| socket.recv(&mut answer));
+        match read {
+            // Version negotiation: a long header with the version 0.
+            Ok(n) if n >= 7 && answer[0] & 0x80 != 0 && answer[1..5] == [0; 4] => return Ok(()),
+            Ok(_) => {}
+            Err(e) => last = e,
+        }
+    }
+    Err(last)
+}
+
+/// Whether the autopilot's link can be had.
+fn autopilot(url: &LinkUrl) -> Reach {
+    let bound = |tried: std::io::Result<()>| {
+        tried.map_or_else(|e| Reach::Unreachable(e.to_string()), |()| Reach::Routed)
+    };
+    match url {
+        LinkUrl::UdpIn(at) => bound(UdpSocket::bind(at.as_str()).map(drop)),
+        LinkUrl::TcpIn(at) => bound(TcpListener::bind(at.as_str()).map(drop)),
+        LinkUrl::UdpOut(to) => reach(&format!("udp/{to}")),
+        LinkUrl::TcpOut(to) => reach(&format!("tcp/{to}")),
+        LinkUrl::Serial(path, _) => match OpenOptions::new().read(true).write(true).open(path) {
+            Ok(_) => Reach::Answers,
+            Err(e) => Reach::Unreachable(e.to_string()),
+        },
+    }
+}
+
+fn listen(sensors: &mut SensorSocket) -> SensorReadings {
+    let mut received = SensorReadings::default();
+    for _ in 0..LISTEN_ROUNDS {
+        let readings = sensors.read(LISTEN_TIME);
+        received.imu += readings.imu.len();
+        received.gnss += readings.gnss.len();
+        received.heading += readings.heading.len();
+    }
+    received.refused = sensors.rejected();
+    received
+}
+
+fn memory(instance: Result<Instance, String>) -> SharedMemory {
+    let probe = PathBuf::from(format!("/dev/shm/alight-check-{}", std::process::id()));
+    let writable = fs::write(&probe, [0_u8; 4096]).map_err(|e| e.to_string());
+    // One that was not made needs no removing.
+    let _none = fs::remove_file(&probe);
+    let directory = instance.and_then(|i| {
+        let path = i.directory();
+        let doing = |e| format!("{} cannot be used: {e}", path.display());
+        let probe = path.join(format!("check-{}", std::process::id()));
+        if !path.exists() {
+            // The program makes it: its parent must be writable.
+            fs::create_dir(&path).map_err(doing)?;
+            let _left = fs::remove_dir(&path);
+            return Ok(path);
+        }
+        fs::write(&probe, "").map_err(doing)?;
+        let _left = fs::remove_file(&probe);
+        Ok(path)
+    });
+    SharedMemory {
+        free_bytes: command_output("df", &["--output=avail", "-B1", "/dev/shm"])
+            .and_then(|t| t.lines().last().and_then(|l| l.trim().parse().ok())),
+        writable,
+        directory,
+    }
+}
+
+/// What a program of the system says on standard output; None when it is not there or fails.
+fn command_output(program: &str, args: &[&str]) -> Option<String> {
+    let out = Command::new(program)
+        .args(args)
+        .env("LC_ALL", "C")
+        .output()
+        .ok()?;
+    out.status
+        .success()
+        .then(|| String::from_utf8_lossy(&out.stdout).into_owned())
+}
+
+fn sync() -> Option<ClockSync> {
+    if let Some(text) = command_output("chronyc", &["-c", "tracking"])
+        && let Some(found) = chrony(&text)
+    {
+        return Some(found);
+    }
+    let text = command_output("timedatectl", &["show", "-p", "NTPSynchronized", "--value"])?;
+    Some(ClockSync {
+        source: "timedatectl",
+        synchronised: text.trim() == "yes",
+        error_s: None,
+    })
+}
+
+/// `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the last
+/// offsets, s, field 14 the leap status (Not synchronised).
+fn chrony(text: &str) -> Option<ClockSync> {
+    let fields: Vec<&str> = text.trim().split(',').collect();
+    let stratum: u32 = fields.get(2)?.parse().ok()?;
+    let unsynchronised = fields.get(13).is_some_and(|leap| leap.starts_with("Not"));
+    Some(ClockSync {
+        source: "chrony",
+        synchronised: stratum > 0 && !unsynchronised,
+        error_s: fields.get(6)?.parse().ok(),
+    })
+}
+
+fn governors() -> Vec<String> {
+    (0..MAX_PROCESSORS)
+        .map_while(|k| {
+            let path = format!("/sys/devices/system/cpu/cpu{k}/cpufreq/scaling_governor");
+            fs::read_to_string(path).ok()
+        })
+        .map(|text| text.trim().to_owned())
+        .collect()
+}
+
+/// Whether a process of this program runs as `verb`.
+fn runs_as(verb: &str) -> bool {
+    let own = std::process::id().to_string();
+    fs::read_dir("/proc")
+        .into_iter()
+        .flatten()
+        .flatten()
+        .any(|entry| {
+            let command = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+            let mut words = command.split(|b| *b == 0);
+            let program = words.next().unwrap_or_default();
+            entry.file_name().to_string_lossy() != own
+                && program.ends_with(b"alight")
+                && words.next() == Some(verb.as_bytes())
+        })
+}
+
+/// Whether a file can be opened for reading.
+pub fn is_there(path: &Path) -> bool {
+    OpenOptions::new().read(true).open(path).is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clock_check_parses_chrony_tracking() {
+        let good = "A29FC87B,162.159.200.123,4,1700000000.1,0.000012,0.000003,0.000210,-7.6,0.0,0.05,0.01,0.001,64.5,Normal\n";
+        let s = chrony(good).unwrap();
+        assert!(s.synchronised && s.error_s == Some(0.00021));
+        let none = "7F7F0101,,0,0.0,0.0,0.0,0.0,0.0,0.0,0.0,1.0,1.0,0.0,Not synchronised\n";
+        assert!(!chrony(none).unwrap().synchronised);
+        assert!(chrony("506 Cannot talk to daemon").is_none());
+    }
+
+    #[test]
+    fn reachability_check_distinguishes_a_quic_server_from_silence_and_other_programs() {
+        // What follows a version negotiation's header does not matter here.
+        for (answer, found) in [
+            (&[0x9f, 0, 0, 0, 0, 8, 1, 2, 3][..], true),
+            (&b"220 welcome"[..], false),
+        ] {
+            let server = UdpSocket::bind("127.0.0.1:0").unwrap();
+            let endpoint = format!("quic/{}", server.local_addr().unwrap());
+            let answering = std::thread::spawn(move || {
+                let mut question = [0; 1500];
+                for _ in 0..if found { 1 } else { 3 } {
+                    let (length, from) = server.recv_from(&mut question).unwrap();
+                    assert_eq!((length, &question[1..5]), (1200, &[0x0a; 4][..]));
+                    server.send_to(answer, from).unwrap();
+                }
+            });
+            assert_eq!(reach(&endpoint) == Reach::Answers, found);
+            answering.join().unwrap();
+        }
+    }
+
+    #[test]
+    fn port_check_distinguishes_a_port_in_use_from_a_foreign_address() {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let taken = format!("udp/{}", socket.local_addr().unwrap());
+        assert_eq!(try_listening(&taken), PortState::Busy);
+        drop(socket);
+        assert_eq!(try_listening(&taken), PortState::Free);
+        // TEST-NET-1: nobody's address.
+        assert!(matches!(
+            try_listening("quic/192.0.2.1:7447"),
+            PortState::Unavailable(_)
+        ));
+        assert_eq!(try_listening("serial/dev/ttyUSB0"), PortState::Untried);
+    }
+}

@@ -1,0 +1,81 @@
+//! `alight check`: what keeps this computer from flying, and what to do about it. [`gather`] looks,
+//! [`rules`] judges, and nothing is changed.
+
+pub mod facts;
+pub mod gather;
+pub mod rules;
+mod sources;
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use serde_json::json;
+
+use crate::exit::{CliError, Exit};
+use crate::terminal;
+use rules::{Finding, Level};
+
+/// Where the packages put the configuration.
+const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
+
+/// A check of this computer.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight check\n\
+Exit codes: 0 fine, 1 warnings, 2 broken."
+)]
+pub struct CheckArgs {
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml
+    /// or /etc/alight/drone.toml, whichever is there]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// One JSON object instead of lines
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The installed configuration of this computer.
+pub fn shipped() -> Option<PathBuf> {
+    let mut paths = SHIPPED.iter().map(Path::new);
+    paths.find(|p| gather::is_there(p)).map(Path::to_path_buf)
+}
+
+/// Looks, judges and tells.
+pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
+    let path = match &args.config {
+        Some(path) => path.clone(),
+        None => shipped().ok_or_else(|| {
+            CliError(format!(
+                "neither {} nor {} can be read; name --config FILE",
+                SHIPPED[0], SHIPPED[1]
+            ))
+        })?,
+    };
+    let findings = rules::judge(&gather::gather(&path));
+    let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
+    if args.json {
+        terminal::line(json!({ "config": path, "worst": worst, "findings": findings }));
+    } else {
+        findings.iter().for_each(show);
+    }
+    Ok(match worst {
+        Level::Fine => Exit::Success,
+        Level::Warning => Exit::Failed,
+        Level::Broken => Exit::Broken,
+    })
+}
+
+/// One finding, in lines.
+pub fn show(finding: &Finding) {
+    let mark = match finding.level {
+        Level::Fine => "fine",
+        Level::Warning => "WARNING",
+        Level::Broken => "BROKEN",
+    };
+    terminal::line(format_args!("{mark:<8} {:<14} {}", finding.topic, finding.found));
+    if !finding.remedy.is_empty() {
+        terminal::line(format_args!("{:<8} {:<14} -> {}", "", "", finding.remedy));
+    }
+}

@@ -1,0 +1,485 @@
+//! Rules on made-up computers, and the gatherer on this one.
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+
+use alight_shared::transport::radio::TlsConfig;
+use alight_usv::sensors::{SourceConfig, SourceStatus};
+
+use crate::certificates;
+use crate::certificates::Certificate;
+use crate::config::{DroneComputer, VesselComputer};
+use crate::exit::Exit;
+use crate::tools::check::facts::{
+    CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings, SharedMemory,
+    SourceCheck,
+};
+use crate::tools::check::rules::{Finding, Level, judge};
+use crate::tools::check::{CheckArgs, gather, run, sources};
+
+fn certificate(name: &str, days_left: i64) -> Certificate {
+    Certificate {
+        path: format!("/etc/alight/keys/{name}.pem").into(),
+        days_left,
+        in_future: false,
+        name: name.into(),
+    }
+}
+
+fn tls(peers: &[&str]) -> TlsConfig {
+    TlsConfig {
+        authority: "a".into(),
+        certificate: "c".into(),
+        key: "k".into(),
+        peers: peers.iter().map(|p| (*p).to_owned()).collect(),
+    }
+}
+
+fn vessel() -> Facts {
+    let mut computer = VesselComputer::default();
+    computer.radio.listen = vec!["quic/0.0.0.0:7447".into()];
+    computer.radio.tls = tls(&["drone-1"]);
+    Facts {
+        config: PathBuf::from("/etc/alight/vessel.toml"),
+        computer: Ok(Computer::Vessel(Box::new(computer))),
+        running: false,
+        identity: Some(Identity {
+            authority: Ok(certificate("Alight private authority", 3000)),
+            own: Ok(certificate("vessel-1", 800)),
+            key: Ok(()),
+            key_mode: Some(0o100_640),
+            key_fits: Some(true),
+            of_authority: Some(true),
+        }),
+        clock_s: 1_800_000_000,
+        sync: Some(ClockSync {
+            source: "chrony",
+            synchronised: true,
+            error_s: Some(0.0002),
+        }),
+        memory: None,
+        ports: vec![Port {
+            key: "radio.listen",
+            address: "quic/0.0.0.0:7447".into(),
+            state: PortState::Free,
+        }],
+        dialled: Vec::new(),
+        autopilot: None,
+        cameras: Vec::new(),
+        sensors: Some(SensorReadings {
+            imu: 300,
+            gnss: 10,
+            heading: 20,
+            refused: 0,
+        }),
+        sources: Some(Vec::new()),
+        governors: vec!["performance".into(); 4],
+        realtime: true,
+        processors: 4,
+    }
+}
+
+fn drone() -> Facts {
+    let mut computer = DroneComputer::default();
+    computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
+    computer.radio.tls = tls(&["vessel-1"]);
+    let mut facts = vessel();
+    facts.computer = Ok(Computer::Drone(Box::new(computer)));
+    facts.identity.as_mut().unwrap().own = Ok(certificate("drone-1", 800));
+    facts.memory = Some(SharedMemory {
+        free_bytes: Some(1 << 30),
+        writable: Ok(()),
+        directory: Ok("/run/alight/alight-drone".into()),
+    });
+    facts.ports.clear();
+    facts.dialled = vec![("quic/192.168.7.1:7447".into(), Reach::Answers)];
+    facts.autopilot = Some(("serial:///dev/ttyACM0:921600".into(), Ok(Reach::Answers)));
+    facts.sensors = None;
+    facts.sources = None;
+    facts
+}
+
+fn worst(findings: &[Finding]) -> Level {
+    findings.iter().map(|f| f.level).max().unwrap()
+}
+
+fn camera(source: &str, there: Result<(), String>, calibrated: bool) -> CameraCheck {
+    CameraCheck {
+        key: "camera",
+        lens: "drone.camera.lens",
+        source: source.into(),
+        there,
+        calibrated,
+    }
+}
+
+#[test]
+fn check_finds_nothing_on_computers_in_order() {
+    for facts in [vessel(), drone()] {
+        let findings = judge(&facts);
+        assert_eq!(worst(&findings), Level::Fine, "{findings:#?}");
+        assert!(findings.iter().all(|f| f.remedy.is_empty()));
+    }
+}
+
+/// One thing that is wrong: where, what, how bad, and a word of what is said.
+type Wrong = (fn() -> Facts, fn(&mut Facts), Level, &'static str);
+
+#[test]
+fn check_finds_each_fault_alone_with_its_remedy() {
+    fn own(f: &mut Facts) -> &mut Identity {
+        f.identity.as_mut().unwrap()
+    }
+    fn shared(f: &mut Facts) -> &mut SharedMemory {
+        f.memory.as_mut().unwrap()
+    }
+    fn source(f: &mut Facts, received: Result<(usize, SourceStatus), String>) {
+        f.sources = Some(vec![SourceCheck {
+            name: "compass".into(),
+            connect: "serial:///dev/ttyUSB0:115200".into(),
+            received,
+        }]);
+    }
+    let wrongs: [Wrong; 33] = [
+        (vessel, |f| f.clock_s = 40, Level::Broken, "never set"),
+        (vessel, |f| f.sync = None, Level::Warning, "nobody says"),
+        (
+            vessel,
+            |f| f.sync.as_mut().unwrap().synchronised = false,
+            Level::Warning,
+            "not synchronised",
+        ),
+        (
+            vessel,
+            |f| f.sync.as_mut().unwrap().error_s = Some(-0.3),
+            Level::Warning,
+            "-300 ms",
+        ),
+        (
+            vessel,
+            |f| own(f).own = Ok(certificate("vessel-1", 29)),
+            Level::Warning,
+            "expires in 29 days",
+        ),
+        (
+            vessel,
+            |f| own(f).own = Ok(certificate("vessel-1", -3)),
+            Level::Broken,
+            "expired 3 days ago",
+        ),
+        (
+            vessel,
+            |f| own(f).own = Ok(certificate("vessel-2", 800)),
+            Level::Broken,
+            "vessel-2's",
+        ),
+        (
+            vessel,
+            |f| own(f).own.as_mut().unwrap().in_future = true,
+            Level::Broken,
+            "not valid yet",
+        ),
+        (
+            vessel,
+            |f| own(f).authority = Err("no such file".into()),
+            Level::Broken,
+            "no such file",
+        ),
+        (
+            vessel,
+            |f| own(f).key = Err("permission denied".into()),
+            Level::Broken,
+            "permission denied",
+        ),
+        (
+            vessel,
+            |f| own(f).key_mode = Some(0o100_644),
+            Level::Warning,
+            "mode 644",
+        ),
+        (
+            vessel,
+            |f| own(f).key_fits = Some(false),
+            Level::Broken,
+            "does not belong",
+        ),
+        (
+            vessel,
+            |f| own(f).of_authority = Some(false),
+            Level::Broken,
+            "another authority",
+        ),
+        (vessel, |f| f.identity = None, Level::Broken, "names no files"),
+        (
+            vessel,
+            |f| f.ports[0].state = PortState::Busy,
+            Level::Broken,
+            "another program",
+        ),
+        (
+            vessel,
+            |f| f.ports[0].state = PortState::Unavailable("not here".into()),
+            Level::Broken,
+            "not here",
+        ),
+        (
+            vessel,
+            |f| f.sensors = Some(SensorReadings::default()),
+            Level::Warning,
+            "no GNSS fixes",
+        ),
+        (
+            vessel,
+            |f| f.sensors.as_mut().unwrap().refused = 4,
+            Level::Warning,
+            "4 datagrams",
+        ),
+        (
+            vessel,
+            |f| source(f, Err("no such device".into())),
+            Level::Warning,
+            "no such device",
+        ),
+        (
+            vessel,
+            |f| source(f, Ok((0, SourceStatus::default()))),
+            Level::Warning,
+            "nothing came",
+        ),
+        (
+            vessel,
+            |f| source(f, Ok((900, SourceStatus::default()))),
+            Level::Warning,
+            "900 bytes",
+        ),
+        (
+            vessel,
+            |f| f.governors[2] = "powersave".into(),
+            Level::Warning,
+            "powersave",
+        ),
+        (
+            drone,
+            |f| f.dialled[0].1 = Reach::Unreachable("refused".into()),
+            Level::Warning,
+            "does not answer",
+        ),
+        (
+            drone,
+            |f| shared(f).free_bytes = Some(1 << 20),
+            Level::Broken,
+            "1 MB free",
+        ),
+        (
+            drone,
+            |f| shared(f).writable = Err("read-only".into()),
+            Level::Broken,
+            "read-only",
+        ),
+        (
+            drone,
+            |f| shared(f).directory = Err("another's".into()),
+            Level::Broken,
+            "another's",
+        ),
+        (
+            drone,
+            |f| {
+                f.autopilot = Some((
+                    "serial:///dev/x".into(),
+                    Ok(Reach::Unreachable("not there".into())),
+                ))
+            },
+            Level::Warning,
+            "not there",
+        ),
+        (
+            drone,
+            |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),
+            Level::Broken,
+            "no kind of link",
+        ),
+        (
+            drone,
+            |f| {
+                f.cameras
+                    .push(camera("/dev/video9", Err("no such file".into()), true))
+            },
+            Level::Broken,
+            "no such file",
+        ),
+        (
+            drone,
+            |f| f.cameras.push(camera("/dev/video0", Ok(()), false)),
+            Level::Warning,
+            "simulated camera's",
+        ),
+        (drone, |f| f.realtime = false, Level::Warning, "real-time"),
+        (drone, |f| f.processors = 1, Level::Warning, "one processor"),
+        (
+            drone,
+            |f| {
+                let mut d = DroneComputer::default();
+                d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
+                d.radio.tls = tls(&["vessel-2"]);
+                f.computer = Ok(Computer::Drone(Box::new(d)));
+            },
+            Level::Broken,
+            "vessel-1 is not among",
+        ),
+    ];
+    for (facts, spoil, level, word) in wrongs {
+        let mut facts = facts();
+        spoil(&mut facts);
+        let findings = judge(&facts);
+        let bad: Vec<_> = findings.iter().filter(|f| f.level != Level::Fine).collect();
+        assert_eq!(bad.len(), 1, "{word}: {bad:#?}");
+        assert!(
+            bad[0].level == level && bad[0].found.contains(word),
+            "{word}: {bad:?}"
+        );
+        assert!(bad[0].remedy.len() > 8, "{word}: says what to do: {bad:?}");
+    }
+}
+
+#[test]
+fn check_warns_of_an_unprotected_radio_unless_it_is_loopback() {
+    let mut facts = vessel();
+    facts.identity = None;
+    let mut computer = VesselComputer::default();
+    facts.computer = Ok(Computer::Vessel(Box::new(computer.clone())));
+    assert_eq!(worst(&judge(&facts)), Level::Warning);
+    computer.radio.listen = vec!["udp/127.0.0.1:7447".into()];
+    facts.computer = Ok(Computer::Vessel(Box::new(computer)));
+    assert_eq!(worst(&judge(&facts)), Level::Fine);
+}
+
+#[test]
+fn check_accepts_a_port_that_alight_itself_uses() {
+    let mut facts = vessel();
+    facts.ports[0].state = PortState::Busy;
+    facts.running = true;
+    assert_eq!(worst(&judge(&facts)), Level::Fine);
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let directory = std::env::temp_dir().join(format!("alight-check-{name}-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    directory
+}
+
+fn check(config: &Path) -> Exit {
+    run(&CheckArgs {
+        config: Some(config.into()),
+        json: true,
+    })
+    .unwrap()
+}
+
+#[test]
+fn check_finds_a_swapped_key_and_a_foreign_authority() {
+    let directory = scratch("keys");
+    let (ours, theirs) = (directory.join("ours"), directory.join("theirs"));
+    for authority in [&ours, &theirs] {
+        certificates::init(authority, 400).unwrap();
+        certificates::issue(authority, "vessel", 1, &[], 400).unwrap();
+    }
+    let written = |radio: &TlsConfig| {
+        let mut computer = VesselComputer::default();
+        computer.radio.listen = vec!["quic/127.0.0.1:0".into()];
+        computer.radio.tls = radio.clone();
+        computer.sensors = "127.0.0.1:0".into();
+        let path = directory.join("vessel.toml");
+        std::fs::write(&path, toml::to_string(&computer).unwrap()).unwrap();
+        gather::gather(&path).identity.unwrap()
+    };
+    let good = certificates::files(&ours.join("vessel-1"), vec!["drone-1".into()]).unwrap();
+    let found = written(&good);
+    assert_eq!((found.key_fits, found.of_authority), (Some(true), Some(true)));
+    assert_eq!(found.own.unwrap().days_left, 399);
+    let other = certificates::files(&theirs.join("vessel-1"), Vec::new()).unwrap();
+    let mixed = TlsConfig {
+        key: other.key,
+        ..good.clone()
+    };
+    assert_eq!(written(&mixed).key_fits, Some(false));
+    let foreign = TlsConfig {
+        authority: other.authority,
+        ..good
+    };
+    assert_eq!(written(&foreign).of_authority, Some(false));
+    std::fs::remove_dir_all(&directory).unwrap();
+}
+
+#[test]
+fn sensor_check_distinguishes_a_sending_source_from_a_silent_and_a_missing_one() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let (speaks, silent) = (free(), free());
+    let mut computer = VesselComputer::default();
+    computer.sensor.sources = ["speaks", "silent", "taken", "none", "wrong"]
+        .into_iter()
+        .zip([
+            format!("udpin://{speaks}"),
+            format!("udpin://{silent}"),
+            format!("udpin://{}", socket.local_addr().unwrap()),
+            "serial:///dev/none:9600".into(),
+            "nmea://mast".into(),
+        ])
+        .map(|(name, connect)| SourceConfig {
+            name: name.into(),
+            connect,
+            ..SourceConfig::default()
+        })
+        .collect();
+    let (end, ended) = std::sync::mpsc::channel::<()>();
+    let speaker = std::thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let mut k = 0;
+        while ended.recv_timeout(std::time::Duration::from_millis(20)).is_err() {
+            let time = format!("1200{:02}.{:02}", k / 50, 2 * (k % 50));
+            for part in [format!("GPZDA,{time},01,01,2026,00,00"), "GPHDT,90.0,T".into()] {
+                let sum = part.bytes().fold(0_u8, |a, b| a ^ b);
+                let _missed = socket.send_to(format!("${part}*{sum:02X}\r\n").as_bytes(), speaks);
+            }
+            k += 1;
+        }
+    });
+    let found = sources::listen(&computer);
+    end.send(()).unwrap();
+    speaker.join().unwrap();
+    let received = |k: usize| {
+        found[k]
+            .received
+            .as_ref()
+            .map(|(bytes, s)| (*bytes, s.decoded.good))
+    };
+    assert!(
+        received(0).is_ok_and(|(bytes, good)| bytes > 100 && good > 2),
+        "{found:?}"
+    );
+    assert_eq!(received(1), Ok((0, 0)), "{found:?}");
+    assert!(received(2).is_err_and(|e| e.contains("udpin://")), "{found:?}");
+    assert!(received(3).is_err_and(|e| e.contains("/dev/none")), "{found:?}");
+    assert!(received(4).is_err_and(|e| e.contains("nmea://mast")), "{found:?}");
+    assert!(sources::listen(&VesselComputer::default()).is_empty());
+}
+
+#[test]
+fn check_of_a_broken_configuration_exits_with_code_2() {
+    let directory = scratch("broken");
+    let path = directory.join("any.toml");
+    for text in [
+        "",
+        "vessel_id = 1\ninstance = \"x\"",
+        "vessel_id = \"one\"",
+        "instance = \"x\"\nunknown = 3",
+        "not toml",
+        "vessel_id = 1\n[radio]\nlease_s = -1.0",
+    ] {
+        std::fs::write(&path, text).unwrap();
+        assert_eq!(check(&path), Exit::Broken, "{text}");
+    }
+    assert_eq!(check(&directory.join("none.toml")), Exit::Broken);
+    std::fs::remove_dir_all(&directory).unwrap();
+}

@@ -1,0 +1,220 @@
+//! `alight command`: an operator's word to a mission, and what came of it: on the drone's own computer
+//! through shared memory, or from ashore through the vessel, with an operator's certificate.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use alight_shared::config::{self, Check, Keys};
+use alight_shared::msg::{
+    Command, CommandKind, DroneStatus, Header, MESSAGE_VERSION, MissionState, OperatorCommand, Reason, State,
+};
+use alight_shared::time::{DroneClock, Time, VesselClock};
+use alight_shared::topics;
+use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
+use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
+use alight_shared::transport::wake::end_requested;
+use alight_shared::wire;
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use crate::certificates;
+use crate::config::DroneComputer;
+use crate::exit::{CliError, Exit};
+use crate::process::instance::is_running;
+use crate::process::life::draw_boot;
+use crate::process::link::vessel_key;
+use crate::terminal;
+
+/// The mission has this long to show that it took the command: its state comes at 50 Hz ...
+const MAX_POLLS: u32 = 40;
+/// ... looked at this often.
+const POLL_PERIOD: Duration = Duration::from_millis(50);
+/// From ashore it takes a session and two radios.
+const MAX_POLLS_ASHORE: u32 = 240;
+/// A command that shows no effect is repeated after so many looks.
+const REPEAT_POLLS: u32 = 10;
+
+/// What an operator says.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum Order {
+    /// Land on the vessel.
+    Land,
+    /// Stop landing, climb and hold; always wins.
+    Abort,
+    /// Hold where you are.
+    Hold,
+    /// Say how the mission stands; commands nothing.
+    Status,
+}
+
+impl Order {
+    /// What is commanded, if anything.
+    const fn kind(self) -> Option<CommandKind> {
+        match self {
+            Order::Land => Some(CommandKind::Land),
+            Order::Abort => Some(CommandKind::Abort),
+            Order::Hold => Some(CommandKind::Hold),
+            Order::Status => None,
+        }
+    }
+}
+
+/// A command.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
+From ashore: alight command abort --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
+Exit codes: 0 the mission took it, 1 it did not in time, 2 bad input or no mission is heard."
+)]
+pub struct CommandArgs {
+    /// What to command
+    #[arg(value_enum)]
+    pub order: Order,
+    /// Configuration of the drone's computer (TOML)
+    #[arg(long, value_name = "FILE", default_value = "/etc/alight/drone.toml")]
+    pub config: PathBuf,
+    /// Name of the set of processes [default: the configuration's]
+    #[arg(long)]
+    pub instance: Option<String>,
+    /// From ashore: endpoint of the vessel, such as quic/192.168.7.1:7447
+    #[arg(long, value_name = "ENDPOINT", requires = "keys")]
+    pub vessel: Option<String>,
+    /// From ashore: directory with an operator's certificate, as `alight keys operator` makes it
+    #[arg(long, value_name = "DIR", requires = "vessel")]
+    pub keys: Option<PathBuf>,
+    /// From ashore: number of the vessel
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub vessel_id: u32,
+    /// From ashore: number of the drone
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub drone: u32,
+    /// One JSON object instead of lines
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Commands, waits for the mission's answer and shows it.
+pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
+    match (&args.vessel, &args.keys) {
+        (Some(endpoint), Some(keys)) => ashore(args, endpoint, keys),
+        (_, _) => here(args),
+    }
+}
+
+/// Through the shared memory of the drone's computer.
+fn here(args: &CommandArgs) -> Result<Exit, CliError> {
+    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let name = args.instance.as_ref().unwrap_or(&computer.instance);
+    let instance = Instance::new(name)?;
+    if !is_running(&instance) {
+        return Err(CliError(format!(
+            "no mission runs under the name {name}: systemctl status alight-drone"
+        )));
+    }
+    let memory = Memory::join(&instance, "command")?;
+    let mut missions: Subscriber<MissionState> = memory.subscriber()?;
+    let mut commands: Publisher<Command> = memory.publisher()?;
+    let mut header = Header::new(
+        computer.bridge.vessel_id,
+        computer.bridge.drone_id,
+        draw_boot(),
+        0,
+        computer.clock.now::<DroneClock>(),
+    );
+    let kind = args.order.kind();
+    let is_met = |m: &MissionState| kind.is_none_or(|k| k.is_met(m.state, m.waiting.code));
+    let mut newest: Option<MissionState> = None;
+    for poll in 0..MAX_POLLS {
+        let now: Time<DroneClock> = computer.clock.now();
+        newest = missions.newest(now.nanos()).or(newest);
+        if newest.is_some_and(|m| is_met(&m)) && poll > 0 {
+            break;
+        }
+        if let Some(kind) = kind
+            && poll % REPEAT_POLLS == 0
+        {
+            header.sequence += 1;
+            header.at = now;
+            commands.send(&Command { header, kind });
+        }
+        if !memory.wait(POLL_PERIOD) {
+            return Ok(Exit::Failed);
+        }
+    }
+    let Some(mission) = newest else {
+        return Err(CliError(format!(
+            "no mission is heard under the name {name}: alight status --instance {name} shows what runs"
+        )));
+    };
+    let taken = is_met(&mission);
+    if args.json {
+        terminal::line(json!({ "taken": taken, "mission": mission }));
+    } else {
+        print_answer(mission.state, &mission.entered, &mission.waiting, taken);
+    }
+    Ok(if taken { Exit::Success } else { Exit::Failed })
+}
+
+/// Through the vessel, over the secured radio.
+fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliError> {
+    let own = certificates::read_certificate(&keys.join("certificate.pem"))?
+        .certificate
+        .name;
+    let config = RadioConfig {
+        connect: vec![endpoint.into()],
+        tls: certificates::files(keys, vec![certificates::common_name("vessel", args.vessel_id)])?,
+        ..RadioConfig::default()
+    };
+    config.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
+    let publications = vec![Publication {
+        key: format!("alight/{own}/{}", topics::OPERATOR.name),
+        urgency: Urgency::State,
+    }];
+    let received = vessel_key(args.vessel_id, topics::DRONES.name);
+    let mut radio = Radio::open(&config, publications, vec![received])?;
+    let kind = args.order.kind();
+    let header: Header<VesselClock> = Header::new(args.vessel_id, args.drone, draw_boot(), 1, Time::EPOCH);
+    let (mut newest, mut waited): (Option<DroneStatus>, u32) = (None, 0);
+    let is_met = |w: &DroneStatus| kind.is_none_or(|k| k.is_met(w.state, w.waiting.code));
+    while waited < MAX_POLLS_ASHORE && !end_requested() {
+        // The session may not be there yet: the same command again is one command.
+        if let Some(Ok(bytes)) = kind
+            .filter(|_| waited.is_multiple_of(REPEAT_POLLS))
+            .map(|kind| wire::encode(&OperatorCommand { header, kind }))
+        {
+            radio.send(0, bytes);
+        }
+        waited += 1;
+        let status = radio
+            .receive(POLL_PERIOD)
+            .and_then(|received| wire::decode::<DroneStatus>(&received.bytes).ok())
+            .filter(|w| w.header.version == MESSAGE_VERSION && w.header.drone == args.drone);
+        newest = status.or(newest);
+        if status.is_some_and(|w| is_met(&w)) {
+            break;
+        }
+    }
+    let Some(status) = newest else {
+        return Err(CliError(format!(
+            "{endpoint} passes on no word of drone {}: does the vessel run, does it list {own} in radio.tls.peers, \
+             and does it hear the drone (systemctl status alight-vessel)?",
+            args.drone
+        )));
+    };
+    let taken = is_met(&status);
+    if args.json {
+        terminal::line(json!({ "taken": taken, "drone": status }));
+    } else {
+        print_answer(status.state, &status.entered, &status.waiting, taken);
+        terminal::line(format_args!("battery {:.0} %", 100.0 * status.battery));
+    }
+    Ok(if taken { Exit::Success } else { Exit::Failed })
+}
+
+fn print_answer(state: State, entered: &Reason, waiting: &Reason, taken: bool) {
+    terminal::line(format_args!("{}: {entered}", state.name()));
+    terminal::line(format_args!("waiting: {waiting}"));
+    if !taken {
+        terminal::line("the mission did not take the command");
+    }
+}

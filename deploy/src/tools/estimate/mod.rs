@@ -1,0 +1,133 @@
+//! `alight estimate LOG`: the vessel's estimator over a recording of a boat.
+
+mod show;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use alight_shared::config;
+use alight_usv::VesselNodeConfig;
+use alight_usv::log::{self, Recording};
+use alight_usv::review::review;
+use alight_usv::sensors::Mount;
+use clap::Args;
+
+use crate::config::VesselComputer;
+use crate::exit::{CliError, Exit};
+#[cfg(feature = "lab")]
+use crate::record::readings;
+use crate::terminal;
+use crate::terminal::note;
+
+/// Largest recording that is read, bytes.
+const MAX_BYTES: u64 = 512 << 20;
+
+/// A recording to estimate.
+#[derive(Args, Debug)]
+pub struct EstimateArgs {
+    /// The recording: NMEA 0183 text, CSV (first line: t_s and any of roll_deg, pitch_deg, heading_deg,
+    /// heave_m, surge_m, sway_m, gyro_x_radps, ..., see deploy/README.md), PX4 ULog, or Alight's MCAP
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// The vessel's configuration, as for `alight vessel` [default: that of the recording if it holds
+    /// one, else the program's]
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Which of the configuration's [[sensor.sources]] is mounted like what was recorded [default: the first]
+    #[arg(long, value_name = "NAME", requires = "config")]
+    pub source: Option<String>,
+    /// Print the report as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Reads, estimates, reports.
+pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
+    let named: Option<VesselComputer> = match &args.config {
+        Some(path) => Some(config::load(path).map_err(|e| CliError(e.to_string()))?),
+        None => None,
+    };
+    let origin = args.log.display().to_string();
+    let mount = mount(named.as_ref(), args.source.as_deref())?;
+    let (recorded, own) = recorded(&args.log, &origin, &mount)?;
+    let vessel = match (named, own) {
+        (Some(computer), _) => computer.vessel,
+        (None, Some(own)) => own,
+        (None, None) => VesselNodeConfig::default(),
+    };
+    let review = review(&vessel, &recorded);
+    if review.estimates == 0 {
+        return Err(CliError(format!(
+            "{origin}: the estimator never started; it needs inertial samples or attitudes, for at least a few \
+             seconds without a break{}",
+            review.notes.iter().map(|n| format!("; {n}")).collect::<String>()
+        )));
+    }
+    note(args.json, show::table(&origin, &review).trim_end());
+    if args.json {
+        let object =
+            serde_json::to_string(&review).map_err(|e| CliError::because("writing the report", e))?;
+        terminal::line(object);
+    }
+    Ok(Exit::Success)
+}
+
+/// How the recorded sensors are mounted.
+fn mount(named: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, CliError> {
+    let sources = named.map(|c| c.sensor.sources.as_slice()).unwrap_or_default();
+    match name {
+        None => Ok(sources.first().map(|s| s.mount.clone()).unwrap_or_default()),
+        Some(name) => {
+            let source = sources.iter().find(|s| s.name == name);
+            source.map(|s| s.mount.clone()).ok_or_else(|| {
+                let names: Vec<&str> = sources.iter().map(|s| s.name.as_str()).collect();
+                CliError(format!(
+                    "no source is called {name:?}; there are: {}",
+                    names.join(", ")
+                ))
+            })
+        }
+    }
+}
+
+/// The file's bytes, if it is not too large.
+fn read(path: &Path) -> Result<Vec<u8>, CliError> {
+    let reading = |e: &dyn std::fmt::Display| {
+        CliError(format!(
+            "reading {}: {e}; check the path and its permissions",
+            path.display()
+        ))
+    };
+    let file = File::open(path).map_err(|e| reading(&e))?;
+    let mut bytes = Vec::new();
+    // A device or a pipe has no length to ask for.
+    file.take(MAX_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| reading(&e))?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(CliError(format!(
+            "{}: more than {} MB; cut the recording into parts",
+            path.display(),
+            MAX_BYTES >> 20
+        )));
+    }
+    Ok(bytes)
+}
+
+/// What the recording holds, and the configuration in it.
+fn recorded(
+    path: &Path,
+    origin: &str,
+    mount: &Mount,
+) -> Result<(Recording, Option<VesselNodeConfig>), CliError> {
+    let bytes = read(path)?;
+    #[cfg(feature = "lab")]
+    if readings::is_mcap(&bytes) {
+        drop(bytes);
+        return readings::read(path).map(|(r, c)| (r, Some(c)));
+    }
+    log::read(&bytes, origin, mount)
+        .map(|r| (r, None))
+        .map_err(|e| CliError(e.to_string()))
+}

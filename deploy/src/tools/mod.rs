@@ -1,0 +1,10 @@
+//! Commands for people: what runs, what is wrong, certificates, configurations, calibration.
+
+pub mod calibrate;
+pub mod check;
+pub mod command;
+pub mod config;
+pub mod estimate;
+pub mod keys;
+pub mod status;
+pub mod vessel_status;

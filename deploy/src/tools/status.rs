@@ -1,0 +1,195 @@
+//! `alight status`: what runs under an instance's name, from another terminal.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::memory::{Instance, Memory};
+use clap::Args;
+use serde_json::json;
+
+use crate::exit::{CliError, Exit};
+use crate::process::instance::is_running;
+use crate::process::metrics;
+use crate::process::observer::Observer;
+use crate::process::snapshot::{Snapshot, time};
+use crate::process::supervisor::pause;
+use crate::terminal;
+use crate::tools::check;
+use crate::tools::check::facts::Computer;
+use crate::tools::check::gather;
+use crate::tools::vessel_status;
+
+/// What runs.
+#[derive(Args, Debug)]
+#[command(
+    after_help = "Run it as the user that runs Alight: sudo -u alight alight status\n\
+Exit codes on a vessel: 0 fine, 1 warnings or nothing runs, 2 broken. On a drone: 0 runs, 1 nothing runs."
+)]
+pub struct StatusArgs {
+    /// Name of the set of processes [default: the configuration's; without one: land]
+    #[arg(long)]
+    pub instance: Option<String>,
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml, whichever is there]
+    #[arg(long, value_name = "FILE", conflicts_with = "instance")]
+    pub config: Option<PathBuf>,
+    /// Go on showing until stopped
+    #[arg(long)]
+    pub watch: bool,
+    /// Print as one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The name of `alight land`'s processes.
+const LAND: &str = "land";
+/// Looks on for this long before it says something: twice the processes' own period.
+const OBSERVATION_TIME: Duration = Duration::from_millis(1200);
+
+/// An instance that starts or stops while it is being joined is asked for again, this often.
+const MAX_TRIES: u32 = 5;
+/// ... with this pause.
+const RETRY_PAUSE: Duration = Duration::from_millis(100);
+
+/// Shows once, or until stopped.
+pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
+    if let Some(name) = &args.instance {
+        return of(args, name);
+    }
+    let path = match &args.config {
+        Some(path) => path.clone(),
+        // A landing of this computer before what is installed on it.
+        None if is_running(&Instance::new(LAND)?) => return of(args, LAND),
+        None => match check::shipped() {
+            Some(path) => path,
+            None => return of(args, LAND),
+        },
+    };
+    match gather::computer(&path)? {
+        Computer::Vessel(v) => vessel_status::run(&path, &v, args.watch, args.json),
+        Computer::Drone(d) => of(args, &d.instance),
+    }
+}
+
+/// Shows the set of processes `name`.
+fn of(args: &StatusArgs, name: &str) -> Result<Exit, CliError> {
+    let instance = Instance::new(name)?;
+    let mut tries = 0;
+    let (memory, mut observer) = loop {
+        if !is_running(&instance) {
+            if args.json {
+                terminal::line(format_args!("{}", json!({ "instance": name, "running": false })));
+            } else {
+                terminal::line(format_args!(
+                    "nothing runs under the name {}; `alight land` starts something",
+                    name
+                ));
+            }
+            return Ok(Exit::Failed);
+        }
+        tries += 1;
+        match join(&instance) {
+            Ok(joined) => break joined,
+            Err(refused) if tries == MAX_TRIES => return Err(refused),
+            Err(_) => pause(RETRY_PAUSE),
+        }
+    };
+    loop {
+        if !memory.wait(OBSERVATION_TIME) {
+            return Ok(Exit::Success);
+        }
+        observer.poll(None);
+        show(args, name, &observer.snapshot)?;
+        if !args.watch || !is_running(&instance) {
+            return Ok(Exit::Success);
+        }
+    }
+}
+
+fn join(instance: &Instance) -> Result<(Memory, Observer), CliError> {
+    let memory = Memory::join(instance, "status")?;
+    let observer = Observer::join(&memory)?;
+    Ok((memory, observer))
+}
+
+/// The figures of all processes by their names.
+fn named(snapshot: &Snapshot) -> serde_json::Map<String, serde_json::Value> {
+    snapshot
+        .processes
+        .values()
+        .map(|p| {
+            let of: serde_json::Map<String, serde_json::Value> = metrics::named(p)
+                .into_iter()
+                .map(|(name, value)| (name, json!(value)))
+                .collect();
+            (p.kind.name().into(), of.into())
+        })
+        .collect()
+}
+
+fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliError> {
+    if args.json {
+        let object = json!({
+            "instance": name,
+            "running": true,
+            "processes": snapshot.processes.values().collect::<Vec<_>>(),
+            "figures": named(snapshot),
+            "mission": snapshot.mission,
+            "link": snapshot.link,
+        });
+        terminal::line(object);
+        return Ok(());
+    }
+    if args.watch && std::io::stdout().is_terminal() {
+        print!("\x1b[H\x1b[J");
+    }
+    terminal::line(format_args!("instance {name}\n"));
+    if let Some(m) = &snapshot.mission {
+        terminal::line(format_args!(
+            "  mission   {} since {:.1} s: {}",
+            m.state.name(),
+            (m.header.at - m.since).secs(),
+            m.entered
+        ));
+        terminal::line(format_args!("  waiting   {}", m.waiting));
+    }
+    if let Some(l) = &snapshot.link {
+        terminal::line(format_args!(
+            "  link      state {} old, {:.1} % lost or, over datagrams, overtaken; {:.1} % seen overtaken, latency {} / {} (p50/p99), {} refused",
+            time(l.age_s),
+            100.0 * l.loss,
+            100.0 * l.out_of_order,
+            time(l.latency_p50_s),
+            time(l.latency_p99_s),
+            l.rejected
+        ));
+        terminal::line(format_args!(
+            "  clocks    drone minus vessel {:.4} s +- {}",
+            l.clock_offset_s,
+            time(l.clock_offset_sd_s)
+        ));
+    }
+    if let Some((plan, age_s)) = &snapshot.plan {
+        terminal::line(format_args!(
+            "  plan      {} old, {:?}, {} iterations",
+            time(*age_s),
+            plan.solve,
+            plan.iterations
+        ));
+    }
+    for p in snapshot.processes.values() {
+        let text = metrics::text(p);
+        if !text.is_empty() {
+            terminal::line(format_args!("  {:<9} {text}", p.kind.name()));
+        }
+    }
+    terminal::line(format_args!(
+        "\n{}\n{}\n{}",
+        snapshot.usage(steady_ns()),
+        snapshot.topics(),
+        snapshot.radio()
+    ));
+    Ok(())
+}

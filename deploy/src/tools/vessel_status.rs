@@ -1,0 +1,386 @@
+//! `alight status` on the vessel: what its process says, judged.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use alight_shared::transport::clock::steady_ns;
+use serde_json::json;
+
+use crate::certificates::RENEWAL_DAYS;
+use crate::config::VesselComputer;
+use crate::exit::{CliError, Exit};
+use crate::process::snapshot::time;
+use crate::process::supervisor::pause;
+use crate::terminal;
+use crate::tools::check;
+use crate::tools::check::rules::{Finding, Level};
+use crate::vessel::status_file;
+use crate::vessel::status_file::{CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
+
+/// A word older than this is a dead process's or one that stands still, s: six of its periods.
+const SILENT_S: f64 = 3.0;
+/// A sensor or an estimate older than this is missing, s.
+const MISSING_S: f64 = 2.0;
+/// A drone that speaks at 2 Hz is gone after this, s.
+const LOST_CONTACT_S: f64 = 5.0;
+/// Shown again this often.
+const WATCH_PERIOD: Duration = Duration::from_secs(1);
+
+/// Shows once, or until stopped.
+pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -> Result<Exit, CliError> {
+    loop {
+        let word = match status_file::read(computer) {
+            None => {
+                let what = "no vessel's process runs on this computer, or this user may not see it";
+                if as_json {
+                    terminal::line(json!({ "config": path, "running": false }));
+                } else {
+                    terminal::line(format_args!(
+                        "{what}: systemctl status alight-vessel, and sudo -u alight"
+                    ));
+                }
+                return Ok(Exit::Failed);
+            }
+            Some(Err(e)) => return Err(CliError(format!("{e}; restart the vessel's process"))),
+            Some(Ok(word)) => word,
+        };
+        let findings = judge(&word, steady_ns());
+        let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
+        if as_json {
+            let config: PathBuf = path.into();
+            terminal::line(json!({
+                "config": config, "running": true, "worst": worst, "findings": findings, "word": word,
+            }));
+        } else {
+            terminal::line(format_args!(
+                "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
+                word.vessel,
+                word.process.pid,
+                time((word.process.at_ns - word.process.began_ns) as f64 * 1e-9),
+                time(word.process.step_s[0]),
+                time(word.process.step_s[1]),
+            ));
+            findings.iter().for_each(check::show);
+        }
+        if !watch {
+            return Ok(match worst {
+                Level::Fine => Exit::Success,
+                Level::Warning => Exit::Failed,
+                Level::Broken => Exit::Broken,
+            });
+        }
+        pause(WATCH_PERIOD);
+    }
+}
+
+/// What the word means at `now_ns` of the steady clock.
+fn judge(word: &VesselStatus, now_ns: i64) -> Vec<Finding> {
+    let mut all = vec![process(word, now_ns)];
+    all.extend(word.sources.iter().map(source));
+    all.extend(estimator(&word.estimator));
+    all.push(certificate(&word.certificate));
+    all.push(unauthorised_peers(word));
+    all.push(deck(word));
+    all.extend(drones(word));
+    all
+}
+
+fn process(word: &VesselStatus, now_ns: i64) -> Finding {
+    let age_s = (now_ns - word.process.at_ns) as f64 * 1e-9;
+    if age_s > SILENT_S {
+        return Finding::broken(
+            "process",
+            format!("silent for {age_s:.0} s"),
+            "it ended or stands still: systemctl status alight-vessel",
+        );
+    }
+    Finding::fine(
+        "process",
+        format!(
+            "listens on {}, {:.1} MB sent, {} packets dropped",
+            word.listen.join(", "),
+            word.process.sent_bytes as f64 * 1e-6,
+            word.process.dropped
+        ),
+    )
+}
+
+/// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
+fn source(s: &SourceHealth) -> Finding {
+    const TOPIC: &str = "source";
+    let counts = format!(
+        "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} refused",
+        s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.rejected
+    );
+    let silent = match (s.age_s, &s.why) {
+        (Some(age_s), _) if age_s <= MISSING_S => None,
+        (_, Some(why)) => Some(why.clone()),
+        (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
+        (None, None) => Some("no measurement yet".into()),
+    };
+    match silent {
+        Some(why) => Finding::warning(
+            TOPIC,
+            format!("{counts}; {why}"),
+            "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
+        ),
+        None if s.mismatched_pulses > 0 => Finding::warning(
+            TOPIC,
+            format!(
+                "{counts}; {} time pulses of another time base than its fixes",
+                s.mismatched_pulses
+            ),
+            "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
+        ),
+        None => Finding::fine(
+            TOPIC,
+            format!("{counts}; {} old", time(s.age_s.unwrap_or_default())),
+        ),
+    }
+}
+
+fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
+    let mut all = Vec::new();
+    for (k, name) in ["inertial or attitude sensor", "GNSS", "heading"]
+        .iter()
+        .enumerate()
+    {
+        let found = match e.sensor_age_s.get(k).copied().flatten() {
+            Some(s) if s <= MISSING_S => continue,
+            Some(s) => format!("{name}: nothing for {s:.0} s"),
+            None => format!("{name}: nothing yet"),
+        };
+        all.push(Finding::broken(
+            "sensors",
+            found,
+            "see to its driver and to `sensors` in vessel.toml",
+        ));
+    }
+    let [horizontal, height, tilt, heading] = e.sd;
+    all.push(match e.estimate_age_s {
+        Some(s) if s <= MISSING_S => Finding::fine(
+            "estimator",
+            format!(
+                "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; refused {} \
+                 inputs, gates {:?} (inertial, GNSS, heading), {} starts from scratch",
+                tilt.to_degrees(),
+                heading.to_degrees(),
+                e.waves.map_or_else(
+                    || "no waves yet".into(),
+                    |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
+                ),
+                e.rejected,
+                e.gated,
+                e.restarts,
+            ),
+        ),
+        Some(s) => Finding::broken(
+            "estimator",
+            format!("says nothing for {s:.0} s"),
+            "drones hear no estimate; see to the sensors above",
+        ),
+        None => Finding::broken(
+            "estimator",
+            "has said nothing yet",
+            "it needs inertial sensor, GNSS and heading for some seconds",
+        ),
+    });
+    all
+}
+
+fn certificate(c: &CertificateStatus) -> Finding {
+    match c {
+        CertificateStatus::None => Finding::warning(
+            "certificate",
+            "none: whoever reaches the radio may speak",
+            "README, \"Certificates\", unless the radio is inside WireGuard",
+        ),
+        CertificateStatus::Unreadable(e) => {
+            Finding::broken("certificate", e.clone(), "alight check says what to do")
+        }
+        CertificateStatus::Held { name, days_left } if *days_left < 0 => Finding::broken(
+            "certificate",
+            format!("{name}'s expired {} days ago", -days_left),
+            "alight keys vessel NUMBER, copy it here, restart",
+        ),
+        CertificateStatus::Held { name, days_left } if *days_left < RENEWAL_DAYS => Finding::warning(
+            "certificate",
+            format!("{name}'s expires in {days_left} days"),
+            "alight keys vessel NUMBER, copy it here, restart",
+        ),
+        CertificateStatus::Held { name, days_left } => {
+            Finding::fine("certificate", format!("{name}'s, {days_left} days left"))
+        }
+    }
+}
+
+fn unauthorised_peers(word: &VesselStatus) -> Finding {
+    if word.rejected.is_empty() {
+        return Finding::fine(
+            "strangers",
+            format!("none refused; admitted are {}", word.peers.join(", ")),
+        );
+    }
+    let each: Vec<String> = word
+        .rejected
+        .iter()
+        .map(|(why, n)| format!("{n} for {why}"))
+        .collect();
+    Finding::warning(
+        "strangers",
+        format!(
+            "refused: {}; the last for {}",
+            each.join(", "),
+            word.rejected_last.as_deref().unwrap_or("-")
+        ),
+        "somebody without the right certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
+    )
+}
+
+fn deck(word: &VesselStatus) -> Finding {
+    let deck_owner = word
+        .deck_owner
+        .map_or_else(|| "nobody's".to_owned(), |id| format!("drone {id}'s"));
+    let on = if word.occupied {
+        ", a drone stands on it"
+    } else {
+        ""
+    };
+    Finding::fine("deck", format!("{deck_owner}{on}"))
+}
+
+fn drones(word: &VesselStatus) -> Vec<Finding> {
+    if word.drones.is_empty() {
+        return vec![Finding::warning(
+            "drones",
+            "none heard",
+            "is one switched on, in reach, and in radio.tls.peers?",
+        )];
+    }
+    word.drones
+        .iter()
+        .map(|d| {
+            let found = format!(
+                "drone {}: {}: {}; battery {:.0} %, heard {} ago",
+                d.drone,
+                d.state,
+                d.entered,
+                100.0 * d.battery,
+                time(d.age_s)
+            );
+            if d.age_s > LOST_CONTACT_S {
+                Finding::warning("drones", found, "it is out of reach or switched off")
+            } else {
+                Finding::fine("drones", found)
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vessel::status_file::DroneContact;
+    use crate::vessel::status_file::ProcessStatus;
+
+    fn word() -> VesselStatus {
+        VesselStatus {
+            vessel: 1,
+            process: ProcessStatus {
+                at_ns: 100_000_000_000,
+                ..ProcessStatus::default()
+            },
+            listen: vec!["tls/0.0.0.0:7447".into()],
+            peers: vec!["drone-1".into()],
+            certificate: CertificateStatus::Held {
+                name: "vessel-1".into(),
+                days_left: 300,
+            },
+            rejected: Vec::new(),
+            rejected_last: None,
+            deck_owner: Some(1),
+            occupied: false,
+            drones: vec![DroneContact {
+                drone: 1,
+                age_s: 0.3,
+                state: "Descent".into(),
+                entered: "the deck is calm".into(),
+                battery: 0.8,
+            }],
+            estimator: EstimatorStatus {
+                sensor_age_s: [Some(0.01), Some(0.1), Some(0.1)],
+                estimate_age_s: Some(0.03),
+                sd: [0.5, 0.1, 0.005, 0.01],
+                waves: Some([0.9, 1.0]),
+                gated: [0; 3],
+                restarts: 0,
+                rejected: 0,
+            },
+            sensors_pid: Some(7),
+            sources: vec![SourceHealth {
+                name: "receiver".into(),
+                age_s: Some(0.1),
+                good: 900,
+                used: 880,
+                ..SourceHealth::default()
+            }],
+        }
+    }
+
+    type Change<'a> = &'a dyn Fn(&mut VesselStatus);
+
+    fn worst(word: &VesselStatus, now_s: i64) -> (Level, Vec<&'static str>) {
+        let all = judge(word, now_s * 1_000_000_000);
+        let worst = all.iter().map(|f| f.level).max().unwrap();
+        let at = all.iter().filter(|f| f.level == worst).map(|f| f.topic);
+        (worst, at.collect())
+    }
+
+    #[test]
+    fn vessel_status_judges_each_fault_by_itself() {
+        assert_eq!(worst(&word(), 100).0, Level::Fine);
+        assert_eq!(worst(&word(), 110), (Level::Broken, vec!["process"]));
+        let case = |change: Change<'_>| {
+            let mut w = word();
+            change(&mut w);
+            worst(&w, 100)
+        };
+        let held = |days_left| CertificateStatus::Held {
+            name: "vessel-1".into(),
+            days_left,
+        };
+        let cases: [(Change<'_>, Level, &str); 10] = [
+            (
+                &|w| w.estimator.sensor_age_s[1] = Some(9.0),
+                Level::Broken,
+                "sensors",
+            ),
+            (&|w| w.sources[0].age_s = Some(4.0), Level::Warning, "source"),
+            (
+                &|w| (w.sources[0].age_s, w.sources[0].why) = (None, Some("no such device".into())),
+                Level::Warning,
+                "source",
+            ),
+            (&|w| w.sources[0].mismatched_pulses = 1, Level::Warning, "source"),
+            (&|w| w.estimator.estimate_age_s = None, Level::Broken, "estimator"),
+            (&|w| w.certificate = held(-2), Level::Broken, "certificate"),
+            (&|w| w.certificate = held(10), Level::Warning, "certificate"),
+            (
+                &|w| w.rejected = vec![("no TLS".into(), 3)],
+                Level::Warning,
+                "strangers",
+            ),
+            (&|w| w.drones.clear(), Level::Warning, "drones"),
+            (&|w| w.drones[0].age_s = 60.0, Level::Warning, "drones"),
+        ];
+        for (change, level, topic) in cases {
+            assert_eq!(case(change), (level, vec![topic]), "{topic}");
+        }
+    }
+
+    #[test]
+    fn vessel_status_file_round_trips() {
+        let text = serde_json::to_string(&word()).unwrap();
+        assert_eq!(serde_json::from_str::<VesselStatus>(&text).unwrap(), word());
+    }
+}

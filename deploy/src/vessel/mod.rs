@@ -1,0 +1,304 @@
+//! The vessel's node as a process: sensors in, zenoh out.
+
+pub mod drone_monitor;
+pub mod sensor_supervisor;
+pub mod sensors;
+pub mod status_file;
+
+use std::time::Duration;
+
+use alight_shared::config;
+use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
+use alight_shared::node::Node;
+use alight_shared::seq::Seq;
+use alight_shared::time::{DroneClock, Stamped};
+use alight_shared::topics::{self, Topic};
+use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::process::{ProcessKind, ProcessState};
+use alight_shared::transport::radio::{Publication, Radio, Urgency};
+use alight_shared::transport::rejections::{self, AccessRejections};
+use alight_shared::transport::statistics::Quantiles;
+use alight_shared::wire;
+use alight_usv::deck::{ArbiterIn, ArbiterOut, DeckArbiter, OperatorIn, OperatorRelay};
+use alight_usv::{KINDS, SourceCounts, VesselIn, VesselNode};
+use serde::Serialize;
+
+use crate::config::VesselComputer;
+use crate::exit::{CliError, Exit};
+use crate::io::sensor_socket::SensorSocket;
+use crate::process::args::ProcessArgs;
+use crate::process::life::Process;
+use crate::process::link::{
+    Impaired, STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key,
+};
+use crate::process::notify::Notify;
+use crate::process::radio_rates::RadioRates;
+use crate::terminal;
+use crate::vessel::drone_monitor::DroneMonitor;
+use crate::vessel::sensor_supervisor::SensorSupervisor;
+use crate::vessel::status_file::StatusFile;
+
+/// Without sensors the process wakes this often all the same.
+const MAX_WAIT: Duration = Duration::from_millis(10);
+/// The outlets, in their order.
+const ESTIMATE: usize = 0;
+const WAVE: usize = 1;
+const PREDICTION: usize = 2;
+const TIME_REPLY: usize = 3;
+const STATE: usize = 4;
+const DECK: usize = 5;
+const OPERATOR: usize = 6;
+const DRONES: usize = 7;
+/// While the link backs up, one in so many of the words about itself goes out.
+const STATUS_DECIMATION: u32 = 4;
+/// With real sensors, time between two words about what became of their measurements, ns.
+const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
+/// Their topics, for who looks on; None is the process's own word.
+const OUTLETS: [Option<&Topic>; 8] = [
+    Some(&topics::ESTIMATE),
+    Some(&topics::WAVE),
+    Some(&topics::PREDICTION),
+    Some(&topics::TIME_REPLY),
+    None,
+    Some(&topics::DECK),
+    Some(&topics::OPERATOR),
+    Some(&topics::DRONES),
+];
+
+/// The subscriptions, in their order; what drones say about themselves is the other.
+const TIME_REQUESTS: usize = 0;
+const COMMANDS: usize = 1;
+
+/// Runs until told to end.
+pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
+    let computer: VesselComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let id = computer.vessel_id;
+    let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
+        VesselNode::new(&computer.vessel, id, boot)
+    })?;
+    let mut sensors = SensorSocket::listen(&computer.sensors)
+        .map_err(|e| CliError::because(format!("listening for sensors on {}", computer.sensors), e))?;
+    let publication = |name: &str, urgency| Publication {
+        key: vessel_key(id, name),
+        urgency,
+    };
+    let publications = vec![
+        publication(topics::ESTIMATE.name, Urgency::State),
+        publication(topics::WAVE.name, Urgency::Model),
+        publication(topics::PREDICTION.name, Urgency::Model),
+        publication(topics::TIME_REPLY.name, Urgency::State),
+        publication(STATUS, Urgency::Status),
+        publication(topics::DECK.name, Urgency::State),
+        publication(topics::OPERATOR.name, Urgency::State),
+        publication(topics::DRONES.name, Urgency::Status),
+    ];
+    rejections::listen();
+    let mut radio = Radio::open(
+        &computer.radio,
+        publications,
+        vec![any_time_request(), any_operator_command(), any_drone_status()],
+    )?;
+    if let Some(to) = &computer.relay {
+        radio.copy_to(ESTIMATE, to)?;
+    }
+    let mut said_after = Quantiles::default();
+    let mut impaired: Impaired<TimeRequest<DroneClock>> = computer.heard();
+    let mut statuses: Impaired<DroneStatus> = computer.heard();
+    let mut drone = DroneMonitor::new(id);
+    let secured = !computer.radio.tls.authority.is_empty();
+    let operators = computer
+        .radio
+        .tls
+        .peers
+        .iter()
+        .any(|p| p.starts_with("operator-"));
+    let mut operator_relay = OperatorRelay::new(id, process.life.boot());
+    let mut arbiter = DeckArbiter::new(&computer.deck, id, process.life.boot());
+    let mut undecoded = 0_u64;
+    let mut status_file = StatusFile::new(&computer);
+
+    // The last to start: what refuses to start has left nothing behind.
+    let mut sensor_supervisor = SensorSupervisor::start(&computer, args, steady_ns())?;
+    let mut notify = Notify::from_environment();
+    notify.ready();
+    let mut flows = RadioRates::of(&OUTLETS);
+    let mut own_statuses = 0_u32;
+    let mut reported = AccessRejections::default();
+    let mut last_ns = steady_ns();
+    let mut next_count_ns = last_ns + SOURCE_SUMMARY_PERIOD_NS;
+    while !process.ended() {
+        let gap_s = (steady_ns() - last_ns) as f64 * 1e-9;
+        last_ns = steady_ns();
+        if !radio.survives_pause(gap_s) {
+            radio.abandon();
+            return Err(CliError(format!(
+                "the vessel's process stood still for {gap_s:.1} s, longer than its radio session lasts: \
+                 it ends so that its supervisor starts it anew"
+            )));
+        }
+        let readings = sensors.read(MAX_WAIT);
+        let mut commands = Vec::new();
+        while let Some(heard) = radio.receive(Duration::ZERO) {
+            // What does not decode is nobody's request.
+            match heard.subscription {
+                TIME_REQUESTS => match wire::decode(&heard.bytes) {
+                    Ok(request) => impaired.take(heard.at_ns, heard.bytes.len(), request),
+                    Err(_) => undecoded += 1,
+                },
+                // Whoever reaches a radio without certificates could command.
+                COMMANDS if !secured => undecoded += 1,
+                COMMANDS => match wire::decode(&heard.bytes) {
+                    Ok(command) => commands.push(command),
+                    Err(_) => undecoded += 1,
+                },
+                _ => match wire::decode(&heard.bytes) {
+                    Ok(word) => statuses.take(heard.at_ns, heard.bytes.len(), word),
+                    Err(_) => drone.reject(),
+                },
+            }
+        }
+        let heard: Vec<(i64, DroneStatus)> = statuses.arrived(steady_ns());
+        for (at_ns, word) in &heard {
+            if let Some(line) = drone.receive(*at_ns, word) {
+                terminal::line(line);
+            }
+        }
+        status_file.observe_drones(&computer, &heard);
+        let now = process.now();
+        let had = arbiter.owner();
+        let drone_statuses: Vec<DroneStatus> = heard.iter().map(|(_, status)| *status).collect();
+        let input = ArbiterIn {
+            statuses: drone_statuses.clone(),
+        };
+        let ArbiterOut { grant } = arbiter.step(now, &input);
+        publish(&mut radio, DECK, grant.as_ref());
+        status_file.observe_grant(grant.as_ref());
+        let input = OperatorIn {
+            commands,
+            statuses: drone_statuses,
+        };
+        let relayed = operator_relay.step(now, &input);
+        for command in &relayed.accepted {
+            terminal::line(format_args!(
+                "an operator commands drone {}: {:?}",
+                command.header.drone, command.kind
+            ));
+        }
+        for command in &relayed.commands {
+            publish(&mut radio, OPERATOR, Some(command));
+        }
+        for (_, word) in heard.iter().filter(|_| operators) {
+            publish(&mut radio, DRONES, Some(word));
+        }
+        if arbiter.owner() != had {
+            terminal::line(arbiter.owner().map_or_else(
+                || "the deck is nobody's".to_owned(),
+                |id| format!("the deck is drone {id}'s"),
+            ));
+        }
+        let time_requests = impaired
+            .arrived(steady_ns())
+            .into_iter()
+            .map(|(at_ns, request)| Stamped::new(process.at(at_ns).min(now), request))
+            .collect();
+        let input = VesselIn {
+            imu: readings.imu,
+            gnss: readings.gnss,
+            heading: readings.heading,
+            attitude: readings.attitude,
+            time_requests,
+        };
+        let out = process.step(now, &input, |_| true);
+        status_file.observe_step(steady_ns(), &input, &out);
+        publish(&mut radio, ESTIMATE, out.estimate.as_ref());
+        if let Some(estimate) = &out.estimate {
+            said_after.add((process.now() - estimate.header.at).secs());
+        }
+        publish(&mut radio, WAVE, out.wave.as_ref());
+        publish(&mut radio, PREDICTION, out.prediction.as_ref());
+        for reply in &out.time_replies {
+            publish(&mut radio, TIME_REPLY, Some(reply));
+        }
+        let counts = radio.counts();
+        let node = process.node().rejected();
+        let own = [
+            sensors.rejected() as f64,
+            counts.sent_bytes as f64,
+            counts.dropped as f64,
+            (undecoded + operator_relay.rejected() + node.absurd + node.other_vessel + node.flood) as f64,
+        ];
+        process.life.figures = {
+            let rate_fraction = process.node().rate_fraction();
+            let after = [0.5, 0.99].map(|q| said_after.quantile(q));
+            let heard = drone.figures(steady_ns());
+            let rejected = rejections::counted();
+            if rejected.last != reported.last {
+                let why = rejected.last.map_or("nobody", |r| r.name());
+                terminal::line(format_args!("refused: {why} ({} so far)", rejected.count));
+                reported = rejected;
+            }
+            let strangers = [
+                rejected.count as f64,
+                rejected.last.map_or(0.0, |r| f64::from(r as u8)),
+            ];
+            Seq::filled(
+                own.into_iter()
+                    .chain(heard)
+                    .chain([rate_fraction])
+                    .chain(strangers)
+                    .chain(after),
+            )
+        };
+        let said = process.state(Vec::new, counts.unsent).map(|said| ProcessState {
+            flows: flows.since(&radio, said.at_ns),
+            ..said
+        });
+        for line in sensor_supervisor.poll(steady_ns()) {
+            terminal::line(line);
+        }
+        if let Some(said) = &said {
+            status_file.write(
+                &computer,
+                process.node(),
+                said,
+                arbiter.owner(),
+                &reported,
+                &sensor_supervisor,
+            );
+        }
+        notify.alive(steady_ns(), || {
+            let statuses = drone.figures(steady_ns());
+            format!(
+                "{} messages sent, {} words of drones heard",
+                counts.sent, statuses[0]
+            )
+        });
+        if !computer.sensor.sources.is_empty() && steady_ns() >= next_count_ns {
+            next_count_ns = steady_ns() + SOURCE_SUMMARY_PERIOD_NS;
+            for (kind, name) in KINDS.iter().enumerate() {
+                for source in 0..MAX_SOURCES {
+                    let c = process.node().source(kind, source);
+                    if c != SourceCounts::default() {
+                        terminal::line(format_args!(
+                            "{name} {source}: {} used, {} of them gated, {} out of order, {} refused, {} spare",
+                            c.taken, c.gated, c.order, c.rejected, c.spare
+                        ));
+                    }
+                }
+            }
+        }
+        // For people, and they can wait: over a link that is narrow, less often.
+        own_statuses += u32::from(said.is_some());
+        let due = process.node().rate_fraction() > 0.5 || own_statuses.is_multiple_of(STATUS_DECIMATION);
+        publish(&mut radio, STATE, said.as_ref().filter(|_| due));
+    }
+    notify.stopping();
+    Ok(Exit::Success)
+}
+
+fn publish<M: Serialize>(radio: &mut Radio, publication: usize, message: Option<&M>) {
+    // A message that does not encode is a message that is not sent: the receiver sees the gap.
+    if let Some(Ok(bytes)) = message.map(wire::encode) {
+        radio.send(publication, bytes);
+    }
+}

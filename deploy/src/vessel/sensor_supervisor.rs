@@ -1,0 +1,117 @@
+//! The vessel's real sensors as a process beside the vessel's own, which starts it when sensors are
+//! configured, hears what became of each source's bytes, and starts it again when it ended or fell silent.
+
+use alight_shared::transport::process::ProcessKind;
+use alight_usv::sensors::SourceStatus;
+use serde::{Deserialize, Serialize};
+
+use crate::config::VesselComputer;
+use crate::exit::CliError;
+use crate::io::link_url::LinkUrl;
+use crate::process::args::ProcessArgs;
+use crate::process::supervisor::{Event, Supervisor};
+
+/// Time between two words of the process about its sources, ns.
+pub const REPORT_PERIOD_NS: i64 = 500_000_000;
+/// Silent for this long it is killed and started again, ns: six words.
+const SILENT_NS: i64 = 6 * REPORT_PERIOD_NS;
+
+/// What the process says about one source: a line of JSON.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SourceReport {
+    /// Its place in the configuration.
+    pub number: usize,
+    /// Its name.
+    pub source: String,
+    /// What became of its bytes.
+    pub status: SourceStatus,
+    /// Age of its newest measurement, s; None before the first.
+    pub age_s: Option<f64>,
+    /// Why nothing can come, if that is so.
+    pub why: Option<String>,
+}
+
+/// The process, if the vessel has real sensors.
+pub struct SensorSupervisor {
+    supervisor: Option<Supervisor>,
+    /// What it said last of each source, and when, ns of the steady clock.
+    reports: Vec<Option<(i64, SourceReport)>>,
+    last_ns: i64,
+}
+
+impl SensorSupervisor {
+    /// Starts the process where sensors are configured. An address that is none is refused here.
+    pub fn start(
+        computer: &VesselComputer,
+        args: &ProcessArgs,
+        now_ns: i64,
+    ) -> Result<SensorSupervisor, CliError> {
+        let sources = &computer.sensor.sources;
+        for source in sources {
+            let of = |e| CliError(format!("sensor {}: {e}", source.name));
+            source.connect.parse::<LinkUrl>().map_err(of)?;
+        }
+        let mut supervisor = (!sources.is_empty()).then(|| {
+            Supervisor::new(std::env::temp_dir(), None)
+                .inheriting_stderr()
+                .at_own_priority()
+        });
+        if let Some(s) = &mut supervisor {
+            s.start(ProcessKind::Sensors, args.config.clone(), Vec::new())?;
+        }
+        Ok(SensorSupervisor {
+            supervisor,
+            reports: vec![None; sources.len()],
+            last_ns: now_ns,
+        })
+    }
+    /// Looks after it; what there is to tell a person.
+    pub fn poll(&mut self, now_ns: i64) -> Vec<String> {
+        let Some(supervisor) = &mut self.supervisor else {
+            return Vec::new();
+        };
+        let mut lines = Vec::new();
+        for line in supervisor.output_lines() {
+            match serde_json::from_str::<SourceReport>(&line) {
+                Ok(report) => {
+                    self.last_ns = now_ns;
+                    if let Some(slot) = self.reports.get_mut(report.number) {
+                        *slot = Some((now_ns, report));
+                    }
+                }
+                Err(_) => lines.push(line),
+            }
+        }
+        match supervisor.poll() {
+            Ok(events) => lines.extend(
+                events
+                    .into_iter()
+                    .map(|Event::Ended(_, status)| format!("sensors ended ({status}) and is started again")),
+            ),
+            // Without sensors the drones hear that there is no estimate, and who may land there: it goes on.
+            Err(e) => lines.push(e.to_string()),
+        }
+        let began = supervisor.started_ns(ProcessKind::Sensors);
+        let silence_ns = now_ns - began.map_or(now_ns, |b| b.max(self.last_ns));
+        if silence_ns > SILENT_NS {
+            lines.push(format!(
+                "sensors was silent for {:.1} s and is killed",
+                silence_ns as f64 * 1e-9
+            ));
+            supervisor.kill(ProcessKind::Sensors);
+            self.last_ns = now_ns;
+        }
+        lines
+    }
+    /// The process's number, while it runs.
+    pub fn pid(&self) -> Option<u32> {
+        self.supervisor.as_ref()?.pid(ProcessKind::Sensors)
+    }
+    /// What it said last of each source, in their order, and how long ago, s.
+    pub fn reports(&self, now_ns: i64) -> impl Iterator<Item = (f64, &SourceReport)> {
+        self.reports
+            .iter()
+            .flatten()
+            .map(move |(at, report)| ((now_ns - at).max(0) as f64 * 1e-9, report))
+    }
+}

@@ -1,0 +1,384 @@
+//! What the vessel's process says about itself to people on its own computer: a small file that is
+//! replaced twice a second, where `alight status` finds it. The vessel shares no memory.
+//!
+//! The file is named after the port of the vessel's sensors, which no two processes of a computer have.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use alight_shared::msg::{DeckGrant, DroneStatus, MESSAGE_VERSION, Message};
+use alight_shared::time::VesselClock;
+use alight_shared::transport::process::ProcessState;
+use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
+use alight_usv::{KINDS, VesselIn, VesselNode, VesselOut};
+use serde::{Deserialize, Serialize};
+
+use crate::certificates;
+use crate::config::VesselComputer;
+use crate::vessel::sensor_supervisor::{SensorSupervisor, SourceReport};
+
+/// Directory of the installed service.
+const SERVICE: &str = "/run/alight";
+/// Longest file, bytes.
+const MAX_BYTES: u64 = 1 << 20;
+/// Drones that are told of.
+const DRONES: usize = 64;
+/// The certificate's file is read again this often, ns.
+const CERTIFICATE_NS: i64 = 60_000_000_000;
+
+/// A drone that was heard.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DroneContact {
+    /// Its number.
+    pub drone: u32,
+    /// Since its newest word, s.
+    pub age_s: f64,
+    /// Its mission's state, and why.
+    pub state: String,
+    /// Why it is in it.
+    pub entered: String,
+    /// Its battery, 0 to 1.
+    pub battery: f64,
+}
+
+/// The certificate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum CertificateStatus {
+    /// The radio has none.
+    None,
+    /// Its name and the days until it expires, negative when it has.
+    Held {
+        /// Whose it is.
+        name: String,
+        /// Days left.
+        days_left: i64,
+    },
+    /// It cannot be read, in the system's words.
+    Unreadable(String),
+}
+
+/// The estimator's health.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EstimatorStatus {
+    /// Since the newest sample of inertial or attitude sensor, GNSS and heading, s; None before the first.
+    pub sensor_age_s: [Option<f64>; 3],
+    /// Since the newest estimate that it let out, s; None before the first.
+    pub estimate_age_s: Option<f64>,
+    /// Standard deviations of that estimate: horizontal position (m), height (m), tilt (rad), heading (rad).
+    pub sd: [f64; 4],
+    /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
+    pub waves: Option<[f64; 2]>,
+    /// Measurements that its gates refused: inertial, GNSS, heading.
+    pub gated: [u64; 3],
+    /// Starts from scratch.
+    pub restarts: u64,
+    /// Inputs refused at its door.
+    pub rejected: u64,
+}
+
+/// A real sensor.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SourceHealth {
+    /// Its name.
+    pub name: String,
+    /// Age of its newest measurement, s; None before the first.
+    pub age_s: Option<f64>,
+    /// Why nothing can come, if that is so.
+    pub why: Option<String>,
+    /// Whole messages of a kind that is used.
+    pub good: u64,
+    /// Damaged ones.
+    pub corrupted: u64,
+    /// Measurements without a time, or of one that cannot be right.
+    pub undated: u64,
+    /// Measurements older than the one before, on either side of the socket between the processes.
+    pub out_of_order: u64,
+    /// Time pulses of another time base than the fixes.
+    pub mismatched_pulses: u64,
+    /// Measurements given to the filter.
+    pub used: u64,
+    /// Of those, refused by its gates.
+    pub gated: u64,
+    /// Refused at the node's door: too old, from the future, absurd.
+    pub rejected: u64,
+}
+
+impl SourceHealth {
+    fn of(word: &SourceReport, since_s: f64, node: &VesselNode) -> SourceHealth {
+        let (s, d) = (&word.status, &word.status.decoded);
+        let mut said = SourceHealth {
+            name: word.source.clone(),
+            age_s: word.age_s.map(|age| finite(age + since_s)),
+            why: word.why.clone(),
+            good: d.good,
+            corrupted: d.corrupted,
+            undated: d.undated + s.implausible_time,
+            out_of_order: s.out_of_order,
+            mismatched_pulses: d.mismatched_pulses,
+            ..SourceHealth::default()
+        };
+        // A source of bytes is two sources of measurements.
+        for kind in 0..KINDS.len() {
+            for number in [2 * word.number, 2 * word.number + 1] {
+                let c = node.source(kind, number);
+                said.out_of_order += c.order;
+                said.used += c.taken;
+                said.gated += c.gated;
+                said.rejected += c.rejected;
+            }
+        }
+        said
+    }
+}
+
+/// The process.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ProcessStatus {
+    /// Its number.
+    pub pid: u32,
+    /// The steady clock when this was written, ns.
+    pub at_ns: i64,
+    /// The steady clock when the process began, ns.
+    pub began_ns: i64,
+    /// Steps of its node.
+    pub steps: u64,
+    /// Median and 99th percentile of the time of one step, s.
+    pub step_s: [f64; 2],
+    /// Processor time since it began, s.
+    pub cpu_s: f64,
+    /// Resident memory, bytes.
+    pub resident_bytes: u64,
+    /// Sent over the radio, bytes.
+    pub sent_bytes: u64,
+    /// Packets that it had to drop.
+    pub dropped: u64,
+}
+
+/// A number that JSON has.
+fn finite(v: f64) -> f64 {
+    if v.is_finite() { v } else { 0.0 }
+}
+
+/// All of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VesselStatus {
+    /// Number of the vessel.
+    pub vessel: u32,
+    /// The process.
+    pub process: ProcessStatus,
+    /// Endpoints that it listens on.
+    pub listen: Vec<String>,
+    /// Names that are admitted.
+    pub peers: Vec<String>,
+    /// The certificate.
+    pub certificate: CertificateStatus,
+    /// Who was refused since the start, by reason.
+    pub rejected: Vec<(String, u64)>,
+    /// The newest reason.
+    pub rejected_last: Option<String>,
+    /// Whose the deck is; None for nobody's.
+    pub deck_owner: Option<u32>,
+    /// A drone stands on it.
+    pub occupied: bool,
+    /// Drones that were heard.
+    pub drones: Vec<DroneContact>,
+    /// The estimator.
+    pub estimator: EstimatorStatus,
+    /// The process that reads the real sensors, while it runs.
+    pub sensors_pid: Option<u32>,
+    /// The real sensors.
+    pub sources: Vec<SourceHealth>,
+}
+
+/// Where the word of the computer with these sensors is, for who writes it.
+fn own_path(computer: &VesselComputer) -> PathBuf {
+    let directory = Path::new(SERVICE);
+    let of_service = std::env::var_os("TMPDIR").is_some_and(|t| Path::new(&t) == directory);
+    let temporary = std::env::temp_dir();
+    if of_service { directory } else { &temporary }.join(name(computer))
+}
+
+fn name(computer: &VesselComputer) -> String {
+    let port = computer.sensors.rsplit(':').next().unwrap_or_default();
+    let port: String = port.chars().filter(char::is_ascii_digit).collect();
+    format!("alight-vessel-{port}.json")
+}
+
+/// The word of the vessel's process of this computer; None when there is none.
+pub fn read(computer: &VesselComputer) -> Option<Result<VesselStatus, String>> {
+    let place = [Path::new(SERVICE).into(), std::env::temp_dir()]
+        .map(|d: PathBuf| d.join(name(computer)))
+        .into_iter()
+        .find(|p| p.exists())?;
+    let doing = |e: &dyn std::fmt::Display| format!("reading {}: {e}", place.display());
+    let read = || -> Result<VesselStatus, String> {
+        if fs::metadata(&place).map_err(|e| doing(&e))?.len() > MAX_BYTES {
+            return Err(doing(&"too long for a vessel's word"));
+        }
+        let text = fs::read_to_string(&place).map_err(|e| doing(&e))?;
+        serde_json::from_str(&text).map_err(|e| doing(&e))
+    };
+    Some(read())
+}
+
+/// Collects what the process knows, and writes it.
+pub struct StatusFile {
+    place: PathBuf,
+    sensors: [Option<i64>; 3],
+    said: Option<i64>,
+    sd: [f64; 4],
+    waves: Option<[f64; 2]>,
+    occupied: bool,
+    drones: BTreeMap<u32, (i64, DroneStatus)>,
+    certificate: (i64, CertificateStatus),
+}
+
+impl StatusFile {
+    /// Knows nothing yet.
+    pub fn new(computer: &VesselComputer) -> StatusFile {
+        StatusFile {
+            place: own_path(computer),
+            sensors: [None; 3],
+            said: None,
+            sd: [0.0; 4],
+            waves: None,
+            occupied: false,
+            drones: BTreeMap::new(),
+            certificate: (i64::MIN, CertificateStatus::None),
+        }
+    }
+    /// Words of drones, as they came.
+    pub fn observe_drones(&mut self, computer: &VesselComputer, statuses: &[(i64, DroneStatus)]) {
+        for (at_ns, word) in statuses {
+            let h = &word.header;
+            let ours = h.version == MESSAGE_VERSION && h.vessel == computer.vessel_id && word.check().is_ok();
+            if ours && (self.drones.len() < DRONES || self.drones.contains_key(&h.drone)) {
+                self.drones.insert(h.drone, (*at_ns, *word));
+            }
+        }
+    }
+    /// What the deck's keeper says.
+    pub fn observe_grant(&mut self, grant: Option<&DeckGrant<VesselClock>>) {
+        self.occupied = grant.map_or(self.occupied, |g| g.occupied);
+    }
+    /// A step of the node at `now_ns` of the steady clock.
+    pub fn observe_step(&mut self, now_ns: i64, input: &VesselIn, out: &VesselOut) {
+        let came = [
+            // An attitude sensor stands in where there is no inertial one.
+            !(input.imu.is_empty() && input.attitude.is_empty()),
+            !input.gnss.is_empty(),
+            !input.heading.is_empty(),
+        ];
+        for (slot, came) in self.sensors.iter_mut().zip(came) {
+            *slot = if came { Some(now_ns) } else { *slot };
+        }
+        if let Some(e) = &out.estimate {
+            self.said = Some(now_ns);
+            let sd = |i: usize| e.covariance.get(i).map_or(0.0, |c| f64::from(c[0]).max(0.0));
+            self.sd = [sd(0) + sd(1), sd(2), sd(3) + sd(4), sd(5)].map(f64::sqrt);
+        }
+        if let Some(w) = &out.wave {
+            self.waves = Some([w.significant_height_m, w.confidence].map(f64::from));
+        }
+    }
+    /// Writes the word; a disk that is full or a directory that is not there is nobody's harm.
+    pub fn write(
+        &mut self,
+        computer: &VesselComputer,
+        node: &VesselNode,
+        process: &ProcessState,
+        deck_owner: Option<u32>,
+        rejections: &AccessRejections,
+        sensor_supervisor: &SensorSupervisor,
+    ) {
+        let now = process.at_ns;
+        let since = |t: &Option<i64>| t.map(|t| (now - t).max(0) as f64 * 1e-9);
+        if now.saturating_sub(self.certificate.0) > CERTIFICATE_NS {
+            self.certificate = (now, certificate(computer));
+        }
+        let (gated, rejected) = (node.gated(), node.rejected());
+        let word = VesselStatus {
+            vessel: computer.vessel_id,
+            process: ProcessStatus {
+                pid: process.pid,
+                at_ns: now,
+                began_ns: process.began_ns,
+                steps: process.steps,
+                step_s: [process.step_p50_s, process.step_p99_s].map(finite),
+                cpu_s: finite(process.cpu_s),
+                resident_bytes: process.resident_bytes,
+                sent_bytes: process.figure(1) as u64,
+                dropped: process.figure(2) as u64,
+            },
+            listen: computer.radio.listen.clone(),
+            peers: computer.radio.tls.peers.clone(),
+            certificate: self.certificate.1.clone(),
+            rejected: AccessRejection::ALL
+                .iter()
+                .map(|r| (r.name().to_owned(), rejections.of(*r)))
+                .filter(|(_, n)| *n > 0)
+                .collect(),
+            rejected_last: rejections.last.map(|r| r.name().to_owned()),
+            deck_owner,
+            occupied: self.occupied,
+            drones: self
+                .drones
+                .iter()
+                .map(|(id, (at, word))| DroneContact {
+                    drone: *id,
+                    age_s: (now - at).max(0) as f64 * 1e-9,
+                    state: word.state.name().to_owned(),
+                    entered: word.entered.to_string(),
+                    battery: finite(word.battery),
+                })
+                .collect(),
+            estimator: EstimatorStatus {
+                sensor_age_s: [0, 1, 2].map(|k| self.sensors.get(k).and_then(since)),
+                estimate_age_s: since(&self.said),
+                sd: self.sd.map(finite),
+                waves: self.waves,
+                gated: [gated.imu, gated.gnss, gated.heading],
+                restarts: gated.restarts,
+                rejected: rejected.absurd
+                    + rejected.future
+                    + rejected.stale
+                    + rejected.order
+                    + rejected.flood
+                    + rejected.other_vessel
+                    + rejected.withheld,
+            },
+            sensors_pid: sensor_supervisor.pid(),
+            sources: sensor_supervisor
+                .reports(now)
+                .map(|(since_s, word)| SourceHealth::of(word, since_s, node))
+                .collect(),
+        };
+        let new = self.place.with_extension("new");
+        // A reader sees the old word or the new one, never half of one.
+        let _told = serde_json::to_vec(&word)
+            .map_err(std::io::Error::other)
+            .and_then(|bytes| fs::write(&new, bytes))
+            .and_then(|()| fs::rename(&new, &self.place));
+    }
+}
+
+impl Drop for StatusFile {
+    fn drop(&mut self) {
+        let _gone = fs::remove_file(&self.place);
+    }
+}
+
+fn certificate(computer: &VesselComputer) -> CertificateStatus {
+    let file = &computer.radio.tls.certificate;
+    if file.is_empty() {
+        return CertificateStatus::None;
+    }
+    match certificates::read_certificate(Path::new(file)) {
+        Ok(look) => CertificateStatus::Held {
+            name: look.certificate.name,
+            days_left: look.certificate.days_left,
+        },
+        Err(e) => CertificateStatus::Unreadable(e.to_string()),
+    }
+}
