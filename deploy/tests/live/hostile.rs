@@ -5,13 +5,17 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
 
 use alight_shared::msg::{DroneStatus, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveModel};
 use alight_shared::time::{DroneClock, VesselClock};
 use alight_shared::wire::{MAX_WIRE_BYTES, decode, encode};
 use zenoh::Wait;
 
-use super::*;
+use serde_json::Value;
+
+use crate::common::instance;
+use crate::landing::{directory, land, outcome, status_when};
 
 /// The keys of vessel 1 and drone 1 that somebody reads.
 const KEYS: [&str; 7] = [

@@ -5,17 +5,7 @@
 //! network namespace and the user that belong before them, into ALIGHT_VESSEL and ALIGHT_DRONE.
 //! Nothing here asserts a time: the bounds on waiting are only against tests that never end.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
-mod common;
-
 use std::io::{BufRead, BufReader};
-use std::net::UdpSocket;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
@@ -25,6 +15,8 @@ use std::time::Duration;
 use alight_shared::transport::clock::steady_ns;
 use serde_json::Value;
 use toml::Table;
+
+use crate::common::{self, free_port, signal};
 
 /// The simulated time zero lies this much after the start of the test, ns.
 const RUN_UP_NS: i64 = 4_000_000_000;
@@ -43,11 +35,6 @@ fn command(words: &[String]) -> Command {
     let mut command = Command::new("nice");
     command.args(["-n", "-15"]).args(words);
     command
-}
-
-fn free_port() -> u16 {
-    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
-    socket.local_addr().expect("an address").port()
 }
 
 fn table<'a>(of: &'a mut Table, name: &str) -> &'a mut Table {
@@ -475,8 +462,7 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
         planner.and_then(|p| p["pid"].as_u64())
     };
     let frozen = pid(&all.status_when("the planner runs", |s| pid(s).is_some())).expect("it runs");
-    let stopped = Command::new("kill").args(["-STOP", &frozen.to_string()]).status();
-    assert!(stopped.expect("kill runs").success());
+    signal(frozen, "-STOP");
     all.status_when("another planner runs", |s| pid(s).is_some_and(|p| p != frozen));
     assert_eq!(all.state(), "GaveUp", "the mission did not change its mind");
     let out = all.order("hold");

@@ -1,12 +1,7 @@
 //! Arbitrary and damaged input at the borders: what comes over the radio, configuration files,
 //! recordings. Nothing panics, and what is accepted is sound.
 //!
-//! For hours instead of seconds: `PROPTEST_CASES=10000000 cargo test --release --workspace --test fuzz`.
-
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-#[path = "common/program.rs"]
-mod program;
+//! For hours instead of seconds: `PROPTEST_CASES=10000000 cargo test --release --workspace --test cli fuzz`.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -29,6 +24,8 @@ use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+
+use crate::program;
 
 /// A change of some bytes.
 #[derive(Clone, Debug)]

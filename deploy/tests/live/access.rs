@@ -1,39 +1,15 @@
 //! Strangers on the radio: real zenoh clients that must not be heard, beside one that must. Nothing
 //! here asserts a time: the bounds on waiting are only against tests that never end.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
-mod common;
-
-use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_shared::transport::radio::{Publication, Radio, RadioConfig, TlsConfig, Urgency};
+use alight_shared::transport::radio::{Radio, RadioConfig};
 use alight_shared::transport::rejections::{self, AccessRejection};
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
 use zenoh::Wait;
 
-/// A port that is free: for a stream the datagram's free number is as good as any.
-fn port() -> String {
-    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
-    socket.local_addr().expect("an address").to_string()
-}
-
-fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
-    let file = |name: &str| directory.join(name).display().to_string();
-    TlsConfig {
-        authority: file("authority.pem"),
-        certificate: file("certificate.pem"),
-        key: file("key.pem"),
-        peers: peers.iter().map(|p| (*p).to_owned()).collect(),
-    }
-}
+use crate::common::{self, free_udp, publication, tls};
 
 /// A client that obeys no rule of ours: it dials `endpoint`, or is dialled there, and says what it is told on
 /// `key`, again and again.
@@ -93,7 +69,7 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
 fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
     rejections::listen();
     let directory = common::certificates(name);
-    let address = port();
+    let address = free_udp();
     let listen = RadioConfig {
         listen: vec![format!("quic/{address}")],
         tls: tls(&directory.join("vessel-1"), &["drone-1", "drone-2"]),
@@ -103,12 +79,6 @@ fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
         connect: vec![format!("quic/{address}")],
         tls: tls(&directory.join("drone-1"), &["vessel-1"]),
         ..RadioConfig::default()
-    };
-    let publication = |key: &str| {
-        vec![Publication {
-            key: key.into(),
-            urgency: Urgency::State,
-        }]
     };
     let all = vec!["alight/**".to_owned()];
     let mut vessel =
@@ -229,7 +199,7 @@ fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
         ("listen_certificate", own.join("certificate.pem")),
         ("listen_private_key", own.join("key.pem")),
     ];
-    let address = port();
+    let address = free_udp();
     // Whoever holds the vessel's key may say the vessel's words, and no others.
     let mut vessel = Stranger::listen(&format!("quic/{address}"), &files, "alight/vessel-1/estimate");
     let dial = RadioConfig {
@@ -237,11 +207,7 @@ fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
         tls: tls(&keys.join("drone-1"), &["vessel-1"]),
         ..RadioConfig::default()
     };
-    let status = Publication {
-        key: STATUS.into(),
-        urgency: Urgency::State,
-    };
-    let mut drone = Radio::open(&dial, vec![status], vec!["alight/**".to_owned()]).expect("opens");
+    let mut drone = Radio::open(&dial, publication(STATUS), vec!["alight/**".to_owned()]).expect("opens");
     let mut friend = 0;
     for _ in 0..2000 {
         for key in [

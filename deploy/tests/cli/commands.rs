@@ -1,13 +1,7 @@
 //! The program as a person meets it: exit codes, errors that help, JSON, determinism.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-#[path = "common/program.rs"]
-mod program;
-
 use std::path::PathBuf;
 
-use program::{alight, json, scratch, stderr};
+use crate::program::{alight, json, scratch, stderr};
 
 #[test]
 fn bad_input_exits_with_code_2_and_names_the_input() {

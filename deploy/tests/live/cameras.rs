@@ -1,14 +1,7 @@
 //! `alight camera` and `alight uvdar` as processes that look at images in files: the deck rendered, written as
 //! PGM, and found where it is.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 use alight_shared::frames::{Deck, DroneBody, Point};
 use alight_shared::time::Time;
@@ -23,12 +16,14 @@ use alight_uav::camera::uvdar::UvdarSettings;
 use nalgebra::Vector3;
 use serde_json::Value;
 
+use crate::common::{alight, scratch};
+
 /// A directory that goes with the test.
 struct Directory(PathBuf);
 
 impl Directory {
     fn new(name: &str) -> Directory {
-        let path = std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()));
+        let path = scratch(name);
         std::fs::create_dir_all(&path).unwrap();
         Directory(path)
     }
@@ -73,7 +68,7 @@ fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
 }
 
 fn run(verb: &str, config: &Path, more: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_alight"))
+    alight()
         .args([verb, "--config"])
         .arg(config)
         .args(more)

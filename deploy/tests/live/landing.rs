@@ -1,22 +1,13 @@
 //! The live processes, each test with an instance of its own on the loopback interface. Nothing
 //! here asserts a time: the bounds on waiting are only against tests that never end.
 
-// A test of live processes has to wait for them, and ends where one misbehaves.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
-#[path = "live/hostile.rs"]
-mod hostile;
-
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
+
+use crate::common::{alight, instance, signal};
 
 const PROCESSES: [&str; 7] = [
     "world",
@@ -28,27 +19,18 @@ const PROCESSES: [&str; 7] = [
     "pilot",
 ];
 
-fn alight() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_alight"))
-}
-
-/// An instance that no other test uses.
-fn instance(test: &str) -> String {
-    format!("{test}-{}", std::process::id())
-}
-
-fn directory(instance: &str) -> PathBuf {
+pub fn directory(instance: &str) -> PathBuf {
     std::env::temp_dir().join(format!("alight-{instance}"))
 }
 
 /// A landing that ends with its test, however that ends.
-struct Land(Option<Child>);
+pub struct Land(Option<Child>);
 
 impl Land {
     fn id(&self) -> u64 {
         u64::from(self.0.as_ref().expect("it runs").id())
     }
-    fn output(mut self) -> Output {
+    pub fn output(mut self) -> Output {
         self.0.take().expect("it runs").wait_with_output().expect("ends")
     }
     fn kill(&mut self) {
@@ -67,7 +49,7 @@ impl Drop for Land {
     }
 }
 
-fn land(instance: &str, more: &[&str]) -> Land {
+pub fn land(instance: &str, more: &[&str]) -> Land {
     let child = alight()
         .args(["land", "--json", "--sea", "calm", "--instance", instance])
         .args(more)
@@ -79,7 +61,7 @@ fn land(instance: &str, more: &[&str]) -> Land {
     Land(Some(child))
 }
 
-fn status(instance: &str) -> Value {
+pub fn status(instance: &str) -> Value {
     let out = alight()
         .args(["status", "--json", "--instance", instance])
         .output()
@@ -89,7 +71,7 @@ fn status(instance: &str) -> Value {
 }
 
 /// What `status` says once it says what `wanted` waits for; at most about a minute.
-fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     for _ in 0..40 {
         let now = status(instance);
         if wanted(&now) {
@@ -107,14 +89,6 @@ fn pid(status: &Value, process: &str) -> Option<u64> {
         .iter()
         .find(|p| p["kind"] == kind)?["pid"]
         .as_u64()
-}
-
-fn signal(pid: u64, signal: &str) {
-    let done = Command::new("kill")
-        .args([signal, &pid.to_string()])
-        .status()
-        .expect("kill runs");
-    assert!(done.success());
 }
 
 /// Nothing of the instance is left: no process, no file in shared memory, no directory.
@@ -139,7 +113,7 @@ fn assert_gone(instance: &str, pids: &[u64]) {
     assert!(!directory(instance).exists());
 }
 
-fn outcome(out: &Output) -> Value {
+pub fn outcome(out: &Output) -> Value {
     let text = String::from_utf8_lossy(&out.stdout);
     let last = text.lines().last().unwrap_or_default();
     serde_json::from_str(last).unwrap_or_else(|e| {

@@ -1,17 +1,7 @@
 //! `alight autopilot` as a process on real sockets and shared memory, the stand-in of an autopilot at
 //! the other end. Nothing here asserts a time: bounds on waiting are only against tests that never end.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
-#[path = "../../uav-side/tests/autopilot/fake_autopilot.rs"]
-mod fake_autopilot;
-
 use std::net::UdpSocket;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use alight_shared::msg::{
@@ -21,7 +11,9 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::memory;
 use alight_uav::autopilot::modes::Firmware;
-use fake_autopilot::FakeAutopilot;
+
+use crate::common::alight;
+use crate::fake_autopilot::FakeAutopilot;
 
 /// What a round of the test waits, and how many rounds it waits for anything at most.
 const ROUND: Duration = Duration::from_millis(4);
@@ -69,7 +61,7 @@ impl Scene {
         socket.set_nonblocking(true).unwrap();
         let ours = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         socket.connect(ours).unwrap();
-        let child = Command::new(env!("CARGO_BIN_EXE_alight"))
+        let child = alight()
             .args(["autopilot", "--supervised", "--connect"])
             .arg(format!("udpin://{ours}"))
             .arg("--config")
@@ -181,7 +173,7 @@ fn autopilot_process_refuses_a_malformed_address() {
     let config = std::env::temp_dir().join(format!("{name}.toml"));
     std::fs::write(&config, format!("instance = {name:?}\n")).unwrap();
     for url in ["udp://:14540", "serial:ttyACM0", "tcpout://no such host:1"] {
-        let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+        let out = alight()
             .args(["autopilot", "--connect", url, "--config"])
             .arg(&config)
             .output()

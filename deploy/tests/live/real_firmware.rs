@@ -1,13 +1,5 @@
 //! One landing at Moderate with the makers' own firmware at the controls of the simulated drone, where its
-//! program is on this computer: `ALIGHT_ARDUCOPTER=/path/to/arducopter`, `ALIGHT_PX4=/path/to/bin/px4` (with
-//! its `etc` beside `bin`). Without, the test says so and is passed over. `firmware.rs` flies the same plant
-//! with a firmware of the tests' own.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
+//! program is on this computer. `firmware.rs` flies the same plant with a firmware of the tests' own.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -20,6 +12,8 @@ use std::time::Duration;
 use alight_uav::autopilot::message::{ARMED, Address, CUSTOM_MODE, CommandLong, Message, command, id};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use alight_uav::autopilot::wire::{Decoder, encode};
+
+use crate::common::{alight, free_port};
 
 /// A ground station, as MAVLink numbers them.
 const PERSON: Address = Address {
@@ -43,19 +37,6 @@ const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM
                       INS_ACCOFFS_X 0.001\nINS_ACCOFFS_Y 0.001\nINS_ACCOFFS_Z 0.001\nINS_ACCSCAL_X 1.001\n\
                       INS_ACCSCAL_Y 1.001\nINS_ACCSCAL_Z 1.001\nINS_ACC2OFFS_X 0.001\nINS_ACC2OFFS_Y 0.001\n\
                       INS_ACC2OFFS_Z 0.001\nINS_ACC2SCAL_X 1.001\nINS_ACC2SCAL_Y 1.001\nINS_ACC2SCAL_Z 1.001\n";
-
-/// The program that a variable names; None, said aloud, when there is none.
-fn program(variable: &str) -> Option<PathBuf> {
-    let path = std::env::var_os(variable).map(PathBuf::from);
-    if path.is_none() {
-        // Past the harness, which keeps what a test prints.
-        let _unseen = writeln!(
-            std::io::stderr(),
-            "skipped: {variable} is not set to the firmware's program"
-        );
-    }
-    path
-}
 
 /// The firmware's second MAVLink, for a ground station.
 enum Link {
@@ -263,11 +244,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     let directory = std::env::temp_dir().join(&name);
     std::fs::create_dir_all(&directory).unwrap();
     let plant = match firmware {
-        Firmware::ArduCopter => UdpSocket::bind("127.0.0.1:0")
-            .unwrap()
-            .local_addr()
-            .unwrap()
-            .port(),
+        Firmware::ArduCopter => free_port(),
         Firmware::Px4 => 4560 + u16::from(PX4_INSTANCE),
     };
     let config = directory.join("plant.toml");
@@ -319,7 +296,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
         let end = Arc::clone(&end);
         std::thread::spawn(move || Person::new(firmware, link).fly(&end))
     };
-    let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+    let out = alight()
         .args([
             "land",
             "--autopilot",
@@ -367,7 +344,8 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
 fn land(firmware: Firmware, variable: &str) {
     // One after the other: they fly in real time.
     static ONE: Mutex<()> = Mutex::new(());
-    let Some(program) = program(variable) else { return };
+    let program = std::env::var_os(variable).expect("it names the firmware's program");
+    let program = PathBuf::from(program);
     let _turn = ONE.lock().unwrap_or_else(PoisonError::into_inner);
     if !flight(firmware, &program) {
         assert!(flight(firmware, &program), "neither of two flights was a success");
@@ -375,11 +353,13 @@ fn land(firmware: Firmware, variable: &str) {
 }
 
 #[test]
+#[ignore = "needs ALIGHT_ARDUCOPTER=/path/to/arducopter"]
 fn ardupilot_firmware_is_handed_over_landed_and_disarmed() {
     land(Firmware::ArduCopter, "ALIGHT_ARDUCOPTER");
 }
 
 #[test]
+#[ignore = "needs ALIGHT_PX4=/path/to/bin/px4, with its etc beside bin"]
 fn px4_firmware_is_handed_over_landed_and_disarmed() {
     land(Firmware::Px4, "ALIGHT_PX4");
 }

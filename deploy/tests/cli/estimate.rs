@@ -1,11 +1,6 @@
 //! `alight estimate` as a person meets it: reports of what is read, exit code 2 and a reason for what is
 //! not.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-#[path = "common/program.rs"]
-mod program;
-
-use program::{alight, json, scratch, stderr};
+use crate::program::{alight, json, scratch, stderr};
 
 /// Two minutes of a boat in a swell of 5 s as a motion sensor and a receiver tell it at 5 Hz.
 fn nmea() -> String {
@@ -113,7 +108,7 @@ fn estimate_of_an_unreadable_file_exits_with_code_2_and_a_reason() {
         ),
         (&[&write("short.nmea", &half[..2000])], "too few"),
         (&[&write("cut.ulg", b"ULog\x01\x12\x35\x01")], "too few"),
-        (&[&write("cut.mcap", b"\x89MCAP0\r\n\x01")], "cut off"),
+        (&[&write("cut-off.mcap", b"\x89MCAP0\r\n\x01")], "cut off"),
         (&[&good, "--config", &config], "sauces"),
         (&[&good, "--config", &sources, "--source", "keel"], "mast"),
         (

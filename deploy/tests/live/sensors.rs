@@ -1,16 +1,9 @@
 //! `alight sensors` as a process on real sockets: a boat's sensors at one end, the vessel's process at the
 //! other. Nothing here asserts a time: bounds on waiting are only against tests that never end.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
 use std::io::{Read, Write};
 use std::net::{TcpListener, UdpSocket};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Stdio;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
@@ -18,33 +11,18 @@ use alight_shared::wire;
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-struct Program(Child);
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        drop(self.0.stdin.take());
-        let _ended = self.0.wait();
-    }
-}
+use crate::common::{Running, alight, free_udp, scratch, signal};
 
 fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
     format!("${body}*{sum:02X}\r\n")
 }
-fn free_udp() -> String {
-    UdpSocket::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .to_string()
-}
-
 #[test]
 fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
     let vessel = UdpSocket::bind("127.0.0.1:0").unwrap();
     vessel.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
     let (udp, tcp) = (free_udp(), TcpListener::bind("127.0.0.1:0").unwrap());
-    let config = std::env::temp_dir().join(format!("alight-sensors-{}.toml", std::process::id()));
+    let config = scratch("sensors.toml");
     let text = format!(
         "sensors = \"{}\"\n[[sensor.sources]]\nname = \"receiver\"\nconnect = \"udpin://{udp}\"\n\
          [[sensor.sources]]\nname = \"motion\"\nconnect = \"tcpout://{}\"\n",
@@ -52,14 +30,14 @@ fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
         tcp.local_addr().unwrap()
     );
     std::fs::write(&config, text).unwrap();
-    let child = Command::new(env!("CARGO_BIN_EXE_alight"))
+    let child = alight()
         .args(["sensors", "--supervised", "--json", "--config"])
         .arg(&config)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()
         .expect("the program runs");
-    let mut program = Program(child);
+    let mut program = Running(child);
     let (mut motion, _) = tcp.accept().unwrap();
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
     let mut all = Readings::default();
@@ -120,7 +98,7 @@ fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
 fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     let mut last = Value::Null;
     for _ in 0..400 {
-        let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+        let out = alight()
             .args(["status", "--json", "--config"])
             .arg(config)
             .output()
@@ -137,13 +115,13 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
 #[test]
 fn vessel_process_runs_its_sensors_and_status_shows_each() {
     let (udp, vessel, radio) = (free_udp(), free_udp(), free_udp());
-    let config = std::env::temp_dir().join(format!("alight-sensors-vessel-{}.toml", std::process::id()));
+    let config = scratch("sensors-vessel.toml");
     let text = format!(
         "sensors = \"{vessel}\"\n[radio]\nlisten = [\"udp/{radio}\"]\n[[sensor.sources]]\nname = \"mast\"\n\
          connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n"
     );
     std::fs::write(&config, text).unwrap();
-    let child = Command::new(env!("CARGO_BIN_EXE_alight"))
+    let child = alight()
         .args(["vessel", "--supervised", "--config"])
         .arg(&config)
         .stdin(Stdio::piped())
@@ -151,7 +129,7 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
         .stderr(Stdio::null())
         .spawn()
         .expect("the program runs");
-    let program = Program(child);
+    let program = Running(child);
     // A mast that never falls silent, and damages one sentence in ten.
     let (end, ended) = std::sync::mpsc::channel::<()>();
     let to = udp.clone();
@@ -201,8 +179,7 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
     );
     // One that stands still is killed and started again.
     let pid = status["word"]["sensors_pid"].as_u64().expect("it runs");
-    let stopped = Command::new("kill").args(["-STOP", &pid.to_string()]).status();
-    assert!(stopped.expect("kill runs").success());
+    signal(pid, "-STOP");
     status_when(&config, "another process reads the mast", |word| {
         word["sensors_pid"].as_u64().is_some_and(|now| now != pid) && young(&word["sources"][0])
     });
@@ -223,9 +200,9 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
 #[test]
 fn sensor_process_without_sources_or_with_a_malformed_address_exits_with_code_2() {
     let run = |name: &str, text: &str| {
-        let config = std::env::temp_dir().join(format!("alight-sensors-{name}-{}.toml", std::process::id()));
+        let config = scratch(&format!("sensors-{name}.toml"));
         std::fs::write(&config, text).unwrap();
-        let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+        let out = alight()
             .args(["sensors", "--config"])
             .arg(&config)
             .output()

@@ -1,16 +1,10 @@
 //! Recording and replay as a person meets them.
-// Helpers of tests may panic, as tests do.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-#[path = "common/program.rs"]
-mod program;
-
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use crate::program::{alight, json, scratch, stderr};
 use mcap::{Compression, MessageStream, Summary, WriteOptions};
-use program::{alight, json, scratch, stderr};
 
 fn text(path: &Path) -> String {
     path.to_string_lossy().into_owned()

@@ -1,19 +1,9 @@
 //! One landing of all processes with the drone flown by a firmware of the tests' own, which speaks
 //! ArduPilot's JSON backend or PX4's simulator API to the world and MAVLink to `alight autopilot`: the whole way through, with
 //! an origin of its own. Nothing here asserts a time.
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
-#[path = "../../uav-side/tests/autopilot/fake_autopilot.rs"]
-mod fake_autopilot;
-
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -23,7 +13,9 @@ use alight_shared::geometry::GRAVITY;
 use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, encode};
-use fake_autopilot::FakeAutopilot;
+
+use crate::common::{alight, free_port};
+use crate::fake_autopilot::FakeAutopilot;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Where `alight land` lays its sea for a firmware, and where this firmware's estimate begins.
@@ -269,14 +261,7 @@ fn land(firmware: Firmware, scenario: &str) {
     // One after the other: they fly in real time.
     static ONE: Mutex<()> = Mutex::new(());
     let _turn = ONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let port = || {
-        UdpSocket::bind("127.0.0.1:0")
-            .unwrap()
-            .local_addr()
-            .unwrap()
-            .port()
-    };
-    let plant = port();
+    let plant = free_port();
     let (link, connect) = match firmware {
         Firmware::ArduCopter => {
             let door = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -285,7 +270,7 @@ fn land(firmware: Firmware, scenario: &str) {
             (Link::Tcp(door, None), format!("tcpout://{at}"))
         }
         Firmware::Px4 => {
-            let to = port();
+            let to = free_port();
             let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
             socket.connect(("127.0.0.1", to)).unwrap();
             socket.set_nonblocking(true).unwrap();
@@ -312,7 +297,7 @@ fn land(firmware: Firmware, scenario: &str) {
         Firmware::ArduCopter => "ardupilot",
         Firmware::Px4 => "px4",
     };
-    let out = Command::new(env!("CARGO_BIN_EXE_alight"))
+    let out = alight()
         .args(["land", "--autopilot", kind, "--connect", &connect, "--firmware"])
         .arg(&config)
         .arg("--scenario")

@@ -1,33 +1,17 @@
-//! The link emulator between network namespaces, and a landing over it. Where namespaces are not
-//! permitted the tests say so and pass.
-
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
+//! The link emulator between network namespaces, and a landing over it.
 
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
 
+use crate::common::{alight, signal};
+
 fn ip(arguments: &[&str]) -> bool {
     Command::new("ip")
         .args(arguments)
         .output()
         .is_ok_and(|out| out.status.success())
-}
-
-fn permitted(test: &str) -> bool {
-    let probe = format!("alight-probe-{test}-{}", std::process::id());
-    let permitted = ip(&["netns", "add", &probe]) && std::path::Path::new("/dev/net/tun").exists();
-    ip(&["netns", "del", &probe]);
-    if !permitted {
-        eprintln!("skipped: network namespaces or TUN devices are not permitted here");
-    }
-    permitted
 }
 
 fn spaces(name: &str) -> Vec<String> {
@@ -43,21 +27,11 @@ fn spaces(name: &str) -> Vec<String> {
         .collect()
 }
 
-fn signal(child: &Child, signal: &str) {
-    let done = Command::new("kill")
-        .args([signal, &child.id().to_string()])
-        .status();
-    assert!(done.expect("kill runs").success());
-}
-
-fn alight(arguments: &[&str]) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args(arguments)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("starts")
+fn start(arguments: &[&str]) -> Child {
+    let mut command = alight();
+    command.args(arguments).stdin(Stdio::null());
+    let command = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.spawn().expect("starts")
 }
 
 fn wait_for(mut wanted: impl FnMut() -> bool) {
@@ -71,12 +45,10 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
 }
 
 #[test]
+#[ignore = "needs root: network namespaces and TUN devices"]
 fn landing_over_the_emulated_storm_leaves_nothing_behind() {
-    if !permitted("storm") {
-        return;
-    }
     let name = format!("storm-{}", std::process::id());
-    let child = alight(&[
+    let child = start(&[
         "land",
         "--json",
         "--sea",
@@ -117,10 +89,8 @@ fn landing_over_the_emulated_storm_leaves_nothing_behind() {
 }
 
 #[test]
+#[ignore = "needs root: network namespaces and TUN devices"]
 fn emulator_removes_the_namespaces_of_a_killed_predecessor() {
-    if !permitted("left") {
-        return;
-    }
     let name = format!("left-{}", std::process::id());
     let arguments = ["link", "--profile", "wifi-near", "--name", &name];
     let reaches = || {
@@ -134,15 +104,15 @@ fn emulator_removes_the_namespaces_of_a_killed_predecessor() {
             "10.77.0.1",
         ])
     };
-    let mut first = alight(&arguments);
+    let mut first = start(&arguments);
     wait_for(reaches);
-    signal(&first, "-KILL");
+    signal(u64::from(first.id()), "-KILL");
     first.wait().expect("ends");
     assert_eq!(spaces(&name).len(), 2);
-    let mut second = alight(&arguments);
+    let mut second = start(&arguments);
     std::thread::sleep(Duration::from_millis(200));
     wait_for(reaches);
-    signal(&second, "-INT");
+    signal(u64::from(second.id()), "-INT");
     assert_eq!(second.wait().expect("ends").code(), Some(0));
     assert!(spaces(&name).is_empty());
 }

@@ -1,21 +1,14 @@
 //! The radio over every transport on the loopback interface, and its watchdog. Nothing here asserts
 //! a time: the bounds on waiting are only against tests that never end.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic
-)]
-
-mod common;
-
 use std::net::{TcpListener, UdpSocket};
 use std::path::Path;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::transport::radio::{Publication, Radio, RadioConfig, TlsConfig, Urgency};
+use alight_shared::transport::radio::{Radio, RadioConfig, TlsConfig};
+
+use crate::common::{self, publication};
 
 fn endpoint(transport: &str) -> String {
     let free = if transport == "tcp" {
@@ -26,31 +19,12 @@ fn endpoint(transport: &str) -> String {
     format!("{transport}/{}", free.expect("a free port"))
 }
 
-/// The files of `own` in a directory of `alight keys`; it hears `peer`.
-fn tls(directory: Option<&Path>, own: &str, peer: &str) -> TlsConfig {
-    let Some(directory) = directory.map(|d| d.join(own)) else {
-        return TlsConfig::default();
-    };
-    let file = |name: &str| directory.join(name).display().to_string();
-    TlsConfig {
-        authority: file("authority.pem"),
-        certificate: file("certificate.pem"),
-        key: file("key.pem"),
-        peers: vec![peer.into()],
-    }
-}
-
-fn publication(key: &str) -> Vec<Publication> {
-    vec![Publication {
-        key: key.into(),
-        urgency: Urgency::State,
-    }]
-}
-
 fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
     let config = RadioConfig {
         listen: vec![endpoint.into()],
-        tls: tls(certificates, "vessel-1", "drone-1"),
+        tls: certificates.map_or_else(TlsConfig::default, |c| {
+            common::tls(&c.join("vessel-1"), &["drone-1"])
+        }),
         ..RadioConfig::default()
     };
     Radio::open(
@@ -65,7 +39,9 @@ fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
     let config = RadioConfig {
         connect: vec![endpoint.into()],
         reopen_after_s: 1.0,
-        tls: tls(certificates, "drone-1", "vessel-1"),
+        tls: certificates.map_or_else(TlsConfig::default, |c| {
+            common::tls(&c.join("drone-1"), &["vessel-1"])
+        }),
         ..RadioConfig::default()
     };
     Radio::open(
@@ -131,7 +107,7 @@ fn check_of_a_drone_finds_a_listening_vessel_and_misses_an_absent_one() {
         assert!(text.contains("quic/192.168.7.1:7447"));
         let file = directory.join("drone.toml");
         std::fs::write(&file, text.replace("quic/192.168.7.1:7447", &endpoint)).expect("written");
-        let run = std::process::Command::new(env!("CARGO_BIN_EXE_alight"))
+        let run = common::alight()
             .args(["check", "--json", "--config"])
             .arg(file)
             .output()

@@ -1,0 +1,167 @@
+//! The order of layers, read off the sources: who imports whom.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// Modules of the program, lowest first: each imports only those before it.
+const LAYERS: [&str; 12] = [
+    "exit",
+    "terminal",
+    "config",
+    "certificates",
+    "io",
+    "process",
+    "record",
+    "vessel",
+    "drone",
+    "tools",
+    "lab",
+    "cli",
+];
+
+/// What each file of a package imports: its module, and the modules of the others.
+type Imports = BTreeMap<String, BTreeSet<String>>;
+
+fn sources(directory: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(directory).unwrap().flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            found.push(path);
+        }
+    }
+    found
+}
+
+/// `a::b` of `src/a/b.rs` and of `src/a/b/mod.rs`; empty for the root.
+fn module(src: &Path, file: &Path) -> String {
+    let relative = file.strip_prefix(src).unwrap().with_extension("");
+    let mut parts: Vec<&str> = relative.iter().filter_map(|p| p.to_str()).collect();
+    if parts
+        .last()
+        .is_some_and(|p| ["mod", "lib", "main"].contains(p))
+    {
+        parts.pop();
+    }
+    parts.join("::")
+}
+
+/// The paths that begin at `text`, with those of a group in braces.
+fn paths(text: &str) -> Vec<String> {
+    let end = text.find(|c: char| !(c.is_alphanumeric() || "_:".contains(c)));
+    let (head, rest) = text.split_at(end.unwrap_or(text.len()));
+    let Some(group) = rest.strip_prefix('{').filter(|_| head.ends_with("::")) else {
+        return vec![head.into()];
+    };
+    let (mut depth, mut start, mut found) = (0, 0, Vec::new());
+    for (k, c) in group.char_indices() {
+        if depth == 0 && (c == ',' || c == '}') {
+            let inner = paths(group[start..k].trim_start());
+            found.extend(inner.into_iter().map(|p| format!("{head}{p}")));
+            start = k + 1;
+        }
+        match c {
+            '{' => depth += 1,
+            '}' if depth == 0 => break,
+            '}' => depth -= 1,
+            _ => {}
+        }
+    }
+    found
+}
+
+/// The module that `path`, seen from the module `from`, leads into.
+fn target(path: &str, from: &str, modules: &BTreeSet<String>) -> String {
+    let mut at: Vec<&str> = from.split("::").filter(|p| !p.is_empty()).collect();
+    for part in path.split("::") {
+        match part {
+            "crate" => at.clear(),
+            "super" => drop(at.pop()),
+            "self" => {}
+            part => at.push(part),
+        }
+    }
+    while !at.is_empty() && !modules.contains(&at.join("::")) {
+        at.pop();
+    }
+    at.join("::")
+}
+
+/// The imports of a package, without those of tests, and without those of a parent or a child.
+fn imports(src: &Path) -> Imports {
+    let files: Vec<(String, PathBuf)> = sources(src).into_iter().map(|f| (module(src, &f), f)).collect();
+    let modules: BTreeSet<String> = files.iter().map(|(m, _)| m.clone()).collect();
+    let mut all = Imports::new();
+    for (own, file) in &files {
+        let text = std::fs::read_to_string(file).unwrap();
+        let text = text.split("\n#[cfg(test)]\nmod ").next().unwrap();
+        let code: String = text
+            .lines()
+            .filter(|l| !l.trim_start().starts_with("//"))
+            .flat_map(|l| [l, "\n"])
+            .collect();
+        let imported = all.entry(own.clone()).or_default();
+        for start in ["crate::", "super::"] {
+            for (k, _) in code.match_indices(start) {
+                let before = code[..k].chars().next_back();
+                if before.is_some_and(|c| c.is_alphanumeric() || "_:".contains(c)) {
+                    continue;
+                }
+                for path in paths(&code[k..]) {
+                    let to = target(&path, own, &modules);
+                    let family = |a: &str, b: &str| a.is_empty() || b.starts_with(&format!("{a}::"));
+                    if to != *own && !family(own, &to) && !family(&to, own) {
+                        imported.insert(to);
+                    }
+                }
+            }
+        }
+    }
+    all
+}
+
+/// Whoever can be reached from `from`.
+fn reached(from: &str, all: &Imports) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    let mut waiting = vec![from.to_owned()];
+    while let Some(next) = waiting.pop() {
+        for to in all.get(&next).into_iter().flatten() {
+            if found.insert(to.clone()) {
+                waiting.push(to.clone());
+            }
+        }
+    }
+    found
+}
+
+fn package(name: &str) -> Imports {
+    imports(&Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(name).join("src"))
+}
+
+#[test]
+fn no_package_has_an_import_loop() {
+    let mut looped = Vec::new();
+    for name in ["shared", "usv-side", "bridge", "uav-side", "tests", "deploy"] {
+        let all = package(name);
+        let own = all.keys().filter(|m| reached(m, &all).contains(*m));
+        looped.extend(own.map(|m| format!("{name}: {m}")));
+    }
+    assert!(looped.is_empty(), "files that import each other in a loop: {looped:#?}");
+}
+
+#[test]
+fn modules_of_the_program_import_only_lower_layers() {
+    let rank = |module: &str| {
+        let top = module.split("::").next().unwrap_or_default();
+        let at = LAYERS.iter().position(|l| *l == top);
+        at.unwrap_or_else(|| panic!("{top} is in no layer"))
+    };
+    let mut upward = Vec::new();
+    for (own, imported) in package("deploy").iter().filter(|(m, _)| !m.is_empty()) {
+        let higher = imported.iter().filter(|to| rank(to) > rank(own));
+        upward.extend(higher.map(|to| format!("{own} imports {to}")));
+    }
+    assert!(upward.is_empty(), "{upward:#?}");
+}

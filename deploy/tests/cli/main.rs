@@ -1,0 +1,11 @@
+//! The program as a person runs it, and what it takes from outside.
+
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod commands;
+mod estimate;
+mod fuzz;
+mod program;
+mod record;
+mod shipped;

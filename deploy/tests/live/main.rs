@@ -1,0 +1,25 @@
+//! The program's processes on real sockets and shared memory. Nothing here asserts a time: the bounds on
+//! waiting are only against tests that never end.
+
+// A test of processes has to wait for them, and ends where one misbehaves.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+mod access;
+mod autopilot;
+mod cameras;
+mod common;
+#[path = "../../../uav-side/tests/autopilot/fake_autopilot.rs"]
+mod fake_autopilot;
+mod firmware;
+mod hostile;
+mod installed;
+mod landing;
+mod link;
+mod radio;
+mod real_firmware;
+mod sensors;
