@@ -16,6 +16,13 @@ pub enum Exit {
     Broken,
 }
 
+impl Exit {
+    /// Success, or that something failed.
+    pub const fn of(success: bool) -> Exit {
+        if success { Exit::Success } else { Exit::Failed }
+    }
+}
+
 /// Bad input or an output that cannot be written: exit code 2, the message says what to do.
 #[derive(Debug)]
 pub struct CliError(pub String);

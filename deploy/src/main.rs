@@ -18,6 +18,7 @@ mod lab;
 mod process;
 #[cfg(feature = "lab")]
 mod record;
+mod table;
 mod terminal;
 mod tools;
 mod vessel;

@@ -3,10 +3,11 @@
 
 pub mod args;
 pub mod live;
+pub mod outcome_table;
 pub mod plot;
 pub mod scene;
 pub mod study;
-pub mod table;
+pub mod report;
 pub mod trial;
 pub mod trials;
 
@@ -35,7 +36,8 @@ pub enum LabCommand {
     Response(ResponseArgs),
     /// Land once in real time: all processes of vessel and drone, simulated vehicles.
     Land(Box<LandArgs>),
-    /// Land live with many seeds, beside the lock-step landings of the same seeds.
+    /// The former name of `land --trials N`.
+    #[command(hide = true)]
     Lands(LandsArgs),
     /// Kill and freeze every process in every phase of a live landing, and say what came of it.
     Faults(FaultsArgs),
@@ -58,7 +60,7 @@ impl LabCommand {
             LabCommand::Replay(a) => record::replay::run(a),
             LabCommand::Response(a) => study::response(a),
             LabCommand::Land(a) => live::land::run(a),
-            LabCommand::Lands(a) => live::lands::run(a),
+            LabCommand::Lands(a) => live::pairs::run_lands(a),
             LabCommand::Faults(a) => live::faults::run(a),
             LabCommand::World(a) => live::world::run(a),
             LabCommand::Link(a) => live::emulator::run(a),

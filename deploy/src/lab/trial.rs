@@ -5,7 +5,7 @@ use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 use crate::exit::{CliError, Exit};
 use crate::lab::args::TrialArgs;
 use crate::lab::scene::{Scene, stopwatch};
-use crate::lab::{plot, table};
+use crate::lab::{outcome_table, plot};
 use crate::terminal;
 use crate::terminal::note;
 
@@ -35,7 +35,7 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
     if args.json {
         terminal::line(serde_json::to_string(&outcome).map_err(|e| CliError::because("writing JSON", e))?);
     } else {
-        terminal::line(format_args!("\n{}", table::outcome(&outcome)));
+        terminal::line(format_args!("\n{}", outcome_table::outcome(&outcome)));
         if let Some(path) = &args.plot {
             terminal::line(format_args!("plot: {}", path.display()));
         }

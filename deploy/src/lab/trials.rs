@@ -1,73 +1,57 @@
 //! `alight trials`: many landings, spread over the cores.
 
-use std::io::Write;
+use std::path::Path;
 
 use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::trial::{Watch, fly};
 use alight_sim::studies::statistics::Summary;
 use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
+use super::args::TrialsArgs;
+use super::outcome_table;
+use super::scene::{Scene, stopwatch};
 use crate::exit::{CliError, Exit};
-use crate::lab::args::TrialsArgs;
-use crate::lab::scene::{Scene, stopwatch};
-use crate::lab::table;
-use crate::terminal;
-use crate::terminal::note;
+use crate::terminal::{self, note};
 
-/// A thread pool of `jobs` threads (all cores when None).
-pub fn pool(jobs: Option<u16>) -> Result<rayon::ThreadPool, CliError> {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(jobs.map_or(0, usize::from))
-        .build()
-        .map_err(|e| CliError::because("starting the worker threads", e))
-}
-
-/// A progress bar with time left; hidden where standard error is no terminal.
-pub fn bar(length: u64, what: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len} {elapsed} elapsed, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(length)
-        .with_style(style)
-        .with_message(what.to_string())
-}
-
-/// Flies seeds `seed0..seed0 + n`; outcomes in the order of the seeds whatever the threads.
-pub fn fly_all(
-    scene: &Scene,
-    seeds: &[u64],
-    stride_s: Option<f64>,
+/// Maps `items` by `run` on `jobs` threads (all cores when None) behind a progress bar, which is hidden where
+/// standard error is no terminal. Results come in the order of the items, whatever the threads.
+pub fn in_parallel<T: Sync, R: Send>(
     jobs: Option<u16>,
     what: &str,
-) -> Result<Vec<Outcome>, CliError> {
-    let progress = bar(seeds.len() as u64, what);
-    let outcomes: Result<Vec<Outcome>, CliError> = pool(jobs)?.install(|| {
-        seeds
-            .par_iter()
-            .enumerate()
-            .progress_with(progress.clone())
-            .map(|(i, &seed)| {
-                let mut scenario = scene.scenario.clone();
-                if let (Some(stride), Some(motion)) = (stride_s, scenario.deck_motion.as_mut()) {
-                    motion.start_s += stride * i as f64;
-                }
-                let elapsed = stopwatch();
-                let mut quiet = |_: &_| {};
-                let watch = Watch {
-                    on_event: &mut quiet,
-                    trace_step_s: None,
-                };
-                let flight = fly(&scenario, &scene.nodes, seed, &scene.sea, watch)
-                    .map_err(|e| CliError::because(format!("setting up the trial of seed {seed}"), e))?;
-                Ok(Outcome {
-                    wall_time_s: elapsed(),
-                    ..flight.outcome
-                })
-            })
-            .collect()
-    });
+    items: &[T],
+    run: impl Fn(&T) -> Result<R, CliError> + Sync,
+) -> Result<Vec<R>, CliError> {
+    let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len} {elapsed} elapsed, {eta} left");
+    let progress = ProgressBar::new(items.len() as u64)
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        .with_message(what.to_string());
+    let results = rayon::ThreadPoolBuilder::new()
+        .num_threads(jobs.map_or(0, usize::from))
+        .build()
+        .map_err(|e| CliError::because("starting the worker threads", e))?
+        .install(|| {
+            let items = items.par_iter().progress_with(progress.clone());
+            items.map(run).collect()
+        });
     progress.finish_and_clear();
-    outcomes
+    results
+}
+
+/// One landing that nobody watches, with the time that it took.
+pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) -> Result<Outcome, CliError> {
+    let elapsed = stopwatch();
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    let flown = fly(scenario, nodes, seed, sea, watch)
+        .map_err(|e| CliError::because(format!("setting up the trial of seed {seed} at sea {sea}"), e))?;
+    Ok(Outcome {
+        wall_time_s: elapsed(),
+        ..flown.outcome
+    })
 }
 
 /// The seeds from `seed0` on.
@@ -84,69 +68,51 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     let seeds = seeds(args.seed0, args.trials)?;
-    let mut rows = match &args.rows {
-        Some(path) => Some(std::fs::File::create(path).map_err(|e| {
-            CliError::because(
-                format!("writing the rows {}", path.display()),
-                format!("{e}; choose another path"),
-            )
-        })?),
-        None => None,
+    let rows = args.rows.as_deref().map(rows_writer).transpose()?;
+    let motion_start = |seed: u64| {
+        let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);
+        Some(motion.start_s + stride * (seed - args.seed0) as f64)
     };
-    let outcomes = fly_all(&scene, &seeds, args.motion_stride, args.jobs, "landings")?;
-    if let Some(file) = rows.as_mut() {
-        write_rows(file, &outcomes).map_err(|e| CliError::because("writing the rows", e))?;
+    let outcomes = in_parallel(args.jobs, "landings", &seeds, |seed| {
+        let mut scenario = scene.scenario.clone();
+        if let (Some(start_s), Some(motion)) = (motion_start(*seed), scenario.deck_motion.as_mut()) {
+            motion.start_s = start_s;
+        }
+        fly_seed(&scenario, &scene.nodes, *seed, &scene.sea)
+    })?;
+    if let Some(mut rows) = rows {
+        let mut written = outcomes.iter().map(|o| rows.serialize(o));
+        let written = written.try_for_each(|r| r);
+        written.map_err(|e| CliError::because("writing the rows", e))?;
     }
     let summary = Summary::of(&outcomes);
-    let say = |line: String| note(args.json, line);
     for o in outcomes.iter().filter(|o| !o.success) {
-        let mut flags = scene.flags.clone();
-        if let (Some(stride), Some(motion)) = (args.motion_stride, &scene.scenario.deck_motion) {
-            let start = motion.start_s + stride * (o.seed - args.seed0) as f64;
-            flags.push_str(&format!(" --motion-start {start}"));
-        }
-        say(format!("seed {}: {} ({})", o.seed, o.outcome.name(), o.reason));
-        say(format!(
-            "  replay: alight trial --seed {} {flags} --plot seed-{}.svg",
-            o.seed, o.seed
-        ));
+        let start = motion_start(o.seed).map_or_else(String::new, |s| format!(" --motion-start {s}"));
+        note(
+            args.json,
+            format_args!(
+                "seed {0}: {1} ({2})\n  replay: alight trial --seed {0} {3}{start} --plot seed-{0}.svg",
+                o.seed,
+                o.outcome.name(),
+                o.reason,
+                scene.flags
+            ),
+        );
     }
     if args.json {
-        terminal::line(serde_json::Value::Object(table::summary_json(&summary)));
+        terminal::line(serde_json::Value::Object(outcome_table::summary_json(&summary)));
     } else {
-        terminal::line(table::summary(&summary));
+        terminal::line(outcome_table::summary(&summary));
     }
-    Ok(if summary.successes == summary.trials {
-        Exit::Success
-    } else {
-        Exit::Failed
-    })
+    Ok(Exit::of(summary.successes == summary.trials))
 }
 
-fn write_rows(file: &mut std::fs::File, outcomes: &[Outcome]) -> std::io::Result<()> {
-    use alight_sim::studies::statistics::METRICS;
-    let names: Vec<&str> = METRICS.iter().map(|(n, _)| *n).collect();
-    writeln!(
-        file,
-        "seed,outcome,unsafe_contacts,water_contacts,contacts_above_2_mps,{},digest",
-        names.join(",")
-    )?;
-    for o in outcomes {
-        let cells: Vec<String> = METRICS
-            .iter()
-            .map(|(_, f)| f(o).map_or_else(String::new, |v| format!("{v:.6}")))
-            .collect();
-        writeln!(
-            file,
-            "{},{},{},{},{},{},{}",
-            o.seed,
-            o.outcome.name(),
-            o.unsafe_contacts,
-            o.water_contacts,
-            o.contacts_above_2_mps,
-            cells.join(","),
-            o.digest
-        )?;
-    }
-    Ok(())
+/// A file of one row per outcome.
+fn rows_writer(path: &Path) -> Result<csv::Writer<std::fs::File>, CliError> {
+    csv::Writer::from_path(path).map_err(|e| {
+        CliError::because(
+            format!("writing the rows {}", path.display()),
+            format!("{e}; choose another path"),
+        )
+    })
 }

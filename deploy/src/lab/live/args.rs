@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use alight_sim::radio::Transport;
-use clap::Args;
-use clap::ValueEnum;
+use clap::{Args, Parser, ValueEnum};
 
+use crate::exit::CliError;
 use crate::lab::args::SceneArgs;
 use crate::lab::live::fault::FaultSpec;
 use crate::lab::live::follow::MAX_FOLLOW_S;
@@ -21,6 +21,13 @@ pub struct LandArgs {
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Land with so many seeds, from --seed on, each beside the lock-step landing of the same seed
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000),
+        conflicts_with_all = ["plot", "record", "follow"])]
+    pub trials: Option<u32>,
+    /// How many of the trials at a time, each with processes of its own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub jobs: u16,
     /// The vessel's estimator runs this long before the landing is commanded, s [default: the
     /// scenario's, 60]
     #[arg(long, value_name = "S")]
@@ -84,26 +91,35 @@ pub struct LandArgs {
     pub supervised: bool,
 }
 
-/// Many landings, live.
+/// The flags of `alight land` alone.
+#[derive(Parser)]
+struct LandFlags {
+    #[command(flatten)]
+    args: LandArgs,
+}
+
+/// Reads `flags` as those of `alight land`.
+pub fn land_flags(flags: &[String]) -> Result<LandArgs, CliError> {
+    let words = core::iter::once("alight land").chain(flags.iter().map(String::as_str));
+    LandFlags::try_parse_from(words)
+        .map(|f| f.args)
+        .map_err(|e| CliError::because("the flags of `alight land`", e))
+}
+
+/// The former name of `alight land --trials N`.
 #[derive(Args, Debug)]
 pub struct LandsArgs {
-    /// How many
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, default_value_t = 20)]
     pub trials: u32,
-    /// First seed; seeds SEED0 to SEED0+TRIALS-1 are flown
     #[arg(long, default_value_t = 1)]
     pub seed0: u64,
-    /// How many at a time, each with processes of its own
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=64))]
+    #[arg(long, default_value_t = 1)]
     pub jobs: u16,
-    /// Names of the sets of processes begin with this
     #[arg(long, default_value = "lands")]
     pub instance: String,
-    /// Print the summary as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
-    /// Flags of `alight land`, for all of them
-    #[arg(last = true, value_name = "LAND FLAGS")]
+    #[arg(last = true)]
     pub land: Vec<String>,
 }
 

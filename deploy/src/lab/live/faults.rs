@@ -10,7 +10,8 @@ use crate::lab::live::args::FaultsArgs;
 use crate::lab::live::fault::{FaultKind, FaultSpec, PROCESSES};
 use crate::lab::live::fleet;
 use crate::lab::live::fleet::{Done, Job};
-use crate::lab::table;
+use crate::table::{Cell, Table, verdict};
+use crate::cells;
 use crate::terminal;
 use crate::terminal::note;
 
@@ -83,24 +84,20 @@ impl Case {
             && self.recovery_s.is_some()
             && self.leftovers.is_empty()
     }
+    /// What came of it, and why when it did not land.
     fn line(&self) -> String {
-        let seconds = |v: Option<f64>| v.map_or_else(|| "-".into(), |v| format!("{v:.2}"));
+        let reason = match self.outcome {
+            Some(Ending::Success) => String::new(),
+            _ => format!(": {}", self.reason),
+        };
         format!(
-            "{:<28} seed {:<5} {:<15} back {:>5} s  {:<9} {} unsafe, {} attempts, contact {:>6} s after  {}{}",
+            "{} seed {} in {}: {}, {} s until it was heard again  {}{reason}",
             self.fault,
             self.seed,
-            self.state.map_or("never", State::name),
-            seconds(self.recovery_s),
+            self.state.map_or("no phase", State::name),
             self.outcome.map_or("none", Ending::name),
-            self.unsafe_contacts,
-            self.attempts,
-            seconds(self.contact_after_s),
-            table::verdict(if self.holds() { "holds" } else { "FAILS" }, self.holds()),
-            if self.outcome == Some(Ending::Success) {
-                String::new()
-            } else {
-                format!(": {}", self.reason)
-            },
+            self.recovery_s.map_or_else(|| "-".into(), |v| format!("{v:.2}")),
+            verdict(if self.holds() { "holds" } else { "FAILS" }, self.holds()),
         )
     }
 }
@@ -138,7 +135,7 @@ pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         }
     })?;
     let cases: Vec<Case> = done.iter().enumerate().filter_map(|(k, d)| case(k, d)).collect();
-    note(args.json, matrix(&specs, &cases));
+    note(args.json, matrix(&specs, &cases).text());
     let held = cases.iter().filter(|c| c.holds()).count();
     note(
         args.json,
@@ -158,49 +155,36 @@ pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
 }
 
 /// Process and kind by phase: landed of flown, unsafe contacts.
-fn matrix(specs: &[FaultSpec], cases: &[Case]) -> String {
-    let mut out = String::from("\n| process | fault |");
+fn matrix(specs: &[FaultSpec], cases: &[Case]) -> Table {
     let mut states: Vec<State> = specs.iter().map(|s| s.state).collect();
     states.sort_unstable();
     states.dedup();
-    for state in &states {
-        out.push_str(&format!(" {} |", state.name()));
-    }
-    out.push_str(&format!("\n|---|---|{}\n", "---|".repeat(states.len())));
-    for process in PROCESSES {
-        for kind in FaultKind::ALL {
-            let row: Vec<String> = states
-                .iter()
-                .map(|state| {
-                    let these = specs
-                        .iter()
-                        .zip(cases)
-                        .filter(|(s, _)| s.process == process && s.kind == kind && s.state == *state);
-                    let (mut flown, mut landed, mut unsafe_contacts, mut missing) = (0, 0, 0, 0);
-                    for (_, c) in these {
-                        flown += 1;
-                        landed += u32::from(c.outcome == Some(Ending::Success));
-                        unsafe_contacts += u32::from(c.unsafe_contacts > 0);
-                        missing += u32::from(!c.was_injected());
-                    }
-                    let mut text = format!("{landed} of {flown} landed");
-                    for (n, what) in [(unsafe_contacts, "unsafe"), (missing, "not met")] {
-                        if n > 0 {
-                            text.push_str(&format!(", {n} {what}"));
-                        }
-                    }
-                    if flown == 0 { "-".into() } else { text }
-                })
-                .collect();
-            if row.iter().any(|t| t != "-") {
-                out.push_str(&format!(
-                    "| {} | {} | {} |\n",
-                    process.name(),
-                    kind.name(),
-                    row.join(" | ")
-                ));
-            }
+    let mut table = Table::new(.., ["process", "fault"].into_iter().chain(states.iter().map(|s| s.name())));
+    for (process, kind) in PROCESSES.into_iter().flat_map(|p| FaultKind::ALL.map(|k| (p, k))) {
+        if !specs.iter().any(|s| (s.process, s.kind) == (process, kind)) {
+            continue;
         }
+        let cell = |state: &State| {
+            let spec = FaultSpec {
+                process,
+                kind,
+                state: *state,
+            };
+            let these = || specs.iter().zip(cases).filter(|(s, _)| **s == spec).map(|(_, c)| c);
+            let count = |is: fn(&Case) -> bool| these().filter(|c| is(c)).count();
+            let notes = [
+                (count(|c| c.unsafe_contacts > 0), "unsafe"),
+                (count(|c| !c.was_injected()), "not injected"),
+            ];
+            let notes = notes.iter().filter(|(n, _)| *n > 0);
+            let notes: Vec<String> = notes.map(|(n, what)| format!("{n} {what}")).collect();
+            let landed = count(|c| c.outcome == Some(Ending::Success));
+            match these().count() {
+                0 => "-".into(),
+                flown => Cell::from(format!("{landed} of {flown} landed")).note(notes.join(", ")),
+            }
+        };
+        table.row(cells![process.name(), kind.name()].into_iter().chain(states.iter().map(cell)));
     }
-    out
+    table
 }

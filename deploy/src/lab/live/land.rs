@@ -32,12 +32,13 @@ use crate::lab::live::air::{RadioPath, RadioWatch};
 use crate::lab::live::args::LandArgs;
 use crate::lab::live::fault::Fault;
 use crate::lab::live::follow;
+use crate::lab::live::pairs;
 use crate::lab::live::plant::AutopilotKind;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::usage::UsageLog;
 use crate::lab::live::world::WorldReport;
 use crate::lab::scene::Scene;
-use crate::lab::{plot, table};
+use crate::lab::{outcome_table, plot};
 use crate::process::instance::OwnedInstance;
 use crate::process::life::{draw_boot, end_with_supervisor};
 use crate::process::observer::Observer;
@@ -96,6 +97,9 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
             args.seed,
             i64::MAX
         )));
+    }
+    if let Some(trials) = args.trials {
+        return pairs::run(args, trials);
     }
     // The first question puts the handler in place: a signal from here on stops the processes instead
     // of leaving them to find out.
@@ -200,7 +204,7 @@ impl Ending {
                     };
                     terminal::line(serde_json::to_string(&LiveOutcome { outcome, live }).map_err(json)?);
                 } else {
-                    terminal::line(format_args!("\n{}\n{report}", table::outcome(&outcome)));
+                    terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
                     if let Some(path) = &args.plot {
                         terminal::line(format_args!("plot: {}", path.display()));
                     }

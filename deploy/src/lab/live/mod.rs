@@ -10,7 +10,7 @@ pub mod faults;
 pub mod fleet;
 pub mod follow;
 pub mod land;
-pub mod lands;
+pub mod pairs;
 pub mod latency;
 pub mod namespaces;
 pub mod packets;

@@ -16,7 +16,7 @@ use crate::drone::pilot::PilotShell;
 use crate::drone::planner::PlannerShell;
 use crate::drone::predictor::PredictorShell;
 use crate::exit::{CliError, Exit};
-use crate::lab::table;
+use crate::table;
 use crate::process::log::{LogHeader, LogReader};
 use crate::process::shell::Shell;
 use crate::terminal;

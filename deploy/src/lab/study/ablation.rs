@@ -7,7 +7,7 @@ use alight_uav::planner::PlannerKind;
 use alight_uav::planner::rendezvous::config::WeightSchedule;
 use alight_uav::planner::weights::FaaDistance;
 
-use crate::lab::study::flown::{Change, PlannerVariant};
+use super::variant::{Change, PlannerVariant};
 
 /// Seas of the study: the paper's Moderate, its steepest and its shortest.
 pub const SEAS: [&str; 3] = ["0.5,5", "0.8,5", "0.4,4"];

@@ -6,9 +6,11 @@ use alight_sim::studies::false_detections::{FalseDetectionBench, FalseDetectionR
 use alight_sim::studies::uvdar;
 use serde_json::{Value, json};
 
+use crate::cells;
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
 use crate::lab::scene::{Scene, stopwatch};
+use crate::table::{Cell, Table};
 use crate::terminal::note;
 
 const RANGES_M: [f64; 14] = [
@@ -34,35 +36,25 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     let images = args.trials as usize;
     let (sensors, settings) = (&scene.scenario.sensors, &scene.nodes.drone.camera);
     let mut bench = CameraBench::new(sensors, settings, &scene.scenario.deck, args.seed0);
-    let say = |line: String| note(args.json, line);
-    let cell = Condition::default();
-    say(format!(
+    let print = |line: String| note(args.json, line);
+    print(format!(
         "{images} rendered images a row, seed {}; in brackets the measurement model of lock-step",
         args.seed0
     ));
-    let mut table = |title: &str, conditions: Vec<Condition>| -> Vec<CameraRow> {
-        say(title.into());
-        say(format!(
-            "  {:>5}{:>5}{:>5}{:>6} {:>10} {:>12} {:>5} {:>13} {:>8} {:>14}",
-            "m", "deg", "px", "glare", "seen %", "position mm", "p95", "attitude deg", "NEES", "corner px"
-        ));
-        conditions
-            .iter()
-            .map(|c| {
-                let row = bench.row(c, images);
-                say(line(&row));
-                row
-            })
-            .collect()
+    let cell = Condition::default();
+    let mut rows = |title: &str, conditions: Vec<Condition>| -> Vec<CameraRow> {
+        let rows: Vec<CameraRow> = conditions.iter().map(|c| bench.row(c, images)).collect();
+        print(format!("{title}\n{}", condition_table(&rows).text()));
+        rows
     };
-    let range = table(
-        "Range, incidence 20 deg",
-        RANGES_M.map(|range_m| Condition { range_m, ..cell }).to_vec(),
-    );
     let across = |ranges: &[f64], each: &dyn Fn(f64) -> Vec<Condition>| -> Vec<Condition> {
         ranges.iter().flat_map(|r| each(*r)).collect()
     };
-    let incidence = table(
+    let range = rows(
+        "Range, incidence 20 deg",
+        RANGES_M.map(|range_m| Condition { range_m, ..cell }).to_vec(),
+    );
+    let incidence = rows(
         "Incidence",
         across(&INCIDENCE_RANGES_M, &|range_m| {
             let at = |incidence_deg| Condition {
@@ -73,7 +65,7 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             INCIDENCES_DEG.map(at).to_vec()
         }),
     );
-    let blur = table(
+    let blur = rows(
         "Motion during the exposure",
         across(&BLUR_RANGES_M, &|range_m| {
             let at = |blur_px| Condition {
@@ -84,14 +76,15 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             BLURS_PX.map(at).to_vec()
         }),
     );
-    let glare = table(
+    let glare = rows(
         "Glare near the tag",
         GLARES.map(|glare| Condition { glare, ..cell }).to_vec(),
     );
     let misfit = ModelFit::of(&[&range[..], &incidence, &blur].concat());
-    say(format!(
-        "Misfit of the model without glare: {:.0} points of the share seen (root mean square); over {} rows where \
-         both see it, corner noise {:.2} x that of the images (spread x/{:.2}), mean position error {:.2} x (x/{:.2})",
+    print(format!(
+        "Misfit of the model without glare: {:.0} points of the fraction detected (root mean square); over {} rows \
+         where both detect it, corner noise {:.2} x that of the images (spread x/{:.2}), mean position error {:.2} x \
+         (x/{:.2})",
         100.0 * misfit.rate,
         misfit.rows,
         misfit.corner,
@@ -99,146 +92,167 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
         misfit.position,
         misfit.position_spread,
     ));
-    let empty = without_a_tag(&scene, args, &say);
+    let empty = without_a_tag(&scene, args);
     let glints = sensors.render.glints as usize;
     let flights = images.div_ceil(10);
-    say(format!(
+    print(format!(
         "UV markers, {flights} flights of 3 s a row, {glints} glints an image; in brackets the model"
     ));
-    let markers = with_markers(&scene, flights, args.seed0, &say);
+    let markers = with_markers(&scene, flights, args);
     let dark: Vec<Value> = UV_GLINTS
         .iter()
         .map(|glints| {
             let (seen, fixes) = uvdar::without_markers(&settings.uvdar, *glints, images, args.seed0);
-            say(format!(
+            print(format!(
                 "Without a marker, {glints} glints an image: {fixes} fixes in {seen} images"
             ));
             json!({"glints": glints, "images": seen, "fixes": fixes})
         })
         .collect();
-    let (drawn_ms, looked_ms) = times(&mut bench, images.clamp(20, 300));
-    say(format!(
+    let [draw_ms, search_ms] = times(&mut bench, images.clamp(20, 300));
+    print(format!(
         "Time of an image on one core, mean and p99: drawn in {:.1} and {:.1} ms, searched in {:.1} and {:.1} ms \
          (limit 15: {:.2} of it)",
-        drawn_ms[0],
-        drawn_ms[1],
-        looked_ms[0],
-        looked_ms[1],
-        looked_ms[0] / 15.0
+        draw_ms[0],
+        draw_ms[1],
+        search_ms[0],
+        search_ms[1],
+        search_ms[0] / 15.0
     ));
     Ok(json!({
         "range": range, "incidence": incidence, "blur": blur, "glare": glare,
         "misfit": misfit,
         "markers": markers, "without_markers": dark, "empty": empty,
-        "draw_ms": drawn_ms, "search_ms": looked_ms,
+        "draw_ms": draw_ms, "search_ms": search_ms,
     }))
 }
 
 /// The ultraviolet camera's rows: range, then incidence.
-fn with_markers(scene: &Scene, flights: usize, seed: u64, say: &dyn Fn(String)) -> Vec<uvdar::UvdarRow> {
+fn with_markers(scene: &Scene, flights: usize, args: &StudyArgs) -> Vec<uvdar::UvdarRow> {
     let sensors = &scene.scenario.sensors;
     let fast = (&scene.nodes.drone.camera.uvdar, &sensors.uvdar);
-    say(format!(
-        "  {:>5}{:>5}{:>11}{:>14}{:>16}{:>9}{:>7}{:>7}",
-        "m", "deg", "fixes %", "bearing deg", "distance", "bias", "NEES", "wild"
-    ));
     let aslant = UV_INCIDENCES_DEG.map(|deg| (UV_INCIDENCE_M, Some(deg)));
-    UV_RANGES_M
+    let glints = sensors.render.glints as usize;
+    let rows: Vec<uvdar::UvdarRow> = UV_RANGES_M
         .map(|range_m| (range_m, None))
         .into_iter()
         .chain(aslant)
-        .map(|place| {
-            let row = uvdar::row(fast, place, sensors.render.glints as usize, flights, seed);
-            say(format!(
-                "  {:>5.1}{:>5}{:>11}{:>14}{:>16}{:>9.3}{:>7.2}{:>7}",
-                row.range_m,
-                row.incidence_deg.map_or(String::new(), |deg| format!("{deg:.0}")),
-                both(100.0 * row.rate, 100.0 * row.model_rate, 0),
-                both(row.bearing_deg, row.model_bearing_deg, 2),
-                both(row.distance, row.model_distance, 3),
-                row.distance_bias,
-                row.nees,
-                row.outliers
-            ));
-            row
-        })
-        .collect()
+        .map(|place| uvdar::row(fast, place, glints, flights, args.seed0))
+        .collect();
+    let mut table = Table::new(
+        0..,
+        ["m", "deg", "fixes %", "bearing deg", "distance", "bias", "NEES", "outliers"],
+    );
+    for row in &rows {
+        table.row([
+            Cell::number(row.range_m, 1),
+            Cell::number(row.incidence_deg, 0),
+            both(100.0 * row.rate, 100.0 * row.model_rate, 0),
+            both(row.bearing_deg, row.model_bearing_deg, 2),
+            both(row.distance, row.model_distance, 3),
+            Cell::number(row.distance_bias, 3),
+            Cell::number(row.nees, 2),
+            row.outliers.into(),
+        ]);
+    }
+    note(args.json, table.text());
+    rows
 }
 
 /// Images in which the deck's tag is not, or not whole: the last row is all of them.
-fn without_a_tag(scene: &Scene, args: &StudyArgs, say: &dyn Fn(String)) -> Vec<FalseDetectionRow> {
+fn without_a_tag(scene: &Scene, args: &StudyArgs) -> Vec<FalseDetectionRow> {
     let (sensors, settings) = (&scene.scenario.sensors, &scene.nodes.drone.camera);
     let mut bench = FalseDetectionBench::new(sensors, settings, &scene.scenario.deck, args.seed0);
-    say("Without the deck's whole tag: others read, the deck's number reported, false sightings behind the gates".into());
-    say(format!(
-        "  {:<12}{:>8}{:>9}{:>10}{:>7}   {}",
-        "shown", "images", "others", "reported", "false", "an hour at 30 Hz, 95 % interval"
-    ));
-    let mut rows: Vec<FalseDetectionRow> = Vec::new();
-    let mut show = |row: FalseDetectionRow| {
-        let kind = row.kind.map_or("all".into(), |k| format!("{k:?}"));
+    let images = args.trials as usize * EMPTY_PER_TRIAL;
+    let mut rows: Vec<FalseDetectionRow> = SceneKind::ALL.iter().map(|kind| bench.row(*kind, images)).collect();
+    rows.push(FalseDetectionRow::total(&rows));
+    let mut table = Table::new(
+        1..,
+        [
+            "shown",
+            "images",
+            "other tags read",
+            "deck's number reported",
+            "false detections behind the gates",
+            "an hour at 30 Hz, 95 % interval",
+        ],
+    );
+    for row in &rows {
         let [low, high] = row.share_95.map(|s| s * FRAMES_PER_HOUR);
-        say(format!(
-            "  {kind:<12}{:>8}{:>9}{:>10}{:>7}   {low:.1} to {high:.1}",
-            row.images, row.other_tags, row.reported, row.detections
-        ));
-        rows.push(row);
-    };
-    let kinds: Vec<FalseDetectionRow> = SceneKind::ALL
-        .iter()
-        .map(|kind| bench.row(*kind, args.trials as usize * EMPTY_PER_TRIAL))
-        .inspect(|row| show(*row))
-        .collect();
-    show(FalseDetectionRow::total(&kinds));
+        table.row(cells![
+            row.kind.map_or("all".into(), |k| format!("{k:?}")),
+            row.images,
+            row.other_tags,
+            row.reported,
+            row.detections,
+            format_args!("{low:.1} to {high:.1}"),
+        ]);
+    }
+    note(args.json, format_args!("Without the deck's whole tag\n{}", table.text()));
     rows
 }
 
 /// Images and, in brackets, the model.
-fn both(a: f64, b: f64, digits: usize) -> String {
-    format!("{a:.digits$} ({b:.digits$})")
+fn both(images: f64, model: f64, digits: usize) -> Cell {
+    Cell::number(images, digits).note(format_args!("{model:.digits$}"))
 }
 
-fn line(row: &CameraRow) -> String {
-    let (c, p, m) = (&row.condition, &row.pixels, &row.model);
-    format!(
-        "  {:>5.1}{:>5.0}{:>5.1}{:>6.1} {:>10} {:>12} {:>5.0} {:>13} {:>8} {:>14}",
-        c.range_m,
-        c.incidence_deg,
-        c.blur_px,
-        c.glare,
-        both(100.0 * p.rate, 100.0 * row.model_rate, 0),
-        both(1e3 * p.position_m, 1e3 * m.position_m, 0),
-        1e3 * p.position_p95_m,
-        both(p.attitude_deg, m.attitude_deg, 1),
-        format!("{:.1} {:.1}", p.nees_position, p.nees_attitude),
-        both(row.corner_rms_px, row.model_corner_px, 3),
-    )
+fn condition_table(rows: &[CameraRow]) -> Table {
+    let mut table = Table::new(
+        0..,
+        [
+            "m",
+            "deg",
+            "px",
+            "glare",
+            "detected %",
+            "position mm",
+            "p95",
+            "attitude deg",
+            "NEES position",
+            "attitude",
+            "corner px",
+        ],
+    );
+    for row in rows {
+        let (c, p, m) = (&row.condition, &row.pixels, &row.model);
+        table.row([
+            Cell::number(c.range_m, 1),
+            Cell::number(c.incidence_deg, 0),
+            Cell::number(c.blur_px, 1),
+            Cell::number(c.glare, 1),
+            both(100.0 * p.rate, 100.0 * row.model_rate, 0),
+            both(1e3 * p.position_m, 1e3 * m.position_m, 0),
+            Cell::number(1e3 * p.position_p95_m, 0),
+            both(p.attitude_deg, m.attitude_deg, 1),
+            Cell::number(p.nees_position, 1),
+            Cell::number(p.nees_attitude, 1),
+            both(row.corner_rms_px, row.model_corner_px, 3),
+        ]);
+    }
+    table
 }
 
 /// Mean and 99 % quantile of the time to draw an image and to search it, ms.
-fn times(bench: &mut CameraBench, images: usize) -> ([f64; 2], [f64; 2]) {
-    let (mut drawn, mut looked) = (Vec::new(), Vec::new());
+fn times(bench: &mut CameraBench, images: usize) -> [[f64; 2]; 2] {
+    let (mut drawn, mut searched) = (Vec::new(), Vec::new());
     for k in 0..images {
         let range_m = 1.5 + 13.5 * k as f64 / images as f64;
         let shot = bench.shot(&Condition {
             range_m,
             ..Condition::default()
         });
-        let watch = stopwatch();
+        let elapsed = stopwatch();
         let Some(image) = bench.image(&shot) else { continue };
-        drawn.push(1e3 * watch());
-        let watch = stopwatch();
-        let _pose = bench.node().detect(&image);
-        looked.push(1e3 * watch());
+        drawn.push(1e3 * elapsed());
+        let elapsed = stopwatch();
+        let _pose = bench.node().look(&image);
+        searched.push(1e3 * elapsed());
     }
-    let figures = |mut v: Vec<f64>| {
+    [drawn, searched].map(|mut v| {
         v.sort_by(f64::total_cmp);
+        let p99 = v.get((0.99 * v.len() as f64) as usize).or(v.last());
         let mean = v.iter().sum::<f64>() / v.len().max(1) as f64;
-        let last = (0.99 * v.len() as f64) as usize;
-        [
-            mean,
-            v.get(last.min(v.len().saturating_sub(1))).copied().unwrap_or(0.0),
-        ]
-    };
-    (figures(drawn), figures(looked))
+        [mean, p99.copied().unwrap_or(0.0)]
+    })
 }

@@ -7,13 +7,14 @@ use alight_sim::physics::deck_motion::rocking::RockingConfig;
 use alight_sim::physics::sea::{SeaConfig, SeaKind};
 use alight_sim::physics::vessel::Course;
 use alight_uav::planner::PlannerKind;
+use serde::Serialize;
 
+use super::ablation;
+use super::variant::PlannerVariant;
+use super::link;
 use crate::exit::CliError;
 use crate::lab::args::Study;
 use crate::lab::scene::Scene;
-use crate::lab::study::ablation;
-use crate::lab::study::flown::PlannerVariant;
-use crate::lab::study::link;
 
 /// One scene of a study.
 #[derive(Clone)]
@@ -26,11 +27,39 @@ pub struct StudyScene {
     pub nodes: NodeConfigs,
 }
 
-/// Published precision (m), duration (s) and touchdown speed (m/s).
-pub type Published = [f64; 3];
+/// What is published of a scenario.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Published {
+    position_error_m: f64,
+    landing_time_s: f64,
+    touchdown_speed_mps: f64,
+}
+
+impl Published {
+    const fn of([position_error_m, landing_time_s, touchdown_speed_mps]: [f64; 3]) -> Published {
+        Published {
+            position_error_m,
+            landing_time_s,
+            touchdown_speed_mps,
+        }
+    }
+    /// The metric of that name.
+    pub fn metric(&self, name: &str) -> Option<f64> {
+        match name {
+            "position_error_m" => Some(self.position_error_m),
+            "landing_time_s" => Some(self.landing_time_s),
+            "touchdown_speed_mps" => Some(self.touchdown_speed_mps),
+            _ => None,
+        }
+    }
+}
+
+/// A row of a published table: sea, then MPC-FAA and MPC-NE with position error (m), landing time (s) and
+/// touchdown speed (m/s).
+type PublishedRow = (&'static str, [f64; 3], [f64; 3]);
 
 /// Table II of Procházka et al.: sea, their MPC-FAA, and MPC-NE as they flew it.
-pub const TABLE2: [(&str, Published, Published); 10] = [
+pub const TABLE2: [PublishedRow; 10] = [
     ("0,0", [0.0, 11.8, 0.2], [0.0, 50.8, 0.1]),
     ("0.2,5", [0.1, 25.3, 0.3], [0.2, 43.3, 0.3]),
     ("0.3,5", [0.1, 18.7, 0.3], [0.3, 43.9, 0.4]),
@@ -44,7 +73,7 @@ pub const TABLE2: [(&str, Published, Published); 10] = [
 ];
 
 /// Table I of the same: Moderate; the speeds are the greatest of 100 landings.
-pub const TABLE1: (&str, Published, Published) = ("moderate", [0.10, 17.0, 1.0], [0.5, 34.0, 2.0]);
+pub const TABLE1: PublishedRow = ("moderate", [0.10, 17.0, 1.0], [0.5, 34.0, 2.0]);
 
 /// Failures that are published for Table II: of MPC-FAA and of MPC-NE, in this many landings.
 pub const TABLE2_FAILURES: ([u32; 2], u32) = ([5, 30], 1000);
@@ -55,13 +84,7 @@ pub fn published(scenario: &str, planner: &str) -> Option<Published> {
     core::iter::once(&TABLE1)
         .chain(&TABLE2)
         .find(|(name, ..)| *name == scenario)
-        .map(|(_, faa, ne)| {
-            if planner == PlannerKind::MpcNe.name() {
-                *ne
-            } else {
-                *faa
-            }
-        })
+        .map(|(_, faa, ne)| Published::of(if planner == PlannerKind::MpcNe.name() { *ne } else { *faa }))
 }
 
 /// The rows of `study` with the scene's settings as the base.
@@ -76,19 +99,16 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
         }
     };
     let paper = |text: &str| text.parse::<SeaConfig>().map_err(CliError);
-    let rows = match study {
-        Study::Table1 => {
-            let (name, ..) = TABLE1;
+    let in_seas = |names: &[&str]| -> Result<Vec<StudyScene>, CliError> {
+        let in_sea = |name: &&str| {
             let sea = paper(name)?;
-            vec![row(name, &|w| w.sea = sea.clone())]
-        }
-        Study::Table2 => TABLE2
-            .iter()
-            .map(|(name, ..)| {
-                let sea = paper(name)?;
-                Ok(row(name, &|w| w.sea = sea.clone()))
-            })
-            .collect::<Result<Vec<_>, CliError>>()?,
+            Ok(row(name, &|w| w.sea = sea.clone()))
+        };
+        names.iter().map(in_sea).collect()
+    };
+    let rows = match study {
+        Study::Table1 => in_seas(&[TABLE1.0])?,
+        Study::Table2 => in_seas(&TABLE2.map(|(name, ..)| name))?,
         Study::Coupling => {
             let mut rows = Vec::new();
             for name in ["0.5,5", "0.8,5"] {
@@ -102,13 +122,7 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
             }
             rows
         }
-        Study::Ablation => ablation::SEAS
-            .iter()
-            .map(|name| {
-                let sea = paper(name)?;
-                Ok(row(name, &|w| w.sea = sea.clone()))
-            })
-            .collect::<Result<Vec<_>, CliError>>()?,
+        Study::Ablation => in_seas(&ablation::SEAS)?,
         Study::Faa => vec![row(&base.sea, &|_| {})],
         Study::Approach => vec![row("90 m, turning, gusts", &|w| {
             // Pitch to 8 and roll to 6 deg or more: the greatest of 40 s on this course are, in the
@@ -168,13 +182,13 @@ fn moving(
     Ok(rows)
 }
 
-/// Share of the landings on a straight course that a vessel's speed must leave for it to count.
+/// Fraction of the landings on a straight course that must succeed for a vessel's speed to count.
 const SPEED_RATE: f64 = 0.95;
 
 /// What a study asks beyond its table: the fastest straight course landed on.
 pub fn answer(
     study: Study,
-    rows: &[StudyScene],
+    scenes: &[StudyScene],
     planners: &[PlannerVariant],
     outcomes: &[Outcome],
 ) -> Vec<String> {
@@ -182,20 +196,15 @@ pub fn answer(
         return Vec::new();
     }
     let of = |planner: &PlannerVariant| {
-        let rate = |row: &StudyScene| {
-            let (mut landed, mut flown) = (0_u32, 0_u32);
-            for o in outcomes {
-                if o.sea == row.name && o.planner == planner.name {
-                    flown += 1;
-                    landed += u32::from(o.success);
-                }
-            }
-            f64::from(landed) / f64::from(flown.max(1))
+        let rate = |scene: &StudyScene| {
+            let flown = || outcomes.iter().filter(|o| o.sea == scene.name && o.planner == planner.name);
+            flown().filter(|o| o.success).count() as f64 / flown().count().max(1) as f64
         };
-        let straight = rows
+        let fastest = scenes
             .iter()
-            .filter(|r| r.world.vessel.course == Course::Straight && rate(r) >= SPEED_RATE);
-        let fastest = straight.map(|r| r.world.vessel.speed_mps).fold(0.0, f64::max);
+            .filter(|s| s.world.vessel.course == Course::Straight && rate(s) >= SPEED_RATE)
+            .map(|s| s.world.vessel.speed_mps)
+            .fold(0.0, f64::max);
         format!(
             "{}: fastest straight course landed on at {:.0} % or more: {fastest} m/s",
             planner.name,
@@ -233,17 +242,8 @@ fn seas(row: MakeScene<'_>) -> Result<Vec<StudyScene>, CliError> {
     }));
     rows.push(row("very rough 1.0,6", &|w| w.sea = SeaConfig::paper(1.0, 6.0)));
     // Small decks that rock fast, in the heave of a slight sea.
-    for (frequency_hz, tilt_rad) in [
-        (0.5, 0.1),
-        (0.5, 0.2),
-        (0.5, 0.4),
-        (0.7, 0.1),
-        (0.7, 0.2),
-        (0.7, 0.4),
-        (0.95, 0.1),
-        (0.95, 0.2),
-        (0.95, 0.4),
-    ] {
+    let tilts = |frequency_hz: f64| [0.1, 0.2, 0.4].map(|tilt_rad| (frequency_hz, tilt_rad));
+    for (frequency_hz, tilt_rad) in [0.5, 0.7, 0.95].into_iter().flat_map(tilts) {
         rows.push(row(&format!("rocking {frequency_hz} Hz, {tilt_rad} rad"), &|w| {
             w.sea = SeaConfig::paper(0.2, 5.0);
             w.deck_motion = Some(DeckMotionConfig {

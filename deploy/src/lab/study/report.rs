@@ -1,426 +1,471 @@
-//! `report.html`: one file, tables with intervals and plots, readable on a wide and a narrow screen.
+//! What a grid study reports: on the terminal, as JSON, as Markdown and as a page.
 
-use std::fmt::Write as _;
+use std::path::PathBuf;
 
-use alight_sim::studies::paired::{COMPARED, Comparison};
-use alight_sim::studies::statistics::{SampleStatistics, Summary, wilson};
+use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome};
+use alight_sim::studies::paired::{self, COMPARED, Comparison};
+use alight_sim::studies::statistics::{METRICS, Summary, bootstrap_mean, wilson};
+use alight_uav::planner::PlannerKind;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
 
-use crate::lab::study::grid::Published;
-use crate::lab::study::publish;
-use crate::lab::study::publish::Extremes;
+use super::grid::{self, Published, TABLE2, TABLE2_FAILURES};
+use super::run;
+use super::variant::PlannerVariant;
+use crate::cells;
+use crate::exit::CliError;
+use crate::lab::args::{Study, StudyArgs};
+use crate::lab::outcome_table::summary_json;
+use crate::lab::report::chart::{self, Dot};
+use crate::lab::report::document::{Block, Chart, Document, write_files};
+use crate::table::{Cell, Table};
+use crate::terminal::note;
 
-/// One line of the report.
-pub struct ReportRow {
-    /// Scenario.
-    pub scenario: String,
-    /// Planner.
-    pub planner: String,
-    /// Its figures.
-    pub summary: Summary,
-    /// 95 % bootstrap intervals of the means, by the summary's figures.
-    pub intervals: Vec<(&'static str, Option<[f64; 2]>)>,
-    /// Published for this scenario.
-    pub published: Option<Published>,
-}
+/// Failures that a report names with their reasons.
+const MAX_FAILURES: usize = 12;
+/// Worst trials that a report names per row.
+const WORST_COUNT: usize = 3;
+/// Rows up to which the terminal shows worst and best trials.
+const MAX_ROWS_WITH_EXTREMES: usize = 20;
+/// Position error that counts as the limits of speed and tilt do, m: half the deck's width less half
+/// of the feet's span.
+const POSITION_LIMIT_M: f64 = 0.65;
 
-/// A planner over all scenarios.
-pub struct Total {
-    /// Planner.
-    pub planner: String,
-    /// Its figures.
-    pub summary: Summary,
-    /// Published successes, `995/1000`.
-    pub published: Option<String>,
-}
+/// A metric of the report: its name, its column, its chart's caption, the least end of the chart's axis,
+/// decimals.
+type Shown = (&'static str, &'static str, &'static str, f64, usize);
 
-/// Everything that a study says.
-pub struct Page {
-    /// Heading.
-    pub title: String,
-    /// Hash of the configuration.
-    pub hash: String,
-    /// Which seeds.
-    pub seeds: String,
-    /// Scenario by scenario.
-    pub lines: Vec<ReportRow>,
-    /// Planner by planner.
-    pub totals: Vec<Total>,
-    /// What else the study found.
-    pub remarks: Vec<String>,
-    /// The first planner against the others.
-    pub comparisons: Vec<Comparison>,
-    /// Best and worst trials.
-    pub extremes: Vec<Extremes>,
-    /// What the study draws beside: captions and SVG.
-    pub charts: Vec<(String, String)>,
-    /// Failed trials.
-    pub failures: Vec<String>,
-}
-
-const SHOWN: [(&str, &str, f64); 5] = [
-    ("position_error_m", "position error at first contact, m", 0.02),
-    ("touchdown_speed_mps", "speed along the deck's normal, m/s", 0.05),
-    ("tangential_speed_mps", "speed along the deck, m/s", 0.05),
-    ("tilt_error_deg", "angle between the normals, deg", 0.5),
-    ("landing_time_s", "first descent to first contact, s", 1.0),
-];
-/// Of curves and dots, in their order.
-pub const COLOURS: [&str; 10] = [
-    "#1f6fb4", "#d66020", "#469650", "#8a4fbf", "#b8326a", "#5b5b5b", "#998800", "#008c8c", "#7c4a1e",
-    "#2b2b80",
+const SHOWN: [Shown; 6] = [
+    ("position_error_m", "position m", "position error at first contact, m", 0.02, 3),
+    ("touchdown_speed_mps", "normal m/s", "speed along the deck's normal, m/s", 0.05, 2),
+    ("tangential_speed_mps", "tangential m/s", "speed along the deck, m/s", 0.05, 2),
+    ("tilt_error_deg", "tilt deg", "angle between the normals, deg", 0.5, 2),
+    ("landing_time_s", "landing s", "first descent to first contact, s", 1.0, 1),
+    ("over_deck_time_s", "over deck s", "first within 2 m to first contact, s", 1.0, 1),
 ];
 
-/// Text that a page shows as it is.
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
+/// A scenario flown by one planner.
+#[derive(Serialize)]
+struct ReportRow {
+    scenario: String,
+    planner: String,
+    #[serde(flatten)]
+    summary_values: Map<String, Value>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    published: Option<Published>,
+    /// Worst first, by the fraction of a limit of success.
+    worst_seeds: Vec<u64>,
+    best_seed: u64,
+    #[serde(skip)]
+    summary: Summary,
+    /// 95 % bootstrap interval of the mean of each of [`SHOWN`].
+    #[serde(skip)]
+    intervals: Vec<Option<[f64; 2]>>,
+    /// Flies a trial again, without `--seed`; None where the study kept no scene.
+    #[serde(skip)]
+    command: Option<String>,
 }
 
-fn cell(f: Option<SampleStatistics>, digits: usize) -> String {
-    f.map_or_else(
-        || "–".into(),
-        |f| format!("{:.digits$} <small>p95 {:.digits$}</small>", f.mean, f.p95),
-    )
-}
-
-/// How a page looks.
-pub const STYLE: &str = "\
-    *{box-sizing:border-box}\
-    body{font:15px/1.45 system-ui,sans-serif;margin:1.2rem auto;max-width:100rem;padding:0 .8rem;color:#222}\
-    h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}\
-    .wide{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
-    th,td{padding:.25rem .6rem;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap;vertical-align:top}\
-    th{border-bottom:2px solid #999}\
-    .text{text-align:left}.new td{border-top:2px solid #bbb}.bad{color:#a02020;font-weight:600}\
-    .good{color:#1c6b34}small{color:#666}code{font-size:.9em;overflow-wrap:anywhere}\
-    svg{display:block;width:100%;max-width:60rem}\
-    td:first-child,th:first-child{position:sticky;left:0;background:#fff}\
-    pre{overflow-x:auto;background:#f6f6f6;padding:.6rem}";
-
-/// The whole page.
-pub fn html(page: &Page) -> String {
-    let mut out = format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <title>{0}</title><style>{STYLE}</style><h1>{0}</h1>\
-         <p>Configuration <code>{1}</code>, {2}. Rates with Wilson's 95 % interval, \
-         means with 95 % bootstrap intervals in the plots. Published (grey): of MPC-NE in the rows of mpc-ne, \
-         else of MPC-FAA, by Procházka et al.</p>",
-        escape(&page.title),
-        escape(&page.hash),
-        escape(&page.seeds),
-    );
-    if page.lines.len() > page.totals.len() || page.totals.iter().any(|t| t.published.is_some()) {
-        items(&mut out, page.totals.iter().map(publish::total));
-    }
-    items(&mut out, page.remarks.iter().cloned());
-    table(&mut out, page);
-    for (k, (name, caption, _)) in SHOWN.iter().enumerate() {
-        let bar = if page.lines.iter().any(|l| published(l, k).is_some()) {
-            " Grey bar: published."
-        } else {
-            ""
+impl ReportRow {
+    fn new(args: &StudyArgs, planners: &[PlannerVariant], set: &[&Outcome]) -> Option<ReportRow> {
+        let first = set.first()?;
+        let (scenario, planner) = (first.sea.clone(), first.planner.clone());
+        let mut sorted = set.to_vec();
+        sorted.sort_by(|a, b| {
+            worst_limit_fraction(b)
+                .total_cmp(&worst_limit_fraction(a))
+                .then(a.seed.cmp(&b.seed))
+        });
+        let seeds: Vec<u64> = sorted.iter().map(|o| o.seed).collect();
+        let others = seeds.len().saturating_sub(1).clamp(1, WORST_COUNT);
+        let all: Vec<Outcome> = set.iter().map(|o| (*o).clone()).collect();
+        let summary = Summary::of(&all);
+        let interval = |(name, ..): &Shown| {
+            let (_, metric) = METRICS.iter().find(|(n, _)| n == name)?;
+            bootstrap_mean(&all.iter().filter_map(metric).collect::<Vec<f64>>())
         };
-        let _ = write!(
-            out,
-            "<h2>{}</h2><div class=\"wide\">{}</div>\
-             <p><small>Filled: mean with interval. Open: 95th percentile.{bar}</small></p>",
-            escape(caption),
-            dots(&page.lines, name, k)
-        );
+        Some(ReportRow {
+            published: grid::published(&scenario, &planner),
+            command: replay_command(args, planners, &scenario, &planner),
+            intervals: SHOWN.iter().map(interval).collect(),
+            summary_values: summary_json(&summary),
+            worst_seeds: seeds.iter().take(others).copied().collect(),
+            best_seed: *seeds.last()?,
+            scenario,
+            planner,
+            summary,
+        })
     }
-    for (caption, svg) in &page.charts {
-        let _ = write!(out, "<h2>{}</h2><div class=\"wide\">{svg}</div>", escape(caption));
+    fn seeds(&self) -> String {
+        let worst: Vec<String> = self.worst_seeds.iter().map(u64::to_string).collect();
+        worst.join(", ")
     }
-    differences(&mut out, &page.comparisons);
-    extremes(&mut out, &page.extremes);
-    if !page.failures.is_empty() {
-        out.push_str("<h2>Failures</h2><pre>");
-        for f in &page.failures {
-            let _ = writeln!(out, "{}", escape(f));
+}
+
+/// The fraction of a limit of success that a trial takes at worst; failures above all.
+fn worst_limit_fraction(o: &Outcome) -> f64 {
+    let fraction = |value: Option<f64>, limit: f64| value.map_or(f64::INFINITY, |v| v / limit);
+    let worst = fraction(o.position_error_m, POSITION_LIMIT_M)
+        .max(fraction(o.touchdown_speed_mps, MAX_CONTACT_MPS))
+        .max(fraction(o.tangential_speed_mps, MAX_CONTACT_MPS))
+        .max(fraction(o.tilt_error_deg, MAX_TILT_ERROR_RAD.to_degrees()));
+    worst + if o.success { 0.0 } else { 1e6 }
+}
+
+/// The command that flies a trial of the study again, from the files that the study keeps.
+fn replay_command(
+    args: &StudyArgs,
+    planners: &[PlannerVariant],
+    scenario: &str,
+    planner: &str,
+) -> Option<String> {
+    let (out, variant) = (args.out.as_ref()?, planners.iter().find(|p| p.name == planner)?);
+    let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
+    let scene = flag("scenario", run::scenario_file(out, scenario))?;
+    let [vessel, drone] = run::config_files(out, scenario, planner);
+    Some(format!(
+        "alight trial{scene}{}{} --planner {}",
+        flag("vessel-config", vessel).unwrap_or_default(),
+        flag("drone-config", drone).unwrap_or_default(),
+        variant.kind.name()
+    ))
+}
+
+/// Everything that a study found.
+struct Report {
+    rows: Vec<ReportRow>,
+    /// Each planner over all scenarios, and what else the study found.
+    remarks: Vec<String>,
+    /// The first planner against each other one: over all, then scenario by scenario.
+    comparisons: Vec<Comparison>,
+    failures: Vec<String>,
+}
+
+/// Reports a set of rows. `planners` in the order of the table, the one that all others are compared with
+/// first; `charts` go into the page as they are.
+pub fn publish(
+    args: &StudyArgs,
+    title: &str,
+    hash: &str,
+    planners: &[PlannerVariant],
+    outcomes: &[Outcome],
+    charts: Vec<Chart>,
+) -> Result<Value, CliError> {
+    let mut sets: Vec<Vec<&Outcome>> = Vec::new();
+    for o in outcomes {
+        match sets.last_mut() {
+            Some(set) if set.first().is_some_and(|f| (&f.sea, &f.planner) == (&o.sea, &o.planner)) => {
+                set.push(o);
+            }
+            Some(_) | None => sets.push(vec![o]),
         }
-        out.push_str("</pre>");
     }
-    out.push_str("</html>\n");
-    out
-}
-
-fn items(out: &mut String, texts: impl Iterator<Item = String>) {
-    out.push_str("<ul>");
-    for text in texts {
-        let _ = write!(out, "<li>{}</li>", escape(&text));
+    let rows: Vec<ReportRow> = sets
+        .iter()
+        .filter_map(|set| ReportRow::new(args, planners, set))
+        .collect();
+    let faa = faa_ratio(args, planners, outcomes);
+    let mut remarks = totals(planners, outcomes, rows.len());
+    remarks.extend(faa.iter().map(|f| f.text.clone()));
+    let report = Report {
+        comparisons: comparisons(planners, &rows, outcomes),
+        failures: failures(outcomes),
+        remarks,
+        rows,
+    };
+    for text in report.console(title, hash) {
+        note(args.json, text);
     }
-    out.push_str("</ul>");
-}
-
-fn table(out: &mut String, page: &Page) {
-    out.push_str(
-        "<div class=\"wide\"><table><tr><th class=\"text\">scenario<th class=\"text\">planner<th>landed<th>95 %\
-         <th>unsafe<br>contacts<th>in<br>water<th>above<br>2 m/s\
-         <th>position m<th>normal m/s<th>tangential m/s<th>tilt deg<th>landing s<th>over deck s</tr>",
-    );
-    let mut before = "";
-    for l in &page.lines {
-        let s = &l.summary;
-        let (lo, hi) = wilson(s.successes, s.trials);
-        let published = |i: usize| {
-            l.published
-                .and_then(|p| p.get(i).copied())
-                .map_or_else(String::new, |v| format!("<br><small>published {v}</small>"))
-        };
-        let count = |n: u32| match n {
-            0 => "<td>0".to_string(),
-            n => format!("<td class=\"bad\">{n}"),
-        };
-        let _ = write!(
+    let mut values = Vec::new();
+    for row in &report.rows {
+        let mut value = json!(row);
+        value["configuration"] = hash.into();
+        let is_row = |c: &&Comparison| c.scenario.as_ref() == Some(&row.scenario) && c.other == row.planner;
+        if let Some(comparison) = report.comparisons.iter().find(is_row) {
+            value["against"] = json!(comparison);
+        }
+        if let Some(faa) = faa.as_ref().filter(|f| f.other == row.planner) {
+            value["tilt_error_p95_ratio"] = faa.value.clone();
+        }
+        values.push(value);
+    }
+    let value = Value::Array(values);
+    if let Some(out) = &args.out {
+        let comparisons = json!(report.comparisons).to_string();
+        let document = report.document(title, hash, &seeds_of(outcomes), charts);
+        write_files(
             out,
-            "<tr{}><td class=\"text\">{}<td class=\"text\">{}<td>{}/{}<td>{:.1}–{:.1} %{}{}{}\
-             <td>{}{}<td>{}{}<td>{}<td>{}<td>{}{}<td>{}</tr>",
-            if before == l.scenario {
-                ""
-            } else {
-                " class=\"new\""
-            },
-            escape(&l.scenario),
-            escape(&l.planner),
+            &[
+                ("report.html", document.html()),
+                ("summary.md", document.markdown()),
+                ("summary.json", value.to_string()),
+                ("paired.json", comparisons),
+            ],
+        )?;
+        note(args.json, format_args!("written: {}", out.join("report.html").display()));
+    }
+    Ok(value)
+}
+
+fn seeds_of(outcomes: &[Outcome]) -> String {
+    let seeds = || outcomes.iter().map(|o| o.seed);
+    match (seeds().min(), seeds().max()) {
+        (Some(a), Some(b)) => format!("seeds {a} to {b}"),
+        _ => "no trials".into(),
+    }
+}
+
+/// Each planner over all scenarios, where there are several of them.
+fn totals(planners: &[PlannerVariant], outcomes: &[Outcome], rows: usize) -> Vec<String> {
+    let flown = |p: &&PlannerVariant| outcomes.iter().any(|o| o.planner == p.name);
+    if rows <= planners.iter().filter(flown).count() {
+        return Vec::new();
+    }
+    let all_of_table2 = TABLE2.iter().all(|(name, ..)| outcomes.iter().any(|o| o.sea == *name));
+    let total = |p: &PlannerVariant| {
+        let set: Vec<Outcome> = outcomes.iter().filter(|o| o.planner == p.name).cloned().collect();
+        let ([faa, ne], of) = TABLE2_FAILURES;
+        let failures = match p.kind.name() {
+            "mpc-faa" => Some(faa),
+            "mpc-ne" => Some(ne),
+            _ => None,
+        };
+        let published = failures
+            .filter(|_| all_of_table2)
+            .map_or_else(String::new, |f| format!(" (published {}/{of})", of - f));
+        let s = Summary::of(&set);
+        let (lo, hi) = wilson(s.successes, s.trials);
+        format!(
+            "{} over all: {}/{} landed{published}, 95 % interval {:.2} to {:.2} %; {} unsafe contacts, {} with \
+             water, {} above 2 m/s",
+            p.name,
             s.successes,
             s.trials,
             100.0 * lo,
             100.0 * hi,
-            count(s.unsafe_contacts),
-            count(s.water_contacts),
-            count(s.contacts_above_2_mps),
-            cell(s.metric("position_error_m"), 3),
-            published(0),
-            cell(s.metric("touchdown_speed_mps"), 2),
-            published(2),
-            cell(s.metric("tangential_speed_mps"), 2),
-            cell(s.metric("tilt_error_deg"), 2),
-            cell(s.metric("landing_time_s"), 1),
-            published(1),
-            cell(s.metric("over_deck_time_s"), 1),
-        );
-        before = &l.scenario;
-    }
-    out.push_str("</table></div>");
+            s.unsafe_contacts,
+            s.water_contacts,
+            s.contacts_above_2_mps
+        )
+    };
+    planners.iter().filter(flown).map(total).collect()
 }
 
-/// The table of paired differences. Coloured where the interval leaves out zero: less is better
-/// everywhere but in the rate of landings.
-fn differences(out: &mut String, comparisons: &[Comparison]) {
-    if comparisons.is_empty() {
-        return;
-    }
-    out.push_str(
-        "<h2>Paired differences</h2><p>The planner minus the first one on the same scenario and seed: mean \
-         and 95 % bootstrap interval, red where it is worse beyond it, green where better.</p>\
-         <div class=\"wide\"><table><tr><th class=\"text\">scenario<th class=\"text\">planner<th>pairs<th>landed %",
-    );
-    for (name, _) in COMPARED {
-        let _ = write!(out, "<th>{}", heading(name));
-    }
-    out.push_str("</tr>");
-    let mut before = "";
-    for c in comparisons {
-        let cell = |mean: f64, [lo, hi]: [f64; 2], digits: usize, more_is_better: bool| {
-            let class = match (lo > 0.0, hi < 0.0) {
-                (true, _) => {
-                    if more_is_better {
-                        "good"
-                    } else {
-                        "bad"
-                    }
-                }
-                (_, true) => {
-                    if more_is_better {
-                        "bad"
-                    } else {
-                        "good"
-                    }
-                }
-                _ => "",
-            };
-            format!(
-                "<td class=\"{class}\">{mean:+.digits$}<br><small>{lo:+.digits$} to {hi:+.digits$}</small>"
-            )
-        };
-        let r = &c.rates;
-        let mut row = format!(
-            "<tr{}><td class=\"text\">{}<td class=\"text\">{}<br><small>minus {}</small><td>{}{}",
-            if before == c.other { "" } else { " class=\"new\"" },
-            escape(c.scenario.as_deref().unwrap_or("all")),
-            escape(&c.other),
-            escape(&c.first),
-            c.pairs,
-            cell(100.0 * r.difference, r.interval.map(|v| 100.0 * v), 1, true),
-        );
-        for (name, _) in COMPARED {
-            let digits = if name.ends_with("_m") { 3 } else { 2 };
-            row.push_str(&match c.differences.iter().find(|d| d.metric == name) {
-                Some(d) => cell(d.mean, d.interval, digits, false),
-                None => "<td>–".into(),
-            });
+/// The first planner against each other one: over all, then scenario by scenario.
+fn comparisons(planners: &[PlannerVariant], rows: &[ReportRow], outcomes: &[Outcome]) -> Vec<Comparison> {
+    let Some((first, others)) = planners.split_first() else {
+        return Vec::new();
+    };
+    let mut scenarios: Vec<Option<&str>> = vec![None];
+    for row in rows {
+        if !scenarios.contains(&Some(&row.scenario)) {
+            scenarios.push(Some(&row.scenario));
         }
-        row.push_str("</tr>");
-        out.push_str(&row);
-        before = &c.other;
     }
-    out.push_str("</table></div>");
+    let compare = |other: &PlannerVariant| {
+        scenarios
+            .iter()
+            .filter_map(|s| paired::compare(outcomes, *s, &first.name, &other.name))
+            .collect::<Vec<_>>()
+    };
+    others.iter().flat_map(compare).collect()
 }
 
-/// `position_error_m` as a heading.
-fn heading(figure: &str) -> String {
-    match figure.rsplit_once('_') {
-        Some((name, unit)) => {
-            let unit = if unit == "mps" { "m/s" } else { unit };
-            format!("{}<br><small>{unit}</small>", name.replace('_', " "))
-        }
-        None => figure.into(),
+struct FaaRatio {
+    other: String,
+    text: String,
+    value: Value,
+}
+
+/// What attitude alignment is worth and what it costs (figure 3 of the paper).
+fn faa_ratio(args: &StudyArgs, planners: &[PlannerVariant], outcomes: &[Outcome]) -> Option<FaaRatio> {
+    let [with, without] = planners else {
+        return None;
+    };
+    if args.name != Study::Faa {
+        return None;
     }
-}
-
-fn extremes(out: &mut String, extremes: &[Extremes]) {
-    out.push_str(
-        "<h2>Worst and best trials</h2><p>By the greatest share of a limit of success. Any of them is flown \
-         again by the command with <code>--seed</code>.</p><div class=\"wide\"><table>\
-         <tr><th class=\"text\">scenario<th class=\"text\">planner<th>worst seeds<th>best seed\
-         <th class=\"text\">command</tr>",
-    );
-    for e in extremes {
-        let _ = write!(
-            out,
-            "<tr><td class=\"text\">{}<td class=\"text\">{}<td>{}<td>{}<td class=\"text\"><code>{}</code></tr>",
-            escape(&e.scenario),
-            escape(&e.planner),
-            publish::seed_list(&e.worst),
-            e.best,
-            escape(e.command.as_deref().unwrap_or("–")),
-        );
-    }
-    out.push_str("</table></div>");
-}
-
-/// What is published of the figure in the `shown`th plot.
-fn published(l: &ReportRow, shown: usize) -> Option<f64> {
-    match shown {
-        0 => l.published.map(|p| p[0]),
-        1 => l.published.map(|p| p[2]),
-        4 => l.published.map(|p| p[1]),
-        _ => None,
-    }
-}
-
-/// The end of an axis of four even steps that reaches `top`, and the decimals that its steps need: each
-/// step is 1, 2, 2.5 or 5 times a power of ten.
-fn round_axis(top: f64) -> (f64, usize) {
-    let step = (top / 4.0).max(1e-6);
-    let power = step.log10().floor() as i32;
-    let unit = 10.0_f64.powi(power);
-    let factor = [1.0, 2.0, 2.5, 5.0]
-        .into_iter()
-        .find(|f| f * unit >= step * (1.0 - 1e-9))
-        .unwrap_or(10.0);
-    let digits = i32::from(factor == 2.5) - power - i32::from(factor == 10.0);
-    (4.0 * factor * unit, digits.max(0) as usize)
-}
-
-/// Means with intervals, one line per scenario and planner.
-fn dots(lines: &[ReportRow], figure: &str, shown: usize) -> String {
-    let least = SHOWN.get(shown).map_or(1.0, |s| s.2);
-    let top = lines
+    let (ratio, [lo, hi]) = paired::p95_ratio(outcomes, &with.name, &without.name, |o| o.tilt_error_deg)?;
+    let comparison = paired::compare(outcomes, None, &with.name, &without.name)?;
+    let cost = comparison
+        .differences
         .iter()
-        .flat_map(|l| [l.summary.metric(figure).map(|f| f.p95), published(l, shown)])
-        .flatten()
-        .fold(least, f64::max);
-    let (top, decimals) = round_axis(top);
-    // Lengths across in percent: the plot fits any screen, its text keeps its size.
-    let row = 32.0_f64;
-    let x = |v: f64| 1.0 + 97.0 * (v / top).clamp(0.0, 1.0);
-    let height = row * lines.len() as f64 + 30.0;
-    let mut out = format!("<svg height=\"{height:.0}\" role=\"img\" font-size=\"12\">");
-    for k in 0..=4 {
-        let v = top * f64::from(k) / 4.0;
-        let anchor = match k {
-            0 => "start",
-            4 => "end",
-            _ => "middle",
-        };
-        let _ = write!(
-            out,
-            "<line x1=\"{0:.2}%\" x2=\"{0:.2}%\" y1=\"4\" y2=\"{1:.0}\" stroke=\"#e4e4e4\"/>\
-             <text x=\"{0:.2}%\" y=\"{2:.0}\" text-anchor=\"{anchor}\" fill=\"#666\">{v:.decimals$}</text>",
-            x(v),
-            height - 20.0,
-            height - 5.0
-        );
-    }
-    let mut planners: Vec<&str> = Vec::new();
-    for (i, l) in lines.iter().enumerate() {
-        let y = row * i as f64 + 24.0;
-        let index = planners.iter().position(|p| *p == l.planner).unwrap_or_else(|| {
-            planners.push(&l.planner);
-            planners.len() - 1
-        });
-        let colour = COLOURS.get(index % COLOURS.len()).copied().unwrap_or("#000");
-        let _ = write!(
-            out,
-            "<text x=\"1%\" y=\"{:.0}\">{} · {}</text>",
-            y - 9.0,
-            escape(&l.scenario),
-            escape(&l.planner)
-        );
-        if let Some(p) = published(l, shown) {
-            let _ = write!(
-                out,
-                "<line x1=\"{0:.2}%\" x2=\"{0:.2}%\" y1=\"{1:.1}\" y2=\"{2:.1}\" stroke=\"#888\" stroke-width=\"3\"/>",
-                x(p),
-                y - 6.0,
-                y + 6.0
-            );
-        }
-        if let Some(f) = l.summary.metric(figure) {
-            let interval = l
-                .intervals
-                .iter()
-                .find(|(n, _)| *n == figure)
-                .and_then(|(_, i)| *i);
-            let [lo, hi] = interval.unwrap_or([f.mean, f.mean]);
-            let _ = write!(
-                out,
-                "<line x1=\"{:.2}%\" x2=\"{:.2}%\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"{colour}\" stroke-width=\"2\"/>\
-                 <circle cx=\"{:.2}%\" cy=\"{y:.1}\" r=\"4\" fill=\"{colour}\"><title>mean {:.3}, p95 {:.3}, max {:.3}</title></circle>\
-                 <circle cx=\"{:.2}%\" cy=\"{y:.1}\" r=\"2.5\" fill=\"none\" stroke=\"{colour}\"/>",
-                x(lo),
-                x(hi),
-                x(f.mean),
-                f.mean,
-                f.p95,
-                f.max,
-                x(f.p95)
-            );
-        }
-    }
-    out.push_str("</svg>");
-    out
+        .find(|d| d.metric == "position_error_m")?;
+    Some(FaaRatio {
+        other: without.name.clone(),
+        text: format!(
+            "p95 of tilt_error: {ratio:.2} times smaller with {} than with {} (95 % interval {lo:.2} to \
+             {hi:.2}); it costs {:.1} cm of position ({:.1} to {:.1}; published 1 to 1.5 cm)",
+            with.name,
+            without.name,
+            -100.0 * cost.mean,
+            -100.0 * cost.interval[1],
+            -100.0 * cost.interval[0],
+        ),
+        value: json!({ "ratio": ratio, "interval": [lo, hi] }),
+    })
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Failures with their reasons, a bounded number.
+fn failures(outcomes: &[Outcome]) -> Vec<String> {
+    let failed = || outcomes.iter().filter(|o| !o.success);
+    let line = |o: &Outcome| {
+        format!("{} {} seed {}: {} ({})", o.sea, o.planner, o.seed, o.outcome.name(), o.reason)
+    };
+    let mut lines: Vec<String> = failed().take(MAX_FAILURES).map(line).collect();
+    let more = failed().count() - lines.len();
+    if more > 0 {
+        lines.push(format!("and {more} more failures in rows.csv"));
+    }
+    lines
+}
 
-    #[test]
-    fn axis_ends_at_a_round_number_near_the_largest_value() {
-        for (top, end, decimals) in [
-            (0.17, 0.2, 2),
-            (0.4, 0.4, 1),
-            (45.1, 80.0, 0),
-            (0.69, 0.8, 1),
-            (9.7, 10.0, 1),
-            (3.9, 4.0, 0),
-        ] {
-            let (e, d) = round_axis(top);
-            assert!((e - end).abs() < 1e-9 && d == decimals, "{top}: {e}, {d}");
+impl Report {
+    /// The rows; with intervals, what is published and all metrics, or as a terminal has room for them.
+    fn summary(&self, full: bool) -> Table {
+        let metrics = || SHOWN.iter().filter(|s| full || s.0 != "over_deck_time_s");
+        let mut heads = vec!["scenario", "planner", "landed"];
+        heads.extend(full.then_some("95 %"));
+        heads.extend(["unsafe", "water", "> 2 m/s"]);
+        heads.extend(metrics().map(|m| m.1));
+        let mut table = Table::new(2.., heads);
+        for row in &self.rows {
+            let s = &row.summary;
+            let (lo, hi) = wilson(s.successes, s.trials);
+            let count = |n: u32| if n == 0 { Cell::from(n) } else { Cell::from(n).judged(false) };
+            let mut cells = cells![row.scenario, row.planner, format_args!("{}/{}", s.successes, s.trials)].to_vec();
+            if full {
+                cells.push(format!("{:.1}-{:.1} %", 100.0 * lo, 100.0 * hi).into());
+            }
+            cells.extend([s.unsafe_contacts, s.water_contacts, s.contacts_above_2_mps].map(count));
+            for (name, .., digits) in metrics() {
+                let digits = *digits;
+                let published = row.published.filter(|_| full).and_then(|p| p.metric(name));
+                let published = published.map(|v| format!("published {v}"));
+                let statistics = s.metric(name);
+                let p95 = statistics.map(|f| format!("{:.digits$}", f.p95));
+                let notes: Vec<String> = p95.into_iter().chain(published).collect();
+                cells.push(Cell::number(statistics.map(|f| f.mean), digits).note(notes.join("; ")));
+            }
+            table.row(cells);
         }
+        table
+    }
+    /// Paired differences: better and worse where the interval leaves out zero. Less is better everywhere
+    /// but in the rate of landings.
+    fn differences(&self, is_shown: impl Fn(&Comparison) -> bool) -> Table {
+        let heads = ["scenario", "planner", "minus", "pairs", "only it", "only the other", "landed %"];
+        let mut table = Table::new(3.., heads.into_iter().chain(COMPARED.iter().map(|c| c.0)));
+        let cell = |mean: f64, [lo, hi]: [f64; 2], digits: usize, sign: f64| {
+            let cell = Cell::signed(mean, digits).note(format_args!("{lo:+.digits$} to {hi:+.digits$}"));
+            if lo <= 0.0 && hi >= 0.0 {
+                return cell;
+            }
+            cell.judged(mean * sign > 0.0)
+        };
+        for c in self.comparisons.iter().filter(|c| is_shown(c)) {
+            let r = &c.rates;
+            let scenario = c.scenario.as_deref().unwrap_or("all");
+            let mut cells = cells![scenario, c.other, c.first, c.pairs, r.only[1], r.only[0]].to_vec();
+            cells.push(cell(100.0 * r.difference, r.interval.map(|v| 100.0 * v), 1, 1.0));
+            for (name, _) in COMPARED {
+                let digits = if name.ends_with("_m") { 3 } else { 2 };
+                let difference = c.differences.iter().find(|d| d.metric == name);
+                cells.push(difference.map_or("-".into(), |d| cell(d.mean, d.interval, digits, -1.0)));
+            }
+            table.row(cells);
+        }
+        table
+    }
+    fn extremes(&self) -> Table {
+        let mut table = Table::new(5.., ["scenario", "planner", "worst seeds", "best seed", "replay of the worst"]);
+        for row in &self.rows {
+            let seed = row.worst_seeds.first().copied().unwrap_or_default();
+            let command = row.command.as_ref().map(|c| format!("{c} --seed {seed}"));
+            table.row(cells![
+                row.scenario,
+                row.planner,
+                row.seeds(),
+                row.best_seed,
+                command.unwrap_or_else(|| "-".into())
+            ]);
+        }
+        table
+    }
+    /// For a terminal.
+    fn console(&self, title: &str, hash: &str) -> Vec<String> {
+        let mut out = vec![
+            format!("{title}, configuration {hash}; mean, in brackets the 95th percentile"),
+            self.summary(false).text(),
+        ];
+        out.extend(self.remarks.iter().cloned());
+        let overall = self.differences(|c| c.scenario.is_none());
+        if !overall.is_empty() {
+            out.push("paired differences, mean and 95 % interval".into());
+            out.push(overall.text());
+        }
+        out.extend(self.failures.iter().cloned());
+        if self.rows.len() <= MAX_ROWS_WITH_EXTREMES {
+            out.push(self.extremes().text());
+        }
+        out
+    }
+    /// For Markdown and the page.
+    fn document(&self, title: &str, hash: &str, seeds: &str, charts: Vec<Chart>) -> Document {
+        let mut blocks = vec![Block::Text(format!(
+            "Configuration {hash}, {seeds}. Rates with Wilson's 95 % interval; means, in brackets the 95th \
+             percentile and what is published: of MPC-NE in the rows of mpc-ne, else of MPC-FAA (Procházka et \
+             al.). In the charts, filled: mean with its 95 % bootstrap interval; open: 95th percentile; grey bar: \
+             published."
+        ))];
+        if !self.remarks.is_empty() {
+            blocks.push(Block::Items(self.remarks.clone()));
+        }
+        blocks.push(Block::Table(self.summary(true)));
+        blocks.extend(self.charts().into_iter().chain(charts).map(Block::Chart));
+        if !self.comparisons.is_empty() {
+            blocks.push(Block::Heading("Paired differences".into()));
+            blocks.push(Block::Text(
+                "The planner minus the first one on the same scenario and seed: mean and 95 % bootstrap interval, \
+                 red where it is worse beyond the interval, green where it is better."
+                    .into(),
+            ));
+            blocks.push(Block::Table(self.differences(|_| true)));
+        }
+        blocks.push(Block::Heading("Worst and best trials".into()));
+        blocks.push(Block::Text(
+            "By the greatest fraction of a limit of success. Another seed in the command flies another trial.".into(),
+        ));
+        blocks.push(Block::Table(self.extremes()));
+        if !self.failures.is_empty() {
+            blocks.push(Block::Heading("Failures".into()));
+            blocks.push(Block::Lines(self.failures.clone()));
+        }
+        Document {
+            title: title.into(),
+            blocks,
+        }
+    }
+    /// Means with intervals, a chart for each metric.
+    fn charts(&self) -> Vec<Chart> {
+        let mut planners: Vec<&str> = self.rows.iter().map(|r| r.planner.as_str()).collect();
+        planners.sort_unstable();
+        planners.dedup();
+        let chart = |(k, (name, _, caption, least, _)): (usize, &Shown)| {
+            let dot = |row: &ReportRow| Dot {
+                label: format!("{} · {}", row.scenario, row.planner),
+                group: planners.iter().position(|p| *p == row.planner).unwrap_or(0),
+                measured: row.summary.metric(name).map(|s| {
+                    let interval = row.intervals.get(k).copied().flatten();
+                    (s, interval.unwrap_or([s.mean; 2]))
+                }),
+                published: row.published.and_then(|p| p.metric(name)),
+            };
+            Chart {
+                caption: (*caption).into(),
+                svg: chart::dots(&self.rows.iter().map(dot).collect::<Vec<_>>(), *least),
+            }
+        };
+        SHOWN.iter().enumerate().map(chart).collect()
     }
 }

@@ -7,18 +7,16 @@ use std::sync::Mutex;
 
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial::Watch;
 use alight_uav::planner::PlannerKind;
-use indicatif::ParallelProgressIterator;
-use rayon::prelude::*;
 
+use super::grid::StudyScene;
+use super::variant::PlannerVariant;
 use crate::config::DroneFile;
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
-use crate::lab::scene::stopwatch;
-use crate::lab::study::flown::PlannerVariant;
-use crate::lab::study::grid::StudyScene;
-use crate::lab::trials::{bar, pool, seeds};
+use crate::lab::trials::{fly_seed, in_parallel, seeds};
+use crate::record::{self, LOCK_STEP_BOOTS, Subject};
 use crate::terminal::note;
 
 /// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
@@ -195,97 +193,57 @@ fn file_name(scenario: &str) -> String {
 /// Flies what is not flown yet; all rows in the order of scenario, planner and seed.
 pub fn fly_grid(
     args: &StudyArgs,
-    rows: &[StudyScene],
+    scenes: &[StudyScene],
     planners: &[PlannerVariant],
 ) -> Result<Vec<Outcome>, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let mut done = Vec::new();
+    let mut writer = None;
     if let Some(out) = &args.out {
-        prepare(out, rows, planners)?;
-        if rows_file(out).exists() {
+        prepare(out, scenes, planners)?;
+        let path = rows_file(out);
+        let fresh = !path.exists();
+        if !fresh {
             done = read_rows(out)?;
         }
+        let file = OpenOptions::new().create(true).append(true).open(&path);
+        let file = file.map_err(|e| CliError::because(format!("writing the rows {}", path.display()), e))?;
+        let rows = csv::WriterBuilder::new().has_headers(fresh).from_writer(file);
+        writer = Some(Mutex::new(rows));
     }
-    let known: BTreeSet<(String, String, u64)> = done
-        .iter()
-        .map(|o| (o.sea.clone(), o.planner.clone(), o.seed))
+    let scenes_and_planners = || scenes.iter().flat_map(|s| planners.iter().map(move |p| (s, p)));
+    let mut work: Vec<(&StudyScene, &PlannerVariant, u64)> = scenes_and_planners()
+        .flat_map(|(s, p)| seeds.iter().map(move |seed| (s, p, *seed)))
         .collect();
-    let mut work = Vec::new();
-    for (i, row) in rows.iter().enumerate() {
-        for planner in planners {
-            for &seed in &seeds {
-                work.push((i, row, planner, seed));
-            }
-        }
-    }
-    let wanted: BTreeSet<(String, String, u64)> = work
-        .iter()
-        .map(|(_, r, k, s)| (r.name.clone(), k.name.clone(), *s))
-        .collect();
+    // Scenario, planner and seed of a row.
+    let key = |o: &Outcome| (o.sea.clone(), o.planner.clone(), o.seed);
+    let wanted_key = |(s, p, seed): &(&StudyScene, &PlannerVariant, u64)| (s.name.clone(), p.name.clone(), *seed);
+    let known: BTreeSet<_> = done.iter().map(key).collect();
+    let wanted: BTreeSet<_> = work.iter().map(wanted_key).collect();
     let mut number = 0;
-    work.retain(|(_, row, planner, seed)| {
+    work.retain(|trial| {
         number += 1;
-        args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1)
-            && !known.contains(&(row.name.clone(), planner.name.clone(), *seed))
+        args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1) && !known.contains(&wanted_key(trial))
     });
-    let writer = match &args.out {
-        Some(out) => {
-            let path = rows_file(out);
-            let fresh = !path.exists();
-            let file = OpenOptions::new()
-                .create(true)
-                .append(true)
-                .open(&path)
-                .map_err(|e| CliError::because(format!("writing the rows {}", path.display()), e))?;
-            Some(Mutex::new(
-                csv::WriterBuilder::new().has_headers(fresh).from_writer(file),
-            ))
+    let flown = in_parallel(args.jobs, "trials", &work, |(scene, planner, seed)| {
+        let outcome = Outcome {
+            planner: planner.name.clone(),
+            ..fly_seed(&scene.world, &planner.nodes(&scene.nodes), *seed, &scene.name)?
+        };
+        if let Some(Ok(mut writer)) = writer.as_ref().map(Mutex::lock) {
+            writer
+                .serialize(&outcome)
+                .and_then(|()| writer.flush().map_err(Into::into))
+                .map_err(|e| CliError::because("writing a row", e))?;
         }
-        None => None,
-    };
-    let progress = bar(work.len() as u64, "trials");
-    let flown: Result<Vec<Outcome>, CliError> = pool(args.jobs)?.install(|| {
-        work.par_iter()
-            .progress_with(progress.clone())
-            .map(|(_, row, planner, seed)| {
-                let nodes = planner.nodes(&row.nodes);
-                let elapsed = stopwatch();
-                let mut quiet = |_: &_| {};
-                let watch = Watch {
-                    on_event: &mut quiet,
-                    trace_step_s: None,
-                };
-                let flight = fly(&row.world, &nodes, *seed, &row.name, watch)
-                    .map_err(|e| CliError::because(format!("setting up `{}`, seed {seed}", row.name), e))?;
-                let outcome = Outcome {
-                    wall_time_s: elapsed(),
-                    planner: planner.name.clone(),
-                    ..flight.outcome
-                };
-                if let Some(Ok(mut writer)) = writer.as_ref().map(Mutex::lock) {
-                    writer
-                        .serialize(&outcome)
-                        .and_then(|()| writer.flush().map_err(Into::into))
-                        .map_err(|e| CliError::because("writing a row", e))?;
-                }
-                Ok(outcome)
-            })
-            .collect()
-    });
-    progress.finish_and_clear();
-    done.extend(flown?);
-    done.retain(|o| wanted.contains(&(o.sea.clone(), o.planner.clone(), o.seed)));
-    let order = |o: &Outcome| {
-        let scenario = rows.iter().position(|r| r.name == o.sea).unwrap_or(usize::MAX);
-        let planner = planners
-            .iter()
-            .position(|p| p.name == o.planner)
-            .unwrap_or(usize::MAX);
-        (scenario, planner, o.seed)
-    };
-    done.sort_by_key(order);
+        Ok(outcome)
+    })?;
+    done.extend(flown);
+    done.retain(|o| wanted.contains(&key(o)));
+    let place = |o: &Outcome| scenes_and_planners().position(|(s, p)| s.name == o.sea && p.name == o.planner);
+    done.sort_by_key(|o| (place(o), o.seed));
     if let Some(out) = &args.out {
-        record_failed(args, out, (rows, planners), &done)?;
+        record_failed(args, out, (scenes, planners), &done)?;
     }
     Ok(done)
 }
@@ -297,15 +255,14 @@ const MAX_RECORDED_FAILURES: usize = 5;
 fn record_failed(
     args: &StudyArgs,
     out: &Path,
-    (rows, planners): (&[StudyScene], &[PlannerVariant]),
+    (scenes, planners): (&[StudyScene], &[PlannerVariant]),
     done: &[Outcome],
 ) -> Result<(), CliError> {
     let dir = out.join("failed");
     for o in done.iter().filter(|o| !o.success).take(MAX_RECORDED_FAILURES) {
-        let Some(row) = rows.iter().find(|r| r.name == o.sea) else {
-            continue;
-        };
-        let Some(planner) = planners.iter().find(|k| k.name == o.planner) else {
+        let scene = scenes.iter().find(|s| s.name == o.sea);
+        let planner = planners.iter().find(|p| p.name == o.planner);
+        let (Some(scene), Some(planner)) = (scene, planner) else {
             continue;
         };
         let name = file_name(&format!("{} {}", o.sea, o.planner)).replace(".toml", "");
@@ -315,19 +272,18 @@ fn record_failed(
         }
         std::fs::create_dir_all(&dir)
             .map_err(|e| CliError::because(format!("making {}", dir.display()), e))?;
-        let nodes = planner.nodes(&row.nodes);
-        let subject = crate::record::Subject {
-            scenario: &row.world,
-            nodes: &nodes,
+        let subject = Subject {
+            scenario: &scene.world,
+            nodes: &planner.nodes(&scene.nodes),
             seed: o.seed,
-            sea: &row.name,
-            boots: crate::record::LOCK_STEP_BOOTS,
+            sea: &scene.name,
+            boots: LOCK_STEP_BOOTS,
         };
         let watch = Watch {
             on_event: &mut |_| {},
             trace_step_s: None,
         };
-        crate::record::fly(&path, &subject, watch)?;
+        record::fly(&path, &subject, watch)?;
         note(args.json, format_args!("recorded: {}", path.display()));
     }
     Ok(())

@@ -2,23 +2,22 @@
 //! well as it can. A coordinate search: one number at a time times or divided by a factor, kept when it
 //! does better on the same seeds and seas. Bounded by its rounds.
 
-use std::fmt::Write as _;
+use std::fmt;
 
 use alight_shared::config::{Check, Keys};
 use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::trial::{Watch, fly};
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::planner::PlannerKind;
 use alight_uav::planner::baselines::mpc_ne::MpcNeConfig;
-use rayon::prelude::*;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::config::DroneFile;
 use crate::exit::CliError;
-use crate::lab::args::StudyArgs;
+use crate::lab::args::{Planner, StudyArgs};
+use crate::lab::report::document::write_files;
 use crate::lab::scene::Scene;
-use crate::lab::trials::{pool, seeds};
+use crate::lab::trials::{fly_seed, in_parallel, seeds};
 use crate::terminal::note;
 
 /// Seas of the search: low, middle and high of Table II.
@@ -33,7 +32,7 @@ type Parameter = (&'static str, ParameterOf);
 type ParameterOf = fn(&mut MpcNeConfig) -> Vec<&mut f64>;
 
 /// What Gupta et al. do not publish and what matters to a landing. S keeps its ratio of position to
-/// velocity in one of the knobs; h_d is published.
+/// velocity in one of them; h_d is published.
 const PARAMETERS: [Parameter; 9] = [
     ("horizontal", |c| c.horizontal.iter_mut().collect()),
     ("horizontal velocity", |c| {
@@ -50,7 +49,7 @@ const PARAMETERS: [Parameter; 9] = [
     ("walk_m_rad", |c| c.walk_m_rad.iter_mut().collect()),
 ];
 
-/// The numbers with one knob turned by the factor `f`, or by as much of it as the configuration takes.
+/// The numbers with one of them scaled by the factor `f`, or by as much of it as the configuration takes.
 fn scaled(of: &MpcNeConfig, at: ParameterOf, mut f: f64) -> MpcNeConfig {
     for _ in 0..8 {
         let mut tried = *of;
@@ -77,7 +76,7 @@ fn cost(o: &Outcome) -> f64 {
 }
 
 /// What a set of numbers does.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 struct Score {
     cost: f64,
     successes: usize,
@@ -104,8 +103,8 @@ impl Score {
     }
 }
 
-impl core::fmt::Display for Score {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+impl fmt::Display for Score {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
             "{:.3}  {}/{} landed, {:.2} m, {:.1} s, {:.2} m/s",
@@ -119,7 +118,7 @@ struct SearchGrid<'a> {
     base: &'a Scene,
     seas: Vec<(&'static str, SeaConfig)>,
     seeds: Vec<u64>,
-    pool: rayon::ThreadPool,
+    jobs: Option<u16>,
 }
 
 impl SearchGrid<'_> {
@@ -131,20 +130,10 @@ impl SearchGrid<'_> {
             .iter()
             .flat_map(|s| self.seas.iter().map(move |sea| (sea, *s)))
             .collect();
-        self.pool.install(|| {
-            work.par_iter()
-                .map(|((name, sea), seed)| {
-                    let mut scenario = self.base.scenario.clone();
-                    scenario.sea = sea.clone();
-                    let watch = Watch {
-                        on_event: &mut |_| {},
-                        trace_step_s: None,
-                    };
-                    fly(&scenario, &nodes, *seed, name, watch)
-                        .map(|f| f.outcome)
-                        .map_err(|e| CliError::because(format!("setting up `{name}`, seed {seed}"), e))
-                })
-                .collect()
+        in_parallel(self.jobs, "trials", &work, |((name, sea), seed)| {
+            let mut scenario = self.base.scenario.clone();
+            scenario.sea = sea.clone();
+            fly_seed(&scenario, &nodes, *seed, name)
         })
     }
 
@@ -163,41 +152,40 @@ impl SearchGrid<'_> {
     }
 }
 
-/// Searches, says every candidate, and ends with the configuration that did best.
+/// Searches, prints every candidate, and ends with the configuration that did best.
 pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
-    if !args.planners.is_empty() && args.planners != [crate::lab::args::Planner::MpcNe] {
+    if !args.planners.is_empty() && args.planners != [Planner::MpcNe] {
         return Err(CliError(
             "study search: only mpc-ne has numbers to search for; leave --planners out or give mpc-ne".into(),
         ));
     }
     let base = Scene::of(&args.scene)?;
-    let course = SearchGrid {
+    let grid = SearchGrid {
         seas: SEAS
             .iter()
             .map(|s| Ok((*s, s.parse().map_err(CliError)?)))
             .collect::<Result<_, CliError>>()?,
         base: &base,
         seeds: seeds(args.seed0, args.trials)?,
-        pool: pool(args.jobs)?,
+        jobs: args.jobs,
     };
-    let mut log = String::from("candidate,regret,successes,trials,position_m,time_s,speed_mps\n");
+    let mut log = csv::Writer::from_writer(Vec::new());
+    log.write_record(["candidate", "cost", "successes", "trials", "position_m", "time_s", "speed_mps"])
+        .map_err(|e| CliError::because("writing search.csv", e))?;
     let mut record = |what: &str, s: &Score| {
         note(args.json, format_args!("{what:<32}{s}"));
-        let _ = writeln!(
-            log,
-            "{what},{},{},{},{},{},{}",
-            s.cost, s.successes, s.trials, s.position_m, s.time_s, s.speed_mps
-        );
+        // A vector takes every row.
+        let _written = log.serialize((what, s.cost, s.successes, s.trials, s.position_m, s.time_s, s.speed_mps));
     };
     let mut best = base.nodes.drone.planner.baselines.mpc_ne;
-    let mut flown = course.score(&best, None)?.unwrap_or_default();
+    let mut flown = grid.score(&best, None)?.unwrap_or_default();
     record("as configured", &Score::of(&flown));
     for factor in FACTORS {
         for (name, at) in PARAMETERS {
             for f in [factor, 1.0 / factor] {
                 let tried = scaled(&best, at, f);
                 let what = format!("{name} x {f:.2}");
-                let Some(outcomes) = course.score(&tried, Some(&flown))? else {
+                let Some(outcomes) = grid.score(&tried, Some(&flown))? else {
                     note(args.json, format_args!("{what:<32}given up half way"));
                     continue;
                 };
@@ -212,32 +200,28 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             }
         }
     }
-    let mut nodes: NodeConfigs = base.nodes.clone();
-    nodes.drone.planner.baselines.mpc_ne = best;
-    let text = toml::to_string(&best).map_err(|e| CliError::because("writing the numbers", e))?;
-    note(args.json, format_args!("best:\n{text}"));
+    let toml = |text: Result<String, toml::ser::Error>| {
+        text.map_err(|e| CliError::because("writing the configuration", e))
+    };
+    note(args.json, format_args!("best:\n{}", toml(toml::to_string(&best))?));
     if let Some(out) = &args.out {
+        let mut drone = base.nodes.drone.clone();
+        drone.planner.baselines.mpc_ne = best;
         let file = DroneFile {
-            bridge: nodes.bridge,
-            drone: nodes.drone,
+            bridge: base.nodes.bridge.clone(),
+            drone,
         };
-        let drone = toml::to_string(&file).map_err(|e| CliError::because("writing the configuration", e))?;
-        std::fs::create_dir_all(out)
-            .map_err(|e| CliError::because(format!("making {}", out.display()), e))?;
-        for (name, text) in [("search.csv", &log), ("drone.toml", &drone)] {
-            let path = out.join(name);
-            std::fs::write(&path, text)
-                .map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
-        }
+        let log = log.into_inner().map_err(|e| CliError::because("writing search.csv", e))?;
+        let log = String::from_utf8_lossy(&log).into_owned();
+        write_files(
+            out,
+            &[("search.csv", log), ("drone.toml", toml(toml::to_string(&file))?)],
+        )?;
     }
-    let s = Score::of(&flown);
-    Ok(json!({
-        "planner": PlannerKind::MpcNe.name(),
-        "regret": s.cost,
-        "successes": s.successes,
-        "trials": s.trials,
-        "configuration": best,
-    }))
+    let mut value = json!(Score::of(&flown));
+    value["planner"] = PlannerKind::MpcNe.name().into();
+    value["configuration"] = json!(best);
+    Ok(value)
 }
 
 #[cfg(test)]

@@ -1,0 +1,87 @@
+//! Outcomes of trials for a person and as JSON.
+
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::studies::statistics::{Summary, wilson};
+use serde_json::{Map, Value, json};
+
+use crate::cells;
+use crate::table::{Cell, Table, verdict};
+
+/// The outcome of one trial.
+pub fn outcome(o: &Outcome) -> String {
+    let rows = [
+        (
+            "position error, m",
+            o.position_error_m,
+            3,
+            "deck centre to the feet's centroid at first contact",
+        ),
+        ("position at rest, m", o.rest_position_error_m, 3, "the same when all is still"),
+        ("touchdown speed, m/s", o.touchdown_speed_mps, 2, "along the deck's normal, limit 1.0"),
+        ("tangential speed, m/s", o.tangential_speed_mps, 2, "along the deck, limit 1.0"),
+        ("tilt error, deg", o.tilt_error_deg, 2, "between the normals, limit 10"),
+        ("roll error, deg", o.roll_error_deg, 2, "drone minus deck"),
+        ("pitch error, deg", o.pitch_error_deg, 2, "drone minus deck"),
+        ("yaw error, deg", o.yaw_error_deg, 2, "drone minus deck"),
+        ("landing time, s", o.landing_time_s, 1, "first descent to first contact"),
+        ("over deck, s", o.over_deck_time_s, 1, "first within 2 m to first contact"),
+        ("motors stopped, s", o.stop_time_s, 2, "after first contact, limit 2"),
+        ("simulated, s", Some(o.sim_time_s), 1, "warm-up of the vessel's estimator included"),
+        ("computed in, s", Some(o.wall_time_s), 2, ""),
+    ];
+    let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
+    for (name, value, digits, meaning) in rows {
+        table.row(cells![name, Cell::number(value, digits), meaning]);
+    }
+    let plural = |n: u32, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+    format!(
+        "{}: {}\nseed {}, sea {}, planner {}, {}, {}\n{}",
+        verdict(o.outcome.name(), o.success),
+        o.reason,
+        o.seed,
+        o.sea,
+        o.planner,
+        plural(o.attempts, "attempt"),
+        plural(o.unsafe_contacts, "unsafe contact"),
+        table.text()
+    )
+}
+
+/// The summary of many trials.
+pub fn summary(s: &Summary) -> String {
+    let (lo, hi) = wilson(s.successes, s.trials);
+    let mut table = Table::new(1.., ["metric", "mean", "sd", "p95", "max"]);
+    for (name, statistics) in &s.metrics {
+        let columns = statistics.map_or([None; 4], |f| [f.mean, f.sd, f.p95, f.max].map(Some));
+        let name = core::iter::once(Cell::from(name));
+        table.row(name.chain(columns.map(|v| Cell::number(v, 3))));
+    }
+    format!(
+        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {} unsafe contacts\n{}",
+        s.successes,
+        s.trials,
+        100.0 * s.successes as f64 / s.trials.max(1) as f64,
+        100.0 * lo,
+        100.0 * hi,
+        s.unsafe_contacts,
+        table.text()
+    )
+}
+
+/// The summary as the JSON object of `trials --json`.
+pub fn summary_json(s: &Summary) -> Map<String, Value> {
+    let (lo, hi) = wilson(s.successes, s.trials);
+    let mut map = Map::new();
+    for (name, value) in [
+        ("trials", json!(s.trials)),
+        ("successes", json!(s.successes)),
+        ("success_rate_95", json!([lo, hi])),
+        ("unsafe_contacts", json!(s.unsafe_contacts)),
+        ("water_contacts", json!(s.water_contacts)),
+        ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),
+    ] {
+        map.insert(name.into(), value);
+    }
+    map.extend(s.metrics.iter().map(|(name, statistics)| ((*name).into(), json!(statistics))));
+    map
+}

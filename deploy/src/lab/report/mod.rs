@@ -1,0 +1,4 @@
+//! Documents and charts of reports.
+
+pub mod chart;
+pub mod document;

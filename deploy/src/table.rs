@@ -1,0 +1,196 @@
+//! Tables: rows of cells, rendered for a terminal, as Markdown or as HTML.
+
+use std::fmt::{Display, Write as _};
+use std::io::IsTerminal;
+use std::ops::RangeBounds;
+
+/// Whether a cell shows something good or bad; a colour on a page.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Quality {
+    #[default]
+    Neutral,
+    Good,
+    Bad,
+}
+
+/// One cell: its text, and a smaller text that explains it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cell {
+    text: String,
+    note: String,
+    quality: Quality,
+}
+
+impl<T: Display> From<T> for Cell {
+    fn from(value: T) -> Cell {
+        Cell {
+            text: value.to_string(),
+            ..Cell::default()
+        }
+    }
+}
+
+impl Cell {
+    /// A number with so many decimals; `-` without one.
+    pub fn number(value: impl Into<Option<f64>>, digits: usize) -> Cell {
+        let finite = value.into().filter(|v| v.is_finite());
+        finite.map_or_else(|| "-".into(), |v| format!("{v:.digits$}").into())
+    }
+    /// A number with its sign.
+    pub fn signed(value: f64, digits: usize) -> Cell {
+        format!("{value:+.digits$}").into()
+    }
+    /// With a note: in brackets, on a page small and below.
+    pub fn note(mut self, note: impl Display) -> Cell {
+        self.note = note.to_string();
+        self
+    }
+    /// Good or bad.
+    pub fn judged(mut self, good: bool) -> Cell {
+        self.quality = if good { Quality::Good } else { Quality::Bad };
+        self
+    }
+    fn line(&self) -> String {
+        match self.note.as_str() {
+            "" => self.text.clone(),
+            note => format!("{} ({note})", self.text),
+        }
+    }
+    fn html(&self) -> String {
+        let note = match self.note.as_str() {
+            "" => String::new(),
+            note => format!("<br><small>{}</small>", escape(note)),
+        };
+        format!("{}{note}", escape(&self.text))
+    }
+}
+
+/// Cells of one row.
+#[macro_export]
+macro_rules! cells {
+    ($($value:expr),* $(,)?) => { [$($crate::table::Cell::from($value)),*] };
+}
+
+/// A table: text to the left in its column, numbers to the right.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    heads: Vec<String>,
+    is_number: Vec<bool>,
+    rows: Vec<Vec<Cell>>,
+}
+
+impl Table {
+    /// An empty table with these heads; the columns `numbers` hold numbers.
+    pub fn new<H: Display>(numbers: impl RangeBounds<usize>, heads: impl IntoIterator<Item = H>) -> Table {
+        let heads: Vec<String> = heads.into_iter().map(|h| h.to_string()).collect();
+        Table {
+            is_number: (0..heads.len()).map(|k| numbers.contains(&k)).collect(),
+            heads,
+            rows: Vec::new(),
+        }
+    }
+    /// One more row.
+    pub fn row(&mut self, cells: impl IntoIterator<Item = Cell>) {
+        self.rows.push(cells.into_iter().collect());
+    }
+    /// Whether it has no row.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+    /// For a terminal: a line for each row, columns as wide as their longest cell.
+    pub fn text(&self) -> String {
+        let lines: Vec<Vec<String>> = core::iter::once(self.heads.clone())
+            .chain(self.rows.iter().map(|r| r.iter().map(Cell::line).collect()))
+            .collect();
+        let mut widths = vec![0; self.heads.len()];
+        for line in &lines {
+            for (width, cell) in widths.iter_mut().zip(line) {
+                *width = cell.chars().count().max(*width);
+            }
+        }
+        let mut out = String::new();
+        for line in lines {
+            let mut text = String::new();
+            for ((cell, width), is_number) in line.iter().zip(&widths).zip(&self.is_number) {
+                let _ = if *is_number {
+                    write!(text, "  {cell:>width$}")
+                } else {
+                    write!(text, "  {cell:<width$}")
+                };
+            }
+            let _ = writeln!(out, "{}", text.trim_end());
+        }
+        out
+    }
+    /// As Markdown.
+    pub fn markdown(&self) -> String {
+        let mut out = format!("| {} |\n|{}\n", self.heads.join(" | "), "---|".repeat(self.heads.len()));
+        for row in &self.rows {
+            let cells: Vec<String> = row.iter().map(Cell::line).collect();
+            let _ = writeln!(out, "| {} |", cells.join(" | "));
+        }
+        out
+    }
+    /// As HTML; a line is drawn where the first column changes.
+    pub fn html(&self) -> String {
+        let class = |is_number: &bool, quality: Quality| match (is_number, quality) {
+            (false, _) => " class=\"text\"",
+            (true, Quality::Neutral) => "",
+            (true, Quality::Good) => " class=\"good\"",
+            (true, Quality::Bad) => " class=\"bad\"",
+        };
+        let mut out = String::from("<div class=\"wide\"><table><tr>");
+        for (head, is_number) in self.heads.iter().zip(&self.is_number) {
+            let _ = write!(out, "<th{}>{}", class(is_number, Quality::Neutral), escape(head));
+        }
+        out.push_str("</tr>");
+        let mut group = None;
+        for row in &self.rows {
+            let first = row.first().map(|c| &c.text);
+            out.push_str(if group == first { "<tr>" } else { "<tr class=\"new\">" });
+            group = first;
+            for (cell, is_number) in row.iter().zip(&self.is_number) {
+                let _ = write!(out, "<td{}>{}", class(is_number, cell.quality), cell.html());
+            }
+            out.push_str("</tr>");
+        }
+        out.push_str("</table></div>");
+        out
+    }
+}
+
+/// Text that a page shows as it is.
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+/// Bold green or red on a terminal, plain elsewhere.
+pub fn verdict(text: &str, good: bool) -> String {
+    if std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none() {
+        let colour = if good { 32 } else { 31 };
+        format!("\x1b[1;{colour}m{text}\x1b[0m")
+    } else {
+        text.into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn table_shows_the_same_cells_on_a_terminal_in_markdown_and_in_html() {
+        let mut table = Table::new(1.., ["sea", "error m"]);
+        table.row(cells!["a<b", Cell::number(0.25, 2).note("p95 0.30").judged(false)]);
+        table.row(cells!["calm", Cell::number(None, 2)]);
+        assert_eq!(table.text(), "  sea           error m\n  a<b   0.25 (p95 0.30)\n  calm                -\n");
+        assert_eq!(
+            table.markdown(),
+            "| sea | error m |\n|---|---|\n| a<b | 0.25 (p95 0.30) |\n| calm | - |\n"
+        );
+        let html = table.html();
+        assert!(html.contains("<td class=\"text\">a&lt;b<td class=\"bad\">0.25<br><small>p95 0.30</small>"));
+    }
+}
