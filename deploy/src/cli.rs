@@ -9,7 +9,7 @@ use crate::exit::{CliError, Exit};
 use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs};
 use crate::process::shell;
-use crate::tools::{calibrate, check, command, config, estimate, keys, status};
+use crate::tools::{calibrate, check, command, config, estimate, keys, replay, status};
 use crate::{drone, vessel};
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.
@@ -38,6 +38,8 @@ pub enum Command {
     Config(config::ConfigArgs),
     /// Run the vessel's estimator over a recording of a boat and say how well it fits.
     Estimate(estimate::EstimateArgs),
+    /// Compute a recording or logs again and tell whether every output is bit-identical.
+    Replay(replay::ReplayArgs),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(status::StatusArgs),
     /// Process of the vessel: estimator and broadcast.
@@ -81,6 +83,7 @@ impl Command {
             Command::Lab(c) => c.run(),
             Command::Config(a) => config::run(a),
             Command::Estimate(a) => estimate::run(a),
+            Command::Replay(a) => replay::run(a),
             Command::Status(a) => status::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),

@@ -16,7 +16,6 @@ mod io;
 #[cfg(feature = "lab")]
 mod lab;
 mod process;
-#[cfg(feature = "lab")]
 mod record;
 mod table;
 mod terminal;

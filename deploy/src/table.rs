@@ -30,6 +30,12 @@ impl<T: Display> From<T> for Cell {
     }
 }
 
+impl From<&Cell> for Cell {
+    fn from(cell: &Cell) -> Cell {
+        cell.clone()
+    }
+}
+
 impl Cell {
     /// A number with so many decimals; `-` without one.
     pub fn number(value: impl Into<Option<f64>>, digits: usize) -> Cell {
@@ -68,7 +74,7 @@ impl Cell {
 /// Cells of one row.
 #[macro_export]
 macro_rules! cells {
-    ($($value:expr),* $(,)?) => { [$($crate::table::Cell::from($value)),*] };
+    ($($value:expr),* $(,)?) => { [$($crate::table::Cell::from(&$value)),*] };
 }
 
 /// A table: text to the left in its column, numbers to the right.
@@ -124,7 +130,11 @@ impl Table {
     }
     /// As Markdown.
     pub fn markdown(&self) -> String {
-        let mut out = format!("| {} |\n|{}\n", self.heads.join(" | "), "---|".repeat(self.heads.len()));
+        let mut out = format!(
+            "| {} |\n|{}\n",
+            self.heads.join(" | "),
+            "---|".repeat(self.heads.len())
+        );
         for row in &self.rows {
             let cells: Vec<String> = row.iter().map(Cell::line).collect();
             let _ = writeln!(out, "| {} |", cells.join(" | "));
@@ -147,7 +157,11 @@ impl Table {
         let mut group = None;
         for row in &self.rows {
             let first = row.first().map(|c| &c.text);
-            out.push_str(if group == first { "<tr>" } else { "<tr class=\"new\">" });
+            out.push_str(if group == first {
+                "<tr>"
+            } else {
+                "<tr class=\"new\">"
+            });
             group = first;
             for (cell, is_number) in row.iter().zip(&self.is_number) {
                 let _ = write!(out, "<td{}>{}", class(is_number, cell.quality), cell.html());
@@ -183,9 +197,15 @@ mod tests {
     #[test]
     fn table_shows_the_same_cells_on_a_terminal_in_markdown_and_in_html() {
         let mut table = Table::new(1.., ["sea", "error m"]);
-        table.row(cells!["a<b", Cell::number(0.25, 2).note("p95 0.30").judged(false)]);
+        table.row(cells![
+            "a<b",
+            Cell::number(0.25, 2).note("p95 0.30").judged(false)
+        ]);
         table.row(cells!["calm", Cell::number(None, 2)]);
-        assert_eq!(table.text(), "  sea           error m\n  a<b   0.25 (p95 0.30)\n  calm                -\n");
+        assert_eq!(
+            table.text(),
+            "  sea           error m\n  a<b   0.25 (p95 0.30)\n  calm                -\n"
+        );
         assert_eq!(
             table.markdown(),
             "| sea | error m |\n|---|---|\n| a<b | 0.25 (p95 0.30) |\n| calm | - |\n"

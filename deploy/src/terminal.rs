@@ -4,6 +4,10 @@
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 
+use serde::Serialize;
+
+use crate::exit::CliError;
+
 /// A line on standard output.
 pub fn line(text: impl Display) {
     if let Err(e) = writeln!(std::io::stdout().lock(), "{text}")
@@ -11,6 +15,12 @@ pub fn line(text: impl Display) {
     {
         std::process::exit(0);
     }
+}
+
+/// A value on standard output, as JSON on one line.
+pub fn json(value: &impl Serialize) -> Result<(), CliError> {
+    line(serde_json::to_string(value).map_err(|e| CliError::because("writing JSON", e))?);
+    Ok(())
 }
 
 /// A line for a person: on standard error when standard output carries the JSON object.

@@ -5,17 +5,16 @@ pub mod args;
 pub mod live;
 pub mod outcome_table;
 pub mod plot;
+pub mod record;
+pub mod report;
 pub mod scene;
 pub mod study;
-pub mod report;
 pub mod trial;
 pub mod trials;
 
 use clap::Subcommand;
 
 use crate::exit::{CliError, Exit};
-use crate::record;
-use crate::record::args::ReplayArgs;
 use args::{ResponseArgs, StudyArgs, TrialArgs, TrialsArgs};
 use live::args::{FaultsArgs, LandArgs, LandsArgs, WorldArgs};
 use live::emulator::LinkArgs;
@@ -30,8 +29,6 @@ pub enum LabCommand {
     Trials(TrialsArgs),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
-    /// Compute a recording again and say whether every output is bit-identical.
-    Replay(ReplayArgs),
     /// Print the simulated vessel's response in surge, heave and pitch against wave length.
     Response(ResponseArgs),
     /// Land once in real time: all processes of vessel and drone, simulated vehicles.
@@ -56,8 +53,6 @@ impl LabCommand {
             LabCommand::Trial(a) => trial::run(a),
             LabCommand::Trials(a) => trials::run(a),
             LabCommand::Study(a) => study::run(a),
-            LabCommand::Replay(a) if live::replay::takes(&a.path) => live::replay::run(&a.path),
-            LabCommand::Replay(a) => record::replay::run(a),
             LabCommand::Response(a) => study::response(a),
             LabCommand::Land(a) => live::land::run(a),
             LabCommand::Lands(a) => live::pairs::run_lands(a),

@@ -16,17 +16,57 @@ pub fn outcome(o: &Outcome) -> String {
             3,
             "deck centre to the feet's centroid at first contact",
         ),
-        ("position at rest, m", o.rest_position_error_m, 3, "the same when all is still"),
-        ("touchdown speed, m/s", o.touchdown_speed_mps, 2, "along the deck's normal, limit 1.0"),
-        ("tangential speed, m/s", o.tangential_speed_mps, 2, "along the deck, limit 1.0"),
-        ("tilt error, deg", o.tilt_error_deg, 2, "between the normals, limit 10"),
+        (
+            "position at rest, m",
+            o.rest_position_error_m,
+            3,
+            "the same when all is still",
+        ),
+        (
+            "touchdown speed, m/s",
+            o.touchdown_speed_mps,
+            2,
+            "along the deck's normal, limit 1.0",
+        ),
+        (
+            "tangential speed, m/s",
+            o.tangential_speed_mps,
+            2,
+            "along the deck, limit 1.0",
+        ),
+        (
+            "tilt error, deg",
+            o.tilt_error_deg,
+            2,
+            "between the normals, limit 10",
+        ),
         ("roll error, deg", o.roll_error_deg, 2, "drone minus deck"),
         ("pitch error, deg", o.pitch_error_deg, 2, "drone minus deck"),
         ("yaw error, deg", o.yaw_error_deg, 2, "drone minus deck"),
-        ("landing time, s", o.landing_time_s, 1, "first descent to first contact"),
-        ("over deck, s", o.over_deck_time_s, 1, "first within 2 m to first contact"),
-        ("motors stopped, s", o.stop_time_s, 2, "after first contact, limit 2"),
-        ("simulated, s", Some(o.sim_time_s), 1, "warm-up of the vessel's estimator included"),
+        (
+            "landing time, s",
+            o.landing_time_s,
+            1,
+            "first descent to first contact",
+        ),
+        (
+            "over deck, s",
+            o.over_deck_time_s,
+            1,
+            "first within 2 m to first contact",
+        ),
+        (
+            "motors stopped, s",
+            o.stop_time_s,
+            2,
+            "after first contact, limit 2",
+        ),
+        (
+            "simulated, s",
+            Some(o.sim_time_s),
+            1,
+            "warm-up of the vessel's estimator included",
+        ),
         ("computed in, s", Some(o.wall_time_s), 2, ""),
     ];
     let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
@@ -82,6 +122,10 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
     ] {
         map.insert(name.into(), value);
     }
-    map.extend(s.metrics.iter().map(|(name, statistics)| ((*name).into(), json!(statistics))));
+    map.extend(
+        s.metrics
+            .iter()
+            .map(|(name, statistics)| ((*name).into(), json!(statistics))),
+    );
     map
 }

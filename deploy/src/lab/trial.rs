@@ -5,7 +5,7 @@ use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 use crate::exit::{CliError, Exit};
 use crate::lab::args::TrialArgs;
 use crate::lab::scene::{Scene, stopwatch};
-use crate::lab::{outcome_table, plot};
+use crate::lab::{outcome_table, plot, record};
 use crate::terminal;
 use crate::terminal::note;
 
@@ -33,7 +33,7 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
         plot::landing(trace, &outcome, path)?;
     }
     if args.json {
-        terminal::line(serde_json::to_string(&outcome).map_err(|e| CliError::because("writing JSON", e))?);
+        terminal::json(&outcome)?;
     } else {
         terminal::line(format_args!("\n{}", outcome_table::outcome(&outcome)));
         if let Some(path) = &args.plot {
@@ -43,23 +43,19 @@ pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {
             terminal::line(format_args!("recording: {}", path.display()));
         }
     }
-    Ok(if outcome.success {
-        Exit::Success
-    } else {
-        Exit::Failed
-    })
+    Ok(Exit::of(outcome.success))
 }
 
 fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
     if let Some(path) = &args.record {
-        let subject = crate::record::Subject {
+        let subject = record::Subject {
             scenario: &scene.scenario,
             nodes: &scene.nodes,
             seed: args.seed,
             sea: &scene.sea,
-            boots: crate::record::LOCK_STEP_BOOTS,
+            boots: record::LOCK_STEP_BOOTS,
         };
-        return crate::record::fly(path, &subject, watch);
+        return record::fly(path, &subject, watch);
     }
     fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
         .map_err(|e| CliError::because("setting up the trial", e))

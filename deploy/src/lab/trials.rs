@@ -21,7 +21,7 @@ pub fn in_parallel<T: Sync, R: Send>(
     jobs: Option<u16>,
     what: &str,
     items: &[T],
-    run: impl Fn(&T) -> Result<R, CliError> + Sync,
+    run: impl Fn(&T) -> Result<R, CliError> + Sync + Send,
 ) -> Result<Vec<R>, CliError> {
     let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len} {elapsed} elapsed, {eta} left");
     let progress = ProgressBar::new(items.len() as u64)

@@ -2,11 +2,10 @@
 //! those that do not know the shapes of a `foxglove.SceneUpdate`.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_sim::harness::scenario::Scenario;
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{PackedElementField, PointCloud, Pose, Timestamp};
 
-use crate::record::scene::frame;
+use crate::record::geometry::{frame, pose};
 
 /// Between two points of an outline, m.
 const SPACING_M: f64 = 0.05;
@@ -75,10 +74,7 @@ impl Points {
         PointCloud {
             timestamp: Some(timestamp),
             frame_id: frame.into(),
-            pose: Some(crate::record::scene::pose(
-                [0.0; 3],
-                &nalgebra::UnitQuaternion::identity(),
-            )),
+            pose: Some(pose([0.0; 3], &nalgebra::UnitQuaternion::identity())),
             point_stride: STRIDE,
             fields: vec![
                 field("x", 0, NumericType::Float32),
@@ -104,8 +100,7 @@ pub fn deck(timestamp: Timestamp, deck: &DeckGeometry) -> PointCloud {
 }
 
 /// Rotors (those in front are red), arms and feet.
-pub fn drone(timestamp: Timestamp, scenario: &Scenario) -> PointCloud {
-    let drone: &DroneGeometry = &scenario.airframe;
+pub fn drone(timestamp: Timestamp, drone: &DroneGeometry) -> PointCloud {
     let mut points = Points::default();
     let at = drone.arm_m / core::f64::consts::SQRT_2;
     let [x, y] = drone.feet_span_m.map(|s| 0.5 * s);

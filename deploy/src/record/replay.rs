@@ -1,4 +1,4 @@
-//! `alight replay`: recorded inputs through new nodes, outputs compared bit for bit.
+//! Replay of a recording: recorded inputs through new nodes, outputs compared bit for bit.
 
 use std::path::Path;
 
@@ -14,89 +14,52 @@ use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_usv::{VesselNode, VesselNodeConfig};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::json;
 
 use crate::config::DroneFile;
-use crate::exit::{CliError, Exit};
-use crate::record::args::ReplayArgs;
+use crate::exit::CliError;
 use crate::record::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEntry};
-use crate::record::reading::{Recording, contained};
+use crate::record::reading::Recording;
 use crate::record::{DRONE_FILE, NODES, VESSEL_FILE};
-use crate::terminal;
-use crate::terminal::note;
 
 /// How one node's replay went.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Verdict {
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NodeReplay {
+    /// The node.
+    pub node: String,
     /// Steps replayed.
     pub steps: u64,
-    /// The world's time of the first step whose output differs, s.
+    /// The recording's time of the first step whose output differs, s.
     pub differs_at_s: Option<f64>,
+    /// The number of that step, from 0 on.
+    pub differs_at_step: Option<u64>,
 }
 
-/// How a replay went, in the order of [`NODES`].
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Replayed {
-    /// Per node.
-    pub nodes: [Verdict; NODES.len()],
-    /// Node and time of the first difference, s.
-    pub first: Option<(&'static str, f64)>,
-}
-
-/// Replays and says how it went.
-pub fn run(args: &ReplayArgs) -> Result<Exit, CliError> {
-    let replayed = contained(&args.path, || replay(&args.path))?;
-    let say = |line: String| note(args.json, line);
-    for (name, verdict) in NODES.iter().zip(&replayed.nodes) {
-        let verdict_text = match verdict.differs_at_s {
-            None => "identical".to_string(),
-            Some(t) => format!("differs from {t:.2} s on"),
-        };
-        say(format!("{name:<10} {:>8} steps  {verdict_text}", verdict.steps));
-    }
-    let text = match replayed.first {
-        None => "bit-identical".to_string(),
-        Some((node, t)) => format!("first difference: {node} at {t:.2} s of the recording"),
-    };
-    if args.json {
-        let nodes: Vec<_> = NODES
-            .iter()
-            .zip(&replayed.nodes)
-            .map(|(name, v)| json!({"node": name, "steps": v.steps, "differs_at_s": v.differs_at_s}))
-            .collect();
-        terminal::line(json!({"identical": replayed.first.is_none(), "verdict": text, "nodes": nodes}));
-    } else {
-        terminal::line(text);
-    }
-    Ok(if replayed.first.is_none() {
-        Exit::Success
-    } else {
-        Exit::Failed
-    })
-}
-
-/// Replays the recording at `path`.
-pub fn replay(path: &Path) -> Result<Replayed, CliError> {
+/// Replays the recording at `path`, in the order of [`NODES`].
+pub fn replay(path: &Path) -> Result<Vec<NodeReplay>, CliError> {
     let recording = Recording::open(path)?;
     let mut nodes = Nodes::of(&recording)?;
-    let mut replayed = Replayed::default();
+    let mut replayed = NODES.map(|node| NodeReplay {
+        node: node.into(),
+        steps: 0,
+        differs_at_s: None,
+        differs_at_step: None,
+    });
     recording.steps(|k, t_s, bytes| {
         let same = nodes.step(k, bytes)?;
-        let verdict = &mut replayed.nodes[k];
-        verdict.steps += 1;
-        if !same {
-            verdict.differs_at_s.get_or_insert(t_s);
-            replayed.first.get_or_insert((NODES[k], t_s));
+        let node = &mut replayed[k];
+        if !same && node.differs_at_s.is_none() {
+            (node.differs_at_s, node.differs_at_step) = (Some(t_s), Some(node.steps));
         }
+        node.steps += 1;
         Ok(())
     })?;
-    if replayed.nodes.iter().all(|v| v.steps == 0) {
+    if replayed.iter().all(|v| v.steps == 0) {
         return Err(CliError(format!(
             "{}: holds no step of any node",
             recording.origin()
         )));
     }
-    Ok(replayed)
+    Ok(replayed.into())
 }
 
 /// The nodes as they began.

@@ -79,8 +79,11 @@ impl Opening {
         })
     }
     /// Names and values that belong to the recording.
-    pub fn metadata(&mut self, name: &str, values: &[(&str, String)]) -> Result<(), McapError> {
-        self.0.write_metadata(&metadata(name, values))
+    pub fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), McapError> {
+        self.0.write_metadata(&Metadata {
+            name: name.into(),
+            metadata: values,
+        })
     }
     /// From now on messages.
     pub fn start(self) -> Sink {
@@ -93,13 +96,6 @@ impl Opening {
             free,
             thread: std::thread::spawn(move || write(writer, &batches, &give_back)),
         }
-    }
-}
-
-fn metadata(name: &str, values: &[(&str, String)]) -> Metadata {
-    Metadata {
-        name: name.into(),
-        metadata: values.iter().map(|(k, v)| (k.to_string(), v.clone())).collect(),
     }
 }
 
@@ -164,6 +160,9 @@ impl Sink {
     }
     /// Writes what is left, and how it ended.
     pub fn finish(mut self, name: &str, values: &[(&str, String)]) -> Result<(), McapError> {
+        let values = values
+            .iter()
+            .map(|(name, value)| (name.to_string(), value.clone()));
         self.send();
         drop(self.to);
         let Ok(written) = self.thread.join() else {
@@ -172,7 +171,10 @@ impl Sink {
             )));
         };
         let mut writer = written?;
-        writer.write_metadata(&metadata(name, values))?;
+        writer.write_metadata(&Metadata {
+            name: name.into(),
+            metadata: values.collect(),
+        })?;
         writer.finish()?;
         Ok(())
     }

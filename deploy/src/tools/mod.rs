@@ -6,5 +6,6 @@ pub mod command;
 pub mod config;
 pub mod estimate;
 pub mod keys;
+pub mod replay;
 pub mod status;
 pub mod vessel_status;

@@ -197,14 +197,14 @@ fn recording_contains_every_displayed_topic() {
         ("/tf", "foxglove.FrameTransforms"),
         ("/scene", "foxglove.SceneUpdate"),
         ("/deck/forecast/path", "foxglove.PosesInFrame"),
-        ("/deck/forecast", "alight.Forecast"),
+        ("/deck/forecast", "forecast.Forecast"),
         ("/plan/path", "foxglove.PosesInFrame"),
         ("/log", "foxglove.Log"),
         ("/sensor/tag", "foxglove.PoseInFrame"),
         ("/vessel/odometry", "foxglove.Odometry"),
-        ("/mission", "alight.Mission"),
-        ("/link", "alight.Link"),
-        ("/plan", "alight.Solver"),
+        ("/mission", "mission.Mission"),
+        ("/link", "link.Link"),
+        ("/plan", "solver.Solver"),
     ] {
         assert!(
             seen.contains(&(topic.into(), schema.into())),

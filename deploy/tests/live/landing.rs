@@ -170,7 +170,9 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
         "{text}{}",
         String::from_utf8_lossy(&replay.stderr)
     );
-    assert_eq!(text.matches("identical").count(), 6, "{text}");
+    let nodes = ["vessel", "bridge", "predictor", "mission", "planner", "pilot"];
+    assert!(nodes.iter().all(|node| text.contains(node)), "{text}");
+    assert!(text.contains("bit-identical"), "{text}");
     let replay = alight().arg("replay").arg(&recording).output().expect("runs");
     let text = String::from_utf8_lossy(&replay.stdout).into_owned();
     assert!(

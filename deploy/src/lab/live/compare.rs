@@ -22,12 +22,26 @@ const LINKS: [(&str, &str, &[&str]); 5] = [
     (
         "storm, 2 s of outage from the flare",
         "storm, 2 s",
-        &["--link", "storm", "--outage-at", "flare", "--outage-duration", "2"],
+        &[
+            "--link",
+            "storm",
+            "--outage-at",
+            "flare",
+            "--outage-duration",
+            "2",
+        ],
     ),
     (
         "radio-mesh, 10 s of outage from tracking",
         "mesh, 10 s",
-        &["--link", "radio-mesh", "--outage-at", "tracking", "--outage-duration", "10"],
+        &[
+            "--link",
+            "radio-mesh",
+            "--outage-at",
+            "tracking",
+            "--outage-duration",
+            "10",
+        ],
     ),
 ];
 
@@ -73,18 +87,22 @@ fn table(rows: &[LinkRow]) -> Table {
         let (live, model) = (&row.summary.live, &row.summary.lock_step);
         let pair = |value: fn(&Side) -> String| format!("{} / {}", value(live), value(model));
         let [p50, p95] = ratios(&row.summary);
-        table.row(cells![
-            row.link,
-            row.transport,
-            format_args!("{} / {} of {}", live.landed, model.landed, row.summary.trials),
-            row.summary.unsafe_contacts,
-            pair(|s| format!("{:.3}", s.position_error_m)),
-            pair(|s| format!("{:.1}", s.landing_time_s)),
-            pair(|s| format!("{:.2}", s.aborts)),
-            pair(|s| s.touchdown_age_s.map_or_else(|| "-".into(), time)),
-            pair(|s| time(s.age_s[0])),
-            pair(|s| time(s.age_s[1])),
-        ].into_iter().chain([Cell::from(format!("{p50:.2}, {p95:.2}")).judged(row.agrees)]));
+        table.row(
+            cells![
+                row.link,
+                row.transport,
+                format_args!("{} / {} of {}", live.landed, model.landed, row.summary.trials),
+                row.summary.unsafe_contacts,
+                pair(|s| format!("{:.3}", s.position_error_m)),
+                pair(|s| format!("{:.1}", s.landing_time_s)),
+                pair(|s| format!("{:.2}", s.aborts)),
+                pair(|s| s.touchdown_age_s.map_or_else(|| "-".into(), time)),
+                pair(|s| time(s.age_s[0])),
+                pair(|s| time(s.age_s[1])),
+            ]
+            .into_iter()
+            .chain([Cell::from(format!("{p50:.2}, {p95:.2}")).judged(row.agrees)]),
+        );
     }
     table
 }
@@ -111,7 +129,10 @@ pub fn run(args: &StudyArgs, n: u32) -> Result<Value, CliError> {
             let summary = pairs::fly_pairs(&land_flags(&plan.flags)?, &plan)?;
             let inside = |(ratio, [low, high]): (f64, [f64; 2])| (low..=high).contains(&ratio);
             let agrees = ratios(&summary).into_iter().zip(BANDS).all(inside);
-            note(args.json, format_args!("{link} over {transport}: {} of {n} landed", summary.live.landed));
+            note(
+                args.json,
+                format_args!("{link} over {transport}: {} of {n} landed", summary.live.landed),
+            );
             rows.push(LinkRow {
                 link,
                 transport,
@@ -148,7 +169,10 @@ pub fn run(args: &StudyArgs, n: u32) -> Result<Value, CliError> {
                 ("live.svg", chart::sheet(&charts(&rows))),
             ],
         )?;
-        note(args.json, format_args!("written: {}", out.join("live.md").display()));
+        note(
+            args.json,
+            format_args!("written: {}", out.join("live.md").display()),
+        );
     }
     Ok(value)
 }
@@ -159,10 +183,16 @@ type Drawn = fn(&Side, f64) -> Option<f64>;
 const DRAWN: [(&str, Drawn); 6] = [
     ("landed, fraction", |s, trials| Some(s.landed as f64 / trials)),
     ("position error, m, median", |s, _| Some(s.position_error_m)),
-    ("first descent to contact, s, median", |s, _| Some(s.landing_time_s)),
+    ("first descent to contact, s, median", |s, _| {
+        Some(s.landing_time_s)
+    }),
     ("aborted descents, mean", |s, _| Some(s.aborts)),
-    ("greatest age of the vessel's state at touchdown, s", |s, _| s.touchdown_age_s),
-    ("age of the vessel's state, s, 95th percentile", |s, _| Some(s.age_s[1])),
+    ("greatest age of the vessel's state at touchdown, s", |s, _| {
+        s.touchdown_age_s
+    }),
+    ("age of the vessel's state, s, 95th percentile", |s, _| {
+        Some(s.age_s[1])
+    }),
 ];
 
 fn charts(rows: &[LinkRow]) -> Vec<Chart> {
@@ -170,7 +200,9 @@ fn charts(rows: &[LinkRow]) -> Vec<Chart> {
     let chart = |(caption, drawn): (&str, Drawn)| {
         let curve = |transport: &str, name: &str, side: fn(&PairedSummary) -> &Side| {
             let point = |(link, ..): &(&str, &str, &[&str])| {
-                let row = rows.iter().find(|r| r.link == *link && r.transport == transport)?;
+                let row = rows
+                    .iter()
+                    .find(|r| r.link == *link && r.transport == transport)?;
                 drawn(side(&row.summary), row.summary.trials as f64).filter(|v| v.is_finite())
             };
             Curve {
@@ -180,7 +212,12 @@ fn charts(rows: &[LinkRow]) -> Vec<Chart> {
         };
         let curves: Vec<Curve> = TRANSPORTS
             .into_iter()
-            .flat_map(|t| [curve(t, "live", |s| &s.live), curve(t, "lock-step", |s| &s.lock_step)])
+            .flat_map(|t| {
+                [
+                    curve(t, "live", |s| &s.live),
+                    curve(t, "lock-step", |s| &s.lock_step),
+                ]
+            })
             .collect();
         Chart {
             caption: format!("{caption}, links in the table's order"),

@@ -5,13 +5,13 @@ use alight_shared::msg::State;
 use alight_sim::harness::outcome::Ending;
 use serde::Serialize;
 
+use crate::cells;
 use crate::exit::{CliError, Exit};
 use crate::lab::live::args::FaultsArgs;
 use crate::lab::live::fault::{FaultKind, FaultSpec, PROCESSES};
 use crate::lab::live::fleet;
 use crate::lab::live::fleet::{Done, Job};
 use crate::table::{Cell, Table, verdict};
-use crate::cells;
 use crate::terminal;
 use crate::terminal::note;
 
@@ -145,7 +145,7 @@ pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
         ),
     );
     if args.json {
-        terminal::line(serde_json::to_string(&cases).map_err(|e| CliError::because("writing JSON", e))?);
+        terminal::json(&cases)?;
     }
     Ok(if held == cases.len() {
         Exit::Success
@@ -159,7 +159,12 @@ fn matrix(specs: &[FaultSpec], cases: &[Case]) -> Table {
     let mut states: Vec<State> = specs.iter().map(|s| s.state).collect();
     states.sort_unstable();
     states.dedup();
-    let mut table = Table::new(.., ["process", "fault"].into_iter().chain(states.iter().map(|s| s.name())));
+    let mut table = Table::new(
+        ..,
+        ["process", "fault"]
+            .into_iter()
+            .chain(states.iter().map(|s| s.name())),
+    );
     for (process, kind) in PROCESSES.into_iter().flat_map(|p| FaultKind::ALL.map(|k| (p, k))) {
         if !specs.iter().any(|s| (s.process, s.kind) == (process, kind)) {
             continue;
@@ -170,7 +175,13 @@ fn matrix(specs: &[FaultSpec], cases: &[Case]) -> Table {
                 kind,
                 state: *state,
             };
-            let these = || specs.iter().zip(cases).filter(|(s, _)| **s == spec).map(|(_, c)| c);
+            let these = || {
+                specs
+                    .iter()
+                    .zip(cases)
+                    .filter(|(s, _)| **s == spec)
+                    .map(|(_, c)| c)
+            };
             let count = |is: fn(&Case) -> bool| these().filter(|c| is(c)).count();
             let notes = [
                 (count(|c| c.unsafe_contacts > 0), "unsafe"),
@@ -184,7 +195,11 @@ fn matrix(specs: &[FaultSpec], cases: &[Case]) -> Table {
                 flown => Cell::from(format!("{landed} of {flown} landed")).note(notes.join(", ")),
             }
         };
-        table.row(cells![process.name(), kind.name()].into_iter().chain(states.iter().map(cell)));
+        table.row(
+            cells![process.name(), kind.name()]
+                .into_iter()
+                .chain(states.iter().map(cell)),
+        );
     }
     table
 }

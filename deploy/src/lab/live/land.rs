@@ -3,7 +3,7 @@
 
 use std::io::{IsTerminal, Write};
 use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -34,9 +34,11 @@ use crate::lab::live::fault::Fault;
 use crate::lab::live::follow;
 use crate::lab::live::pairs;
 use crate::lab::live::plant::AutopilotKind;
+use crate::lab::live::recording;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::usage::UsageLog;
 use crate::lab::live::world::WorldReport;
+use crate::lab::record::Subject;
 use crate::lab::scene::Scene;
 use crate::lab::{outcome_table, plot};
 use crate::process::instance::OwnedInstance;
@@ -138,30 +140,21 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     }
 }
 
-/// Where the landing is recorded to.
-fn recording(args: &LandArgs) -> Option<&Path> {
-    args.record.as_deref()
-}
-
 /// Records the landing that just ended, when it was asked for.
 fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) -> Result<(), CliError> {
-    let (Some(path), Some(log), WorldReport::Landed(landed)) = (recording(args), &plan.log, &ending.result)
+    let (Some(path), Some(log), WorldReport::Landed(landed)) = (&args.record, &plan.log, &ending.result)
     else {
         return Ok(());
     };
-    let computers = crate::lab::live::recording::Computers {
-        vessel: &plan.vessel,
-        drone: &plan.drone,
-    };
-    let subject = crate::record::Subject {
+    let subject = Subject {
         scenario: &scene.scenario,
         nodes: &scene.nodes,
         seed: args.seed,
         sea: &scene.sea,
         boots: Default::default(),
     };
-    let again = crate::lab::live::recording::write(path, log, &computers, subject, &landed.outcome)?;
-    for process in again {
+    let computers = (&plan.vessel, &plan.drone);
+    for process in recording::write(path, log, computers, subject, &landed.outcome)? {
         note(
             true,
             format!("the recording has the {process} up to its first end only"),
@@ -180,36 +173,34 @@ struct Ending {
 
 impl Ending {
     fn show(self, args: &LandArgs) -> Result<Exit, CliError> {
-        let json = |e| CliError::because("writing JSON", e);
         let report = format!("{}{}", self.usage, self.report.text());
         match self.result {
             WorldReport::Followed(followed) => {
                 note(true, report);
-                let text = serde_json::to_string(&followed).map_err(json)?;
-                terminal::line(if args.json { text } else { followed.to_string() });
+                if args.json {
+                    terminal::json(&followed)?;
+                } else {
+                    terminal::line(followed);
+                }
                 Ok(Exit::Success)
             }
             WorldReport::Landed(landed) => {
                 let outcome = landed.outcome;
-                let end = if outcome.success {
-                    Exit::Success
-                } else {
-                    Exit::Failed
-                };
+                let exit = Exit::of(outcome.success);
                 if args.json {
                     note(true, report);
                     let live = LiveReport {
                         first_contact_s: landed.first_contact_s,
                         ..self.report
                     };
-                    terminal::line(serde_json::to_string(&LiveOutcome { outcome, live }).map_err(json)?);
+                    terminal::json(&LiveOutcome { outcome, live })?;
                 } else {
                     terminal::line(format_args!("\n{}\n{report}", outcome_table::outcome(&outcome)));
                     if let Some(path) = &args.plot {
                         terminal::line(format_args!("plot: {}", path.display()));
                     }
                 }
-                Ok(end)
+                Ok(exit)
             }
         }
     }
@@ -293,7 +284,7 @@ impl LandingSetup {
             sea: scene.sea.clone(),
             planner: scene.nodes.drone.planner.kind.name().into(),
             follow_s: args.follow,
-            truth: recording(args).is_some(),
+            truth: args.record.is_some(),
             plot: args.plot.clone(),
             autopilot: args.autopilot,
             firmware: match &args.firmware {
@@ -312,7 +303,7 @@ impl LandingSetup {
             warm_up_s: scene.scenario.start.warm_up_s,
             ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
             // What is recorded needs a log, and without --log it goes with the instance.
-            log: match (&args.log, recording(args)) {
+            log: match (&args.log, &args.record) {
                 (Some(log), _) => Some(log.clone()),
                 (None, Some(_)) => Some(owned.file("log")),
                 (None, None) => None,

@@ -127,7 +127,9 @@ fn flags_of_each(mut all: impl Iterator<Item = String>) -> Vec<String> {
             "--trials" | "--seed" | "--jobs" | "--instance" => {
                 all.next();
             }
-            f if ["--trials=", "--seed=", "--jobs=", "--instance="].iter().any(|p| f.starts_with(p)) => {}
+            f if ["--trials=", "--seed=", "--jobs=", "--instance="]
+                .iter()
+                .any(|p| f.starts_with(p)) => {}
             _ => flags.push(flag),
         }
     }
@@ -222,7 +224,7 @@ impl PairedSummary {
     pub fn show(&self, json: bool) -> Result<Exit, CliError> {
         note(json, self.text());
         if json {
-            terminal::line(serde_json::to_string(self).map_err(|e| CliError::because("writing JSON", e))?);
+            terminal::json(self)?;
         }
         Ok(Exit::of(self.live.landed == self.trials))
     }
@@ -240,7 +242,10 @@ impl PairedSummary {
                     Cell::number(o.and_then(|o| o.landing_time_s), 1),
                 ]
             };
-            let late = p.report.as_ref().map_or_else(|| "-".into(), |r| time(r.world_late_s));
+            let late = p
+                .report
+                .as_ref()
+                .map_or_else(|| "-".into(), |r| time(r.world_late_s));
             let cells = core::iter::once(p.seed.into()).chain(side(p.live.as_ref()));
             table.row(cells.chain(side(Some(&p.lock_step))).chain([late.into()]));
         }
@@ -270,7 +275,16 @@ impl PairedSummary {
     }
     /// Medians over the landings of what each process used.
     fn usage(&self) -> Table {
-        let mut table = Table::new(1.., ["process", "CPU, % of a core", "memory, MB", "step p50", "step p99"]);
+        let mut table = Table::new(
+            1..,
+            [
+                "process",
+                "CPU, % of a core",
+                "memory, MB",
+                "step p50",
+                "step p99",
+            ],
+        );
         let reports: Vec<&LiveReport> = self.pairs.iter().filter_map(|p| p.report.as_ref()).collect();
         for process in reports.first().into_iter().flat_map(|r| &r.processes) {
             let of = |metric: fn(&ProcessUsage) -> f64| {

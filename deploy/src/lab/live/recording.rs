@@ -19,9 +19,10 @@ use crate::drone::planner::PlannerShell;
 use crate::drone::predictor::PredictorShell;
 use crate::exit::CliError;
 use crate::lab::live::truth::Truth;
+use crate::lab::record::{FlightRecorder, Subject};
 use crate::process::log::LogReader;
 use crate::process::shell::Shell;
-use crate::record::{NODES, Recorder, Subject, ending};
+use crate::record::NODES;
 
 /// A log that is read step by step.
 struct LogStream<I> {
@@ -53,12 +54,12 @@ trait Playback {
     /// True time of the next step.
     fn due(&self) -> Option<Time<TrueTime>>;
     /// Records the next step.
-    fn play(&mut self, recorder: &mut Recorder) -> Result<(), CliError>;
+    fn play(&mut self, recorder: &mut FlightRecorder) -> Result<(), CliError>;
 }
 
 /// How a step is recorded.
 type RecordStep<N> =
-    fn(&mut Recorder, Time<TrueTime>, Time<<N as Node>::Clock>, &<N as Node>::In, &<N as Node>::Out);
+    fn(&mut FlightRecorder, Time<TrueTime>, Time<<N as Node>::Clock>, &<N as Node>::In, &<N as Node>::Out);
 
 struct NodePlayback<N: Node> {
     node: N,
@@ -72,7 +73,7 @@ impl<N: Node<In: DeserializeOwned>> Playback for NodePlayback<N> {
         let (now_ns, _) = self.stream.next.as_ref()?;
         Some(true_time(&self.clock, *now_ns))
     }
-    fn play(&mut self, recorder: &mut Recorder) -> Result<(), CliError> {
+    fn play(&mut self, recorder: &mut FlightRecorder) -> Result<(), CliError> {
         if let (Some(t), Some((now_ns, input))) = (self.due(), &self.stream.next) {
             let now: Time<N::Clock> = Time::from_nanos(*now_ns);
             let out = self.node.step(now, input);
@@ -86,7 +87,7 @@ impl Playback for LogStream<Truth> {
     fn due(&self) -> Option<Time<TrueTime>> {
         self.next.as_ref().map(|(ns, _)| Time::from_nanos(*ns))
     }
-    fn play(&mut self, recorder: &mut Recorder) -> Result<(), CliError> {
+    fn play(&mut self, recorder: &mut FlightRecorder) -> Result<(), CliError> {
         if let Some((ns, truth)) = &self.next {
             recorder.truth(Time::from_nanos(*ns), &truth.vessel(), truth.drone().as_ref());
         }
@@ -127,76 +128,45 @@ fn open(directory: &Path, process: &str) -> Result<(LogReader, u32, PathBuf), Cl
     Ok((log, head.boot, path))
 }
 
-/// What the computers were told, for the nodes as they began.
-pub struct Computers<'a> {
-    /// The vessel's.
-    pub vessel: &'a VesselComputer,
-    /// The drone's.
-    pub drone: &'a DroneComputer,
-}
-
 /// Records to `path` what lies in `directory`. Processes that were started again are in it up to
 /// then; gives their names.
 pub fn write(
     path: &Path,
     directory: &Path,
-    computers: &Computers<'_>,
-    subject: Subject<'_>,
+    (vessel, drone): (&VesselComputer, &DroneComputer),
+    mut subject: Subject<'_>,
     outcome: &Outcome,
 ) -> Result<Vec<&'static str>, CliError> {
-    let Computers { vessel, drone } = computers;
     let (world, _, world_path) = open(directory, "world")?;
     let mut all: Vec<Box<dyn Playback>> = vec![Box::new(LogStream::<Truth>::new(world, &world_path)?)];
     let mut boots = Vec::new();
     macro_rules! play {
-        ($name:literal, $clock:expr, $node:expr, $show:ident) => {{
-            let (log, boot, path) = open(directory, $name)?;
+        ($node:ident, $clock:expr, $make:expr) => {{
+            let (log, boot, path) = open(directory, stringify!($node))?;
             boots.push(boot);
             all.push(Box::new(NodePlayback {
-                node: $node(boot),
+                node: $make(boot),
                 stream: LogStream::new(log, &path)?,
                 clock: $clock,
-                show: |r, t, now, i, o| r.$show(t, now, i, o),
+                show: |r, t, now, i, o| r.$node(t, now, i, o),
             }));
         }};
     }
-    play!(
-        "vessel",
-        vessel.clock,
-        |boot| VesselNode::new(&vessel.vessel, vessel.vessel_id, boot),
-        vessel
-    );
-    play!(
-        "bridge",
-        drone.clock,
-        |boot| Bridge::new(&drone.bridge, boot),
-        bridge
-    );
-    play!(
-        "predictor",
-        drone.clock,
-        |boot| PredictorShell::node(drone, boot),
-        predictor
-    );
-    play!(
-        "mission",
-        drone.clock,
-        |boot| MissionShell::node(drone, boot),
-        mission
-    );
-    play!(
-        "planner",
-        drone.clock,
-        |boot| PlannerShell::node(drone, boot),
-        planner
-    );
-    play!("pilot", drone.clock, |boot| PilotShell::node(drone, boot), pilot);
+    play!(vessel, vessel.clock, |boot| VesselNode::new(
+        &vessel.vessel,
+        vessel.vessel_id,
+        boot
+    ));
+    play!(bridge, drone.clock, |boot| Bridge::new(&drone.bridge, boot));
+    play!(predictor, drone.clock, |boot| PredictorShell::node(drone, boot));
+    play!(mission, drone.clock, |boot| MissionShell::node(drone, boot));
+    play!(planner, drone.clock, |boot| PlannerShell::node(drone, boot));
+    play!(pilot, drone.clock, |boot| PilotShell::node(drone, boot));
 
-    let mut subject = subject;
     for (to, boot) in subject.boots.iter_mut().zip(boots) {
         *to = boot;
     }
-    let mut recorder = Recorder::create(path, &subject)?;
+    let mut recorder = FlightRecorder::create(path, &subject)?;
     // Equal times in the order of the data: the first of the earliest.
     while let Some((_, next)) = all
         .iter()
@@ -207,7 +177,7 @@ pub fn write(
         let Some(played) = all.get_mut(next) else { break };
         played.play(&mut recorder)?;
     }
-    recorder.finish(path, &ending(outcome))?;
+    recorder.finish(path, outcome)?;
     let mut restarted = Vec::new();
     for node in NODES {
         if logs(directory, node)?.len() > 1 {

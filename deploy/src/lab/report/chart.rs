@@ -105,7 +105,10 @@ pub fn sheet(charts: &[Chart]) -> String {
     );
     for (k, chart) in charts.iter().enumerate() {
         let top = cell * k as f64;
-        let place = format!("<svg y=\"{:.0}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" ", top + 28.0);
+        let place = format!(
+            "<svg y=\"{:.0}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" ",
+            top + 28.0
+        );
         let _ = write!(
             out,
             "<text x=\"8\" y=\"{:.0}\" font-size=\"14\">{}</text>{}",
@@ -157,7 +160,12 @@ pub fn dots(lines: &[Dot], least: f64) -> String {
     for (i, line) in lines.iter().enumerate() {
         let y = row * i as f64 + 24.0;
         let colour = colour(line.group);
-        let _ = write!(out, "<text x=\"1%\" y=\"{:.0}\">{}</text>", y - 9.0, escape(&line.label));
+        let _ = write!(
+            out,
+            "<text x=\"1%\" y=\"{:.0}\">{}</text>",
+            y - 9.0,
+            escape(&line.label)
+        );
         if let Some(p) = line.published {
             let _ = write!(
                 out,

@@ -21,7 +21,15 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let mut table = Table::new(
         1..,
-        ["sea", "h in the air", "false stops", "aborts", "contacts", "in water", "lowest m"],
+        [
+            "sea",
+            "h in the air",
+            "false stops",
+            "aborts",
+            "contacts",
+            "in water",
+            "lowest m",
+        ],
     );
     let mut add = |name: &str, r: &AirborneReport| {
         table.row(cells![

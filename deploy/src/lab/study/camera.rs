@@ -141,7 +141,16 @@ fn with_markers(scene: &Scene, flights: usize, args: &StudyArgs) -> Vec<uvdar::U
         .collect();
     let mut table = Table::new(
         0..,
-        ["m", "deg", "fixes %", "bearing deg", "distance", "bias", "NEES", "outliers"],
+        [
+            "m",
+            "deg",
+            "fixes %",
+            "bearing deg",
+            "distance",
+            "bias",
+            "NEES",
+            "outliers",
+        ],
     );
     for row in &rows {
         table.row([
@@ -164,7 +173,10 @@ fn without_a_tag(scene: &Scene, args: &StudyArgs) -> Vec<FalseDetectionRow> {
     let (sensors, settings) = (&scene.scenario.sensors, &scene.nodes.drone.camera);
     let mut bench = FalseDetectionBench::new(sensors, settings, &scene.scenario.deck, args.seed0);
     let images = args.trials as usize * EMPTY_PER_TRIAL;
-    let mut rows: Vec<FalseDetectionRow> = SceneKind::ALL.iter().map(|kind| bench.row(*kind, images)).collect();
+    let mut rows: Vec<FalseDetectionRow> = SceneKind::ALL
+        .iter()
+        .map(|kind| bench.row(*kind, images))
+        .collect();
     rows.push(FalseDetectionRow::total(&rows));
     let mut table = Table::new(
         1..,
@@ -188,7 +200,10 @@ fn without_a_tag(scene: &Scene, args: &StudyArgs) -> Vec<FalseDetectionRow> {
             format_args!("{low:.1} to {high:.1}"),
         ]);
     }
-    note(args.json, format_args!("Without the deck's whole tag\n{}", table.text()));
+    note(
+        args.json,
+        format_args!("Without the deck's whole tag\n{}", table.text()),
+    );
     rows
 }
 
@@ -246,7 +261,7 @@ fn times(bench: &mut CameraBench, images: usize) -> [[f64; 2]; 2] {
         let Some(image) = bench.image(&shot) else { continue };
         drawn.push(1e3 * elapsed());
         let elapsed = stopwatch();
-        let _pose = bench.node().look(&image);
+        let _pose = bench.node().detect(&image);
         searched.push(1e3 * elapsed());
     }
     [drawn, searched].map(|mut v| {

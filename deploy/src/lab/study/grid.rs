@@ -10,8 +10,8 @@ use alight_uav::planner::PlannerKind;
 use serde::Serialize;
 
 use super::ablation;
-use super::variant::PlannerVariant;
 use super::link;
+use super::variant::PlannerVariant;
 use crate::exit::CliError;
 use crate::lab::args::Study;
 use crate::lab::scene::Scene;
@@ -84,7 +84,13 @@ pub fn published(scenario: &str, planner: &str) -> Option<Published> {
     core::iter::once(&TABLE1)
         .chain(&TABLE2)
         .find(|(name, ..)| *name == scenario)
-        .map(|(_, faa, ne)| Published::of(if planner == PlannerKind::MpcNe.name() { *ne } else { *faa }))
+        .map(|(_, faa, ne)| {
+            Published::of(if planner == PlannerKind::MpcNe.name() {
+                *ne
+            } else {
+                *faa
+            })
+        })
 }
 
 /// The rows of `study` with the scene's settings as the base.
@@ -197,7 +203,11 @@ pub fn answer(
     }
     let of = |planner: &PlannerVariant| {
         let rate = |scene: &StudyScene| {
-            let flown = || outcomes.iter().filter(|o| o.sea == scene.name && o.planner == planner.name);
+            let flown = || {
+                outcomes
+                    .iter()
+                    .filter(|o| o.sea == scene.name && o.planner == planner.name)
+            };
             flown().filter(|o| o.success).count() as f64 / flown().count().max(1) as f64
         };
         let fastest = scenes

@@ -111,12 +111,22 @@ fn landings<'a>(outcomes: &'a [Outcome], planner: &PlannerVariant, scenario: &st
 /// What the link costs each planner, over loss, delay and outage.
 pub fn charts(planners: &[PlannerVariant], outcomes: &[Outcome]) -> Vec<Chart> {
     let labels = |v: &[f64]| -> Vec<String> {
-        let label = |x: &f64| if x.is_finite() { x.to_string() } else { "ever".into() };
+        let label = |x: &f64| {
+            if x.is_finite() {
+                x.to_string()
+            } else {
+                "ever".into()
+            }
+        };
         v.iter().map(label).collect()
     };
     let mut out = Vec::new();
     for planner in planners {
-        let of = if planners.len() > 1 { format!(", {}", planner.name) } else { String::new() };
+        let of = if planners.len() > 1 {
+            format!(", {}", planner.name)
+        } else {
+            String::new()
+        };
         for (caption, _, _, metric) in METRICS {
             let point = |scenario: String| {
                 let set = landings(outcomes, planner, &scenario);
@@ -126,15 +136,16 @@ pub fn charts(planners: &[PlannerVariant], outcomes: &[Outcome]) -> Vec<Chart> {
                 name,
                 points: scenarios.into_iter().map(point).collect(),
             };
-            let over_loss = DELAYS_S.map(|d| {
-                curve(format!("{d} s"), LOSSES.map(|l| sweep_name(l, d)).to_vec())
-            });
+            let over_loss =
+                DELAYS_S.map(|d| curve(format!("{d} s"), LOSSES.map(|l| sweep_name(l, d)).to_vec()));
             let over_delay = LOSSES.map(|l| {
-                curve(format!("{:.0} %", 100.0 * l), DELAYS_S.map(|d| sweep_name(l, d)).to_vec())
+                curve(
+                    format!("{:.0} %", 100.0 * l),
+                    DELAYS_S.map(|d| sweep_name(l, d)).to_vec(),
+                )
             });
-            let over_outage = STATES.map(|s| {
-                curve(s.name().into(), OUTAGES_S.map(|x| outage_name(s, x)).to_vec())
-            });
+            let over_outage =
+                STATES.map(|s| curve(s.name().into(), OUTAGES_S.map(|x| outage_name(s, x)).to_vec()));
             for (against, places, curves) in [
                 ("fraction lost, by delay", &LOSSES, &over_loss[..]),
                 ("delay, s, by fraction lost", &DELAYS_S, &over_delay[..]),
@@ -164,8 +175,14 @@ pub fn table(planners: &[PlannerVariant], scenes: &[StudyScene], outcomes: &[Out
         for planner in planners {
             let set = landings(outcomes, planner, &scene.name);
             let contacts: u32 = set.iter().map(|o| o.unsafe_contacts).sum();
-            let metrics = METRICS.iter().map(|(.., digits, metric)| Cell::number(metric(&set), *digits));
-            table.row(cells![scene.name, planner.name, set.len(), contacts].into_iter().chain(metrics));
+            let metrics = METRICS
+                .iter()
+                .map(|(.., digits, metric)| Cell::number(metric(&set), *digits));
+            table.row(
+                cells![scene.name, planner.name, set.len(), contacts]
+                    .into_iter()
+                    .chain(metrics),
+            );
         }
     }
     table

@@ -86,7 +86,11 @@ fn grid_study(args: &StudyArgs) -> Result<Value, CliError> {
     let outcomes = run::fly_grid(args, &scenes, &planners)?;
     let hash = run::configuration_hash(&base.nodes);
     let is_link = args.name == Study::Link;
-    let charts = if is_link { link::charts(&planners, &outcomes) } else { Vec::new() };
+    let charts = if is_link {
+        link::charts(&planners, &outcomes)
+    } else {
+        Vec::new()
+    };
     if let (true, Some(out)) = (is_link, &args.out) {
         write_files(out, &[("link.svg", chart::sheet(&charts))])?;
     }
@@ -113,8 +117,11 @@ fn merge(args: &StudyArgs) -> Result<Value, CliError> {
         return Err(CliError("study merge: name the directories of the shards".into()));
     }
     let (outcomes, hash) = run::join(&args.dirs, out)?;
-    let mut planners: Vec<PlannerVariant> =
-        args.planners.iter().map(|p| PlannerVariant::from(p.kind())).collect();
+    let mut planners: Vec<PlannerVariant> = args
+        .planners
+        .iter()
+        .map(|p| PlannerVariant::from(p.kind()))
+        .collect();
     for o in &outcomes {
         if !planners.iter().any(|p| p.name == o.planner) {
             planners.push(PlannerVariant::named(&o.planner));
@@ -127,7 +134,7 @@ fn merge(args: &StudyArgs) -> Result<Value, CliError> {
 pub fn response(args: &ResponseArgs) -> Result<Exit, CliError> {
     let table = rao::rao(&VesselConfig::default(), &RaoConfig::default());
     if args.json {
-        terminal::line(serde_json::to_string(&table).map_err(|e| CliError::because("writing JSON", e))?);
+        terminal::json(&table)?;
     } else {
         terminal::line(table);
     }

@@ -91,7 +91,13 @@ impl PredictionRow {
 fn one(scene: &Scene, world: &Scenario, seed: u64) -> Result<Scores, SetupError> {
     let mut all = Scores::new();
     for known_waves in [false, true] {
-        all.extend(pred::vessel(world, &scene.nodes.vessel, seed, VESSEL_S, known_waves)?);
+        all.extend(pred::vessel(
+            world,
+            &scene.nodes.vessel,
+            seed,
+            VESSEL_S,
+            known_waves,
+        )?);
     }
     for span in [Some(FOLLOW_S), None] {
         all.extend(pred::drone(world, &scene.nodes, seed, span)?);
@@ -169,7 +175,10 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             ],
         )?;
         write_rows(out, &rows, &seeds).map_err(|e| CliError::because("writing rows.csv", e))?;
-        note(args.json, format_args!("written: {}", out.join("report.html").display()));
+        note(
+            args.json,
+            format_args!("written: {}", out.join("report.html").display()),
+        );
     }
     Ok(value)
 }
@@ -196,19 +205,23 @@ fn one_second_ahead(rows: &[PredictionRow]) -> Table {
         let height = |source| row.rmse_cell(source, Quantity::Height, ONE_SECOND, 1.0);
         let tilt = |source| Cell::number(rmse(source, Quantity::Tilt).to_degrees(), 2);
         let inside = row.of(Source::Vessel, Quantity::Deck, ONE_SECOND).inside();
-        table.row(cells![
-            row.name,
-            format_args!("{:.3}", rmse(Source::Vessel, Quantity::Heave)),
-            format_args!("{:.3}", rmse(Source::VesselKnownWaves, Quantity::Heave)),
-        ].into_iter().chain([
-            row.ratio_cell(ONE_SECOND),
-            Cell::number(100.0 * inside, 0),
-            height(Source::Vessel),
-            height(Source::DroneFollowing),
-            height(Source::DroneDescending),
-            tilt(Source::Vessel),
-            tilt(Source::DroneDescending),
-        ]));
+        table.row(
+            cells![
+                row.name,
+                format_args!("{:.3}", rmse(Source::Vessel, Quantity::Heave)),
+                format_args!("{:.3}", rmse(Source::VesselKnownWaves, Quantity::Heave)),
+            ]
+            .into_iter()
+            .chain([
+                row.ratio_cell(ONE_SECOND),
+                Cell::number(100.0 * inside, 0),
+                height(Source::Vessel),
+                height(Source::DroneFollowing),
+                height(Source::DroneDescending),
+                tilt(Source::Vessel),
+                tilt(Source::DroneDescending),
+            ]),
+        );
     }
     table
 }
@@ -230,7 +243,9 @@ fn by_horizon<'a>(rows: impl Iterator<Item = &'a PredictionRow>) -> Table {
     );
     for (row, h) in rows.flat_map(|r| SHOWN_HORIZONS.map(|h| (r, h))) {
         let rmse = |quantity| row.of(Source::Vessel, quantity, h).rmse();
-        let coverage = row.scored(Source::Vessel, Quantity::Deck, h).map(|t| 100.0 * t.inside());
+        let coverage = row
+            .scored(Source::Vessel, Quantity::Deck, h)
+            .map(|t| 100.0 * t.inside());
         let mut coverage_cell = Cell::number(coverage, 1);
         // Required at 1 s, of the value as it is shown.
         if let (Some(c), ONE_SECOND) = (coverage, h) {
@@ -269,7 +284,7 @@ impl Score {
             source: source.name(),
             quantity: quantity.name(),
             horizon_s: HORIZONS_S.get(h).copied().unwrap_or_default(),
-            count: t.count as u64,
+            count: t.count,
             rmse: t.rmse(),
             inside_95: t.inside(),
             nees_per_component: t.nees(),
@@ -409,7 +424,10 @@ fn document(args: &StudyArgs, rows: &[PredictionRow], hash: &str) -> Document {
     }
     for (source, quantity, scale) in TABLES {
         let name = quantity.name().replace("rad", "deg");
-        blocks.push(Block::Heading(format!("{name}, {}, against horizon", source.name())));
+        blocks.push(Block::Heading(format!(
+            "{name}, {}, against horizon",
+            source.name()
+        )));
         let heads = core::iter::once("sea".to_string()).chain(labels.iter().map(|l| format!("{l} s")));
         let mut table = Table::new(1.., heads);
         for row in rows {

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome};
 use alight_sim::studies::paired::{self, COMPARED, Comparison};
 use alight_sim::studies::statistics::{METRICS, Summary, bootstrap_mean, wilson};
-use alight_uav::planner::PlannerKind;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -36,12 +35,48 @@ const POSITION_LIMIT_M: f64 = 0.65;
 type Shown = (&'static str, &'static str, &'static str, f64, usize);
 
 const SHOWN: [Shown; 6] = [
-    ("position_error_m", "position m", "position error at first contact, m", 0.02, 3),
-    ("touchdown_speed_mps", "normal m/s", "speed along the deck's normal, m/s", 0.05, 2),
-    ("tangential_speed_mps", "tangential m/s", "speed along the deck, m/s", 0.05, 2),
-    ("tilt_error_deg", "tilt deg", "angle between the normals, deg", 0.5, 2),
-    ("landing_time_s", "landing s", "first descent to first contact, s", 1.0, 1),
-    ("over_deck_time_s", "over deck s", "first within 2 m to first contact, s", 1.0, 1),
+    (
+        "position_error_m",
+        "position m",
+        "position error at first contact, m",
+        0.02,
+        3,
+    ),
+    (
+        "touchdown_speed_mps",
+        "normal m/s",
+        "speed along the deck's normal, m/s",
+        0.05,
+        2,
+    ),
+    (
+        "tangential_speed_mps",
+        "tangential m/s",
+        "speed along the deck, m/s",
+        0.05,
+        2,
+    ),
+    (
+        "tilt_error_deg",
+        "tilt deg",
+        "angle between the normals, deg",
+        0.5,
+        2,
+    ),
+    (
+        "landing_time_s",
+        "landing s",
+        "first descent to first contact, s",
+        1.0,
+        1,
+    ),
+    (
+        "over_deck_time_s",
+        "over deck s",
+        "first within 2 m to first contact, s",
+        1.0,
+        1,
+    ),
 ];
 
 /// A scenario flown by one planner.
@@ -154,7 +189,11 @@ pub fn publish(
     let mut sets: Vec<Vec<&Outcome>> = Vec::new();
     for o in outcomes {
         match sets.last_mut() {
-            Some(set) if set.first().is_some_and(|f| (&f.sea, &f.planner) == (&o.sea, &o.planner)) => {
+            Some(set)
+                if set
+                    .first()
+                    .is_some_and(|f| (&f.sea, &f.planner) == (&o.sea, &o.planner)) =>
+            {
                 set.push(o);
             }
             Some(_) | None => sets.push(vec![o]),
@@ -202,7 +241,10 @@ pub fn publish(
                 ("paired.json", comparisons),
             ],
         )?;
-        note(args.json, format_args!("written: {}", out.join("report.html").display()));
+        note(
+            args.json,
+            format_args!("written: {}", out.join("report.html").display()),
+        );
     }
     Ok(value)
 }
@@ -221,7 +263,9 @@ fn totals(planners: &[PlannerVariant], outcomes: &[Outcome], rows: usize) -> Vec
     if rows <= planners.iter().filter(flown).count() {
         return Vec::new();
     }
-    let all_of_table2 = TABLE2.iter().all(|(name, ..)| outcomes.iter().any(|o| o.sea == *name));
+    let all_of_table2 = TABLE2
+        .iter()
+        .all(|(name, ..)| outcomes.iter().any(|o| o.sea == *name));
     let total = |p: &PlannerVariant| {
         let set: Vec<Outcome> = outcomes.iter().filter(|o| o.planner == p.name).cloned().collect();
         let ([faa, ne], of) = TABLE2_FAILURES;
@@ -310,7 +354,14 @@ fn faa_ratio(args: &StudyArgs, planners: &[PlannerVariant], outcomes: &[Outcome]
 fn failures(outcomes: &[Outcome]) -> Vec<String> {
     let failed = || outcomes.iter().filter(|o| !o.success);
     let line = |o: &Outcome| {
-        format!("{} {} seed {}: {} ({})", o.sea, o.planner, o.seed, o.outcome.name(), o.reason)
+        format!(
+            "{} {} seed {}: {} ({})",
+            o.sea,
+            o.planner,
+            o.seed,
+            o.outcome.name(),
+            o.reason
+        )
     };
     let mut lines: Vec<String> = failed().take(MAX_FAILURES).map(line).collect();
     let more = failed().count() - lines.len();
@@ -332,8 +383,19 @@ impl Report {
         for row in &self.rows {
             let s = &row.summary;
             let (lo, hi) = wilson(s.successes, s.trials);
-            let count = |n: u32| if n == 0 { Cell::from(n) } else { Cell::from(n).judged(false) };
-            let mut cells = cells![row.scenario, row.planner, format_args!("{}/{}", s.successes, s.trials)].to_vec();
+            let count = |n: u32| {
+                if n == 0 {
+                    Cell::from(n)
+                } else {
+                    Cell::from(n).judged(false)
+                }
+            };
+            let mut cells = cells![
+                row.scenario,
+                row.planner,
+                format_args!("{}/{}", s.successes, s.trials)
+            ]
+            .to_vec();
             if full {
                 cells.push(format!("{:.1}-{:.1} %", 100.0 * lo, 100.0 * hi).into());
             }
@@ -354,7 +416,15 @@ impl Report {
     /// Paired differences: better and worse where the interval leaves out zero. Less is better everywhere
     /// but in the rate of landings.
     fn differences(&self, is_shown: impl Fn(&Comparison) -> bool) -> Table {
-        let heads = ["scenario", "planner", "minus", "pairs", "only it", "only the other", "landed %"];
+        let heads = [
+            "scenario",
+            "planner",
+            "minus",
+            "pairs",
+            "only it",
+            "only the other",
+            "landed %",
+        ];
         let mut table = Table::new(3.., heads.into_iter().chain(COMPARED.iter().map(|c| c.0)));
         let cell = |mean: f64, [lo, hi]: [f64; 2], digits: usize, sign: f64| {
             let cell = Cell::signed(mean, digits).note(format_args!("{lo:+.digits$} to {hi:+.digits$}"));
@@ -378,7 +448,16 @@ impl Report {
         table
     }
     fn extremes(&self) -> Table {
-        let mut table = Table::new(5.., ["scenario", "planner", "worst seeds", "best seed", "replay of the worst"]);
+        let mut table = Table::new(
+            5..,
+            [
+                "scenario",
+                "planner",
+                "worst seeds",
+                "best seed",
+                "replay of the worst",
+            ],
+        );
         for row in &self.rows {
             let seed = row.worst_seeds.first().copied().unwrap_or_default();
             let command = row.command.as_ref().map(|c| format!("{c} --seed {seed}"));

@@ -15,8 +15,8 @@ use super::variant::PlannerVariant;
 use crate::config::DroneFile;
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
+use crate::lab::record::{self, LOCK_STEP_BOOTS, Subject};
 use crate::lab::trials::{fly_seed, in_parallel, seeds};
-use crate::record::{self, LOCK_STEP_BOOTS, Subject};
 use crate::terminal::note;
 
 /// Hash of the nodes' configuration, the planner's kind left out: the same for all rows of a table.
@@ -217,13 +217,15 @@ pub fn fly_grid(
         .collect();
     // Scenario, planner and seed of a row.
     let key = |o: &Outcome| (o.sea.clone(), o.planner.clone(), o.seed);
-    let wanted_key = |(s, p, seed): &(&StudyScene, &PlannerVariant, u64)| (s.name.clone(), p.name.clone(), *seed);
+    let wanted_key =
+        |(s, p, seed): &(&StudyScene, &PlannerVariant, u64)| (s.name.clone(), p.name.clone(), *seed);
     let known: BTreeSet<_> = done.iter().map(key).collect();
     let wanted: BTreeSet<_> = work.iter().map(wanted_key).collect();
     let mut number = 0;
     work.retain(|trial| {
         number += 1;
-        args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1) && !known.contains(&wanted_key(trial))
+        args.shard.is_none_or(|s| (number - 1) % s.count == s.index - 1)
+            && !known.contains(&wanted_key(trial))
     });
     let flown = in_parallel(args.jobs, "trials", &work, |(scene, planner, seed)| {
         let outcome = Outcome {

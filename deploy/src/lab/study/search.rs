@@ -170,12 +170,28 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
         jobs: args.jobs,
     };
     let mut log = csv::Writer::from_writer(Vec::new());
-    log.write_record(["candidate", "cost", "successes", "trials", "position_m", "time_s", "speed_mps"])
-        .map_err(|e| CliError::because("writing search.csv", e))?;
+    log.write_record([
+        "candidate",
+        "cost",
+        "successes",
+        "trials",
+        "position_m",
+        "time_s",
+        "speed_mps",
+    ])
+    .map_err(|e| CliError::because("writing search.csv", e))?;
     let mut record = |what: &str, s: &Score| {
         note(args.json, format_args!("{what:<32}{s}"));
         // A vector takes every row.
-        let _written = log.serialize((what, s.cost, s.successes, s.trials, s.position_m, s.time_s, s.speed_mps));
+        let _written = log.serialize((
+            what,
+            s.cost,
+            s.successes,
+            s.trials,
+            s.position_m,
+            s.time_s,
+            s.speed_mps,
+        ));
     };
     let mut best = base.nodes.drone.planner.baselines.mpc_ne;
     let mut flown = grid.score(&best, None)?.unwrap_or_default();
@@ -203,7 +219,10 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     let toml = |text: Result<String, toml::ser::Error>| {
         text.map_err(|e| CliError::because("writing the configuration", e))
     };
-    note(args.json, format_args!("best:\n{}", toml(toml::to_string(&best))?));
+    note(
+        args.json,
+        format_args!("best:\n{}", toml(toml::to_string(&best))?),
+    );
     if let Some(out) = &args.out {
         let mut drone = base.nodes.drone.clone();
         drone.planner.baselines.mpc_ne = best;
@@ -211,7 +230,9 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             bridge: base.nodes.bridge.clone(),
             drone,
         };
-        let log = log.into_inner().map_err(|e| CliError::because("writing search.csv", e))?;
+        let log = log
+            .into_inner()
+            .map_err(|e| CliError::because("writing search.csv", e))?;
         let log = String::from_utf8_lossy(&log).into_owned();
         write_files(
             out,

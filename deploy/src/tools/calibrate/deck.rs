@@ -8,18 +8,22 @@ use alight_shared::msg::{AutopilotState, DroneState, TagPose, VesselEstimate};
 use alight_shared::time::DroneClock;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Subscriber};
+use alight_shared::wire;
 use alight_uav::calibrate::{
     DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd,
 };
 use alight_uav::predictor::PredictorConfig;
-#[cfg(feature = "lab")]
 use alight_uav::predictor::PredictorIn;
 use clap::Args;
 use serde_json::{Value, json};
 
 use crate::config::DroneComputer;
+use crate::config::DroneFile;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
+use crate::record::entry::{Entry, MissionEntry};
+use crate::record::reading::{Recording, contained};
+use crate::record::{DRONE_FILE, NODES};
 use crate::terminal;
 use crate::terminal::note;
 use crate::tools::calibrate::list;
@@ -168,14 +172,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
 }
 
 /// From a recording.
-#[cfg(feature = "lab")]
 fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
-    use crate::config::DroneFile;
-    use crate::record::entry::{Entry, MissionEntry};
-    use crate::record::reading::{Recording, contained};
-    use crate::record::{DRONE_FILE, NODES};
-    use alight_shared::wire;
-
     contained(path, || {
         let recording = Recording::open(path)?;
         let settings = match &args.config {
@@ -209,15 +206,6 @@ fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibr
         })?;
         Ok((predictor, calibration))
     })
-}
-
-#[cfg(not(feature = "lab"))]
-fn recorded(_args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibration), CliError> {
-    Err(CliError(format!(
-        "{}: this program is built without recordings; calibrate with the processes running, or on a computer \
-         with the whole program",
-        path.display()
-    )))
 }
 
 fn object(found: &DeckCalibrationResult) -> Value {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::config;
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_shared::wire;
 use alight_usv::calibrate::incline::{inertia, level, stiffness};
 use alight_usv::calibrate::{
     DOF_NAMES, Decay, Figure, Found, NotObservable, Record, Signal, Stiffness, Weight, identify,
@@ -15,6 +16,9 @@ use serde_json::{Value, json};
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::log::LogReader;
+use crate::record::entry::Entry;
+use crate::record::reading::{Recording, contained};
+use crate::record::{NODES, VESSEL_FILE};
 use crate::terminal;
 use crate::tools::calibrate::list;
 
@@ -140,13 +144,7 @@ fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeCon
     Ok((config, found))
 }
 
-#[cfg(feature = "lab")]
 fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
-    use crate::record::entry::Entry;
-    use crate::record::reading::{Recording, contained};
-    use crate::record::{NODES, VESSEL_FILE};
-    use alight_shared::wire;
-
     contained(path, || {
         let recording = Recording::open(path)?;
         let config = match named {
@@ -167,15 +165,6 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeC
         let found = record.found(&config);
         Ok((config, found))
     })
-}
-
-#[cfg(not(feature = "lab"))]
-fn recorded(path: &Path, _: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
-    Err(CliError(format!(
-        "{}: this program is built without recordings; take the log of `alight vessel --log DIR`, or a computer with \
-         the whole program",
-        path.display()
-    )))
 }
 
 /// A table of poses: each column decays as its degree of freedom does.

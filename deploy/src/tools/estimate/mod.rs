@@ -15,7 +15,6 @@ use clap::Args;
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
-#[cfg(feature = "lab")]
 use crate::record::readings;
 use crate::terminal;
 use crate::terminal::note;
@@ -122,7 +121,6 @@ fn recorded(
     mount: &Mount,
 ) -> Result<(Recording, Option<VesselNodeConfig>), CliError> {
     let bytes = read(path)?;
-    #[cfg(feature = "lab")]
     if readings::is_mcap(&bytes) {
         drop(bytes);
         return readings::read(path).map(|(r, c)| (r, Some(c)));

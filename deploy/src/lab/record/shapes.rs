@@ -1,55 +1,12 @@
 //! Shapes of vessel, deck, drone and water as a `foxglove.SceneUpdate`.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_sim::harness::scenario::Scenario;
 use foxglove::messages::{
-    Color, CubePrimitive, CylinderPrimitive, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive,
-    Timestamp, Vector3,
+    Color, CubePrimitive, CylinderPrimitive, SceneEntity, SceneUpdate, SpherePrimitive, Timestamp,
 };
 use nalgebra::UnitQuaternion;
 
-/// Frames of the scene.
-pub mod frame {
-    /// Foxglove's fixed frame: east, north, up.
-    pub const WORLD: &str = "world";
-    /// The true NED.
-    pub const NED: &str = "ned";
-    /// The vessel's body.
-    pub const VESSEL: &str = "vessel";
-    /// The deck.
-    pub const DECK: &str = "deck";
-    /// The drone's body.
-    pub const DRONE: &str = "drone";
-    /// The camera.
-    pub const CAMERA: &str = "camera";
-    /// The NED of the drone's odometry, laid so that the odometry meets the true drone.
-    pub const DRONE_NED: &str = "drone_ned";
-}
-
-/// A vector.
-pub fn vector(v: [f64; 3]) -> Vector3 {
-    Vector3 {
-        x: v[0],
-        y: v[1],
-        z: v[2],
-    }
-}
-/// A rotation.
-pub fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
-    Quaternion {
-        x: q.i,
-        y: q.j,
-        z: q.k,
-        w: q.w,
-    }
-}
-/// A pose.
-pub fn pose(position: [f64; 3], attitude: &UnitQuaternion<f64>) -> Pose {
-    Pose {
-        position: Some(vector(position)),
-        orientation: Some(quaternion(attitude)),
-    }
-}
+use crate::record::geometry::{frame, pose, vector};
 
 fn color(r: f64, g: f64, b: f64, a: f64) -> Option<Color> {
     Some(Color { r, g, b, a })
@@ -63,7 +20,7 @@ fn cube(centre: [f64; 3], size: [f64; 3], color: Option<Color>) -> CubePrimitive
 }
 
 /// The scene at `timestamp`; shapes move with their frames.
-pub fn scene(timestamp: Timestamp, scenario: &Scenario) -> SceneUpdate {
+pub fn scene(timestamp: Timestamp, deck: &DeckGeometry, airframe: &DroneGeometry) -> SceneUpdate {
     let entity = |frame: &str, id: &str| SceneEntity {
         timestamp: Some(timestamp),
         frame_id: frame.into(),
@@ -72,17 +29,17 @@ pub fn scene(timestamp: Timestamp, scenario: &Scenario) -> SceneUpdate {
         ..SceneEntity::default()
     };
     let vessel = SceneEntity {
-        cubes: hulls(&scenario.deck),
+        cubes: hulls(deck),
         ..entity(frame::VESSEL, "vessel")
     };
-    let deck = SceneEntity {
-        cubes: deck(&scenario.deck),
+    let platform = SceneEntity {
+        cubes: deck_cubes(deck),
         ..entity(frame::DECK, "deck")
     };
     let drone = SceneEntity {
         cubes: vec![cube([0.0; 3], [0.3, 0.2, 0.1], color(0.2, 0.2, 0.2, 1.0))],
-        cylinders: rotors(&scenario.airframe),
-        spheres: feet(&scenario.airframe),
+        cylinders: rotors(airframe),
+        spheres: feet(airframe),
         ..entity(frame::DRONE, "drone")
     };
     let water = SceneEntity {
@@ -91,7 +48,7 @@ pub fn scene(timestamp: Timestamp, scenario: &Scenario) -> SceneUpdate {
     };
     SceneUpdate {
         deletions: Vec::new(),
-        entities: vec![vessel, deck, drone, water],
+        entities: vec![vessel, platform, drone, water],
     }
 }
 
@@ -109,7 +66,7 @@ fn hulls(deck: &DeckGeometry) -> Vec<CubePrimitive> {
         ),
     ]
 }
-fn deck(deck: &DeckGeometry) -> Vec<CubePrimitive> {
+fn deck_cubes(deck: &DeckGeometry) -> Vec<CubePrimitive> {
     let thickness = 0.06;
     let tag = deck.tag_side_m;
     let mut centre = deck.tag_centre_m;

@@ -1,0 +1,134 @@
+//! Recordings of simulated flights: what the world's tap shows, and the truth beside it.
+
+mod shapes;
+mod truth;
+
+use std::path::Path;
+
+use alight_bridge::{BridgeIn, BridgeOut};
+use alight_shared::frames::{DroneBody, VesselBody};
+use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::Tap;
+use alight_sim::harness::trial::{FlownTrial, Watch, fly_with};
+use alight_sim::harness::world::{BOOT, DRONE_ID, VESSEL_ID};
+use alight_sim::physics::body::RigidState;
+use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::{PlannerIn, PlannerOut};
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_usv::{VesselIn, VesselOut};
+
+use crate::config::DroneFile;
+use crate::exit::CliError;
+use crate::record::{DRONE_FILE, NODES, Recorder, VESSEL_FILE};
+use truth::TruthViews;
+
+/// Boot ids of the nodes in lock-step.
+pub const LOCK_STEP_BOOTS: [u32; NODES.len()] = [BOOT; NODES.len()];
+
+/// What is recorded.
+#[derive(Clone, Copy)]
+pub struct Subject<'a> {
+    /// The world.
+    pub scenario: &'a Scenario,
+    /// The nodes.
+    pub nodes: &'a NodeConfigs,
+    /// The seed.
+    pub seed: u64,
+    /// The sea as the person named it.
+    pub sea: &'a str,
+    /// Boot ids of the nodes, in the order of [`NODES`].
+    pub boots: [u32; NODES.len()],
+}
+
+/// Records a simulated flight.
+pub struct FlightRecorder {
+    recorder: Recorder,
+    truth: TruthViews,
+}
+
+/// Flies the subject's trial and records it to `path`.
+pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<FlownTrial, CliError> {
+    let mut recorder = FlightRecorder::create(path, subject)?;
+    let Subject {
+        scenario,
+        nodes,
+        seed,
+        sea,
+        boots: _,
+    } = *subject;
+    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut recorder)
+        .map_err(|e| CliError::because("setting up the trial", e))?;
+    recorder.finish(path, &flown.outcome)?;
+    Ok(flown)
+}
+
+impl FlightRecorder {
+    /// Creates the file and writes what does not change: configurations and initial state (a node
+    /// begins as its configuration makes it).
+    pub fn create(path: &Path, subject: &Subject<'_>) -> Result<FlightRecorder, CliError> {
+        let doing = |e: toml::ser::Error| CliError::because(format!("recording to {}", path.display()), e);
+        let drone = DroneFile {
+            bridge: subject.nodes.bridge.clone(),
+            drone: subject.nodes.drone.clone(),
+        };
+        let texts = [
+            (
+                VESSEL_FILE,
+                toml::to_string(&subject.nodes.vessel).map_err(doing)?,
+            ),
+            (DRONE_FILE, toml::to_string(&drone).map_err(doing)?),
+            ("scenario.toml", toml::to_string(subject.scenario).map_err(doing)?),
+        ];
+        let values = [
+            ("seed", subject.seed.to_string()),
+            ("sea", subject.sea.to_string()),
+            ("vessel_id", VESSEL_ID.to_string()),
+            ("drone_id", DRONE_ID.to_string()),
+        ];
+        let (recorder, truth) = Recorder::create(path, &texts, &values, subject.boots, |opening| {
+            TruthViews::new(opening, subject.scenario)
+        })?;
+        Ok(FlightRecorder { recorder, truth })
+    }
+    /// Ends the recording with what came out of the flight.
+    pub fn finish(self, path: &Path, outcome: &Outcome) -> Result<(), CliError> {
+        let ending = [
+            ("outcome", outcome.outcome.name().to_string()),
+            ("reason", outcome.reason.clone()),
+            ("digest", outcome.digest.clone()),
+        ];
+        self.recorder.finish(path, &ending)
+    }
+}
+
+impl Tap for FlightRecorder {
+    fn truth(
+        &mut self,
+        t: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        drone: Option<&RigidState<DroneBody>>,
+    ) {
+        self.truth.show(&mut self.recorder, t, vessel, drone);
+    }
+    fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &VesselIn, o: &VesselOut) {
+        self.recorder.vessel(t, now, i, o);
+    }
+    fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {
+        self.recorder.bridge(t, now, i, o);
+    }
+    fn predictor(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
+        self.recorder.predictor(t, now, i, o);
+    }
+    fn mission(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &MissionIn, o: &MissionOut) {
+        self.recorder.mission(t, now, i, o);
+    }
+    fn planner(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PlannerIn, o: &PlannerOut) {
+        self.recorder.planner(t, now, i, o);
+    }
+    fn pilot(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &PilotIn, o: &PilotOut) {
+        self.recorder.pilot(t, now, i, o);
+    }
+}

@@ -1,0 +1,534 @@
+//! What a person looks at of a node's steps: transforms, paths, states and numbers at display rates.
+
+use core::marker::PhantomData;
+
+use alight_bridge::BridgeOut;
+use alight_shared::msg::{
+    DeckForecast, DeckStage, DroneState, Motors, Plan, ReasonCode, SLOPE_STEP, SetPointKind, State,
+    VesselEstimate, WaveComponent, WaveModel,
+};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_uav::mission::{MissionIn, MissionOut};
+use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::PlannerOut;
+use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_usv::{VesselIn, VesselOut};
+use foxglove::Encode;
+use foxglove::messages::{
+    FrameTransform, FrameTransforms, Log, Odometry, PointCloud, Pose, PoseInFrame, PosesInFrame, Timestamp,
+    log,
+};
+use mcap::McapError;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use crate::record::geometry::{frame, pose, quaternion, vector};
+use crate::record::sink::{Channel, Opening, Sink};
+use crate::record::{cloud, schema};
+
+/// Periods of what is shown, ms: paths and states; attitudes and positions, near a drone and without.
+const SLOW_MS: i64 = 100;
+const FAST_MS: i64 = 40;
+const ALONE_MS: i64 = 200;
+
+/// A channel of messages `M`.
+pub struct Topic<M>(Channel, PhantomData<M>);
+
+impl<M: Encode> Topic<M> {
+    /// Opens it.
+    pub fn open(opening: &mut Opening, name: &str) -> Result<Topic<M>, McapError> {
+        let schema = M::get_schema().unwrap_or_else(|| foxglove::Schema::new("", "", &b""[..]));
+        let channel = opening.protobuf(name, (&schema.name, &schema.data))?;
+        Ok(Topic(channel, PhantomData))
+    }
+    /// Writes a message.
+    pub fn put(&self, sink: &mut Sink, t: Time<TrueTime>, message: &M) {
+        // A vector grows: the encoding cannot fail for lack of room.
+        let _encoded = sink.message(self.0, stamp(t), |to| message.encode(to));
+    }
+}
+
+/// Time of a message in the file: the world's time.
+pub fn stamp(t: Time<TrueTime>) -> u64 {
+    u64::try_from(t.nanos()).unwrap_or_default()
+}
+
+/// The same as Foxglove writes it.
+pub fn timestamp(t: Time<TrueTime>) -> Timestamp {
+    let ns = stamp(t);
+    let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
+    Timestamp::new_checked(seconds, (ns % 1_000_000_000) as u32).unwrap_or(Timestamp::MAX)
+}
+
+/// Whether `t` lies on the grid of a period.
+pub fn due(t: Time<TrueTime>, period_ms: i64) -> bool {
+    t.nanos() % (period_ms * 1_000_000) == 0
+}
+
+/// A transform between two frames.
+pub fn transform(
+    t: Time<TrueTime>,
+    parent: &str,
+    child: &str,
+    at: [f64; 3],
+    turned: &UnitQuaternion<f64>,
+) -> FrameTransform {
+    FrameTransform {
+        timestamp: Some(timestamp(t)),
+        parent_frame_id: parent.into(),
+        child_frame_id: child.into(),
+        translation: Some(vector(at)),
+        rotation: Some(quaternion(turned)),
+    }
+}
+
+/// Lets through what comes no more often than a period, whatever its own grid.
+struct Throttle {
+    last: Time<TrueTime>,
+}
+
+impl Throttle {
+    const NEW: Throttle = Throttle { last: Time::EPOCH };
+    fn passes(&mut self, t: Time<TrueTime>) -> bool {
+        let passes = (t - self.last).nanos() >= SLOW_MS * 1_000_000;
+        if passes {
+            self.last = t;
+        }
+        passes
+    }
+}
+
+/// Channels, and what was shown last.
+pub struct Views {
+    /// Transforms between frames.
+    pub transforms: Topic<FrameTransforms>,
+    forecast_path: Topic<PosesInFrame>,
+    forecast_points: Topic<PointCloud>,
+    plan_path: Topic<PosesInFrame>,
+    plan_points: Topic<PointCloud>,
+    log: Topic<Log>,
+    tag: Topic<PoseInFrame>,
+    vessel_odometry: Topic<Odometry>,
+    drone_odometry: Topic<Odometry>,
+    estimate: Topic<schema::VesselEstimate>,
+    wave: Topic<schema::WaveModel>,
+    imu: Topic<schema::Imu>,
+    gnss: Topic<schema::Gnss>,
+    heading: Topic<schema::Heading>,
+    uvdar: Topic<schema::Uvdar>,
+    range: Topic<schema::Range>,
+    link: Topic<schema::Link>,
+    forecast: Topic<schema::Forecast>,
+    mission: Topic<schema::Mission>,
+    solver: Topic<schema::Solver>,
+    autopilot: Topic<schema::Autopilot>,
+    set_point: Topic<schema::SetPoint>,
+    /// Where the drone truly is in the vessel's NED, when somebody knows.
+    pub true_drone: Option<[f64; 3]>,
+    shown_state: Option<(State, ReasonCode)>,
+    plan_at: Option<Time<DroneClock>>,
+    plans: Throttle,
+    estimates: Throttle,
+    forecasts: Throttle,
+}
+
+impl Views {
+    /// Opens all channels.
+    pub fn new(o: &mut Opening) -> Result<Views, McapError> {
+        Ok(Views {
+            transforms: Topic::open(o, "/tf")?,
+            forecast_path: Topic::open(o, "/deck/forecast/path")?,
+            forecast_points: Topic::open(o, "/points/forecast")?,
+            plan_path: Topic::open(o, "/plan/path")?,
+            plan_points: Topic::open(o, "/points/plan")?,
+            log: Topic::open(o, "/log")?,
+            tag: Topic::open(o, "/sensor/tag")?,
+            vessel_odometry: Topic::open(o, "/vessel/odometry")?,
+            drone_odometry: Topic::open(o, "/drone/odometry")?,
+            estimate: Topic::open(o, "/vessel/estimate")?,
+            wave: Topic::open(o, "/vessel/wave")?,
+            imu: Topic::open(o, "/sensor/imu")?,
+            gnss: Topic::open(o, "/sensor/gnss")?,
+            heading: Topic::open(o, "/sensor/heading")?,
+            uvdar: Topic::open(o, "/sensor/uvdar")?,
+            range: Topic::open(o, "/sensor/range")?,
+            link: Topic::open(o, "/link")?,
+            forecast: Topic::open(o, "/deck/forecast")?,
+            mission: Topic::open(o, "/mission")?,
+            solver: Topic::open(o, "/plan")?,
+            autopilot: Topic::open(o, "/drone/autopilot")?,
+            set_point: Topic::open(o, "/pilot/set_point")?,
+            true_drone: None,
+            shown_state: None,
+            plan_at: None,
+            plans: Throttle::NEW,
+            estimates: Throttle::NEW,
+            forecasts: Throttle::NEW,
+        })
+    }
+
+    /// Whether attitudes and positions are shown now: before the drone appears there is little to see.
+    pub fn fast(&self, t: Time<TrueTime>) -> bool {
+        due(
+            t,
+            if self.true_drone.is_some() {
+                FAST_MS
+            } else {
+                ALONE_MS
+            },
+        )
+    }
+
+    /// The vessel's sensors and its broadcast.
+    pub fn vessel(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &VesselIn, o: &VesselOut) {
+        if let (true, Some(imu)) = (self.fast(t), i.imu.last()) {
+            let view = schema::Imu {
+                gyro_radps: imu.gyro,
+                accelerometer_mps2: imu.accelerometer,
+            };
+            self.imu.put(sink, t, &view);
+        }
+        for fix in &i.gnss {
+            let view = schema::Gnss {
+                position_m: fix.position,
+                velocity_mps: fix.velocity,
+                position_sd_m: fix.position_sd,
+                velocity_sd_mps: fix.velocity_sd,
+            };
+            self.gnss.put(sink, t, &view);
+        }
+        for fix in &i.heading {
+            let view = schema::Heading {
+                heading_deg: fix.heading.to_degrees(),
+                heading_sd_deg: fix.heading_sd.to_degrees(),
+            };
+            self.heading.put(sink, t, &view);
+        }
+        if let Some(estimate) = o.estimate.as_ref().filter(|_| self.estimates.passes(t)) {
+            self.estimate(sink, t, estimate);
+        }
+        if let Some(w) = &o.wave {
+            self.wave.put(sink, t, &wave(w));
+        }
+    }
+
+    fn estimate<C: alight_shared::time::Clock>(
+        &self,
+        sink: &mut Sink,
+        t: Time<TrueTime>,
+        e: &VesselEstimate<C>,
+    ) {
+        let dot = e.eta_dot.map(f64::from);
+        let variance = e.covariance.map(|b| f64::from(b[0]));
+        let variance_dot = e.covariance.map(|b| f64::from(b[2]));
+        let [x, y, z, roll, pitch, yaw] = e.eta;
+        let view = schema::VesselEstimate {
+            eta: e.eta,
+            eta_dot: dot,
+            eta_ddot: e.eta_ddot.map(f64::from),
+            variance_eta: variance,
+            variance_eta_dot: variance_dot,
+            roll_deg: roll.to_degrees(),
+            pitch_deg: pitch.to_degrees(),
+            yaw_deg: yaw.to_degrees(),
+        };
+        self.estimate.put(sink, t, &view);
+        let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let velocity = q.inverse() * Vector3::new(dot[0], dot[1], dot[2]);
+        let odometry = Odometry {
+            timestamp: Some(timestamp(t)),
+            frame_id: frame::NED.into(),
+            body_frame_id: frame::VESSEL.into(),
+            pose: Some(pose([x, y, z], &q)),
+            linear_velocity: Some(vector(velocity.into())),
+            angular_velocity: None,
+            pose_covariance: diagonal(variance),
+            velocity_covariance: diagonal(variance_dot),
+            metadata: Vec::new(),
+        };
+        self.vessel_odometry.put(sink, t, &odometry);
+    }
+
+    /// The link.
+    pub fn bridge(&mut self, sink: &mut Sink, t: Time<TrueTime>, o: &BridgeOut) {
+        let Some(l) = &o.link else { return };
+        let view = schema::Link {
+            clock_offset_s: l.clock_offset_s,
+            clock_offset_sd_s: l.clock_offset_sd_s,
+            age_s: l.age_s,
+            loss: l.loss,
+            out_of_order: l.out_of_order,
+            latency_p50_s: l.latency_p50_s,
+            latency_p99_s: l.latency_p99_s,
+            rejected: l.rejected,
+        };
+        self.link.put(sink, t, &view);
+    }
+
+    /// The drone's sensors and the forecast.
+    pub fn predictor(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &PredictorIn, o: &PredictorOut) {
+        for tag in &i.tags {
+            let [w, x, y, z] = tag.attitude;
+            let q = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+            let view = PoseInFrame {
+                timestamp: Some(timestamp(t)),
+                frame_id: frame::CAMERA.into(),
+                pose: Some(pose(tag.position, &q)),
+            };
+            self.tag.put(sink, t, &view);
+        }
+        for fix in &i.uvdar {
+            let view = schema::Uvdar {
+                position_m: fix.position,
+                variance_m2: fix.variance,
+            };
+            self.uvdar.put(sink, t, &view);
+        }
+        if let Some(range) = i.ranges.last() {
+            let view = schema::Range {
+                range_m: range.range_m,
+                variance_m2: range.variance,
+            };
+            self.range.put(sink, t, &view);
+        }
+        if let (true, Some(d)) = (self.fast(t), &i.drone) {
+            self.odometry(sink, t, d);
+        }
+        // Not on a grid of its own: the forecast comes on the predictor's ticks, not on ours.
+        if let Some(f) = o.forecast.as_ref().filter(|_| self.forecasts.passes(t)) {
+            let poses = f
+                .stages
+                .iter()
+                .step_by(2)
+                .map(|s| stage_pose(s.position, s.euler));
+            let path = path(t, poses);
+            self.forecast_points
+                .put(sink, t, &cloud::forecast(timestamp(t), &path.poses));
+            self.forecast_path.put(sink, t, &path);
+            self.forecast.put(sink, t, &forecast(f));
+        }
+    }
+
+    fn odometry(&self, sink: &mut Sink, t: Time<TrueTime>, d: &DroneState) {
+        let square = |sd: [f64; 3]| sd.map(|s| s * s);
+        let ([a, b, c], [e, f, g]) = (square(d.position_sd), square(d.euler_sd));
+        let [h, i, j] = square(d.velocity_sd);
+        let q = d.attitude();
+        let odometry = Odometry {
+            timestamp: Some(timestamp(t)),
+            frame_id: frame::DRONE_NED.into(),
+            body_frame_id: frame::DRONE.into(),
+            pose: Some(pose(d.position, &q)),
+            linear_velocity: Some(vector((q.inverse() * d.velocity()).into())),
+            angular_velocity: Some(vector(d.rates)),
+            pose_covariance: diagonal([a, b, c, e, f, g]),
+            velocity_covariance: diagonal([h, i, j, 0.0, 0.0, 0.0]),
+            metadata: Vec::new(),
+        };
+        self.drone_odometry.put(sink, t, &odometry);
+        // Forecast and plan live in the drone's own NED: lay it so that the odometry meets the
+        // drone.
+        if let Some(at) = self.true_drone {
+            let offset = Vector3::from(at) - d.position();
+            let still = UnitQuaternion::identity();
+            let transforms = vec![transform(t, frame::NED, frame::DRONE_NED, offset.into(), &still)];
+            self.transforms.put(sink, t, &FrameTransforms { transforms });
+        }
+    }
+
+    /// The mission's state, and a line of log when state or reason change.
+    pub fn mission(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
+        if let Some(c) = &i.command {
+            self.line(sink, t, log::Level::Info, format!("command: {:?}", c.kind));
+        }
+        if let Some(a) = &i.autopilot {
+            let view = schema::Autopilot {
+                mode: format!("{:?}", a.mode),
+                armed: a.armed,
+                battery: a.battery,
+                thrust: a.thrust,
+                hover_thrust: a.hover_thrust,
+            };
+            self.autopilot.put(sink, t, &view);
+        }
+        let Some(m) = &o.state else { return };
+        let now = Some((m.state, m.waiting.code));
+        let entered = self.shown_state.map(|s| s.0) != Some(m.state);
+        if entered || self.shown_state != now || due(t, SLOW_MS) {
+            let (because, waiting) = (m.entered.to_string(), m.waiting.to_string());
+            if entered {
+                let level = match m.state {
+                    State::Hold => log::Level::Warning,
+                    State::GaveUp => log::Level::Error,
+                    State::Idle
+                    | State::GetAltitude
+                    | State::Approach
+                    | State::Tracking
+                    | State::TrackingStable
+                    | State::Descent
+                    | State::Flare
+                    | State::Landed => log::Level::Info,
+                };
+                self.line(sink, t, level, format!("{}: {because}", m.state.name()));
+            } else if self.shown_state != now && m.waiting.code != ReasonCode::None {
+                let text = format!("{} waits: {waiting}", m.state.name());
+                self.line(sink, t, log::Level::Debug, text);
+            }
+            let view = schema::Mission {
+                state: m.state.name().into(),
+                entered_because: because,
+                waiting_because: waiting,
+                state_number: m.state as u32,
+                attempts: m.attempts,
+                height_m: m.height_m,
+                descent_mps: m.descent_mps,
+            };
+            self.mission.put(sink, t, &view);
+        }
+        self.shown_state = now;
+    }
+
+    fn line(&self, sink: &mut Sink, t: Time<TrueTime>, level: log::Level, message: String) {
+        let line = Log {
+            timestamp: Some(timestamp(t)),
+            level: level.into(),
+            message,
+            name: "mission".into(),
+            ..Log::default()
+        };
+        self.log.put(sink, t, &line);
+    }
+
+    /// The plan and how it was found.
+    pub fn planner(&mut self, sink: &mut Sink, t: Time<TrueTime>, now: Time<DroneClock>, o: &PlannerOut) {
+        let Some(plan) = o.plan.as_ref().filter(|_| self.plans.passes(t)) else {
+            return;
+        };
+        self.solver.put(sink, t, &solver(plan, now));
+        let poses = plan
+            .stages
+            .iter()
+            .step_by(2)
+            .map(|s| stage_pose(s.position, s.euler));
+        let path = path(t, poses);
+        self.plan_points
+            .put(sink, t, &cloud::plan(timestamp(t), &path.poses));
+        self.plan_path.put(sink, t, &path);
+    }
+
+    /// What the autopilot is asked for.
+    pub fn pilot(
+        &mut self,
+        sink: &mut Sink,
+        t: Time<TrueTime>,
+        now: Time<DroneClock>,
+        i: &PilotIn,
+        o: &PilotOut,
+    ) {
+        if let Some(plan) = &i.plan {
+            self.plan_at = Some(plan.header.at);
+        }
+        if let Some(touchdown) = &o.touchdown {
+            let text = format!(
+                "touchdown confirmed, contact suspected {:.2} s before",
+                (touchdown.header.at - touchdown.suspected_at).secs()
+            );
+            self.line(sink, t, log::Level::Info, text);
+        }
+        let (true, Some(s)) = (self.fast(t), &o.set_point) else {
+            return;
+        };
+        let (roll, pitch, yaw) = s.attitude().euler_angles();
+        let view = schema::SetPoint {
+            kind: match s.kind {
+                SetPointKind::None => "none",
+                SetPointKind::Trajectory => "trajectory",
+                SetPointKind::Attitude => "attitude",
+            }
+            .into(),
+            motors: match s.motors {
+                Motors::Run => "run",
+                Motors::Stop => "stop",
+            }
+            .into(),
+            position_m: s.position,
+            velocity_mps: s.velocity,
+            acceleration_mps2: s.acceleration,
+            roll_deg: roll.to_degrees(),
+            pitch_deg: pitch.to_degrees(),
+            yaw_deg: yaw.to_degrees(),
+            thrust: s.thrust,
+            plan_age_s: self.plan_at.map(|at| (now - at).secs()),
+        };
+        self.set_point.put(sink, t, &view);
+    }
+}
+
+fn wave<C: alight_shared::time::Clock>(w: &WaveModel<C>) -> schema::WaveModel {
+    let of = |f: fn(&WaveComponent) -> f32| w.components.iter().map(|c| f64::from(f(c))).collect();
+    schema::WaveModel {
+        significant_height_m: f64::from(w.significant_height_m),
+        confidence: f64::from(w.confidence),
+        wave_following_deficit: f64::from(w.wave_following_deficit),
+        omega_radps: of(|c| c.omega),
+        direction_rad: of(|c| c.direction),
+        omega_encounter_radps: of(|c| c.omega_encounter),
+        apparent_slopes: w.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect(),
+    }
+}
+
+fn forecast(f: &DeckForecast) -> schema::Forecast {
+    let (now, ahead) = (f.stages.first(), f.at(f.header.at + Span::from_secs(1.0)));
+    let of = |stage: Option<&DeckStage>, sd: fn(&DeckStage) -> [f64; 3]| {
+        stage.map_or_else(Vec::new, |s| sd(s).to_vec())
+    };
+    schema::Forecast {
+        source: format!("{:?}", f.source),
+        radio_age_s: f.radio_age_s,
+        vision_age_s: f.vision_age_s,
+        tag_age_s: f.tag_age_s,
+        wave_confidence: f.wave_confidence,
+        wave_following_deficit: f.wave_following_deficit,
+        position_sd_m: of(now, |s| s.position_sd),
+        euler_sd_rad: of(now, |s| s.euler_sd),
+        ahead_1s_position_sd_m: of(ahead.as_ref(), |s| s.position_sd),
+        ahead_1s_heave_m: ahead.as_ref().map(|s| -s.position[2]),
+        ahead_1s_roll_deg: ahead.as_ref().map(|s| s.euler[0].to_degrees()),
+        ahead_1s_pitch_deg: ahead.as_ref().map(|s| s.euler[1].to_degrees()),
+        predicted_slopes: f
+            .predicted_slopes
+            .iter()
+            .map(|s| f64::from(*s) * SLOPE_STEP)
+            .collect(),
+    }
+}
+
+fn solver(plan: &Plan, now: Time<DroneClock>) -> schema::Solver {
+    schema::Solver {
+        solve: format!("{:?}", plan.solve),
+        iterations: plan.iterations,
+        touchdown_in_s: plan.touchdown_at.map(|at| (at - now).secs()),
+        alignment: plan.alignment,
+        stages: plan.stages.len() as u32,
+    }
+}
+
+fn stage_pose(position: [f64; 3], [roll, pitch, yaw]: [f64; 3]) -> Pose {
+    pose(position, &UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+}
+
+fn path(t: Time<TrueTime>, poses: impl Iterator<Item = Pose>) -> PosesInFrame {
+    PosesInFrame {
+        timestamp: Some(timestamp(t)),
+        frame_id: frame::DRONE_NED.into(),
+        poses: poses.collect(),
+    }
+}
+
+/// Row-major 6 x 6 with these variances on its diagonal.
+fn diagonal(variances: [f64; 6]) -> Vec<f64> {
+    let mut m = vec![0.0; 36];
+    for (i, v) in variances.iter().enumerate() {
+        m[7 * i] = *v;
+    }
+    m
+}

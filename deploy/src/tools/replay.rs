@@ -1,0 +1,154 @@
+//! `alight replay`: recorded inputs through new nodes, outputs compared bit for bit.
+
+use std::path::{Path, PathBuf};
+
+use alight_bridge::Bridge;
+use alight_shared::config;
+use alight_shared::node::Node;
+use alight_shared::time::Time;
+use alight_usv::VesselNode;
+use clap::Args;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::json;
+
+use crate::cells;
+use crate::config::{DroneComputer, VesselComputer};
+use crate::drone::autopilot;
+use crate::drone::mission::MissionShell;
+use crate::drone::pilot::PilotShell;
+use crate::drone::planner::PlannerShell;
+use crate::drone::predictor::PredictorShell;
+use crate::exit::{CliError, Exit};
+use crate::process::log::{LogError, LogHeader, LogReader};
+use crate::process::shell::Shell;
+use crate::record::reading::contained;
+use crate::record::replay::{NodeReplay, replay};
+use crate::table::{Table, verdict};
+use crate::terminal::{self, note};
+
+/// A recording to compute again.
+#[derive(Args, Debug)]
+pub struct ReplayArgs {
+    /// Recording (`alight trial --record FILE.mcap`), or logs of live processes (`--log DIR`)
+    #[arg(value_name = "FILE.mcap|DIR")]
+    pub path: PathBuf,
+    /// Print the result as one JSON object, the last line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Replays and reports.
+pub fn run(args: &ReplayArgs) -> Result<Exit, CliError> {
+    let path = &args.path;
+    let nodes = if path.is_dir() || path.extension().is_some_and(|e| e == "log") {
+        let logs = logs(path)?;
+        logs.iter()
+            .map(|log| replay_log(log))
+            .collect::<Result<Vec<_>, CliError>>()?
+    } else {
+        contained(path, || replay(path))?
+    };
+    let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
+    for n in &nodes {
+        table.row(cells![
+            n.node,
+            n.steps,
+            n.differs_at_step
+                .map_or_else(|| "-".into(), |step| step.to_string()),
+            n.differs_at_s.map_or_else(String::new, |t| format!("{t:.2} s")),
+        ]);
+    }
+    let differing = nodes.iter().filter(|n| n.differs_at_step.is_some());
+    let first = differing.min_by(|a, b| {
+        a.differs_at_s
+            .unwrap_or(0.0)
+            .total_cmp(&b.differs_at_s.unwrap_or(0.0))
+    });
+    let text = first.map_or_else(
+        || "bit-identical".to_string(),
+        |n| match n.differs_at_s {
+            Some(t) => format!("first difference: {} at {t:.2} s of the recording", n.node),
+            None => format!("the outputs of {} differ", n.node),
+        },
+    );
+    note(args.json, table.text());
+    if args.json {
+        terminal::line(json!({"identical": first.is_none(), "verdict": text, "nodes": nodes}));
+    } else {
+        terminal::line(verdict(&text, first.is_none()));
+    }
+    Ok(Exit::of(first.is_none()))
+}
+
+fn logs(path: &Path) -> Result<Vec<PathBuf>, CliError> {
+    if path.is_file() {
+        return Ok(vec![path.into()]);
+    }
+    let entries = std::fs::read_dir(path)
+        .map_err(|e| CliError::because(format!("reading the logs in {}", path.display()), e))?;
+    let mut logs: Vec<PathBuf> = entries
+        .flatten()
+        .map(|e| e.path())
+        .filter(|p| p.extension().is_some_and(|e| e == "log"))
+        // The truth, beside the logs of a landing that was recorded: no node computes it.
+        .filter(|p| {
+            !p.file_name()
+                .is_some_and(|n| n.to_string_lossy().starts_with("world-"))
+        })
+        .collect();
+    logs.sort();
+    if logs.is_empty() {
+        return Err(CliError(format!(
+            "{}: no log (*.log) there; `alight land --log DIR` writes some",
+            path.display()
+        )));
+    }
+    Ok(logs)
+}
+
+/// Replays one log of a process.
+fn replay_log(path: &Path) -> Result<NodeReplay, CliError> {
+    let reading = |e| CliError::because(format!("reading {}", path.display()), e);
+    let (log, head) = LogReader::open(path).map_err(reading)?;
+    let LogHeader {
+        process,
+        boot,
+        config,
+    } = head;
+    let origin = path.display().to_string();
+    let replayed = if process == "vessel" {
+        let c: VesselComputer = config::parse(&config, &origin)?;
+        through(log, VesselNode::new(&c.vessel, c.vessel_id, boot))
+    } else {
+        let c: DroneComputer = config::parse(&config, &origin)?;
+        match process.as_str() {
+            "bridge" => through(log, Bridge::new(&c.bridge, boot)),
+            "predictor" => through(log, PredictorShell::node(&c, boot)),
+            "mission" => through(log, MissionShell::node(&c, boot)),
+            "planner" => through(log, PlannerShell::node(&c, boot)),
+            "pilot" => through(log, PilotShell::node(&c, boot)),
+            "autopilot" => through(log, autopilot::node(&c, boot)),
+            other => {
+                return Err(CliError(format!(
+                    "{origin}: the log of a process {other:?}, which this program does not have"
+                )));
+            }
+        }
+    };
+    let (steps, differs_at_step) = replayed.map_err(reading)?;
+    let name = path.file_stem().unwrap_or_default();
+    Ok(NodeReplay {
+        node: name.to_string_lossy().into_owned(),
+        steps,
+        differs_at_s: None,
+        differs_at_step,
+    })
+}
+
+fn through<N>(log: LogReader, mut node: N) -> Result<(u64, Option<u64>), LogError>
+where
+    N: Node<In: DeserializeOwned, Out: Serialize>,
+{
+    log.replay(|now_ns, input| node.step(Time::from_nanos(now_ns), input))
+}
