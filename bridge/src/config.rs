@@ -10,13 +10,13 @@ config! {
         /// Our own identity: messages to other drones are refused.
         pub drone_id: u32 = 1;
         /// Rate of the link's state, Hz.
-        /// Source: Alight_shared::topics::LINK.
+        /// Source: `topics::LINK`.
         pub link_rate_hz: f64 = 10.0, in 0.1..=100.0;
         /// Window of the loss statistics, s.
-        /// Source: Ours: 150 estimates at 30 Hz.
+        /// Chosen: 150 estimates at 30 Hz.
         pub loss_window_s: f64 = 5.0, in 0.5..=60.0;
         /// A time of validity may lie this much beyond what the clock's bounds allow, s.
-        /// Source: Ours: ten times the resolution of a 100 Hz loop is not needed, one is.
+        /// Chosen: ten times the resolution of a 100 Hz loop is not needed, one is.
         pub future_margin_s: f64 = 0.01, in 0.0..=1.0;
         /// Clock offset.
         pub clock: ClockConfig;
@@ -27,22 +27,22 @@ config! {
     /// Offset of the two computers' clocks.
     pub struct ClockConfig {
         /// Rate of time requests, Hz.
-        /// Source: Alight_shared::topics::TIME_REQUEST.
+        /// Source: `topics::TIME_REQUEST`.
         pub request_rate_hz: f64 = 2.0, in 0.1..=20.0;
         /// A reply after a longer round trip is refused, s.
-        /// Source: Ours: forty times the default one-way delay of 50 ms.
+        /// Chosen: forty times the default one-way delay of 50 ms.
         pub max_round_trip_s: f64 = 2.0, in 0.05..=10.0;
         /// Exchanges older than this are forgotten, s.
-        /// Source: Ours: 60 exchanges; at 50 ppm the oldest is 1.5 ms worse than when it was made.
+        /// Chosen: 60 exchanges; at 50 ppm the oldest is 1.5 ms worse than when it was made.
         pub window_s: f64 = 30.0, in 2.0..=600.0;
         /// Greatest drift of one clock against the other, s/s.
         /// Source: Quartz oscillators with temperature: 20 ppm typical, 50 ppm allowed.
         pub max_drift: f64 = 50e-6, in 0.0..=1e-3;
         /// An offset that moved by more than this in both directions of travel is a step, s.
-        /// Source: Ours: the best of ten delays of 50 +- 20 ms varies by about 10 ms.
+        /// Chosen: the best of ten delays of 50 +- 20 ms varies by about 10 ms.
         pub step_s: f64 = 0.04, in 0.005..=1.0;
         /// The stated standard deviation is never smaller, s.
-        /// Source: Ours: a tenth of the world's 10 ms tick.
+        /// Chosen: a tenth of the world's 10 ms tick.
         pub min_sd_s: f64 = 0.001, in 1e-6..=0.1;
     }
 }

@@ -10,8 +10,8 @@ pub const GRAVITY: f64 = 9.806_65;
 config! {
     /// The landing deck, in the vessel's body frame (FRD, origin midships on the waterline at rest).
     ///
-    /// Defaults: The paper's vessel: deck 2.5 x 1.7 m with an AprilTag of 1 m side (Procházka 2024);
-    /// height of 1.3 m from the Virtual RobotX WAM-V.
+    /// Defaults: The paper's vessel: deck 2.5 x 1.7 m with an AprilTag of 1 m side (Procházka
+    /// 2024); height of 1.3 m from the Virtual RobotX WAM-V.
     #[derive(Copy)]
     pub struct DeckGeometry {
         /// Centre of the deck's upper surface, m.

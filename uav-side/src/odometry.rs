@@ -35,7 +35,7 @@ const DRIFT_GAIN: f64 = 0.1;
 config! {
     /// How softly the smooth odometry is held to the autopilot's.
     ///
-    /// Defaults: Ours. Softer gains leave less noise over a second and a larger error of velocity, which
+    /// Chosen: Softer gains leave less noise over a second and a larger error of velocity, which
     /// the camera then has to find.
     #[derive(Copy)]
     pub struct OdometryConfig {

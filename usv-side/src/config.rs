@@ -11,7 +11,7 @@ config! {
     /// The inertial sensor as the estimator is told.
     pub struct ImuConfig {
         /// Place in the vessel's body frame, m.
-        /// Source: Ours: in the payload tray, off the middle.
+        /// Chosen: in the payload tray, off the middle.
         pub lever_arm_m: [f64; 3] = [0.3, 0.1, -0.3], in -50.0..=50.0;
         /// White noise of the gyroscope per sample, rad/s.
         /// Source: Virtual RobotX WAM-V.
@@ -21,15 +21,15 @@ config! {
         /// White noise of the accelerometer per sample, m/s².
         pub accelerometer_sd_mps2: f64 = 0.021, in 1e-6..=10.0;
         /// Spread of the accelerometer's bias, misalignment of the sensor with the deck included, m/s².
-        /// Source: Virtual RobotX: 0.05; ours for misalignment with the deck, 0.2 deg (a spirit level) in
-        /// gravity.
+        /// Source: Virtual RobotX: 0.05; ours for misalignment with the deck, 0.2 deg (a spirit
+        /// level) in gravity.
         pub accelerometer_bias_sd_mps2: f64 = 0.06, in 0.0..=10.0;
         /// Correlation time of both biases, s.
-        /// Source: Ours, far shorter than real biases last: a heading that swings makes them seem observable,
-        /// because the correlation of roll with pitch is not kept.
+        /// Chosen: far shorter than real biases last: a heading that swings makes them seem
+        /// observable, because the correlation of roll with pitch is not kept.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
         /// Without a sample for so long the estimate is withheld, s.
-        /// Source: Ours: a fifth of a wave period.
+        /// Chosen: a fifth of a wave period.
         pub timeout_s: f64 = 1.0, in 0.05..=60.0;
     }
 }
@@ -38,15 +38,15 @@ config! {
     /// The GNSS receiver as the estimator is told. Its noise comes with every fix.
     pub struct GnssConfig {
         /// Antenna in the vessel's body frame, m.
-        /// Source: Ours: on a mast behind and above the deck.
+        /// Chosen: on a mast behind and above the deck.
         pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
         /// Spread of the slow bias of the height, m.
-        /// Source: Issue 2: 1 m with 300 s.
+        /// Source: 1 m with 300 s.
         pub height_bias_sd_m: f64 = 1.0, in 0.0..=100.0;
         /// Its correlation time, s.
         pub height_bias_time_s: f64 = 300.0, in 1.0..=1e6;
         /// A fix that is older is refused, s.
-        /// Source: Ours: a late fix is compared with the state rolled back by a second-order series.
+        /// Chosen: a late fix is compared with the state rolled back by a second-order series.
         pub max_age_s: f64 = 0.3, in 0.01..=1.0;
     }
 }
@@ -55,7 +55,7 @@ config! {
     /// The heading sensor as the estimator is told. Its white noise comes with every measurement.
     pub struct HeadingConfig {
         /// Spread of its slow bias, deg.
-        /// Source: Ours: compass deviation after a calibration.
+        /// Chosen: compass deviation after a calibration.
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of that bias, s.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
@@ -68,14 +68,13 @@ config! {
     /// How often the vessel speaks.
     pub struct BroadcastConfig {
         /// State estimates, Hz.
-        /// Source: Issue 2.
         pub estimate_hz: f64 = 30.0, in 1.0..=100.0;
         /// Wave models, Hz.
         pub wave_hz: f64 = 5.0, in 0.1..=50.0;
         /// Predictions, Hz.
         pub prediction_hz: f64 = 2.0, in 0.1..=50.0;
         /// Time between the stages of a prediction, s.
-        /// Source: Ours: 15 stages reach 2.8 s, past the planner's 2 s horizon.
+        /// Chosen: 15 stages reach 2.8 s, past the planner's 2 s horizon.
         pub prediction_step_s: f64 = 0.2, in 0.02..=2.0;
         /// Less while the link backs up.
         pub rate_control: RateControlConfig;

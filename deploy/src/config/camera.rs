@@ -18,7 +18,7 @@ config! {
         pub rate_hz: f64 = 30.0, in 1.0..=120.0;
         /// From the middle of the exposure to the image's time stamp (V4L2: the driver's, else: the
         /// arrival), s.
-        /// Source: Ours: half an exposure and the transfer of a USB camera.
+        /// Chosen: half an exposure and the transfer of a USB camera.
         pub delay_s: f64 = 0.02, in 0.0..=1.0;
     }
     check |this, at| {

@@ -9,8 +9,8 @@ config! {
     /// How the drone's processes are run.
     pub struct Supervision {
         /// Real-time priority (SCHED_FIFO) of the pilot and of the autopilot's link where the system permits it; 0: none.
-        /// Source: Above the planner: a set-point takes microseconds, a plan milliseconds. Both below the
-        /// kernel's own threads (50).
+        /// Source: Above the planner: a set-point takes microseconds, a plan milliseconds. Both
+        /// below the kernel's own threads (50).
         pub pilot_priority: u8 = 30, in 0.0..=49.0;
         /// The same of the planner.
         pub planner_priority: u8 = 20, in 0.0..=49.0;

@@ -52,17 +52,17 @@ config! {
         /// Endpoints to dial, such as `udp/192.168.7.1:7447`; a drone's.
         pub connect: Vec<String> = Vec::new();
         /// A link over datagrams that carries nothing for this long is given up, s.
-        /// Source: Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after an
+        /// Measured: with 10 s (the middleware's default) TCP delivers a backlog of 5.5 s after an
         /// outage of 5 s, with 2 s what comes is fresh.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
         /// The same of a link over a stream or QUIC, which may only wait for a retransmission, s.
-        /// Source: Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and goes
-        /// on within 5 s by itself, while a new session takes 2 to 10 s.
+        /// Measured at 30 % loss and 100 ms: a stream is silent for more than 2 s every 20 s and
+        /// goes on within 5 s by itself, while a new session takes 2 to 10 s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
         /// A session over datagrams without any message for this long is opened anew, s; one over a stream or
         /// QUIC is left the time of its lease and of one attempt to open beside. A session that brings only what
         /// is older than this, for as long and its lease, is opened anew too.
-        /// Source: Ours: a lease, the slowest retry, and as much again.
+        /// Chosen: a lease, the slowest retry, and as much again.
         pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
         /// Certificates, for endpoints that begin with `quic/`.
         pub tls: TlsConfig = TlsConfig::default();

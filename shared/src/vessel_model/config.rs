@@ -22,14 +22,14 @@ config! {
     /// Figures of the wave-augmented model. Arrays in the order surge, sway, heave, roll, pitch, yaw.
     pub struct VesselModelConfig {
         /// Diagonal of M, rigid body and added mass: kg, kg m².
-        /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass in the
-        /// proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7.
+        /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass
+        /// in the proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7.
         pub inertia_kg_kgm2: [f64; 6] = [232.0, 528.0, 422.0, 144.0, 707.0, 1204.0], in 0.1..=1e9;
         /// Off-diagonal pairs of M.
         pub inertia_coupling: Vec<Coupling> = Vec::new();
         /// Diagonal of D: N/(m/s), Nm/(rad/s).
-        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave, roll, pitch: relative damping 0.3, 0.2,
-        /// 0.4 of the Otter.
+        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave, roll, pitch: relative damping
+        /// 0.3, 0.2, 0.4 of the Otter.
         pub damping_npmps_nmpradps: [f64; 6] = [51.3, 40.0, 2239.0, 898.0, 4147.0, 400.0], in 0.0..=1e9;
         /// Off-diagonal pairs of D.
         pub damping_coupling: Vec<Coupling> = Vec::new();
@@ -39,29 +39,30 @@ config! {
         /// Off-diagonal pairs of G, between stiff degrees of freedom only.
         pub stiffness_coupling: Vec<Coupling> = Vec::new();
         /// Damping ratio lambda of an identified wave component.
-        /// Source: Ours, far below Fossen's 0.05 to 0.1, which are for a single component that stands for a
-        /// whole spectrum; identified components keep their phase for hundreds of periods, and what this lets
-        /// in as noise is what a prediction's spread grows by.
+        /// Chosen: far below Fossen's 0.05 to 0.1, which are for a single component that stands for
+        /// a whole spectrum; identified components keep their phase for hundreds of periods, and
+        /// what this lets in as noise is what a prediction's spread grows by.
         pub wave_damping: f64 = 0.0005, in 1e-4..=1.0;
         /// Damping ratio of the components of the broad default bank.
         /// Source: Fossen 2011, section 8.2.6: 0.05 to 0.1.
         pub bank_damping: f64 = 0.1, in 1e-4..=1.0;
         /// Angular frequencies of the broad default bank, rad/s.
-        /// Source: Ours: periods of 7.9 to 2.5 s, log-spaced.
+        /// Chosen: periods of 7.9 to 2.5 s, log-spaced.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
         /// Standard deviation of each of the bank's components in heave, m.
-        /// Source: Ours: the five together make a sea of 1.3 m significant height.
+        /// Chosen: the five together make a sea of 1.3 m significant height.
         pub bank_heave_sd_m: f64 = 0.15, in 1e-3..=10.0;
         /// Standard deviation of the disturbance: m/s² (surge, sway), m, rad, rad, rad/s².
-        /// Source: Ours, tuned on the simulated vessel. A hull that floats on the water has next to none of
-        /// its own in heave and tilt; where innovations show more the estimator widens them.
-        pub disturbance_sd_mps2_m_rad_radps2: [f64; 6] = [0.12, 0.12, 0.004, 0.003, 0.003, 0.05], in 0.0..=10.0;
+        /// Chosen: tuned on the simulated vessel. A hull that floats on the water has next to none
+        /// of its own in heave and tilt; where innovations show more the estimator widens them.
+        pub disturbance_sd_mps2_m_rad_radps2: [f64; 6] =
+            [0.12, 0.12, 0.004, 0.003, 0.003, 0.05], in 0.0..=10.0;
         /// Correlation time of the disturbance, s.
         pub disturbance_time_s: [f64; 6] = [2.0, 2.0, 0.5, 0.5, 0.5, 1.0], in 0.05..=1e3;
         /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
-        /// Source: Ours. Small for the stiff ones: the hull follows at once, and accelerometers would have
-        /// felt it. The wander of a GNSS height is no motion and no business of this model: heave is reckoned
-        /// from the mean water level, to which a hull of constant load returns.
+        /// Chosen: Small for the stiff ones: the hull follows at once, and accelerometers would
+        /// have felt it. The wander of a GNSS height is no motion and no business of this model:
+        /// heave is reckoned from the mean water level, to which a hull of constant load returns.
         pub slow_walk_mps_m_rad_radps: [f64; 6] = [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01], in 0.0..=10.0;
         /// Initial standard deviation of the slow state, same units.
         pub slow_sd_mps_m_rad_radps: [f64; 6] = [2.0, 2.0, 3.0, 0.03, 0.03, 0.1], in 0.0..=100.0;

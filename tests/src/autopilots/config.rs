@@ -22,22 +22,20 @@ config! {
         /// Source: PX4's THR_MDL_FAC 0; ArduPilot: MOT_THST_EXPO 0.
         pub thrust_curve: f64 = 0.0, in 0.0..=1.0;
         /// Below this share of thrust on all rotors the motors are off.
-        /// Source: Ours.
         pub off_below: f64 = 0.01, in 0.0..=0.2;
         /// Pulse widths that mean no and full thrust, us (ArduPilot).
         /// Source: MOT_PWM_MIN, MOT_PWM_MAX.
         pub pwm_us: [f64; 2] = [1000.0, 2000.0], in 500.0..=2500.0;
         /// Magnetic field, NED, gauss.
-        /// Source: About 43.5 N 16.3 E (World Magnetic Model): declination 4.7 deg, inclination 60 deg.
+        /// Source: About 43.5 N 16.3 E (World Magnetic Model): declination 4.7 deg, inclination 60
+        /// deg.
         pub field_gauss: [f64; 3] = [0.235, 0.019, 0.409], in -1.0..=1.0;
         /// White noise of the magnetometer, gauss.
-        /// Source: Ours.
         pub magnetometer_gauss: f64 = 0.002, in 0.0..=0.1;
         /// White noise of the barometer, hPa.
-        /// Source: Ours: 8 cm.
+        /// Chosen: 8 cm.
         pub barometer_hpa: f64 = 0.01, in 0.0..=1.0;
         /// A firmware that does not answer within this time is not waited for, s.
-        /// Source: Ours.
         pub answer_timeout_s: f64 = 0.05, in 0.001..=10.0;
     }
     check |this, at| {

@@ -109,7 +109,8 @@ config! {
         #[serde(skip_serializing_if = "Option::is_none")]
         pub pilot_outage: Option<StateOutage> = None;
         /// From the planner's step to the plan's arrival at the pilot, s.
-        /// Source: One period of the planner at 50 Hz: the plan is used one period after its inputs.
+        /// Source: One period of the planner at 50 Hz: the plan is used one period after its
+        /// inputs.
         pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
         /// The world runs on for so long after the outcome is known, s.
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;

@@ -90,13 +90,13 @@ config! {
     /// The radio, both directions.
     pub struct RadioConfig {
         /// Mean of the delay before truncation, s.
-        /// Source: Issue 2: 50 +- 20 ms, 2 % loss.
+        /// Source: 50 +- 20 ms, 2 % loss.
         pub delay_s: f64 = 0.05, in 0.0..=10.0;
         /// Its standard deviation, s. Delays are independent, so packets overtake each other, unless
         /// the link keeps their order.
         pub delay_sd_s: f64 = 0.02, in 0.0..=10.0;
         /// Shortest delay, s.
-        /// Source: Ours: time on air and in two network stacks.
+        /// Chosen: time on air and in two network stacks.
         pub delay_min_s: f64 = 0.005, in 0.0..=10.0;
         /// More delay from vessel to drone, s.
         pub to_drone_extra_s: f64 = 0.0, in 0.0..=10.0;
@@ -107,15 +107,15 @@ config! {
         /// Share of the packets that are lost in bursts beside (Gilbert-Elliott).
         pub burst_loss: f64 = 0.0, in 0.0..=0.95;
         /// Mean length of a burst, packets.
-        /// Source: Ours: a deep fade or a wave crest in the way, a quarter of a second at 40 packets/s.
+        /// Chosen: a deep fade or a wave crest in the way, a quarter of a second at 40 packets/s.
         pub burst_packets: f64 = 10.0, in 1.0..=1e5;
         /// Probability that a packet that is not lost comes twice.
-        /// Source: Ours: datagrams come twice now and then.
+        /// Chosen: datagrams come twice now and then.
         pub duplicate: f64 = 0.001, in 0.0..=1.0;
         /// Bits per second that pass, IP headers included; 0: without limit.
         pub rate_bps: f64 = 0.0, in 0.0..=1e12;
         /// Bytes that wait before a slow link at most; what comes on top is lost.
-        /// Source: Ours: as small as radio modems have it; half a second at 64 kbit/s.
+        /// Chosen: as small as radio modems have it; half a second at 64 kbit/s.
         pub queue_bytes: u32 = 4096, in 100.0..=1e9;
         /// Packets arrive in the order in which they were sent.
         pub keep_order: bool = false;
@@ -124,8 +124,8 @@ config! {
         /// How a stream answers a loss.
         pub congestion: Congestion = Congestion::Bbr;
         /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
-        /// Source: What was under way at most on a running kernel whose socket was asked for the 16 kB of
-        /// `alight_shared::transport::radio`: 46 segments of 290 B.
+        /// Source: What was under way at most on a running kernel whose socket was asked for the 16
+        /// kB of `alight_shared::transport::radio`: 46 segments of 290 B.
         pub stream_buffer_bytes: u32 = 14_000;
         /// A session over datagrams that hears nothing for this long is closed and opened anew, s.
         /// Source: `alight_shared::transport::radio`.

@@ -11,8 +11,6 @@ use crate::physics::streams::Streams;
 
 config! {
     /// What the camera's mount is wrong by, unknown to the nodes.
-    ///
-    /// Defaults: Issue 2.
     #[derive(Copy)]
     pub struct CameraMountConfig {
         /// Standard deviation of the rotation about each of the camera's axes, drawn per seed, deg.

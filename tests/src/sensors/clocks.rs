@@ -11,10 +11,9 @@ config! {
     #[derive(Copy)]
     pub struct ClockConfig {
         /// Both clocks read about this at the true time zero, s.
-        /// Source: Ours: no node may take its clock to begin at zero.
+        /// Chosen: no node may take its clock to begin at zero.
         pub epoch_s: f64 = 100.0, in 0.0..=1e9;
         /// Drone clock minus vessel clock at the true time zero is uniform within this, s.
-        /// Source: Issue 2.
         pub offset_s: f64 = 0.5, in 0.0..=3600.0;
         /// The clocks drift apart by this much, either way, parts per million.
         pub drift_ppm: f64 = 20.0, in 0.0..=500.0;

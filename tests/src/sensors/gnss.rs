@@ -77,16 +77,15 @@ config! {
         /// Source: Procházka 2024: GNSS at 10 Hz.
         pub rate_hz: f64 = 10.0, in 0.1..=100.0;
         /// From measurement to arrival at the estimator, s.
-        /// Source: Ours: usual for a receiver over a serial line.
+        /// Chosen: usual for a receiver over a serial line.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
         /// Antenna in the vessel's body frame, as the estimator is told, m.
-        /// Source: Ours: on a mast behind and above the deck.
+        /// Chosen: on a mast behind and above the deck.
         pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
         /// Standard deviation of what `antenna_m` is wrong by, each axis, drawn per seed, m.
-        /// Source: Ours: a tape measure.
+        /// Chosen: a tape measure.
         pub antenna_error_sd_m: f64 = 0.01, in 0.0..=1.0;
         /// Probability that a fix is missing.
-        /// Source: Ours.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Vec<[f64; 2]> = Vec::new();

@@ -16,15 +16,13 @@ config! {
     /// The vessel's heading sensor.
     pub struct VesselHeadingConfig {
         /// Measurements per second.
-        /// Source: Ours.
         pub rate_hz: f64 = 10.0, in 0.1..=100.0;
         /// From measurement to arrival at the estimator, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
         /// White noise, deg.
-        /// Source: Issue 2.
         pub white_sd_deg: f64 = 1.0, in 0.0..=45.0;
         /// Standard deviation of the slow bias (deviation, mounting), deg.
-        /// Source: Ours: a compass is never free of it, and averaging does not remove it.
+        /// Chosen: a compass is never free of it, and averaging does not remove it.
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of the slow bias, s.
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e9;

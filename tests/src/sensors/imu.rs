@@ -21,13 +21,13 @@ config! {
         /// Source: Procházka 2024: IMU at 100 Hz.
         pub rate_hz: f64 = 100.0, in 1.0..=100.0;
         /// From measurement to arrival at the estimator, s.
-        /// Source: Ours: within one step of the estimator.
+        /// Chosen: within one step of the estimator.
         pub latency_s: f64 = 0.0, in 0.0..=2.0;
         /// Place in the vessel's body frame, as the estimator is told, m.
-        /// Source: Ours: in the payload tray, off the middle.
+        /// Chosen: in the payload tray, off the middle.
         pub lever_arm_m: [f64; 3] = [0.3, 0.1, -0.3], in -50.0..=50.0;
         /// Standard deviation of what `lever_arm_m` is wrong by, each axis, drawn per seed, m.
-        /// Source: Ours: a tape measure, a spirit level.
+        /// Chosen: a tape measure, a spirit level.
         pub lever_arm_error_sd_m: f64 = 0.01, in 0.0..=1.0;
         /// Standard deviation of the misalignment with the hull, each axis, drawn per seed, deg.
         pub alignment_sd_deg: f64 = 0.2, in 0.0..=20.0;
@@ -41,7 +41,7 @@ config! {
         /// Standard deviation of the accelerometer's bias, each axis, m/s².
         pub accelerometer_bias_sd_mps2: f64 = 0.05, in 0.0..=10.0;
         /// Correlation time of both biases, s.
-        /// Source: Ours: all but constant over a landing.
+        /// Chosen: all but constant over a landing.
         pub bias_correlation_s: f64 = 3600.0, in 1.0..=1e9;
         /// Probability that a sample is missing.
         pub dropout: f64 = 0.0, in 0.0..=1.0;

@@ -18,7 +18,7 @@ config! {
     /// The rangefinder.
     pub struct RangefinderConfig {
         /// Readings per second.
-        /// Source: Ours: a usual small lidar.
+        /// Chosen: a usual small lidar.
         pub rate_hz: f64 = 50.0, in 0.1..=100.0;
         /// From measurement to arrival, s.
         pub latency_s: f64 = 0.01, in 0.0..=2.0;
@@ -27,10 +27,8 @@ config! {
         /// Nearest reading, m; below it there is none.
         pub min_range_m: f64 = 0.05;
         /// White noise, m.
-        /// Source: Issue 2.
         pub white_sd_m: f64 = 0.03, in 0.0..=5.0;
         /// Probability that a reading from the deck is missing.
-        /// Source: Ours.
         pub deck_miss: f64 = 0.005, in 0.0..=1.0;
         /// Probability that a reading from the water is missing: water mirrors the beam away.
         pub water_miss: f64 = 0.2, in 0.0..=1.0;

@@ -34,7 +34,7 @@ config! {
     /// The tag detector and its camera.
     pub struct TagConfig {
         /// Frames per second.
-        /// Source: Issue 2: 30 Hz, 50 ms late, 1 px at 640 x 480.
+        /// Source: 30 Hz, 50 ms late, 1 px at 640 x 480.
         pub rate_hz: f64 = 30.0, in 0.1..=100.0;
         /// From exposure to delivery, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
@@ -43,11 +43,12 @@ config! {
         /// Image height, px.
         pub height_px: f64 = 480.0, in 16.0..=1e4;
         /// Horizontal field of view, deg.
-        /// Source: Ours: a usual wide lens without fisheye.
+        /// Chosen: a usual wide lens without fisheye.
         pub fov_deg: f64 = 90.0, in 10.0..=150.0;
         /// Noise of each coordinate of each corner of a large, sharp tag, px.
-        /// Source: Rendered images give 0.072 to a large, sharp tag. More, because no lens is calibrated
-        /// perfectly and no paint is flat; the camera's mount is wrong by far more than that.
+        /// Source: Rendered images give 0.072 to a large, sharp tag. More, because no lens is
+        /// calibrated perfectly and no paint is flat; the camera's mount is wrong by far more than
+        /// that.
         pub corner_sd_px: f64 = 0.1, in 1e-6..=20.0;
         /// What is added to it (root of squares) for a tag of [`TagConfig::small_width_px`] or less, px.
         /// Source: Rendered images, these six.
@@ -57,7 +58,8 @@ config! {
         /// What motion adds, as a share of blur²/width.
         pub blur_sd: f64 = 0.2, in 0.0..=20.0;
         /// The detector states at least this much, px.
-        /// Source: The camera node states 0.15 for a large, sharp tag; ours, on the safe side of it.
+        /// Source: The camera node states 0.15 for a large, sharp tag; ours, on the safe side of
+        /// it.
         pub stated_sd_px: f64 = 0.2, in 1e-6..=20.0;
         /// Narrowest width of the tag in the image at which half of the frames are decoded, px: this limits
         /// range and, with the width that an oblique view leaves, incidence.

@@ -30,7 +30,6 @@ config! {
     /// The UVDAR system. Its fixes are given in the frame of the belly camera.
     pub struct UvdarConfig {
         /// Fixes per second.
-        /// Source: Issue 2.
         pub rate_hz: f64 = 20.0, in 0.1..=100.0;
         /// From exposure to delivery, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
@@ -40,7 +39,7 @@ config! {
         /// Nearest distance, m: nearer, the markers leave the image.
         pub min_range_m: f64 = 1.5, in 0.1..=500.0;
         /// Full cone of the fisheye lens, deg.
-        /// Source: Ours: one fisheye lens that sees from straight ahead to straight down and behind.
+        /// Chosen: one fisheye lens that sees from straight ahead to straight down and behind.
         pub fov_deg: f64 = 180.0, in 10.0..=360.0;
         /// Its axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in 0.0..=90.0;
@@ -60,7 +59,6 @@ config! {
         pub stated_distance_sd: f64 = 0.07, in 1e-4..=1.0;
         /// Correlation time of the distance error, s: its cause, the markers' apparent geometry,
         /// changes slowly.
-        /// Source: Ours.
         pub distance_correlation_s: f64 = 0.5, in 1e-3..=1e4;
         /// Probability that a fix is missing.
         /// Source: Rendered markers: in the other images some marker is dark.

@@ -20,7 +20,7 @@ amplitude; pitch: amplitude over wave slope. A particle of the water has 1, 1 an
 config! {
     /// What to simulate.
     ///
-    /// Defaults: Ours: from shorter than the hull to thirty times it; waves of 2 % steepness.
+    /// Chosen: from shorter than the hull to thirty times it; waves of 2 % steepness.
     pub struct RaoConfig {
         /// Wave lengths, m.
         pub wavelengths_m: Vec<f64> = vec![

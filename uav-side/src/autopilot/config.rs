@@ -25,7 +25,6 @@ config! {
         /// Source: PX4's onboard API link.
         pub connect: String = "udpin://0.0.0.0:14540".into();
         /// System that is listened to; 0: the first autopilot that is heard.
-        /// Source: Ours.
         pub vehicle: u8 = 0;
         /// Our system number; 0: the vehicle's, as a companion computer has it.
         /// Source: MAVLink's convention for companions.
@@ -37,56 +36,50 @@ config! {
         pub odometry_hz: f64 = 100.0, in 20.0..=500.0;
         /// Heartbeats asked of ArduCopter, Hz: a change of mode is known within their period. (PX4 keeps to
         /// 1 Hz, and tells a change of mode in `CURRENT_MODE`.)
-        /// Source: Ours: take-over within 100 ms.
+        /// Chosen: take-over within 100 ms.
         pub heartbeat_hz: f64 = 20.0, in 1.0..=50.0;
         /// Rangefinder asked for, Hz.
-        /// Source: Topics::RANGE.
+        /// Source: `topics::RANGE`.
         pub range_hz: f64 = 50.0, in 1.0..=200.0;
         /// Set-points sent at most, Hz.
-        /// Source: Topics::SET_POINT; 50 at least is flown.
+        /// Source: `topics::SET_POINT`; 50 at least is flown.
         pub set_point_hz: f64 = 100.0, in 50.0..=400.0;
         /// Without a heartbeat for this long the link is lost, s.
-        /// Source: Ours: one of the usual 1 Hz may be missed in part.
+        /// Chosen: one of the usual 1 Hz may be missed in part.
         pub heartbeat_loss_s: f64 = 1.5, in 0.2..=10.0;
         /// Without an inertial sample or odometry for this long no set-points are sent, s.
-        /// Source: Topics::DRONE_STATE.
+        /// Source: `topics::DRONE_STATE`.
         pub odometry_loss_s: f64 = 0.2, in 0.05..=2.0;
         /// After a person took over nothing is offered for this long, s.
-        /// Source: Ours.
         pub quiet_s: f64 = 2.0, in 0.5..=60.0;
         /// Questions about clocks, Hz.
-        /// Source: Ours.
         pub timesync_hz: f64 = 5.0, in 0.5..=50.0;
         /// Answers to them that took longer are not used, s.
-        /// Source: Ours: 0.06 s each way is still flown (tests/tests/mavlink.rs).
+        /// Chosen: 0.06 s each way is still flown (tests/tests/mavlink.rs).
         pub timesync_limit_s: f64 = 0.25, in 0.002..=1.0;
         /// Body rates go with attitude set-points. PX4 drops them; ArduCopter 4.6 and 4.7 turn them by the
         /// attitude once too often, so that at a heading of 180 deg they work against it.
-        /// Source: Measured: with ArduCopter 4.7 0 of 2 landed with them.
+        /// Measured: with ArduCopter 4.7 0 of 2 landed with them.
         pub send_rates: bool = false;
         /// Share of the square in the autopilot's thrust curve `T = f u² + (1 - f) u` that it does not
         /// make up for itself (PX4: THR_MDL_FAC is its own correction, then 0).
         /// Source: The autopilot's own correction.
         pub thrust_curve: f64 = 0.0, in 0.0..=1.0;
         /// Hover thrust before it is known, the autopilot's measure, 0 to 1.
-        /// Source: Ours.
         pub hover_thrust: f64 = 0.4, in 0.05..=0.9;
         /// Time constant of the hover thrust's estimate, s.
-        /// Source: Ours: settles as PX4's hover thrust estimator does.
+        /// Chosen: settles as PX4's hover thrust estimator does.
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
         /// Standard deviations where the autopilot tells none: position (m), velocity (m/s), attitude
         /// (rad).
-        /// Source: Ours.
         pub odometry_sd: [f64; 3] = [0.3, 0.1, 0.02], in 1e-4..=10.0;
         /// Standard deviation of the rangefinder where it tells none, m.
-        /// Source: Ours.
         pub range_sd_m: f64 = 0.02, in 0.001..=1.0;
         /// Height of mean sea level above the ellipsoid (geoid) at this place, m: the autopilot tells its
         /// origin above the one, a datum is above the other.
-        /// Source: Ours: of the place.
+        /// Chosen: of the place.
         pub geoid_m: f64 = 0.0, in -120.0..=120.0;
         /// Alight may arm a drone that stands on the ground in the mode that a person gave.
-        /// Source: Issue.
         pub may_arm: bool = false;
         /// The forced disarm on the deck.
         pub disarm: DisarmConfig;
@@ -107,7 +100,7 @@ config! {
     /// When the forced disarm (`MAV_CMD_COMPONENT_ARM_DISARM`, 21196) may be sent. All must hold at once,
     /// for `hold_s`, beside the pilot's confirmed touchdown.
     ///
-    /// Defaults: Ours. The pilot has pressed at half of hover or less when it confirms.
+    /// Chosen: The pilot has pressed at half of hover or less when it confirms.
     #[derive(Copy)]
     pub struct DisarmConfig {
         /// Disarm on the deck.
@@ -133,8 +126,6 @@ config! {
 
 config! {
     /// The battery's last reserve; the mission gives up landings before.
-    ///
-    /// Defaults: Ours.
     #[derive(Copy)]
     pub struct BatteryConfig {
         /// Remaining charge below which the drone is diverted, 0 to 1.

@@ -25,10 +25,11 @@ config! {
         pub min_side_px: f64 = 10.0, in 5.0..=1e4;
         /// The image is searched at this fraction of its resolution (1: whole, 2: half); corners are refined at
         /// whole resolution.
-        /// Source: Ours: whole, 640 x 480 takes twice the time and the tag is seen 3 m further.
+        /// Chosen: whole, 640 x 480 takes twice the time and the tag is seen 3 m further.
         pub decimate: f64 = 1.5, in 1.0..=4.0;
         /// Standard deviation of each coordinate of each corner of a large, sharp tag, px.
-        /// Source: Twice what rendered images give, for what is left of a real lens after its calibration.
+        /// Source: Twice what rendered images give, for what is left of a real lens after its
+        /// calibration.
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
         /// The same as a share of the tag's side in the image: what a lens leaves after its calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;

@@ -16,23 +16,24 @@ config! {
         /// Speed of descent in the flare v_fa, m/s.
         pub flare_mps: f64 = 0.5, in 0.05..=2.0;
         /// Clearance below which the flare begins, m.
-        /// Source: Not published; between 0.5 and 1 m makes no difference in the prototype, 2 m is worse.
+        /// Source: Not published; between 0.5 and 1 m makes no difference in the prototype, 2 m is
+        /// worse.
         pub flare_clearance_m: f64 = 0.9;
         /// Clearance below which the flare's conditions are watched and an unmet one stops the
         /// descent, m.
-        /// Source: Ours: 0.7 s of descent to decide in, above the committed height.
+        /// Chosen: 0.7 s of descent to decide in, above the committed height.
         pub decision_clearance_m: f64 = 1.6, in 0.2..=10.0;
         /// Clearance below which only hard reasons break a landing off, m.
         /// Source: Prototype: breaking off below 0.8 m lets the deck rise into the drone.
         pub commit_clearance_m: f64 = 0.8;
         /// Lowest height of any trajectory over the water, m.
-        /// Source: Ours: above the crests of a sea of 1 m amplitude.
+        /// Chosen: above the crests of a sea of 1 m amplitude.
         pub minimum_altitude_m: f64 = 3.0, in 0.0..=50.0;
         /// The same while descending beside or over the deck, m.
-        /// Source: Ours: the deck's surface is 1.3 m above the water.
+        /// Chosen: the deck's surface is 1.3 m above the water.
         pub minimum_altitude_landing_m: f64 = 0.5;
         /// Get altitude ends this close to the approach height, m.
-        /// Source: Ours, as is everything below unless it says otherwise.
+        /// Chosen: as is everything below unless it says otherwise.
         pub height_tolerance_m: f64 = 1.0, in 0.01..=10.0;
         /// A landing needs sight of the deck; else the radio's word counts as a sighting.
         pub vision_required: bool = true;
@@ -56,8 +57,8 @@ config! {
         /// Descent begins within this horizontal distance, m.
         pub descent_distance_m: f64 = 1.0, in 0.01..=20.0;
         /// The flare begins within this horizontal distance, m.
-        /// Source: Half the deck's width less half the feet's span is 0.65 m; the rest is for what the blind
-        /// end adds.
+        /// Source: Half the deck's width less half the feet's span is 0.65 m; the rest is for what
+        /// the blind end adds.
         pub flare_distance_m: f64 = 0.35, in 0.01..=20.0;
         /// Descent is broken off beyond this horizontal distance at no clearance, m ...
         pub break_distance_m: f64 = 1.0, in 0.01..=20.0;
@@ -94,29 +95,32 @@ config! {
         /// The deck's motion is judged over this horizon, s.
         pub feasibility_horizon_s: f64 = 2.0, in 0.0..=4.0;
         /// The flare begins only when the deck's tilt stays below this over the flare, rad.
-        /// Source: Friction of 0.4 holds to 21 deg, but the planner chooses the instant: at 0.8 m, 5 s 0.30
-        /// cost 1.4 s and gained nothing (100 seeds).
+        /// Source: Friction of 0.4 holds to 21 deg, but the planner chooses the instant: at 0.8 m,
+        /// 5 s 0.30 cost 1.4 s and gained nothing (100 seeds).
         pub flare_tilt_rad: f64 = 0.40, in 0.01..=1.5;
         /// Neither descent nor flare begins while the deck turns faster than this, rad/s.
-        /// Source: Ours, 11 deg/s: a vessel in a tight turn is led sideways by its rudder as no forecast
+        /// Chosen: 11 deg/s: a vessel in a tight turn is led sideways by its rudder as no forecast
         /// knows.
         pub deck_turn_radps: f64 = 0.2, in 0.01..=10.0;
         /// No descent begins when the deck has been steeper than this of late, rad.
-        /// Source: Friction of 0.4 holds a drone at rest up to atan 0.4 = 0.38 rad; a steeper deck sheds it
-        /// after any landing. Rocking at 0.4 rad, 18 trials: 18 unsafe contacts without, none with.
+        /// Source: Friction of 0.4 holds a drone at rest up to atan 0.4 = 0.38 rad; a steeper deck
+        /// sheds it after any landing. Rocking at 0.4 rad, 18 trials: 18 unsafe contacts without,
+        /// none with.
         pub recent_tilt_rad: f64 = 0.38, in 0.01..=1.5;
         /// No descent begins when the wind's push to be expected on the deck is larger, and no flare in a
         /// larger one, m/s².
-        /// Source: Friction of 0.4 holds a stopped drone against 3.9 m/s² on a level deck at rest. Seeds
-        /// 100-119 without this limit: 10 m/s (mean push 2.8) 13 of 20 landed and 5 slid off, 12 m/s 5.
+        /// Source: Friction of 0.4 holds a stopped drone against 3.9 m/s² on a level deck at rest.
+        /// Seeds 100-119 without this limit: 10 m/s (mean push 2.8) 13 of 20 landed and 5 slid off,
+        /// 12 m/s 5.
         pub wind_peak_mps2: f64 = 2.8, in 0.01..=50.0;
         /// Coefficient of friction between feet and deck, wet.
         pub friction: f64 = 0.4, in 0.01..=2.0;
         /// No descent begins when the deck is foretold to feel steeper than this before the drone is at rest on it
         /// (`time_to_rest_s`): tan of the angle between the deck's normal and the specific force, over a second.
-        /// Source: Friction of 0.4, and what is foretold is wrong by 0.08 (rms) some seconds ahead. 0.8 m, 5
-        /// s without sideways coupling, seeds 300-699: 400 landed and 15.5 s over the deck; 0.28 and 9.5 s
-        /// ahead: 399, 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394, 11.9 s.
+        /// Source: Friction of 0.4, and what is foretold is wrong by 0.08 (rms) some seconds ahead.
+        /// 0.8 m, 5 s without sideways coupling, seeds 300-699: 400 landed and 15.5 s over the
+        /// deck; 0.28 and 9.5 s ahead: 399, 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394,
+        /// 11.9 s.
         pub slope_limit: f64 = 0.25, in 0.01..=100.0;
         /// The same where the forecast reckons with crests, whatever was felt a moment ago.
         pub bound_wave_slope_limit: f64 = 0.34, in 0.01..=100.0;
@@ -127,8 +131,8 @@ config! {
         pub bound_wave_from_s: f64 = 2.5, in 0.01..=60.0;
         /// A slope felt by what stands on the deck that sheds it: tan of the angle between the deck's normal
         /// and the specific force, over a second.
-        /// Source: Friction of 0.4 less what a second's mean hides. As above: 0.45 lets the drone go down
-        /// where the waves have just been too steep for any forecast.
+        /// Source: Friction of 0.4 less what a second's mean hides. As above: 0.45 lets the drone
+        /// go down where the waves have just been too steep for any forecast.
         pub slide_slope: f64 = 0.35, in 0.01..=100.0;
         /// A group of waves is over when the deck has shed nothing for this long, s.
         pub slide_over_s: f64 = 4.0, in 0.01..=60.0;
@@ -142,8 +146,8 @@ config! {
         /// Source: Half a second of it moves the feet by 6 cm.
         pub friction_margin_mps2: f64 = 0.5, in 0.01..=50.0;
         /// That push is the mean and this many standard deviations of its gusts.
-        /// Source: With two, the descents that begin in 8 and 10 m/s are those in a lull: of 80 trials (seeds
-        /// 4000-4039 each) 31 landed and 2 were blown off the deck afterwards.
+        /// Source: With two, the descents that begin in 8 and 10 m/s are those in a lull: of 80
+        /// trials (seeds 4000-4039 each) 31 landed and 2 were blown off the deck afterwards.
         pub wind_gust_sds: f64 = 3.0, in 0.0..=10.0;
         /// The wind is judged over this time, s.
         pub wind_memory_s: f64 = 60.0, in 0.01..=3600.0;
@@ -155,8 +159,8 @@ config! {
         /// The same while the radio still tells where the vessel is, s.
         pub flare_radio_blind_s: f64 = 5.0, in 0.0..=120.0;
         /// Radio no older than this counts as fresh, s.
-        /// Source: A radio that is a second late lands as well as one in time (10 of 10, 0.06 m), and one by
-        /// retransmission is often that late.
+        /// Source: A radio that is a second late lands as well as one in time (10 of 10, 0.06 m),
+        /// and one by retransmission is often that late.
         pub radio_fresh_s: f64 = 1.5, in 0.0..=120.0;
         /// A soft condition must be violated for this long before a landing is broken off, s.
         pub violation_s: f64 = 0.3, in 0.0..=120.0;

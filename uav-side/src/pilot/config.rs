@@ -22,8 +22,8 @@ config! {
         /// Set-points in FOLLOW.
         pub follow_output: Output = Output::Trajectory;
         /// Set-points in LANDING.
-        /// Source: The plan's attitude has to be met at the contact: measured on real autopilots, position
-        /// set-points leave it to their own loop.
+        /// Source: The plan's attitude has to be met at the contact: measured on real autopilots,
+        /// position set-points leave it to their own loop.
         pub landing_output: Output = Output::Attitude;
         /// The pilot's own tracking loop.
         pub tracking: TrackingConfig;
@@ -41,11 +41,11 @@ config! {
 config! {
     /// The tracking loop `a = a_plan + Kp e_p + Kv e_v + Ki int e_p - d`.
     ///
-    /// Defaults: Ours throughout. Horizontal: poles of place, velocity and attitude together; with an
-    /// attitude lag of 0.2 s, 0.05 s of the rate loop and 0.025 s of delay the loop crosses over at 5.0
-    /// rad/s with a margin of 65 deg and a largest sensitivity of 1.33 (lag 0.4 s: 45 deg, 1.4).
-    /// Vertical: thrust follows in 0.05 s, so it can be stiffer: with 0.025 s of delay it crosses over at
-    /// 7.0 rad/s with a margin of 43 deg. At 2 rad/s (4 and 3.5) a gap of 0.1 m took a second to close,
+    /// Chosen: Horizontal: poles of place, velocity and attitude together; with an attitude lag of
+    /// 0.2 s, 0.05 s of the rate loop and 0.025 s of delay the loop crosses over at 5.0 rad/s with
+    /// a margin of 65 deg and a largest sensitivity of 1.33 (lag 0.4 s: 45 deg, 1.4). Vertical:
+    /// thrust follows in 0.05 s, so it can be stiffer: with 0.025 s of delay it crosses over at 7.0
+    /// rad/s with a margin of 43 deg. At 2 rad/s (4 and 3.5) a gap of 0.1 m took a second to close,
     /// which is how long a deck that falls away takes to leave the drone behind.
     pub struct TrackingConfig {
         /// Horizontal gain on position, 1/s².
@@ -77,9 +77,9 @@ config! {
         /// Tilt that position feedback may add in the descent, rad.
         pub descent_feedback_tilt_rad: f64 = 0.30, in 0.0..=0.8;
         /// The same in the flare above `fade_clearance_m`, rad.
-        /// Source: A flare is too short for place to be won back by leaning. 0.2 and 0.1, Moderate, seeds
-        /// 2000-2099 and 4000-4099: mpc-faa meets the deck within 1.66 and 1.70 deg (p95) instead of 1.20 and
-        /// 1.30, and no nearer to its centre.
+        /// Source: A flare is too short for place to be won back by leaning. 0.2 and 0.1, Moderate,
+        /// seeds 2000-2099 and 4000-4099: mpc-faa meets the deck within 1.66 and 1.70 deg (p95)
+        /// instead of 1.20 and 1.30, and no nearer to its centre.
         pub flare_feedback_tilt_rad: f64 = 0.1;
         /// The same at the deck, where the plan's attitude rules, rad.
         pub contact_feedback_tilt_rad: f64 = 0.03;
@@ -91,12 +91,14 @@ config! {
         /// Time constant of the disturbance estimate, s.
         pub disturbance_time_s: f64 = 0.5, in 0.05..=60.0;
         /// Largest disturbance believed, m/s².
-        /// Source: Wind of 14 m/s, as in the plan: less and the pilot would undo what the plan leans against.
+        /// Source: Wind of 14 m/s, as in the plan: less and the pilot would undo what the plan
+        /// leans against.
         pub disturbance_limit_mps2: f64 = 6.0, in 0.0..=9.0;
         /// Time constant of the hover-thrust estimate, s.
         pub hover_time_s: f64 = 2.0, in 0.1..=60.0;
         /// Time constant of the lift that the thrust does not explain, s.
-        /// Source: Three lags of the thrust. Vertical drag at 4 m/s down in 10 m/s of wind is 1.2 m/s².
+        /// Source: Three lags of the thrust. Vertical drag at 4 m/s down in 10 m/s of wind is 1.2
+        /// m/s².
         pub lift_time_s: f64 = 0.15, in 0.05..=60.0;
         /// Largest such lift believed, m/s².
         pub lift_limit_mps2: f64 = 2.0, in 0.0..=5.0;
@@ -126,7 +128,7 @@ config! {
 config! {
     /// How the lag of the attitude loop is learnt and made up for.
     ///
-    /// Defaults: Ours. Prior: a second of 1 deg.
+    /// Chosen: Prior: a second of 1 deg.
     pub struct LagConfig {
         /// The lag that the tracking loop's gains are laid out for, s.
         pub design_s: f64 = 0.2, in 0.02..=2.0;
@@ -154,7 +156,7 @@ config! {
 config! {
     /// How the dead time of the link to the autopilot is learnt.
     ///
-    /// Defaults: Ours. Least: the period of the pilot's own steps hides as much.
+    /// Chosen: Least: the period of the pilot's own steps hides as much.
     pub struct DelayConfig {
         /// Below this it is none, s.
         pub min_s: f64 = 0.005, in 0.0..=0.5;
@@ -169,7 +171,7 @@ config! {
     /// Evidence of touchdown. "Excess" is the specific force that the applied thrust does not explain:
     /// what carries the drone instead of its rotors.
     ///
-    /// Defaults: Ours throughout, for a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
+    /// Chosen: for a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
     pub struct TouchdownConfig {
         /// The rangefinder reads at most this much more than it does on the deck, m.
         pub range_margin_m: f64 = 0.10, in 0.01..=0.5;

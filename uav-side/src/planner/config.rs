@@ -49,10 +49,10 @@ impl PlannerKind {
 config! {
     /// Rotor limits and how the four virtual inputs share them.
     ///
-    /// Defaults: The paper bounds inputs and slew but publishes no value: all ours. Lowest speed from
-    /// ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time constants
-    /// of a motor; half of that made a third of a landing's problems limited. Tilt input 0.3: 12 rad/s²
-    /// with the default drone, more than an autopilot's attitude loop follows.
+    /// Defaults: The paper bounds inputs and slew but publishes no value: all ours. Lowest speed
+    /// from ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time
+    /// constants of a motor; half of that made a third of a landing's problems limited. Tilt input
+    /// 0.3: 12 rad/s² with the default drone, more than an autopilot's attitude loop follows.
     #[derive(Copy)]
     pub struct RotorLimits {
         /// Least squared speed of a rotor, relative to hover.
@@ -117,8 +117,8 @@ pub struct RotorBounds {
 config! {
     /// Soft limits of the states.
     ///
-    /// Defaults: Procházka 2024, Table 4; the costs of slack are ours: large against a metre of position
-    /// error (30), small against FAA's last word (50000 per rad²).
+    /// Defaults: Procházka 2024, Table 4; the costs of slack are ours: large against a metre of
+    /// position error (30), small against FAA's last word (50000 per rad²).
     #[derive(Copy)]
     pub struct StateLimits {
         /// Roll and pitch, deg.
@@ -139,7 +139,7 @@ config! {
 config! {
     /// How references approach their target: a point that moves towards it.
     ///
-    /// Defaults: Ours: inside the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2
+    /// Chosen: inside the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2
     /// vertical); yaw to what the rotors' small drag moment can do.
     #[derive(Copy)]
     pub struct Shaping {
@@ -163,7 +163,7 @@ config! {
 config! {
     /// When the plan lets go of its own past and starts from the measured state.
     ///
-    /// Defaults: Ours: well above what a tracker leaves in gusts, below what would look like a jump.
+    /// Chosen: well above what a tracker leaves in gusts, below what would look like a jump.
     #[derive(Copy)]
     pub struct Reset {
         /// Horizontal distance of the measured state, m.
@@ -188,8 +188,8 @@ config! {
 config! {
     /// The planner.
     ///
-    /// Defaults: Horizon, rates, R and the landing weights: Procházka 2024, section III and Table 4.
-    /// Weights of NAVIGATION and FOLLOW are not published (the velocity weights are raised while
+    /// Defaults: Horizon, rates, R and the landing weights: Procházka 2024, section III and Table
+    /// 4. Weights of NAVIGATION and FOLLOW are not published (the velocity weights are raised while
     /// following): ours, as is all the rest.
     pub struct PlannerConfig {
         /// Which one.

@@ -21,8 +21,8 @@ config! {
     #[derive(Copy)]
     pub struct DeckConfig {
         /// An airborne drone whose status is older than this loses the deck, s.
-        /// Source: above the longest descent and flare together (30 and 8 s), which a drone may finish without
-        /// a radio.
+        /// Source: above the longest descent and flare together (30 and 8 s), which a drone may
+        /// finish without a radio.
         pub status_timeout_s: f64 = 60.0, in 40.0..=3600.0;
         /// A drone that does not begin to descend for this long gives way to another that requests the deck, s.
         /// Source: two calms between groups of swell.

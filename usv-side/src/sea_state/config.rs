@@ -6,25 +6,25 @@ config! {
     /// Settings of the identification of the sea.
     pub struct SeaStateConfig {
         /// Length of the record, s.
-        /// Source: Issue 2: "spectrum of the last minute".
+        /// Source: "spectrum of the last minute".
         pub window_s: f64 = 60.0, in 20.0..=120.0;
         /// Length that the record is cut to while the sea proves hard to foretell, s.
-        /// Source: Ours: five periods of a 5 s sea.
+        /// Chosen: five periods of a 5 s sea.
         pub short_window_s: f64 = 25.0;
         /// Shortest record that is tried, s.
-        /// Source: Ours: four periods of a 5 s sea.
+        /// Chosen: four periods of a 5 s sea.
         pub min_window_s: f64 = 20.0;
         /// Time between two refinements, s.
-        /// Source: Ours: a third of a wave period, within the CPU share.
+        /// Chosen: a third of a wave period, within the CPU share.
         pub update_period_s: f64 = 1.5, in 0.2..=10.0;
         /// Width of the bins that samples are averaged into, s.
-        /// Source: Ours: 5 Hz, five times the fastest deck (0.95 Hz).
+        /// Chosen: 5 Hz, five times the fastest deck (0.95 Hz).
         pub bin_s: f64 = 0.2, in 0.1..=0.5;
         /// Lowest angular frequency of a component, rad/s.
-        /// Source: Ours: waves of 20 s, longer than any sea that rocks a small boat.
+        /// Chosen: waves of 20 s, longer than any sea that rocks a small boat.
         pub omega_min_radps: f64 = 0.3, in 0.1..=2.0;
         /// Highest angular frequency of a component, rad/s.
-        /// Source: Ours: small decks in a harbour rock at up to 0.95 Hz (6 rad/s).
+        /// Chosen: small decks in a harbour rock at up to 0.95 Hz (6 rad/s).
         pub omega_max_radps: f64 = 7.0;
         /// Noise of the vertical acceleration in a bin, m/s².
         /// Source: VRX sensor noise 0.021 m/s² a sample, and lever arms.
@@ -33,24 +33,25 @@ config! {
         /// Source: 0.1 deg: gyro-carried attitude within a wave period.
         pub tilt_noise_rad: f64 = 0.0018;
         /// Standard deviation of the vertical acceleration below which the sea is calm, m/s².
-        /// Source: Ours: half of what the smallest named sea (0.3 m, 5 s) makes, four times over.
+        /// Chosen: half of what the smallest named sea (0.3 m, 5 s) makes, four times over.
         pub calm_acceleration_mps2: f64 = 0.06;
         /// Standard deviation of each component of the tilt below which the sea is calm, rad.
         pub calm_tilt_rad: f64 = 0.006;
         /// Bandwidth of what the components leave unexplained, Hz: sets how many independent samples
         /// the information criterion counts.
-        /// Source: Ours: the waves' own band, in which residuals are left.
+        /// Chosen: the waves' own band, in which residuals are left.
         pub residual_band_hz: f64 = 0.5;
         /// Share of a channel's variance that is not worth a component, 0 to 1.
-        /// Source: Ours: half of what second-order waves leave in a 14 deg sea; four times as much and two
-        /// waves 5 % apart are taken for one.
+        /// Chosen: half of what second-order waves leave in a 14 deg sea; four times as much and
+        /// two waves 5 % apart are taken for one.
         pub negligible: f64 = 0.0015;
         /// Two components closer than this many cycles over the record are taken for one.
-        /// Source: Ours: closer, and their amplitudes grow without bound.
+        /// Chosen: closer, and their amplitudes grow without bound.
         pub min_separation: f64 = 0.2;
         /// The same on a vessel that covers more than 30 m in the record: there a pair can trade
         /// frequency against direction.
-        /// Source: Ours: on a square at 2 m/s closer pairs made the estimator's surge diverge in rough seas.
+        /// Chosen: on a square at 2 m/s closer pairs made the estimator's surge diverge in rough
+        /// seas.
         pub min_separation_under_way: f64 = 0.4;
     }
     check |this, at| {

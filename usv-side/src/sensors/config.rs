@@ -34,7 +34,7 @@ config! {
         /// What its heading (of two antennas, or a compass) shows while the vessel heads north, deg.
         pub heading_offset_deg: f64 = 0.0, in -360.0..=360.0;
         /// Standard deviation of its roll and pitch, deg.
-        /// Source: ours, between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
+        /// Chosen: between a motion sensor of a survey boat (0.02) and a small AHRS (0.5).
         pub tilt_sd_deg: f64 = 0.2, in 1e-3..=45.0;
         /// Positive direction of its heave: up, down, or none where it measures none.
         pub heave: HeaveSign = HeaveSign::Up;
@@ -46,7 +46,7 @@ config! {
         /// Source: data sheets of motion sensors, 0.05 m or 5 %.
         pub heave_sd_m: f64 = 0.05, in 1e-4..=100.0;
         /// Standard deviation of its heading, deg.
-        /// Source: ours, two antennas 1 m apart give 0.3 to 0.5.
+        /// Chosen: two antennas 1 m apart give 0.3 to 0.5.
         pub heading_sd_deg: f64 = 0.5, in 1e-3..=90.0;
         /// Standard deviation of its position, horizontal and vertical, m; zero: the source's own.
         pub position_sd_m: [f64; 2] = [0.0; 2], in 0.0..=1000.0;

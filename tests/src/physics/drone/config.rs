@@ -27,10 +27,10 @@ config! {
         /// The same of the true thrust.
         pub thrust_factor: f64 = 1.0, in 0.3..=2.0;
         /// Bound of the relative error of the true mass, drawn uniformly per seed.
-        /// Source: Issue: +-5 % unknown to the nodes.
+        /// Source: +-5 % unknown to the nodes.
         pub mass_error: f64 = 0.05, in 0.0..=0.5;
         /// Bound of the relative error of the true thrust, drawn uniformly per seed.
-        /// Source: Issue: +-5 % unknown to the nodes.
+        /// Source: +-5 % unknown to the nodes.
         pub thrust_error: f64 = 0.05, in 0.0..=0.5;
         /// First-order lag of the rotor speed, s.
         /// Source: Ctu-mrs t650.
@@ -45,7 +45,6 @@ config! {
         /// Source: 15 inch propeller of the Tarot T650.
         pub rotor_radius_m: f64 = 0.19, in 0.0..=2.0;
         /// Height of the rotor discs above the centre of mass, m.
-        /// Source: Ours.
         pub rotor_above_m: f64 = 0.05, in -1.0..=1.0;
     }
 }
@@ -54,16 +53,13 @@ config! {
     /// Feet and deck surface.
     pub struct ContactConfig {
         /// Coefficient of friction between drone and deck.
-        /// Source: Issue.
         pub friction: f64 = 0.4, in 0.0..=5.0;
         /// Coefficient of restitution.
-        /// Source: Issue.
         pub restitution: f64 = 0.3, in 0.0..=0.95;
         /// Radius of a foot, m.
-        /// Source: Ours: a leg's rubber end.
+        /// Chosen: a leg's rubber end.
         pub foot_radius_m: f64 = 0.015, in 0.005..=0.2;
         /// Thickness of the deck, m.
-        /// Source: Ours.
         pub deck_thickness_m: f64 = 0.30, in 0.05..=2.0;
     }
 }
@@ -117,10 +113,9 @@ config! {
         /// Source: MC_ROLLRATE_P in units of angular acceleration.
         pub rate_gain_hz: f64 = 20.0, in 2.0..=40.0;
         /// The same of yaw, 1/s.
-        /// Source: Ours: what the rotors' drag moment allows.
+        /// Chosen: what the rotors' drag moment allows.
         pub yaw_rate_gain_hz: f64 = 8.0, in 1.0..=40.0;
         /// Integral gain of the rate loop, 1/s².
-        /// Source: Ours.
         pub rate_integral_hz2: f64 = 15.0, in 0.0..=200.0;
         /// Limit of roll and pitch rate set-points, rad/s.
         /// Source: MC_ROLLRATE_MAX 220 deg/s.
@@ -156,17 +151,17 @@ config! {
         /// Source: MPC_ACC_DECOUPLE.
         pub decouple_vertical: bool = true;
         /// Without a set-point for this long the failsafe acts, s.
-        /// Source: COM_OF_LOSS_T (PX4's default is 1.0): what flies on without its pilot flies on sinking.
-        /// With the pilot frozen for 2 s in descent or flare, 100 seeds: 11 hard contacts at 0.5 s, 3 at 0.25
-        /// s.
+        /// Source: COM_OF_LOSS_T (PX4's default is 1.0): what flies on without its pilot flies on
+        /// sinking. With the pilot frozen for 2 s in descent or flare, 100 seeds: 11 hard contacts
+        /// at 0.5 s, 3 at 0.25 s.
         pub loss_after_s: f64 = 0.25, in 0.02..=60.0;
         /// What the failsafe does.
         /// Source: COM_OBL_RC_ACT.
         pub loss_action: LossAction = LossAction::Hold;
         /// Deceleration with which it comes to rest when it begins to hold: horizontally, vertically, m/s².
-        /// Source: MPC_ACC_HOR; MPC_ACC_UP_MAX (PX4's default is 4) raised, less what its jerk limit takes.
-        /// With the pilot frozen for 2 s in descent, 74 cases: 3 hard contacts up to 2.2 m/s at 3 m/s², 1 of
-        /// 1.3 m/s at 6 m/s².
+        /// Source: MPC_ACC_HOR; MPC_ACC_UP_MAX (PX4's default is 4) raised, less what its jerk
+        /// limit takes. With the pilot frozen for 2 s in descent, 74 cases: 3 hard contacts up to
+        /// 2.2 m/s at 3 m/s², 1 of 1.3 m/s at 6 m/s².
         pub stop_mps2: [f64; 2] = [3.0, 6.0], in 0.5..=15.0;
         /// Speed of the autopilot's own landing, m/s.
         /// Source: MPC_LAND_SPEED.
@@ -175,13 +170,11 @@ config! {
         /// Source: RTL_RETURN_ALT.
         pub return_height_m: f64 = 30.0, in 1.0..=500.0;
         /// Time constant of the hover thrust estimate, s.
-        /// Source: Ours: settles as PX4's hover thrust estimator does.
+        /// Chosen: settles as PX4's hover thrust estimator does.
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
         /// Battery at the start, 0 to 1.
-        /// Source: Ours.
         pub battery: f64 = 0.9, in 0.0..=1.0;
         /// Hover time that a full battery gives, s.
-        /// Source: Ours.
         pub endurance_s: f64 = 1500.0, in 10.0..=1e6;
     }
 }
@@ -190,52 +183,42 @@ config! {
     /// The autopilot's sensors and state estimator.
     pub struct NavigationConfig {
         /// Standard deviation of the slow GNSS error, m.
-        /// Source: Issue.
         pub gnss_bias_m: f64 = 1.0, in 0.0..=100.0;
         /// Correlation time of the slow GNSS error, s.
-        /// Source: Issue.
         pub gnss_bias_s: f64 = 300.0, in 1.0..=1e5;
         /// White GNSS position error, m.
-        /// Source: Issue.
         pub gnss_noise_m: f64 = 0.3, in 0.001..=50.0;
         /// White GNSS velocity error, m/s.
-        /// Source: Issue.
         pub gnss_velocity_mps: f64 = 0.1, in 0.001..=10.0;
         /// GNSS rate, Hz.
-        /// Source: Issue.
         pub gnss_hz: f64 = 10.0, in 1.0..=50.0;
         /// White gyro noise per 100 Hz sample, rad/s.
-        /// Source: Ours: an ICM-42688 with vibration.
+        /// Chosen: an ICM-42688 with vibration.
         pub gyro_noise_rps: f64 = 0.005, in 0.0..=0.5;
         /// Standard deviation of the constant gyro bias, rad/s.
-        /// Source: Ours: what is left after the estimator's correction.
+        /// Chosen: what is left after the estimator's correction.
         pub gyro_bias_rps: f64 = 0.002, in 0.0..=0.5;
         /// White accelerometer noise per 100 Hz sample with the motors off, m/s².
-        /// Source: Ours: ICM-42688.
+        /// Chosen: ICM-42688.
         pub accelerometer_noise_mps2: f64 = 0.03, in 0.0..=10.0;
         /// Standard deviation of the constant accelerometer bias, m/s².
         /// Source: VRX.
         pub accelerometer_bias_mps2: f64 = 0.05, in 0.0..=5.0;
         /// Additional white noise per 100 Hz sample by vibration at full thrust, m/s².
-        /// Source: Ours: 0.3 m/s² in hover.
+        /// Chosen: 0.3 m/s² in hover.
         pub vibration_mps2: f64 = 0.8, in 0.0..=50.0;
         /// Range of the accelerometer, m/s².
         /// Source: 16 g.
         pub accelerometer_range_mps2: f64 = 156.9, in 20.0..=1e3;
         /// Slow error of roll and pitch, deg, and its correlation time, s.
-        /// Source: Ours.
         pub tilt_error_deg: f64 = 0.3, in 0.0..=10.0;
         /// Correlation time of the tilt error, s.
-        /// Source: Ours.
         pub tilt_error_s: f64 = 30.0, in 0.1..=1e5;
         /// Slow error of heading, deg.
-        /// Source: Issue.
         pub heading_error_deg: f64 = 1.0, in 0.0..=45.0;
         /// Correlation time of the heading error, s.
-        /// Source: Ours.
         pub heading_error_s: f64 = 300.0, in 0.1..=1e5;
         /// White error of each attitude angle, deg.
-        /// Source: Ours.
         pub attitude_noise_deg: f64 = 0.05, in 0.0..=5.0;
     }
 }

@@ -29,9 +29,9 @@ pub enum SeaKind {
 config! {
     /// A sea state.
     ///
-    /// Defaults: Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024. Irregular:
-    /// a height and period of the same order (ours), gamma 3.3 (Hasselmann 1973), s = 10 (wind sea, Goda
-    /// 2000), 24 components (ours: does not repeat within a trial).
+    /// Defaults: Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024.
+    /// Irregular: a height and period of the same order (ours), gamma 3.3 (Hasselmann 1973), s = 10
+    /// (wind sea, Goda 2000), 24 components (ours: does not repeat within a trial).
     pub struct SeaConfig {
         /// The family; the keys that another family uses have no effect.
         pub kind: SeaKind = SeaKind::Paper;

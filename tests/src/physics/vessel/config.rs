@@ -31,11 +31,11 @@ pub struct Push {
 config! {
     /// Vessel as truth: nonlinear, and by purpose not the model that estimator and predictor use.
     ///
-    /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge drag,
-    /// thrust; sway and yaw drag from its newer set); added mass of the Otter (Fossen, MSS toolbox; its
-    /// surge share is 0.1), relative damping heave 0.3, roll 0.2, pitch 0.4 (likewise). Ours: centre of
-    /// gravity 0.2 m above the water, 12 sections per hull, square of 40 m so that a leg lasts 20 s at 2
-    /// m/s.
+    /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge
+    /// drag, thrust; sway and yaw drag from its newer set); added mass of the Otter (Fossen, MSS
+    /// toolbox; its surge share is 0.1), relative damping heave 0.3, roll 0.2, pitch 0.4
+    /// (likewise). Ours: centre of gravity 0.2 m above the water, 12 sections per hull, square of
+    /// 40 m so that a leg lasts 20 s at 2 m/s.
     pub struct VesselConfig {
         /// Mass, kg.
         pub mass_kg: f64 = 211.0;

@@ -36,7 +36,7 @@ config! {
         /// The lens as it is; the node has what its calibration says.
         pub lens: Lens;
         /// Grey level of a white surface in the light; above 255 is clipped.
-        /// Source: Ours: a usual machine-vision sensor and a lens of moderate quality in daylight.
+        /// Chosen: a usual machine-vision sensor and a lens of moderate quality in daylight.
         pub white: f64 = 210.0, in 1.0..=1e4;
         /// Standard deviation of the optics' blur, px.
         pub optics_sd_px: f64 = 0.6, in 0.0..=5.0;

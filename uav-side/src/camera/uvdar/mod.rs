@@ -46,7 +46,7 @@ config! {
         /// Most pixels of a marker.
         pub max_pixels: u16 = 200, in 1.0..=1e4;
         /// Markers in the deck's frame, m.
-        /// Source: Ours: the corners of the deck.
+        /// Chosen: the corners of the deck.
         pub markers_m: Vec<[f64; 3]> = vec![
                 [1.25, -0.85, 0.0],
                 [1.25, 0.85, 0.0],
@@ -54,7 +54,7 @@ config! {
                 [-1.25, -0.85, 0.0],
             ];
         /// Their codes, one bit an image, 1 lit.
-        /// Source: Ours: twelve bits, never dark for more than two, any two codes four bits apart in any
+        /// Chosen: twelve bits, never dark for more than two, any two codes four bits apart in any
         /// phase.
         pub codes: Vec<String> = ["001001001011", "001001100101", "001010101111", "001100110111"]
                 .map(String::from)
@@ -64,7 +64,7 @@ config! {
         /// A spot moves at most so far between images, other than it did before, px.
         pub gate_px: f64 = 6.0, in 0.5..=100.0;
         /// Standard deviation of a spot's place, each coordinate, px.
-        /// Source: Ours: three times what rendered images give.
+        /// Chosen: three times what rendered images give.
         pub spot_sd_px: f64 = 0.15, in 0.01..=10.0;
         /// Standard deviation of the deck's tilt against the drone's, each axis, deg.
         pub tilt_sd_deg: f64 = 12.0, in 0.5..=60.0;

@@ -10,7 +10,7 @@ use alight_shared::msg::DeckForecast;
 config! {
     /// How far a velocity is trusted.
     ///
-    /// Defaults: Ours: a fifth of a wave's period; two standard deviations of the difference of two
+    /// Chosen: a fifth of a wave's period; two standard deviations of the difference of two
     /// receivers of 1 m each.
     #[derive(Copy)]
     pub struct GnssRadioConfig {

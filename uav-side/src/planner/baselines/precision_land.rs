@@ -21,9 +21,9 @@ use crate::planner::model::State;
 config! {
     /// Parameters, by their names in PX4.
     ///
-    /// Defaults: PX4's defaults, except: the camera of a drone on legs sees no tag of 1 m below 0.5 m, so
-    /// the final approach begins at 1 m instead of 0.1 m (else it would never touch down); fresh is three
-    /// frames at 30 Hz.
+    /// Defaults: PX4's defaults, except: the camera of a drone on legs sees no tag of 1 m below 0.5
+    /// m, so the final approach begins at 1 m instead of 0.1 m (else it would never touch down);
+    /// fresh is three frames at 30 Hz.
     #[derive(Copy)]
     pub struct PrecisionLandConfig {
         /// `MPC_LAND_SPEED`: speed of sinking over the earth, m/s.

@@ -14,9 +14,9 @@ use super::View;
 config! {
     /// What calm is.
     ///
-    /// Defaults: Ours. Tilt and heave rate: the order of published limits for helicopters on small decks
-    /// (pitch 2 to 3 deg, roll 5 deg, heave rate 1 to 1.5 m/s). The descent: from 2 m at the mission's 1
-    /// m/s, the last 0.9 m at 0.5 m/s.
+    /// Chosen: Tilt and heave rate: the order of published limits for helicopters on small decks
+    /// (pitch 2 to 3 deg, roll 5 deg, heave rate 1 to 1.5 m/s). The descent: from 2 m at the
+    /// mission's 1 m/s, the last 0.9 m at 0.5 m/s.
     #[derive(Copy)]
     pub struct WaitCalmConfig {
         /// Waits with the feet at this height over the deck, m.

@@ -32,7 +32,7 @@ impl Check for WeightSchedule {
 config! {
     /// The way down: fast, braked, soft.
     ///
-    /// Defaults: Ours, after a prototype: 2.5 m/s, then 0.28 m/s for the last 0.35 s.
+    /// Chosen: after a prototype: 2.5 m/s, then 0.28 m/s for the last 0.35 s.
     #[derive(Copy)]
     pub struct ProfileConfig {
         /// Greatest speed of sinking, m/s.
@@ -63,7 +63,7 @@ config! {
 config! {
     /// Which instant is a good one.
     ///
-    /// Defaults: Ours, after a prototype.
+    /// Chosen: after a prototype.
     #[derive(Copy)]
     pub struct TouchdownTimeConfig {
         /// The instant is chosen within this time after the earliest, s; 0 takes the earliest.
@@ -94,10 +94,10 @@ config! {
 config! {
     /// The wind in the plan.
     ///
-    /// Defaults: Ours. Slower than the pilot's: the plan allows for the mean, the pilot for gusts; at
-    /// most the wind of 14 m/s on the default drone. An alignment lasts about 0.3 s, so each m/s² costs
-    /// 0.3 m/s along the deck, and each that is leant against 6 deg: at 5 m/s (0.7 m/s²) aligning is
-    /// cheap, at 8 m/s (1.8 m/s²) both are shared.
+    /// Chosen: Slower than the pilot's: the plan allows for the mean, the pilot for gusts; at most
+    /// the wind of 14 m/s on the default drone. An alignment lasts about 0.3 s, so each m/s² costs
+    /// 0.3 m/s along the deck, and each that is leant against 6 deg: at 5 m/s (0.7 m/s²) aligning
+    /// is cheap, at 8 m/s (1.8 m/s²) both are shared.
     #[derive(Copy)]
     pub struct WindConfig {
         /// Time constant with which it is learnt, s.
@@ -113,81 +113,47 @@ config! {
     }
 }
 
-/// The rendezvous planner (`alight`).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RendezvousConfig {
-    /// The way down.
-    pub profile: ProfileConfig,
-    /// The instant of contact.
-    pub touchdown_time: TouchdownTimeConfig,
-    /// The wind.
-    pub wind: WindConfig,
-    /// Tilt is planned as the horizontal acceleration that it causes at the planned vertical one; else
-    /// as `g tilt`, the linear model's.
-    pub true_tilt: bool,
-    /// Whose height over the deck tells how near the contact is.
-    pub distance: FaaDistance,
-    /// A landing begins from the measured state; else from the plan that was followed.
-    pub start_from_measured: bool,
-    /// Height over the deck at which a stage counts as contact by exp(-1), m.
-    pub near_m: f64,
-    /// Stages this long after the contact count by exp(-1), s.
-    pub after_s: f64,
-    /// Position x, y, 1/m².
-    pub horizontal: WeightSchedule,
-    /// Velocity x, y, s²/m².
-    pub horizontal_velocity: WeightSchedule,
-    /// Tilt, as horizontal acceleration per g, 1/rad².
-    pub tilt: WeightSchedule,
-    /// Its rate, s²/rad².
-    pub rates: WeightSchedule,
-    /// Position z, 1/m².
-    pub vertical: WeightSchedule,
-    /// Velocity z, s²/m².
-    pub vertical_velocity: WeightSchedule,
-}
-
-impl Default for RendezvousConfig {
-    /// Ours, after a prototype (position 20 + 300 g, velocity 4 + 60 g, tilt 0.02 + 100 g in
-    /// (m/s²)⁻², times g² here, `g = exp(-(h / 0.1 m)²)`). More of place and velocity at the contact
-    /// cost 0.1 deg and gained 1 cm on 100 landings (0,0 and 0.8,5: 0.076 -> 0.069 m, 0.094 -> 0.084), and once
-    /// more 0.5 cm on 200 at 0.8,5 (1500 and 150: 0.0642 -> 0.0596 m; tilt p95 1.9 -> 2.6 deg);
-    /// tilt weighs more far away so that the plan does not chase the forecast's noise. With 9600 a drone leaned
-    /// against the slope until 0.1 s before the contact, so that one that came early met it askew: 0.8 m, 5 s
-    /// without sideways coupling, 400 seeds: tilt p95 4.75 -> 4.2 (13 000) and 3.6 deg (16 000), place 0.060 -> 0.062 and 0.063 m.
-    fn default() -> Self {
-        let schedule = |far, contact| WeightSchedule { far, contact };
-        RendezvousConfig {
-            profile: ProfileConfig::default(),
-            touchdown_time: TouchdownTimeConfig::default(),
-            wind: WindConfig::default(),
-            true_tilt: true,
-            distance: FaaDistance::PerStage,
-            start_from_measured: true,
-            near_m: 0.1,
-            after_s: 0.3,
-            horizontal: schedule(40.0, 8000.0),
-            horizontal_velocity: schedule(4.0, 300.0),
-            tilt: schedule(50.0, 14_000.0),
-            rates: schedule(5.0, 30.0),
-            vertical: schedule(40.0, 1000.0),
-            vertical_velocity: schedule(40.0, 300.0),
-        }
-    }
-}
-impl Check for RendezvousConfig {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.profile.check(&at.table("profile"))?;
-        self.touchdown_time.check(&at.table("touchdown_time"))?;
-        self.wind.check(&at.table("wind"))?;
-        at.range("near_m", self.near_m, 0.01, 5.0)?;
-        at.range("after_s", self.after_s, 0.01, 10.0)?;
-        self.horizontal.check(&at.table("horizontal"))?;
-        self.horizontal_velocity.check(&at.table("horizontal_velocity"))?;
-        self.tilt.check(&at.table("tilt"))?;
-        self.rates.check(&at.table("rates"))?;
-        self.vertical.check(&at.table("vertical"))?;
-        self.vertical_velocity.check(&at.table("vertical_velocity"))
+config! {
+    /// The rendezvous planner (`alight`).
+    ///
+    /// Chosen: after a prototype (position 20 + 300 g, velocity 4 + 60 g, tilt 0.02 + 100 g in
+    /// (m/s²)⁻², times g² here, `g = exp(-(h / 0.1 m)²)`). More of place and velocity at the
+    /// contact cost 0.1 deg and gained 1 cm on 100 landings (0,0 and 0.8,5: 0.076 -> 0.069 m, 0.094
+    /// -> 0.084), and once more 0.5 cm on 200 at 0.8,5 (1500 and 150: 0.0642 -> 0.0596 m; tilt p95
+    /// 1.9 -> 2.6 deg); tilt weighs more far away so that the plan does not chase the forecast's
+    /// noise. With 9600 a drone leaned against the slope until 0.1 s before the contact, so that
+    /// one that came early met it askew: 0.8 m, 5 s without sideways coupling, 400 seeds: tilt p95
+    /// 4.75 -> 4.2 (13 000) and 3.6 deg (16 000), place 0.060 -> 0.062 and 0.063 m.
+    #[derive(Copy)]
+    pub struct RendezvousConfig {
+        /// The way down.
+        pub profile: ProfileConfig;
+        /// The instant of contact.
+        pub touchdown_time: TouchdownTimeConfig;
+        /// The wind.
+        pub wind: WindConfig;
+        /// Tilt is planned as the horizontal acceleration that it causes at the planned vertical one; else
+        /// as `g tilt`, the linear model's.
+        pub true_tilt: bool = true;
+        /// Whose height over the deck tells how near the contact is.
+        pub distance: FaaDistance = FaaDistance::PerStage;
+        /// A landing begins from the measured state; else from the plan that was followed.
+        pub start_from_measured: bool = true;
+        /// Height over the deck at which a stage counts as contact by exp(-1), m.
+        pub near_m: f64 = 0.1, in 0.01..=5.0;
+        /// Stages this long after the contact count by exp(-1), s.
+        pub after_s: f64 = 0.3, in 0.01..=10.0;
+        /// Position x, y, 1/m².
+        pub horizontal: WeightSchedule = WeightSchedule { far: 40.0, contact: 8000.0 }, table;
+        /// Velocity x, y, s²/m².
+        pub horizontal_velocity: WeightSchedule = WeightSchedule { far: 4.0, contact: 300.0 }, table;
+        /// Tilt, as horizontal acceleration per g, 1/rad².
+        pub tilt: WeightSchedule = WeightSchedule { far: 50.0, contact: 14_000.0 }, table;
+        /// Its rate, s²/rad².
+        pub rates: WeightSchedule = WeightSchedule { far: 5.0, contact: 30.0 }, table;
+        /// Position z, 1/m².
+        pub vertical: WeightSchedule = WeightSchedule { far: 40.0, contact: 1000.0 }, table;
+        /// Velocity z, s²/m².
+        pub vertical_velocity: WeightSchedule = WeightSchedule { far: 40.0, contact: 300.0 }, table;
     }
 }
