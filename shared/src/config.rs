@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
+use toml::{Table, Value};
 
 /// Why a configuration was refused.
 #[derive(Debug, Error)]
@@ -267,43 +269,100 @@ pub fn load<T: DeserializeOwned + Check>(path: &Path) -> Result<T, ConfigError> 
     parse(&text, &path.display().to_string())
 }
 
+/// A configuration as TOML with the meaning of each key (unit and source included) above it.
+pub fn commented<T: Serialize + Check>(config: &T) -> Result<String, toml::ser::Error> {
+    let mut meanings = BTreeMap::new();
+    T::describe(&Keys::ROOT, &mut meanings);
+    let Value::Table(table) = Value::try_from(config)? else {
+        return toml::to_string(config);
+    };
+    let mut out = String::new();
+    write_table(&table, "", &meanings, &mut out);
+    Ok(out)
+}
+
+/// Simple keys first, then the tables below, as TOML wants them.
+fn write_table(table: &Table, path: &str, meanings: &BTreeMap<String, String>, out: &mut String) {
+    let full = |key: &str| [path, key].join(if path.is_empty() { "" } else { "." });
+    let comment = |key: &str, out: &mut String| {
+        for line in meanings.get(&full(key)).iter().flat_map(|m| m.lines()) {
+            out.push_str(&format!("#{line}\n"));
+        }
+    };
+    let is_table = |v: &Value| v.is_table();
+    for (key, value) in table.iter().filter(|(_, v)| !is_table(v)) {
+        comment(key, out);
+        out.push_str(&format!("{key} = {value}\n"));
+    }
+    for (key, value) in table {
+        if let Value::Table(inner) = value {
+            out.push('\n');
+            comment(key, out);
+            out.push_str(&format!("[{}]\n", full(key)));
+            write_table(inner, &full(key), meanings, out);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[derive(serde::Deserialize, Debug, Default)]
-    #[serde(deny_unknown_fields, default)]
-    struct Outer {
-        inner: Inner,
-    }
-    #[derive(serde::Deserialize, Debug, Default)]
-    #[serde(deny_unknown_fields, default)]
-    struct Inner {
-        speed_mps: f64,
-    }
-    impl Check for Outer {
-        fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-            at.table("inner")
-                .range("speed_mps", self.inner.speed_mps, 0.0, 8.0)
+    config! {
+        /// A heater.
+        pub struct Heater {
+            /// Power, W.
+            /// Chosen: enough.
+            pub power_w: f64 = 100.0, in 0.0..=2000.0;
+            /// Names of its switches.
+            pub switches: Vec<String> = vec!["main".into()];
+            /// Its fan.
+            pub fan: Fan = Fan { speed_rpm: 700 }, table;
+            /// Its other fan.
+            pub spare: Fan;
         }
+        check |this, at| {
+            at.require(!this.switches.is_empty(), "switches", 0, "one name or more")?;
+        }
+    }
+    config! {
+        /// A fan.
+        pub struct Fan {
+            /// Speed, 1/min.
+            pub speed_rpm: u32 = 900, in 100.0..=3000.0;
+        }
+    }
+
+    fn error(text: &str) -> String {
+        parse::<Heater>(text, "test").unwrap_err().to_string()
     }
 
     #[test]
     fn config_error_names_key_value_and_range() {
-        let e = parse::<Outer>("[inner]\nspeed_mps = 9.5", "test")
-            .unwrap_err()
-            .to_string();
+        assert!(error("power_w = 1e4").contains("`power_w` is 10000: allowed is 0 to 2000"));
+        assert!(error("power_w = nan").contains("NaN"));
+        let nested = error("[spare]\nspeed_rpm = 5");
         assert!(
-            e.contains("inner.speed_mps") && e.contains("9.5") && e.contains("0 to 8"),
-            "{e}"
+            nested.contains("`spare.speed_rpm` is 5: allowed is 100 to 3000"),
+            "{nested}"
         );
-        let e = parse::<Outer>("[inner]\nspeed_mps = nan", "test")
-            .unwrap_err()
-            .to_string();
-        assert!(e.contains("NaN"), "{e}");
-        let e = parse::<Outer>("[inner]\nspeed = 1.0", "test")
-            .unwrap_err()
-            .to_string();
-        assert!(e.contains("unknown field `speed`"), "{e}");
+        assert!(error("switches = []").contains("one name or more"));
+        assert!(error("[fan]\nspeed = 1").contains("unknown field `speed`"));
+    }
+
+    #[test]
+    fn declared_table_prints_its_defaults_with_what_they_mean() {
+        let heater = Heater::default();
+        assert_eq!((heater.fan.speed_rpm, heater.spare.speed_rpm), (700, 900));
+        let text = commented(&heater).unwrap();
+        assert!(
+            text.contains("# Power, W.\n# Chosen: enough.\npower_w = 100.0\n"),
+            "{text}"
+        );
+        assert!(
+            text.contains("# Its fan.\n[fan]\n# Speed, 1/min.\nspeed_rpm = 700\n"),
+            "{text}"
+        );
+        assert_eq!(parse::<Heater>(&text, "test").unwrap(), heater);
     }
 }
