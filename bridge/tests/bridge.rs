@@ -10,7 +10,7 @@ use alight_shared::msg::{
     VesselPrediction, WaveComponent, WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
 use alight_shared::wire;
 use proptest::prelude::*;

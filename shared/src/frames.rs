@@ -18,7 +18,7 @@ use core::ops::{Add, Mul, Neg, Sub};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// A coordinate frame.
-pub trait Frame: 'static {
+pub trait Frame: Copy + PartialEq + 'static {
     /// Name for messages to a person.
     const NAME: &'static str;
 }
@@ -26,8 +26,8 @@ pub trait Frame: 'static {
 macro_rules! frames {
     ($($(#[$doc:meta])* $name:ident = $text:literal;)*) => {$(
         $(#[$doc])*
-        #[derive(Debug)]
-        pub enum $name {}
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name;
         impl Frame for $name { const NAME: &'static str = $text; }
     )*};
 }
@@ -54,10 +54,13 @@ frames! {
 }
 
 /// A free vector in frame `F` (displacement, velocity, acceleration, rate, force), SI units.
+#[derive(Clone, Copy, PartialEq)]
 pub struct Vector<F>(pub Vector3<f64>, PhantomData<fn() -> F>);
 /// A position in frame `F`, m.
+#[derive(Clone, Copy, PartialEq)]
 pub struct Point<F>(pub Vector3<f64>, PhantomData<fn() -> F>);
 /// The rotation that takes coordinates in `From` to coordinates in `To`: `v_to = R v_from`.
+#[derive(Clone, Copy, PartialEq)]
 pub struct Rotation<To, From>(pub UnitQuaternion<f64>, PhantomData<fn() -> (To, From)>);
 
 impl<F> Vector<F> {
@@ -127,57 +130,19 @@ impl<To, From> Rotation<To, From> {
     }
 }
 
-impl<F> Clone for Vector<F> {
-    fn clone(&self) -> Self {
-        *self
-    }
+macro_rules! debug {
+    ($($type:ident $open:literal $close:literal;)*) => {$(
+        impl<F: Frame> fmt::Debug for $type<F> {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                let v = &self.0;
+                write!(f, "{}{:.4} {:.4} {:.4}{} in {}", $open, v.x, v.y, v.z, $close, F::NAME)
+            }
+        }
+    )*};
 }
-impl<F> Copy for Vector<F> {}
-impl<F> Clone for Point<F> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-impl<F> Copy for Point<F> {}
-impl<A, B> Clone for Rotation<A, B> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-impl<A, B> Copy for Rotation<A, B> {}
-impl<F> PartialEq for Vector<F> {
-    fn eq(&self, o: &Self) -> bool {
-        self.0 == o.0
-    }
-}
-impl<F> PartialEq for Point<F> {
-    fn eq(&self, o: &Self) -> bool {
-        self.0 == o.0
-    }
-}
-impl<F: Frame> fmt::Debug for Vector<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "[{:.4} {:.4} {:.4}] in {}",
-            self.0.x,
-            self.0.y,
-            self.0.z,
-            F::NAME
-        )
-    }
-}
-impl<F: Frame> fmt::Debug for Point<F> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "({:.4} {:.4} {:.4}) in {}",
-            self.0.x,
-            self.0.y,
-            self.0.z,
-            F::NAME
-        )
-    }
+debug! {
+    Vector "[" "]";
+    Point "(" ")";
 }
 impl<A: Frame, B: Frame> fmt::Debug for Rotation<A, B> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -191,17 +156,22 @@ impl<A: Frame, B: Frame> fmt::Debug for Rotation<A, B> {
     }
 }
 
-impl<F> Add for Vector<F> {
-    type Output = Self;
-    fn add(self, o: Self) -> Self {
-        Self::from(self.0 + o.0)
-    }
+macro_rules! operators {
+    ($($left:ident $trait:ident $method:ident $right:ident = $out:ident;)*) => {$(
+        impl<F> $trait<$right<F>> for $left<F> {
+            type Output = $out<F>;
+            fn $method(self, o: $right<F>) -> $out<F> {
+                $out::from(self.0.$method(o.0))
+            }
+        }
+    )*};
 }
-impl<F> Sub for Vector<F> {
-    type Output = Self;
-    fn sub(self, o: Self) -> Self {
-        Self::from(self.0 - o.0)
-    }
+operators! {
+    Vector Add add Vector = Vector;
+    Vector Sub sub Vector = Vector;
+    Point Sub sub Point = Vector;
+    Point Add add Vector = Point;
+    Point Sub sub Vector = Point;
 }
 impl<F> Neg for Vector<F> {
     type Output = Self;
@@ -213,24 +183,6 @@ impl<F> Mul<f64> for Vector<F> {
     type Output = Self;
     fn mul(self, k: f64) -> Self {
         Self::from(self.0 * k)
-    }
-}
-impl<F> Sub for Point<F> {
-    type Output = Vector<F>;
-    fn sub(self, o: Self) -> Vector<F> {
-        Vector::from(self.0 - o.0)
-    }
-}
-impl<F> Add<Vector<F>> for Point<F> {
-    type Output = Self;
-    fn add(self, v: Vector<F>) -> Self {
-        Self::from(self.0 + v.0)
-    }
-}
-impl<F> Sub<Vector<F>> for Point<F> {
-    type Output = Self;
-    fn sub(self, v: Vector<F>) -> Self {
-        Self::from(self.0 - v.0)
     }
 }
 impl<A, B> Mul<Vector<B>> for Rotation<A, B> {

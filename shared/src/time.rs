@@ -2,38 +2,36 @@
 //! the vessel's computer, the drone's computer and the simulated truth each have a type of their
 //! own, and only the bridge converts between them, with a stated uncertainty.
 
-use core::cmp::Ordering;
 use core::fmt;
-use core::hash::{Hash, Hasher};
+use core::hash::Hash;
 use core::marker::PhantomData;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 /// A clock that stamps instants.
-pub trait Clock: 'static {
+pub trait Clock: Copy + fmt::Debug + Default + Ord + Hash + 'static {
     /// Name for messages to a person.
     const NAME: &'static str;
 }
 
-/// The clock of the vessel's computer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum VesselClock {}
-/// The clock of the drone's computer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DroneClock {}
-/// The simulated world's own time. No node ever sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TrueTime {}
-
-impl Clock for VesselClock {
-    const NAME: &'static str = "vessel clock";
+macro_rules! clocks {
+    ($($(#[$doc:meta])* $clock:ident = $name:literal;)*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub struct $clock;
+        impl Clock for $clock {
+            const NAME: &'static str = $name;
+        }
+    )*};
 }
-impl Clock for DroneClock {
-    const NAME: &'static str = "drone clock";
-}
-impl Clock for TrueTime {
-    const NAME: &'static str = "true time";
+clocks! {
+    /// The clock of the vessel's computer.
+    VesselClock = "vessel clock";
+    /// The clock of the drone's computer.
+    DroneClock = "drone clock";
+    /// The simulated world's own time. No node ever sees it.
+    TrueTime = "true time";
 }
 
 /// A length of time in whole nanoseconds; arithmetic saturates.
@@ -112,9 +110,12 @@ impl fmt::Display for Span {
 }
 
 /// An instant on clock `C`, in nanoseconds since that clock's own epoch.
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(transparent)]
+#[serde(transparent, bound = "")]
 pub struct Time<C> {
     ns: i64,
+    #[serde(skip)]
     clock: PhantomData<fn() -> C>,
 }
 
@@ -141,44 +142,8 @@ impl<C> Time<C> {
     pub fn secs(self) -> f64 {
         self.ns as f64 * 1e-9
     }
-    /// `self - earlier`, the age of a value that was valid at `earlier`.
-    pub fn since(self, earlier: Time<C>) -> Span {
-        self - earlier
-    }
 }
 
-impl<C> Clone for Time<C> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-impl<C> Copy for Time<C> {}
-impl<C> Default for Time<C> {
-    fn default() -> Self {
-        Self::EPOCH
-    }
-}
-impl<C> PartialEq for Time<C> {
-    fn eq(&self, o: &Self) -> bool {
-        self.ns == o.ns
-    }
-}
-impl<C> Eq for Time<C> {}
-impl<C> PartialOrd for Time<C> {
-    fn partial_cmp(&self, o: &Self) -> Option<Ordering> {
-        Some(self.cmp(o))
-    }
-}
-impl<C> Ord for Time<C> {
-    fn cmp(&self, o: &Self) -> Ordering {
-        self.ns.cmp(&o.ns)
-    }
-}
-impl<C> Hash for Time<C> {
-    fn hash<H: Hasher>(&self, h: &mut H) {
-        self.ns.hash(h);
-    }
-}
 impl<C: Clock> fmt::Debug for Time<C> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:.6} s ({})", self.secs(), C::NAME)
@@ -207,19 +172,9 @@ impl<C> Sub<Span> for Time<C> {
         Self::from_nanos(self.ns.saturating_sub(d.0))
     }
 }
-impl<C> Serialize for Time<C> {
-    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
-        self.ns.serialize(s)
-    }
-}
-impl<'de, C> Deserialize<'de> for Time<C> {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        i64::deserialize(d).map(Self::from_nanos)
-    }
-}
 
 /// A value and its time of validity.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(bound(serialize = "T: Serialize", deserialize = "T: Deserialize<'de>"))]
 pub struct Stamped<C: Clock, T> {
     /// When the value was valid (measured, or computed for), not when it arrived.
@@ -227,15 +182,6 @@ pub struct Stamped<C: Clock, T> {
     /// The value.
     pub value: T,
 }
-impl<C: Clock, T: Clone> Clone for Stamped<C, T> {
-    fn clone(&self) -> Self {
-        Stamped {
-            at: self.at,
-            value: self.value.clone(),
-        }
-    }
-}
-impl<C: Clock, T: Copy> Copy for Stamped<C, T> {}
 
 impl<C: Clock, T> Stamped<C, T> {
     /// A value valid at `at`.

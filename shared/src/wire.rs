@@ -158,7 +158,7 @@ fn short_name<T>() -> &'static str {
 mod tests {
     use super::*;
     use crate::msg::{PredictedStage, VesselEstimate, VesselPrediction, WaveComponent, WaveModel};
-    use crate::seq::Seq;
+    use crate::msg::Seq;
     use crate::time::VesselClock;
 
     fn estimate() -> VesselEstimate<VesselClock> {

@@ -8,7 +8,7 @@ use alight_shared::msg::{
     DroneStatus, Header, LandedState, MissionState, Motors, Phase, Plan, ReasonCode, SetPoint, Source, State,
 };
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use alight_uav::mission::{Mission, MissionConfig, MissionIn};
 use alight_usv::deck::{ArbiterIn, DeckArbiter, DeckConfig};

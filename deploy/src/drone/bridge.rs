@@ -5,7 +5,7 @@ use std::time::Duration;
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind, RejectionReason, Rejections};
 use alight_shared::config;
 use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::Stamped;
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;

@@ -157,7 +157,7 @@ pub fn text(p: &ProcessState) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::seq::Seq;
+    use alight_shared::msg::Seq;
     use alight_shared::transport::process::MAX_METRICS;
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{MAX_FLOWS, RadioFlow};
 use alight_shared::transport::radio::{Flow, Radio};

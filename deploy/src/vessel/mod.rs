@@ -10,7 +10,7 @@ use std::time::Duration;
 use alight_shared::config;
 use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, SLOPE_WINDOWS, within};
-use crate::seq::Seq;
+use crate::msg::Seq;
 use crate::time::{DroneClock, Span};
 
 /// Stages of a deck forecast.
@@ -201,86 +201,35 @@ impl DeckForecast {
     }
 }
 
-macro_rules! message {
-    ($name:ident, |$m:ident| $check:block) => {
-        impl Message for $name {
-            type Clock = DroneClock;
-            fn header(&self) -> &Header<DroneClock> {
-                &self.header
-            }
-            fn check(&self) -> Result<(), &'static str> {
-                let $m = self;
-                $check
-            }
-        }
-    };
-}
-message!(TagPose, |m| {
-    if !within(&m.position, 1e3) {
-        return Err("position");
-    }
-    let n: f64 = m.attitude.iter().map(|v| v * v).sum();
-    if !((n - 1.0).abs() < 1e-3) {
-        return Err("attitude");
-    }
-    if !m.variance.iter().all(|v| *v > 0.0 && *v < 1e6) {
-        return Err("variance");
-    }
-    Ok(())
+message!(TagPose, DroneClock, |m| {
+    within(&m.position, 1e3) => "position",
+    is_unit(&m.attitude) => "attitude",
+    positive(&m.variance, 1e6) => "variance",
 });
-message!(UvdarFix, |m| {
-    if !within(&m.position, 1e3) {
-        return Err("position");
-    }
-    if !m.variance.iter().all(|v| *v > 0.0 && *v < 1e6) {
-        return Err("variance");
-    }
-    Ok(())
+message!(UvdarFix, DroneClock, |m| {
+    within(&m.position, 1e3) => "position",
+    positive(&m.variance, 1e6) => "variance",
 });
-message!(RangeSample, |m| {
-    if !(0.0..=1e3).contains(&m.range_m) {
-        return Err("range_m");
-    }
-    if !(m.variance > 0.0 && m.variance < 1e6) {
-        return Err("variance");
-    }
-    Ok(())
+message!(RangeSample, DroneClock, |m| {
+    (0.0..=1e3).contains(&m.range_m) => "range_m",
+    positive([&m.variance], 1e6) => "variance",
 });
-message!(LinkState, |m| {
+message!(LinkState, DroneClock, |m| {
     // The offset's spread and the age are infinite before the first exchange.
-    if !m.clock_offset_s.is_finite() || !(m.clock_offset_sd_s >= 0.0) {
-        return Err("clock_offset");
-    }
-    if !(m.age_s >= 0.0) || !(0.0..=1.0).contains(&m.loss) {
-        return Err("statistics");
-    }
-    Ok(())
+    m.clock_offset_s.is_finite() && m.clock_offset_sd_s >= 0.0 => "clock_offset",
+    m.age_s >= 0.0 && (0.0..=1.0).contains(&m.loss) => "statistics",
 });
-message!(DeckForecast, |m| {
-    if m.step <= Span::ZERO {
-        return Err("step");
-    }
-    if !(0.0..=1.0).contains(&m.wave_following_deficit) {
-        return Err("wave_following_deficit");
-    }
-    for s in m.stages.iter() {
-        if !within(&s.position, MAX_POSITION_M)
-            || !within(&s.velocity, MAX_SPEED_MPS)
-            || !within(&s.acceleration, super::MAX_ACCELERATION_MPS2)
-            || !within(&s.euler, 7.0)
-            || !within(&s.euler_rates, MAX_RATE_RPS)
-        {
-            return Err("stages");
-        }
-        if !s
-            .position_sd
-            .iter()
-            .chain(&s.velocity_sd)
-            .chain(&s.euler_sd)
-            .all(|v| *v >= 0.0)
-        {
-            return Err("standard deviations");
-        }
-    }
-    Ok(())
+message!(DeckForecast, DroneClock, |m| {
+    m.step > Span::ZERO => "step",
+    (0.0..=1.0).contains(&m.wave_following_deficit) => "wave_following_deficit",
+    m.stages.iter().all(|s| {
+        within(&s.position, MAX_POSITION_M)
+            && within(&s.velocity, MAX_SPEED_MPS)
+            && within(&s.acceleration, MAX_ACCELERATION_MPS2)
+            && within(&s.euler, MAX_ANGLE_RAD)
+            && within(&s.euler_rates, MAX_RATE_RPS)
+    }) => "stages",
+    m.stages.iter().all(|s| {
+        deviations([&s.position_sd, &s.velocity_sd, &s.euler_sd], f64::INFINITY)
+    }) => "standard deviations",
 });

@@ -3,9 +3,12 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Header, MAX_ACCELERATION_MPS2, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within};
+use super::{
+    FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Seq,
+    deviations, within,
+};
 use crate::frames::wrap_angle;
-use crate::seq::Seq;
+use crate::msg::Seq;
 use crate::time::{DroneClock, Span, Time};
 
 /// Stages of a plan.
@@ -301,104 +304,39 @@ impl SetPoint {
     }
 }
 
-fn unit(q: &[f64; 4]) -> bool {
+/// Its norm is 1.
+pub(super) fn is_unit(q: &[f64; 4]) -> bool {
     (q.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-3
 }
 
-impl Message for DroneState {
-    type Clock = DroneClock;
-    fn header(&self) -> &Header<DroneClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !within(&self.position, MAX_POSITION_M) {
-            return Err("position");
-        }
-        if !within(&self.velocity, MAX_SPEED_MPS) {
-            return Err("velocity");
-        }
-        if !unit(&self.attitude) {
-            return Err("attitude");
-        }
-        if !within(&self.rates, MAX_RATE_RPS) {
-            return Err("rates");
-        }
-        if !within(&self.specific_force, 1e3) {
-            return Err("specific_force");
-        }
-        if !self
-            .position_sd
-            .iter()
-            .chain(&self.velocity_sd)
-            .chain(&self.euler_sd)
-            .all(|v| (0.0..=1e4).contains(v))
-        {
-            return Err("standard deviations");
-        }
-        Ok(())
-    }
-}
-impl Message for AutopilotState {
-    type Clock = DroneClock;
-    fn header(&self) -> &Header<DroneClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        for (v, name) in [
-            (self.battery, "battery"),
-            (self.thrust, "thrust"),
-            (self.hover_thrust, "hover_thrust"),
-        ] {
-            if !(-0.01..=1.5).contains(&v) {
-                return Err(name);
-            }
-        }
-        Ok(())
-    }
-}
-impl Message for Plan {
-    type Clock = DroneClock;
-    fn header(&self) -> &Header<DroneClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if self.step <= Span::ZERO {
-            return Err("step");
-        }
-        if !within(&self.disturbance, MAX_ACCELERATION_MPS2) {
-            return Err("disturbance");
-        }
-        for s in self.stages.iter() {
-            if !within(&s.position, MAX_POSITION_M)
-                || !within(&s.velocity, MAX_SPEED_MPS)
-                || !within(&s.acceleration, MAX_ACCELERATION_MPS2)
-                || !within(&s.euler, 7.0)
-                || !within(&s.euler_rates, MAX_RATE_RPS)
-            {
-                return Err("stages");
-            }
-        }
-        Ok(())
-    }
-}
-impl Message for SetPoint {
-    type Clock = DroneClock;
-    fn header(&self) -> &Header<DroneClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !within(&self.position, MAX_POSITION_M) || !within(&self.velocity, MAX_SPEED_MPS) {
-            return Err("position or velocity");
-        }
-        if !within(&self.acceleration, MAX_ACCELERATION_MPS2) || !within([&self.yaw, &self.yaw_rate], 50.0) {
-            return Err("acceleration or yaw");
-        }
-        if !unit(&self.attitude) || !within(&self.rates, MAX_RATE_RPS) {
-            return Err("attitude or rates");
-        }
-        if !(0.0..=1.0).contains(&self.thrust) {
-            return Err("thrust");
-        }
-        Ok(())
-    }
-}
+message!(DroneState, DroneClock, |m| {
+    within(&m.position, MAX_POSITION_M) => "position",
+    within(&m.velocity, MAX_SPEED_MPS) => "velocity",
+    is_unit(&m.attitude) => "attitude",
+    within(&m.rates, MAX_RATE_RPS) => "rates",
+    within(&m.specific_force, 1e3) => "specific_force",
+    deviations([&m.position_sd, &m.velocity_sd, &m.euler_sd], 1e4) => "standard deviations",
+});
+message!(AutopilotState, DroneClock, |m| {
+    FRACTION.contains(&m.battery) => "battery",
+    FRACTION.contains(&m.thrust) => "thrust",
+    FRACTION.contains(&m.hover_thrust) => "hover_thrust",
+});
+message!(Plan, DroneClock, |m| {
+    m.step > Span::ZERO => "step",
+    within(&m.disturbance, MAX_ACCELERATION_MPS2) => "disturbance",
+    m.stages.iter().all(|s| {
+        within(&s.position, MAX_POSITION_M)
+            && within(&s.velocity, MAX_SPEED_MPS)
+            && within(&s.acceleration, MAX_ACCELERATION_MPS2)
+            && within(&s.euler, MAX_ANGLE_RAD)
+            && within(&s.euler_rates, MAX_RATE_RPS)
+    }) => "stages",
+});
+message!(SetPoint, DroneClock, |m| {
+    within(&m.position, MAX_POSITION_M) && within(&m.velocity, MAX_SPEED_MPS) => "position or velocity",
+    within(&m.acceleration, MAX_ACCELERATION_MPS2) && within([&m.yaw, &m.yaw_rate], 50.0) =>
+        "acceleration or yaw",
+    is_unit(&m.attitude) && within(&m.rates, MAX_RATE_RPS) => "attitude or rates",
+    (0.0..=1.0).contains(&m.thrust) => "thrust",
+});

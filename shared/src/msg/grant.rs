@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Header, Message};
+use super::Header;
 use crate::time::{Clock, Time};
 
 /// The vessel says which drone may descend to its deck. Repeated while it runs: a drone descends only
@@ -19,23 +19,5 @@ pub struct DeckGrant<C: Clock> {
     pub occupied: bool,
 }
 
-impl<C: Clock> DeckGrant<C> {
-    /// The same word with its time on another clock.
-    pub fn restamped<D: Clock>(&self, at: Time<D>) -> DeckGrant<D> {
-        DeckGrant {
-            header: self.header.restamped(at),
-            owner: self.owner,
-            occupied: self.occupied,
-        }
-    }
-}
-
-impl<C: Clock> Message for DeckGrant<C> {
-    type Clock = C;
-    fn header(&self) -> &Header<C> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        Ok(())
-    }
-}
+restamped!(DeckGrant { owner, occupied });
+message!(<C> DeckGrant<C>, C, |m| {});

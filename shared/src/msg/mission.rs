@@ -5,7 +5,7 @@ use core::fmt;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Header, LandedState, Message};
+use super::{FRACTION, Header, LandedState, MAX_POSITION_M, within};
 use crate::time::{Clock, DroneClock, Time};
 
 /// States of the landing mission (Procházka et al., section IV).
@@ -300,15 +300,7 @@ pub struct OperatorCommand<C: Clock> {
     pub kind: CommandKind,
 }
 
-impl<C: Clock> Message for OperatorCommand<C> {
-    type Clock = C;
-    fn header(&self) -> &Header<C> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        Ok(())
-    }
-}
+message!(<C> OperatorCommand<C>, C, |m| {});
 
 impl CommandKind {
     /// Whether a mission that stands so, and waits for this, has done what was commanded.
@@ -361,43 +353,11 @@ pub struct DroneStatus {
     pub landed: LandedState,
 }
 
-impl Message for DroneStatus {
-    type Clock = DroneClock;
-    fn header(&self) -> &Header<DroneClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if (-0.01..=1.5).contains(&self.battery) {
-            Ok(())
-        } else {
-            Err("battery")
-        }
-    }
-}
-
-impl Message for MissionState {
-    type Clock = DroneClock;
-    fn header(&self) -> &Header<DroneClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !super::within(&self.hold_position, super::MAX_POSITION_M)
-            || !super::within([&self.hold_yaw], 50.0)
-        {
-            return Err("hold_position");
-        }
-        if !(0.0..=1e3).contains(&self.height_m) || !(0.0..=10.0).contains(&self.descent_mps) {
-            return Err("height_m or descent_mps");
-        }
-        Ok(())
-    }
-}
-impl Message for Command {
-    type Clock = DroneClock;
-    fn header(&self) -> &Header<DroneClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        Ok(())
-    }
-}
+message!(DroneStatus, DroneClock, |m| {
+    FRACTION.contains(&m.battery) => "battery",
+});
+message!(MissionState, DroneClock, |m| {
+    within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
+    (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
+});
+message!(Command, DroneClock, |m| {});

@@ -4,11 +4,41 @@
 //! content was valid. `C` is the clock of that time: messages of the vessel carry `VesselClock`
 //! until the bridge has converted them to `DroneClock`.
 
+/// Implements [`Message`]: its clock, its header, and conditions in order, each with the field to blame.
+macro_rules! message {
+    ($(<$c:ident>)? $name:ty, $clock:ty, |$m:ident| { $($sound:expr => $field:literal,)* }) => {
+        impl$(<$c: $crate::time::Clock>)? $crate::msg::Message for $name {
+            type Clock = $clock;
+            fn header(&self) -> &$crate::msg::Header<$clock> {
+                &self.header
+            }
+            fn check(&self) -> Result<(), &'static str> {
+                let $m = self;
+                $($crate::msg::ensure($sound, $field)?;)*
+                let _sound = $m;
+                Ok(())
+            }
+        }
+    };
+}
+/// The same message with its time of validity on another clock.
+macro_rules! restamped {
+    ($name:ident { $($field:ident),* }) => {
+        impl<C: Clock> $name<C> {
+            /// The same with its time of validity on another clock.
+            pub fn restamped<D: Clock>(&self, at: Time<D>) -> $name<D> {
+                $name { header: self.header.restamped(at), $($field: self.$field),* }
+            }
+        }
+    };
+}
+
 mod deck;
 mod drone;
 mod grant;
 mod mission;
 mod sensors;
+mod seq;
 pub mod vessel;
 
 pub use deck::{
@@ -23,6 +53,7 @@ pub use grant::DeckGrant;
 pub use mission::{
     Command, CommandKind, DroneStatus, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State,
 };
+pub use seq::Seq;
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use vessel::{
     MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
@@ -37,7 +68,7 @@ use crate::time::{Clock, Time};
 pub const MESSAGE_VERSION: u16 = 6;
 
 /// Identity, order and time of validity of a message.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct Header<C: Clock> {
@@ -67,6 +98,10 @@ impl<C: Clock> Header<C> {
             version: MESSAGE_VERSION,
         }
     }
+    /// It comes after `last` of the same sender: a higher sequence number, or another boot.
+    pub fn follows(&self, last: &Header<C>) -> bool {
+        self.boot != last.boot || self.sequence > last.sequence
+    }
     /// The same header with its time expressed on another clock.
     pub const fn restamped<D: Clock>(&self, at: Time<D>) -> Header<D> {
         Header {
@@ -79,31 +114,13 @@ impl<C: Clock> Header<C> {
         }
     }
 }
-impl<C: Clock> Clone for Header<C> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-impl<C: Clock> Copy for Header<C> {}
 impl<C: Clock> Default for Header<C> {
     fn default() -> Self {
         Header::new(0, 0, 0, 0, Time::EPOCH)
     }
 }
-impl<C: Clock> PartialEq for Header<C> {
-    fn eq(&self, o: &Self) -> bool {
-        (
-            self.at,
-            self.boot,
-            self.sequence,
-            self.vessel,
-            self.drone,
-            self.version,
-        ) == (o.at, o.boot, o.sequence, o.vessel, o.drone, o.version)
-    }
-}
 
-/// What every message can say about itself.
+/// What every message has.
 pub trait Message {
     /// The clock of its time of validity.
     type Clock: Clock;
@@ -114,16 +131,39 @@ pub trait Message {
     fn check(&self) -> Result<(), &'static str>;
 }
 
+/// `Err(field)` unless `sound`.
+pub(crate) fn ensure(sound: bool, field: &'static str) -> Result<(), &'static str> {
+    if sound { Ok(()) } else { Err(field) }
+}
 /// All components finite and no larger than `limit`.
 pub(crate) fn within<'a>(values: impl IntoIterator<Item = &'a f64>, limit: f64) -> bool {
     // NaN compares false.
     values.into_iter().all(|v| v.abs() <= limit)
 }
-/// All components finite and no larger than `limit`.
+/// The same in single precision.
 pub(crate) fn within32<'a>(values: impl IntoIterator<Item = &'a f32>, limit: f32) -> bool {
     values.into_iter().all(|v| v.abs() <= limit)
 }
 
+/// Every one of these lists is not negative and at most `limit`: standard deviations.
+pub(crate) fn deviations<const N: usize>(lists: [&[f64]; N], limit: f64) -> bool {
+    lists.iter().all(|list| list.iter().all(|v| (0.0..=limit).contains(v)))
+}
+/// Every one is above zero and below `limit`.
+pub(crate) fn positive<'a>(values: impl IntoIterator<Item = &'a f64>, limit: f64) -> bool {
+    values.into_iter().all(|v| *v > 0.0 && *v < limit)
+}
+/// A place on the Earth.
+pub(crate) fn on_earth(d: &crate::frames::Datum) -> bool {
+    within([&d.latitude_deg], 90.0) && within([&d.longitude_deg], 360.0) && within([&d.height_m], 1e4)
+}
+
+/// A charge or a thrust as autopilots report it: rounding and a boost allowed.
+pub(crate) const FRACTION: core::ops::RangeInclusive<f64> = -0.01..=1.5;
+/// Largest angle that a message may carry, rad.
+pub(crate) const MAX_ANGLE_RAD: f64 = 7.0;
+/// Largest tilt that a surface vessel's message may carry, rad: beyond it, it has capsized.
+pub(crate) const MAX_TILT_RAD: f64 = 1.3;
 /// Largest coordinate that a message may carry, m: a tangent plane is meaningless further out.
 pub const MAX_POSITION_M: f64 = 1.0e5;
 /// Largest speed that a message may carry, m/s.

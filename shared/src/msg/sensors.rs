@@ -3,7 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within};
+use super::{
+    Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, on_earth, positive, within,
+};
 use crate::frames::Datum;
 use crate::time::VesselClock;
 
@@ -88,103 +90,39 @@ pub struct AttitudeFix {
     pub source: u8,
 }
 
-/// A source that there may be, in a place on a vessel.
-fn check_source(source: u8, lever_arm: Option<&[f64; 3]>) -> Result<(), &'static str> {
-    if usize::from(source) >= MAX_SOURCES {
-        return Err("source");
-    }
-    if !lever_arm.is_none_or(|a| within(a, 100.0)) {
-        return Err("arm");
-    }
-    Ok(())
+/// A source that there may be on a vessel.
+fn is_source(source: u8) -> bool {
+    usize::from(source) < MAX_SOURCES
+}
+/// A place on a vessel.
+fn is_lever_arm(lever_arm: &Option<[f64; 3]>) -> bool {
+    lever_arm.is_none_or(|a| within(&a, 100.0))
 }
 
-impl Message for ImuSample {
-    type Clock = VesselClock;
-    fn header(&self) -> &Header<VesselClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !within(&self.gyro, MAX_RATE_RPS) {
-            return Err("gyro");
-        }
-        if !within(&self.accelerometer, 500.0) {
-            return Err("accelerometer");
-        }
-        check_source(self.source, self.lever_arm.as_ref())?;
-        Ok(())
-    }
-}
-impl Message for GnssFix {
-    type Clock = VesselClock;
-    fn header(&self) -> &Header<VesselClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !within(&self.position, MAX_POSITION_M) {
-            return Err("position");
-        }
-        if !within(&self.velocity, MAX_SPEED_MPS) {
-            return Err("velocity");
-        }
-        if !within([&self.datum.latitude_deg], 90.0)
-            || !within([&self.datum.longitude_deg], 360.0)
-            || !within([&self.datum.height_m], 1e4)
-        {
-            return Err("datum");
-        }
-        if !self
-            .position_sd
-            .iter()
-            .chain(&self.velocity_sd)
-            .all(|v| *v > 0.0 && *v < 1e4)
-        {
-            return Err("standard deviations");
-        }
-        check_source(self.source, self.lever_arm.as_ref())?;
-        Ok(())
-    }
-}
-impl Message for HeadingFix {
-    type Clock = VesselClock;
-    fn header(&self) -> &Header<VesselClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !within([&self.heading], 50.0) {
-            return Err("heading");
-        }
-        if !(self.heading_sd > 0.0 && self.heading_sd < 10.0) {
-            return Err("heading_sd");
-        }
-        if !self.rate.is_none_or(|r| within([&r], MAX_RATE_RPS)) {
-            return Err("rate");
-        }
-        check_source(self.source, None)
-    }
-}
-impl Message for AttitudeFix {
-    type Clock = VesselClock;
-    fn header(&self) -> &Header<VesselClock> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        // Beyond it a vessel has capsized.
-        if !within(&self.tilt, 1.3) {
-            return Err("tilt");
-        }
-        if !(self.tilt_sd > 0.0 && self.tilt_sd < 10.0) {
-            return Err("tilt_sd");
-        }
-        if !self.rates.is_none_or(|r| within(&r, MAX_RATE_RPS)) {
-            return Err("rates");
-        }
-        if !self
-            .heave
-            .is_none_or(|h| within([&h], 100.0) && self.heave_sd > 0.0 && self.heave_sd < 1e4)
-        {
-            return Err("heave");
-        }
-        check_source(self.source, None)
-    }
-}
+message!(ImuSample, VesselClock, |m| {
+    within(&m.gyro, MAX_RATE_RPS) => "gyro",
+    within(&m.accelerometer, 500.0) => "accelerometer",
+    is_source(m.source) => "source",
+    is_lever_arm(&m.lever_arm) => "lever_arm",
+});
+message!(GnssFix, VesselClock, |m| {
+    within(&m.position, MAX_POSITION_M) => "position",
+    within(&m.velocity, MAX_SPEED_MPS) => "velocity",
+    on_earth(&m.datum) => "datum",
+    positive(&m.position_sd, 1e4) && positive(&m.velocity_sd, 1e4) => "standard deviations",
+    is_source(m.source) => "source",
+    is_lever_arm(&m.lever_arm) => "lever_arm",
+});
+message!(HeadingFix, VesselClock, |m| {
+    within([&m.heading], 50.0) => "heading",
+    positive([&m.heading_sd], 10.0) => "heading_sd",
+    m.rate.is_none_or(|r| within([&r], MAX_RATE_RPS)) => "rate",
+    is_source(m.source) => "source",
+});
+message!(AttitudeFix, VesselClock, |m| {
+    within(&m.tilt, MAX_TILT_RAD) => "tilt",
+    positive([&m.tilt_sd], 10.0) => "tilt_sd",
+    m.rates.is_none_or(|r| within(&r, MAX_RATE_RPS)) => "rates",
+    m.heave.is_none_or(|h| within([&h], 100.0) && positive([&m.heave_sd], 1e4)) => "heave",
+    is_source(m.source) => "source",
+});

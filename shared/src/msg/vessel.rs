@@ -51,9 +51,11 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, within, within32};
+use super::{
+    Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, on_earth, within, within32,
+};
 use crate::frames::{Datum, wrap_angle};
-use crate::seq::Seq;
+use crate::msg::Seq;
 use crate::time::{Clock, Time, VesselClock};
 
 /// Most wave components that a wave model carries.
@@ -69,7 +71,7 @@ pub const PREDICTION_STAGES: usize = 15;
 
 /// The vessel's 6-DOF state. Degrees of freedom in order: surge/north, sway/east, heave/down,
 /// roll, pitch, yaw.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct VesselEstimate<C: Clock> {
@@ -119,7 +121,7 @@ pub struct WaveComponent {
 }
 
 /// The vessel's wave model: what rolls its estimate on.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct WaveModel<C: Clock> {
@@ -158,7 +160,7 @@ pub struct PredictedStage {
 }
 
 /// The vessel's predicted trajectory.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct VesselPrediction<C: Clock> {
@@ -201,62 +203,27 @@ pub struct TimeReply<V: Clock, D: Clock> {
     pub received_at: Time<V>,
 }
 
-macro_rules! clone_message {
-    ($($name:ident),*) => {$(
-        impl<C: Clock> Clone for $name<C> { fn clone(&self) -> Self { *self } }
-        impl<C: Clock> Copy for $name<C> {}
-    )*};
-}
-clone_message!(VesselEstimate, WaveModel, VesselPrediction);
-
-impl<C: Clock> PartialEq for VesselEstimate<C> {
-    fn eq(&self, o: &Self) -> bool {
-        self.header == o.header
-            && self.datum == o.datum
-            && self.eta == o.eta
-            && self.eta_dot == o.eta_dot
-            && self.eta_ddot == o.eta_ddot
-            && self.covariance == o.covariance
-            && self.deck_centre == o.deck_centre
-            && self.mean_velocity == o.mean_velocity
-            && self.mean_heading == o.mean_heading
-    }
-}
-impl<C: Clock> PartialEq for WaveModel<C> {
-    fn eq(&self, o: &Self) -> bool {
-        self.header == o.header
-            && self.significant_height_m == o.significant_height_m
-            && self.confidence == o.confidence
-            && self.wave_following_deficit == o.wave_following_deficit
-            && self.crest_steepening == o.crest_steepening
-            && self.components == o.components
-            && self.slopes == o.slopes
-    }
-}
-impl<C: Clock> PartialEq for VesselPrediction<C> {
-    fn eq(&self, o: &Self) -> bool {
-        self.header == o.header
-            && self.step_s == o.step_s
-            && self.origin == o.origin
-            && self.stages == o.stages
-    }
-}
+restamped!(VesselEstimate {
+    datum,
+    eta,
+    eta_dot,
+    eta_ddot,
+    covariance,
+    deck_centre,
+    mean_velocity,
+    mean_heading
+});
+restamped!(WaveModel {
+    significant_height_m,
+    confidence,
+    wave_following_deficit,
+    crest_steepening,
+    components,
+    slopes
+});
+restamped!(VesselPrediction { step_s, origin, stages });
 
 impl<C: Clock> VesselEstimate<C> {
-    /// The same estimate with its time of validity on another clock.
-    pub fn restamped<D: Clock>(&self, at: Time<D>) -> VesselEstimate<D> {
-        VesselEstimate {
-            header: self.header.restamped(at),
-            datum: self.datum,
-            eta: self.eta,
-            eta_dot: self.eta_dot,
-            eta_ddot: self.eta_ddot,
-            covariance: self.covariance,
-            deck_centre: self.deck_centre,
-            mean_velocity: self.mean_velocity,
-            mean_heading: self.mean_heading,
-        }
-    }
     /// Position of the reference point in the vessel's NED, m.
     pub fn position(&self) -> Vector3<f64> {
         Vector3::new(self.eta[0], self.eta[1], self.eta[2])
@@ -264,20 +231,6 @@ impl<C: Clock> VesselEstimate<C> {
     /// Deck centre in the body frame, m.
     pub fn deck_centre(&self) -> Vector3<f64> {
         Vector3::from(self.deck_centre.map(f64::from))
-    }
-}
-impl<C: Clock> WaveModel<C> {
-    /// The same model with its time of validity on another clock.
-    pub fn restamped<D: Clock>(&self, at: Time<D>) -> WaveModel<D> {
-        WaveModel {
-            header: self.header.restamped(at),
-            significant_height_m: self.significant_height_m,
-            confidence: self.confidence,
-            wave_following_deficit: self.wave_following_deficit,
-            crest_steepening: self.crest_steepening,
-            components: self.components,
-            slopes: self.slopes,
-        }
     }
 }
 impl<C: Clock> VesselPrediction<C> {
@@ -300,21 +253,10 @@ impl<C: Clock> VesselPrediction<C> {
         let sd = core::array::from_fn(|d| f64::from(a.sd[d]) + f * (f64::from(b.sd[d]) - f64::from(a.sd[d])));
         Some((eta, sd))
     }
-    /// The same prediction with its time on another clock.
-    pub fn restamped<D: Clock>(&self, at: Time<D>) -> VesselPrediction<D> {
-        VesselPrediction {
-            header: self.header.restamped(at),
-            step_s: self.step_s,
-            origin: self.origin,
-            stages: self.stages,
-        }
-    }
 }
 
-/// Largest tilt that a surface vessel's message may carry, rad: beyond it, it has capsized.
-const MAX_TILT: f64 = 1.3;
-
-fn check_covariance(blocks: &[[f32; 3]; 6]) -> bool {
+/// Blocks of variance, covariance, variance that a covariance matrix can have.
+fn is_covariance(blocks: &[[f32; 3]; 6]) -> bool {
     blocks.iter().all(|[a, c, b]| {
         (0.0..=1e8).contains(a)
             && (0.0..=1e8).contains(b)
@@ -322,111 +264,40 @@ fn check_covariance(blocks: &[[f32; 3]; 6]) -> bool {
     })
 }
 
-impl<C: Clock> Message for VesselEstimate<C> {
-    type Clock = C;
-    fn header(&self) -> &Header<C> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !within(&self.eta[..3], MAX_POSITION_M)
-            || !within(&self.eta[3..5], MAX_TILT)
-            || !within(&self.eta[5..], 7.0)
-        {
-            return Err("eta");
-        }
-        if !within32(&self.eta_dot[..3], MAX_SPEED_MPS as f32)
-            || !within32(&self.eta_dot[3..], MAX_RATE_RPS as f32)
-        {
-            return Err("eta_dot");
-        }
-        if !within32(&self.eta_ddot, 200.0) {
-            return Err("eta_ddot");
-        }
-        if !check_covariance(&self.covariance) {
-            return Err("covariance");
-        }
-        if !within32(&self.deck_centre, 100.0) {
-            return Err("deck_centre");
-        }
-        if !within32(&self.mean_velocity, MAX_SPEED_MPS as f32) || !within32(&self.mean_heading, 50.0) {
-            return Err("mean motion");
-        }
-        if !within([&self.datum.latitude_deg], 90.0)
-            || !within([&self.datum.longitude_deg], 360.0)
-            || !within([&self.datum.height_m], 1e4)
-        {
-            return Err("datum");
-        }
-        Ok(())
-    }
-}
-impl<C: Clock> Message for WaveModel<C> {
-    type Clock = C;
-    fn header(&self) -> &Header<C> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !(0.0..=50.0).contains(&self.significant_height_m) {
-            return Err("significant_height_m");
-        }
-        if !(0.0..=1.0).contains(&self.confidence) {
-            return Err("confidence");
-        }
-        if !(0.0..=1.0).contains(&self.wave_following_deficit) {
-            return Err("wave_following_deficit");
-        }
-        if !(0.0..=1.0).contains(&self.crest_steepening) {
-            return Err("sharpness");
-        }
-        for c in self.components.iter() {
-            if !(0.01..=20.0).contains(&c.omega) || !(0.01..=20.0).contains(&c.omega_encounter) {
-                return Err("omega");
-            }
-            if !within32([&c.direction], 7.0) || !(0.0..=7.0).contains(&c.direction_sd) {
-                return Err("direction");
-            }
-            if !(0.0..=2.0).contains(&c.damping) {
-                return Err("damping");
-            }
-            if !within32(c.state.iter().flatten(), 1e4) {
-                return Err("state");
-            }
-            if !check_covariance(&c.covariance) {
-                return Err("covariance");
-            }
-            if !c.drive.iter().all(|d| (0.0..=1e6).contains(d)) {
-                return Err("drive");
-            }
-        }
-        Ok(())
-    }
-}
-impl<C: Clock> Message for VesselPrediction<C> {
-    type Clock = C;
-    fn header(&self) -> &Header<C> {
-        &self.header
-    }
-    fn check(&self) -> Result<(), &'static str> {
-        if !(0.001..=10.0).contains(&self.step_s) {
-            return Err("step_s");
-        }
-        if !within(&self.origin, MAX_POSITION_M) {
-            return Err("origin");
-        }
-        for s in self.stages.iter() {
-            if !within32(&s.eta, 1e4)
-                || !within32(&s.eta_dot, 1e3)
-                || !s.sd.iter().all(|v| (0.0..=1e4).contains(v))
-            {
-                return Err("stages");
-            }
-        }
-        Ok(())
-    }
-}
-impl<V: Clock, D: Clock> TimeReply<V, D> {
-    /// Its identity.
-    pub fn header(&self) -> &Header<V> {
-        &self.header
-    }
-}
+message!(<C> VesselEstimate<C>, C, |m| {
+    within(&m.eta[..3], MAX_POSITION_M)
+        && within(&m.eta[3..5], MAX_TILT_RAD)
+        && within(&m.eta[5..], MAX_ANGLE_RAD) => "eta",
+    within32(&m.eta_dot[..3], MAX_SPEED_MPS as f32)
+        && within32(&m.eta_dot[3..], MAX_RATE_RPS as f32) => "eta_dot",
+    within32(&m.eta_ddot, 200.0) => "eta_ddot",
+    is_covariance(&m.covariance) => "covariance",
+    within32(&m.deck_centre, 100.0) => "deck_centre",
+    within32(&m.mean_velocity, MAX_SPEED_MPS as f32) && within32(&m.mean_heading, 50.0) => "mean motion",
+    on_earth(&m.datum) => "datum",
+});
+message!(<C> WaveModel<C>, C, |m| {
+    (0.0..=50.0).contains(&m.significant_height_m) => "significant_height_m",
+    (0.0..=1.0).contains(&m.confidence) => "confidence",
+    (0.0..=1.0).contains(&m.wave_following_deficit) => "wave_following_deficit",
+    (0.0..=1.0).contains(&m.crest_steepening) => "crest_steepening",
+    m.components.iter().all(|c| {
+        (0.01..=20.0).contains(&c.omega) && (0.01..=20.0).contains(&c.omega_encounter)
+    }) => "omega",
+    m.components.iter().all(|c| {
+        within32([&c.direction], 7.0) && (0.0..=7.0).contains(&c.direction_sd)
+    }) => "direction",
+    m.components.iter().all(|c| (0.0..=2.0).contains(&c.damping)) => "damping",
+    m.components.iter().all(|c| within32(c.state.iter().flatten(), 1e4)) => "state",
+    m.components.iter().all(|c| is_covariance(&c.covariance)) => "covariance",
+    m.components.iter().all(|c| c.drive.iter().all(|d| (0.0..=1e6).contains(d))) => "drive",
+});
+message!(<C> VesselPrediction<C>, C, |m| {
+    (0.001..=10.0).contains(&m.step_s) => "step_s",
+    within(&m.origin, MAX_POSITION_M) => "origin",
+    m.stages.iter().all(|s| {
+        within32(&s.eta, 1e4)
+            && within32(&s.eta_dot, 1e3)
+            && s.sd.iter().all(|v| (0.0..=1e4).contains(v))
+    }) => "stages",
+});

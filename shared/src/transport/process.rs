@@ -5,7 +5,7 @@ use iceoryx2_bb_posix::process::{Process, ProcessId};
 use iceoryx2_bb_posix::signal::Signal as OsSignal;
 use serde::{Deserialize, Serialize};
 
-use crate::seq::Seq;
+use crate::msg::Seq;
 use crate::transport::TransportError;
 
 /// What a test of faults sends to a process.

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::model::connected;
 use super::{Component, DISTURBANCE, DOFS, ETA, HEAD, NU, PITCH, ROLL, SLOW, SURGE, SWAY, VesselModel};
-use crate::kalman::{Gaussian, Transition, Update};
+use crate::estimation::{Gaussian, Transition, Update};
 
 /// A state of the caller's own that rides in a degree of freedom's block, e.g. a sensor bias.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -323,12 +323,6 @@ impl Belief {
     pub fn propagate(&mut self, step: &Step) {
         for (g, (a, q)) in self.blocks.iter_mut().zip(&step.blocks) {
             g.predict(a, q);
-        }
-    }
-    /// The mean only, one step on.
-    pub fn propagate_mean(&mut self, step: &Step) {
-        for (g, (a, _)) in self.blocks.iter_mut().zip(&step.blocks) {
-            g.predict_mean(a);
         }
     }
     /// What a measurement row predicts.

@@ -63,7 +63,7 @@ pub fn van_loan(f: &DMatrix<f64>, w: &DMatrix<f64>, dt: f64) -> (DMatrix<f64>, D
     let a = DMatrix::from_fn(n, n, |i, j| e[(n + j, n + i)]);
     let b = DMatrix::from_fn(n, n, |i, j| e[(i, n + j)]);
     let mut q = &a * b;
-    crate::kalman::symmetrise(&mut q);
+    crate::estimation::symmetrise(&mut q);
     (a, q)
 }
 

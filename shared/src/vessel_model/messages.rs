@@ -1,8 +1,8 @@
-//! To and from the wave model on the wire, which is in NED (reference heading zero).
+//! To the wave model on the wire, which is in NED (reference heading zero).
 
-use super::{Belief, Component, DOFS, PITCH, ROLL, SURGE, SWAY};
+use super::{Belief, DOFS, PITCH, ROLL, SURGE, SWAY};
 use crate::msg::{MAX_COMPONENTS, WaveComponent};
-use crate::seq::Seq;
+use crate::msg::Seq;
 
 /// Values of the six degrees of freedom after the reference has turned by `delta`: (surge, sway)
 /// and (roll, pitch) as vectors.
@@ -24,20 +24,6 @@ fn turned_variance(v: [f64; DOFS], delta: f64) -> [f64; DOFS] {
         out[y] = s2 * v[x] + c2 * v[y];
     }
     out
-}
-
-impl Component {
-    /// From the wire (NED) into a reference heading, rad.
-    pub fn from_message(m: &WaveComponent, reference_heading: f64) -> Self {
-        Component {
-            omega: m.omega.into(),
-            direction: m.direction.into(),
-            direction_sd: m.direction_sd.into(),
-            omega_encounter: m.omega_encounter.into(),
-            damping: m.damping.into(),
-            drive: turned_variance(m.drive.map(f64::from), reference_heading),
-        }
-    }
 }
 
 impl Belief {
@@ -66,28 +52,5 @@ impl Belief {
                 drive: turned_variance(c.drive, back).map(|v| v as f32),
             }
         }))
-    }
-    /// Overwrites the oscillators with those of a message, turned into this belief's
-    /// `reference_heading` (rad). The belief must have been built for the message's components (in
-    /// its order); false, and nothing done, when their number differs.
-    pub fn load_waves(&mut self, waves: &[WaveComponent], reference_heading: f64) -> bool {
-        if waves.len() != self.layout().components() {
-            return false;
-        }
-        for (j, m) in waves.iter().enumerate() {
-            let pick = |f: &dyn Fn(usize) -> f32| core::array::from_fn(|d| f64::from(f(d)));
-            let value = turned(pick(&|d| m.state[d][0]), reference_heading);
-            let rate = turned(pick(&|d| m.state[d][1]), reference_heading);
-            let vv = turned_variance(pick(&|d| m.covariance[d][0]), reference_heading);
-            let vr = turned_variance(pick(&|d| m.covariance[d][1]), reference_heading);
-            let rr = turned_variance(pick(&|d| m.covariance[d][2]), reference_heading);
-            for d in 0..DOFS {
-                let slot = self.layout().value(d, j);
-                self.set(d, slot, value[d]);
-                self.set(d, slot + 1, rate[d]);
-                self.set_pair(d, slot, [vv[d], vr[d], rr[d]]);
-            }
-        }
-        true
     }
 }

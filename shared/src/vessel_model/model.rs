@@ -275,15 +275,6 @@ impl VesselModel {
             q,
         }
     }
-
-    /// Stationary standard deviation of the sum of all components in a degree of freedom.
-    pub fn wave_sd(&self, dof: usize) -> f64 {
-        self.components
-            .iter()
-            .map(|c| c.stationary_sd(dof).powi(2))
-            .sum::<f64>()
-            .sqrt()
-    }
 }
 
 /// Connected sets of a symmetric relation, each in rising order.

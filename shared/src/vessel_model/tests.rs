@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use super::*;
 use crate::config::{Check, Keys};
-use crate::kalman::Update;
+use crate::estimation::Update;
 
 fn waves() -> Vec<Component> {
     [(1.26, 0.4), (1.05, 0.0), (1.5, -0.4)]
@@ -163,7 +163,7 @@ fn heave_follows_a_long_wave() {
     let step = b.step(&model, 0.05);
     let mut worst = 0.0_f64;
     for _ in 0..400 {
-        b.propagate_mean(&step);
+        b.propagate(&step);
         worst = worst.max((b.get(HEAVE, ETA) - b.wave(HEAVE)).abs());
     }
     // Then heave is the wave to a few per cent of its amplitude (phase lag 2 zeta omega / omega_n).
@@ -240,20 +240,33 @@ fn change_of_model_keeps_value_and_amplitude() {
 }
 
 #[test]
-fn wave_message_restores_the_oscillators() {
+fn wave_message_carries_the_oscillators_in_ned() {
     let model = VesselModel::new(&VesselModelConfig::default(), &waves());
-    let from = filled(&model);
-    let message = from.wave_message(0.6);
-    let mut to = Belief::new(&model, &spec());
-    assert!(to.load_waves(&message, 0.6));
-    for dof in 0..DOFS {
-        for j in 0..3 {
-            let slot = from.layout().value(dof, j);
-            assert!((to.get(dof, slot) - from.get(dof, slot)).abs() < 1e-6);
-            assert!((to.get(dof, slot + 1) - from.get(dof, slot + 1)).abs() < 1e-6);
+    let belief = filled(&model);
+    let mut north = belief.clone();
+    north.turn(-0.6);
+    let message = belief.wave_message(0.6);
+    assert_eq!(message.len(), 3);
+    for (j, wave) in message.iter().enumerate() {
+        for dof in 0..DOFS {
+            let slot = belief.layout().value(dof, j);
+            assert!((f64::from(wave.state[dof][0]) - north.get(dof, slot)).abs() < 1e-6);
+            assert!((f64::from(wave.state[dof][1]) - north.get(dof, slot + 1)).abs() < 1e-6);
         }
     }
-    assert!(!to.load_waves(&message[..2], 0.6));
+}
+
+#[test]
+fn update_leaves_the_state_on_a_gated_outlier() {
+    let model = VesselModel::new(&VesselModelConfig::default(), &waves()[..1]);
+    let mut belief = Belief::new(&model, &spec());
+    let before = belief.clone();
+    let row = [Term::new(HEAVE, ETA, 1.0)];
+    assert!(matches!(belief.update(&row, 50.0, 0.1, 5.4), Update::Gated { .. }));
+    assert_eq!(belief.update(&row, f64::NAN, 0.1, 5.4), Update::Invalid);
+    for (b, old) in belief.blocks().iter().zip(before.blocks()) {
+        assert_eq!((&b.x, &b.p), (&old.x, &old.p));
+    }
 }
 
 #[test]

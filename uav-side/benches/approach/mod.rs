@@ -9,7 +9,7 @@ use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Header, MissionState, Plan, State as Mode,
 };
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 

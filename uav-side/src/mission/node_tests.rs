@@ -2,7 +2,7 @@
 
 use alight_shared::config::parse;
 use alight_shared::msg::{AutopilotMode, DeckStage, LandedState, Message, Phase, Source};
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 

@@ -2,7 +2,7 @@
 
 use alight_shared::config::parse;
 use alight_shared::msg::LandedState;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 

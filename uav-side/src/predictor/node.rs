@@ -6,7 +6,7 @@ use alight_shared::msg::{
     Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use alight_shared::vessel_model::turn_tilt;

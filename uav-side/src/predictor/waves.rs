@@ -391,7 +391,7 @@ impl Waves {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
-    use alight_shared::seq::Seq;
+    use alight_shared::msg::Seq;
 
     fn model(omegas: &[f32]) -> WaveModel<DroneClock> {
         WaveModel {

@@ -9,7 +9,7 @@ use alight_shared::msg::{
     ReasonCode, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{Span, Time};
 use alight_uav::autopilot::message::{Address, CommandLong, Message};
 use alight_uav::autopilot::modes::Firmware;

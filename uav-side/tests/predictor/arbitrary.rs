@@ -5,7 +5,7 @@ use alight_shared::msg::{
     WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_uav::predictor::{PredictorConfig, PredictorIn};
 use proptest::prelude::*;
 

@@ -10,7 +10,7 @@ use alight_shared::msg::{
     WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Time};
 use alight_uav::predictor::observation::body_from_camera;
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};

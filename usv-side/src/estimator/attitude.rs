@@ -1,7 +1,7 @@
 //! An attitude sensor in place of the inertial one: it carries the filter from fix to fix by the model
 //! and is compared with the state at its own time.
 
-use alight_shared::kalman::Update;
+use alight_shared::estimation::Update;
 use alight_shared::msg::AttitudeFix;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt};

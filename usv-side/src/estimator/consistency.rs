@@ -2,7 +2,7 @@
 //! the normalised innovation squared of a scalar is chi-square distributed with one degree of freedom,
 //! 1 on average and below 3.84 in 95 of 100 (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
 
-use alight_shared::kalman::Update;
+use alight_shared::estimation::Update;
 use serde::Serialize;
 
 /// 95 % point of the chi-square distribution with one degree of freedom.

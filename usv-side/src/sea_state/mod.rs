@@ -27,7 +27,7 @@ mod tracker;
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::{BoundMotion, WaveNonlinearity, WaveResponse, bound_motion};
 use nalgebra::Complex;

@@ -6,7 +6,7 @@ use core::fmt;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::MAX_COMPONENTS;
-use alight_shared::seq::Seq;
+use alight_shared::msg::Seq;
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::WaveNonlinearity;
 use nalgebra::Complex;

@@ -1,10 +1,9 @@
-//! A Kalman filter for systems whose transition is mostly zeros: prediction by the non-zero
-//! entries, Joseph update by a Cholesky solve (no inverse), a scalar path for sequential updates,
-//! innovation gates and the consistency figures NIS and NEES.
+//! A Kalman filter for systems whose transition is mostly zeros: prediction by the non-zero entries and
+//! updates by one scalar after the other.
 //!
 //! Notation (Bar-Shalom, Li, Kirubarajan 2001): state `x` (n), covariance `P` (n x n), transition
-//! `A`, process noise `Q`, measurement `z = H x + v`, `v ~ (0, R)`, innovation `nu = z - H x`,
-//! `S = H P H' + R`, gain `K = P H' S^-1`.
+//! `A`, process noise `Q`, measurement `z = h x + v`, `v ~ (0, r)`, innovation `nu = z - h x`,
+//! `S = h P h' + r`, gain `K = P h' / S`.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -184,68 +183,6 @@ impl Gaussian {
             }
         }
     }
-
-    /// Fuses one scalar with sparse row `h`, given its innovation and variance `r`; refused when
-    /// the normalised innovation squared exceeds `gate`.
-    pub fn update_scalar(&mut self, h: &[(usize, f64)], innovation: f64, r: f64, gate: f64) -> Update {
-        let s = self.project(h) + r;
-        if !(s > 0.0 && s.is_finite() && innovation.is_finite()) {
-            return Update::Invalid;
-        }
-        let nis = innovation * innovation / s;
-        if !(nis <= gate) {
-            return Update::Gated { nis };
-        }
-        self.fuse_projected(innovation, s);
-        Update::Fused { nis }
-    }
-
-    /// Fuses `m` measurements at once in Joseph's form
-    /// `P <- (I - K H) P (I - K H)' + K R K'` with `K' = S^-1 H P` from a Cholesky solve.
-    /// `h` is m x n, `r` is m x m.
-    pub fn update(
-        &mut self,
-        h: &DMatrix<f64>,
-        innovation: &DVector<f64>,
-        r: &DMatrix<f64>,
-        gate: f64,
-    ) -> Update {
-        let (m, n) = (h.nrows(), self.len());
-        if h.ncols() != n || innovation.len() != m || r.nrows() != m || r.ncols() != m {
-            return Update::Invalid;
-        }
-        if !innovation.iter().chain(r.iter()).all(|v| v.is_finite()) {
-            return Update::Invalid;
-        }
-        let hp = h * &self.p;
-        let mut s = &hp * h.transpose() + r;
-        symmetrise(&mut s);
-        let Some(factor) = s.cholesky() else {
-            return Update::Invalid;
-        };
-        let nis = innovation.dot(&factor.solve(innovation));
-        if !(nis <= gate) {
-            return Update::Gated { nis };
-        }
-        let k = factor.solve(&hp).transpose();
-        self.x += &k * innovation;
-        let keep = DMatrix::identity(n, n) - &k * h;
-        self.p = &keep * &self.p * keep.transpose() + &k * r * k.transpose();
-        self.symmetrise();
-        Update::Fused { nis }
-    }
-
-    /// Normalised estimation error squared of the sub-state `which` against `truth`:
-    /// `e' P^-1 e`; None when that block of `P` is not positive definite.
-    pub fn nees(&self, which: &[usize], truth: &[f64]) -> Option<f64> {
-        if which.len() != truth.len() || which.iter().any(|&i| i >= self.len()) {
-            return None;
-        }
-        let m = which.len();
-        let e = DVector::from_fn(m, |i, _| self.x[which[i]] - truth[i]);
-        let p = DMatrix::from_fn(m, m, |i, j| self.p[(which[i], which[j])]);
-        Some(e.dot(&p.cholesky()?.solve(&e)))
-    }
 }
 
 /// `out[:, i] = sum_c A[i, c] p[:, c]`, i.e. `p A'`.
@@ -282,13 +219,6 @@ pub fn symmetrise(p: &mut DMatrix<f64>) {
     }
 }
 
-/// Quantile of the chi-square distribution with `dof` degrees of freedom at the standard normal
-/// quantile `z` (e.g. 2.326 for 99 %), by Wilson and Hilferty (1931); within 1 % for `dof >= 3`.
-pub fn chi_square_quantile(dof: f64, z: f64) -> f64 {
-    let c = 2.0 / (9.0 * dof);
-    dof * (1.0 - c + z * c.sqrt()).max(0.0).powi(3)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -313,27 +243,16 @@ mod tests {
         &l * l.transpose() + DMatrix::identity(n, n)
     }
 
-    #[test]
-    fn joint_update_equals_the_information_form() {
-        let mut noise = Noise(7);
-        let (n, m) = (6, 3);
-        let p = spd(n, &mut noise);
-        let r = spd(m, &mut noise);
-        let h = DMatrix::from_fn(m, n, |_, _| noise.next());
-        let x = DVector::from_fn(n, |_, _| noise.next());
-        let z = DVector::from_fn(m, |_, _| noise.next());
-        // P+ = (P^-1 + H' R^-1 H)^-1, x+ = P+ (P^-1 x + H' R^-1 z).
-        let (pi, ri) = (p.clone().try_inverse().unwrap(), r.clone().try_inverse().unwrap());
-        let expected_p = (&pi + h.transpose() * &ri * &h).try_inverse().unwrap();
-        let expected_x = &expected_p * (&pi * &x + h.transpose() * &ri * &z);
-        let mut g = Gaussian::from_moments(x.clone(), p);
-        assert!(g.update(&h, &(&z - &h * &x), &r, f64::INFINITY).fused());
-        assert!((&g.p - expected_p).norm() < 1e-10);
-        assert!((&g.x - expected_x).norm() < 1e-10);
+    /// Fuses `z` of row `h` with variance `r`; the normalised innovation squared.
+    fn fuse(g: &mut Gaussian, h: &[(usize, f64)], z: f64, r: f64) -> f64 {
+        let innovation = z - h.iter().map(|&(j, gain)| gain * g.x[j]).sum::<f64>();
+        let s = g.project(h) + r;
+        g.fuse_projected(innovation, s);
+        innovation * innovation / s
     }
 
     #[test]
-    fn sequential_scalars_equal_the_joint_update() {
+    fn sequential_scalars_equal_the_information_form() {
         let mut noise = Noise(11);
         let n = 5;
         let p = spd(n, &mut noise);
@@ -343,25 +262,21 @@ mod tests {
             vec![(2, 2.0)],
             vec![(1, 0.3), (4, 1.0)],
         ];
-        let r = [0.5, 0.2, 1.5];
-        let z = [0.3, -0.4, 1.0];
+        let (r, z) = ([0.5, 0.2, 1.5], [0.3, -0.4, 1.0]);
         let h = DMatrix::from_fn(3, n, |i, j| {
             rows[i].iter().find(|e| e.0 == j).map_or(0.0, |e| e.1)
         });
-        let mut joint = Gaussian::from_moments(x.clone(), p.clone());
-        let innovation = DVector::from_row_slice(&z) - &h * &x;
-        let rm = DMatrix::from_diagonal(&DVector::from_row_slice(&r));
-        assert!(joint.update(&h, &innovation, &rm, f64::INFINITY).fused());
-        let mut one = Gaussian::from_moments(x, p);
+        // P+ = (P^-1 + H' R^-1 H)^-1, x+ = P+ (P^-1 x + H' R^-1 z).
+        let pi = p.clone().try_inverse().unwrap();
+        let ri = DMatrix::from_diagonal(&DVector::from_row_slice(&r.map(|v: f64| 1.0 / v)));
+        let expected_p = (&pi + h.transpose() * &ri * &h).try_inverse().unwrap();
+        let expected_x = &expected_p * (&pi * &x + h.transpose() * &ri * DVector::from_row_slice(&z));
+        let mut g = Gaussian::from_moments(x, p);
         for i in 0..3 {
-            let predicted: f64 = rows[i].iter().map(|&(j, g)| g * one.x[j]).sum();
-            assert!(
-                one.update_scalar(&rows[i], z[i] - predicted, r[i], f64::INFINITY)
-                    .fused()
-            );
+            fuse(&mut g, &rows[i], z[i], r[i]);
         }
-        assert!((&one.p - &joint.p).norm() < 1e-10);
-        assert!((&one.x - &joint.x).norm() < 1e-10);
+        assert!((&g.p - expected_p).norm() < 1e-10);
+        assert!((&g.x - expected_x).norm() < 1e-10);
     }
 
     #[test]
@@ -403,37 +318,14 @@ mod tests {
                 truth = &a * truth + &l * DVector::from_fn(2, |_, _| noise.next());
                 g.predict(&t, &qd);
                 let z = truth[0] + r.sqrt() * noise.next();
-                match g.update_scalar(&[(0, 1.0)], z - g.x[0], r, f64::INFINITY) {
-                    Update::Fused { nis: v } => nis += v,
-                    other => panic!("{other:?}"),
-                }
-                nees += g.nees(&[0, 1], truth.as_slice()).unwrap();
+                nis += fuse(&mut g, &[(0, 1.0)], z, r);
+                let e = &g.x - &truth;
+                nees += e.dot(&g.p.clone().cholesky().unwrap().solve(&e));
                 count += 1;
             }
         }
         let (nees, nis) = (nees / f64::from(count), nis / f64::from(count));
         assert!((nees - 2.0).abs() < 0.12, "NEES {nees}");
         assert!((nis - 1.0).abs() < 0.05, "NIS {nis}");
-    }
-
-    #[test]
-    fn update_leaves_the_state_on_a_gated_outlier() {
-        let mut g = Gaussian::new(&[1.0, 1.0]);
-        let before = g.clone();
-        let gate = chi_square_quantile(1.0, 2.326);
-        assert!(matches!(
-            g.update_scalar(&[(0, 1.0)], 50.0, 0.1, gate),
-            Update::Gated { .. }
-        ));
-        assert_eq!(g.update_scalar(&[(0, 1.0)], f64::NAN, 0.1, gate), Update::Invalid);
-        assert_eq!((g.x, g.p), (before.x, before.p));
-    }
-
-    #[test]
-    fn chi_square_quantiles_match_the_tables() {
-        // Abramowitz and Stegun, table 26.8, P = 0.99.
-        for (dof, expected) in [(3.0, 11.345), (6.0, 16.812), (12.0, 26.217)] {
-            assert!((chi_square_quantile(dof, 2.326) / expected - 1.0).abs() < 0.01);
-        }
     }
 }

@@ -3,8 +3,7 @@
 use core::fmt;
 use core::ops::{Deref, DerefMut};
 
-use serde::de::{Error, SeqAccess, Visitor};
-use serde::ser::SerializeSeq;
+use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// At most `N` items of plain data, stored in place.
@@ -16,9 +15,6 @@ pub struct Seq<T, const N: usize> {
 }
 
 impl<T: Copy + Default, const N: usize> Seq<T, N> {
-    /// The largest length.
-    pub const CAPACITY: usize = N;
-
     /// An empty list.
     pub fn new() -> Self {
         Seq {
@@ -46,10 +42,6 @@ impl<T: Copy + Default, const N: usize> Seq<T, N> {
             }
             None => Err(item),
         }
-    }
-    /// Removes everything.
-    pub fn clear(&mut self) {
-        *self = Self::new();
     }
 }
 
@@ -83,32 +75,16 @@ impl<T: fmt::Debug, const N: usize> fmt::Debug for Seq<T, N> {
 }
 impl<T: Serialize, const N: usize> Serialize for Seq<T, N> {
     fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
-        let mut seq = s.serialize_seq(Some(self.iter().len()))?;
-        for i in self.iter() {
-            seq.serialize_element(i)?;
-        }
-        seq.end()
+        s.collect_seq(self.iter())
     }
 }
 impl<'de, T: Deserialize<'de> + Copy + Default, const N: usize> Deserialize<'de> for Seq<T, N> {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        struct V<T, const N: usize>(core::marker::PhantomData<T>);
-        impl<'de, T: Deserialize<'de> + Copy + Default, const N: usize> Visitor<'de> for V<T, N> {
-            type Value = Seq<T, N>;
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, "at most {N} items")
-            }
-            fn visit_seq<A: SeqAccess<'de>>(self, mut a: A) -> Result<Self::Value, A::Error> {
-                let mut s = Seq::new();
-                while let Some(item) = a.next_element()? {
-                    if s.push(item).is_err() {
-                        return Err(A::Error::invalid_length(N + 1, &self));
-                    }
-                }
-                Ok(s)
-            }
+        let items = Vec::<T>::deserialize(d)?;
+        if items.len() > N {
+            return Err(D::Error::custom(format!("{} items, at most {N} are accepted", items.len())));
         }
-        d.deserialize_seq(V(core::marker::PhantomData))
+        Ok(Seq::filled(items))
     }
 }
 

@@ -1,0 +1,171 @@
+//! The newest valid copy of an input.
+
+use super::{RejectionReason, check_message};
+use crate::msg::{Header, Message};
+use crate::time::{Clock, Span, Time};
+
+/// What makes a message newer than the one before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InOrder {
+    /// A later time of validity.
+    ByTime,
+    /// A higher sequence number and no earlier time, or another boot.
+    BySequence,
+}
+
+/// What a kind of message must fulfil.
+#[derive(Clone, Copy, Debug)]
+pub struct Rule {
+    /// Its time of validity may be this much ahead of now, s.
+    pub lead_s: f64,
+    /// It may be this old, s.
+    pub max_age_s: f64,
+    /// Its order.
+    pub order: InOrder,
+}
+
+impl Rule {
+    /// Newer than the last. Messages inside one computer share a clock: what is further ahead than a tick
+    /// and rounding is damaged.
+    pub const NEWER: Rule = Rule {
+        lead_s: 0.05,
+        max_age_s: f64::INFINITY,
+        order: InOrder::ByTime,
+    };
+    /// `at` is within the rule's time about `now`.
+    pub fn is_fresh<C: Clock>(&self, now: Time<C>, at: Time<C>) -> bool {
+        (-self.lead_s..=self.max_age_s).contains(&(now - at).secs())
+    }
+    fn admit<M: Message>(
+        &self,
+        now: Time<M::Clock>,
+        message: &M,
+        last: Option<&Header<M::Clock>>,
+    ) -> Result<(), RejectionReason> {
+        check_message(message)?;
+        let h = message.header();
+        let in_order = last.is_none_or(|last| match self.order {
+            InOrder::ByTime => h.at > last.at,
+            InOrder::BySequence => {
+                h.boot != last.boot || (h.sequence > last.sequence && h.at >= last.at)
+            }
+        });
+        if !in_order {
+            return Err(RejectionReason::OutOfOrder);
+        }
+        let age_s = (now - h.at).secs();
+        if !(age_s >= -self.lead_s) {
+            return Err(RejectionReason::Future);
+        }
+        if !(age_s <= self.max_age_s) {
+            return Err(RejectionReason::Stale);
+        }
+        Ok(())
+    }
+}
+
+/// Keeps the newest valid message of one kind and counts what it rejects.
+#[derive(Clone, Debug)]
+pub struct Latest<T> {
+    value: Option<T>,
+    rejected: u32,
+}
+
+impl<T> Default for Latest<T> {
+    fn default() -> Self {
+        Latest {
+            value: None,
+            rejected: 0,
+        }
+    }
+}
+
+impl<T: Message + Copy> Latest<T> {
+    /// Takes `message` when [`Rule::NEWER`] admits it, else counts a rejection; whether it was taken.
+    pub fn offer(&mut self, now: Time<T::Clock>, message: &T) -> bool {
+        self.offer_by(&Rule::NEWER, now, message)
+    }
+    /// The same by another rule.
+    pub fn offer_by(&mut self, rule: &Rule, now: Time<T::Clock>, message: &T) -> bool {
+        let last = self.value.as_ref().map(Message::header);
+        let admitted = rule.admit(now, message, last).is_ok();
+        if admitted {
+            self.value = Some(*message);
+        } else {
+            self.rejected = self.rejected.saturating_add(1);
+        }
+        admitted
+    }
+    /// The newest, however old.
+    pub fn get(&self) -> Option<&T> {
+        self.value.as_ref()
+    }
+    /// The newest, when it is no older than `limit`.
+    pub fn fresh(&self, now: Time<T::Clock>, limit: Span) -> Option<&T> {
+        self.value.as_ref().filter(|v| now - v.header().at <= limit)
+    }
+    /// Age of the newest, s; infinite when there is none.
+    pub fn age_s(&self, now: Time<T::Clock>) -> f64 {
+        self.value
+            .as_ref()
+            .map_or(f64::INFINITY, |v| (now - v.header().at).secs())
+    }
+    /// Forgets the value, not the count.
+    pub fn forget(&mut self) {
+        self.value = None;
+    }
+    /// Messages rejected so far.
+    pub fn rejected(&self) -> u32 {
+        self.rejected
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::msg::RangeSample;
+    use crate::time::DroneClock;
+
+    fn sample(at_ms: i64, boot: u32, sequence: u32) -> RangeSample {
+        RangeSample {
+            header: Header::new(1, 1, boot, sequence, Time::from_nanos(at_ms * 1_000_000)),
+            range_m: 1.0,
+            variance: 0.01,
+        }
+    }
+
+    #[test]
+    fn latest_takes_only_newer_valid_messages_and_counts_the_rest() {
+        let now = Time::<DroneClock>::from_secs(1.0);
+        let mut latest = Latest::default();
+        assert!(latest.offer(now, &sample(900, 1, 5)));
+        assert!(latest.offer(now, &sample(1050, 1, 4)), "within the lead");
+        let damaged = RangeSample {
+            range_m: f64::NAN,
+            ..sample(1040, 1, 6)
+        };
+        for bad in [sample(1050, 1, 7), sample(1051, 1, 8), damaged] {
+            assert!(!latest.offer(now, &bad));
+        }
+        assert_eq!((latest.rejected(), latest.age_s(now)), (3, -0.05));
+        assert!(latest.fresh(now + Span::from_millis(150), Span::from_millis(200)).is_some());
+        assert!(latest.fresh(now + Span::from_millis(151), Span::from_millis(200)).is_none());
+    }
+
+    #[test]
+    fn latest_by_sequence_accepts_another_boot_and_rejects_old_messages() {
+        let rule = Rule {
+            lead_s: 0.02,
+            max_age_s: 0.5,
+            order: InOrder::BySequence,
+        };
+        let now = Time::<DroneClock>::from_secs(1.0);
+        let mut latest = Latest::default();
+        assert!(latest.offer_by(&rule, now, &sample(900, 1, 5)));
+        assert!(latest.offer_by(&rule, now, &sample(900, 1, 6)), "same time, next number");
+        assert!(latest.offer_by(&rule, now, &sample(800, 2, 0)), "another boot");
+        for bad in [sample(900, 2, 0), sample(499, 3, 0), sample(1030, 3, 0)] {
+            assert!(!latest.offer_by(&rule, now, &bad));
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Admission of inputs, the same for every node: why one is rejected and how often, the newest of each
+//! kind, and what is due when.
+
+mod latest;
+mod periodic;
+mod rejection;
+
+pub use latest::{InOrder, Latest, Rule};
+pub use periodic::Periodic;
+pub use rejection::{RejectionReason, Rejections};
+
+use crate::msg::{Header, MESSAGE_VERSION, Message};
+use crate::time::Clock;
+
+/// Version and content of a message.
+pub fn check_message<M: Message>(message: &M) -> Result<(), RejectionReason> {
+    if message.header().version != MESSAGE_VERSION {
+        return Err(RejectionReason::Version);
+    }
+    message.check().map_err(|_field| RejectionReason::OutOfRange)
+}
+
+/// It is about this vessel, and about this drone or any (drone 0).
+pub fn check_identity<C: Clock>(header: &Header<C>, vessel: u32, drone: u32) -> Result<(), RejectionReason> {
+    if header.version != MESSAGE_VERSION {
+        return Err(RejectionReason::Version);
+    }
+    if header.vessel != vessel {
+        return Err(RejectionReason::Vessel);
+    }
+    if header.drone != 0 && header.drone != drone {
+        return Err(RejectionReason::Drone);
+    }
+    Ok(())
+}

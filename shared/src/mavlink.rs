@@ -1,0 +1,241 @@
+//! MAVLink frames: bytes to payloads and back. The one user of the MAVLink crate's reader and writer, whose
+//! releases break often; vessel and drone map payloads to their own messages.
+//!
+//! MAVLink 2's extension fields are read and written by their place in the payload ([`Fields`],
+//! [`encode_payload`]): the crate's own feature for them would bring its code generator, and default
+//! features of the regular expressions in it, into every program.
+
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind, Read};
+
+use ::mavlink::error::{MessageReadError, ParserError};
+use ::mavlink::{
+    MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion, Message, MessageData,
+};
+
+pub use ::mavlink::dialects::common as dialect;
+pub use ::mavlink::types::CharArray;
+
+/// Bytes that wait to be decoded, at most; what comes beyond is lost, as it is on a full wire.
+pub const MAX_WAITING: usize = 1 << 16;
+
+/// What is there to read; `WouldBlock` when nothing is.
+#[derive(Debug, Default)]
+struct Waiting(VecDeque<u8>);
+
+impl Read for Waiting {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        // One at a time: the reader then holds nothing back after a whole frame, and what lies between
+        // two frames can be counted.
+        match (buffer.first_mut(), self.0.pop_front()) {
+            (Some(to), Some(byte)) => {
+                *to = byte;
+                Ok(1)
+            }
+            _ => Err(ErrorKind::WouldBlock.into()),
+        }
+    }
+}
+
+/// A frame whose checksum is right.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawFrame {
+    /// Sender's system.
+    pub system: u16,
+    /// Sender's component.
+    pub component: u8,
+    /// Number of the message.
+    pub id: u32,
+    /// Its payload; MAVLink 2 leaves out zeros at the end.
+    pub payload: Vec<u8>,
+    version: MavlinkVersion,
+}
+
+impl RawFrame {
+    /// In the dialect's words; None when a value is not of the dialect.
+    pub fn message(&self) -> Option<dialect::MavMessage> {
+        dialect::MavMessage::parse(self.version, self.id, &self.payload).ok()
+    }
+    /// Its fields by place.
+    pub fn fields(&self) -> Fields<'_> {
+        Fields(&self.payload)
+    }
+}
+
+/// Frames from a stream of bytes, however it is cut.
+pub struct FrameReader {
+    reader: MavlinkReader<Waiting>,
+    /// Bytes taken in and bytes of whole frames: what lies between is damage.
+    taken: u64,
+    whole: u64,
+    lost: u64,
+    unreadable: u64,
+    gaps: u64,
+}
+
+impl Default for FrameReader {
+    fn default() -> Self {
+        FrameReader {
+            reader: MavlinkReader::new(Waiting::default()),
+            taken: 0,
+            whole: 0,
+            lost: 0,
+            unreadable: 0,
+            gaps: 0,
+        }
+    }
+}
+
+impl FrameReader {
+    /// Takes bytes in.
+    pub fn push(&mut self, bytes: &[u8]) {
+        let waiting = &mut self.reader.get_mut().0;
+        let taken = bytes.len().min(MAX_WAITING.saturating_sub(waiting.len()));
+        waiting.extend(bytes.iter().take(taken));
+        self.taken += taken as u64;
+        self.lost += (bytes.len() - taken) as u64;
+    }
+    /// The next frame; None until more bytes are there.
+    pub fn next_frame(&mut self) -> Option<RawFrame> {
+        loop {
+            match self.reader.read_any_raw_message::<dialect::MavMessage>() {
+                Ok(raw) => {
+                    let length = match &raw {
+                        MAVLinkMessageRaw::V1(r) => r.raw_bytes().len(),
+                        MAVLinkMessageRaw::V2(r) => r.raw_bytes().len(),
+                    };
+                    self.whole += length as u64;
+                    let gone = self.taken - self.waiting() as u64;
+                    if gone > self.whole {
+                        // Bytes before it that were no frame: one stretch of damage.
+                        self.gaps += 1;
+                        self.whole = gone;
+                    }
+                    return Some(RawFrame {
+                        system: raw.system_id(),
+                        component: raw.component_id(),
+                        id: raw.message_id(),
+                        payload: raw.payload().to_vec(),
+                        version: raw.version(),
+                    });
+                }
+                Err(MessageReadError::Parse(_)) => self.unreadable += 1,
+                Err(MessageReadError::Io(_)) => return None,
+            }
+        }
+    }
+    /// Bytes that wait.
+    pub fn waiting(&self) -> usize {
+        self.reader.get_ref().0.len()
+    }
+    /// Bytes lost because nobody read.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+    /// Frames that the reader gave up.
+    pub fn unreadable(&self) -> u64 {
+        self.unreadable
+    }
+    /// Stretches of bytes between frames that were no frame.
+    pub fn gaps(&self) -> u64 {
+        self.gaps
+    }
+}
+
+/// Fields of a payload by their place in the message definition, little endian; zero where MAVLink 2 left
+/// out zeros.
+#[derive(Clone, Copy, Debug)]
+pub struct Fields<'a>(pub &'a [u8]);
+
+impl Fields<'_> {
+    /// `N` bytes at `at`.
+    pub fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
+        core::array::from_fn(|k| self.0.get(at + k).copied().unwrap_or(0))
+    }
+    /// An unsigned number of 64 bits.
+    pub fn u64(&self, at: usize) -> u64 {
+        u64::from_le_bytes(self.bytes(at))
+    }
+    /// An unsigned number of 32 bits.
+    pub fn u32(&self, at: usize) -> u32 {
+        u32::from_le_bytes(self.bytes(at))
+    }
+    /// A number of 32 bits.
+    pub fn i32(&self, at: usize) -> f64 {
+        i32::from_le_bytes(self.bytes(at)).into()
+    }
+    /// An unsigned number of 16 bits.
+    pub fn u16(&self, at: usize) -> u16 {
+        u16::from_le_bytes(self.bytes(at))
+    }
+    /// A number of 16 bits.
+    pub fn i16(&self, at: usize) -> f64 {
+        i16::from_le_bytes(self.bytes(at)).into()
+    }
+    /// A byte.
+    pub fn u8(&self, at: usize) -> u8 {
+        let [b] = self.bytes(at);
+        b
+    }
+    /// Floats in a row.
+    pub fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
+        core::array::from_fn(|k| f32::from_le_bytes(self.bytes(at + 4 * k)).into())
+    }
+}
+
+/// A message of number `ID` whose payload is made byte by byte. `CRC` is the message definition's own check
+/// byte.
+struct Payload<const ID: u32, const CRC: u8>(Vec<u8>);
+
+impl<const ID: u32, const CRC: u8> MessageData for Payload<ID, CRC> {
+    type Message = dialect::MavMessage;
+    const ID: u32 = ID;
+    const NAME: &'static str = "";
+    const EXTRA_CRC: u8 = CRC;
+    const ENCODED_LEN: usize = 255;
+    fn ser(&self, _: MavlinkVersion, payload: &mut [u8]) -> usize {
+        // MAVLink 2 leaves out the zeros at the end, but for the first byte.
+        let n = self.0.iter().rposition(|b| *b != 0).map_or(1, |k| k + 1);
+        let n = n.min(payload.len());
+        payload.iter_mut().zip(&self.0).take(n).for_each(|(p, b)| *p = *b);
+        n
+    }
+    fn deser(_: MavlinkVersion, payload: &[u8]) -> Result<Self, ParserError> {
+        Ok(Payload(payload.to_vec()))
+    }
+}
+
+/// Who sends a frame; `sequence` counts frames of this sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sender {
+    /// System.
+    pub system: u8,
+    /// Component.
+    pub component: u8,
+    /// Number of the frame.
+    pub sequence: u8,
+}
+
+impl From<Sender> for MavHeader {
+    fn from(s: Sender) -> MavHeader {
+        MavHeader {
+            system_id: s.system.into(),
+            component_id: s.component,
+            sequence: s.sequence,
+        }
+    }
+}
+
+/// The bytes of a frame.
+pub fn encode(from: Sender, message: &dialect::MavMessage) -> Vec<u8> {
+    let mut raw = MAVLinkV2MessageRaw::new();
+    raw.serialize_message(from.into(), message);
+    raw.raw_bytes().to_vec()
+}
+
+/// The bytes of a frame of message `ID`, whose definition has the check byte `CRC`, around this payload.
+pub fn encode_payload<const ID: u32, const CRC: u8>(from: Sender, payload: Vec<u8>) -> Vec<u8> {
+    let mut raw = MAVLinkV2MessageRaw::new();
+    raw.serialize_message_data(from.into(), &Payload::<ID, CRC>(payload));
+    raw.raw_bytes().to_vec()
+}
