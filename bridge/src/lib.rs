@@ -1,16 +1,15 @@
 //! The drone's end of the radio: what may come in, on whose clock it is, and how the link does.
 //!
 //! Pure: packets in, messages on the drone's clock out; the sockets belong to the process around
-//! it. Read [`node`] first: [`node::Bridge`]'s `step` is the whole way of a packet. [`admission`]
+//! it. Read [`node`] first: [`node::Bridge`]'s `step` is the whole way of a packet. [`order`]
 //! says what is refused and why, [`clock`] finds the offset of the two clocks, [`link`] keeps the
 //! statistics.
 
-pub mod admission;
 pub mod clock;
 pub mod config;
 pub mod link;
 pub mod node;
+pub mod order;
 
-pub use admission::{RejectionReason, Rejections};
 pub use config::{BridgeConfig, ClockConfig};
 pub use node::{Bridge, BridgeIn, BridgeOut, Packet, PacketKind};

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::admission::{Periodic, RejectionReason, Rejections, check_identity};
 use alight_shared::msg::{
     Command, CommandKind, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest,
     VesselEstimate, VesselPrediction, WaveModel,
@@ -13,7 +14,7 @@ use alight_shared::wire::{self, WireError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::admission::{Boot, Boots, Order, RejectionReason, Rejections, identity};
+use crate::order::{Boot, Boots, SequenceOrder};
 use crate::clock::{ClockOffset, Offset};
 use crate::config::BridgeConfig;
 use crate::link::LinkStatistics;
@@ -33,6 +34,10 @@ pub enum PacketKind {
     Deck,
     /// [`topics::OPERATOR`].
     Command,
+}
+
+impl PacketKind {
+    const COUNT: usize = PacketKind::Command as usize + 1;
 }
 
 /// What came over the radio.
@@ -79,12 +84,8 @@ pub struct Bridge {
     config: BridgeConfig,
     boot: u32,
     boots: Boots,
-    estimate: Order,
-    wave: Order,
-    prediction: Order,
-    reply: Order,
-    deck: Order,
-    command: Order,
+    /// By [`PacketKind`].
+    orders: [SequenceOrder; PacketKind::COUNT],
     /// Newest time of validity of the current boot, on the vessel's clock.
     newest: Option<Time<VesselClock>>,
     /// Boot and time of validity of the newest estimate.
@@ -94,9 +95,9 @@ pub struct Bridge {
     rejections: Rejections,
     /// t1 of requests without an answer.
     open: VecDeque<Time<DroneClock>>,
-    next_request: Option<Time<DroneClock>>,
+    next_request: Periodic<DroneClock>,
     requests: u32,
-    next_link: Option<Time<DroneClock>>,
+    next_link: Periodic<DroneClock>,
     links: u32,
 }
 
@@ -107,36 +108,27 @@ impl Bridge {
             config: config.clone(),
             boot,
             boots: Boots::default(),
-            estimate: Order::default(),
-            wave: Order::default(),
-            prediction: Order::default(),
-            reply: Order::default(),
-            deck: Order::default(),
-            command: Order::default(),
+            orders: Default::default(),
             newest: None,
             newest_received: None,
             clock: ClockOffset::new(&config.clock),
             link: LinkStatistics::new(config.loss_window_s),
             rejections: Rejections::default(),
             open: VecDeque::with_capacity(MAX_OPEN),
-            next_request: None,
+            next_request: Periodic::default(),
             requests: 0,
-            next_link: None,
+            next_link: Periodic::default(),
             links: 0,
         }
     }
 
-    /// Refusals since the start.
+    /// Rejections since the start.
     pub fn rejections(&self) -> &Rejections {
         &self.rejections
     }
     /// The clocks' offset at `now`; None before the first exchange.
     pub fn offset(&self, now: Time<DroneClock>) -> Option<Offset> {
         self.clock.at(now)
-    }
-    /// Steps of the clocks' offset since the start.
-    pub fn clock_steps(&self) -> u32 {
-        self.clock.steps()
     }
 
     fn packet(
@@ -145,16 +137,15 @@ impl Bridge {
         packet: &Packet,
         out: &mut BridgeOut,
     ) -> Result<(), RejectionReason> {
-        match packet.kind {
+        let kind = packet.kind;
+        match kind {
             PacketKind::Estimate => {
                 let m: VesselEstimate<VesselClock> = decode(&packet.bytes)?;
-                let order = self.estimate;
-                let admitted = self.admit(arrival, &m, &order, &topics::ESTIMATE, 0.0);
-                if admitted == Err(RejectionReason::Order) {
+                let admitted = self.admit(arrival, &m, kind, &topics::ESTIMATE, 0.0);
+                if admitted == Err(RejectionReason::OutOfOrder) {
                     self.link.out_of_order(arrival);
                 }
                 let (at, advance) = admitted?;
-                self.estimate.admit(m.header.sequence);
                 self.newest_received = Some((m.header.boot, m.header.at));
                 self.clock.one_way(m.header.at, arrival);
                 self.link.admitted(arrival, at, advance);
@@ -162,18 +153,14 @@ impl Bridge {
             }
             PacketKind::Wave => {
                 let m: WaveModel<VesselClock> = decode(&packet.bytes)?;
-                let order = self.wave;
-                let (at, _) = self.admit(arrival, &m, &order, &topics::WAVE, 0.0)?;
-                self.wave.admit(m.header.sequence);
+                let (at, _) = self.admit(arrival, &m, kind, &topics::WAVE, 0.0)?;
                 out.wave = Some(m.restamped(at));
             }
             PacketKind::Prediction => {
                 let m: VesselPrediction<VesselClock> = decode(&packet.bytes)?;
-                let order = self.prediction;
                 // Its time is that of the first stage, which may lie a step ahead.
                 let ahead = f64::from(m.step_s).clamp(0.0, 1.0);
-                let (at, _) = self.admit(arrival, &m, &order, &topics::PREDICTION, ahead)?;
-                self.prediction.admit(m.header.sequence);
+                let (at, _) = self.admit(arrival, &m, kind, &topics::PREDICTION, ahead)?;
                 out.prediction = Some(m.restamped(at));
             }
             PacketKind::TimeReply => {
@@ -182,26 +169,21 @@ impl Bridge {
             }
             PacketKind::Deck => {
                 let m: DeckGrant<VesselClock> = decode(&packet.bytes)?;
-                let order = self.deck;
-                let (at, _) = self.admit(arrival, &m, &order, &topics::DECK, 0.0)?;
-                self.deck.admit(m.header.sequence);
+                let (at, _) = self.admit(arrival, &m, kind, &topics::DECK, 0.0)?;
                 out.deck = Some(m.restamped(at));
             }
             PacketKind::Command => {
                 let m: OperatorCommand<VesselClock> = decode(&packet.bytes)?;
-                let order = self.command;
                 let abort = m.kind == CommandKind::Abort;
-                let at = match self.admit(arrival, &m, &order, &topics::OPERATOR, 0.0) {
+                let at = match self.admit(arrival, &m, kind, &topics::OPERATOR, 0.0) {
                     Ok((at, _)) => at,
                     // An abort counts however old it is and whatever the clocks say.
-                    Err(RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock)
-                        if abort =>
-                    {
+                    Err(RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock) if abort => {
+                        self.orders[kind as usize].admit(m.header.sequence);
                         arrival
                     }
                     Err(reason) => return Err(reason),
                 };
-                self.command.admit(m.header.sequence);
                 // Of several since the last step an abort wins.
                 if abort || out.command.is_none_or(|c| c.kind != CommandKind::Abort) {
                     out.command = Some(Command {
@@ -221,12 +203,12 @@ impl Bridge {
         &mut self,
         arrival: Time<DroneClock>,
         message: &M,
-        order: &Order,
+        kind: PacketKind,
         topic: &Topic,
         ahead: f64,
     ) -> Result<(Time<DroneClock>, u32), RejectionReason> {
         let header = message.header();
-        identity(header, self.config.vessel_id, self.config.drone_id)?;
+        check_identity(header, self.config.vessel_id, self.config.drone_id)?;
         message.check().map_err(|_| RejectionReason::OutOfRange)?;
         let restart = match self.boots.classify(header.boot) {
             Boot::Current => false,
@@ -240,7 +222,7 @@ impl Bridge {
         let advance = if restart {
             1
         } else {
-            order.advance(header.sequence)?
+            self.orders[kind as usize].advance(header.sequence)?
         };
         let offset = self.clock.at(arrival).ok_or(RejectionReason::NoClock)?;
         let at = Time::from_nanos(
@@ -261,17 +243,13 @@ impl Bridge {
             self.adopt(header.boot);
         }
         self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
+        self.orders[kind as usize].admit(header.sequence);
         Ok((at, advance))
     }
 
     fn adopt(&mut self, boot: u32) {
         self.boots.adopt(boot);
-        self.estimate = Order::default();
-        self.wave = Order::default();
-        self.prediction = Order::default();
-        self.reply = Order::default();
-        self.deck = Order::default();
-        self.command = Order::default();
+        self.orders = Default::default();
         self.newest = None;
         self.link.reset();
     }
@@ -282,7 +260,7 @@ impl Bridge {
         m: &TimeReply<VesselClock, DroneClock>,
     ) -> Result<(), RejectionReason> {
         let header: &Header<VesselClock> = &m.header;
-        identity(header, self.config.vessel_id, self.config.drone_id)?;
+        check_identity(header, self.config.vessel_id, self.config.drone_id)?;
         let (is_new, is_first) = match self.boots.classify(header.boot) {
             Boot::Current => (false, false),
             Boot::First => (true, true),
@@ -303,16 +281,12 @@ impl Bridge {
         self.clock
             .exchange(m.requested_at, m.received_at, header.at, t4)
             .map_err(|_| RejectionReason::RoundTrip)?;
-        self.reply.admit(header.sequence);
         Ok(())
     }
 
     fn time_request(&mut self, now: Time<DroneClock>) -> Option<TimeRequest<DroneClock>> {
-        if !due(
-            &mut self.next_request,
-            now,
-            Span::from_secs(1.0 / self.config.clock.request_rate_hz),
-        ) {
+        let period = Span::from_secs(1.0 / self.config.clock.request_rate_hz);
+        if !self.next_request.is_due(now, period) {
             return None;
         }
         if self.open.len() == MAX_OPEN {
@@ -336,11 +310,8 @@ impl Bridge {
     }
 
     fn link_state(&mut self, now: Time<DroneClock>) -> Option<LinkState> {
-        if !due(
-            &mut self.next_link,
-            now,
-            Span::from_secs(1.0 / self.config.link_rate_hz),
-        ) {
+        let period = Span::from_secs(1.0 / self.config.link_rate_hz);
+        if !self.next_link.is_due(now, period) {
             return None;
         }
         let offset = self.clock.at(now);
@@ -384,23 +355,6 @@ impl Node for Bridge {
         out.time_request = self.time_request(now);
         out.link = self.link_state(now);
         out
-    }
-}
-
-/// Whether something of the given period is due at `now`, and when next: on the period's grid,
-/// without catching up after a pause.
-fn due(next: &mut Option<Time<DroneClock>>, now: Time<DroneClock>, period: Span) -> bool {
-    match *next {
-        Some(t) if now < t => false,
-        Some(t) => {
-            let on_grid = t + period;
-            *next = Some(if on_grid > now { on_grid } else { now + period });
-            true
-        }
-        None => {
-            *next = Some(now + period);
-            true
-        }
     }
 }
 

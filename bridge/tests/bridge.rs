@@ -3,7 +3,8 @@
 
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind, RejectionReason};
+use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
+use alight_shared::admission::RejectionReason;
 use alight_shared::frames::Datum;
 use alight_shared::msg::{
     Header, MESSAGE_VERSION, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
@@ -174,7 +175,7 @@ fn bridge_names_the_reason_of_each_rejection() {
             RejectionReason::Boot,
         ),
         (edit(&|m| m.header.sequence = 10), RejectionReason::Duplicate),
-        (edit(&|m| m.header.sequence = 9), RejectionReason::Order),
+        (edit(&|m| m.header.sequence = 9), RejectionReason::OutOfOrder),
         (edit(&|m| m.header.at = vessel(now - 1.2)), RejectionReason::Stale),
         (
             edit(&|m| m.header.at = vessel(now + 0.2)),

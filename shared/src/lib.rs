@@ -1,15 +1,17 @@
 //! The vocabulary of Alight: what vessel and drone agree on, without any middleware.
 //!
-//! Read in this order: [`time`], [`frames`], [`msg`], [`topics`], [`node`], [`config`], then the
-//! two models that both computers share: [`vessel_model`] and [`kalman`].
+//! Read in this order: [`time`], [`frames`], [`msg`], [`topics`], [`node`], [`config`], [`admission`], then
+//! what both computers estimate with: [`vessel_model`] and [`estimation`].
 
+pub mod admission;
 pub mod config;
+pub mod estimation;
 pub mod frames;
 pub mod geometry;
-pub mod kalman;
+#[cfg(feature = "mavlink")]
+pub mod mavlink;
 pub mod msg;
 pub mod node;
-pub mod seq;
 pub mod time;
 pub mod topics;
 #[cfg(feature = "transport")]

@@ -3,7 +3,6 @@ pub mod autopilot;
 pub mod calibrate;
 pub mod camera;
 pub mod disturbance;
-mod latest;
 pub mod mission;
 pub mod odometry;
 pub mod pilot;

@@ -27,4 +27,4 @@ pub mod sensors;
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
 pub use deck::{DeckArbiter, DeckConfig, OperatorRelay};
 pub use estimator::Estimator;
-pub use node::{KINDS, Rejections, SourceCounts, VesselIn, VesselNode, VesselOut};
+pub use node::{KINDS, SourceCounts, VesselIn, VesselNode, VesselOut};

@@ -1,5 +1,6 @@
 //! The vessel's process: admission of its sensors, the estimator, broadcast, time replies.
 
+use alight_shared::admission::{InOrder, Periodic, RejectionReason, Rejections, Rule};
 use alight_shared::msg::{
     AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, WaveModel,
@@ -51,25 +52,6 @@ pub struct VesselOut {
     pub time_replies: Vec<TimeReply<VesselClock, DroneClock>>,
 }
 
-/// Inputs refused since start, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rejections {
-    /// Not finite or beyond what physics allows, or of another version.
-    pub absurd: u64,
-    /// Stamped in the future.
-    pub future: u64,
-    /// Too old.
-    pub stale: u64,
-    /// Not newer than the last one of its kind: reordered or repeated.
-    pub order: u64,
-    /// More than a step takes.
-    pub flood: u64,
-    /// Time requests for another vessel.
-    pub other_vessel: u64,
-    /// Outputs that failed their own check and were withheld.
-    pub withheld: u64,
-}
-
 /// Kinds of measurements, in the order of [`VesselIn`].
 pub const KINDS: [&str; 4] = ["imu", "gnss", "heading", "attitude"];
 const IMU: usize = 0;
@@ -95,7 +77,7 @@ pub struct SourceCounts {
 /// A source, as the node knows it.
 #[derive(Clone, Copy, Debug, Default)]
 struct SourceState {
-    newest: Option<Time<VesselClock>>,
+    newest: Option<Header<VesselClock>>,
     counts: SourceCounts,
 }
 
@@ -116,34 +98,6 @@ impl SelectedSource {
     }
 }
 
-/// When something periodic is due, without drift.
-#[derive(Clone, Debug)]
-struct Pace {
-    hz: f64,
-    next: Option<Time<VesselClock>>,
-}
-impl Pace {
-    fn new(hz: f64) -> Self {
-        Pace { hz, next: None }
-    }
-    /// Whether it is due, at this share of its full rate.
-    fn due(&mut self, now: Time<VesselClock>, rate_fraction: f64) -> bool {
-        let period = Span::from_secs(1.0 / (self.hz * rate_fraction));
-        match self.next {
-            Some(t) if now < t => false,
-            Some(t) if now - t < period => {
-                self.next = Some(t + period);
-                true
-            }
-            // The first time, or long overdue.
-            Some(_) | None => {
-                self.next = Some(now + period);
-                true
-            }
-        }
-    }
-}
-
 /// The vessel's node.
 #[derive(Clone, Debug)]
 pub struct VesselNode {
@@ -154,18 +108,17 @@ pub struct VesselNode {
     rejected: Rejections,
     sources: [[SourceState; MAX_SOURCES]; KINDS.len()],
     in_use: [SelectedSource; 2],
-    estimate: (Pace, u32),
-    wave: (Pace, u32),
-    prediction: (Pace, u32),
+    estimate: (Periodic<VesselClock>, u32),
+    wave: (Periodic<VesselClock>, u32),
+    prediction: (Periodic<VesselClock>, u32),
     replies: u32,
-    apparent_slope: (Pace, ApparentSlope),
+    apparent_slope: (Periodic<VesselClock>, ApparentSlope),
     rate_control: RateControl,
 }
 
 impl VesselNode {
     /// A node that has heard nothing. `boot` is drawn anew at each start.
     pub fn new(config: &VesselNodeConfig, vessel_id: u32, boot: u32) -> Self {
-        let b = &config.broadcast;
         VesselNode {
             config: config.clone(),
             vessel: vessel_id,
@@ -174,12 +127,12 @@ impl VesselNode {
             rejected: Rejections::default(),
             sources: Default::default(),
             in_use: Default::default(),
-            estimate: (Pace::new(b.estimate_hz), 0),
-            wave: (Pace::new(b.wave_hz), 0),
-            prediction: (Pace::new(b.prediction_hz), 0),
+            estimate: Default::default(),
+            wave: Default::default(),
+            prediction: Default::default(),
             replies: 0,
-            apparent_slope: (Pace::new(apparent_slope::RATE_HZ), ApparentSlope::default()),
-            rate_control: RateControl::new(&b.rate_control),
+            apparent_slope: Default::default(),
+            rate_control: RateControl::new(&config.broadcast.rate_control),
         }
     }
     /// A node that is told the waves' angular frequencies (rad/s) and directions (rad), for studies.
@@ -223,24 +176,24 @@ impl VesselNode {
         max_age_s: f64,
         m: &M,
     ) -> bool {
-        let at = m.header().at;
-        let reason = if m.header().version != MESSAGE_VERSION || m.check().is_err() {
-            &mut rejected.absurd
-        } else if at > now + Span::from_secs(FUTURE_S) {
-            &mut rejected.future
-        } else if now - at > Span::from_secs(max_age_s) {
-            &mut rejected.stale
-        } else if source.newest.is_some_and(|n| at <= n) {
-            rejected.order += 1;
-            source.counts.order += 1;
-            return false;
-        } else {
-            source.newest = Some(at);
-            return true;
+        let rule = Rule {
+            lead: Span::from_secs(FUTURE_S),
+            max_age: Span::from_secs(max_age_s),
+            order: InOrder::ByTime,
         };
-        *reason += 1;
-        source.counts.rejected += 1;
-        false
+        match rule.admit(now, m, source.newest.as_ref()) {
+            Ok(()) => {
+                source.newest = Some(*m.header());
+                true
+            }
+            Err(reason) => {
+                rejected.count(reason);
+                let out_of_order = reason == RejectionReason::OutOfOrder;
+                source.counts.order += u64::from(out_of_order);
+                source.counts.rejected += u64::from(!out_of_order);
+                false
+            }
+        }
     }
 
     fn take_measurements(&mut self, now: Time<VesselClock>, input: &VesselIn) {
@@ -293,7 +246,7 @@ impl VesselNode {
             input.attitude.len(),
             input.time_requests.len(),
         ] {
-            rejected.flood += n.saturating_sub(MAX_PER_STEP) as u64;
+            rejected.count_many(RejectionReason::Flood, n.saturating_sub(MAX_PER_STEP));
         }
     }
 
@@ -302,9 +255,9 @@ impl VesselNode {
         for request in input.time_requests.iter().take(MAX_PER_STEP) {
             let asked = &request.value.header;
             if asked.version != MESSAGE_VERSION || request.at > now {
-                self.rejected.absurd += 1;
+                self.rejected.count(RejectionReason::Version);
             } else if asked.vessel != self.vessel {
-                self.rejected.other_vessel += 1;
+                self.rejected.count(RejectionReason::Vessel);
             } else {
                 let period_s = 1.0 / (self.config.broadcast.estimate_hz * self.rate_control.rate_fraction());
                 if asked_boot(&request.value) == Some(self.boot) {
@@ -336,7 +289,7 @@ fn checked<M: Message<Clock = VesselClock>>(
     rejected: &mut Rejections,
 ) -> Option<M> {
     if message.check().is_err() {
-        rejected.withheld += 1;
+        rejected.count(RejectionReason::Withheld);
         return None;
     }
     *sequence = sequence.wrapping_add(1);
@@ -363,20 +316,21 @@ impl Node for VesselNode {
             return out;
         };
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
-        if self.estimate.0.due(now, self.rate_control.rate_fraction()) {
+        let broadcast = &self.config.broadcast;
+        let period = |hz: f64, fraction: f64| Span::from_secs(1.0 / (hz * fraction));
+        let (estimates, models) = (self.rate_control.rate_fraction(), self.rate_control.model_fraction());
+        if self.estimate.0.is_due(now, period(broadcast.estimate_hz, estimates)) {
             let m = filter.estimate(&self.config, header(self.estimate.1));
             out.estimate = checked(m, &mut self.estimate.1, &mut self.rejected);
         }
-        if self.apparent_slope.0.due(now, 1.0) {
-            self.apparent_slope
-                .1
-                .update(&filter.estimate(&self.config, header(0)));
+        if self.apparent_slope.0.is_due(now, period(apparent_slope::RATE_HZ, 1.0)) {
+            self.apparent_slope.1.update(&filter.estimate(&self.config, header(0)));
         }
-        if self.wave.0.due(now, self.rate_control.model_fraction()) {
+        if self.wave.0.is_due(now, period(broadcast.wave_hz, models)) {
             let m = filter.wave_model(header(self.wave.1), self.apparent_slope.1.slopes(now));
             out.wave = checked(m, &mut self.wave.1, &mut self.rejected);
         }
-        if self.prediction.0.due(now, self.rate_control.model_fraction()) {
+        if self.prediction.0.is_due(now, period(broadcast.prediction_hz, models)) {
             let m = filter.prediction(&self.config, header(self.prediction.1));
             out.prediction = checked(m, &mut self.prediction.1, &mut self.rejected);
         }

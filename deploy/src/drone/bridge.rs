@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind, RejectionReason, Rejections};
+use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
+use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::config;
 use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
 use alight_shared::msg::Seq;
@@ -180,7 +181,7 @@ fn figures(
         counts.reopened as f64,
         refused as f64,
     ];
-    let of = RejectionReason::ALL.map(|reason| f64::from(rejections.of(reason)));
+    let of = rejections.iter().map(|(_, n)| f64::from(n));
     Seq::filled(own.into_iter().chain(of))
 }
 

@@ -1,6 +1,6 @@
 //! What the figures of each process mean, by their order.
 
-use alight_bridge::RejectionReason;
+use alight_shared::admission::RejectionReason;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::rejections::AccessRejection;
 

@@ -7,6 +7,7 @@ pub mod status_file;
 
 use std::time::Duration;
 
+use alight_shared::admission::RejectionReason;
 use alight_shared::config;
 use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
 use alight_shared::node::Node;
@@ -221,11 +222,15 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
         let counts = radio.counts();
         let node = process.node().rejected();
+        let requests: f64 = [RejectionReason::Version, RejectionReason::Vessel, RejectionReason::Flood]
+            .map(|reason| f64::from(node.of(reason)))
+            .iter()
+            .sum();
         let own = [
             sensors.rejected() as f64,
             counts.sent_bytes as f64,
             counts.dropped as f64,
-            (undecoded + operator_relay.rejected() + node.absurd + node.other_vessel + node.flood) as f64,
+            (undecoded + operator_relay.rejected()) as f64 + requests,
         ];
         process.life.figures = {
             let rate_fraction = process.node().rate_fraction();

@@ -340,13 +340,7 @@ impl StatusFile {
                 waves: self.waves,
                 gated: [gated.imu, gated.gnss, gated.heading],
                 restarts: gated.restarts,
-                rejected: rejected.absurd
-                    + rejected.future
-                    + rejected.stale
-                    + rejected.order
-                    + rejected.flood
-                    + rejected.other_vessel
-                    + rejected.withheld,
+                rejected: rejected.total().into(),
             },
             sensors_pid: sensor_supervisor.pid(),
             sources: sensor_supervisor

@@ -16,10 +16,10 @@ pub enum InOrder {
 /// What a kind of message must fulfil.
 #[derive(Clone, Copy, Debug)]
 pub struct Rule {
-    /// Its time of validity may be this much ahead of now, s.
-    pub lead_s: f64,
-    /// It may be this old, s.
-    pub max_age_s: f64,
+    /// Its time of validity may be this much ahead of now.
+    pub lead: Span,
+    /// It may be this old.
+    pub max_age: Span,
     /// Its order.
     pub order: InOrder,
 }
@@ -28,15 +28,16 @@ impl Rule {
     /// Newer than the last. Messages inside one computer share a clock: what is further ahead than a tick
     /// and rounding is damaged.
     pub const NEWER: Rule = Rule {
-        lead_s: 0.05,
-        max_age_s: f64::INFINITY,
+        lead: Span::from_millis(50),
+        max_age: Span::MAX,
         order: InOrder::ByTime,
     };
     /// `at` is within the rule's time about `now`.
     pub fn is_fresh<C: Clock>(&self, now: Time<C>, at: Time<C>) -> bool {
-        (-self.lead_s..=self.max_age_s).contains(&(now - at).secs())
+        (-self.lead..=self.max_age).contains(&(now - at))
     }
-    fn admit<M: Message>(
+    /// A message after `last` at `now`, or why not.
+    pub fn admit<M: Message>(
         &self,
         now: Time<M::Clock>,
         message: &M,
@@ -44,23 +45,22 @@ impl Rule {
     ) -> Result<(), RejectionReason> {
         check_message(message)?;
         let h = message.header();
-        let in_order = last.is_none_or(|last| match self.order {
-            InOrder::ByTime => h.at > last.at,
-            InOrder::BySequence => {
-                h.boot != last.boot || (h.sequence > last.sequence && h.at >= last.at)
-            }
-        });
-        if !in_order {
-            return Err(RejectionReason::OutOfOrder);
-        }
-        let age_s = (now - h.at).secs();
-        if !(age_s >= -self.lead_s) {
+        let age = now - h.at;
+        if age < -self.lead {
             return Err(RejectionReason::Future);
         }
-        if !(age_s <= self.max_age_s) {
+        if age > self.max_age {
             return Err(RejectionReason::Stale);
         }
-        Ok(())
+        let in_order = last.is_none_or(|last| match self.order {
+            InOrder::ByTime => h.at > last.at,
+            InOrder::BySequence => h.boot != last.boot || (h.sequence > last.sequence && h.at >= last.at),
+        });
+        if in_order {
+            Ok(())
+        } else {
+            Err(RejectionReason::OutOfOrder)
+        }
     }
 }
 
@@ -155,8 +155,8 @@ mod tests {
     #[test]
     fn latest_by_sequence_accepts_another_boot_and_rejects_old_messages() {
         let rule = Rule {
-            lead_s: 0.02,
-            max_age_s: 0.5,
+            lead: Span::from_millis(20),
+            max_age: Span::from_millis(500),
             order: InOrder::BySequence,
         };
         let now = Time::<DroneClock>::from_secs(1.0);

@@ -40,7 +40,7 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
 /// Topics that one process reads, at most.
 pub const MAX_INPUTS: usize = 12;
 /// Figures of its own that one process shows, at most.
-pub const MAX_METRICS: usize = 24;
+pub const MAX_METRICS: usize = 32;
 
 /// The processes of a vessel and its drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]

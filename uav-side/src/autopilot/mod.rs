@@ -31,6 +31,7 @@ pub use disarm::DisarmInhibit;
 
 use std::collections::VecDeque;
 
+use alight_shared::admission::Latest;
 use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
@@ -41,7 +42,6 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::latest::Latest;
 use crate::odometry::{Odometry, OdometryConfig};
 use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;

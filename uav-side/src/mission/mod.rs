@@ -20,6 +20,7 @@ mod tests;
 pub use config::MissionConfig;
 pub use transition::MissionPhase;
 
+use alight_shared::admission::Latest;
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
@@ -31,7 +32,6 @@ use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::{config::Check, topics};
 use serde::{Deserialize, Serialize};
 
-use crate::latest::Latest;
 use apparent_slope::ApparentSlopeHistory;
 use rows::blind_limit;
 use situation::{ControlState, Deck, OwnState, Reservation, Situation};

@@ -20,6 +20,7 @@ mod tests;
 pub use config::{Output, PilotConfig};
 pub use touchdown::{Contact, Touchdown};
 
+use alight_shared::admission::Latest;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DeckForecast, DeckStage, DroneState, Header, Message, MissionState,
@@ -31,7 +32,6 @@ use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::latest::Latest;
 use attitude::rates_of;
 use delay::Delay;
 use estimate::FlightEstimator;

@@ -27,4 +27,4 @@ pub mod track;
 pub mod waves;
 
 pub use config::PredictorConfig;
-pub use node::{Predictor, PredictorIn, PredictorOut, Rejection, Rejections};
+pub use node::{Predictor, PredictorIn, PredictorOut};

@@ -1,5 +1,6 @@
 //! The predictor as a node.
 
+use alight_shared::admission::{Periodic, RejectionReason, Rejections};
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{
     DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, RangeSample, SLOPE_WINDOWS,
@@ -53,46 +54,6 @@ pub struct PredictorOut {
     pub forecast: Option<DeckForecast>,
 }
 
-/// Why an input was not used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Rejection {
-    /// A number is not finite or outside what physics allows.
-    Implausible,
-    /// Its time of validity is in the future.
-    Future,
-    /// Older than anything that can still be put in order.
-    Late,
-    /// Already had this one.
-    Duplicate,
-    /// Where the drone was at its time is not known.
-    NoDroneState,
-    /// Contradicts everything else.
-    Outlier,
-    /// The state had to be given up because it was no longer finite.
-    Diverged,
-}
-
-/// Inputs not used since the start, per reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Rejections([u32; 7]);
-
-impl Rejections {
-    fn count(&mut self, r: Rejection) {
-        if let Some(n) = self.0.get_mut(r as usize) {
-            *n = n.saturating_add(1);
-        }
-    }
-    /// For this reason.
-    pub fn of(&self, r: Rejection) -> u32 {
-        self.0.get(r as usize).copied().unwrap_or(0)
-    }
-    /// For any reason.
-    pub fn total(&self) -> u32 {
-        self.0.iter().fold(0, |a, b| a.saturating_add(*b))
-    }
-}
-
 /// A message may be this much ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
 /// A change of the vessel's mean velocity that its waves are met at another frequency for, m/s.
@@ -132,7 +93,7 @@ pub struct Predictor {
     range_at: Option<Time<DroneClock>>,
     /// How steep the deck felt of late, and when the vessel said so.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
-    next: Option<Time<DroneClock>>,
+    next: Periodic<DroneClock>,
     rejections: Rejections,
 }
 
@@ -161,7 +122,7 @@ impl Predictor {
             tag_at: None,
             range_at: None,
             slopes: None,
-            next: None,
+            next: Periodic::default(),
             rejections: Rejections::default(),
         }
     }
@@ -171,15 +132,15 @@ impl Predictor {
     }
 
     /// Checks content and time of a message.
-    fn admit<M: Message<Clock = DroneClock>>(now: Time<DroneClock>, m: &M) -> Result<(), Rejection> {
-        m.check().map_err(|_| Rejection::Implausible)?;
+    fn admit<M: Message<Clock = DroneClock>>(now: Time<DroneClock>, m: &M) -> Result<(), RejectionReason> {
+        m.check().map_err(|_| RejectionReason::OutOfRange)?;
         if m.header().at > now + AHEAD {
-            return Err(Rejection::Future);
+            return Err(RejectionReason::Future);
         }
         Ok(())
     }
 
-    fn fuse(&mut self, o: &Observation) -> Result<(), Rejection> {
+    fn fuse(&mut self, o: &Observation) -> Result<(), RejectionReason> {
         let waves = &self.waves;
         let noise = AxisNoise::all(&self.config);
         let filter = self
@@ -196,23 +157,23 @@ impl Predictor {
             Fused::All => Ok(()),
             // Part of it was good: it counts as used, and as an outlier.
             Fused::Gated(n) if n < 3 && o.kind != observation::Kind::Range => {
-                self.rejections.count(Rejection::Outlier);
+                self.rejections.count(RejectionReason::Outlier);
                 Ok(())
             }
-            Fused::Gated(_) => Err(Rejection::Outlier),
-            Fused::Late => Err(Rejection::Late),
-            Fused::Duplicate => Err(Rejection::Duplicate),
+            Fused::Gated(_) => Err(RejectionReason::Outlier),
+            Fused::Late => Err(RejectionReason::Stale),
+            Fused::Duplicate => Err(RejectionReason::Duplicate),
         }
     }
 
-    fn drone(&mut self, now: Time<DroneClock>, s: &DroneState) -> Result<(), Rejection> {
+    fn drone(&mut self, now: Time<DroneClock>, s: &DroneState) -> Result<(), RejectionReason> {
         Self::admit(now, s)?;
         if let Some(last) = self.track.newest() {
             if s.header.at == last.header.at {
-                return Err(Rejection::Duplicate);
+                return Err(RejectionReason::Duplicate);
             }
             if s.header.at < last.header.at {
-                return Err(Rejection::Late);
+                return Err(RejectionReason::Stale);
             }
         }
         if let Some(jump) = self.track.push(s)
@@ -223,7 +184,7 @@ impl Predictor {
         Ok(())
     }
 
-    fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), Rejection> {
+    fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
         self.slopes = Some((m.header.at, m.slopes));
         let known = self.waves.are_identified();
@@ -255,18 +216,18 @@ impl Predictor {
         Ok(())
     }
 
-    fn estimate(&mut self, now: Time<DroneClock>, e: &VesselEstimate<DroneClock>) -> Result<(), Rejection> {
+    fn estimate(&mut self, now: Time<DroneClock>, e: &VesselEstimate<DroneClock>) -> Result<(), RejectionReason> {
         Self::admit(now, e)?;
         let origin = match &self.config.datum {
             Some(d) => d.offset_to::<alight_shared::frames::DroneNed>(&e.datum).0,
             None => Vector3::zeros(),
         };
         if !(origin.norm() < alight_shared::msg::MAX_POSITION_M) {
-            return Err(Rejection::Implausible);
+            return Err(RejectionReason::OutOfRange);
         }
         let known = (e.header.boot, e.header.sequence);
         if self.radio_sequence == Some(known) {
-            return Err(Rejection::Duplicate);
+            return Err(RejectionReason::Duplicate);
         }
         let o = observation::estimate(e, &origin, self.clock_sd_s, &self.config);
         match &self.filter {
@@ -326,10 +287,10 @@ impl Predictor {
         m: &impl Message<Clock = DroneClock>,
         is_tag: bool,
         observe: impl FnOnce(&super::track::Pose, &MountRotation, &PredictorConfig) -> Observation,
-    ) -> Result<(), Rejection> {
+    ) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
         let at = m.header().at;
-        let pose = self.track.at(at).ok_or(Rejection::NoDroneState)?;
+        let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
         let seen = observe(&pose, &self.mount(), &self.config);
         let lever_arm_heave_m = match &self.filter {
             Some(f) => self.plane(&f.at(&self.waves, at)).1,
@@ -347,14 +308,14 @@ impl Predictor {
         Ok(())
     }
 
-    fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), Rejection> {
+    fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
         let at = m.header.at;
         let period = Span::from_secs(self.config.range_period_s);
         if self.range_at.is_some_and(|t| at - t < period) {
             return Ok(());
         }
-        let pose = self.track.at(at).ok_or(Rejection::NoDroneState)?;
+        let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
         let Some(f) = &self.filter else {
             return Ok(());
         };
@@ -408,7 +369,7 @@ impl Predictor {
             f.set_radio_available(radio_age_s < self.config.fresh_s);
         }
         if !self.filter.as_ref()?.is_finite() {
-            self.rejections.count(Rejection::Diverged);
+            self.rejections.count(RejectionReason::Diverged);
             self.filter = None;
             return None;
         }
@@ -465,7 +426,7 @@ impl Predictor {
             predicted_slopes,
         };
         if f.check().is_err() {
-            self.rejections.count(Rejection::Diverged);
+            self.rejections.count(RejectionReason::Diverged);
             self.filter = None;
             return None;
         }
@@ -583,21 +544,7 @@ impl Node for Predictor {
             }
         }
         let period = Span::from_secs(1.0 / self.config.rate_hz);
-        let due = match self.next {
-            Some(t) if now < t => false,
-            Some(t) => {
-                self.next = Some(if t + period > now {
-                    t + period
-                } else {
-                    now + period
-                });
-                true
-            }
-            None => {
-                self.next = Some(now + period);
-                true
-            }
-        };
+        let due = self.next.is_due(now, period);
         PredictorOut {
             forecast: if due { self.forecast(now) } else { None },
         }

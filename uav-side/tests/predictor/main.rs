@@ -7,8 +7,9 @@ mod arbitrary;
 mod kernels;
 mod world;
 
-use alight_shared::msg::{PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES, SLOPE_STEP, Source};
-use alight_uav::predictor::{PredictorConfig, Rejection};
+use alight_shared::msg::{PREDICTED_SLOPES, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, Source};
+use alight_shared::admission::RejectionReason;
+use alight_uav::predictor::PredictorConfig;
 
 use world::*;
 
@@ -229,7 +230,7 @@ fn predictor_gives_the_same_deck_for_reordered_messages() {
         fb.tilt
     );
     // Those that were under way when the filter began are older than it.
-    assert!(b.predictor.rejections().of(Rejection::Late) < 15);
+    assert!(b.predictor.rejections().of(RejectionReason::Stale) < 15);
 }
 
 #[test]

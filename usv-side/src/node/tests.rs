@@ -1,6 +1,7 @@
 //! The node against bad input: counted, no panic, nothing unsafe said.
 
 use alight_shared::msg::Message;
+use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
 
@@ -142,7 +143,7 @@ fn vessel_node_counts_and_ignores_repeated_and_reordered_samples() {
         let b = dirty.step(time(k), &twice);
         assert_eq!(a.estimate, b.estimate);
     }
-    assert_eq!(dirty.rejected().order, 1000);
+    assert_eq!(dirty.rejected().of(RejectionReason::OutOfOrder), 1000);
 }
 
 #[test]
@@ -171,7 +172,7 @@ fn vessel_node_answers_its_own_time_requests_with_all_stamps() {
         (r.requested_at, r.received_at, r.header.at),
         (Time::from_secs(77.0), time(3), time(4))
     );
-    assert_eq!((r.header.drone, n.rejected().other_vessel), (7, 1));
+    assert_eq!((r.header.drone, n.rejected().of(RejectionReason::Vessel)), (7, 1));
 }
 
 #[test]
