@@ -177,9 +177,13 @@ impl Fields<'_> {
         let [b] = self.bytes(at);
         b
     }
+    /// A float.
+    pub fn float(&self, at: usize) -> f64 {
+        f32::from_le_bytes(self.bytes(at)).into()
+    }
     /// Floats in a row.
     pub fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
-        core::array::from_fn(|k| f32::from_le_bytes(self.bytes(at + 4 * k)).into())
+        core::array::from_fn(|k| self.float(at + 4 * k))
     }
 }
 

@@ -1,22 +1,14 @@
 //! MAVLink of a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT,
-//! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place). Frames and their checksums are the MAVLink
-//! crate's; payloads are read by their place in the message definition (common.xml), extension fields
-//! and left-out zeros included.
-
-use std::collections::VecDeque;
-use std::io::{self, ErrorKind, Read};
+//! GPS2_RAW, ODOMETRY (with GPS_GLOBAL_ORIGIN for its place). Payloads are read by their place in the message
+//! definition (common.xml), extension fields and left-out zeros included.
 
 use alight_shared::frames::Datum;
+use alight_shared::mavlink::{self, Fields, FrameReader, MAX_WAITING, Sender, dialect as m};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
-use mavlink::dialects::common as m;
-use mavlink::error::MessageReadError;
-use mavlink::{MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::{Decoded, Decoder, Mounting, SourceMeasurement, euler};
 
-/// Most bytes that wait to be decoded; further ones are lost, and counted as damage.
-const MAX_WAITING: usize = 1 << 14;
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
 /// Time between two headings of an autopilot's own filter that are used, ns: those in between repeat it.
@@ -34,31 +26,10 @@ const WANTED: [(u32, f32); 4] = [(31, 40_000.0), (105, 10_000.0), (24, 200_000.0
 const COMPANION: u8 = 191;
 const AUTOPILOT: u8 = 1;
 
-/// What is there to read; `WouldBlock` when nothing is.
-#[derive(Debug, Default)]
-struct Waiting(VecDeque<u8>);
-
-impl Read for Waiting {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // One at a time: the reader then holds nothing back after a whole frame, and what lies between
-        // two frames can be counted.
-        match (buffer.first_mut(), self.0.pop_front()) {
-            (Some(to), Some(byte)) => {
-                *to = byte;
-                Ok(1)
-            }
-            _ => Err(ErrorKind::WouldBlock.into()),
-        }
-    }
-}
-
 /// Decodes MAVLink.
 pub struct MavlinkDecoder {
     mounting: Mounting,
-    reader: MavlinkReader<Waiting>,
-    /// Bytes taken in and bytes of whole frames: what lies between is damage.
-    taken: u64,
-    whole: u64,
+    frames: FrameReader,
     decoded: Decoded,
     system: Option<u8>,
     sequence: u8,
@@ -68,39 +39,9 @@ pub struct MavlinkDecoder {
     requests: u32,
 }
 
-/// A payload; zero where MAVLink 2 left out zeros.
-struct Payload<'a>(&'a [u8]);
-
-impl Payload<'_> {
-    fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
-        core::array::from_fn(|k| self.0.get(at + k).copied().unwrap_or(0))
-    }
-    fn u64(&self, at: usize) -> u64 {
-        u64::from_le_bytes(self.bytes(at))
-    }
-    fn u32(&self, at: usize) -> u32 {
-        u32::from_le_bytes(self.bytes(at))
-    }
-    fn i32(&self, at: usize) -> f64 {
-        i32::from_le_bytes(self.bytes(at)).into()
-    }
-    fn u16(&self, at: usize) -> u16 {
-        u16::from_le_bytes(self.bytes(at))
-    }
-    fn i16(&self, at: usize) -> f64 {
-        i16::from_le_bytes(self.bytes(at)).into()
-    }
-    fn u8(&self, at: usize) -> u8 {
-        let [b] = self.bytes(at);
-        b
-    }
-    fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
-        core::array::from_fn(|k| f32::from_le_bytes(self.bytes(at + 4 * k)).into())
-    }
-    /// Millimetres as m; zero means unknown.
-    fn known_mm(&self, at: usize) -> Option<f64> {
-        Some(self.u32(at)).filter(|v| *v > 0).map(|v| f64::from(v) * 1e-3)
-    }
+/// Millimetres at `at` as m; zero means unknown.
+fn known_mm(p: &Fields<'_>, at: usize) -> Option<f64> {
+    Some(p.u32(at)).filter(|v| *v > 0).map(|v| f64::from(v) * 1e-3)
 }
 
 fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
@@ -112,9 +53,7 @@ impl MavlinkDecoder {
     pub fn new(mounting: &Mounting) -> Self {
         MavlinkDecoder {
             mounting: mounting.clone(),
-            reader: MavlinkReader::new(Waiting::default()),
-            taken: 0,
-            whole: 0,
+            frames: FrameReader::default(),
             decoded: Decoded::default(),
             system: None,
             sequence: 0,
@@ -125,35 +64,7 @@ impl MavlinkDecoder {
         }
     }
 
-    fn drain(&mut self, out: &mut Vec<SourceMeasurement>) {
-        loop {
-            match self.reader.read_any_raw_message::<m::MavMessage>() {
-                Ok(raw) => {
-                    let length = match &raw {
-                        MAVLinkMessageRaw::V1(r) => r.raw_bytes().len(),
-                        MAVLinkMessageRaw::V2(r) => r.raw_bytes().len(),
-                    };
-                    self.whole += length as u64;
-                    let gone = self.taken - self.reader.get_ref().0.len() as u64;
-                    if gone > self.whole {
-                        // Bytes before it that were no frame: one stretch of damage.
-                        self.decoded.corrupted += 1;
-                        self.whole = gone;
-                    }
-                    let (system, id) = (raw.system_id(), raw.message_id());
-                    let payload = raw.payload().to_vec();
-                    if raw.component_id() == AUTOPILOT {
-                        self.system = u8::try_from(system).ok();
-                    }
-                    self.take(id, &Payload(&payload), out);
-                }
-                Err(MessageReadError::Parse(_)) => self.decoded.corrupted += 1,
-                Err(MessageReadError::Io(_)) => return,
-            }
-        }
-    }
-
-    fn take(&mut self, id: u32, p: &Payload<'_>, out: &mut Vec<SourceMeasurement>) {
+    fn take(&mut self, id: u32, p: &Fields<'_>, out: &mut Vec<SourceMeasurement>) {
         let boot_ms = |at: usize| i64::from(p.u32(at)) * 1_000_000;
         let time_us = |at: usize| i64::try_from(p.u64(at).saturating_mul(1000)).unwrap_or(i64::MAX);
         let before = out.len();
@@ -239,7 +150,7 @@ impl MavlinkDecoder {
     fn gps(
         &mut self,
         at_ns: i64,
-        p: &Payload<'_>,
+        p: &Fields<'_>,
         at: &Receiver,
         source: u8,
         out: &mut Vec<SourceMeasurement>,
@@ -254,13 +165,13 @@ impl MavlinkDecoder {
             0.0 => p.i32(16),
             known => known,
         } * 1e-3;
-        let across = p.known_mm(at.accuracy).unwrap_or(POSITION_SD[0]) * FAST_FRACTION;
-        let down = p.known_mm(at.accuracy + 4).unwrap_or(POSITION_SD[1]) * FAST_FRACTION;
+        let across = known_mm(p, at.accuracy).unwrap_or(POSITION_SD[0]) * FAST_FRACTION;
+        let down = known_mm(p, at.accuracy + 4).unwrap_or(POSITION_SD[1]) * FAST_FRACTION;
         let (speed, course) = (p.u16(at.speed), p.u16(at.speed + 2));
         let measured = speed != u16::MAX && course != u16::MAX;
         let (speed, course) = (f64::from(speed) * 0.01, (f64::from(course) * 0.01).to_radians());
         let (velocity, velocity_sd) = if measured {
-            let sd = p.known_mm(at.accuracy + 8).unwrap_or(VELOCITY_SD).max(0.02);
+            let sd = known_mm(p, at.accuracy + 8).unwrap_or(VELOCITY_SD).max(0.02);
             ([speed * course.cos(), speed * course.sin(), 0.0], sd)
         } else {
             ([0.0; 3], NOT_MEASURED_SD)
@@ -306,7 +217,7 @@ impl MavlinkDecoder {
         Some(())
     }
 
-    fn odometry(&mut self, at_ns: i64, p: &Payload<'_>, out: &mut Vec<SourceMeasurement>) -> Option<()> {
+    fn odometry(&mut self, at_ns: i64, p: &Fields<'_>, out: &mut Vec<SourceMeasurement>) -> Option<()> {
         // Position, attitude, velocity, rates, two covariances, frames; NED, or the velocity in body axes.
         let (frame, child) = (p.u8(228), p.u8(229));
         let (position, q, velocity): ([f64; 3], [f64; 4], [f64; 3]) =
@@ -351,35 +262,34 @@ impl MavlinkDecoder {
     }
 
     fn frame(&mut self, message: &m::MavMessage) -> Vec<u8> {
-        let header = MavHeader {
-            system_id: self.system.unwrap_or(1).into(),
-            component_id: COMPANION,
+        let from = Sender {
+            system: self.system.unwrap_or(1),
+            component: COMPANION,
             sequence: self.sequence,
         };
         self.sequence = self.sequence.wrapping_add(1);
-        let mut raw = MAVLinkV2MessageRaw::new();
-        raw.serialize_message(header, message);
-        raw.raw_bytes().to_vec()
+        mavlink::encode(from, message)
     }
 }
 
 impl Decoder for MavlinkDecoder {
     fn push(&mut self, bytes: &[u8], out: &mut Vec<SourceMeasurement>) {
         for part in bytes.chunks(MAX_WAITING / 4) {
-            let waiting = &mut self.reader.get_mut().0;
-            if waiting.len() + part.len() > MAX_WAITING {
-                self.decoded.corrupted += 1;
-                continue;
+            self.frames.push(part);
+            while let Some(raw) = self.frames.next_frame() {
+                if raw.component == AUTOPILOT {
+                    self.system = u8::try_from(raw.system).ok();
+                }
+                self.take(raw.id, &raw.fields(), out);
             }
-            waiting.extend(part);
-            self.taken += part.len() as u64;
-            self.drain(out);
         }
     }
     fn decoded(&self) -> Decoded {
-        self.decoded
+        Decoded {
+            corrupted: self.decoded.corrupted + self.frames.gaps() + self.frames.unreadable(),
+            ..self.decoded
+        }
     }
-    /// Our heartbeat, and with every fifth one the requested messages.
     fn request(&mut self) -> Option<Vec<u8>> {
         let system = self.system.unwrap_or(1);
         let mut bytes = self.frame(&m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {

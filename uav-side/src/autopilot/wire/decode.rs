@@ -1,7 +1,7 @@
 //! The dialect's words in ours.
 
 use alight_shared::frames::Datum;
-use mavlink::dialects::common as m;
+use alight_shared::mavlink::{Fields, dialect as m};
 
 use super::super::message::{
     Address, AttitudeTarget, CommandLong, CommandResult, HilGps, HilSensor, Message, OdometryReport,
@@ -14,7 +14,7 @@ use super::{text, wide};
 const MILLI_G: f64 = 9.806_65e-3;
 
 /// What of a message landing needs; extension fields are looked up in its payload.
-pub(super) fn decode(message: m::MavMessage, payload: &[u8]) -> Option<Message> {
+pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Message> {
     use m::MavMessage as M;
     Some(match message {
         M::HEARTBEAT(d) => Message::Heartbeat {
@@ -163,7 +163,7 @@ fn to(system: u8, component: u8) -> Address {
     Address { system, component }
 }
 
-fn odometry(d: &m::ODOMETRY_DATA, payload: &[u8]) -> Option<OdometryReport> {
+fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport> {
     use m::MavFrame as F;
     // Another frame of the position is not NED: a camera's odometry, say.
     if d.frame_id != F::MAV_FRAME_LOCAL_NED {
@@ -185,6 +185,6 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: &[u8]) -> Option<OdometryReport> {
         frame,
         rates: wide([d.rollspeed, d.pitchspeed, d.yawspeed]),
         variances: told.then_some([[p[0], p[6], p[11]], [p[15], p[18], p[20]], [v[0], v[6], v[11]]]),
-        resets: payload.get(RESET_COUNTER_AT).copied().unwrap_or(0),
+        resets: payload.u8(RESET_COUNTER_AT),
     })
 }

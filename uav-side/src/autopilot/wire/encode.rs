@@ -1,6 +1,6 @@
 //! Our words in the dialect's.
 
-use mavlink::dialects::common as m;
+use alight_shared::mavlink::dialect as m;
 use num_traits::FromPrimitive;
 
 use super::super::message::{CommandResult, Message};

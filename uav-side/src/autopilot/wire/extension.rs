@@ -1,36 +1,12 @@
 //! Messages with MAVLink 2's extension fields, by their place in the payload.
 
-use mavlink::dialects::common as m;
-use mavlink::types::CharArray;
-use mavlink::{MavlinkVersion, MessageData};
+use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
 use super::super::message::{Message, OdometryReport, VelocityFrame};
 use super::chars;
 
 /// Name of the list of figures that is the deck.
 const DECK: &str = "deck";
-
-/// A message of number `ID` whose payload, with its extension fields, is made here. `CRC` is the
-/// message definition's own check byte.
-pub(super) struct Extended<const ID: u32, const CRC: u8>(pub(super) Vec<u8>);
-
-impl<const ID: u32, const CRC: u8> MessageData for Extended<ID, CRC> {
-    type Message = m::MavMessage;
-    const ID: u32 = ID;
-    const NAME: &'static str = "";
-    const EXTRA_CRC: u8 = CRC;
-    const ENCODED_LEN: usize = 255;
-    fn ser(&self, _: MavlinkVersion, payload: &mut [u8]) -> usize {
-        // MAVLink 2 leaves out the zeros at the end, but for the first byte.
-        let n = self.0.iter().rposition(|b| *b != 0).map_or(1, |k| k + 1);
-        let n = n.min(payload.len());
-        payload.iter_mut().zip(&self.0).take(n).for_each(|(p, b)| *p = *b);
-        n
-    }
-    fn deser(_: MavlinkVersion, payload: &[u8]) -> Result<Self, mavlink::error::ParserError> {
-        Ok(Extended(payload.to_vec()))
-    }
-}
 
 /// Little-endian fields in a row.
 #[derive(Default)]
@@ -46,17 +22,6 @@ impl Row {
         self.0.extend_from_slice(values);
         self
     }
-}
-/// The float at a place of a payload; zero where MAVLink 2 left out zeros.
-fn float_at(payload: &[u8], at: usize) -> f64 {
-    let byte = |k| payload.get(at + k).copied().unwrap_or(0);
-    f32::from_le_bytes([byte(0), byte(1), byte(2), byte(3)]).into()
-}
-fn floats_at<const N: usize>(payload: &[u8], at: usize) -> [f64; N] {
-    core::array::from_fn(|k| float_at(payload, at + 4 * k))
-}
-fn time_at(payload: &[u8]) -> u64 {
-    u64::from_le_bytes(core::array::from_fn(|k| payload.get(k).copied().unwrap_or(0)))
 }
 
 /// Places of extension fields in their payloads.
@@ -114,20 +79,20 @@ pub(super) fn odometry(o: &OdometryReport) -> Vec<u8> {
 }
 
 /// Messages whose extension is their content.
-pub(super) fn read(id: u32, payload: &[u8]) -> Option<Message> {
+pub(super) fn read(id: u32, payload: Fields<'_>) -> Option<Message> {
     match id {
         149 => Some(Message::LandingTarget {
-            time_us: time_at(payload),
-            position: floats_at(payload, TARGET_PLACE_AT),
-            attitude: floats_at(payload, TARGET_PLACE_AT + 12),
-            size_m: float_at(payload, TARGET_SIZE_AT),
+            time_us: payload.u64(0),
+            position: payload.floats(TARGET_PLACE_AT),
+            attitude: payload.floats(TARGET_PLACE_AT + 12),
+            size_m: payload.float(TARGET_SIZE_AT),
         }),
         350 => {
-            let name = payload.get(10..20)?;
+            let name = payload.0.get(10..20)?;
             let rest = name.strip_prefix(DECK.as_bytes())?;
             rest.iter().all(|b| *b == 0).then(|| Message::Deck {
-                time_us: time_at(payload),
-                values: core::array::from_fn(|k| floats_at(payload, LIST_AT + 12 * k)),
+                time_us: payload.u64(0),
+                values: core::array::from_fn(|k| payload.floats(LIST_AT + 12 * k)),
             })
         }
         _ => None,

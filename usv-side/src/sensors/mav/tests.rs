@@ -4,14 +4,12 @@ use crate::sensors::{Measurement, Mount};
 use proptest::prelude::*;
 
 fn frame(sequence: u8, message: &m::MavMessage) -> Vec<u8> {
-    let header = MavHeader {
-        system_id: 7,
-        component_id: 1,
+    let from = Sender {
+        system: 7,
+        component: 1,
         sequence,
     };
-    let mut raw = MAVLinkV2MessageRaw::new();
-    raw.serialize_message(header, message);
-    raw.raw_bytes().to_vec()
+    mavlink::encode(from, message)
 }
 fn half(angle: f64) -> (f32, f32) {
     ((0.5 * angle).cos() as f32, (0.5 * angle).sin() as f32)
@@ -164,7 +162,7 @@ proptest! {
     ) {
         let bytes = [damaged(second(1000), damage), noise].concat();
         let (all, d) = decode(&bytes, cut, Mount::default());
-        prop_assert!(d.reader.get_ref().0.len() <= MAX_WAITING);
+        prop_assert!(d.frames.waiting() <= MAX_WAITING);
         for m in all {
             if let Measurement::Attitude(a) = m.measurement {
                 prop_assert!(a.tilt.iter().all(|t| t.is_finite()));
