@@ -14,10 +14,10 @@ use alight_shared::wire::{self, WireError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::order::{Boot, Boots, SequenceOrder};
 use crate::clock::{ClockOffset, Offset};
 use crate::config::BridgeConfig;
 use crate::link::LinkStatistics;
+use crate::order::{Boot, Boots, SequenceOrder};
 
 /// Which topic a packet came on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -178,7 +178,9 @@ impl Bridge {
                 let at = match self.admit(arrival, &m, kind, &topics::OPERATOR, 0.0) {
                     Ok((at, _)) => at,
                     // An abort counts however old it is and whatever the clocks say.
-                    Err(RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock) if abort => {
+                    Err(RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock)
+                        if abort =>
+                    {
                         self.orders[kind as usize].admit(m.header.sequence);
                         arrival
                     }

@@ -6,12 +6,12 @@
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
 use alight_shared::admission::RejectionReason;
 use alight_shared::frames::Datum;
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     Header, MESSAGE_VERSION, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
     VesselPrediction, WaveComponent, WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
 use alight_shared::wire;
 use proptest::prelude::*;

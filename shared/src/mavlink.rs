@@ -41,7 +41,7 @@ impl Read for Waiting {
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawFrame {
     /// Sender's system.
-    pub system: u16,
+    pub system: u32,
     /// Sender's component.
     pub component: u8,
     /// Number of the message.

@@ -163,7 +163,7 @@ impl<C> Add<Span> for Time<C> {
 }
 impl<C> AddAssign<Span> for Time<C> {
     fn add_assign(&mut self, d: Span) {
-        *self = *self + d;
+        self.ns = self.ns.saturating_add(d.0);
     }
 }
 impl<C> Sub<Span> for Time<C> {

@@ -3,12 +3,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DeckStage, DroneState,
     DroneStatus, Header, LandedState, MissionState, Motors, Phase, Plan, ReasonCode, SetPoint, Source, State,
 };
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use alight_uav::mission::{Mission, MissionConfig, MissionIn};
 use alight_usv::deck::{ArbiterIn, DeckArbiter, DeckConfig};

@@ -318,19 +318,36 @@ impl Node for VesselNode {
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
         let broadcast = &self.config.broadcast;
         let period = |hz: f64, fraction: f64| Span::from_secs(1.0 / (hz * fraction));
-        let (estimates, models) = (self.rate_control.rate_fraction(), self.rate_control.model_fraction());
-        if self.estimate.0.is_due(now, period(broadcast.estimate_hz, estimates)) {
+        let (estimates, models) = (
+            self.rate_control.rate_fraction(),
+            self.rate_control.model_fraction(),
+        );
+        if self
+            .estimate
+            .0
+            .is_due(now, period(broadcast.estimate_hz, estimates))
+        {
             let m = filter.estimate(&self.config, header(self.estimate.1));
             out.estimate = checked(m, &mut self.estimate.1, &mut self.rejected);
         }
-        if self.apparent_slope.0.is_due(now, period(apparent_slope::RATE_HZ, 1.0)) {
-            self.apparent_slope.1.update(&filter.estimate(&self.config, header(0)));
+        if self
+            .apparent_slope
+            .0
+            .is_due(now, period(apparent_slope::RATE_HZ, 1.0))
+        {
+            self.apparent_slope
+                .1
+                .update(&filter.estimate(&self.config, header(0)));
         }
         if self.wave.0.is_due(now, period(broadcast.wave_hz, models)) {
             let m = filter.wave_model(header(self.wave.1), self.apparent_slope.1.slopes(now));
             out.wave = checked(m, &mut self.wave.1, &mut self.rejected);
         }
-        if self.prediction.0.is_due(now, period(broadcast.prediction_hz, models)) {
+        if self
+            .prediction
+            .0
+            .is_due(now, period(broadcast.prediction_hz, models))
+        {
             let m = filter.prediction(&self.config, header(self.prediction.1));
             out.prediction = checked(m, &mut self.prediction.1, &mut self.rejected);
         }

@@ -6,8 +6,8 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, MissionState, RangeSample, SetPoint};
 use alight_shared::msg::Seq;
+use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, MissionState, RangeSample, SetPoint};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::process::ProcessKind;
@@ -114,9 +114,9 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
         ]);
         let inputs = || {
             vec![
-                set_points.intake().state(t),
-                missions.intake().state(t),
-                forecasts.intake().state(t),
+                set_points.statistics().state(t),
+                missions.statistics().state(t),
+                forecasts.statistics().state(t),
             ]
         };
         let unsent = wire.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();

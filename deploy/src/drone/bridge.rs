@@ -5,8 +5,8 @@ use std::time::Duration;
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::config;
-use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
 use alight_shared::msg::Seq;
+use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
 use alight_shared::time::Stamped;
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
@@ -45,9 +45,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
         Bridge::new(&computer.bridge, boot)
     })?;
-    let mut memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
+    let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
     if let Some(relay) = &computer.relay {
-        memory.copy_to(relay.socket.clone());
+        relay::observe_memory(&relay.socket)?;
     }
     let relayed = computer
         .relay

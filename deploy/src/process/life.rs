@@ -6,8 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use alight_shared::node::Node;
 use alight_shared::msg::Seq;
+use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::process::{InputState, MAX_METRICS, ProcessKind, ProcessState};

@@ -5,13 +5,13 @@ use core::ops::ControlFlow;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::node::Node;
 use alight_shared::msg::Seq;
+use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Instance, Listener, Memory};
 use alight_shared::transport::process::{InputState, ProcessKind};
-use alight_shared::transport::wake;
+use alight_shared::transport::{relay, wake};
 use serde::Serialize;
 
 use crate::config::DroneComputer;
@@ -49,7 +49,7 @@ macro_rules! reads {
                 $input { $($field: self.$field.$how(t),)* }
             }
             fn states(&self, t: i64) -> Vec<alight_shared::transport::process::InputState> {
-                vec![$(self.$field.intake().state(t),)*]
+                vec![$(self.$field.statistics().state(t),)*]
             }
         }
     };
@@ -91,9 +91,9 @@ pub trait Shell: Sized {
 pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
     let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;
-    let mut memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
+    let memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
     if let Some(relay) = &computer.relay {
-        memory.copy_to(relay.socket.clone());
+        relay::observe_memory(&relay.socket)?;
     }
     let mut reads = S::Reads::join(&memory)?;
     let mut shell = S::join(&memory)?;

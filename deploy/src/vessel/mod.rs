@@ -9,15 +9,16 @@ use std::time::Duration;
 
 use alight_shared::admission::RejectionReason;
 use alight_shared::config;
+use alight_shared::msg::Seq;
 use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, Urgency};
 use alight_shared::transport::rejections::{self, AccessRejections};
+use alight_shared::transport::relay;
 use alight_shared::transport::statistics::Quantiles;
 use alight_shared::wire;
 use alight_usv::deck::{ArbiterIn, ArbiterOut, DeckArbiter, OperatorIn, OperatorRelay};
@@ -94,14 +95,14 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         publication(topics::DRONES.name, Urgency::Status),
     ];
     rejections::listen();
+    if let Some(to) = &computer.relay {
+        relay::observe_radio(&vessel_key(id, topics::ESTIMATE.name), to)?;
+    }
     let mut radio = Radio::open(
         &computer.radio,
         publications,
         vec![any_time_request(), any_operator_command(), any_drone_status()],
     )?;
-    if let Some(to) = &computer.relay {
-        radio.copy_to(ESTIMATE, to)?;
-    }
     let mut said_after = Quantiles::default();
     let mut impaired: Impaired<TimeRequest<DroneClock>> = computer.heard();
     let mut statuses: Impaired<DroneStatus> = computer.heard();
@@ -222,10 +223,14 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
         let counts = radio.counts();
         let node = process.node().rejected();
-        let requests: f64 = [RejectionReason::Version, RejectionReason::Vessel, RejectionReason::Flood]
-            .map(|reason| f64::from(node.of(reason)))
-            .iter()
-            .sum();
+        let requests: f64 = [
+            RejectionReason::Version,
+            RejectionReason::Vessel,
+            RejectionReason::Flood,
+        ]
+        .map(|reason| f64::from(node.of(reason)))
+        .iter()
+        .sum();
         let own = [
             sensors.rejected() as f64,
             counts.sent_bytes as f64,

@@ -9,11 +9,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use alight_shared::config::{self, Check};
 use alight_shared::frames::Datum;
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, WaveComponent, WaveModel,
 };
-use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::transport::process::ProcessState;
 use alight_shared::wire::{self, MAX_WIRE_BYTES};

@@ -148,8 +148,16 @@ mod tests {
             assert!(!latest.offer(now, &bad));
         }
         assert_eq!((latest.rejected(), latest.age_s(now)), (3, -0.05));
-        assert!(latest.fresh(now + Span::from_millis(150), Span::from_millis(200)).is_some());
-        assert!(latest.fresh(now + Span::from_millis(151), Span::from_millis(200)).is_none());
+        assert!(
+            latest
+                .fresh(now + Span::from_millis(150), Span::from_millis(200))
+                .is_some()
+        );
+        assert!(
+            latest
+                .fresh(now + Span::from_millis(151), Span::from_millis(200))
+                .is_none()
+        );
     }
 
     #[test]
@@ -162,7 +170,10 @@ mod tests {
         let now = Time::<DroneClock>::from_secs(1.0);
         let mut latest = Latest::default();
         assert!(latest.offer_by(&rule, now, &sample(900, 1, 5)));
-        assert!(latest.offer_by(&rule, now, &sample(900, 1, 6)), "same time, next number");
+        assert!(
+            latest.offer_by(&rule, now, &sample(900, 1, 6)),
+            "same time, next number"
+        );
         assert!(latest.offer_by(&rule, now, &sample(800, 2, 0)), "another boot");
         for bad in [sample(900, 2, 0), sample(499, 3, 0), sample(1030, 3, 0)] {
             assert!(!latest.offer_by(&rule, now, &bad));

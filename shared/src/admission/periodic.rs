@@ -1,20 +1,30 @@
 //! Periodic scheduling.
 
-use crate::time::{Span, Time};
+use crate::time::{Clock, Span, Time};
 
 /// When something periodic is due: on the period's grid, without catching up after a pause.
-#[derive(Clone, Copy, Debug)]
-pub struct Periodic<C> {
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Periodic<C: Clock> {
     next: Option<Time<C>>,
 }
 
-impl<C> Default for Periodic<C> {
-    fn default() -> Self {
-        Periodic { next: None }
+impl<C: Clock> Periodic<C> {
+    /// Whether its time has come, or it never ran.
+    pub fn is_ready(&self, now: Time<C>) -> bool {
+        self.next.is_none_or(|next| now >= next)
     }
-}
-
-impl<C> Periodic<C> {
+    /// The next time is a `period` from now.
+    pub fn restart(&mut self, now: Time<C>, period: Span) {
+        self.next = Some(now + period);
+    }
+    /// Whether it is due at `now`, at least a `period` after the last time; the first time at once.
+    pub fn is_due_spaced(&mut self, now: Time<C>, period: Span) -> bool {
+        let ready = self.is_ready(now);
+        if ready {
+            self.restart(now, period);
+        }
+        ready
+    }
     /// Whether it is due at `now`; the first time at once. The next time is a `period` later on the grid,
     /// or a `period` from now when that has passed.
     pub fn is_due(&mut self, now: Time<C>, period: Span) -> bool {
@@ -40,6 +50,9 @@ mod tests {
         let mut due = |ms| p.is_due(at(ms), Span::from_millis(100));
         assert!(due(0) && !due(99) && due(120), "late by 20 ms");
         assert!(!due(199) && due(200), "the grid did not move");
-        assert!(due(1050) && !due(1149) && due(1150), "one after a pause, then a new grid");
+        assert!(
+            due(1050) && !due(1149) && due(1150),
+            "one after a pause, then a new grid"
+        );
     }
 }

@@ -3,8 +3,11 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Message, SLOPE_WINDOWS, within};
-use crate::msg::Seq;
+use super::drone::is_unit;
+use super::{
+    Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, SLOPE_WINDOWS,
+    Seq, deviations, positive, within,
+};
 use crate::time::{DroneClock, Span};
 
 /// Stages of a deck forecast.

@@ -8,7 +8,6 @@ use super::{
     deviations, within,
 };
 use crate::frames::wrap_angle;
-use crate::msg::Seq;
 use crate::time::{DroneClock, Span, Time};
 
 /// Stages of a plan.

@@ -20,4 +20,4 @@ pub struct DeckGrant<C: Clock> {
 }
 
 restamped!(DeckGrant { owner, occupied });
-message!(<C> DeckGrant<C>, C, |m| {});
+message!(@C DeckGrant<C>, C, |m| {});

@@ -300,7 +300,7 @@ pub struct OperatorCommand<C: Clock> {
     pub kind: CommandKind,
 }
 
-message!(<C> OperatorCommand<C>, C, |m| {});
+message!(@C OperatorCommand<C>, C, |m| {});
 
 impl CommandKind {
     /// Whether a mission that stands so, and waits for this, has done what was commanded.

@@ -6,7 +6,7 @@
 
 /// Implements [`Message`]: its clock, its header, and conditions in order, each with the field to blame.
 macro_rules! message {
-    ($(<$c:ident>)? $name:ty, $clock:ty, |$m:ident| { $($sound:expr => $field:literal,)* }) => {
+    ($(@$c:ident)? $name:ty, $clock:ty, |$m:ident| { $($sound:expr => $field:literal,)* }) => {
         impl$(<$c: $crate::time::Clock>)? $crate::msg::Message for $name {
             type Clock = $clock;
             fn header(&self) -> &$crate::msg::Header<$clock> {
@@ -53,8 +53,8 @@ pub use grant::DeckGrant;
 pub use mission::{
     Command, CommandKind, DroneStatus, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State,
 };
-pub use seq::Seq;
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
+pub use seq::Seq;
 pub use vessel::{
     MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, WaveComponent, WaveModel,
@@ -147,7 +147,9 @@ pub(crate) fn within32<'a>(values: impl IntoIterator<Item = &'a f32>, limit: f32
 
 /// Every one of these lists is not negative and at most `limit`: standard deviations.
 pub(crate) fn deviations<const N: usize>(lists: [&[f64]; N], limit: f64) -> bool {
-    lists.iter().all(|list| list.iter().all(|v| (0.0..=limit).contains(v)))
+    lists
+        .iter()
+        .all(|list| list.iter().all(|v| (0.0..=limit).contains(v)))
 }
 /// Every one is above zero and below `limit`.
 pub(crate) fn positive<'a>(values: impl IntoIterator<Item = &'a f64>, limit: f64) -> bool {

@@ -82,7 +82,10 @@ impl<'de, T: Deserialize<'de> + Copy + Default, const N: usize> Deserialize<'de>
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
         let items = Vec::<T>::deserialize(d)?;
         if items.len() > N {
-            return Err(D::Error::custom(format!("{} items, at most {N} are accepted", items.len())));
+            return Err(D::Error::custom(format!(
+                "{} items, at most {N} are accepted",
+                items.len()
+            )));
         }
         Ok(Seq::filled(items))
     }

@@ -52,10 +52,10 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, on_earth, within, within32,
+    Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, on_earth, within,
+    within32,
 };
 use crate::frames::{Datum, wrap_angle};
-use crate::msg::Seq;
 use crate::time::{Clock, Time, VesselClock};
 
 /// Most wave components that a wave model carries.
@@ -221,7 +221,11 @@ restamped!(WaveModel {
     components,
     slopes
 });
-restamped!(VesselPrediction { step_s, origin, stages });
+restamped!(VesselPrediction {
+    step_s,
+    origin,
+    stages
+});
 
 impl<C: Clock> VesselEstimate<C> {
     /// Position of the reference point in the vessel's NED, m.
@@ -264,7 +268,7 @@ fn is_covariance(blocks: &[[f32; 3]; 6]) -> bool {
     })
 }
 
-message!(<C> VesselEstimate<C>, C, |m| {
+message!(@C VesselEstimate<C>, C, |m| {
     within(&m.eta[..3], MAX_POSITION_M)
         && within(&m.eta[3..5], MAX_TILT_RAD)
         && within(&m.eta[5..], MAX_ANGLE_RAD) => "eta",
@@ -276,7 +280,7 @@ message!(<C> VesselEstimate<C>, C, |m| {
     within32(&m.mean_velocity, MAX_SPEED_MPS as f32) && within32(&m.mean_heading, 50.0) => "mean motion",
     on_earth(&m.datum) => "datum",
 });
-message!(<C> WaveModel<C>, C, |m| {
+message!(@C WaveModel<C>, C, |m| {
     (0.0..=50.0).contains(&m.significant_height_m) => "significant_height_m",
     (0.0..=1.0).contains(&m.confidence) => "confidence",
     (0.0..=1.0).contains(&m.wave_following_deficit) => "wave_following_deficit",
@@ -292,7 +296,7 @@ message!(<C> WaveModel<C>, C, |m| {
     m.components.iter().all(|c| is_covariance(&c.covariance)) => "covariance",
     m.components.iter().all(|c| c.drive.iter().all(|d| (0.0..=1e6).contains(d))) => "drive",
 });
-message!(<C> VesselPrediction<C>, C, |m| {
+message!(@C VesselPrediction<C>, C, |m| {
     (0.001..=10.0).contains(&m.step_s) => "step_s",
     within(&m.origin, MAX_POSITION_M) => "origin",
     m.stages.iter().all(|s| {

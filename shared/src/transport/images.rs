@@ -5,15 +5,15 @@
 use iceoryx2::node::Node;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
 use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
-use iceoryx2::prelude::{BackpressureStrategy, ServiceName};
+use iceoryx2::prelude::BackpressureStrategy;
 use iceoryx2::service::builder::publish_subscribe;
 use iceoryx2::service::port_factory;
 
-use crate::transport::TransportError;
-use crate::transport::memory::Ipc;
+use crate::transport::instance::{Ipc, service_name};
+use crate::transport::{Doing, TransportError};
 
 /// Name of the service, after [`crate::topics`]'s.
-pub(crate) const NAME: &str = "camera/image";
+const NAME: &str = "camera/image";
 /// Bytes before the pixels: time (8), width (4), height (4).
 const HEADER_BYTES: usize = 16;
 /// Images that wait for a reader.
@@ -37,8 +37,9 @@ pub struct ImageBytes {
 type Messages = publish_subscribe::Builder<[u8], (), Ipc>;
 
 /// Builder of the service with its quality.
-pub(crate) fn messages(node: &Node<Ipc>, name: &ServiceName) -> Messages {
-    node.service_builder(name)
+fn messages(node: &Node<Ipc>) -> Result<Messages, TransportError> {
+    Ok(node
+        .service_builder(&service_name(NAME)?)
         .publish_subscribe::<[u8]>()
         .enable_safe_overflow(true)
         .history_size(0)
@@ -46,7 +47,7 @@ pub(crate) fn messages(node: &Node<Ipc>, name: &ServiceName) -> Messages {
         .subscriber_max_borrowed_samples(BORROWED)
         .max_publishers(PORTS)
         .max_subscribers(PORTS)
-        .max_nodes(4 * PORTS)
+        .max_nodes(4 * PORTS))
 }
 /// The service, held open by who created it.
 pub(crate) struct ImageService {
@@ -54,10 +55,9 @@ pub(crate) struct ImageService {
 }
 
 impl ImageService {
-    pub(crate) fn create(node: &Node<Ipc>, name: &ServiceName) -> Result<ImageService, TransportError> {
-        let fail = |e: &dyn core::fmt::Debug| TransportError::because(format!("creating {NAME}"), e);
+    pub(super) fn create(node: &Node<Ipc>) -> Result<ImageService, TransportError> {
         Ok(ImageService {
-            _messages: messages(node, name).create().map_err(|e| fail(&e))?,
+            _messages: messages(node)?.create().doing(|| format!("creating {NAME}"))?,
         })
     }
 }
@@ -70,20 +70,16 @@ pub struct ImagePublisher {
 }
 
 impl ImagePublisher {
-    pub(crate) fn open(
-        node: &Node<Ipc>,
-        name: &ServiceName,
-        pixels: usize,
-    ) -> Result<ImagePublisher, TransportError> {
-        let fail = |e: &dyn core::fmt::Debug| TransportError::because(format!("publishing {NAME}"), e);
-        let port = messages(node, name)
+    pub(super) fn open(node: &Node<Ipc>, pixels: usize) -> Result<ImagePublisher, TransportError> {
+        let doing = || format!("publishing {NAME}");
+        let port = messages(node)?
             .open()
-            .map_err(|e| fail(&e))?
+            .doing(doing)?
             .publisher_builder()
             .initial_max_slice_len(HEADER_BYTES + pixels)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
-            .map_err(|e| fail(&e))?;
+            .doing(doing)?;
         Ok(ImagePublisher {
             port,
             max_bytes: HEADER_BYTES + pixels,
@@ -118,15 +114,15 @@ pub struct ImageSubscriber {
 }
 
 impl ImageSubscriber {
-    pub(crate) fn open(node: &Node<Ipc>, name: &ServiceName) -> Result<ImageSubscriber, TransportError> {
-        let fail = |e: &dyn core::fmt::Debug| TransportError::because(format!("reading {NAME}"), e);
-        let port = messages(node, name)
+    pub(super) fn open(node: &Node<Ipc>) -> Result<ImageSubscriber, TransportError> {
+        let doing = || format!("reading {NAME}");
+        let port = messages(node)?
             .open()
-            .map_err(|e| fail(&e))?
+            .doing(doing)?
             .subscriber_builder()
             .buffer_size(BUFFER)
             .create()
-            .map_err(|e| fail(&e))?;
+            .doing(doing)?;
         Ok(ImageSubscriber { port })
     }
     /// The next image that waits.
@@ -137,7 +133,7 @@ impl ImageSubscriber {
     }
 }
 
-fn decode(bytes: &[u8]) -> Option<ImageBytes> {
+pub(super) fn decode(bytes: &[u8]) -> Option<ImageBytes> {
     let (at, rest) = bytes.split_first_chunk::<8>()?;
     let (width, rest) = rest.split_first_chunk::<4>()?;
     let (height, pixels) = rest.split_first_chunk::<4>()?;
@@ -146,36 +142,4 @@ fn decode(bytes: &[u8]) -> Option<ImageBytes> {
         size: [u32::from_le_bytes(*width), u32::from_le_bytes(*height)],
         pixels: pixels.to_vec(),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::transport::memory::{Instance, Memory, Services};
-
-    #[test]
-    fn image_arrives_whole_and_an_oversized_one_is_counted() {
-        let instance = Instance::new(&format!("images-test-{}", std::process::id())).unwrap();
-        instance.wipe().unwrap();
-        let memory = Memory::join(&instance, "test").unwrap();
-        let services = Services::create(&memory).unwrap();
-        let mut images = memory.image_publisher(64 * 48).unwrap();
-        let mut reader = memory.image_subscriber().unwrap();
-        let pixels: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
-        for k in 1..=5 {
-            images.send(k, [64, 48], &pixels);
-        }
-        images.send(6, [640, 480], &vec![0; 640 * 480]);
-        assert_eq!(images.unsent(), 1);
-        // Two wait, the older ones gave way.
-        let first = reader.next_image().unwrap();
-        assert_eq!((first.at_ns, first.size), (4, [64, 48]));
-        assert_eq!(first.pixels, pixels);
-        assert_eq!(reader.next_image().map(|i| i.at_ns), Some(5));
-        assert_eq!(reader.next_image(), None);
-        assert_eq!(decode(&[0; 15]), None);
-        drop((images, reader, services, memory));
-        instance.wipe().unwrap();
-        std::fs::remove_dir_all(instance.directory()).unwrap();
-    }
 }

@@ -5,7 +5,6 @@
 //! it creates one can leave it unusable. So one process, the supervisor, creates all services
 //! ([`Services::create`]) before any other begins, and the others only open them.
 
-use std::path::PathBuf;
 use std::time::Duration;
 
 use iceoryx2::node::{Node as IoxNode, NodeWaitFailure};
@@ -16,19 +15,15 @@ use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
-use crate::msg::{self, MESSAGE_VERSION};
-use crate::time::DroneClock;
 use crate::topics::Topic;
-use crate::transport::TransportError;
-use crate::transport::images::{self, ImagePublisher, ImageSubscriber};
-use crate::transport::plain::Plain;
-use crate::transport::process::ProcessState;
-use crate::transport::relay::{Copier, RELAYED, key_in_memory};
+use crate::transport::images::{ImagePublisher, ImageService, ImageSubscriber};
+pub use crate::transport::instance::Instance;
+use crate::transport::instance::{Ipc, service_name};
+use crate::transport::observe::{SendObserver, observer};
+use crate::transport::plain::{self, Plain};
 use crate::transport::statistics::InputStatistics;
+use crate::transport::{Doing, TransportError};
 use crate::wire;
-
-/// The kind of iceoryx2 service: between processes, ports used by one thread each.
-pub(crate) type Ipc = ipc::Service;
 
 /// Publishers of one topic: each process of a computer may publish its state, and one that was
 /// killed keeps its place until it is cleaned up.
@@ -37,101 +32,12 @@ const PUBLISHERS: usize = 16;
 const SUBSCRIBERS: usize = 24;
 /// Processes that have a topic open.
 const NODES: usize = 32;
-/// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
-const SERVICE: &str = "/run/alight";
 /// Most messages that one call reads: a publisher that runs wild does not hold its reader.
 const MAX_PER_READ: usize = 64;
-
-/// One set of processes on a computer; several may run side by side under different names.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Instance {
-    name: String,
-}
-
-impl Instance {
-    /// The instance `name`: 1 to 32 of a-z, 0-9 and '-'.
-    pub fn new(name: &str) -> Result<Instance, TransportError> {
-        let fits = (1..=32).contains(&name.len())
-            && name
-                .bytes()
-                .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
-        if fits {
-            Ok(Instance { name: name.into() })
-        } else {
-            Err(TransportError {
-                doing: format!("naming the instance {name:?}"),
-                what: "a name is 1 to 32 of a-z, 0-9 and '-'".into(),
-            })
-        }
-    }
-    /// Its name.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-    /// Where it keeps its files beside shared memory: where a service keeps them if there is one of
-    /// this name, so that an operator's commands find it, else among temporary files.
-    pub fn directory(&self) -> PathBuf {
-        let name = format!("alight-{}", self.name);
-        let of_service = std::path::Path::new(SERVICE).join(&name);
-        if of_service.exists() {
-            of_service
-        } else {
-            std::env::temp_dir().join(name)
-        }
-    }
-    /// The beginning of the names of its files in shared memory.
-    pub fn prefix(&self) -> String {
-        format!("alight_{}_", self.name)
-    }
-    /// Removes everything the instance left in shared memory and in its middleware's directory. To
-    /// be called only while none of its processes lives.
-    pub fn wipe(&self) -> std::io::Result<()> {
-        let prefix = self.prefix();
-        for directory in ["/dev/shm", "/tmp"] {
-            let Ok(entries) = std::fs::read_dir(directory) else {
-                continue;
-            };
-            for entry in entries.flatten() {
-                if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                    // Another file that vanished meanwhile is as good as removed.
-                    let _gone = std::fs::remove_file(entry.path());
-                }
-            }
-        }
-        match std::fs::remove_dir_all(self.middleware()) {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
-            Ok(()) | Err(_) => Ok(()),
-        }
-    }
-    fn middleware(&self) -> PathBuf {
-        self.directory().join("iceoryx2")
-    }
-    fn config(&self) -> Result<Config, TransportError> {
-        let fail = |e| TransportError::because(format!("naming the files of instance {}", self.name), e);
-        let mut config = Config::default();
-        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(fail)?;
-        let root = format!("{}/", self.middleware().display());
-        config
-            .global
-            .set_root_path(&Path::new(root.as_bytes()).map_err(fail)?);
-        Ok(config)
-    }
-}
 
 /// A process's place in shared memory.
 pub struct Memory {
     node: IoxNode<Ipc>,
-    copies: Option<PathBuf>,
-}
-
-/// A name that only processes of the same program share: the version of the messages' layout and of
-/// the package are part of it.
-fn service_name(topic: &Topic) -> Result<ServiceName, TransportError> {
-    named(topic.name)
-}
-fn named(name: &str) -> Result<ServiceName, TransportError> {
-    let name = format!("{name}/m{MESSAGE_VERSION}/{}", env!("CARGO_PKG_VERSION"));
-    ServiceName::new(&name).map_err(|e| TransportError::because(format!("naming the service {name}"), e))
 }
 
 impl Memory {
@@ -139,19 +45,15 @@ impl Memory {
     pub fn join(instance: &Instance, process: &str) -> Result<Memory, TransportError> {
         // What the middleware has to say reaches a person through the errors it returns.
         set_log_level(LogLevel::Fatal);
-        let doing = || format!("joining the shared memory of instance {}", instance.name);
-        std::fs::create_dir_all(instance.middleware()).map_err(|e| TransportError::because(doing(), e))?;
-        let name = NodeName::new(process).map_err(|e| TransportError::because(doing(), e))?;
+        let doing = || format!("joining the shared memory of instance {}", instance.name());
+        std::fs::create_dir_all(instance.middleware()).doing(doing)?;
+        let name = NodeName::new(process).doing(doing)?;
         let node = NodeBuilder::new()
             .name(&name)
             .config(&instance.config()?)
             .create::<Ipc>()
-            .map_err(|e| TransportError::because(doing(), e))?;
-        Ok(Memory { node, copies: None })
-    }
-    /// From now on publishers of [`RELAYED`] send a copy of every message to the Unix socket `path` too.
-    pub fn copy_to(&mut self, path: PathBuf) {
-        self.copies = Some(path);
+            .doing(doing)?;
+        Ok(Memory { node })
     }
     /// Removes what processes that were killed left behind.
     pub fn reap(&self) {
@@ -166,7 +68,7 @@ impl Memory {
     fn messages<T: Plain>(&self) -> Result<MessageBuilder<T>, TransportError> {
         Ok(self
             .node
-            .service_builder(&service_name(T::TOPIC)?)
+            .service_builder(&service_name(T::TOPIC.name)?)
             .publish_subscribe::<T>()
             .enable_safe_overflow(true)
             .history_size(0)
@@ -182,7 +84,7 @@ impl Memory {
     ) -> Result<iceoryx2::service::builder::event::Builder<Ipc>, TransportError> {
         Ok(self
             .node
-            .service_builder(&service_name(topic)?)
+            .service_builder(&service_name(topic.name)?)
             .event()
             .max_notifiers(PUBLISHERS)
             .max_listeners(SUBSCRIBERS)
@@ -192,72 +94,52 @@ impl Memory {
     /// A publisher of messages `T`, on their topic.
     pub fn publisher<T: Plain>(&self) -> Result<Publisher<T>, TransportError> {
         let doing = || format!("publishing {}", T::TOPIC.name);
-        let fail = |e: &dyn core::fmt::Debug| TransportError::because(doing(), e);
-        let port = self
-            .messages::<T>()?
-            .open()
-            .map_err(|e| fail(&e))?
+        let messages = self.messages::<T>()?.open().doing(doing)?;
+        let port = messages
             .publisher_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
-            .map_err(|e| fail(&e))?;
-        let notifier = self
-            .events(T::TOPIC)?
-            .open()
-            .map_err(|e| fail(&e))?
-            .notifier_builder()
-            .create()
-            .map_err(|e| fail(&e))?;
-        let relayed = RELAYED.iter().position(|t| t.name == T::TOPIC.name);
-        let copier = match (&self.copies, relayed.and_then(|k| u32::try_from(k).ok())) {
-            (Some(path), Some(topic)) => Some((topic, Copier::unix(path)?)),
-            (Some(_), None) | (None, _) => None,
-        };
+            .doing(doing)?;
+        let events = self.events(T::TOPIC)?.open().doing(doing)?;
         Ok(Publisher {
-            out: Out {
+            port: Port {
                 port,
-                notifier,
+                notifier: events.notifier_builder().create().doing(doing)?,
                 unsent: 0,
             },
-            copier,
+            send: match observer() {
+                None => |port, message| port.send(message),
+                Some(_) => |port, message| observer().map_or((), |o| port.send_observed(message, o)),
+            },
         })
     }
     /// A subscriber to messages `T`, on their topic.
     pub fn subscriber<T: Plain>(&self) -> Result<Subscriber<T>, TransportError> {
-        let fail =
-            |e: &dyn core::fmt::Debug| TransportError::because(format!("reading {}", T::TOPIC.name), e);
-        let port = self
-            .messages::<T>()?
-            .open()
-            .map_err(|e| fail(&e))?
+        let doing = || format!("reading {}", T::TOPIC.name);
+        let messages = self.messages::<T>()?.open().doing(doing)?;
+        let port = messages
             .subscriber_builder()
             .buffer_size(T::TOPIC.buffer)
             .create()
-            .map_err(|e| fail(&e))?;
+            .doing(doing)?;
         Ok(Subscriber {
             port,
-            intake: InputStatistics::new(T::TOPIC),
+            statistics: InputStatistics::new(T::TOPIC),
         })
     }
     /// A publisher of images of at most `pixels`.
     pub fn image_publisher(&self, pixels: usize) -> Result<ImagePublisher, TransportError> {
-        ImagePublisher::open(&self.node, &named(images::NAME)?, pixels)
+        ImagePublisher::open(&self.node, pixels)
     }
     /// A subscriber to images.
     pub fn image_subscriber(&self) -> Result<ImageSubscriber, TransportError> {
-        ImageSubscriber::open(&self.node, &named(images::NAME)?)
+        ImageSubscriber::open(&self.node)
     }
     /// Wakes up when a message `T` is published.
     pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
         let doing = || format!("listening for {}", T::TOPIC.name);
-        let events = self
-            .events(T::TOPIC)?
-            .open()
-            .map_err(|e| TransportError::because(doing(), e))?;
-        let port = events
-            .listener_builder()
-            .create()
-            .map_err(|e| TransportError::because(doing(), e))?;
+        let events = self.events(T::TOPIC)?.open().doing(doing)?;
+        let port = events.listener_builder().create().doing(doing)?;
         Ok(Listener { port })
     }
 }
@@ -269,74 +151,53 @@ type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 
 /// All services of an instance, held open by the one process that creates them.
 pub struct Services {
+    #[allow(dead_code, reason = "a service lives as long as somebody holds it")]
     held: Vec<Held>,
     /// That of images, which are no messages.
-    _images: images::ImageService,
+    _images: ImageService,
 }
 
 impl Services {
     /// Creates the service of every topic of shared memory.
     pub fn create(memory: &Memory) -> Result<Services, TransportError> {
-        let mut services = Services {
-            held: Vec::new(),
-            _images: images::ImageService::create(&memory.node, &named(images::NAME)?)?,
-        };
-        macro_rules! each {
-            ($($ty:ty),* $(,)?) => { $(services.add::<$ty>(memory)?;)* };
-        }
-        each!(
-            msg::DroneState,
-            msg::AutopilotState,
-            msg::TagPose,
-            msg::UvdarFix,
-            msg::RangeSample,
-            msg::LinkState,
-            msg::VesselEstimate<DroneClock>,
-            msg::WaveModel<DroneClock>,
-            msg::VesselPrediction<DroneClock>,
-            msg::DeckGrant<DroneClock>,
-            msg::DeckForecast,
-            msg::MissionState,
-            msg::Plan,
-            msg::SetPoint,
-            msg::Command,
-            ProcessState,
-        );
-        Ok(services)
+        let images = ImageService::create(&memory.node)?;
+        let mut created = Created(memory, Vec::new());
+        plain::each(&mut created)?;
+        Ok(Services {
+            held: created.1,
+            _images: images,
+        })
     }
-    fn add<T: Plain>(&mut self, memory: &Memory) -> Result<(), TransportError> {
-        let fail =
-            |e: &dyn core::fmt::Debug| TransportError::because(format!("creating {}", T::TOPIC.name), e);
+}
+
+struct Created<'a>(&'a Memory, Vec<Held>);
+
+impl plain::Visitor for Created<'_> {
+    fn visit<T: Plain>(&mut self) -> Result<(), TransportError> {
+        let Created(memory, held) = self;
+        let doing = || format!("creating {}", T::TOPIC.name);
         let messages: publish_subscribe::PortFactory<Ipc, T, ()> =
-            memory.messages::<T>()?.create().map_err(|e| fail(&e))?;
-        let events = memory.events(T::TOPIC)?.create().map_err(|e| fail(&e))?;
-        self.held.push((Box::new(messages), events));
+            memory.messages::<T>()?.create().doing(doing)?;
+        let events = memory.events(T::TOPIC)?.create().doing(doing)?;
+        held.push((Box::new(messages), events));
         Ok(())
-    }
-    /// How many there are.
-    pub fn len(&self) -> usize {
-        self.held.len()
-    }
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.held.is_empty()
     }
 }
 
 /// Publishes messages `T`.
 pub struct Publisher<T: Plain> {
-    out: Out<T>,
-    /// Where copies go, and the topic's index there; for trials.
-    copier: Option<(u32, Copier)>,
+    port: Port<T>,
+    /// Chosen when the publisher is made.
+    send: fn(&mut Port<T>, &T),
 }
 
-struct Out<T: Plain> {
+struct Port<T: Plain> {
     port: IoxPublisher<Ipc, T, ()>,
     notifier: Notifier<Ipc>,
     unsent: u64,
 }
 
-impl<T: Plain> Out<T> {
+impl<T: Plain> Port<T> {
     fn send(&mut self, message: &T) {
         let sent = self
             .port
@@ -349,22 +210,17 @@ impl<T: Plain> Out<T> {
         // A listener that cannot be woken finds the message at its next wake-up.
         let _woken = self.notifier.notify();
     }
+    fn send_observed(&mut self, message: &T, observer: &dyn SendObserver) {
+        let bytes = || wire::encode_record(message).ok();
+        observer.around(T::TOPIC.name, message.order(), &bytes, &mut || self.send(message));
+    }
 }
 
 impl<T: Plain> Publisher<T> {
     /// Writes `message` into shared memory and wakes who listens. Never blocks: a subscriber that
     /// does not read loses the oldest.
     pub fn send(&mut self, message: &T) {
-        let out = &mut self.out;
-        match (&mut self.copier, message.order()) {
-            (Some((topic, copier)), Some(order)) => copier.beside(
-                *topic,
-                key_in_memory(T::TOPIC, order),
-                || wire::encode_record(message).ok(),
-                || out.send(message),
-            ),
-            (Some(_), None) | (None, _) => out.send(message),
-        }
+        (self.send)(&mut self.port, message);
     }
     /// The same for a message that may be there.
     pub fn send_any(&mut self, message: Option<&T>) {
@@ -374,7 +230,7 @@ impl<T: Plain> Publisher<T> {
     }
     /// Messages that could not be sent.
     pub fn unsent(&self) -> u64 {
-        self.out.unsent
+        self.port.unsent
     }
 }
 
@@ -386,7 +242,7 @@ pub struct Listener {
 /// Reads messages `T`.
 pub struct Subscriber<T: Plain> {
     port: IoxSubscriber<Ipc, T, ()>,
-    intake: InputStatistics,
+    statistics: InputStatistics,
 }
 
 impl<T: Plain> Subscriber<T> {
@@ -404,14 +260,14 @@ impl<T: Plain> Subscriber<T> {
                 break;
             };
             let message: T = *sample;
-            self.intake.note(message.order(), message.at_ns(), now_ns);
+            self.statistics.count(message.order(), message.at_ns(), now_ns);
             messages.push(message);
         }
         messages
     }
     /// What was read so far.
-    pub fn intake(&self) -> &InputStatistics {
-        &self.intake
+    pub fn statistics(&self) -> &InputStatistics {
+        &self.statistics
     }
 }
 
@@ -419,7 +275,8 @@ impl<T: Plain> Subscriber<T> {
 mod tests {
     use super::*;
     use crate::msg::{Header, RangeSample, SetPoint};
-    use crate::time::Time;
+    use crate::time::{DroneClock, Time};
+    use crate::topics::Medium;
     use core::ops::ControlFlow;
 
     fn at(sequence: u32) -> Header<DroneClock> {
@@ -443,10 +300,8 @@ mod tests {
             "a service that nobody created is not created by who opens it"
         );
         let services = Services::create(&memory).unwrap();
-        assert_eq!(
-            services.len(),
-            crate::topics::ALL.iter().filter(|t| t.is_memory()).count() + 1
-        );
+        let topics = crate::topics::ALL.iter().filter(|t| t.medium == Medium::Memory);
+        assert_eq!(services.held.len(), topics.count() + 1);
 
         let mut set_points = memory.publisher::<SetPoint>().unwrap();
         let mut newest = memory.subscriber::<SetPoint>().unwrap();
@@ -471,14 +326,14 @@ mod tests {
         let read: Vec<f64> = all.all(0).iter().map(|r| r.range_m).collect();
         assert_eq!(read, (5..=20).map(f64::from).collect::<Vec<_>>());
         // Only gaps between messages that were read can be seen; the first four came before them.
-        assert_eq!(all.intake().state(0).missed, 0);
+        assert_eq!(all.statistics().state(0).missed, 0);
         ranges.send(&RangeSample {
             header: at(24),
             range_m: 24.0,
             variance: 1.0,
         });
         assert_eq!(all.all(0).len(), 1);
-        assert_eq!(all.intake().state(0).missed, 3);
+        assert_eq!(all.statistics().state(0).missed, 3);
 
         let mut steps = 0;
         crate::transport::wake::run(&[&wake], Duration::from_millis(1), || {
@@ -502,6 +357,32 @@ mod tests {
                 .count(),
             0
         );
+        std::fs::remove_dir_all(instance.directory()).unwrap();
+    }
+
+    #[test]
+    fn image_arrives_whole_and_an_oversized_one_is_counted() {
+        let instance = Instance::new(&format!("images-test-{}", std::process::id())).unwrap();
+        instance.wipe().unwrap();
+        let memory = Memory::join(&instance, "test").unwrap();
+        let services = Services::create(&memory).unwrap();
+        let mut images = memory.image_publisher(64 * 48).unwrap();
+        let mut reader = memory.image_subscriber().unwrap();
+        let pixels: Vec<u8> = (0..64 * 48).map(|k| (k % 251) as u8).collect();
+        for k in 1..=5 {
+            images.send(k, [64, 48], &pixels);
+        }
+        images.send(6, [640, 480], &vec![0; 640 * 480]);
+        assert_eq!(images.unsent(), 1);
+        // Two wait, the older ones gave way.
+        let first = reader.next_image().unwrap();
+        assert_eq!((first.at_ns, first.size), (4, [64, 48]));
+        assert_eq!(first.pixels, pixels);
+        assert_eq!(reader.next_image().map(|i| i.at_ns), Some(5));
+        assert_eq!(reader.next_image(), None);
+        assert_eq!(crate::transport::images::decode(&[0; 15]), None);
+        drop((images, reader, services, memory));
+        instance.wipe().unwrap();
         std::fs::remove_dir_all(instance.directory()).unwrap();
     }
 }

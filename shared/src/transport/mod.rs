@@ -3,12 +3,14 @@
 //! either middleware, and nothing else of Alight holds `unsafe` code.
 //!
 //! Read in this order: [`clock`], [`plain`] (what may lie in shared memory, and on which topic),
-//! [`memory`], [`images`], [`wake`], [`process`] (what a process says about itself), [`radio`], [`relay`] (plain sockets beside both).
+//! [`memory`], [`images`], [`wake`], [`process`] (what a process publishes about itself), [`radio`].
 
 pub mod access;
 pub mod clock;
 pub mod images;
+mod instance;
 pub mod memory;
+pub mod observe;
 pub mod plain;
 pub mod process;
 pub mod radio;
@@ -36,5 +38,16 @@ impl TransportError {
             doing: doing.into(),
             what: format!("{error:?}"),
         }
+    }
+}
+
+/// Says what was being done when a middleware failed.
+pub(crate) trait Doing<T> {
+    /// The error with what was being done.
+    fn doing(self, what: impl FnOnce() -> String) -> Result<T, TransportError>;
+}
+impl<T, E: core::fmt::Debug> Doing<T> for Result<T, E> {
+    fn doing(self, what: impl FnOnce() -> String) -> Result<T, TransportError> {
+        self.map_err(|e| TransportError::because(what(), e))
     }
 }

@@ -7,8 +7,9 @@ use iceoryx2::prelude::ZeroCopySend;
 use serde::Serialize;
 
 use crate::msg;
-use crate::time::{Clock, DroneClock};
+use crate::time::DroneClock;
 use crate::topics::{self, Topic};
+use crate::transport::TransportError;
 use crate::transport::process::ProcessState;
 
 /// A message that lies in shared memory as it is, and the one topic it travels on.
@@ -21,6 +22,12 @@ pub trait Plain: ZeroCopySend + Copy + Debug + Serialize + 'static {
     fn at_ns(&self) -> i64;
 }
 
+/// What is done for every type of shared memory.
+pub(super) trait Visitor {
+    /// For one.
+    fn visit<T: Plain>(&mut self) -> Result<(), TransportError>;
+}
+
 // SAFETY: every type below is plain data of fixed size without pointers, references or handles,
 // all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
 // compilation: enumerations (`repr(u8)`) with few valid values, and `Option<Time>` in a plan. Both
@@ -28,18 +35,25 @@ pub trait Plain: ZeroCopySend + Copy + Debug + Serialize + 'static {
 // that only processes of one program ever share a service, and because no process writes a message
 // otherwise than by copying a whole valid value. Bounded lists check their length when they are read.
 macro_rules! plain {
-    ($($ty:ty => $topic:ident;)*) => {$(
-        unsafe impl ZeroCopySend for $ty {}
-        impl Plain for $ty {
-            const TOPIC: &'static Topic = &topics::$topic;
-            fn order(&self) -> Option<(u32, u32)> {
-                Some((self.header.boot, self.header.sequence))
+    ($($ty:ty => $topic:ident;)*) => {
+        $(
+            unsafe impl ZeroCopySend for $ty {}
+            impl Plain for $ty {
+                const TOPIC: &'static Topic = &topics::$topic;
+                fn order(&self) -> Option<(u32, u32)> {
+                    Some((self.header.boot, self.header.sequence))
+                }
+                fn at_ns(&self) -> i64 {
+                    self.header.at.nanos()
+                }
             }
-            fn at_ns(&self) -> i64 {
-                self.header.at.nanos()
-            }
+        )*
+        /// Visits every type.
+        pub(super) fn each(visitor: &mut impl Visitor) -> Result<(), TransportError> {
+            $(visitor.visit::<$ty>()?;)*
+            visitor.visit::<ProcessState>()
         }
-    )*};
+    };
 }
 plain! {
     msg::DroneState => DRONE_STATE;
@@ -48,32 +62,15 @@ plain! {
     msg::UvdarFix => UVDAR;
     msg::RangeSample => RANGE;
     msg::LinkState => LINK;
+    msg::VesselEstimate<DroneClock> => BRIDGE_ESTIMATE;
+    msg::WaveModel<DroneClock> => BRIDGE_WAVE;
+    msg::VesselPrediction<DroneClock> => BRIDGE_PREDICTION;
+    msg::DeckGrant<DroneClock> => BRIDGE_DECK;
     msg::DeckForecast => FORECAST;
     msg::MissionState => MISSION;
     msg::Plan => PLAN;
     msg::SetPoint => SET_POINT;
     msg::Command => COMMAND;
-}
-macro_rules! plain_of_vessel {
-    ($($ty:ident => $topic:ident;)*) => {$(
-        // SAFETY: as above.
-        unsafe impl<C: Clock> ZeroCopySend for msg::$ty<C> {}
-        impl Plain for msg::$ty<DroneClock> {
-            const TOPIC: &'static Topic = &topics::$topic;
-            fn order(&self) -> Option<(u32, u32)> {
-                Some((self.header.boot, self.header.sequence))
-            }
-            fn at_ns(&self) -> i64 {
-                self.header.at.nanos()
-            }
-        }
-    )*};
-}
-plain_of_vessel! {
-    VesselEstimate => BRIDGE_ESTIMATE;
-    WaveModel => BRIDGE_WAVE;
-    VesselPrediction => BRIDGE_PREDICTION;
-    DeckGrant => BRIDGE_DECK;
 }
 
 // SAFETY: as above.

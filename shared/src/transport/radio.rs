@@ -17,8 +17,8 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use crate::config;
 use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
+use crate::transport::observe::observer;
 use crate::transport::rejections::PlaintextAttempts;
-use crate::transport::relay::{self, Copier};
 use crate::transport::{TransportError, access};
 use crate::wire::MAX_WIRE_BYTES;
 
@@ -285,13 +285,29 @@ pub struct Radio {
     last_fresh_ns: i64,
     /// Strangers that knock without TLS.
     plaintext_attempts: Option<PlaintextAttempts>,
-    /// The outlet whose messages are copied, and where to; for trials.
-    copier: Option<(usize, Copier)>,
 }
 
 struct Open {
     session: zenoh::Session,
     publishers: Vec<Publisher<'static>>,
+    /// Chosen when the session is opened.
+    put: fn(&Publisher<'static>, Vec<u8>) -> bool,
+}
+
+/// Hands a message to the middleware; whether it took it.
+fn put(publisher: &Publisher<'static>, bytes: Vec<u8>) -> bool {
+    publisher.put(bytes).wait().is_ok()
+}
+fn put_observed(publisher: &Publisher<'static>, bytes: Vec<u8>) -> bool {
+    let mut taken = false;
+    if let Some(observer) = observer() {
+        let (key, copy) = (publisher.key_expr().to_string(), bytes.clone());
+        let mut bytes = Some(bytes);
+        observer.around(&key, None, &|| Some(copy.clone()), &mut || {
+            taken = bytes.take().is_some_and(|bytes| put(publisher, bytes));
+        });
+    }
+    taken
 }
 
 impl Radio {
@@ -319,7 +335,6 @@ impl Radio {
             last_received_ns: None,
             last_fresh_ns: steady_ns(),
             plaintext_attempts: None,
-            copier: None,
         };
         radio.open = Some(radio.session()?);
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
@@ -379,29 +394,20 @@ impl Radio {
                 .wait()
                 .map_err(|e| TransportError::because(format!("reading {key}"), e))?;
         }
-        Ok(Open { session, publishers })
+        let put = if observer().is_some() { put_observed } else { put };
+        Ok(Open {
+            session,
+            publishers,
+            put,
+        })
     }
 
-    /// From now on a copy of every message of `publication` goes to the UDP address `to` too.
-    pub fn copy_to(&mut self, publication: usize, to: &str) -> Result<(), TransportError> {
-        self.copier = Some((publication, Copier::udp(to)?));
-        Ok(())
-    }
-
-    /// Publishes on outlet `publication`.
+    /// Publishes on publication `publication`.
     pub fn send(&mut self, publication: usize, bytes: Vec<u8>) {
         let length = bytes.len() as u64;
-        let publisher = self.open.as_ref().and_then(|o| o.publishers.get(publication));
-        let put = |bytes: Vec<u8>| publisher.is_some_and(|p| p.put(bytes).wait().is_ok());
-        let taken = match self.copier.as_mut().filter(|(copied, _)| *copied == publication) {
-            Some((_, copier)) => {
-                let (key, copy, mut taken) = (relay::key(&[&bytes]), bytes.clone(), false);
-                copier.beside(0, key, || Some(copy), || taken = put(bytes));
-                taken
-            }
-            None => put(bytes),
-        };
-        if taken {
+        let open = self.open.as_ref();
+        let publisher = open.and_then(|o| Some((o.put, o.publishers.get(publication)?)));
+        if publisher.is_some_and(|(put, p)| put(p, bytes)) {
             self.counts.sent += 1;
             self.counts.sent_bytes += length;
             if let Some(flow) = self.flows.get_mut(publication) {

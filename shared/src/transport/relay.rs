@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 use crate::topics::{self, Topic};
 use crate::transport::TransportError;
 use crate::transport::clock::steady_ns;
+use crate::transport::observe::{SendObserver, observe};
 
 /// The messages that are relayed in shared memory: the chain from the vessel's estimate to the
 /// set-point.
@@ -40,12 +42,11 @@ pub fn key(parts: &[&[u8]]) -> u64 {
 }
 
 /// What a message in shared memory is known by.
-pub fn key_in_memory(topic: &Topic, (boot, sequence): (u32, u32)) -> u64 {
-    key(&[
-        topic.name.as_bytes(),
-        &boot.to_le_bytes(),
-        &sequence.to_le_bytes(),
-    ])
+pub fn key_in_memory(topic: &Topic, order: (u32, u32)) -> u64 {
+    key_of(topic.name, order)
+}
+fn key_of(name: &str, (boot, sequence): (u32, u32)) -> u64 {
+    key(&[name.as_bytes(), &boot.to_le_bytes(), &sequence.to_le_bytes()])
 }
 
 enum Socket {
@@ -125,6 +126,46 @@ impl Copier {
             Socket::Udp(s, to) => s.send_to(&datagram, to),
         };
     }
+}
+
+/// Who is copied: topic or radio key, its index, where to.
+struct Copies(Vec<(String, u32, Mutex<Copier>)>);
+
+impl SendObserver for Copies {
+    fn around(
+        &self,
+        name: &str,
+        order: Option<(u32, u32)>,
+        bytes: &dyn Fn() -> Option<Vec<u8>>,
+        send: &mut dyn FnMut(),
+    ) {
+        let Some((_, topic, copier)) = self.0.iter().find(|(copied, ..)| copied == name) else {
+            return send();
+        };
+        let key = match order {
+            Some(order) => key_of(name, order),
+            None => bytes().map_or(0, |b| key(&[&b])),
+        };
+        let mut copier = copier.lock().unwrap_or_else(PoisonError::into_inner);
+        copier.beside(*topic, key, bytes, send);
+    }
+}
+
+/// Copies of [`RELAYED`] go to the Unix socket at `path`, too; before publishers are made.
+pub fn observe_memory(path: &Path) -> Result<(), TransportError> {
+    let copies: Result<_, TransportError> = RELAYED
+        .iter()
+        .zip(0..)
+        .map(|(topic, k)| Ok((topic.name.to_owned(), k, Mutex::new(Copier::unix(path)?))))
+        .collect();
+    observe(Box::new(Copies(copies?)));
+    Ok(())
+}
+/// Copies of what is sent on the radio key `key` go to the UDP address `to`, too; before the radio is opened.
+pub fn observe_radio(key: &str, to: &str) -> Result<(), TransportError> {
+    let copier = Mutex::new(Copier::udp(to)?);
+    observe(Box::new(Copies(vec![(key.to_owned(), 0, copier)])));
+    Ok(())
 }
 
 /// A copy as it came.

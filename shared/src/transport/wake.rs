@@ -7,8 +7,9 @@ use iceoryx2::prelude::*;
 use iceoryx2::waitset::WaitSetRunResult;
 use iceoryx2_bb_posix::signal::SignalHandler;
 
-use crate::transport::TransportError;
-use crate::transport::memory::{Ipc, Listener};
+use crate::transport::instance::Ipc;
+use crate::transport::memory::Listener;
+use crate::transport::{Doing, TransportError};
 
 /// Whether the process was asked to end (SIGTERM or SIGINT).
 pub fn end_requested() -> bool {
@@ -22,19 +23,21 @@ pub fn run(
     timeout: Duration,
     mut step: impl FnMut() -> ControlFlow<()>,
 ) -> Result<(), TransportError> {
-    let fail = |e: &dyn core::fmt::Debug| TransportError::because("waiting for messages", e);
-    let waits = WaitSetBuilder::new().create::<Ipc>().map_err(|e| fail(&e))?;
+    let doing = || "waiting for messages".to_owned();
+    let waits = WaitSetBuilder::new().create::<Ipc>().doing(doing)?;
     let mut guards = Vec::with_capacity(listeners.len());
     for listener in listeners {
-        guards.push(waits.attach_notification(&listener.port).map_err(|e| fail(&e))?);
+        guards.push(waits.attach_notification(&listener.port).doing(doing)?);
     }
     loop {
-        match waits.wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, timeout) {
-            Ok(WaitSetRunResult::TerminationRequest) => return Ok(()),
+        match waits
+            .wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, timeout)
+            .doing(doing)?
+        {
+            WaitSetRunResult::TerminationRequest => return Ok(()),
             // Any signal ends the wait, not only one that means the end.
-            Ok(WaitSetRunResult::Interrupt) if end_requested() => return Ok(()),
-            Ok(_) => {}
-            Err(e) => return Err(fail(&e)),
+            WaitSetRunResult::Interrupt if end_requested() => return Ok(()),
+            _ => {}
         }
         // A listener that is not drained wakes at once again.
         for listener in listeners {

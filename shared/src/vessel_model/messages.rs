@@ -1,8 +1,8 @@
 //! To the wave model on the wire, which is in NED (reference heading zero).
 
 use super::{Belief, DOFS, PITCH, ROLL, SURGE, SWAY};
-use crate::msg::{MAX_COMPONENTS, WaveComponent};
 use crate::msg::Seq;
+use crate::msg::{MAX_COMPONENTS, WaveComponent};
 
 /// Values of the six degrees of freedom after the reference has turned by `delta`: (surge, sway)
 /// and (roll, pitch) as vectors.

@@ -262,7 +262,10 @@ fn update_leaves_the_state_on_a_gated_outlier() {
     let mut belief = Belief::new(&model, &spec());
     let before = belief.clone();
     let row = [Term::new(HEAVE, ETA, 1.0)];
-    assert!(matches!(belief.update(&row, 50.0, 0.1, 5.4), Update::Gated { .. }));
+    assert!(matches!(
+        belief.update(&row, 50.0, 0.1, 5.4),
+        Update::Gated { .. }
+    ));
     assert_eq!(belief.update(&row, f64::NAN, 0.1, 5.4), Update::Invalid);
     for (b, old) in belief.blocks().iter().zip(before.blocks()) {
         assert_eq!((&b.x, &b.p), (&old.x, &old.p));

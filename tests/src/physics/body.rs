@@ -1,9 +1,10 @@
 //! The kinematic state of a rigid body, as truth.
 
-use alight_shared::frames::{Point, Rotation, TrueNed, Vector};
+use alight_shared::frames::{Frame, Point, Rotation, TrueNed, Vector};
 use nalgebra::Vector3;
 
 /// Where a rigid body's reference point is and how it moves. `B` is its FRD body frame.
+#[derive(Clone, Copy)]
 pub struct RigidState<B> {
     /// Position of the reference point.
     pub position: Point<TrueNed>,
@@ -19,13 +20,6 @@ pub struct RigidState<B> {
     pub angular_acceleration: Vector<B>,
 }
 
-impl<B> Clone for RigidState<B> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-impl<B> Copy for RigidState<B> {}
-
 impl<B> Default for RigidState<B> {
     fn default() -> Self {
         RigidState {
@@ -39,7 +33,7 @@ impl<B> Default for RigidState<B> {
     }
 }
 
-impl<B> RigidState<B> {
+impl<B: Frame> RigidState<B> {
     /// The state of the point at `lever_arm` (body frame, m) of the same rigid body, with parallel axes
     /// called `P`: `v = v0 + w x r`, `a = a0 + dw x r + w x (w x r)`.
     pub fn at<P>(&self, lever_arm: Vector3<f64>) -> RigidState<P> {

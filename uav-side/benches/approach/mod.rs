@@ -5,11 +5,11 @@
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Header, MissionState, Plan, State as Mode,
 };
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -1,8 +1,8 @@
 //! The node: an obedient drone lands, commands and frames are handled, random input is harmless.
 
 use alight_shared::config::parse;
-use alight_shared::msg::{AutopilotMode, DeckStage, LandedState, Message, Phase, Source};
 use alight_shared::msg::Seq;
+use alight_shared::msg::{AutopilotMode, DeckStage, LandedState, Message, Phase, Source};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 

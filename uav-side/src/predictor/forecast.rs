@@ -1,8 +1,8 @@
 //! From the filters' state now to the deck's motion over the horizon.
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
 use alight_shared::msg::Seq;
+use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
 use alight_shared::vessel_model::{WaveNonlinearity, turn_tilt};
 use nalgebra::Vector3;
 

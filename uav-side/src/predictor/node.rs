@@ -2,12 +2,12 @@
 
 use alight_shared::admission::{Periodic, RejectionReason, Rejections};
 use alight_shared::frames::wrap_angle;
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, RangeSample, SLOPE_WINDOWS,
     Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use alight_shared::vessel_model::turn_tilt;
@@ -216,7 +216,11 @@ impl Predictor {
         Ok(())
     }
 
-    fn estimate(&mut self, now: Time<DroneClock>, e: &VesselEstimate<DroneClock>) -> Result<(), RejectionReason> {
+    fn estimate(
+        &mut self,
+        now: Time<DroneClock>,
+        e: &VesselEstimate<DroneClock>,
+    ) -> Result<(), RejectionReason> {
         Self::admit(now, e)?;
         let origin = match &self.config.datum {
             Some(d) => d.offset_to::<alight_shared::frames::DroneNed>(&e.datum).0,

@@ -4,12 +4,12 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     AutopilotState, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors, RangeSample, Reason,
     ReasonCode, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_shared::time::{Span, Time};
 use alight_uav::autopilot::message::{Address, CommandLong, Message};
 use alight_uav::autopilot::modes::Firmware;

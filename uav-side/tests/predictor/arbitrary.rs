@@ -1,11 +1,11 @@
 //! Whatever comes in: counted, and the forecast stays sane.
 
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     DroneState, Header, LinkState, Message, RangeSample, TagPose, UvdarFix, VesselEstimate, WaveComponent,
     WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_uav::predictor::{PredictorConfig, PredictorIn};
 use proptest::prelude::*;
 

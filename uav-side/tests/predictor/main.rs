@@ -7,8 +7,8 @@ mod arbitrary;
 mod kernels;
 mod world;
 
-use alight_shared::msg::{PREDICTED_SLOPES, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, Source};
 use alight_shared::admission::RejectionReason;
+use alight_shared::msg::{PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES, SLOPE_STEP, Source};
 use alight_uav::predictor::PredictorConfig;
 
 use world::*;

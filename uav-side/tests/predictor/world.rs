@@ -5,12 +5,12 @@ use std::rc::Rc;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, Header, LinkState, Message, TagPose, VesselEstimate, WaveComponent,
     WaveModel,
 };
 use alight_shared::node::Node;
-use alight_shared::msg::Seq;
 use alight_shared::time::{DroneClock, Time};
 use alight_uav::predictor::observation::body_from_camera;
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};

@@ -1,7 +1,7 @@
 //! Gyroscope and accelerometer.
 
-use alight_shared::geometry::GRAVITY;
 use alight_shared::estimation::Update;
+use alight_shared::geometry::GRAVITY;
 use alight_shared::vessel_model::{DISTURBANCE, ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::Vector3;
 

@@ -1,10 +1,10 @@
 //! What the filter knows, as messages.
 
 use alight_shared::frames::wrap_angle;
+use alight_shared::msg::Seq;
 use alight_shared::msg::{
     Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveModel,
 };
-use alight_shared::msg::Seq;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{Rotation2, Vector2};

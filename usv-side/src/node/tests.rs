@@ -1,7 +1,7 @@
 //! The node against bad input: counted, no panic, nothing unsafe said.
 
-use alight_shared::msg::Message;
 use alight_shared::admission::{RejectionReason, Rejections};
+use alight_shared::msg::Message;
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
 

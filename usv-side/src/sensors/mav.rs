@@ -290,6 +290,7 @@ impl Decoder for MavlinkDecoder {
             ..self.decoded
         }
     }
+    /// Our heartbeat, and with every fifth one the requested messages.
     fn request(&mut self) -> Option<Vec<u8>> {
         let system = self.system.unwrap_or(1);
         let mut bytes = self.frame(&m::MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {

@@ -5,8 +5,8 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::{DeckForecast, MissionState, State};
 use alight_shared::msg::Seq;
+use alight_shared::msg::{DeckForecast, MissionState, State};
 use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
@@ -186,8 +186,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         }
         let inputs = || {
             vec![
-                autopilot.set_points.intake().state(drone_ns),
-                mission.intake().state(drone_ns),
+                autopilot.set_points.statistics().state(drone_ns),
+                mission.statistics().state(drone_ns),
             ]
         };
         if let Some(said) = life.state(inputs, autopilot.unsent()) {

@@ -1,0 +1,96 @@
+//! One set of processes on a computer, and the names of its services.
+
+use std::path::PathBuf;
+
+use iceoryx2::prelude::*;
+
+use crate::msg::MESSAGE_VERSION;
+use crate::transport::{Doing, TransportError};
+
+/// The kind of iceoryx2 service: between processes, ports used by one thread each.
+pub(super) type Ipc = ipc::Service;
+
+/// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
+const SERVICE: &str = "/run/alight";
+
+/// A name that only processes of the same program share: the version of the messages' layout and of
+/// the package are part of it.
+pub(super) fn service_name(name: &str) -> Result<ServiceName, TransportError> {
+    let name = format!("{name}/m{MESSAGE_VERSION}/{}", env!("CARGO_PKG_VERSION"));
+    ServiceName::new(&name).doing(|| format!("naming the service {name}"))
+}
+
+/// One set of processes on a computer; several may run side by side under different names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Instance {
+    name: String,
+}
+
+impl Instance {
+    /// The instance `name`: 1 to 32 of a-z, 0-9 and '-'.
+    pub fn new(name: &str) -> Result<Instance, TransportError> {
+        let fits = (1..=32).contains(&name.len())
+            && name
+                .bytes()
+                .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-');
+        if fits {
+            Ok(Instance { name: name.into() })
+        } else {
+            let what = "a name is 1 to 32 of a-z, 0-9 and '-'".into();
+            let doing = format!("naming the instance {name:?}");
+            Err(TransportError { doing, what })
+        }
+    }
+    /// Its name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    /// Where it keeps its files beside shared memory: where a service keeps them if there is one of
+    /// this name, so that an operator's commands find it, else among temporary files.
+    pub fn directory(&self) -> PathBuf {
+        let name = format!("alight-{}", self.name);
+        let of_service = std::path::Path::new(SERVICE).join(&name);
+        if of_service.exists() {
+            of_service
+        } else {
+            std::env::temp_dir().join(name)
+        }
+    }
+    /// The beginning of the names of its files in shared memory.
+    pub fn prefix(&self) -> String {
+        format!("alight_{}_", self.name)
+    }
+    /// Removes everything the instance left in shared memory and in its middleware's directory. To
+    /// be called only while none of its processes lives.
+    pub fn wipe(&self) -> std::io::Result<()> {
+        let prefix = self.prefix();
+        for directory in ["/dev/shm", "/tmp"] {
+            let Ok(entries) = std::fs::read_dir(directory) else {
+                continue;
+            };
+            for entry in entries.flatten() {
+                if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                    // Another file that vanished meanwhile is as good as removed.
+                    let _gone = std::fs::remove_file(entry.path());
+                }
+            }
+        }
+        match std::fs::remove_dir_all(self.middleware()) {
+            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
+            Ok(()) | Err(_) => Ok(()),
+        }
+    }
+    pub(super) fn middleware(&self) -> PathBuf {
+        self.directory().join("iceoryx2")
+    }
+    pub(super) fn config(&self) -> Result<Config, TransportError> {
+        let doing = || format!("naming the files of instance {}", self.name);
+        let mut config = Config::default();
+        config.global.prefix = FileName::new(self.prefix().as_bytes()).doing(doing)?;
+        let root = format!("{}/", self.middleware().display());
+        config
+            .global
+            .set_root_path(&Path::new(root.as_bytes()).doing(doing)?);
+        Ok(config)
+    }
+}
