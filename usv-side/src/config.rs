@@ -1,4 +1,4 @@
-//! Settings of the vessel's process.
+//! Configuration of the vessel's node.
 
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
@@ -8,7 +8,7 @@ use crate::rate_control::RateControlConfig;
 use crate::sea_state::SeaStateConfig;
 
 config! {
-    /// The inertial sensor as the estimator is told.
+    /// The inertial sensor.
     pub struct ImuConfig {
         /// Place in the vessel's body frame, m.
         /// Chosen: in the payload tray, off the middle.
@@ -28,14 +28,14 @@ config! {
         /// Chosen: far shorter than real biases last: a heading that swings makes them seem
         /// observable, because the correlation of roll with pitch is not kept.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
-        /// Without a sample for so long the estimate is withheld, s.
+        /// Without a sample for this long no estimate is published, s.
         /// Chosen: a fifth of a wave period.
         pub timeout_s: f64 = 1.0, in 0.05..=60.0;
     }
 }
 
 config! {
-    /// The GNSS receiver as the estimator is told. Its noise comes with every fix.
+    /// The GNSS receiver. Its standard deviations come with every fix.
     pub struct GnssConfig {
         /// Antenna in the vessel's body frame, m.
         /// Chosen: on a mast behind and above the deck.
@@ -45,27 +45,27 @@ config! {
         pub height_bias_sd_m: f64 = 1.0, in 0.0..=100.0;
         /// Its correlation time, s.
         pub height_bias_time_s: f64 = 300.0, in 1.0..=1e6;
-        /// A fix that is older is refused, s.
+        /// An older fix is rejected, s.
         /// Chosen: a late fix is compared with the state rolled back by a second-order series.
         pub max_age_s: f64 = 0.3, in 0.01..=1.0;
     }
 }
 
 config! {
-    /// The heading sensor as the estimator is told. Its white noise comes with every measurement.
+    /// The heading sensor. Its standard deviation comes with every measurement.
     pub struct HeadingConfig {
         /// Spread of its slow bias, deg.
         /// Chosen: compass deviation after a calibration.
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of that bias, s.
         pub bias_time_s: f64 = 300.0, in 1.0..=1e9;
-        /// A measurement that is older is refused, s.
+        /// An older measurement is rejected, s.
         pub max_age_s: f64 = 0.3, in 0.01..=1.0;
     }
 }
 
 config! {
-    /// How often the vessel speaks.
+    /// Rates of the vessel's messages.
     pub struct BroadcastConfig {
         /// State estimates, Hz.
         pub estimate_hz: f64 = 30.0, in 1.0..=100.0;
@@ -82,7 +82,7 @@ config! {
 }
 
 config! {
-    /// Everything the vessel's process is told.
+    /// Configuration of the vessel's node.
     pub struct VesselNodeConfig {
         /// Figures of the wave-augmented model.
         pub model: VesselModelConfig;
@@ -96,7 +96,7 @@ config! {
         pub heading: HeadingConfig;
         /// Identification of the sea.
         pub sea_state: SeaStateConfig;
-        /// How often the vessel speaks.
+        /// Rates of its messages.
         pub broadcast: BroadcastConfig;
     }
 }

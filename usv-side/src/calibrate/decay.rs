@@ -1,5 +1,4 @@
-//! Free decay: a vessel that was pushed and let go comes to rest by itself, and how it does so tells its
-//! damping and stiffness per mass.
+//! Free decay: the motion of a vessel that is pushed and released determines its damping and stiffness per mass.
 //!
 //! ```text
 //! stiff:  y'' + a y' + b y = 0,   y(t) = e^(-a t/2) (A C(t) + B S(t)) + c     a = D/M, b = G/M
@@ -19,9 +18,9 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 const STANDS_OUT: f64 = 6.0;
 /// It is over when the signal stays below this many.
 const OVER: f64 = 3.0;
-/// Pushes weaker than this share of the strongest are left out: another degree of freedom's.
+/// Pushes weaker than this fraction of the strongest are left out: they are another degree of freedom's.
 const STRONG: f64 = 0.2;
-/// The fit has to explain this share of a push's motion.
+/// Smallest fraction of a push's motion that the fit explains.
 const EXPLAINED: f64 = 0.8;
 /// Fewest samples of a push.
 const MIN_SAMPLES: usize = 12;
@@ -30,7 +29,7 @@ const MAX_PUSHES: usize = 64;
 const MAX_SAMPLES: usize = 2000;
 /// Iterations of the fit.
 const ITERATIONS: usize = 50;
-/// A parameter whose standard error is beyond this share of it is not known.
+/// A parameter with a larger relative standard error is not observable.
 const KNOWN: f64 = 0.3;
 
 /// How a degree of freedom comes to rest.
@@ -51,30 +50,30 @@ pub struct Signal {
     pub y: Vec<f64>,
 }
 
-/// A figure and its standard error.
+/// A value and its standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Figure {
+pub struct ValueWithSd {
     /// Its value.
     pub value: f64,
     /// Its standard error.
     pub sd: f64,
 }
 
-/// What the pushes of one degree of freedom tell.
+/// Parameters of one degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decay {
     /// Damping per mass, 1/s.
-    pub damping: Figure,
+    pub damping: ValueWithSd,
     /// Stiffness per mass, 1/s²; zero for a free one.
-    pub stiffness: Figure,
+    pub stiffness: ValueWithSd,
     /// Pushes used.
     pub pushes: usize,
 }
 
-/// Why a degree of freedom is not known.
+/// Why the parameters of a degree of freedom are not observable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NotObservable {
-    /// It was not measured.
+    /// There is no measurement of it.
     NotMeasured,
     /// Nothing stands out from its rest.
     NotPushed {
@@ -83,10 +82,10 @@ pub enum NotObservable {
     },
     /// What stands out is no free decay: held, driven by waves, or another motion's.
     NoDecay {
-        /// Share of the motion that a free decay explains.
+        /// Fraction of the motion that a free decay explains.
         explained: f64,
     },
-    /// A free decay, but too short, weak or noisy to tell.
+    /// A free decay, but too short, weak or noisy.
     Vague,
 }
 
@@ -170,7 +169,7 @@ fn basis(order: Order, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
     }
 }
 
-/// What the basis leaves of a push.
+/// Residual of a push.
 fn residual(order: Order, p: Vector2<f64>, push: &Push) -> Option<DVector<f64>> {
     let phi = basis(order, p, &push.t);
     let normal = phi.transpose() * &phi;
@@ -354,7 +353,7 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
     if !known {
         return Err(NotObservable::Vague);
     }
-    let figure = |log: f64, sd: f64| Figure {
+    let figure = |log: f64, sd: f64| ValueWithSd {
         value: log.exp(),
         sd: log.exp() * sd,
     };
@@ -362,7 +361,7 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
         damping: figure(p.x, sd.x),
         stiffness: match order {
             Order::Stiff => figure(p.y, sd.y),
-            Order::Free => Figure::default(),
+            Order::Free => ValueWithSd::default(),
         },
         pushes: good.len(),
     })

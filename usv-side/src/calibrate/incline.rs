@@ -1,24 +1,24 @@
-//! The inclining experiment: a known weight at a known place leans the vessel at rest, and by how much tells her
-//! stiffness in newton metres, which free decay cannot. With `G/M` of the decay that is M.
+//! The inclining experiment: a known weight at a known place tilts the vessel at rest; the tilt determines the
+//! stiffness in newton metres, which free decay does not. With `G/M` of the decay M follows.
 //!
 //! ```text
-//! G_roll = m g y / (lean to starboard)     G_pitch = m g x / (lean of the bow down)     M = G / (G/M)
+//! G_roll = m g y / (heel to starboard)     G_pitch = m g x / (trim by the bow)     M = G / (G/M)
 //! ```
 //!
 //! Two recordings on calm water are compared, without and with the weight: what the sensor's bias and its mounting
 //! tilt is the same in both. The weight is taken for a force, though one that lies h above the vessel's centre takes
 //! m g h away from G, and a hull that it presses deeper is stiffer where its sides flare: simulated, 60 kg on a boat
-//! of 211 kg show 2 to 10 % too much in roll, 1 to 5 % in pitch. A lighter one errs less and leans less.
+//! of 211 kg show 2 to 10 % too much in roll, 1 to 5 % in pitch. A lighter weight errs less and tilts less.
 
 use alight_shared::geometry::GRAVITY;
 
-use super::decay::{Decay, Figure, Signal, median};
+use super::decay::{Decay, Signal, ValueWithSd, median};
 
 /// The level at rest is the median of the medians of so long pieces, s (ours: longer than a push and its decay).
 const PIECE_S: f64 = 5.0;
 /// Fewest of them.
 const MIN_PIECES: usize = 4;
-/// A stiffness whose standard error is beyond this share of it is not known (ours).
+/// A stiffness with a larger relative standard error is not observable (ours).
 const KNOWN: f64 = 0.1;
 
 /// A weight on the vessel.
@@ -31,13 +31,13 @@ pub struct Weight {
 }
 
 /// Roll and pitch of a vessel at rest, rad; None of one that was recorded too short.
-pub type Level = [Option<Figure>; 2];
+pub type Level = [Option<ValueWithSd>; 2];
 
-/// Stiffness in roll and pitch, Nm/rad, or the lean that tells too little: rad, None where it was not measured.
-pub type Stiffness = [Result<Figure, Option<Figure>>; 2];
+/// Stiffness in roll and pitch, Nm/rad, or the tilt that is too small: rad, None where it was not measured.
+pub type Stiffness = [Result<ValueWithSd, Option<ValueWithSd>>; 2];
 
 /// Level of a signal at rest: what pushes it now and then shifts it by a part of the sensor's noise.
-pub fn level(signal: &Signal) -> Option<Figure> {
+pub fn level(signal: &Signal) -> Option<ValueWithSd> {
     let first = *signal.t_s.first()?;
     let mut pieces: Vec<Vec<f64>> = Vec::new();
     let mut number = None;
@@ -56,14 +56,14 @@ pub fn level(signal: &Signal) -> Option<Figure> {
     }
     let value = median(levels.iter().copied());
     let spread = 1.4826 * median(levels.iter().map(|v| (v - value).abs()));
-    Some(Figure {
+    Some(ValueWithSd {
         value,
         // Of a median: by sqrt(pi / 2) more than of a mean.
         sd: 1.2533 * spread / (levels.len() as f64).sqrt(),
     })
 }
 
-/// Stiffness from how `weight` leans the vessel.
+/// Stiffness from the tilt under `weight`.
 pub fn stiffness(weight: &Weight, without: &Level, with: &Level) -> Stiffness {
     let [x, y] = weight.at_m;
     // Roll is positive to starboard, pitch with the bow up.
@@ -72,14 +72,14 @@ pub fn stiffness(weight: &Weight, without: &Level, with: &Level) -> Stiffness {
         let (Some(a), Some(b)) = (without[i], with[i]) else {
             return Err(None);
         };
-        let heel = Figure {
+        let heel = ValueWithSd {
             value: b.value - a.value,
             sd: a.sd.hypot(b.sd),
         };
         let value = states[i] / heel.value;
         let share = heel.sd / heel.value.abs();
         if value.is_finite() && value > 0.0 && share <= KNOWN {
-            Ok(Figure {
+            Ok(ValueWithSd {
                 value,
                 sd: value * share,
             })
@@ -90,10 +90,10 @@ pub fn stiffness(weight: &Weight, without: &Level, with: &Level) -> Stiffness {
 }
 
 /// Mass and added mass in a stiff degree of freedom, kg m², from its stiffness and its free decay.
-pub fn inertia(stiffness: &Figure, decay: &Decay) -> Option<Figure> {
+pub fn inertia(stiffness: &ValueWithSd, decay: &Decay) -> Option<ValueWithSd> {
     let value = stiffness.value / decay.stiffness.value;
     let share = (stiffness.sd / stiffness.value).hypot(decay.stiffness.sd / decay.stiffness.value);
-    (value.is_finite() && value > 0.0).then_some(Figure {
+    (value.is_finite() && value > 0.0).then_some(ValueWithSd {
         value,
         sd: value * share,
     })
@@ -132,7 +132,7 @@ mod tests {
             mass_kg: 50.0,
             at_m: [1.5, 0.8],
         };
-        let known = |value: f64| Some(Figure { value, sd: 1e-4 });
+        let known = |value: f64| Some(ValueWithSd { value, sd: 1e-4 });
         let heel = [392.266 / 35e3, -735.499 / 38e3];
         let found = stiffness(
             &weight,
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn inertia_combines_the_errors_of_stiffness_and_decay() {
-        let of = |value: f64, share: f64| Figure {
+        let of = |value: f64, share: f64| ValueWithSd {
             value,
             sd: value * share,
         };
@@ -171,7 +171,7 @@ mod tests {
             "{m:?}"
         );
         let free = Decay {
-            stiffness: Figure::default(),
+            stiffness: ValueWithSd::default(),
             ..decay
         };
         assert_eq!(inertia(&of(35e3, 0.04), &free), None);

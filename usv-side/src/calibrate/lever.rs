@@ -11,7 +11,7 @@
 use alight_shared::msg::GnssFix;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::decay::Figure;
+use super::decay::ValueWithSd;
 
 /// Length of a window, s (ours: a wave period, over which a bias is a bias).
 const WINDOW_S: f64 = 5.0;
@@ -20,7 +20,7 @@ const MIN_FIXES: usize = 10;
 const MIN_WINDOWS: usize = 5;
 /// Rates are averaged over so many samples to each side: their noise would pull `r` towards zero.
 const AROUND: usize = 2;
-/// Least standard error, m, and as a share of the distance between the two (ours: the simulated vessel's
+/// Smallest standard error, m, and as a fraction of the distance between the two (ours: the simulated vessel's
 /// distances come out 5 to 8 % short, seeds 1 and 2, pushed and in waves).
 const FLOOR_M: f64 = 0.005;
 const FLOOR_SHARE: f64 = 0.05;
@@ -133,7 +133,7 @@ impl Lever {
     }
 
     /// Antenna minus inertial sensor, body, m; None when nothing turned.
-    pub fn found(mut self) -> Option<[Figure; 3]> {
+    pub fn found(mut self) -> Option<[ValueWithSd; 3]> {
         self.close();
         if self.windows.len() < MIN_WINDOWS {
             return None;
@@ -162,7 +162,7 @@ impl Lever {
             .sum();
         let n = self.windows.len() as f64;
         let shared = bread * meat * bread * (n / (n - 1.0));
-        Some(core::array::from_fn(|i| Figure {
+        Some(core::array::from_fn(|i| ValueWithSd {
             value: r[i],
             sd: white[(i, i)]
                 .max(shared[(i, i)])

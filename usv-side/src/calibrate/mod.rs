@@ -1,10 +1,9 @@
-//! The vessel's figures from a recording of its own sensors.
+//! Parameters of the vessel from a recording of its own sensors (offline).
 //!
 //! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses one side, the
 //! bow, the whole vessel down and lets go, tows it and lets go, turns it and lets go, with rests between.
-//! What moves freely tells `D/M` and `G/M` and nothing of M itself, which takes a known force: in roll and
-//! pitch a known weight ([`incline`]). The model needs no more than the two ratios, so elsewhere M stays as
-//! configured and D and G follow it.
+//! Free motion determines `D/M` and `G/M` but not M itself, which takes a known force: in roll and pitch a known
+//! weight ([`incline`]). The model needs only the two ratios, so elsewhere M stays as configured and D and G follow.
 //!
 //! The GNSS antenna's place comes from any motion that turns the vessel, waves included ([`lever`]),
 //! relative to the inertial sensor: where the reference point lies is a choice, so the inertial sensor's
@@ -21,7 +20,7 @@ use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::VesselNodeConfig;
-pub use decay::{Decay, Figure, NotObservable, Order, Signal};
+pub use decay::{Decay, NotObservable, Order, Signal, ValueWithSd};
 pub use incline::{Level, Stiffness, Weight};
 use lever::{InertialState, Lever};
 
@@ -29,8 +28,8 @@ use lever::{InertialState, Lever};
 pub const DOF_NAMES: [&str; DOFS] = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
 /// Longest record, samples: an hour and a half at 100 Hz.
 const MAX_SAMPLES: usize = 600_000;
-/// The attitude is levelled by the accelerometer, and turned by the heading, over this time, s (ours: what
-/// waves of 5 s push sideways tilts it by a thousandth of a radian then).
+/// Time constant with which accelerometer and heading correct the attitude, s (ours: waves of 5 s then tilt it by
+/// 0.001 rad).
 const LEVELLED_S: f64 = 100.0;
 /// Angular acceleration is the slope of the rates over so many samples to each side (ours: 60 ms at
 /// 100 Hz, a tenth of the period of a small boat's roll).
@@ -46,7 +45,7 @@ pub const fn order(dof: usize) -> Order {
     }
 }
 
-/// What was found.
+/// The identified parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
     /// Length of the record, s.
@@ -56,7 +55,7 @@ pub struct Found {
     /// Roll and pitch at rest.
     pub level: Level,
     /// GNSS antenna in the vessel's body, m; None without fixes or motion.
-    pub antenna_m: Option<[Figure; 3]>,
+    pub antenna_m: Option<[ValueWithSd; 3]>,
 }
 
 /// A record of the vessel's sensors.
@@ -90,7 +89,7 @@ impl Record {
         push(&mut self.heading, m);
     }
 
-    /// What the record tells of the vessel of `config`.
+    /// Identifies the parameters of the vessel of `config`.
     pub fn found(&self, config: &VesselNodeConfig) -> Found {
         let states = self.states();
         let signals = self.signals(config, &states);
@@ -102,7 +101,7 @@ impl Record {
         self.gnss.iter().for_each(|fix| lever.fix(fix, &states));
         let imu = config.imu.lever_arm_m;
         let antenna_m = lever.found().map(|apart| {
-            core::array::from_fn(|i| Figure {
+            core::array::from_fn(|i| ValueWithSd {
                 value: imu[i] + apart[i].value,
                 ..apart[i]
             })
@@ -115,7 +114,7 @@ impl Record {
         }
     }
 
-    /// Roll and pitch at rest, by what the accelerometer feels.
+    /// Roll and pitch at rest, from the accelerometer.
     fn level(&self) -> Level {
         let mut signals: [Signal; 2] = Default::default();
         for m in &self.imu {
@@ -128,8 +127,8 @@ impl Record {
         signals.each_ref().map(incline::level)
     }
 
-    /// The gyroscope's bias: a vessel that floats turns over by nothing, and about down by what its
-    /// heading says.
+    /// The gyroscope's bias: a floating vessel's mean rates of roll and pitch are zero, its mean yaw rate is that of
+    /// the heading.
     fn gyro_bias(&self) -> Vector3<f64> {
         let n = self.imu.len().max(1) as f64;
         let mean = self
@@ -158,15 +157,15 @@ impl Record {
         };
         // Level on the mean of the first second.
         let count = 100.min(self.imu.len());
-        let felt = self
+        let force = self
             .imu
             .iter()
             .take(count)
             .map(|s| Vector3::from(s.accelerometer));
-        let felt = felt.sum::<Vector3<f64>>() / count as f64;
+        let force = force.sum::<Vector3<f64>>() / count as f64;
         let tilt = UnitQuaternion::from_euler_angles(
-            (-felt.y).atan2(-felt.z),
-            felt.x.atan2(felt.y.hypot(felt.z)),
+            (-force.y).atan2(-force.z),
+            force.x.atan2(force.y.hypot(force.z)),
             0.0,
         );
         let yaw = self.heading.first().map_or(0.0, |h| h.heading);
@@ -187,7 +186,7 @@ impl Record {
                 let dt = dt.min(GAP_S);
                 attitude *= UnitQuaternion::from_scaled_axis(rates * dt);
                 let force = attitude * Vector3::from(s.accelerometer);
-                // At first the mean of what was felt so far, so that the start does not matter.
+                // At first the mean of the forces so far, so that the start does not matter.
                 let over_s = (s.header.at - first.header.at).secs().clamp(1.0, LEVELLED_S);
                 let mut correction = force.cross(&-Vector3::z()) / GRAVITY * (dt / over_s);
                 while let Some(h) = headings.next_if(|h| h.header.at <= s.header.at) {
@@ -210,14 +209,14 @@ impl Record {
     /// The signals of the six degrees of freedom.
     fn signals(&self, config: &VesselNodeConfig, states: &[InertialState]) -> [Signal; DOFS] {
         let mut signals: [Signal; DOFS] = Default::default();
-        let mut say = |dof: usize, t_s: f64, y: f64| {
+        let mut add = |dof: usize, t_s: f64, y: f64| {
             signals[dof].t_s.push(t_s);
             signals[dof].y.push(y);
         };
         let imu = Vector3::from(config.imu.lever_arm_m);
         for (k, m) in states.iter().enumerate() {
             for (i, dof) in [ROLL, PITCH, YAW].into_iter().enumerate() {
-                say(dof, m.t_s, m.rates[i]);
+                add(dof, m.t_s, m.rates[i]);
             }
             let before = k.checked_sub(SLOPE).and_then(|b| states.get(b));
             let (Some(before), Some(after)) = (before, states.get(k + SLOPE)) else {
@@ -229,7 +228,7 @@ impl Record {
             // Of the reference point: what turning adds at the sensor's place is taken off.
             let turning = (after.rates - before.rates) / (after.t_s - before.t_s);
             let lever = turning.cross(&imu) + m.rates.cross(&m.rates.cross(&imu));
-            say(HEAVE, m.t_s, (m.acceleration - m.attitude * lever).z);
+            add(HEAVE, m.t_s, (m.acceleration - m.attitude * lever).z);
         }
         let antenna = Vector3::from(config.gnss.antenna_m);
         for fix in &self.gnss {
@@ -237,8 +236,8 @@ impl Record {
                 continue;
             };
             let body = m.attitude.inverse() * Vector3::from(fix.velocity) - m.rates.cross(&antenna);
-            say(SURGE, m.t_s, body.x);
-            say(SWAY, m.t_s, body.y);
+            add(SURGE, m.t_s, body.x);
+            add(SWAY, m.t_s, body.y);
         }
         signals
     }

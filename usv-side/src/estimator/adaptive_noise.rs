@@ -16,8 +16,8 @@ const MEMORY_S: f64 = 2.0;
 const PERIOD: Span = Span::from_millis(500);
 /// Share of the discrepancy (logarithm of the spread) that a judgement takes out.
 const GAIN: f64 = 0.4;
-/// Mean normalised innovation squared that is taken for consistent: the figures are tuned to a hull
-/// in waves with a little more than 1.
+/// Mean normalised innovation squared of a consistent filter: the noise parameters are tuned to a little more than 1
+/// for a hull in waves.
 const CONSISTENT: f64 = 2.0;
 /// Largest factor on a spread.
 const MAX_FACTOR: f64 = 150.0;
@@ -90,8 +90,8 @@ impl AdaptiveNoise {
         self.built.get(dof).map_or(1.0, |b| b.exp())
     }
 
-    /// Spread of the acceleration in surge or sway beyond what the model is told, m/s²; zero for
-    /// the other degrees of freedom.
+    /// Spread of the acceleration in surge or sway beyond the configured one, m/s²; zero for the other degrees of
+    /// freedom.
     pub(crate) fn spread(&self, model: &VesselModelConfig, dof: usize) -> f64 {
         if dof > 1 {
             return 0.0;

@@ -1,5 +1,4 @@
-//! An attitude sensor in place of the inertial one: it carries the filter from fix to fix by the model
-//! and is compared with the state at its own time.
+//! An attitude sensor in place of an inertial one: the model propagates the state from one attitude to the next.
 
 use alight_shared::estimation::Update;
 use alight_shared::msg::AttitudeFix;
@@ -21,7 +20,7 @@ const SILENT_S: f64 = 0.5;
 const RATE_SD: f64 = 0.02;
 
 impl Filter {
-    /// The inertial sensor speaks at `at`.
+    /// Inertial samples are recent at `at`.
     pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
         self.inertial && (at - self.last_imu).secs() < SILENT_S
     }
@@ -39,7 +38,7 @@ impl Filter {
         }
     }
 
-    /// Fuses an attitude; returns the number of its components that were refused.
+    /// Fuses an attitude; returns the number of its rejected components.
     pub(super) fn fuse_attitude(&mut self, fix: &AttitudeFix) -> u64 {
         let late = (self.at - fix.header.at).secs();
         let since = self.last_attitude.map_or(STEP_S, |t| (fix.header.at - t).secs());

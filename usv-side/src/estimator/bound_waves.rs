@@ -1,8 +1,8 @@
-//! Whether the water's orbital motion carries the hull along, and what its heave and tilt differ by from
-//! the plain sum of the waves where it does not (`alight_shared::vessel_model::bound_waves`).
+//! Bound (nonlinear) waves of the estimator: the wave-following deficit of the hull, the steepening of crests, and
+//! the difference of heave and tilt from the linear sum of the waves (`alight_shared::vessel_model::bound_waves`).
 //!
-//! A particle of the surface is accelerated down its slope: surge `-g theta`, sway `g phi`. The share of it
-//! that the hull's own surge and sway show, over its own tilt and a few periods, is what it follows by.
+//! A particle of the surface is accelerated down its slope: surge `-g theta`, sway `g phi`. The fraction of it that
+//! the hull's own surge and sway show, relative to its tilt over a few periods, is the wave following of the hull.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::time::{Time, VesselClock};
@@ -13,35 +13,34 @@ use alight_shared::vessel_model::{
 use super::Filter;
 use crate::sea_state::{SeaState, Verdict};
 
-/// Memory of the share, s: several periods of waves.
+/// Memory of the means, s: several wave periods.
 const MEMORY_S: f64 = 20.0;
-/// Memory of the level that motion is reckoned from (trim, a sensor's bias), s.
+/// Memory of the level of the motion (trim, a sensor's bias), s.
 const LEVEL_S: f64 = 10.0;
-/// Before it has watched for this long nothing is said, s.
+/// Time before the first output, s.
 const SETTLING_S: f64 = 12.0;
-/// A longer pause counts as this, s.
+/// Longest time step, s.
 const MAX_PAUSE_S: f64 = 0.2;
-/// Slope (rad, rms) below which nothing tells how the hull follows, and it is taken to.
+/// Slope (rad, rms) below which wave following is not observable and taken as complete.
 const MIN_SLOPE: f64 = 0.01;
-/// A hull that lacks less than this share of the orbital motion is taken to be carried along.
+/// A smaller deficit counts as none.
 const CARRIED: f64 = 0.2;
-/// Square of the vertical acceleration per that of `g` times the slope below which, and from which on, the
-/// slope is one of waves.
+/// Squared vertical acceleration relative to the square of `g` times the slope: at the first value the tilt is none
+/// of waves (a rocking platform), at the second it is.
 const LIFTS: [f64; 2] = [0.4, 0.7];
-/// Sum of the waves' slopes from which, and to which, what crests are steeper by is reckoned with: below it is
-/// a twentieth of the slope.
+/// Sum of the waves' slopes at which crest steepening begins and is complete; below, it is a twentieth of the slope.
 const STEEP: [f64; 2] = [0.32, 0.37];
-/// Fastest change of the shares that are used, per second.
-const SHARE_PER_S: f64 = 0.1;
+/// Fastest change of the deficit and of the steepening, 1/s.
+const MAX_CHANGE_PER_S: f64 = 0.1;
 
 /// Degrees of freedom of a [`BoundMotion`], in its order.
 const BOUND: [usize; 3] = [HEAVE, ROLL, PITCH];
 
-/// What the filter knows of it.
+/// State of the bound waves.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BoundWaves {
     /// Time of the last sample and of the first.
-    watched: Option<(Time<VesselClock>, Time<VesselClock>)>,
+    observed: Option<(Time<VesselClock>, Time<VesselClock>)>,
     /// Level of roll, pitch (rad), surge, sway and heave (m/s²).
     level: [f64; 5],
     /// Means of `a g s` and of `(g s)²` about it, m²/s⁴.
@@ -49,20 +48,20 @@ pub(crate) struct BoundWaves {
     whole: f64,
     /// Mean square of the vertical acceleration about its level, m²/s⁴.
     lifted: f64,
-    /// Share of the orbital motion that passes under the hull, as it is used.
+    /// Fraction of the orbital motion that the hull does not follow.
     wave_following_deficit: f64,
-    /// Share of the crests' own sharpness, as it is wanted and as it is used.
+    /// Crest steepening, 0 to 1, as the sea demands and as it is used.
     crest_steepening: [f64; 2],
-    /// What heave, roll and pitch hold of it now: eta, nu, disturbance.
+    /// Parts of heave, roll and pitch in the belief now: eta, nu, disturbance.
     held: [[f64; 3]; 3],
 }
 
 impl BoundWaves {
-    /// Share of the orbital motion that passes under the hull, 0 to 1.
+    /// Fraction of the orbital motion that the hull does not follow, 0 to 1.
     pub(crate) fn wave_following_deficit(&self) -> f64 {
         self.wave_following_deficit
     }
-    /// By how much the hull's motion is more than the waves' sum.
+    /// Deficit and steepening.
     pub(crate) fn nonlinearity(&self) -> WaveNonlinearity {
         let [_, crest_steepening] = self.crest_steepening;
         WaveNonlinearity {
@@ -80,7 +79,7 @@ impl BoundWaves {
         };
     }
 
-    /// Roll and pitch (rad) with the acceleration along, across and down (m/s²), in one frame.
+    /// Takes roll and pitch (rad) with the acceleration along, across and down (m/s²), in one frame.
     pub(super) fn observe(
         &mut self,
         at: Time<VesselClock>,
@@ -91,11 +90,11 @@ impl BoundWaves {
         if now.iter().any(|v| !v.is_finite()) {
             return;
         }
-        let Some((last, first)) = self.watched else {
-            (self.watched, self.level) = (Some((at, at)), now);
+        let Some((last, first)) = self.observed else {
+            (self.observed, self.level) = (Some((at, at)), now);
             return;
         };
-        self.watched = Some((at, first));
+        self.observed = Some((at, first));
         let dt = (at - last).secs().clamp(0.0, MAX_PAUSE_S);
         for (level, v) in self.level.iter_mut().zip(now) {
             *level += dt / LEVEL_S * (v - *level);
@@ -114,7 +113,7 @@ impl BoundWaves {
             let [none, all] = LIFTS.map(|share| share * self.whole);
             let waves = ((self.lifted - none) / (all - none).max(prior)).clamp(0.0, 1.0);
             let wanted = waves * lacks.min(2.0 * (lacks - CARRIED)).clamp(0.0, 1.0);
-            let most = dt * SHARE_PER_S;
+            let most = dt * MAX_CHANGE_PER_S;
             self.wave_following_deficit += (wanted - self.wave_following_deficit).clamp(-most, most);
             let [wanted, crest_steepening] = self.crest_steepening;
             self.crest_steepening[1] += (wanted - crest_steepening).clamp(-most, most);
@@ -130,7 +129,7 @@ impl BoundWaves {
     }
 }
 
-/// Adds `sign` times the crests' share of the head of heave, roll and pitch.
+/// Adds `sign` times the bound part of heave, roll and pitch to the belief.
 fn put(b: &mut Belief, held: &[[f64; 3]; 3], sign: f64) {
     for (dof, share) in BOUND.into_iter().zip(held) {
         for (slot, value) in [ETA, NU, DISTURBANCE].into_iter().zip(share) {
@@ -143,9 +142,9 @@ fn put(b: &mut Belief, held: &[[f64; 3]; 3], sign: f64) {
 }
 
 impl Filter {
-    /// What heave, roll and pitch differ by from the waves' sum, in the frame at the reference heading,
-    /// `ahead` seconds from now: from the waves as they were identified over a minute, for what the filter
-    /// itself makes of them follows from it.
+    /// Difference of heave, roll and pitch from the linear sum of the waves, in the frame at the reference heading,
+    /// `ahead` seconds from now: from the waves identified over a minute, because the filter's own waves depend on
+    /// it.
     pub(super) fn bound(&self, ahead: f64) -> BoundMotion {
         let nonlinearity = self.bound_waves.nonlinearity();
         let known = self.sea.identified && !nonlinearity.is_linear();
@@ -163,9 +162,9 @@ impl Filter {
         }
     }
 
-    /// What of the head of heave, roll and pitch is crests now: (eta, nu, and the equilibrium that makes the
-    /// hull move so, `(c'' + M^-1 D c' + M^-1 G c) / gain`, in the units of the disturbance).
-    fn share(&self) -> [[f64; 3]; 3] {
+    /// Bound part of heave, roll and pitch now: (eta, nu, and the equilibrium that causes this motion,
+    /// `(c'' + M^-1 D c' + M^-1 G c) / gain`, in the units of the disturbance).
+    fn bound_part(&self) -> [[f64; 3]; 3] {
         let b = self.bound(0.0);
         core::array::from_fn(|i| {
             let row = self.model.acceleration_row(BOUND[i], BOUND[i]);
@@ -179,25 +178,25 @@ impl Filter {
         })
     }
 
-    /// Takes it out of the belief, which then is a plain sum of waves that the model can roll on.
+    /// Removes the bound part from the belief, which then is a linear sum of waves that the model propagates.
     pub(super) fn remove_bound_waves(&mut self) {
         let held = core::mem::take(&mut self.bound_waves.held);
         put(&mut self.belief, &held, -1.0);
     }
 
-    /// Puts in what belongs there now.
+    /// Adds the present bound part to the belief.
     pub(super) fn add_bound_waves(&mut self) {
-        self.bound_waves.held = self.share();
+        self.bound_waves.held = self.bound_part();
         let held = self.bound_waves.held;
         put(&mut self.belief, &held, 1.0);
     }
 
-    /// The waves have been named anew: the state stays, and what of it is crests is another part.
+    /// The waves were identified anew: the belief stays, its bound part changes.
     pub(super) fn reassign_bound_waves(&mut self) {
-        self.bound_waves.held = self.share();
+        self.bound_waves.held = self.bound_part();
     }
 
-    /// The belief without it: a plain sum of waves, which the model's horizon rolls on.
+    /// The belief without the bound part: a linear sum of waves, which the model's horizon propagates.
     pub(super) fn without_bound_waves(&self) -> Belief {
         let mut b = self.belief.clone();
         put(&mut b, &self.bound_waves.held, -1.0);
@@ -221,8 +220,8 @@ impl Filter {
 mod tests {
     use super::*;
 
-    /// Slip that is found after `seconds` of three waves whose surface accelerates the hull by this share,
-    /// and that lift it by that.
+    /// Deficit after `seconds` of three waves of which the hull follows the fraction `follows` horizontally and
+    /// `lifts` vertically.
     fn found(follows: f64, lifts: f64, amplitude: f64, seconds: f64) -> f64 {
         let mut bound_waves = BoundWaves::default();
         for k in 0..(25.0 * seconds) as u32 {

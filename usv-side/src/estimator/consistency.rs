@@ -1,6 +1,6 @@
-//! How measurements have fitted what the filter expected of them: for a filter whose figures are right
-//! the normalised innovation squared of a scalar is chi-square distributed with one degree of freedom,
-//! 1 on average and below 3.84 in 95 of 100 (Bar-Shalom, Li and Kirubarajan 2001, section 5.4).
+//! Innovation statistics: in a consistent filter the normalised innovation squared of a scalar is chi-square
+//! distributed with one degree of freedom, 1 on average and below 3.84 in 95 of 100 cases (Bar-Shalom, Li and
+//! Kirubarajan 2001, section 5.4).
 
 use alight_shared::estimation::Update;
 use serde::Serialize;
@@ -8,7 +8,7 @@ use serde::Serialize;
 /// 95 % point of the chi-square distribution with one degree of freedom.
 const CHI_SQUARE_95: f64 = 3.841;
 
-/// What was measured.
+/// Kind of a scalar measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Channel {
@@ -66,16 +66,16 @@ pub struct Fit {
     pub sum: f64,
     /// Scalars inside the 95 % point.
     pub inside: u64,
-    /// Scalars that the gate refused.
+    /// Scalars that the gate rejected.
     pub gated: u64,
 }
 
 impl Fit {
-    /// Mean normalised innovation squared of what was fused; 1 when the filter's figures are right.
+    /// Mean normalised innovation squared of the fused scalars; 1 in a consistent filter.
     pub fn mean(&self) -> Option<f64> {
         (self.fused > 0).then(|| self.sum / self.fused as f64)
     }
-    /// Share of all scalars inside the 95 % point; 0.95 when the figures are right.
+    /// Fraction of all scalars inside the 95 % point; 0.95 in a consistent filter.
     pub fn fraction_inside(&self) -> Option<f64> {
         let all = self.fused + self.gated;
         (all > 0).then(|| self.inside as f64 / all as f64)

@@ -10,17 +10,17 @@ use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
-/// Noise of a rate of turn, rad/s (ours: told in tenths of a degree a minute, smoothed).
+/// Standard deviation of a rate of turn, rad/s (ours: smoothed, in tenths of a degree per minute).
 const RATE_SD: f64 = 0.02;
-/// After this many refused fixes in a row the position starts anew (2 s at 10 Hz).
+/// After this many consecutive rejected fixes the position is re-initialised (2 s at 10 Hz).
 const MAX_REJECTED: u32 = 20;
-/// After this many refused velocities of one axis in a row they are believed (0.5 s at 10 Hz): a hull that
-/// slams is pushed aside faster than the inertial gate lets through, and a velocity from Doppler shifts has no
-/// memory of what it said before. Places may be led astray together for seconds: their patience is longer.
+/// After this many consecutive rejected velocities of one axis they are accepted (0.5 s at 10 Hz): slamming pushes
+/// a hull aside faster than the inertial gate passes, and errors of Doppler velocities are independent. Errors of
+/// positions last for seconds, so their limit is higher.
 const MAX_REJECTED_VELOCITIES: u32 = 5;
 
 impl Filter {
-    /// Fuses a fix; returns the number of its components that were refused.
+    /// Fuses a fix; returns the number of its rejected components.
     pub(super) fn fuse_gnss(&mut self, config: &VesselNodeConfig, fix: &GnssFix) -> u64 {
         let late = (self.at - fix.header.at).secs();
         let shift = self.datum.offset_to::<VesselNed>(&fix.datum).0;
@@ -65,7 +65,7 @@ impl Filter {
             let gate = self.gate_after(axis, ETA, MAX_REJECTED, innovation);
             let update = self.belief.update(&row, innovation, r, gate);
             self.count(axis, ETA, update.fused());
-            // What a receiver does not measure says nothing of how well it fits.
+            // Components that are not measured do not count.
             if fix.position_sd[axis] < NOT_MEASURED_SD {
                 self.consistency.observe(Channel::Position, update);
             }
@@ -92,7 +92,7 @@ impl Filter {
         }
         self.rejected_fixes = if rejected > 2 { self.rejected_fixes + 1 } else { 0 };
         if self.rejected_fixes > MAX_REJECTED {
-            // The receiver insists: its frame has jumped, or we have gone astray.
+            // The receiver's frame has jumped, or the filter has diverged.
             self.rejected_fixes = 0;
             self.history.clear();
             let arm = self.tilt().rotation() * arm_body;
@@ -131,7 +131,7 @@ impl Filter {
         *n = if fused { 0 } else { *n + 1 };
     }
 
-    /// Fuses a heading; false when it was refused.
+    /// Fuses a heading; false when it was rejected.
     pub(super) fn fuse_heading(&mut self, fix: &HeadingFix) -> bool {
         let late = (self.at - fix.header.at).secs();
         let compass = HEAD + 1;
@@ -145,7 +145,7 @@ impl Filter {
         let innovation = wrap_angle(fix.heading - predicted);
         let update = self.belief.update(&row, innovation, fix.heading_sd.powi(2), GATE);
         self.consistency.observe(Channel::Heading, update);
-        // A rate of turn says nothing that a gyroscope does not say better.
+        // A gyroscope measures the rate of turn better.
         if let Some(rate) = fix.rate.filter(|_| !self.has_inertial(fix.header.at)) {
             let innovation =
                 rate - (self.belief.get(YAW, NU) - late * self.belief.acceleration(&self.model, YAW));

@@ -1,7 +1,7 @@
-//! The states of the last moments, for what is measured late.
+//! The states of the last steps, for measurements that arrive late.
 //!
-//! Rolled back by its present acceleration, the state of a hull that slams (20 rad/s² at an antenna 2 m up) is
-//! off by metres a second after the 50 ms that a fix takes.
+//! Rolled back by its present acceleration, the velocity at an antenna 2 m up on a slamming hull (20 rad/s²) is
+//! wrong by 2 m/s after the 50 ms that a fix takes.
 
 use std::collections::VecDeque;
 
@@ -10,7 +10,7 @@ use alight_shared::vessel_model::{ETA, NU, PITCH, ROLL, YAW};
 
 use super::{Filter, Tilt};
 
-/// Steps that are remembered: a fix later than this is rolled back by the model.
+/// Steps that are kept: for a later fix the state is rolled back by the model.
 const STEPS: usize = 32;
 
 /// Place, velocity and tilt at a time.
@@ -49,7 +49,7 @@ impl History {
             },
         })
     }
-    /// Forgets: the states were reckoned otherwise.
+    /// Drops all states: their frame has changed.
     pub(super) fn clear(&mut self) {
         self.0.clear();
     }
@@ -113,7 +113,7 @@ mod tests {
     fn history_interpolates_between_two_steps_and_never_extrapolates() {
         let step = |k: u32| PastState {
             at: Time::from_secs(0.02 * f64::from(k)),
-            // A velocity that jumps at the third step, as no acceleration now would tell.
+            // A velocity that jumps at the third step, which the present acceleration does not show.
             eta: [f64::from(k); 3],
             nu: [if k < 3 { 0.0 } else { 5.0 }; 3],
             tilt: Tilt::default(),

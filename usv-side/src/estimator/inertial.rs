@@ -20,7 +20,7 @@ const FORCE_MODEL_SD: f64 = 0.03;
 const MAX_MISSED: f64 = 50.0;
 /// Largest fluctuation of the specific force along the vertical that is used to tell tilt from bias, m/s².
 const MAX_LIFT: f64 = 1.0;
-/// Share of a jolt's velocity that is in doubt.
+/// Standard deviation of an impulse's velocity, as a fraction of it.
 const IMPULSE_SD_FRACTION: f64 = 0.3;
 /// Largest innovation of a rate and of a specific force that a hull that slams explains, rad/s, m/s².
 const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
@@ -29,8 +29,8 @@ const MAX_MODEL_STEP: [f64; 2] = [10.0, 200.0];
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
 
-/// Whether an innovation that the gate refused is motion: the two samples of the step agree about it, which
-/// one wild sample of the two would not (it makes their difference twice the innovation of their mean).
+/// Whether a rejected innovation is motion: the two samples of the step agree. A single outlier makes their
+/// difference twice the innovation of their mean.
 fn is_impulse(innovation: f64, apart: f64, most: f64) -> bool {
     innovation.abs() < most && apart.abs() < innovation.abs()
 }
@@ -51,7 +51,7 @@ impl Filter {
         )
     }
 
-    /// Tells the accounts how a channel has fitted.
+    /// Records an innovation for the statistics and the adaptive noise.
     fn record_innovation(&mut self, channel: Channel, dof: usize, update: Update) {
         self.consistency.observe(channel, update);
         match update {

@@ -2,10 +2,10 @@
 //! [`alight_shared::vessel_model`], linear in the vessel-parallel frame at a reference heading that
 //! follows the mean heading.
 //!
-//! The filter runs at 50 Hz on pairs of inertial samples. Surge rides with pitch and sway with roll,
-//! because an accelerometer cannot tell a horizontal acceleration from a tilt: on a hull that follows
-//! the water it feels almost nothing, and what keeps the tilt is the gyroscope. Late measurements
-//! (GNSS, heading) are compared with the state rolled back to their time.
+//! The filter runs at 50 Hz on pairs of inertial samples. Surge is estimated with pitch and sway with roll, because
+//! an accelerometer does not distinguish a horizontal acceleration from a tilt: on a hull that follows the water
+//! it measures almost none, and the gyroscope carries the tilt. Late measurements (GNSS, heading) are compared
+//! with the state at their time.
 
 mod adaptive_noise;
 mod attitude;
@@ -40,14 +40,14 @@ const MAX_GAP_S: f64 = 2.0;
 /// The reference heading follows when the mean heading is this far off, rad (6 deg).
 const TURN_RAD: f64 = 0.1;
 
-/// Slot, in heave, of what GNSS heights differ by from heave: mean water level and the receiver's
-/// slow bias in one. The vessel's NED plane moves with it.
+/// Slot, in heave, of the difference between GNSS heights and heave: mean water level plus the receiver's slow
+/// bias. The vessel's NED plane moves with it.
 pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
-/// What the estimator refused, since start.
+/// What the gates rejected, since start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gated {
-    /// Inertial channels whose innovation was absurd.
+    /// Inertial channels.
     pub imu: u64,
     /// Components of GNSS fixes.
     pub gnss: u64,
@@ -64,13 +64,13 @@ pub struct Gated {
 pub struct Estimator {
     config: VesselNodeConfig,
     gated: Gated,
-    /// What start-up has heard so far.
+    /// First measurements, before the filter runs.
     start: Start,
-    /// Fixes in a row that the filter would not believe.
+    /// Consecutive fixes of which the gates rejected most.
     lost_fixes: u32,
     filter: Option<Filter>,
     identifier: Identifier,
-    /// Of filters that were given up.
+    /// Of filters before the last restart.
     consistency: Consistency,
 }
 
@@ -108,26 +108,26 @@ pub(crate) struct Filter {
     /// Place of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
     last_imu: Time<VesselClock>,
-    /// An inertial sensor has spoken.
+    /// An inertial sample has arrived.
     inertial: bool,
     last_attitude: Option<Time<VesselClock>>,
     consistency: Consistency,
     decimate: u32,
     rejected_imu: u32,
     rejected_fixes: u32,
-    /// Refusals in a row of place and velocity, an axis each.
+    /// Consecutive rejections of position and velocity, per axis.
     rejected_rows: [[u32; 3]; 2],
     rejected_attitudes: u32,
     row: Vec<Term>,
 }
 
-/// A fix with this many of its six values gated is not believed.
+/// A fix with this many of its six values rejected is lost.
 const LOST_ROWS: u64 = 4;
-/// After this many such fixes in a row (2 s) the filter is wrong, not the receiver: it starts anew.
+/// After this many lost fixes in a row (2 s) the filter is wrong, not the receiver: it restarts.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {
-    /// An estimator that has heard nothing.
+    /// An estimator without measurements.
     pub fn new(config: &VesselNodeConfig) -> Self {
         Estimator {
             config: config.clone(),
@@ -139,15 +139,15 @@ impl Estimator {
             consistency: Consistency::default(),
         }
     }
-    /// An estimator that is told the waves' angular frequencies (rad/s) and directions (rad), for
-    /// studies: see [`Identifier::with_known_waves`].
+    /// An estimator with known angular frequencies (rad/s) and directions (rad) of the waves, for studies: see
+    /// [`Identifier::with_known_waves`].
     pub fn with_known_waves(config: &VesselNodeConfig, components: &[(f64, f64)]) -> Self {
         Estimator {
             identifier: Identifier::with_known_waves(&config.sea_state, components),
             ..Self::new(config)
         }
     }
-    /// What it refused.
+    /// What its gates rejected.
     pub fn gated(&self) -> Gated {
         self.gated
     }
@@ -155,9 +155,8 @@ impl Estimator {
     pub fn belief(&self) -> Option<&Belief> {
         self.filter.as_ref().map(|f| &f.belief)
     }
-    /// Where GNSS sees the mean water level, m down in the vessel's NED, and the standard deviation
-    /// of heave about it at stage `k` of a prediction made now, m: what the broadcast height is the
-    /// sum of. For studies.
+    /// Mean water level in the GNSS frame, m down in the vessel's NED, and standard deviation of heave about it at
+    /// stage `k` of a prediction made now, m: the two parts of the published height. For studies.
     pub fn level_and_heave_sd(&self, k: usize) -> Option<(f64, f64)> {
         self.filter.as_ref().map(|f| f.level_and_heave_sd(k))
     }
@@ -165,7 +164,7 @@ impl Estimator {
         self.filter.as_ref()
     }
 
-    /// An inertial sample that has passed admission.
+    /// Takes an admitted inertial sample.
     pub fn imu(&mut self, sample: &ImuSample) {
         let Some(f) = self.filter.as_mut() else {
             self.try_start(sample.header.at);
@@ -207,8 +206,7 @@ impl Estimator {
         self.guard();
     }
 
-    /// A GNSS fix that has passed admission.
-    /// Returns how many of its components were refused.
+    /// Takes an admitted GNSS fix; returns the number of its rejected components.
     pub fn gnss(&mut self, fix: &GnssFix) -> u64 {
         let mut rejected = 0;
         match self.filter.as_mut() {
@@ -230,7 +228,7 @@ impl Estimator {
         rejected
     }
 
-    /// A heading that has passed admission. False when it was refused.
+    /// Takes an admitted heading; false when it was rejected.
     pub fn heading(&mut self, heading: &HeadingFix) -> bool {
         let mut fused = true;
         match self.filter.as_mut() {
@@ -244,8 +242,8 @@ impl Estimator {
         fused
     }
 
-    /// An attitude that has passed admission: while no inertial sensor speaks, it carries the filter
-    /// and feeds the identification. False when it was not needed.
+    /// Takes an admitted attitude: without an inertial sensor it carries the filter and feeds the identification.
+    /// Returns whether it was used and the number of its rejected components.
     pub fn attitude(&mut self, fix: &AttitudeFix) -> (bool, u64) {
         let at = fix.header.at;
         let Some(f) = self.filter.as_mut() else {
@@ -267,14 +265,14 @@ impl Estimator {
         (true, rejected)
     }
 
-    /// How the measurements have fitted what the filter expected, since start.
+    /// Innovation statistics since start.
     pub fn consistency(&self) -> Consistency {
         let running = self.filter.as_ref().map(|f| f.consistency);
         self.consistency.and(&running.unwrap_or_default())
     }
 
-    /// Once per tick, after the measurements: bridges a silence of the inertial sensor and lets the
-    /// identified sea into the model.
+    /// Once per tick, after the measurements: bridges gaps between inertial samples and updates the model with the
+    /// identified sea.
     pub fn tick(&mut self, now: Time<VesselClock>) {
         let nonlinearity = self.filter.as_ref().map(|f| f.bound_waves.nonlinearity());
         let state = self.identifier.update(now, nonlinearity.unwrap_or_default());
@@ -304,7 +302,7 @@ impl Estimator {
         self.lost_fixes = 0;
     }
     fn guard(&mut self) {
-        // Heave's block tells for all: a NaN anywhere in a block spreads within a step.
+        // A NaN anywhere in a block spreads to its first state within a step.
         let broken = self.filter.as_ref().is_some_and(|f| {
             (0..6).any(|d| !(f.belief.get(d, ETA).is_finite() && f.belief.variance(d, ETA).is_finite()))
         });
@@ -353,7 +351,7 @@ impl Filter {
                 vec![gyro],
                 vec![gyro, compass],
             ],
-            // The first fix, the waves' orbital speed, a vessel that rocks.
+            // Of the first fix, the waves' orbital velocity, a rocking vessel.
             initial_sd: [
                 [1.0, 1.0],
                 [1.0, 1.0],
@@ -371,7 +369,7 @@ impl Filter {
         let v = Rotation2::new(-reference) * Vector2::new(fix.velocity[0], fix.velocity[1]);
         belief.set(SURGE, ETA, p.x - level.x);
         belief.set(SWAY, ETA, p.y - level.y);
-        // Heave is reckoned from the mean water level; where the receiver sees that level is its bias.
+        // Heave is relative to the mean water level; the level in the receiver's frame is the bias.
         belief.set(HEAVE, GNSS_BIAS, fix.position[2] - level.z);
         belief.set_variance(HEAVE, GNSS_BIAS, 4.0);
         belief.set_variance(HEAVE, SLOW, 1e-4);
@@ -463,7 +461,7 @@ impl Filter {
         (eta, nu)
     }
 
-    /// Updates the mean motion and, when the mean heading has gone far enough, the reference.
+    /// Updates the mean motion and, when the mean heading has turned far enough, the reference heading.
     fn follow_heading(&mut self) {
         // First-order low-pass against the rest of the waves: 0.3 s for the velocity (the
         // identification integrates it to a path, where a lag in a turn is a displacement), 1 s for
@@ -486,7 +484,7 @@ impl Filter {
         }
     }
 
-    /// Gives the model the disturbances that the innovations call for.
+    /// Adapts the process noise of the model to the innovations.
     fn adapt(&mut self, config: &VesselNodeConfig) {
         let wave_following_deficit = if self.sea.identified {
             self.bound_waves.wave_following_deficit()
@@ -504,7 +502,7 @@ impl Filter {
     }
 
     fn set_model(&mut self, config: &VesselNodeConfig, model: VesselModel) {
-        // A phase that the identification doubts is half forgotten (ours).
+        // Factor on the phases' information where the frequency is uncertain (ours).
         self.belief.change_model(&model, 0.1);
         self.step = self.belief.step(&model, STEP_S);
         self.horizon = Horizon::new(
@@ -517,7 +515,7 @@ impl Filter {
         self.model_changed = true;
     }
 
-    /// Opens the covariance of what moves fast, after too many refusals.
+    /// Inflates the covariance of the fast states, after too many consecutive rejections.
     fn open(&mut self) {
         for d in 0..6 {
             let sd = self.model.config().disturbance_sd_mps2_m_rad_radps2[d];

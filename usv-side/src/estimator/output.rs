@@ -1,4 +1,4 @@
-//! What the filter knows, as messages.
+//! Messages from the filter's state.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
@@ -88,7 +88,7 @@ impl Filter {
         )
     }
 
-    /// The wave model, valid at the state's own time, with the slopes felt of late.
+    /// The wave model, valid at the state's own time, with the apparent slopes of the deck.
     pub(crate) fn wave_model(
         &self,
         header: Header<VesselClock>,
@@ -171,8 +171,8 @@ impl Filter {
         }
     }
 
-    /// Where GNSS sees the mean water level, from which heave is reckoned, m down, and the standard
-    /// deviation of heave alone at stage `k` of the prediction, m.
+    /// Mean water level in the GNSS frame, m down, and standard deviation of heave about it at stage `k` of the
+    /// prediction, m.
     pub(crate) fn level_and_heave_sd(&self, k: usize) -> (f64, f64) {
         let b = &self.belief;
         let variance = self.variances_ahead(HEAVE).get(k).copied().unwrap_or(0.0);
@@ -186,8 +186,7 @@ impl Filter {
         ((k * step - AHEAD_S).abs() < 1e-9 && k as usize <= self.horizon.stages()).then_some(k as usize)
     }
 
-    /// What the variance of a degree of freedom grows by until stage `k`: the waves' part and the
-    /// disturbance's.
+    /// Growth of the variance of a degree of freedom until stage `k`: the waves' part and the disturbance's.
     fn variance_growth(&self, dof: usize, k: usize) -> (f64, f64) {
         let variance = |k| self.horizon.covariance(&self.belief, dof, k)[0];
         let all = variance(k) - variance(0);
@@ -196,26 +195,26 @@ impl Filter {
         (all - own, own)
     }
 
-    /// Variance of a degree of freedom at each stage of a prediction: that of now, what the disturbance
-    /// adds, and what the waves add, scaled as the last predictions have fared.
+    /// Variance of a degree of freedom at each stage of a prediction: the present one, the disturbance's growth,
+    /// and the waves' growth scaled by the errors of the last predictions.
     fn variances_ahead(&self, dof: usize) -> [f64; PREDICTION_STAGES] {
         let factor = match self.compared_stage() {
             Some(k) => self.prediction_scale.factor(dof, self.variance_growth(dof, k).0),
             None => 1.0,
         };
         let now = self.horizon.covariance(&self.belief, dof, 0)[0];
-        // A horizon of another model knows nothing; differences of its infinities are no numbers.
+        // A horizon of another model has infinite variances, whose differences are NaN.
         if !now.is_finite() {
             return [f64::INFINITY; PREDICTION_STAGES];
         }
         core::array::from_fn(|k| {
             let (waves, own) = self.variance_growth(dof, k);
-            // A variance that shrinks for a while (a phase that is known better later) is left alone.
+            // A variance that shrinks for a while (a phase that becomes better known) is not scaled.
             now + own + if waves > 0.0 { factor * waves } else { waves }
         })
     }
 
-    /// Holds the predictions whose time has come against the state, and makes new ones.
+    /// Compares the predictions that are due with the state, and makes new ones.
     pub(super) fn check_predictions(&mut self) {
         let now = COMPARED.map(|d| self.belief.get(d, ETA));
         self.prediction_scale
@@ -235,7 +234,7 @@ impl Filter {
         }
     }
 
-    /// Standard deviations of eta and nu are finite: it may speak.
+    /// The state is recent and finite.
     pub(crate) fn can_publish(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
         self.motion_age(now) <= config.imu.timeout_s
             && self.belief.variance(YAW, NU).is_finite()

@@ -1,5 +1,5 @@
-//! What a prediction's spread grows by, held against what happened: the filter foretells heave, roll
-//! and pitch [`AHEAD_S`] ahead and compares when the time has come. For a consistent filter the
+//! The scale of the prediction covariance: the filter predicts heave, roll and pitch [`AHEAD_S`] ahead and compares
+//! the prediction with the later estimate. For a consistent filter the
 //! difference between prediction and later estimate has the variance `P(h) - P(0)`, because the error
 //! of the later estimate does not depend on it (Bar-Shalom, Li and Kirubarajan 2001, section 5.4); what
 //! does not change, such as the sensor's misalignment, drops out. Where the waves keep their phase
@@ -19,12 +19,12 @@ use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 pub(crate) const AHEAD_S: f64 = 1.0;
 /// Time between two comparisons, s: off the waves' periods, several in each.
 const PERIOD: Span = Span::from_millis(230);
-/// Memory of the means, s: two or three periods of waves (ours; with 30 s what was felt before the waves were
-/// known still counted when landing).
+/// Memory of the means, s: two or three wave periods (ours; with 30 s errors from before the waves were known still
+/// counted at the landing).
 const MEMORY_S: f64 = 12.0;
 /// Most comparisons under way.
 const MAX_PENDING: usize = 8;
-/// The model's own word counts for so many comparisons: one second.
+/// Weight of the model's own variance, in comparisons: one second.
 const PRIOR: u32 = 5;
 /// Least and largest factor: the model's noise differs by the square of a spread that is guessed.
 const BOUNDS: [f64; 2] = [0.02, 50.0];
@@ -72,7 +72,7 @@ impl PredictionScale {
         }
     }
 
-    /// The model is another one altogether: begins anew with what it says itself.
+    /// The model is a new one: begins anew with its own variance.
     pub(crate) fn forget(&mut self) {
         self.pending.clear();
         self.came = None;
@@ -149,7 +149,7 @@ pub(crate) fn disturbance(model: &VesselModelConfig, dof: usize, t: f64) -> f64 
 mod tests {
     use super::*;
 
-    /// Differences of this spread (m, rad) where a spread of 1 was foretold.
+    /// Errors of this spread (m, rad) where a spread of 1 was predicted.
     fn after(spread: f64, seconds: f64) -> PredictionScale {
         let mut g = PredictionScale::new(Time::EPOCH);
         let step = Span::from_millis(20);
@@ -184,7 +184,7 @@ mod tests {
         }
         assert_eq!(PredictionScale::new(Time::EPOCH).factor(ROLL, 1.0), 1.0);
         assert_eq!(after(2.0, 600.0).factor(0, 1.0), 1.0, "surge is not compared");
-        // Another model with another opinion: what came stays.
+        // A model with another variance: the observed error stays.
         assert!((after(2.0, 600.0).factor(HEAVE, 8.0) - 0.5).abs() < 1e-6);
         let mut g = after(2.0, 600.0);
         g.forget();

@@ -13,30 +13,29 @@ use super::Filter;
 use crate::VesselNodeConfig;
 use crate::sea_state::{SeaComponent, SeaState, Verdict};
 
-/// Least time between two rebuilds of the model, s.
+/// Shortest time between two rebuilds of the model, s.
 const REST_S: f64 = 0.5;
 /// Shift of a frequency of encounter that calls for a rebuild, relative.
 const SHIFT: f64 = 0.002;
 /// Time in which a shift is forgotten, in updates of the identification (1 s each).
 const SHIFT_MEMORY_S: f64 = 10.0;
-/// Shift above which the identification's phases are called in.
+/// Shift above which the phases are re-initialised from the identification.
 const MAX_SHIFT: f64 = 0.05;
-/// Change of the mean velocity of a drifting vessel that is believed between two states of the
-/// identification, m/s.
+/// Largest change of the mean velocity of a drifting vessel between two states of the identification, m/s.
 const CHANGE_MPS: f64 = 0.5;
 /// Change of an amplitude that calls for a rebuild, relative.
 const GROWTH: f64 = 0.25;
 
-/// Share of a wave component's drive that its tilt is given at small slope, and slope (rad) per unit
-/// of further share's root: what the linear model leaves out of tilt is of second order in the slope
-/// (Stokes 1847), where heave follows it closely (ours, tuned at 0.5,5 and 0.8,5).
-const TILT_SHARE: (f64, f64) = (0.5, 1.0 / 16.0);
+/// Fraction of a component's process noise for its tilt at small slope, and slope (rad) at which 1 is added: the
+/// linear model's error in tilt is of second order in the slope (Stokes 1847), where heave follows it closely (ours,
+/// tuned at 0.5 m, 5 s and 0.8 m, 5 s).
+const TILT_NOISE: (f64, f64) = (0.5, 1.0 / 16.0);
 
-/// From this share of the orbital motion that passes under the hull on, its crests explain the harmonics
-/// (ours: seeds 300-319 at 0.8 m, 5 s: roll 1 s ahead 0.019 rad without the oscillator, 0.022 with).
-const BOUND_SLIP: f64 = 0.3;
-/// The same of the share of their sharpness.
-const BOUND_SHARP: f64 = 0.5;
+/// From this wave-following deficit on, the bound waves explain the harmonics (ours; seeds 300-319 at 0.8 m, 5 s: roll
+/// 1 s ahead is wrong by 0.019 rad without the oscillator, 0.022 with).
+const BOUND_DEFICIT: f64 = 0.3;
+/// The same for crest steepening.
+const BOUND_STEEPENING: f64 = 0.5;
 
 /// What the estimator knows of the sea.
 #[derive(Clone, Debug, Default)]
@@ -49,9 +48,9 @@ pub(crate) struct SeaView {
     built: Option<Time<VesselClock>>,
     taken: Option<Time<VesselClock>>,
     components: Vec<Component>,
-    /// What was identified last.
+    /// The newest identification.
     pub(super) state: Option<SeaState>,
-    /// Shift of the frequencies of encounter that is not digested yet, relative.
+    /// Shift of the frequencies of encounter since the phases were certain, relative, fading.
     encounter_shift: f64,
 }
 
@@ -85,10 +84,10 @@ fn component(sea: &SeaComponent, damping: f64, reference: f64, mean_velocity: [f
         0.1 * tilt * o2,
     ];
     c.drive = sd.map(|v| Component::drive_for(c.omega_encounter, damping, v));
-    let (share, slope) = TILT_SHARE;
-    let share = share + (sea.amplitude_tilt_rad / slope).powi(2);
+    let (fraction, slope) = TILT_NOISE;
+    let fraction = fraction + (sea.amplitude_tilt_rad / slope).powi(2);
     for dof in [ROLL, PITCH] {
-        c.drive[dof] *= share;
+        c.drive[dof] *= fraction;
     }
     c
 }
@@ -131,7 +130,7 @@ fn harmonic(waves: &[Component], config: &VesselNodeConfig) -> Option<Component>
 }
 
 impl Filter {
-    /// Takes what is new about the sea, and what the vessel's own velocity has changed.
+    /// Updates the model with a new identification and with the vessel's own velocity.
     pub(super) fn take_sea(&mut self, config: &VesselNodeConfig, state: Option<&SeaState>) {
         let rested = self.sea.built.is_none_or(|t| (self.at - t).secs() >= REST_S);
         if !rested {
@@ -174,9 +173,9 @@ impl Filter {
                     .iter()
                     .map(|c| component(c, config.model.wave_damping, self.reference, velocity))
                     .collect();
-                // Crests that are reckoned with hold their harmonics.
-                if self.bound_waves.wave_following_deficit() < BOUND_SLIP
-                    && self.bound_waves.nonlinearity().crest_steepening < BOUND_SHARP
+                // Bound waves include the harmonics.
+                if self.bound_waves.wave_following_deficit() < BOUND_DEFICIT
+                    && self.bound_waves.nonlinearity().crest_steepening < BOUND_STEEPENING
                 {
                     wanted.extend(harmonic(&wanted, config));
                 }

@@ -64,8 +64,8 @@ impl Tilt {
         let [r, p, _] = self.euler();
         alight_shared::frames::body_rates(r, p, Vector3::from(self.euler_rates()))
     }
-    /// What a gyroscope says of the rates of roll and pitch at the reference heading and of the
-    /// heading, given this tilt: `n_dot = (R omega) x n`.
+    /// Rates of roll and pitch at the reference heading and of the heading from gyroscope rates at this tilt:
+    /// `n_dot = (R omega) x n`.
     pub fn rates_from_gyro(&self, body: Vector3<f64>) -> [f64; 3] {
         let w = self.rotation() * body;
         let d = w.cross(&normal(self.angles));

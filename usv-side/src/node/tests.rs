@@ -1,4 +1,4 @@
-//! The node against bad input: counted, no panic, nothing unsafe said.
+//! The node against bad input: it is counted, nothing panics, no unsafe message is published.
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::Message;
@@ -41,7 +41,7 @@ fn heading(tick: i64) -> HeadingFix {
         ..HeadingFix::default()
     }
 }
-/// What the sensors of a vessel at rest say at a tick.
+/// Measurements of a vessel at rest at a tick.
 fn rest(tick: i64) -> VesselIn {
     let tenth = tick % 10 == 0;
     VesselIn {
@@ -79,8 +79,8 @@ fn vessel_node_estimates_rest_for_a_vessel_at_rest() {
     assert_eq!(n.rejected(), Rejections::default());
 }
 
-/// A hull that slams is pushed aside by 2 m/s, and the inertial sensor, refused at first, says nothing of it.
-/// The estimator once went on for minutes, tens of metres away: two rows of six refused were too few to doubt.
+/// Slamming pushes a hull aside by 2 m/s, and the gate rejects the inertial samples of it. Two rejected rows of six
+/// in each fix must not leave the estimate astray.
 #[test]
 fn vessel_node_follows_a_lateral_push_seen_only_by_gnss_within_2_s() {
     let mut n = node();
@@ -177,18 +177,18 @@ fn vessel_node_answers_its_own_time_requests_with_all_stamps() {
 
 #[test]
 fn vessel_node_messages_survive_encoding() {
-    let (mut n, mut told) = (node(), 0);
+    let (mut n, mut slopes) = (node(), 0);
     for k in 0..200 {
         let out = n.step(time(k), &rest(k));
         if let Some(w) = out.wave {
             assert_eq!(decode::<WaveModel<VesselClock>>(&encode(&w).unwrap()).unwrap(), w);
-            told = w.slopes.len();
+            slopes = w.slopes.len();
         }
         if let Some(p) = out.prediction {
             assert!(encode(&p).unwrap().len() <= 1200);
         }
     }
-    assert!(told > 0, "it says how steep its deck felt");
+    assert!(slopes > 0, "the wave model holds the apparent slopes");
 }
 
 fn wild() -> impl Strategy<Value = f64> {
@@ -242,7 +242,7 @@ proptest! {
                 prop_assert!(p.check().is_ok());
             }
         }
-        // It has found back to the vessel at rest, or says nothing.
+        // It has returned to the vessel at rest, or publishes nothing.
         let mut last = None;
         for k in 700..2200 {
             last = n.step(time(k), &rest(k)).estimate.or(last);

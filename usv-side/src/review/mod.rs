@@ -1,9 +1,7 @@
-//! A recording through the vessel's own node, and how the node fared: what a user does first with
-//! their own boat.
+//! Evaluation of a recording with the vessel's own node (offline): the first thing that a user does with a boat.
 //!
-//! Nobody knows the truth of a recording. What can be known is whether measurements fit what the
-//! filter expected of them (innovations), and whether the node's predictions fit what it said itself
-//! when the time had come.
+//! The truth of a recording is unknown. Evaluated are the innovations of the filter and the node's predictions
+//! against its own later estimates.
 
 mod predictions;
 
@@ -27,8 +25,8 @@ const TICK: Span = Span::from_millis(10);
 const JUMP_S: f64 = 5.0;
 /// Measurements after one that lies far ahead, of which one must be back for it to be an outlier.
 const LOOK_AHEAD: usize = 20;
-/// What is judged begins after this long, or after a third of a shorter recording, s: the length of the
-/// record that the sea is identified from.
+/// Evaluation begins after this long, or after a third of a shorter recording, s: the length of the record that the
+/// sea is identified from.
 const SETTLE_S: f64 = 60.0;
 /// A source's gap is where this many of its usual steps are missing, and at least the time below.
 const GAP_STEPS: f64 = 5.0;
@@ -57,25 +55,24 @@ pub struct SourceReview {
     pub longest_gap_s: f64,
     /// Given to the filter.
     pub taken: u64,
-    /// Of those, with a component that the gate refused.
+    /// Of those, with a component that the gate rejected.
     pub gated: u64,
     /// Not newer than the one before: out of order or repeated.
     pub out_of_order: u64,
     /// Too old, from the future or absurd.
     pub rejected: u64,
-    /// Not needed beside another source.
+    /// Not needed: another source is in use.
     pub spare: u64,
 }
 
 /// The sea.
 #[derive(Clone, Debug, Serialize)]
 pub struct SeaReview {
-    /// Median of the significant height, 4 standard deviations of heave, m; none where nothing tells
-    /// of heave.
+    /// Median of the significant height, 4 standard deviations of heave, m; none where heave is not observable.
     pub significant_height_m: Option<f64>,
     /// Median of the period of the strongest component, s.
     pub peak_period_s: Option<f64>,
-    /// Share of the time in which the sea was identified, 0 to 1.
+    /// Fraction of the time in which the sea was identified, 0 to 1.
     pub identified_fraction: f64,
     /// Mean confidence while it was, 0 to 1.
     pub confidence: f64,
@@ -92,9 +89,9 @@ pub struct ComponentReview {
     pub encounter_period_s: f64,
     /// Direction it travels to, deg from north; none when unknown.
     pub direction_deg: Option<f64>,
-    /// Amplitude of the heave now, m; none where nothing tells of heave.
+    /// Amplitude of the heave at the end, m; none where heave is not observable.
     pub heave_m: Option<f64>,
-    /// Amplitude of the tilt now, deg.
+    /// Amplitude of the tilt at the end, deg.
     pub tilt_deg: f64,
 }
 
@@ -105,30 +102,30 @@ pub struct FitReview {
     pub channel: Channel,
     /// Scalars fused.
     pub fused: u64,
-    /// Scalars that the gate refused.
+    /// Scalars that the gate rejected.
     pub gated: u64,
-    /// Mean normalised innovation squared; 1 when the filter's figures are right.
+    /// Mean normalised innovation squared; 1 in a consistent filter.
     pub nis_mean: f64,
-    /// Share inside the 95 % point.
+    /// Fraction inside the 95 % point.
     pub inside_95: f64,
 }
 
-/// How a recording went.
+/// The evaluation of a recording.
 #[derive(Clone, Debug, Serialize)]
 pub struct Review {
     /// Kind of file.
     pub format: &'static str,
     /// From the first measurement to the last, s.
     pub duration_s: f64,
-    /// Innovations and predictions are judged from here on, s after the first measurement.
+    /// Innovations and predictions are evaluated from here on, s after the first measurement.
     pub evaluated_from_s: f64,
-    /// What the decoder made of the bytes.
+    /// Statistics of the decoder.
     pub decoded: Decoded,
     /// Measurements dated far ahead of those after them.
     pub outliers_in_time: u64,
     /// Its sources.
     pub sources: Vec<SourceReview>,
-    /// Times that the estimator began anew.
+    /// Restarts of the estimator.
     pub restarts: u64,
     /// Estimates given.
     pub estimates: u64,
@@ -140,11 +137,11 @@ pub struct Review {
     pub innovations: Vec<FitReview>,
     /// Predictions against later estimates.
     pub predictions: Vec<PredictionReview>,
-    /// What was assumed or left out.
+    /// Assumptions and omissions.
     pub notes: Vec<String>,
 }
 
-/// Passes a recording through the node.
+/// Runs a recording through the node.
 pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
     let all = without_outliers(&recorded.measurements);
     let first = all.first().map(|m| m.at()).unwrap_or_default();
@@ -160,7 +157,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
     }
     let mut feed = Feed {
         node: VesselNode::new(config, 1, 1),
-        evaluation: Evaluation::new(last - first, first, tells_heave(&all)),
+        evaluation: Evaluation::new(last - first, first, heave_is_observable(&all)),
     };
     let mut now = first;
     let mut substitute = Substitute {
@@ -225,8 +222,8 @@ fn without_outliers(all: &[Measurement]) -> Vec<&Measurement> {
     out
 }
 
-/// Something in it tells of heave.
-fn tells_heave(all: &[&Measurement]) -> bool {
+/// Some measurement makes heave observable.
+fn heave_is_observable(all: &[&Measurement]) -> bool {
     all.iter().any(|m| match m {
         Measurement::Imu(_) => true,
         Measurement::Gnss(g) => g.position_sd[2] < NOT_MEASURED_SD,
@@ -326,7 +323,7 @@ fn strongest(components: &[WaveComponent], heave: bool) -> Option<&WaveComponent
     components.iter().max_by(|a, b| size(a).total_cmp(&size(b)))
 }
 
-/// Mean and variance of three figures, by Welford (1962).
+/// Mean and variance of three quantities, by Welford (1962).
 #[derive(Default)]
 struct Spread {
     n: f64,
@@ -345,7 +342,7 @@ impl Spread {
     }
 }
 
-/// What is judged.
+/// What is collected for the review.
 struct Evaluation {
     from: Time<VesselClock>,
     heave: bool,

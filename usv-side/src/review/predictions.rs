@@ -1,4 +1,4 @@
-//! Predictions against what the node says itself when the time has come.
+//! Predictions against the node's own later estimates.
 
 use std::collections::VecDeque;
 
@@ -12,9 +12,9 @@ pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
 /// Degrees of freedom, as in the estimate.
 const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
 const HEAVE: usize = 2;
-/// Predictions under way, at most.
+/// Most predictions that wait for their time.
 const MAX_PENDING: usize = 64;
-/// Two estimates further apart than this are not interpolated between, s.
+/// Longest time between two estimates over which they are interpolated, s.
 const MAX_GAP_S: f64 = 0.2;
 
 /// One degree of freedom.
@@ -30,7 +30,7 @@ pub struct PredictionReview {
     pub rms: [f64; 3],
     /// That of holding the last estimate.
     pub hold_rms: [f64; 3],
-    /// Share of differences within 1.96 of the standard deviation that came with the prediction.
+    /// Fraction of differences within 1.96 of the standard deviation that came with the prediction.
     pub inside_95: [f64; 3],
 }
 
@@ -51,7 +51,7 @@ struct Sums {
     inside: [u64; 6],
 }
 
-/// Predictions waiting for their time, and how those before them fared.
+/// Predictions that wait for their time, and the errors of those before them.
 pub(super) struct Predictions {
     heave: bool,
     pending: VecDeque<Pending>,

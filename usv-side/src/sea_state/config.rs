@@ -8,7 +8,7 @@ config! {
         /// Length of the record, s.
         /// Source: "spectrum of the last minute".
         pub window_s: f64 = 60.0, in 20.0..=120.0;
-        /// Length that the record is cut to while the sea proves hard to foretell, s.
+        /// Length that the record is cut to while predictions fail, s.
         /// Chosen: five periods of a 5 s sea.
         pub short_window_s: f64 = 25.0;
         /// Shortest record that is tried, s.

@@ -1,4 +1,4 @@
-//! What encounters and phasors say of a wave's frequency and direction.
+//! A wave's frequency from its encounter, and its direction from its phasors.
 
 use core::f64::consts::PI;
 

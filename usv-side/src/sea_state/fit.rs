@@ -33,7 +33,7 @@ pub(super) struct Wave {
     pub direction: f64,
 }
 
-/// What is believed of a direction before the phases are looked at.
+/// Prior on a direction, before the phases are used.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DirectionPrior {
     pub mean: f64,
@@ -220,7 +220,7 @@ pub(super) struct Solution {
     pub coefficients: [DVector<f64>; CHANNELS],
     /// Sum of squared residuals per channel.
     pub residual: [f64; CHANNELS],
-    /// Weighted sum of squared residuals plus the priors' share.
+    /// Weighted sum of squared residuals plus the priors' terms.
     pub cost: f64,
     /// Inverse of the basis' Gram matrix: covariance of coefficients per unit of noise variance.
     pub inverse: DMatrix<f64>,

@@ -1,10 +1,9 @@
 //! Which part of the record describes the sea best.
 //!
-//! One tracker fits the part that its own surprise leaves it: short in a sea that changes or is broad. But a
-//! short record cannot tell waves of nearly one frequency apart, so it foretells badly too, is surprised by
-//! that and stays short: on a hull that a steep sea lifts out of the water, where the harmonics of tilt are
+//! One tracker shortens its record while its prediction error is large, as in a sea that changes or is broad. But a
+//! short record does not resolve waves of nearly one frequency, predicts badly for that reason too, and stays short: on a hull that a steep sea lifts out of the water, where the harmonics of tilt are
 //! large, it ended there half of the time, with frequencies up to 7 % off. A second tracker therefore keeps
-//! the whole record whenever the first does not, and what has foretold better of late is given out.
+//! the whole record whenever the first does not, and the state of the one that has predicted better is published.
 
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::WaveNonlinearity;
@@ -13,7 +12,7 @@ use super::record::Record;
 use super::tracker::Tracker;
 use super::{MotionSample, SeaState, SeaStateConfig};
 
-/// The whole record is left when the other's error (square) is smaller than this share of its own.
+/// The whole record's state is no longer used when the other's squared error is below this fraction of its own.
 const CLEARLY: f64 = 0.7;
 
 /// Identifies the sea from the vessel's own motion.
@@ -22,7 +21,7 @@ pub struct Identifier {
     period_s: f64,
     record: Record,
     worked_at: Option<Time<VesselClock>>,
-    /// Uses as much of the record as has foretold well.
+    /// Uses as much of the record as predicts well.
     adaptive: Tracker,
     /// Uses all of it.
     whole: Tracker,
@@ -36,8 +35,8 @@ impl Identifier {
         Self::with(Tracker::new(config), config)
     }
 
-    /// An identifier that is told angular frequency (rad/s) and direction (rad) of every component
-    /// and fits their amplitudes and phases only. For studies of what not knowing them costs: no
+    /// An identifier with known angular frequency (rad/s) and direction (rad) of every component: it fits
+    /// amplitudes and phases only. For studies of what not knowing them costs: no
     /// configuration leads here.
     pub fn with_known_waves(config: &SeaStateConfig, components: &[(f64, f64)]) -> Self {
         Self::with(Tracker::with_known_waves(config, components), config)

@@ -50,7 +50,7 @@ pub struct MotionSample {
     pub mean_velocity: [f64; 2],
     /// North and east component of the deck's upward unit normal `n = -R_nb [0 0 1]'`, the waves'
     /// share and any trim included; `-r_nb.down()` of `alight_shared::frames`. Best from an
-    /// attitude that gyros carry: an accelerometer on a hull that follows the water feels no tilt.
+    /// attitude that gyros carry: an accelerometer on a hull that follows the water measures no tilt.
     pub normal: [f64; 2],
     /// Vertical acceleration of the reference point, upwards positive, gravity removed, m/s².
     pub acceleration_up: f64,
@@ -78,7 +78,7 @@ pub struct SeaComponent {
     pub normal: [Complex<f64>; 2],
 }
 
-/// What is known about the sea.
+/// Result of the identification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// No motion worth a component: a calm sea.
@@ -100,15 +100,15 @@ pub struct SeaState {
     pub mean_velocity: [f64; 2],
     /// It drifts straight on, without a helmsman who changes its course.
     pub adrift: bool,
-    /// What to make of it.
+    /// Result.
     pub verdict: Verdict,
     /// Components, strongest first.
     pub components: Seq<SeaComponent, MAX_COMPONENTS>,
-    /// Significant wave height as the vessel's heave tells it, 4 times its standard deviation, m.
+    /// Significant wave height from the vessel's heave, 4 times its standard deviation, m.
     pub significant_height_m: f64,
-    /// 0 to 1: explained share of the motion, times the maturity of the record.
+    /// 0 to 1: explained fraction of the motion, times the maturity of the record.
     pub confidence: f64,
-    /// Share of the motion's variance that the components leave unexplained, 0 to 1.
+    /// Fraction of the motion's variance that the components leave unexplained, 0 to 1.
     pub residual_fraction: f64,
 }
 

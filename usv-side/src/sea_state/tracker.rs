@@ -19,13 +19,13 @@ use super::{SeaComponent, SeaState, SeaStateConfig, Verdict};
 
 /// Passes over the record to follow known components.
 const TRACK_PASSES: usize = 2;
-/// Passes over the record to settle a new hypothesis.
+/// Passes over the record to refine a new hypothesis.
 const TRIAL_PASSES: usize = 6;
 /// New hypotheses per update: one at the residual's peak, one split.
 const TRIALS: u64 = 2;
-/// Surprise is felt over this time, s.
+/// Memory of the prediction error that sets the length of the record, s.
 const SHORT_MEMORY_S: f64 = 4.0;
-/// Foretelling is judged over this time, s.
+/// Memory of the prediction error by which two trackers are compared, s.
 const MEMORY_S: f64 = 10.0;
 /// Components that leave more of the motion unexplained are doubted as a whole.
 const STUCK: f64 = 0.25;
@@ -42,12 +42,12 @@ pub(super) struct Tracker {
     spectrum: Spectrum,
     residuals: [Vec<f64>; CHANNELS],
     pub(super) waves: Vec<Wave>,
-    /// The components where they are told and not found, for studies.
-    with_known_waves: Option<Vec<Wave>>,
+    /// The components where they are known instead of identified, for studies.
+    known_waves: Option<Vec<Wave>>,
     rounds: u64,
     state: Option<SeaState>,
     window_s: f64,
-    /// Mean squared error of what the last states foretold, relative to the motion.
+    /// Mean squared prediction error of the last states, relative to the motion.
     prediction_error: f64,
     /// The same over [`MEMORY_S`].
     long_prediction_error: f64,
@@ -72,7 +72,7 @@ impl fmt::Debug for Tracker {
 }
 
 impl Tracker {
-    /// A tracker that has seen nothing.
+    /// A tracker without a record.
     pub fn new(config: &SeaStateConfig) -> Self {
         let bins = (config.window_s / config.bin_s).ceil().clamp(16.0, 2048.0) as usize;
         Tracker {
@@ -81,7 +81,7 @@ impl Tracker {
             spectrum: Spectrum::new(bins + 1, config.bin_s),
             residuals: Default::default(),
             waves: Vec::with_capacity(MAX_COMPONENTS + 1),
-            with_known_waves: None,
+            known_waves: None,
             rounds: 0,
             state: None,
             window_s: config.window_s,
@@ -94,13 +94,13 @@ impl Tracker {
         }
     }
 
-    /// An identifier that is told angular frequency (rad/s) and direction (rad) of every component
-    /// and fits their amplitudes and phases only. For studies of what not knowing them costs: no
+    /// A tracker with known angular frequency (rad/s) and direction (rad) of every component: it fits amplitudes
+    /// and phases only. For studies of what not knowing them costs: no
     /// configuration leads here.
     pub fn with_known_waves(config: &SeaStateConfig, components: &[(f64, f64)]) -> Self {
         let wave = |&(omega, direction): &(f64, f64)| Wave { omega, direction };
         Tracker {
-            with_known_waves: Some(components.iter().take(MAX_COMPONENTS).map(wave).collect()),
+            known_waves: Some(components.iter().take(MAX_COMPONENTS).map(wave).collect()),
             ..Self::new(config)
         }
     }
@@ -109,7 +109,7 @@ impl Tracker {
     pub fn state(&self) -> Option<&SeaState> {
         self.state.as_ref()
     }
-    /// Mean squared error of what its states foretold of the tilt of late, relative to the motion, 0 to 2.
+    /// Mean squared error of the predicted tilt over the last seconds, relative to the motion, 0 to 2.
     pub fn long_prediction_error(&self) -> f64 {
         self.long_prediction_error
     }
@@ -118,7 +118,7 @@ impl Tracker {
         self.window_s >= self.config.window_s
     }
 
-    /// Identifies anew from the `whole` record or from as much of it as has foretold well; no state
+    /// Identifies anew from the `whole` record or from as much of it as predicts well; no state
     /// before `min_window_s` of record and when the record has gone stale.
     pub fn work(
         &mut self,
@@ -192,7 +192,7 @@ impl Tracker {
         };
     }
 
-    /// Noise variances that are believed possible, per channel.
+    /// Smallest plausible noise variances, per channel.
     fn floors(&self) -> [f64; CHANNELS] {
         let tilt = self.config.tilt_noise_rad.powi(2);
         [self.config.acceleration_noise_mps2.powi(2), tilt, tilt]
@@ -218,13 +218,13 @@ impl Tracker {
             return Some(self.report(record, &still, &[], Verdict::Calm));
         }
 
-        if let Some(with_known_waves) = self.with_known_waves.clone() {
-            let first = self.fitter.solve(&with_known_waves, &[])?;
+        if let Some(known) = self.known_waves.clone() {
+            let first = self.fitter.solve(&known, &[])?;
             self.reweigh(&first, variance);
-            let best = self.fitter.solve(&with_known_waves, &[])?;
+            let best = self.fitter.solve(&known, &[])?;
             let priors = self.priors(&best);
             self.drift = [best.level_at_end(1), best.level_at_end(2)];
-            self.waves = with_known_waves;
+            self.waves = known;
             return Some(self.report(record, &best, &priors, Verdict::Identified));
         }
 
@@ -266,7 +266,7 @@ impl Tracker {
         self.fitter.ridge = ridge;
     }
 
-    /// What the amplitudes say of the directions: with elevation `zeta` and `n = i k d zeta`,
+    /// Directions from the amplitudes: with elevation `zeta` and `n = i k d zeta`,
     /// `a_up = -omega_e^2 zeta`, the normal's part in quadrature with the heave points along `d`.
     fn priors(&self, s: &Solution) -> Vec<DirectionPrior> {
         (0..s.waves.len())
@@ -468,7 +468,7 @@ impl Tracker {
         }
     }
 
-    /// Without a path the phases say nothing of directions: the amplitudes alone decide.
+    /// Without a path the phases hold no information on directions: the amplitudes alone decide.
     fn settle_directions(&self, s: &mut Solution) {
         let limits = self.limits();
         if !self.fitter.rows.moving {

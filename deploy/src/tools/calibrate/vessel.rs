@@ -7,7 +7,7 @@ use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use alight_shared::wire;
 use alight_usv::calibrate::incline::{inertia, level, stiffness};
 use alight_usv::calibrate::{
-    DOF_NAMES, Decay, Figure, Found, NotObservable, Record, Signal, Stiffness, Weight, identify,
+    DOF_NAMES, Decay, Found, NotObservable, Record, Signal, Stiffness, ValueWithSd, Weight, identify,
 };
 use alight_usv::{VesselIn, VesselNodeConfig};
 use clap::Args;
@@ -247,7 +247,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Fou
 }
 
 /// The antenna's place, where it is known well enough.
-fn antenna(found: &Found) -> Option<[Figure; 3]> {
+fn antenna(found: &Found) -> Option<[ValueWithSd; 3]> {
     found.antenna_m.filter(|a| a.iter().any(|f| f.sd <= USABLE_M))
 }
 
@@ -267,7 +267,7 @@ fn why(unknown: &NotObservable) -> String {
 }
 
 /// M where a weight has told it.
-fn mass(dof: usize, decay: &Decay, weighed: &LoadedStiffness) -> Option<Figure> {
+fn mass(dof: usize, decay: &Decay, weighed: &LoadedStiffness) -> Option<ValueWithSd> {
     let [roll, pitch] = weighed.as_ref()?;
     let of = match dof {
         ROLL => roll,
@@ -278,15 +278,15 @@ fn mass(dof: usize, decay: &Decay, weighed: &LoadedStiffness) -> Option<Figure> 
 }
 
 /// Damping and stiffness as the model has them, with their errors: M as configured or found.
-fn scaled(m: f64, decay: &Decay) -> [Figure; 2] {
-    [decay.damping, decay.stiffness].map(|f| Figure {
+fn scaled(m: f64, decay: &Decay) -> [ValueWithSd; 2] {
+    [decay.damping, decay.stiffness].map(|f| ValueWithSd {
         value: m * f.value,
         sd: m * f.sd,
     })
 }
 
 fn object(found: &Found, weighed: &LoadedStiffness) -> Value {
-    let figure = |f: &Figure| json!({ "value": f.value, "sd": f.sd });
+    let figure = |f: &ValueWithSd| json!({ "value": f.value, "sd": f.sd });
     let decays: serde_json::Map<String, Value> = DOF_NAMES
         .iter()
         .zip(&found.decays)
