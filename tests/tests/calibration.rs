@@ -155,7 +155,7 @@ impl Tap for Recorder {
 }
 
 /// What the recording of `seconds` of this vessel tells.
-fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::Found {
+fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::VesselCalibration {
     let mut scenario = scenario.clone();
     scenario.start.warm_up_s = seconds;
     let nodes = NodeConfigs::default();
@@ -164,7 +164,7 @@ fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibra
     while world.now().secs() < seconds {
         world.tick_with(&mut recorder);
     }
-    recorder.0.found(&nodes.vessel)
+    recorder.0.identify(&nodes.vessel)
 }
 
 /// Damping and stiffness per mass of small motions: sway and roll, surge and pitch share inertia because

@@ -133,7 +133,7 @@ impl Lever {
     }
 
     /// Antenna minus inertial sensor, body, m; None when nothing turned.
-    pub fn found(mut self) -> Option<[ValueWithSd; 3]> {
+    pub fn identify(mut self) -> Option<[ValueWithSd; 3]> {
         self.close();
         if self.windows.len() < MIN_WINDOWS {
             return None;

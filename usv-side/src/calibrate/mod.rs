@@ -47,7 +47,7 @@ pub const fn order(dof: usize) -> Order {
 
 /// The identified parameters.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
+pub struct VesselCalibration {
     /// Length of the record, s.
     pub seconds: f64,
     /// Each degree of freedom.
@@ -90,7 +90,7 @@ impl Record {
     }
 
     /// Identifies the parameters of the vessel of `config`.
-    pub fn found(&self, config: &VesselNodeConfig) -> Found {
+    pub fn identify(&self, config: &VesselNodeConfig) -> VesselCalibration {
         let states = self.states();
         let signals = self.signals(config, &states);
         let seconds = match (states.first(), states.last()) {
@@ -100,13 +100,13 @@ impl Record {
         let mut lever = Lever::default();
         self.gnss.iter().for_each(|fix| lever.fix(fix, &states));
         let imu = config.imu.lever_arm_m;
-        let antenna_m = lever.found().map(|apart| {
+        let antenna_m = lever.identify().map(|apart| {
             core::array::from_fn(|i| ValueWithSd {
                 value: imu[i] + apart[i].value,
                 ..apart[i]
             })
         });
-        Found {
+        VesselCalibration {
             seconds,
             decays: identify(&signals),
             level: self.level(),
@@ -313,7 +313,7 @@ mod tests {
     fn antenna_place_is_observable_in_waves_and_free_decay_is_not() {
         // The stated error is at least 5 % of the distance: 1.6 m, so that 0.1 m can be asked for.
         let antenna = Vector3::new(-0.9, 0.35, -1.3);
-        let found = rocked(0.12, antenna).found(&VesselNodeConfig::default());
+        let found = rocked(0.12, antenna).identify(&VesselNodeConfig::default());
         for (f, truth) in found.antenna_m.unwrap().iter().zip(antenna.iter()) {
             assert!(
                 (f.value - truth).abs() < 3.0 * f.sd && f.sd < 0.1,
@@ -330,12 +330,12 @@ mod tests {
 
     #[test]
     fn calibration_finds_nothing_on_a_still_vessel() {
-        let found = rocked(0.0, Vector3::new(-1.1, 0.35, -1.6)).found(&VesselNodeConfig::default());
+        let found = rocked(0.0, Vector3::new(-1.1, 0.35, -1.6)).identify(&VesselNodeConfig::default());
         for figure in found.antenna_m.iter().flatten() {
             assert!(figure.sd > 0.2, "{figure:?}");
         }
         assert!(found.decays.iter().all(Result::is_err), "{found:?}");
-        let none = Record::default().found(&VesselNodeConfig::default());
+        let none = Record::default().identify(&VesselNodeConfig::default());
         assert!(none.antenna_m.is_none() && none.decays.iter().all(Result::is_err));
     }
 }

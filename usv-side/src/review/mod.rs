@@ -11,11 +11,11 @@ use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use serde::Serialize;
 
-use crate::estimator::{Channel, Consistency};
+use crate::VesselNodeConfig;
+use crate::estimator::{Channel, Consistency, Fit};
 use crate::log::Recording;
 use crate::node::{KINDS, SourceCounts, VesselIn, VesselNode};
 use crate::sensors::{Decoded, Measurement};
-use crate::{VesselNodeConfig, estimator::Fit};
 use predictions::Predictions;
 pub use predictions::{HORIZONS_S, PredictionReview};
 
@@ -155,9 +155,11 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
     if no_heading {
         notes.push("no heading recorded: it is taken to head north".into());
     }
-    let mut feed = Feed {
-        node: VesselNode::new(config, 1, 1),
-        evaluation: Evaluation::new(last - first, first, heave_is_observable(&all)),
+    let mut node = VesselNode::new(config, 1, 1);
+    let mut evaluation = Evaluation {
+        from: first + Span::from_secs(SETTLE_S.min((last - first).secs() / 3.0)),
+        heave: heave_is_observable(&all),
+        ..Evaluation::default()
     };
     let mut now = first;
     let mut substitute = Substitute {
@@ -180,10 +182,9 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
             }
         }
         substitute.add(now, &mut input);
-        feed.step(now, &input);
+        evaluation.step(&mut node, now, &input);
         now += TICK;
     }
-    let Feed { node, evaluation } = feed;
     Review {
         format: recorded.format,
         duration_s: (last - first).secs(),
@@ -196,7 +197,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &Recording) -> Review {
         motion_sd: evaluation.motion_sd(),
         sea: evaluation.sea(),
         innovations: evaluation.innovations(&node.estimator().consistency()),
-        predictions: evaluation.predictions.reviews(),
+        predictions: evaluation.predictions.reviews(evaluation.heave),
         notes,
     }
 }
@@ -267,46 +268,6 @@ impl Substitute {
     }
 }
 
-/// The node at work on a recording.
-struct Feed {
-    node: VesselNode,
-    evaluation: Evaluation,
-}
-
-impl Feed {
-    fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) {
-        let out = self.node.step(now, input);
-        let evaluation = &mut self.evaluation;
-        let counted = now >= evaluation.from;
-        if counted && evaluation.before.is_none() {
-            evaluation.before = Some(self.node.estimator().consistency());
-        }
-        if let Some(estimate) = &out.estimate {
-            evaluation.estimates += 1;
-            evaluation.predictions.compare(estimate);
-            if counted {
-                evaluation
-                    .motion
-                    .add([estimate.eta[2], estimate.eta[3], estimate.eta[4]]);
-            }
-        }
-        if let Some(prediction) = out.prediction.as_ref().filter(|_| counted) {
-            evaluation.predictions.push(prediction);
-        }
-        if let Some(wave) = out.wave.as_ref().filter(|_| counted) {
-            let strongest = strongest(&wave.components, evaluation.heave);
-            evaluation.waves += 1;
-            if wave.confidence > 0.0 {
-                evaluation.confidence += f64::from(wave.confidence);
-                evaluation.heights.push(f64::from(wave.significant_height_m));
-                evaluation.periods.extend(strongest.map(period));
-            }
-            evaluation.components = wave.components.iter().copied().collect();
-            evaluation.identified = wave.confidence > 0.0;
-        }
-    }
-}
-
 fn period(c: &WaveComponent) -> f64 {
     core::f64::consts::TAU / f64::from(c.omega)
 }
@@ -343,6 +304,7 @@ impl Spread {
 }
 
 /// What is collected for the review.
+#[derive(Default)]
 struct Evaluation {
     from: Time<VesselClock>,
     heave: bool,
@@ -359,20 +321,37 @@ struct Evaluation {
 }
 
 impl Evaluation {
-    fn new(duration: Span, first: Time<VesselClock>, heave: bool) -> Self {
-        Evaluation {
-            from: first + Span::from_secs(SETTLE_S.min(duration.secs() / 3.0)),
-            heave,
-            before: None,
-            estimates: 0,
-            motion: Spread::default(),
-            predictions: Predictions::new(heave),
-            waves: 0,
-            confidence: 0.0,
-            heights: Vec::new(),
-            periods: Vec::new(),
-            components: Vec::new(),
-            identified: false,
+    /// Steps the node and collects what it publishes.
+    fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, input: &VesselIn) {
+        let out = node.step(now, input);
+        let counted = now >= self.from;
+        if counted && self.before.is_none() {
+            self.before = Some(node.estimator().consistency());
+        }
+        if let Some(estimate) = &out.estimate {
+            self.estimates += 1;
+            self.predictions.compare(estimate);
+            if counted {
+                let [_, _, heave, roll, pitch, _] = estimate.eta;
+                self.motion.add([heave, roll, pitch]);
+            }
+        }
+        if !counted {
+            return;
+        }
+        if let Some(prediction) = &out.prediction {
+            self.predictions.push(prediction);
+        }
+        if let Some(wave) = &out.wave {
+            self.waves += 1;
+            self.identified = wave.confidence > 0.0;
+            if self.identified {
+                self.confidence += f64::from(wave.confidence);
+                self.heights.push(f64::from(wave.significant_height_m));
+                self.periods
+                    .extend(strongest(&wave.components, self.heave).map(period));
+            }
+            self.components = wave.components.iter().copied().collect();
         }
     }
     fn motion_sd(&self) -> [Option<f64>; 3] {

@@ -52,8 +52,8 @@ struct Sums {
 }
 
 /// Predictions that wait for their time, and the errors of those before them.
+#[derive(Default)]
 pub(super) struct Predictions {
-    heave: bool,
     pending: VecDeque<Pending>,
     last: Option<(Time<VesselClock>, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
@@ -64,14 +64,6 @@ fn difference(dof: usize, a: f64, b: f64) -> f64 {
 }
 
 impl Predictions {
-    pub(super) fn new(heave: bool) -> Self {
-        Predictions {
-            heave,
-            pending: VecDeque::new(),
-            last: None,
-            sums: Default::default(),
-        }
-    }
     pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>) {
         let Some((held, _)) = p.at(0.0) else { return };
         for (horizon, h) in HORIZONS_S.iter().enumerate() {
@@ -115,12 +107,13 @@ impl Predictions {
             });
         }
     }
-    pub(super) fn reviews(&self) -> Vec<PredictionReview> {
+    /// The errors per degree of freedom, with heave where it is observable.
+    pub(super) fn reviews(&self, heave: bool) -> Vec<PredictionReview> {
         let count = self.sums.iter().map(|s| s.n).min().unwrap_or_default();
         if count == 0 {
             return Vec::new();
         }
-        let dofs = (0..6).filter(|d| *d != HEAVE || self.heave);
+        let dofs = (0..6).filter(|d| *d != HEAVE || heave);
         dofs.map(|d| {
             let scale = if d < 3 { 1.0 } else { 1.0_f64.to_degrees() };
             let each = |f: &dyn Fn(&Sums) -> f64| self.sums.each_ref().map(f);

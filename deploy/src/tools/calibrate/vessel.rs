@@ -7,7 +7,8 @@ use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use alight_shared::wire;
 use alight_usv::calibrate::incline::{inertia, level, stiffness};
 use alight_usv::calibrate::{
-    DOF_NAMES, Decay, Found, NotObservable, Record, Signal, Stiffness, ValueWithSd, Weight, identify,
+    DOF_NAMES, Decay, NotObservable, Record, Signal, Stiffness, ValueWithSd, VesselCalibration, Weight,
+    identify,
 };
 use alight_usv::{VesselIn, VesselNodeConfig};
 use clap::Args;
@@ -96,7 +97,10 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     Ok(if some { Exit::Success } else { Exit::Failed })
 }
 
-fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+fn read(
+    path: &Path,
+    named: Option<VesselNodeConfig>,
+) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("mcap") => recorded(path, named),
         Some("csv") => table(path, named.unwrap_or_default()),
@@ -115,7 +119,10 @@ fn take(record: &mut Record, input: &VesselIn) {
 }
 
 /// What the vessel's process logged.
-fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+fn logged(
+    path: &Path,
+    named: Option<VesselNodeConfig>,
+) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
     let doing = || format!("reading {}", path.display());
     let (mut log, head) = LogReader::open(path).map_err(|e| CliError::because(doing(), e))?;
     if head.process != "vessel" {
@@ -140,11 +147,14 @@ fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeCon
     {
         take(&mut record, &input);
     }
-    let found = record.found(&config);
+    let found = record.identify(&config);
     Ok((config, found))
 }
 
-fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeConfig, Found), CliError> {
+fn recorded(
+    path: &Path,
+    named: Option<VesselNodeConfig>,
+) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
     contained(path, || {
         let recording = Recording::open(path)?;
         let config = match named {
@@ -162,13 +172,13 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<(VesselNodeC
             }
             Ok(())
         })?;
-        let found = record.found(&config);
+        let found = record.identify(&config);
         Ok((config, found))
     })
 }
 
 /// A table of poses: each column decays as its degree of freedom does.
-fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Found), CliError> {
+fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
     let doing = || format!("reading {}", path.display());
     let size = std::fs::metadata(path)
         .map_err(|e| CliError::because(doing(), e))?
@@ -237,7 +247,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Fou
             signal.y.push(y);
         }
     }
-    let found = Found {
+    let found = VesselCalibration {
         seconds: seconds[1] - seconds[0],
         decays: identify(&signals),
         level: [ROLL, PITCH].map(|dof| signals.get(dof).and_then(level)),
@@ -247,7 +257,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Fou
 }
 
 /// The antenna's place, where it is known well enough.
-fn antenna(found: &Found) -> Option<[ValueWithSd; 3]> {
+fn antenna(found: &VesselCalibration) -> Option<[ValueWithSd; 3]> {
     found.antenna_m.filter(|a| a.iter().any(|f| f.sd <= USABLE_M))
 }
 
@@ -285,7 +295,7 @@ fn scaled(m: f64, decay: &Decay) -> [ValueWithSd; 2] {
     })
 }
 
-fn object(found: &Found, weighed: &LoadedStiffness) -> Value {
+fn object(found: &VesselCalibration, weighed: &LoadedStiffness) -> Value {
     let figure = |f: &ValueWithSd| json!({ "value": f.value, "sd": f.sd });
     let decays: serde_json::Map<String, Value> = DOF_NAMES
         .iter()
@@ -328,7 +338,7 @@ fn print_loaded(weighed: &Stiffness) {
     }
 }
 
-fn print(found: &Found, weighed: &LoadedStiffness, config: &VesselNodeConfig) {
+fn print(found: &VesselCalibration, weighed: &LoadedStiffness, config: &VesselNodeConfig) {
     let model = &config.model;
     terminal::line(format_args!("{:.0} s recorded", found.seconds));
     weighed.iter().for_each(print_loaded);
