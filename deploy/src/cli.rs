@@ -9,6 +9,7 @@ use crate::exit::{CliError, Exit};
 use crate::lab;
 use crate::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, SensorsArgs};
 use crate::process::shell;
+use crate::record::replay::ForeignLaw;
 use crate::tools::{calibrate, check, command, config, estimate, keys, replay, status};
 use crate::{drone, vessel};
 
@@ -75,6 +76,15 @@ pub enum Command {
     Calibrate(calibrate::CalibrateArgs),
 }
 
+/// The law of a recorded planner that the drone does not carry: a baseline, which only the laboratory has.
+const FOREIGN_LAW: ForeignLaw = {
+    #[cfg(feature = "lab")]
+    let law: ForeignLaw = crate::lab::record::law;
+    #[cfg(not(feature = "lab"))]
+    let law: ForeignLaw = |_, _| Ok(None);
+    law
+};
+
 impl Command {
     /// Runs it to its end.
     pub fn run(&self) -> Result<Exit, CliError> {
@@ -83,7 +93,7 @@ impl Command {
             Command::Lab(c) => c.run(),
             Command::Config(a) => config::run(a),
             Command::Estimate(a) => estimate::run(a),
-            Command::Replay(a) => replay::run(a),
+            Command::Replay(a) => replay::run(a, FOREIGN_LAW),
             Command::Status(a) => status::run(a),
             Command::Vessel(a) => vessel::run(a),
             Command::Drone(a) => drone::run(a),

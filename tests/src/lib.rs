@@ -3,6 +3,7 @@
 //! Start at [`world`]: `World::tick` is the architecture diagram. [`trial`] flies one landing.
 
 pub mod autopilots;
+pub mod baselines;
 #[doc = "World, trial, judge and taps."]
 pub mod harness {
     #[doc = "Age of information."]

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use alight_shared::msg::{Reason, State};
+use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
@@ -149,7 +150,7 @@ fn two_planners_meet_the_same_sea() {
         },
     )
     .unwrap();
-    nodes.drone.planner.kind = alight_uav::planner::PlannerKind::Mpc;
+    nodes.baseline = Some(Baseline::Mpc);
     let without = fly(
         &scenario,
         &nodes,

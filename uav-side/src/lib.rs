@@ -2,7 +2,7 @@
 pub mod autopilot;
 pub mod calibrate;
 pub mod camera;
-pub mod disturbance;
+mod deck_height;
 pub mod mission;
 pub mod odometry;
 pub mod pilot;

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use alight_shared::msg::State;
+use alight_sim::baselines::config::{GnssRadioConfig, MpcNeConfig, PrecisionLandConfig, WaitCalmConfig};
+use alight_sim::baselines::{Baseline, BenchPlanner};
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::planner::PlannerKind;
 use clap::{Args, ValueEnum};
@@ -29,16 +31,17 @@ pub enum Planner {
 
 impl Planner {
     /// The planner as the configuration names it.
-    pub const fn kind(self) -> PlannerKind {
-        match self {
-            Planner::MpcFaa => PlannerKind::MpcFaa,
-            Planner::Mpc => PlannerKind::Mpc,
-            Planner::Alight => PlannerKind::Alight,
-            Planner::MpcNe => PlannerKind::MpcNe,
-            Planner::WaitCalm => PlannerKind::WaitCalm,
-            Planner::PrecisionLand => PlannerKind::PrecisionLand,
-            Planner::GnssRadio => PlannerKind::GnssRadio,
-        }
+    pub fn kind(self) -> BenchPlanner {
+        let baseline = match self {
+            Planner::MpcFaa => return BenchPlanner::Flight(PlannerKind::MpcFaa),
+            Planner::Alight => return BenchPlanner::Flight(PlannerKind::Alight),
+            Planner::Mpc => Baseline::Mpc,
+            Planner::MpcNe => Baseline::MpcNe(MpcNeConfig::default()),
+            Planner::WaitCalm => Baseline::WaitCalm(WaitCalmConfig::default()),
+            Planner::PrecisionLand => Baseline::PrecisionLand(PrecisionLandConfig::default()),
+            Planner::GnssRadio => Baseline::GnssRadio(GnssRadioConfig::default()),
+        };
+        BenchPlanner::Baseline(baseline)
     }
 }
 

@@ -28,6 +28,7 @@ pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs,
         vessel,
         bridge: file.bridge,
         drone: file.drone,
+        baseline: None,
     })
 }
 
@@ -77,9 +78,9 @@ impl Scene {
             sea.clone_from(&given.text);
         }
         if let Some(planner) = args.planner {
-            nodes.drone.planner.kind = planner.kind();
+            nodes.select(planner.kind());
         }
-        flag("planner", nodes.drone.planner.kind.name().into());
+        flag("planner", nodes.bench_planner().name().into());
         if let Some(course) = args.vessel {
             use alight_sim::physics::vessel::Course as Motion;
             flag("vessel", format!("{course:?}").to_lowercase());

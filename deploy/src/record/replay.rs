@@ -10,7 +10,9 @@ use alight_shared::wire::{self, WireError};
 use alight_uav::mission::Mission;
 use alight_uav::pilot::Pilot;
 use alight_uav::planner::Planner;
+use alight_uav::planner::law::Law;
 use alight_uav::predictor::{Predictor, PredictorIn};
+use alight_uav::settings::DroneSettings;
 use alight_usv::{VesselNode, VesselNodeConfig};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -34,10 +36,13 @@ pub struct NodeReplay {
     pub differs_at_step: Option<u64>,
 }
 
+/// The law of a recorded planner that is none of the drone's.
+pub type ForeignLaw = fn(&Recording, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
+
 /// Replays the recording at `path`, in the order of [`NODES`].
-pub fn replay(path: &Path) -> Result<Vec<NodeReplay>, CliError> {
+pub fn replay(path: &Path, law: ForeignLaw) -> Result<Vec<NodeReplay>, CliError> {
     let recording = Recording::open(path)?;
-    let mut nodes = Nodes::of(&recording)?;
+    let mut nodes = Nodes::of(&recording, law)?;
     let mut replayed = NODES.map(|node| NodeReplay {
         node: node.into(),
         steps: 0,
@@ -75,7 +80,7 @@ struct Nodes {
 
 impl Nodes {
     /// From the recorded configurations.
-    fn of(recording: &Recording) -> Result<Nodes, CliError> {
+    fn of(recording: &Recording, law: ForeignLaw) -> Result<Nodes, CliError> {
         let origin = recording.origin();
         let number = |name: &str| recording.number(name);
         let (vessel_id, id) = (number("vessel_id")?, number("drone_id")?);
@@ -91,12 +96,17 @@ impl Nodes {
         let DroneFile { bridge, drone } =
             config::parse(&recording.text(DRONE_FILE)?, &format!("{origin}, {DRONE_FILE}"))
                 .map_err(refused)?;
+        let (planner, airframe, deck) = (&drone.planner, &drone.airframe, &drone.deck);
+        let planner = match law(recording, &drone)? {
+            None => Planner::new(planner, airframe, deck, l),
+            Some(law) => Planner::with_law(law, planner, airframe, deck, l),
+        };
         Ok(Nodes {
             vessel: VesselNode::new(&vessel, vessel_id, v),
             bridge: Bridge::new(&bridge, b),
             predictor: Predictor::new(&drone.predictor(), p),
             mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, m),
-            planner: Planner::new(&drone.planner, &drone.airframe, &drone.deck, l),
+            planner,
             pilot: Pilot::new(&drone.pilot, &drone.airframe, id, t),
             computed: Computed::default(),
         })

@@ -23,7 +23,7 @@ use crate::exit::{CliError, Exit};
 use crate::process::log::{LogError, LogHeader, LogReader};
 use crate::process::shell::Shell;
 use crate::record::reading::contained;
-use crate::record::replay::{NodeReplay, replay};
+use crate::record::replay::{ForeignLaw, NodeReplay, replay};
 use crate::table::{Table, verdict};
 use crate::terminal::{self, note};
 
@@ -39,7 +39,7 @@ pub struct ReplayArgs {
 }
 
 /// Replays and reports.
-pub fn run(args: &ReplayArgs) -> Result<Exit, CliError> {
+pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
     let path = &args.path;
     let nodes = if path.is_dir() || path.extension().is_some_and(|e| e == "log") {
         let logs = logs(path)?;
@@ -47,7 +47,7 @@ pub fn run(args: &ReplayArgs) -> Result<Exit, CliError> {
             .map(|log| replay_log(log))
             .collect::<Result<Vec<_>, CliError>>()?
     } else {
-        contained(path, || replay(path))?
+        contained(path, || replay(path, law))?
     };
     let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
     for n in &nodes {

@@ -6,10 +6,12 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::State;
 use alight_shared::time::{Clock, Span, Time};
+use alight_uav::planner::{Planner, PlannerKind};
 use alight_uav::settings::DroneSettings;
 use alight_usv::VesselNodeConfig;
 use serde::{Deserialize, Serialize};
 
+use crate::baselines::{Baseline, BenchPlanner};
 use crate::physics::deck_motion::DeckMotionConfig;
 use crate::physics::drone::DroneConfig;
 use crate::physics::sea::SeaConfig;
@@ -140,7 +142,7 @@ config! {
     }
 }
 
-/// The configurations of all nodes, as a vessel and a drone install them.
+/// The configurations of all nodes, as a vessel and a drone install them, and the planner that flies in the trial.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeConfigs {
     /// The vessel's process.
@@ -149,4 +151,45 @@ pub struct NodeConfigs {
     pub bridge: BridgeConfig,
     /// The drone's other processes.
     pub drone: DroneSettings,
+    /// What flies in place of the drone's planner.
+    pub baseline: Option<Baseline>,
+}
+
+impl NodeConfigs {
+    /// The planner that flies.
+    pub fn bench_planner(&self) -> BenchPlanner {
+        self.baseline.map_or(
+            BenchPlanner::Flight(self.drone.planner.kind),
+            BenchPlanner::Baseline,
+        )
+    }
+    /// Lets another planner fly.
+    pub fn select(&mut self, planner: BenchPlanner) {
+        self.baseline = match planner {
+            BenchPlanner::Flight(kind) => {
+                self.drone.planner.kind = kind;
+                None
+            }
+            BenchPlanner::Baseline(baseline) => Some(baseline),
+        };
+    }
+    /// The planner that flies, as a node.
+    pub fn planner(&self, boot: u32) -> Planner {
+        let (config, drone, deck) = (&self.drone.planner, &self.drone.airframe, &self.drone.deck);
+        match &self.baseline {
+            None => Planner::new(config, drone, deck, boot),
+            Some(b) => Planner::with_law(b.law(config, drone), config, drone, deck, boot),
+        }
+    }
+    /// The drone's settings as the planner needs them.
+    pub fn settings(&self) -> DroneSettings {
+        let mut settings = self.drone.clone();
+        if let Some(baseline) = &self.baseline {
+            settings.mission = baseline.mission(settings.mission);
+            settings.predictor = baseline.predictor(settings.predictor);
+            // Which has no wishes of its own.
+            settings.planner.kind = PlannerKind::Alight;
+        }
+        settings
+    }
 }

@@ -102,7 +102,7 @@ impl World {
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
         let physics = Physics::new(scenario, seed)?;
         let streams = physics.streams();
-        let drone = &nodes.drone;
+        let drone = &nodes.settings();
         let names = CameraIdentity {
             vessel: VESSEL_ID,
             drone: DRONE_ID,
@@ -116,7 +116,7 @@ impl World {
             odometry: Odometry::new(&drone.odometry),
             predictor: Predictor::new(&drone.predictor(), BOOT),
             mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, DRONE_ID, BOOT),
-            planner: Planner::new(&drone.planner, &drone.airframe, &drone.deck, BOOT),
+            planner: nodes.planner(BOOT),
             pilot: Pilot::new(&drone.pilot, &drone.airframe, DRONE_ID, BOOT),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),

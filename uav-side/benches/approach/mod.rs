@@ -1,5 +1,5 @@
 //! A landing in a closed loop for tests and benchmark: an ideal follower (the drone is exactly
-//! where its plan says) over a deck that heaves, rolls and pitches as sines, forecast without error.
+//! where its plan says) over a deck that heaves, rolls and pitches as sines, predicted without error.
 //!
 //! The parent module brings `planner` into scope.
 
@@ -14,10 +14,10 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::naive;
+use super::planner::model::clearance;
 use super::planner::model::{MIXER, discretise};
 use super::planner::mpc_faa::{Mpc, Problem, heading_free};
 use super::planner::qp::CEILING_SLACK_M;
-use super::planner::reference::clearance;
 use super::planner::{Planner, PlannerConfig, PlannerIn};
 
 /// Amplitudes of the deck's motion: heave m, roll and pitch rad.
@@ -126,7 +126,7 @@ impl Approach {
         }
     }
 
-    /// One tick of 10 ms. `step` runs the planner and gives what it said. None after contact or 45 s.
+    /// One tick of 10 ms. `step` runs the planner and gives its plan. None after contact or 45 s.
     pub fn tick(&mut self, step: impl FnOnce(Time<DroneClock>, &PlannerIn) -> Option<Plan>) -> Option<()> {
         if self.contact.is_some() || self.tick > 4500 {
             return None;
@@ -187,8 +187,18 @@ impl Approach {
 
     /// To contact; `see` looks at the planner after each plan.
     #[allow(dead_code)]
-    pub fn land(mut self, config: &PlannerConfig, mut see: impl FnMut(&Planner, &Plan)) -> Option<Contact> {
-        let mut planner = Planner::new(config, &DroneGeometry::default(), &DeckGeometry::default(), 1);
+    pub fn land(self, config: &PlannerConfig, see: impl FnMut(&Planner, &Plan)) -> Option<Contact> {
+        let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+        self.land_with(Planner::new(config, &drone, &deck, 1), see)
+    }
+
+    /// The same with this planner.
+    #[allow(dead_code)]
+    pub fn land_with(
+        mut self,
+        mut planner: Planner,
+        mut see: impl FnMut(&Planner, &Plan),
+    ) -> Option<Contact> {
         while self
             .tick(|now, input| {
                 let plan = planner.step(now, input).plan;

@@ -1,6 +1,6 @@
-//! What the vessel says of how steep its deck felt, as a question of when to land.
+//! The deck's apparent slope as the vessel reports it, as a question of when to land.
 //!
-//! Waves come in groups. A group that would have shed a drone is followed by calm, and by another group
+//! Waves come in groups. A group in which a landed drone would have slid is followed by calm, and by another group
 //! about as long after it as the last one came after the one before. A descent has to begin so soon after a
 //! group that the drone is down and has come to rest before the next.
 
@@ -8,20 +8,20 @@ use alight_shared::msg::{SLOPE_STEP, SLOPE_WINDOW_S};
 
 use super::config::MissionConfig;
 
-/// Spans with no slope that sheds between two that belong to one group: a wave and a little.
+/// Windows below the slide limit between two above it that belong to one group: a wave and a little.
 const APART: usize = 3;
 
-/// How steep the deck felt of late.
+/// When a landed drone would have slid recently.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ApparentSlopeHistory {
-    /// Time since the deck last shed what stood on it, s, to [`SLOPE_WINDOW_S`]; None when it did not.
+    /// Time since a landed drone would last have slid, s, to [`SLOPE_WINDOW_S`]; None when it would not.
     pub since_s: Option<f64>,
-    /// The shortest calm between two groups of waves that shed, s; None before there were two.
+    /// The shortest calm between two such groups of waves, s; None before there were two.
     pub calm_s: Option<f64>,
 }
 
 impl ApparentSlopeHistory {
-    /// From the slopes told, newest first; `shed` is the slope that sheds.
+    /// From the reported slopes, newest first; a drone slides beyond `limit`.
     pub fn of(slopes: &[u8], shed: f64) -> Self {
         let slides = |s: &u8| f64::from(*s) * SLOPE_STEP > shed;
         let mut apparent_slope = ApparentSlopeHistory::default();
@@ -42,13 +42,13 @@ impl ApparentSlopeHistory {
         apparent_slope
     }
 
-    /// The deck has shed a moment ago: the time since, and how long that counts, s.
+    /// A drone would have slid a moment ago: the time since, and how long that counts, s.
     pub fn just_now(&self, c: &MissionConfig) -> Option<(f64, f64)> {
         let since = self.since_s.filter(|t| *t < c.slide_over_s)?;
         Some((since, c.slide_over_s))
     }
 
-    /// Why no descent may begin: the time since the last wave that shed, and the limit that it breaks, s.
+    /// Why no descent may begin: the time since the last steep wave, and the limit that it breaks, s.
     pub fn rejection(&self, c: &MissionConfig) -> Option<(f64, f64)> {
         let since = self.since_s?;
         if let Some(refused) = self.just_now(c) {

@@ -1,13 +1,14 @@
-//! The mission: permits what the planner may fly, and says why it does not permit more.
+//! The mission: permits what the planner may fly, and gives the reason why it does not permit more.
 //!
-//! Read [`transition`] (the state machine as a pure function), `rows` (its table), then [`situation`] (every figure it
-//! looks at). This file keeps the inputs and gives the output its shape.
+//! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
+//! remember), then `situation` (every quantity it judges). This file keeps the inputs and writes the output.
 
-pub mod apparent_slope;
+mod apparent_slope;
 pub mod config;
-mod rows;
-pub mod situation;
-pub mod transition;
+mod phase;
+mod situation;
+mod states;
+mod transition;
 mod wind;
 
 #[cfg(test)]
@@ -18,27 +19,28 @@ mod node_tests;
 mod tests;
 
 pub use config::MissionConfig;
-pub use transition::MissionPhase;
 
 use alight_shared::admission::Latest;
-use alight_shared::config::{ConfigError, Keys};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MESSAGE_VERSION,
-    MissionState, Motors, Plan, Reason, ReasonCode, SetPoint, Solve, State,
+    MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
-use alight_shared::{config::Check, topics};
+use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
+use crate::deck_height::{MeanDeckHeight, forecast_mean};
+use crate::odometry::origin::OriginResets;
 use apparent_slope::ApparentSlopeHistory;
-use rows::blind_limit;
+use phase::{MissionPhase, Progress};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation};
-use transition::{Decision, HoldCause, Progress, decide};
+use states::blind_limit;
+use transition::{Decision, decide};
 use wind::WindMonitor;
 
-/// What arrives.
+/// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionIn {
     /// The deck's forecast.
@@ -53,32 +55,15 @@ pub struct MissionIn {
     pub set_point: Option<SetPoint>,
     /// An operator's command.
     pub command: Option<Command>,
-    /// Whose the vessel's deck is.
+    /// Who has the vessel's deck.
     pub deck: Option<DeckGrant<DroneClock>>,
 }
 
-/// What the mission says.
+/// Outputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct MissionOut {
     /// The state: 50 Hz, and at once when it changes.
     pub state: Option<MissionState>,
-}
-
-/// Messages refused since start, by kind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MissionRejected {
-    /// Forecasts.
-    pub forecast: u32,
-    /// Odometry.
-    pub drone: u32,
-    /// Autopilot states.
-    pub autopilot: u32,
-    /// Plans.
-    pub plan: u32,
-    /// Set-points.
-    pub set_point: u32,
-    /// Commands: old, repeated or out of order.
-    pub command: u32,
 }
 
 /// Time between outputs.
@@ -88,9 +73,9 @@ const LEVEL_TIME_S: f64 = 10.0;
 /// Time constant with which a steep deck is forgotten, s: several periods of any deck.
 const TILT_TIME_S: f64 = 20.0;
 /// The level follows a forecast by no more than this at a time, m: 0.2 m/s with [`LEVEL_TIME_S`], many
-/// times what two GNSS receivers drift apart. The minimum altitude hangs on it, and a forecast gone
-/// astray (20 m below the water, seen with an estimator that had lost the tilt) must not take the drone
-/// along; a frame that moves for good says so by the count of origin resets.
+/// times what two GNSS receivers drift apart. The minimum altitude depends on it, and a wrong
+/// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
+/// that moves for good shows in the count of origin resets.
 const LEVEL_STEP_M: f64 = 2.0;
 
 /// The mission node.
@@ -111,12 +96,12 @@ pub struct Mission {
     grant: Latest<DeckGrant<DroneClock>>,
     command: Option<Header<DroneClock>>,
     commands_rejected: u32,
-    origin_resets: Option<u8>,
-    mean_deck_z: Option<(Time<DroneClock>, f64)>,
+    origin: OriginResets,
+    mean_deck_z: MeanDeckHeight,
     wind: WindMonitor,
-    /// Steepest tilt of late, rad, most of the grip taken, m/s², and when they were brought up to date.
+    /// Steepest recent tilt, rad, greatest friction used, m/s², and when they were updated.
     worst: Option<(Time<DroneClock>, (f64, f64))>,
-    /// Flies over the deck as fast as it does: what pushes now will push there.
+    /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
     phase: MissionPhase,
@@ -151,8 +136,8 @@ impl Mission {
             grant: Latest::default(),
             command: None,
             commands_rejected: 0,
-            origin_resets: None,
-            mean_deck_z: None,
+            origin: OriginResets::default(),
+            mean_deck_z: MeanDeckHeight::default(),
             wind: WindMonitor::default(),
             worst: None,
             follows: false,
@@ -164,43 +149,17 @@ impl Mission {
             due: Time::from_nanos(i64::MIN),
         }
     }
-    /// Replaces the parameters, in any state; refused parameters change nothing.
-    pub fn set_config(&mut self, config: &MissionConfig) -> Result<(), ConfigError> {
-        config.check(&Keys::ROOT)?;
-        self.config = config.clone();
-        Ok(())
-    }
-    /// The parameters in use.
-    pub fn config(&self) -> &MissionConfig {
-        &self.config
-    }
-    /// The phase with its data.
-    pub fn phase(&self) -> &MissionPhase {
-        &self.phase
-    }
-    /// Messages refused since start.
-    pub fn rejected(&self) -> MissionRejected {
-        MissionRejected {
-            forecast: self.forecast.rejected(),
-            drone: self.drone.rejected(),
-            autopilot: self.autopilot.rejected(),
-            plan: self.plan.rejected(),
-            set_point: self.set_point.rejected(),
-            command: self.commands_rejected,
-        }
-    }
 
-    fn take(&mut self, now: Time<DroneClock>, input: &MissionIn) -> Option<CommandKind> {
+    fn receive(&mut self, now: Time<DroneClock>, input: &MissionIn) -> Option<CommandKind> {
         if let Some(m) = &input.autopilot
             && self.autopilot.offer(now, m)
         {
             // The origin jumped: forecast, plan and level are of another frame.
-            if self.origin_resets.is_some_and(|n| n != m.origin_resets) {
+            if self.origin.moved(m.origin_resets) {
                 self.forecast.forget();
                 self.plan.forget();
-                self.mean_deck_z = None;
+                self.mean_deck_z.forget();
             }
-            self.origin_resets = Some(m.origin_resets);
         }
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
@@ -209,8 +168,10 @@ impl Mission {
         }
         if let Some(m) = &input.forecast
             && self.forecast.offer(now, m)
+            && let Some(z) = forecast_mean(m)
         {
-            self.follow_level(m);
+            self.mean_deck_z
+                .follow(m.header.at, z, LEVEL_TIME_S, LEVEL_STEP_M);
         }
         if let Some(m) = &input.plan {
             self.plan.offer(now, m);
@@ -224,7 +185,7 @@ impl Mission {
         input.command.as_ref().and_then(|m| self.order(now, m))
     }
 
-    /// A command counts once, in order and while it is young; an abort counts however old it is.
+    /// A command counts once, in order and while it is fresh; an abort counts however old it is.
     fn order(&mut self, now: Time<DroneClock>, command: &Command) -> Option<CommandKind> {
         let h = &command.header;
         let known = self
@@ -241,26 +202,9 @@ impl Mission {
         Some(command.kind)
     }
 
-    /// First-order low-pass of the forecast's mean height, which itself spans about one wave.
-    fn follow_level(&mut self, forecast: &DeckForecast) {
-        let n = forecast.stages.len();
-        if n == 0 {
-            return;
-        }
-        let mean = forecast.stages.iter().map(|s| s.position[2]).sum::<f64>() / n as f64;
-        let at = forecast.header.at;
-        self.mean_deck_z = Some(match self.mean_deck_z {
-            Some((t, z)) => {
-                let fraction = 1.0 - (-(at - t).secs().max(0.0) / LEVEL_TIME_S).exp();
-                (at, z + fraction * (mean - z).clamp(-LEVEL_STEP_M, LEVEL_STEP_M))
-            }
-            None => (at, mean),
-        });
-    }
-
-    /// The steepest predicted tilt of late and the most that the motion took of the grip, forgotten
-    /// slowly: the forecast of a deck that rocks faster than the waves falls short of its amplitude
-    /// between two extremes, but not at them.
+    /// The steepest recent tilt of the predicted deck and the greatest friction that its motion used, both
+    /// decaying slowly: the forecast of a deck that rocks faster than the waves is too small between two
+    /// extremes, but not at them.
     fn worst(&mut self, s: &Situation) -> (f64, f64) {
         let Some(deck) = s.fresh_deck() else {
             return self.worst.map_or((0.0, 0.0), |(_, worst)| worst);
@@ -279,18 +223,7 @@ impl Mission {
     }
 
     fn follows(&self, s: &Situation) -> bool {
-        let above = match self.phase {
-            MissionPhase::Tracking { .. } | MissionPhase::TrackingStable => true,
-            MissionPhase::Idle
-            | MissionPhase::GetAltitude { .. }
-            | MissionPhase::Approach { .. }
-            | MissionPhase::Descent { .. }
-            | MissionPhase::Flare { .. }
-            | MissionPhase::Landed { .. }
-            | MissionPhase::Hold { .. }
-            | MissionPhase::GaveUp { .. } => false,
-        };
-        above
+        self.phase.state().phase() == Phase::Follow
             && s.fresh_deck()
                 .is_some_and(|d| d.relative_speed_mps <= self.config.steady_speed_mps)
     }
@@ -304,7 +237,7 @@ impl Mission {
             _ => None,
         };
         let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
-        let mean_deck_z = self.mean_deck_z.map(|(_, z)| z);
+        let mean_deck_z = self.mean_deck_z.value();
         Situation {
             now,
             flight: ControlState::of(autopilot),
@@ -342,19 +275,19 @@ impl Mission {
         }
     }
 
-    /// The longest stay in a landing state has passed: the loop is bounded.
+    /// Back to tracking after the longest time in a landing state: the loop is bounded.
     fn limit_duration(&self, decision: Decision, now: Time<DroneClock>) -> Decision {
-        let limit = match decision.phase {
-            MissionPhase::Descent { .. } => self.config.descent_timeout_s,
-            MissionPhase::Flare { .. } => self.config.flare_timeout_s,
-            MissionPhase::Idle
-            | MissionPhase::GetAltitude { .. }
-            | MissionPhase::Approach { .. }
-            | MissionPhase::Tracking { .. }
-            | MissionPhase::TrackingStable
-            | MissionPhase::Landed { .. }
-            | MissionPhase::Hold { .. }
-            | MissionPhase::GaveUp { .. } => return decision,
+        let limit = match decision.phase.state() {
+            State::Descent => self.config.descent_timeout_s,
+            State::Flare => self.config.flare_timeout_s,
+            State::Idle
+            | State::GetAltitude
+            | State::Approach
+            | State::Tracking
+            | State::TrackingStable
+            | State::Landed
+            | State::Hold
+            | State::GaveUp => return decision,
         };
         let lasted = (now - self.since).secs();
         if decision.entered.is_some() || lasted <= limit {
@@ -362,42 +295,33 @@ impl Mission {
         }
         let why = Reason::new(ReasonCode::TooLong, lasted, limit);
         Decision {
-            phase: MissionPhase::Tracking { steady: None },
+            phase: MissionPhase::TRACKING,
             entered: Some(why),
             waiting: why,
             ..decision
         }
     }
 
-    /// Permitted speed of descent, m/s: zero unless deck, sight and control are there right now.
+    /// Permitted speed of descent, m/s: zero unless deck, vision and control are there right now.
     fn permitted_descent(&self, s: &Situation) -> f64 {
         let c = &self.config;
         let controlled = matches!(s.flight, ControlState::Ours | ControlState::OnGround);
         let Some(deck) = s.fresh_deck().filter(|_| controlled) else {
             return 0.0;
         };
-        match self.phase {
-            MissionPhase::Descent { paused: None, .. } if deck.vision_age_s <= c.descent_vision_s => {
-                c.descent_mps
-            }
-            // A committed flare goes on blind for as long as the longest blind end allows.
-            MissionPhase::Flare { committed, .. }
-                if deck.vision_age_s <= blind_limit(deck, c)
-                    || (committed && deck.vision_age_s <= c.flare_radio_blind_s + c.flare_timeout_s) =>
-            {
-                c.flare_mps
-            }
-            MissionPhase::Descent { .. }
-            | MissionPhase::Flare { .. }
-            | MissionPhase::Idle
-            | MissionPhase::GetAltitude { .. }
-            | MissionPhase::Approach { .. }
-            | MissionPhase::Tracking { .. }
-            | MissionPhase::TrackingStable
-            | MissionPhase::Landed { .. }
-            | MissionPhase::Hold { .. }
-            | MissionPhase::GaveUp { .. } => 0.0,
+        if let MissionPhase::Descent { paused: None, .. } = self.phase
+            && deck.vision_age_s <= c.descent_vision_s
+        {
+            return c.descent_mps;
         }
+        // A committed flare continues without vision for as long as the longest such end allows.
+        if let MissionPhase::Flare { committed, .. } = self.phase
+            && (deck.vision_age_s <= blind_limit(deck, c)
+                || (committed && deck.vision_age_s <= c.flare_radio_blind_s + c.flare_timeout_s))
+        {
+            return c.flare_mps;
+        }
+        0.0
     }
 
     fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
@@ -409,38 +333,26 @@ impl Mission {
                 let yaw = s.deck.map_or(own.1, |d| d.bearing_rad);
                 ([from[0], from[1], z], yaw, c.approach_height_m)
             }
-            MissionPhase::Hold { at, yaw, cause, .. } => {
-                let height = match cause {
-                    HoldCause::Operator | HoldCause::Data => c.tracking_height_m,
-                };
-                (at.into(), yaw, height)
-            }
+            MissionPhase::Hold { at, yaw, .. } => (at.into(), yaw, c.tracking_height_m),
             MissionPhase::GaveUp { at, yaw } => (at.into(), yaw, c.approach_height_m),
             MissionPhase::Idle | MissionPhase::Approach { .. } => (own.0, own.1, c.approach_height_m),
-            MissionPhase::Tracking { .. } | MissionPhase::TrackingStable => {
-                (own.0, own.1, c.tracking_height_m)
-            }
-            MissionPhase::Descent { .. } | MissionPhase::Flare { .. } | MissionPhase::Landed { .. } => {
-                (own.0, own.1, c.tracking_height_m)
-            }
-        };
-        let altitude = match self.phase {
-            MissionPhase::Descent { .. } | MissionPhase::Flare { .. } | MissionPhase::Landed { .. } => {
-                c.minimum_altitude_landing_m
-            }
-            MissionPhase::Idle
-            | MissionPhase::GetAltitude { .. }
-            | MissionPhase::Approach { .. }
-            | MissionPhase::Tracking { .. }
+            MissionPhase::Tracking { .. }
             | MissionPhase::TrackingStable
-            | MissionPhase::Hold { .. }
-            | MissionPhase::GaveUp { .. } => c.minimum_altitude_m,
+            | MissionPhase::Descent { .. }
+            | MissionPhase::Flare { .. }
+            | MissionPhase::Landed { .. } => (own.0, own.1, c.tracking_height_m),
+        };
+        let state = self.phase.state();
+        let altitude = if state.phase() == Phase::Landing || state == State::Landed {
+            c.minimum_altitude_landing_m
+        } else {
+            c.minimum_altitude_m
         };
         self.sequence = self.sequence.wrapping_add(1);
         let vessel = self.forecast.get().map_or(0, |f| f.header.vessel);
         MissionState {
             header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
-            state: self.phase.state(),
+            state,
             previous: self.previous,
             since: self.since,
             entered: self.entered,
@@ -462,7 +374,7 @@ impl Node for Mission {
     type Out = MissionOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
-        let order = self.take(now, input);
+        let order = self.receive(now, input);
         let mut s = self.situation(now);
         self.follows = self.follows(&s);
         (s.recent_tilt_rad, s.friction_used_mps2) = self.worst(&s);

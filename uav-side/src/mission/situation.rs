@@ -1,4 +1,4 @@
-//! The situation: every figure that a transition looks at, computed once per step.
+//! The situation: every quantity that a transition judges, computed once per step.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
@@ -12,10 +12,10 @@ use nalgebra::{Vector2, Vector3};
 use super::apparent_slope::ApparentSlopeHistory;
 use super::config::MissionConfig;
 
-/// Whether the drone flies and listens.
+/// Whether the drone flies and who controls it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControlState {
-    /// The autopilot has said nothing for too long.
+    /// No state of the autopilot for too long.
     Unknown,
     /// Disarmed.
     Disarmed,
@@ -28,7 +28,7 @@ pub enum ControlState {
 }
 
 impl ControlState {
-    /// The autopilot's state in these words; None when it is missing or stale.
+    /// From the autopilot's state; None when it is missing or stale.
     pub fn of(autopilot: Option<&AutopilotState>) -> Self {
         let Some(a) = autopilot else {
             return ControlState::Unknown;
@@ -48,7 +48,7 @@ impl ControlState {
     }
 }
 
-/// What the vessel last said about its deck.
+/// Who has the deck by the vessel's newest grant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reservation {
     /// Nobody asks: one drone, one deck.
@@ -57,12 +57,12 @@ pub enum Reservation {
     Ours,
     /// That drone's; 0: nobody's.
     Others(u32),
-    /// The last word is this old, s.
+    /// The newest grant is this old, s.
     Unknown(f64),
 }
 
 impl Reservation {
-    /// From the newest word about the deck; `own` is our number.
+    /// From the newest grant; `own` is our number.
     pub fn of(
         grant: Option<&DeckGrant<DroneClock>>,
         own: u32,
@@ -110,7 +110,7 @@ impl Reservation {
     }
 }
 
-/// The drone as its newest odometry tells it.
+/// The drone by its newest odometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnState {
     /// Drone's NED, m.
@@ -132,7 +132,7 @@ impl OwnState {
     }
 }
 
-/// The deck as the forecast tells it, seen from the drone.
+/// The forecast deck relative to the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deck {
     /// Foot plane above the deck along the deck's normal, m.
@@ -147,7 +147,7 @@ pub struct Deck {
     pub relative_speed_mps: f64,
     /// Age of the newest vessel estimate, s.
     pub radio_age_s: f64,
-    /// Age of the newest sighting, s.
+    /// Age of the newest vision measurement, s.
     pub vision_age_s: f64,
     /// Horizontal standard deviation ahead, m.
     pub horizontal_sd_m: f64,
@@ -161,14 +161,14 @@ pub struct Deck {
     pub acceleration_mps2: f64,
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
-    /// Greatest part of a level, resting deck's grip that its predicted motion takes, m/s².
+    /// Greatest friction that the predicted motion uses of a level, resting deck's, m/s².
     pub friction_used_mps2: f64,
     /// Mean rate of its heading over the next second, rad/s, without a sign.
     pub turn_radps: f64,
-    /// The steepest slope that the deck is foretold to feel until a drone that goes down now is at rest; None
-    /// while nothing is foretold.
+    /// The steepest apparent slope predicted until a drone that descends now is at rest; None while none is
+    /// predicted.
     pub predicted_slope: Option<f64>,
-    /// Share of the water's orbital motion that passes under the hull, 0 to 1: its crests are foretold.
+    /// Fraction of the water's orbital motion that passes under the hull, 0 to 1: with it the forecast has bound waves.
     pub wave_following_deficit: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
@@ -184,7 +184,7 @@ impl Deck {
         config: &MissionConfig,
         now: Time<DroneClock>,
     ) -> Option<Deck> {
-        // A forecast stamped one tick ahead still tells of now.
+        // A forecast stamped one tick ahead still covers now.
         let start = now.max(forecast.header.at);
         let here = forecast.at(start)?;
         let centre = Vector3::from(here.position);
@@ -249,8 +249,8 @@ impl Deck {
     }
 }
 
-/// The steepest slope foretold from now, or where crests are reckoned with from the earliest contact, until a
-/// drone that goes down now is at rest.
+/// The steepest apparent slope predicted from now, or with bound waves from the earliest contact, until a drone
+/// that descends now is at rest.
 fn steepest(forecast: &DeckForecast, c: &MissionConfig) -> Option<f64> {
     let stage = |t: f64| (t / PREDICTED_SLOPE_STEP_S) as usize;
     let from = if forecast.wave_following_deficit >= c.bound_wave_deficit {
@@ -266,7 +266,7 @@ fn steepest(forecast: &DeckForecast, c: &MissionConfig) -> Option<f64> {
     slopes.copied().max().map(|s| f64::from(s) * SLOPE_STEP)
 }
 
-/// What slope and motion of the deck take of the grip `mu g` of feet at rest on it, m/s²: with
+/// What slope and motion of the deck use of the friction `mu g` of feet at rest on it, m/s²: with
 /// `f = R^T (a - g)` in the deck's axes, `mu g - (mu |f_z| - |f_xy|)`.
 fn taken(s: &DeckStage, friction: f64) -> f64 {
     let f = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
@@ -283,7 +283,7 @@ pub fn angle_from_vertical(roll: f64, pitch: f64) -> f64 {
 pub struct Situation {
     /// Now.
     pub now: Time<DroneClock>,
-    /// Whether the drone flies and listens.
+    /// Whether the drone flies and who controls it.
     pub flight: ControlState,
     /// Remaining battery; None when not reported.
     pub battery: Option<f64>,
@@ -297,15 +297,15 @@ pub struct Situation {
     pub deck: Option<Deck>,
     /// Low-pass of the deck's level, NED z, m; None before the first forecast.
     pub mean_deck_z: Option<f64>,
-    /// Greatest part of the grip that the deck's motion took of late, m/s².
+    /// Greatest friction that the deck's motion used recently, m/s².
     pub friction_used_mps2: f64,
-    /// The deck's steepest tilt of late, rad.
+    /// The deck's steepest tilt recently, rad.
     pub recent_tilt_rad: f64,
-    /// How steep the deck felt of late.
+    /// The deck's apparent slope recently.
     pub apparent_slope: ApparentSlopeHistory,
-    /// The push of the wind to be expected on the deck, m/s²; 0 before it is known.
+    /// Acceleration by the wind to be expected on the deck, m/s²; 0 before it is known.
     pub wind_peak_mps2: f64,
-    /// The push of the wind now, m/s².
+    /// Acceleration by the wind now, m/s².
     pub wind_mps2: f64,
     /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.
     pub water_z: f64,

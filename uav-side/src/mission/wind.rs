@@ -1,36 +1,31 @@
-//! The wind over the deck, as it pushes the drone that follows the vessel: its mean, its gusts, and
-//! the push that has to be expected on the deck.
+//! The wind over the deck, as acceleration of the drone that follows the vessel: its mean, its gusts, and what has
+//! to be expected on the deck.
 //!
 //! A drone that stands on the deck with its motors stopped is held by friction alone: it slides
-//! when push and slope together exceed `mu g` (3.9 m/s² at 0.4). In the air the same push is a lean
-//! that the touchdown has to shed or to carry. Both are judged before a descent begins, in
+//! when wind and slope together exceed `mu g` (3.9 m/s² at 0.4). In the air the same wind needs a tilt that
+//! the touchdown has to remove or to keep. Both are judged before a descent begins, in
 //! acceleration, which is what the odometry shows and what does not depend on the airframe's drag.
 
 use alight_shared::msg::DroneState;
-use alight_shared::time::{DroneClock, Time};
-use nalgebra::Vector3;
 
 use super::config::MissionConfig;
-use crate::disturbance::DisturbanceObserver;
+use crate::odometry::wind::WindObserver;
 
-/// Odometry further apart than this is no continuous flight, s.
-const MAX_GAP_S: f64 = 0.1;
 /// Time constant of the observer, s: the planner's, gusts of 2 s pass.
 const OBSERVER_S: f64 = 0.7;
-/// Largest push believed, m/s².
+/// Largest acceleration accepted, m/s².
 const MAX_MPS2: f64 = 9.0;
-/// Standard deviation of the push as a share of its mean before any is measured: twice the
+/// Standard deviation as a fraction of the mean before any is measured: twice the
 /// intensity of turbulence over water, 0.19 at 7 m (MIL-F-8785C).
 const PRIOR_FRACTION: f64 = 0.38;
 /// The prior counts as this much time, and gusts further apart are independent, s: twice the
 /// integral time of the turbulence at 7 m, 50 m at 8 to 10 m/s (MIL-F-8785C).
 const INDEPENDENT_S: f64 = 10.0;
 
-/// What is known of the push.
+/// Mean and gusts of the wind's acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindMonitor {
-    observer: DisturbanceObserver,
-    at: Option<Time<DroneClock>>,
+    observer: WindObserver,
     /// Time watched, at most the memory, s.
     known_s: f64,
     mean: f64,
@@ -39,20 +34,12 @@ pub struct WindMonitor {
 
 impl WindMonitor {
     /// Learns from the newest odometry; only while the drone `follows` the vessel at its speed is
-    /// the wind it feels the wind over the deck.
+    /// its wind the wind over the deck.
     pub fn update(&mut self, d: &DroneState, follows: bool, c: &MissionConfig) {
-        let dt = self.at.map_or(0.0, |t| (d.header.at - t).secs());
-        self.at = Some(d.header.at);
-        if !(0.0..MAX_GAP_S).contains(&dt) {
-            self.observer.pause();
+        let dt = self.observer.update(d, true, OBSERVER_S, MAX_MPS2);
+        let Some(dt) = dt.filter(|dt| follows && *dt > 0.0) else {
             return;
-        }
-        let force = Vector3::from(d.specific_force);
-        self.observer
-            .learn(&force, &d.attitude(), &d.velocity(), dt, OBSERVER_S, MAX_MPS2);
-        if !follows || dt <= 0.0 {
-            return;
-        }
+        };
         self.known_s = (self.known_s + dt).min(c.wind_memory_s);
         let fraction = dt / self.known_s;
         let off = self.observer.value().norm() - self.mean;
@@ -60,12 +47,12 @@ impl WindMonitor {
         self.variance += fraction * (off * off * (1.0 - fraction) - self.variance);
     }
 
-    /// The push of now, m/s².
+    /// The acceleration now, m/s².
     pub fn now(&self) -> f64 {
         self.observer.value().norm()
     }
 
-    /// The push to be expected, m/s²: `m + k s sqrt(1 + T/t)` from the mean and standard deviation
+    /// The acceleration to be expected, m/s²: `m + k s sqrt(1 + T/t)` from the mean and standard deviation
     /// of a time t, of which gusts longer than T know one sample; 0 before any.
     pub fn peak(&self, c: &MissionConfig) -> f64 {
         if self.known_s <= 0.0 {
@@ -83,7 +70,7 @@ mod tests {
     use super::*;
     use alight_shared::geometry::GRAVITY;
     use alight_shared::msg::Header;
-    use alight_shared::time::Span;
+    use alight_shared::time::{Span, Time};
     use nalgebra::UnitQuaternion;
 
     /// A drone that keeps its place in a push that swings by `gust` about `mean` with a period of
@@ -111,7 +98,7 @@ mod tests {
         // Soon after the beginning the prior's gusts and a short mean count.
         let (early, c) = watched(2.0, 0.0, 6.0, true);
         assert!(early.peak(&c) > 3.5, "{}", early.peak(&c));
-        // The own wind of the fastest vessel that is landed on, 7.7 m/s without gusts: no refusal.
+        // The own wind of the fastest vessel that is landed on, 7.7 m/s without gusts: permitted.
         let (steady, c) = watched(1.7, 0.0, 45.0, true);
         let peak = steady.peak(&c);
         assert!(peak > 2.0 && peak < c.wind_peak_mps2, "{peak}");

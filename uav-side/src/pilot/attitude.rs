@@ -6,7 +6,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 /// The attitude whose up axis lies along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).
 ///
-/// With `R = Rz(yaw) Ry(pitch) Rx(roll)` the down axis seen in the heading frame is
+/// With `R = Rz(yaw) Ry(pitch) Rx(roll)` the down axis in the heading frame is
 /// `[sin pitch cos roll, -sin roll, cos pitch cos roll]`, which is inverted here. Level for a
 /// thrust too short to have a direction.
 pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
@@ -29,7 +29,7 @@ pub fn thrust_of_attitude(attitude: &UnitQuaternion<f64>, vertical: f64, gravity
     up * ((gravity - vertical).max(0.0) / lift)
 }
 
-/// `thrust` with its horizontal part cut so that it leans at most `tilt` (rad) from the vertical
+/// `thrust` with its horizontal part cut so that it tilts at most `tilt` (rad) from the vertical
 /// and always points up.
 pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, least_up: f64) -> Vector3<f64> {
     let up = (-thrust.z).max(least_up);

@@ -1,14 +1,14 @@
 //! The dead time of the link to the autopilot: what the drone will be when a command gets there.
 //!
 //! Odometry is `d` old when it arrives, and a command takes about as long on its way, so the answer to a
-//! command is seen `2 d` after it. A loop that takes the old state for the present one loses `2 d w` of its
+//! command is observed `2 d` after it. A loop that takes the old state for the present one loses `2 d w` of its
 //! phase at the frequency `w`. So the state is led to the instant at which the command acts by a model of the
 //! drone under the commands that are under way, and the plan is sampled there (Smith 1957, "Closer control
-//! of loops with dead time"; the model is led anew from each odometry, not run beside it).
+//! of loops with dead time"; the model starts from each odometry, it does not run in parallel).
 //!
 //! Simulated over MAVLink at Moderate (`tests/tests/mavlink.rs`), 40 ms each way: without it none of 3 flights
 //! landed well (23 contacts that were too hard), with it 32 of 32, 0.033 m off on average. At 80 ms 94 of 100: thrust
-//! taken away on the deck is felt 160 ms later, and the contact is doubted meanwhile. Over an autopilot in
+//! removed on the deck is measured 160 ms later, and the contact is in doubt meanwhile. Over an autopilot in
 //! the same computer the dead time is below [`DelayConfig::min_s`] and nothing changes.
 
 use std::collections::VecDeque;
@@ -78,7 +78,7 @@ impl Delay {
             .find(|(sent, _)| *sent <= at)
             .and_then(|(_, command)| *command)
     }
-    /// The command whose answer is heard at `now`.
+    /// The command whose answer is received at `now`.
     pub(crate) fn answered(&self, now: Time<DroneClock>, c: &DelayConfig) -> Commanded {
         self.by(now - Span::from_secs(2.0 * self.one_way_s(c)))
     }
@@ -223,7 +223,7 @@ mod tests {
             commands.push(command);
             delay.sent(at(k), Some(command));
             estimate.commanded(delay.answered(at(k), &c).map(|a| a.1), dt, LAGS.thrust_s);
-            // The drone obeys what was sent 40 ms ago.
+            // The drone follows what was sent 40 ms ago.
             let Some((command, thrust)) = k.checked_sub(one_way).and_then(|i| commands.get(i)) else {
                 continue;
             };

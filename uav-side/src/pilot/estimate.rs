@@ -5,7 +5,7 @@ use alight_shared::geometry::GRAVITY;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::TrackingConfig;
-use crate::disturbance::DisturbanceObserver;
+use crate::odometry::wind::WindObserver;
 
 /// Slow estimates of the thrust scale and of the horizontal disturbance.
 #[derive(Clone, Debug)]
@@ -14,7 +14,7 @@ pub(crate) struct FlightEstimator {
     hover: f64,
     nominal: f64,
     reported: bool,
-    disturbance: DisturbanceObserver,
+    wind: WindObserver,
     /// Upward specific force that the thrust does not explain, m/s².
     lift: f64,
     /// Thrust that acts after the lag, 0 to 1.
@@ -28,7 +28,7 @@ impl FlightEstimator {
             hover: nominal,
             nominal,
             reported: false,
-            disturbance: DisturbanceObserver::default(),
+            wind: WindObserver::default(),
             lift: 0.0,
             acting: None,
         }
@@ -39,7 +39,7 @@ impl FlightEstimator {
     }
     /// Horizontal specific disturbance (wind), NED, m/s².
     pub(crate) fn disturbance(&self) -> Vector2<f64> {
-        self.disturbance.value()
+        self.wind.value()
     }
     /// Specific thrust of the collective `u`, m/s²: thrust is linear in the collective.
     pub(crate) fn specific(&self, u: f64) -> f64 {
@@ -102,9 +102,9 @@ impl FlightEstimator {
             self.hover += (1.0 - (-dt / c.hover_time_s).exp()) * (sample - self.hover);
         }
     }
-    /// The horizontal disturbance, to be taught in free flight.
-    pub(crate) fn disturbance_mut(&mut self) -> &mut DisturbanceObserver {
-        &mut self.disturbance
+    /// The observer of the horizontal disturbance, to be used in free flight.
+    pub(crate) fn wind_mut(&mut self) -> &mut WindObserver {
+        &mut self.wind
     }
     fn plausible(&self, hover: f64) -> bool {
         (0.5 * self.nominal..=2.0 * self.nominal).contains(&hover) && hover < 0.95
@@ -130,8 +130,8 @@ mod tests {
         // Ground effect of a tenth on a level drone.
         let ground = learnt(Vector3::new(0.0, 0.0, -1.1 * GRAVITY), 0.0, 0.4, Some(0.4));
         assert!((ground - 0.1 * GRAVITY).abs() < 0.01, "{ground}");
-        // Held against wind by a lean: drag across and along the thrust, none upwards. Had the hover
-        // thrust been learnt along the thrust, its error of a sin(lean) is found here.
+        // Held against wind by a tilt: drag across and along the thrust, none upwards. Had the hover
+        // thrust been learnt along the thrust, its error of a sin(tilt) is found here.
         let (tilt, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
         let drag = GRAVITY * tilt.tan();
         let measured_force = Vector3::new(drag * tilt.cos(), 0.0, -thrust + drag * tilt.sin());

@@ -57,7 +57,7 @@ impl AttitudeLagEstimator {
         is * UnitQuaternion::from_scaled_axis(scaled)
     }
 
-    /// The command that the next attitude heard answers; None: the pilot commanded no attitude.
+    /// The command that the next attitude received answers; None: the pilot commanded no attitude.
     pub(crate) fn answers(&mut self, command: Option<UnitQuaternion<f64>>) {
         self.commanded = command;
     }
@@ -74,7 +74,7 @@ impl AttitudeLagEstimator {
         if !(self.left.norm() <= c.angle_limit_rad && rate.norm().is_finite()) {
             return;
         }
-        // The prior is what remains when nothing is heard for long.
+        // The prior is what remains when nothing is received for long.
         let fade = 1.0 - (-dt / c.memory_s).exp();
         self.square += fade * (c.prior_rad2s - self.square) + self.left.norm_squared() * dt;
         self.product += fade * (c.prior_rad2s / self.nominal - self.product) + self.left.dot(&rate) * dt;

@@ -2,7 +2,7 @@
 //! the feet are on the deck.
 //!
 //! [`attitude`] is the flatness inverse, [`tracking`] the loop, [`estimate`], [`lag`] and [`delay`] what it
-//! learns in flight, [`touchdown`] the evidence of contact. This file decides which of them speaks.
+//! learns in flight, [`touchdown`] the evidence of contact. This file decides which of them makes the set-point.
 
 pub mod attitude;
 pub mod config;
@@ -32,6 +32,7 @@ use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::odometry::origin::OriginResets;
 use attitude::rates_of;
 use delay::Delay;
 use estimate::FlightEstimator;
@@ -39,7 +40,7 @@ use lag::AttitudeLagEstimator;
 use touchdown::{Evidence, TouchdownDetector, press_fraction};
 use tracking::{AttitudeCommand, Authority, Body, Tracker};
 
-/// What arrives.
+/// Inputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotIn {
     /// The planner's trajectory.
@@ -56,7 +57,7 @@ pub struct PilotIn {
     pub ranges: Vec<RangeSample>,
 }
 
-/// What the pilot says.
+/// Outputs.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PilotOut {
     /// The set-point, every step.
@@ -65,21 +66,13 @@ pub struct PilotOut {
     pub touchdown: Option<Touchdown>,
 }
 
-/// Messages refused since start, by kind.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PilotRejected {
-    /// Plans.
-    pub plan: u32,
-    /// Mission states.
-    pub mission: u32,
-    /// Forecasts.
-    pub forecast: u32,
-    /// Odometry.
-    pub drone: u32,
-    /// Autopilot states.
-    pub autopilot: u32,
-    /// Rangefinder readings.
-    pub range: u32,
+impl PilotOut {
+    fn of(set_point: SetPoint) -> Self {
+        PilotOut {
+            set_point: Some(set_point),
+            touchdown: None,
+        }
+    }
 }
 
 /// Where the pilot holds on its own.
@@ -112,7 +105,7 @@ pub struct Pilot {
     drone: Latest<DroneState>,
     autopilot: Latest<AutopilotState>,
     range: Latest<RangeSample>,
-    origin_resets: Option<u8>,
+    origin: OriginResets,
 
     estimate: FlightEstimator,
     lag: AttitudeLagEstimator,
@@ -144,7 +137,7 @@ impl Pilot {
             drone: Latest::default(),
             autopilot: Latest::default(),
             range: Latest::default(),
-            origin_resets: None,
+            origin: OriginResets::default(),
             estimate: FlightEstimator::new(hover),
             lag: AttitudeLagEstimator::new(geometry.attitude_lag_s, &config.lag),
             delay: Delay::default(),
@@ -156,43 +149,19 @@ impl Pilot {
             last_step: None,
         }
     }
-    /// How far the touchdown detector has come.
-    pub fn contact(&self) -> Contact {
-        self.detector.contact()
-    }
-    /// The collective thrust that the pilot believes hovers, 0 to 1.
-    pub fn hover_thrust(&self) -> f64 {
-        self.estimate.hover()
-    }
-    /// The lag of the autopilot's attitude loop that the pilot believes, s.
-    pub fn attitude_lag_s(&self) -> f64 {
-        self.lag.lag(&self.config.lag)
-    }
-    /// Messages refused since start.
-    pub fn rejected(&self) -> PilotRejected {
-        PilotRejected {
-            plan: self.plan.rejected(),
-            mission: self.mission.rejected(),
-            forecast: self.forecast.rejected(),
-            drone: self.drone.rejected(),
-            autopilot: self.autopilot.rejected(),
-            range: self.range.rejected(),
-        }
-    }
 
-    /// Takes what arrived; gives the odometry when it is new.
-    fn take(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
+    /// Takes the inputs; gives the odometry when it is new.
+    fn receive(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
         if let Some(m) = &input.autopilot
             && self.autopilot.offer(now, m)
         {
             // The origin jumped: plan, forecast, hold and integral are of another frame.
-            if self.origin_resets.is_some_and(|n| n != m.origin_resets) {
+            if self.origin.moved(m.origin_resets) {
                 self.plan.forget();
                 self.forecast.forget();
                 self.hold = None;
                 self.tracker.reset();
             }
-            self.origin_resets = Some(m.origin_resets);
             self.estimate.use_reported_hover(m.hover_thrust);
             self.disarmed_since_stop |= self.stopped_at.is_some() && !m.armed;
         }
@@ -235,14 +204,14 @@ impl Pilot {
         }
     }
 
-    /// Nothing: the autopilot's own failsafe acts.
+    /// No set-point: the autopilot's own failsafe acts.
     fn no_set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
         self.set_point(now)
     }
 
-    /// Motors off, for as long as the mission says so.
+    /// Motors off, until the mission is idle again.
     fn stop(&mut self, now: Time<DroneClock>) -> SetPoint {
         let attitude = self.drone.get().map_or([1.0, 0.0, 0.0, 0.0], |d| d.attitude);
         SetPoint {
@@ -286,13 +255,14 @@ impl Pilot {
         body: &Body,
     ) -> SetPoint {
         self.hold = None;
+        let stage = stage.copied().unwrap_or_default();
         let (_, _, yaw) = a.attitude.euler_angles();
         let attitude = self.lag.command(&a.attitude, &body.attitude, &self.config.lag);
         SetPoint {
             kind: SetPointKind::Attitude,
-            position: stage.map_or([0.0; 3], |s| s.position),
-            velocity: stage.map_or([0.0; 3], |s| s.velocity),
-            acceleration: stage.map_or([0.0; 3], |s| s.acceleration),
+            position: stage.position,
+            velocity: stage.velocity,
+            acceleration: stage.acceleration,
             yaw,
             attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
             rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
@@ -345,7 +315,7 @@ impl Pilot {
         }
         let free = self.detector.contact() == Contact::Clear && below.is_none_or(|b| b.clearance > 0.5);
         if !free {
-            self.estimate.disturbance_mut().pause();
+            self.estimate.wind_mut().pause();
             return;
         }
         let rates = Vector3::from(d.rates);
@@ -359,14 +329,9 @@ impl Pilot {
         if let Some(u) = self.estimate.acting().or(reported) {
             self.estimate.learn_hover(&force, u, dt, c);
         }
-        self.estimate.disturbance_mut().learn(
-            &force,
-            &d.attitude(),
-            &d.velocity(),
-            dt,
-            c.disturbance_time_s,
-            c.disturbance_limit_mps2,
-        );
+        self.estimate
+            .wind_mut()
+            .learn(d, dt, c.disturbance_time_s, c.disturbance_limit_mps2);
     }
 
     fn evidence(
@@ -383,18 +348,7 @@ impl Pilot {
             .is_some_and(|a| a.armed && a.mode == AutopilotMode::Offboard);
         let committed = below.is_some_and(|b| b.clearance <= self.config.safety.commit_clearance_m);
         let permitted = commands
-            && mission.is_some_and(|m| match m.state {
-                State::Flare => true,
-                State::Descent => committed,
-                State::Idle
-                | State::GetAltitude
-                | State::Approach
-                | State::Tracking
-                | State::TrackingStable
-                | State::Landed
-                | State::Hold
-                | State::GaveUp => false,
-            });
+            && mission.is_some_and(|m| m.state == State::Flare || (m.state == State::Descent && committed));
         Evidence {
             permitted,
             descending: mission.is_some_and(|m| m.descent_mps > 0.0),
@@ -429,7 +383,7 @@ impl Pilot {
         };
         let near = below.is_some_and(|b| b.clearance < self.config.safety.near_deck_m);
         let Some(mission) = mission else {
-            // Hold for a moment after the mission's last word, then let the failsafe act.
+            // Hold for a moment after the mission's last message, then let the failsafe act.
             let silence = self.mission.age_s(now);
             let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
             let flew = self.mission.get().is_some_and(|m| m.state.phase() != Phase::None);
@@ -522,17 +476,14 @@ impl Node for Pilot {
             .map_or(0.01, |t| (now - t).secs())
             .clamp(0.0, MAX_STEP_S);
         self.last_step = Some(now);
-        let new = self.take(now, input);
+        let new = self.receive(now, input);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
 
         if let Some(at) = self.stopped_at {
-            // Released only after the autopilot was seen disarmed and the mission waits anew.
+            // Released only after the autopilot was disarmed and the mission is idle again.
             let anew = mission.is_some_and(|m| m.state == State::Idle && m.header.at > at);
             if !(anew && self.disarmed_since_stop) {
-                return PilotOut {
-                    set_point: Some(self.stop(now)),
-                    touchdown: None,
-                };
+                return PilotOut::of(self.stop(now));
             }
             self.stopped_at = None;
             self.disarmed_since_stop = false;
@@ -541,10 +492,7 @@ impl Node for Pilot {
         let Some(drone) = self.drone.fresh(now, topics::DRONE_STATE.stale_after).copied() else {
             self.detector.clear();
             self.estimate.commanded(None, dt, 0.0);
-            return PilotOut {
-                set_point: Some(self.no_set_point(now)),
-                touchdown: None,
-            };
+            return PilotOut::of(self.no_set_point(now));
         };
         let age = (now - drone.header.at).secs().max(0.0);
         let body = Body {
@@ -581,15 +529,12 @@ impl Node for Pilot {
         self.lag.answers(answered.map(|(attitude, _)| attitude));
         self.estimate
             .commanded(answered.map(|(_, u)| u), dt, self.config.tracking.thrust_lag_s);
-        // Nothing that the message itself would refuse may leave the pilot.
+        // Nothing that the message's own check would reject may leave the pilot.
         let set_point = if set_point.check().is_ok() {
             set_point
         } else {
             self.no_set_point(now)
         };
-        PilotOut {
-            set_point: Some(set_point),
-            touchdown: None,
-        }
+        PilotOut::of(set_point)
     }
 }

@@ -154,7 +154,7 @@ impl World {
                 self.q = self.q.slerp(&target, STEP / 0.2);
                 self.thrust += (asked - self.thrust) * STEP / 0.03;
             } else if self.last.kind == SetPointKind::Trajectory {
-                // The autopilot's own loop, ideal: it goes where it is told.
+                // The autopilot's own loop, ideal: it follows the set-point.
                 let e = Vector3::from(self.last.position) - self.p;
                 let ev = Vector3::from(self.last.velocity) - self.v;
                 let a = Vector3::from(self.last.acceleration) + e * 4.0 + ev * 3.5;
@@ -359,7 +359,7 @@ fn pilot_keeps_the_motors_on_when_the_deck_heaves_close_to_a_hovering_drone() {
         pitch: 0.0,
         ..moderate(0.0)
     };
-    // The crest of the deck comes within 12 cm of the feet.
+    // The deck's highest point comes within 12 cm of the feet.
     let mut w = World::new(sea, Task::Stand(-1.3 - 0.6 - 0.12), 7);
     w.fly(60.0);
     assert_eq!((w.first_contact, w.stopped), (None, None));
@@ -403,7 +403,7 @@ fn pilot_keeps_the_motors_on_in_the_air() {
         let mut w = World::new(sea, Task::Follow(clearance), 400 + k as u64);
         w.fly(300.0);
         assert_eq!((w.first_contact, w.stopped), (None, None), "{clearance}");
-        assert_eq!(w.pilot.contact(), Contact::Clear);
+        assert_eq!(w.pilot.detector.contact(), Contact::Clear);
     }
 }
 
@@ -424,7 +424,7 @@ fn pilot_tracks_the_plan_within_centimetres() {
     let rms = f64::sqrt(square / n);
     println!("rms {rms:.3} m");
     assert!(rms < 0.12, "{rms}");
-    assert!((w.pilot.hover_thrust() / w.hover - 1.0).abs() < 0.02);
+    assert!((w.pilot.estimate.hover() / w.hover - 1.0).abs() < 0.02);
 }
 
 #[test]

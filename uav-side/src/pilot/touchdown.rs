@@ -1,11 +1,11 @@
 //! The touchdown detector: evidence from thrust, accelerometers, rangefinder and relative motion.
 //!
-//! What tells the deck from the air is who carries the drone. In the air the specific force is what
+//! What distinguishes the deck from the air is what carries the drone. In the air the specific force is what
 //! the rotors give, whatever the thrust; on the deck the feet carry the rest, and the less the
 //! rotors give the larger that *excess* becomes. So a contact is first suspected (an impact, an
 //! excess, or resting at the feet's range), the thrust is then cut to a part of hover, and the
 //! touchdown is confirmed only when the drone is still carried although its rotors do not carry it.
-//! A drone in the air begins to fall instead, feels no excess, and the suspicion is dropped.
+//! A drone in the air begins to fall instead, shows no excess, and the suspicion is dropped.
 
 use alight_shared::msg::Header;
 use alight_shared::time::{DroneClock, Time};
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 type DroneTime = Time<DroneClock>;
 
-/// The figures on which a touchdown was confirmed.
+/// The measurements on which a touchdown was confirmed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Touchdown {
     /// Identity; `at` is the time of confirmation.
@@ -30,7 +30,7 @@ pub struct Touchdown {
     pub normal_speed_mps: Option<f64>,
     /// Specific force that the applied thrust does not explain, m/s².
     pub excess_mps2: f64,
-    /// Applied thrust as a share of hover.
+    /// Applied thrust as a fraction of hover.
     pub thrust_of_hover: f64,
 }
 
@@ -260,7 +260,7 @@ impl TouchdownDetector {
     }
 }
 
-/// Thrust while contact is suspected, as a share of hover: cut at once, then ramped down.
+/// Thrust while contact is suspected, as a fraction of hover: cut at once, then ramped down.
 pub(crate) fn press_fraction(since: DroneTime, now: DroneTime, c: &TouchdownConfig) -> f64 {
     let s = ((now - since).secs() / c.press_ramp_s.max(1e-3)).clamp(0.0, 1.0);
     c.press_of_hover + s * (c.press_end_of_hover - c.press_of_hover)

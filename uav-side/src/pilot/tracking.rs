@@ -3,7 +3,7 @@
 //! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, turned into a thrust vector and by flatness into an
 //! attitude. The plan's own attitude enters with the autopilot's lag compensated, the feedback as
 //! it is, and its authority over the tilt shrinks towards the deck: the drone has to have the
-//! plan's attitude at the contact, a few centimetres beside the plan's place.
+//! plan's attitude at the contact, a few centimetres off the plan's place.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::PlanStage;
@@ -40,7 +40,7 @@ pub(crate) struct Body {
 pub(crate) struct Authority {
     /// Tilt that the feedback may add, rad.
     pub(crate) tilt: f64,
-    /// Share of the disturbance's compensation, 0 to 1.
+    /// Fraction of the disturbance's compensation, 0 to 1.
     pub(crate) disturbance: f64,
     /// The disturbance that the plan's attitude allows for already, NED, m/s².
     pub(crate) planned: Vector2<f64>,

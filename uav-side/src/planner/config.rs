@@ -6,7 +6,6 @@ use alight_shared::config;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::PLAN_STAGES;
 
-use super::baselines::config::BaselineConfig;
 use super::rendezvous::config::RendezvousConfig;
 use super::weights::{Faa, Weights};
 
@@ -16,19 +15,9 @@ use super::weights::{Faa, Weights};
 pub enum PlannerKind {
     /// The paper's MPC with flight-attitude alignment.
     MpcFaa,
-    /// The same without: weights do not change with clearance.
-    Mpc,
     /// Ours: place, velocity and attitude meet the deck at a chosen instant.
     #[default]
     Alight,
-    /// Gupta et al. 2023: lands when its own prediction of the tilt allows it.
-    MpcNe,
-    /// `mpc` that descends only in a predicted calm.
-    WaitCalm,
-    /// Precision landing of today's autopilots.
-    PrecisionLand,
-    /// Position by radio, constant velocity.
-    GnssRadio,
 }
 
 impl PlannerKind {
@@ -36,12 +25,7 @@ impl PlannerKind {
     pub const fn name(self) -> &'static str {
         match self {
             PlannerKind::MpcFaa => "mpc-faa",
-            PlannerKind::Mpc => "mpc",
             PlannerKind::Alight => "alight",
-            PlannerKind::MpcNe => "mpc-ne",
-            PlannerKind::WaitCalm => "wait-calm",
-            PlannerKind::PrecisionLand => "precision-land",
-            PlannerKind::GnssRadio => "gnss-radio",
         }
     }
 }
@@ -226,8 +210,6 @@ config! {
         pub faa: Faa;
         /// Instant, way down and weights of the rendezvous (`alight` only).
         pub rendezvous: RendezvousConfig;
-        /// The baselines.
-        pub baselines: BaselineConfig;
         /// Rotor limits, hard.
         pub rotors: RotorLimits;
         /// State limits, soft.
@@ -303,11 +285,15 @@ mod tests {
     #[test]
     fn planner_kinds_have_the_names_of_the_command_line() {
         let parse = |s: &str| alight_shared::config::parse::<PlannerConfig>(s, "test").map(|c| c.kind);
-        assert_eq!(parse("kind = \"mpc\"").unwrap(), PlannerKind::Mpc);
+        assert_eq!(parse("kind = \"mpc-faa\"").unwrap(), PlannerKind::MpcFaa);
+        assert!(
+            parse("kind = \"mpc-ne\"").is_err(),
+            "baselines fly on the bench only"
+        );
         assert_eq!(parse("kind = \"alight\"").unwrap(), PlannerKind::Alight);
         assert_eq!(parse("").unwrap(), PlannerKind::Alight);
         assert!(parse("stages = 41").is_err());
         assert!(parse("[faa]\ndistance = \"per-stage\"").is_ok());
-        assert!(parse("[rotors]\nslew_shares = [0.5, 0.3, 0.1]").is_err());
+        assert!(parse("[rotors]\nslew_fractions = [0.5, 0.3, 0.1]").is_err());
     }
 }

@@ -1,10 +1,10 @@
-//! The carrot: a reference point that comes nearer to a target at bearable speed and acceleration,
+//! The reference governor: a reference point that approaches a target at bounded speed and acceleration,
 //! so that the optimisation is never asked for a step of 40 m.
 
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::SVector;
 
-/// How fast a carrot closes in.
+/// How fast a reference approaches its target.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     /// Greatest speed relative to the target, unit/s.
@@ -67,7 +67,7 @@ struct Target<const D: usize> {
 /// A reference point that moves towards a moving target and then stays on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
-    /// Where it is, seen from the target.
+    /// Where it is relative to the target.
     pub gap: Gap<D>,
     /// What the gap was last measured from.
     from: Option<Target<D>>,
@@ -87,7 +87,7 @@ impl<const D: usize> Default for ReferenceGovernor<D> {
 
 impl<const D: usize> ReferenceGovernor<D> {
     /// Brings the gap to `now` against this target. A target of another kind, or one that jumped by
-    /// more than `limits[0]`, leaves the carrot where it was; a carrot further than `limits[1]`
+    /// more than `limits[0]`, leaves the reference where it was; a reference further than `limits[1]`
     /// from the plan's own start is brought back to it.
     pub fn update(
         &mut self,

@@ -1,8 +1,9 @@
 //! The planner: a trajectory for the next seconds, again and again.
 //!
 //! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`]
-//! (what it follows in each mission state), [`rendezvous`] (what `alight` follows in a landing), [`condensed`] and [`qp`] (how it is solved), this file
-//! (when, from where, and what becomes of it).
+//! (what it follows in each mission state), [`law`] (what the planners differ in), [`alignment`] and
+//! [`rendezvous`] (the laws of `mpc-faa` and `alight`), [`condensed`] and [`qp`] (how it is solved), `start`
+//! (where a plan begins), this file (when, and what becomes of it).
 //!
 //! A plan starts from the previous plan sampled at now, not from the measured state: the pilot's
 //! tracker closes the loop, and a lagging drone does not bend its own plan. It starts from the
@@ -10,15 +11,18 @@
 //! than [`config::Reset`] allows, and when the autopilot's position estimate jumped. In a landing of
 //! `alight` it starts no higher above the drone, and sinking no slower, than that is.
 
-pub mod baselines;
+pub mod alignment;
 pub mod condensed;
 pub mod config;
 mod governor;
+pub mod kind;
+pub mod law;
 pub mod model;
 pub mod mpc_faa;
 pub mod qp;
 pub mod reference;
 pub mod rendezvous;
+mod start;
 pub mod weights;
 
 #[cfg(test)]
@@ -34,20 +38,20 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};
 
-use baselines::Views;
-use baselines::mpc_ne::MpcNe;
-use model::{INPUTS, State};
+use crate::odometry::origin::OriginResets;
+use kind::Kind;
+use law::{Law, View};
+use model::{INPUTS, State, clearance, tilt_of, up_of};
 use mpc_faa::{Mpc, Problem, Solution};
-use reference::{Reference, ReferenceGenerator, clearance, tilt_of, up_of};
-use rendezvous::wind::Wind;
-use rendezvous::{Rendezvous, true_tilt};
+use reference::{Reference, ReferenceGenerator};
+use start::SolvedPlan;
 
-/// What the planner hears.
+/// Inputs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerIn {
     /// The predicted deck.
@@ -60,34 +64,11 @@ pub struct PlannerIn {
     pub autopilot: Option<AutopilotState>,
 }
 
-/// What it says.
+/// Outputs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PlannerOut {
     /// A new plan, starting now.
     pub plan: Option<Plan>,
-}
-
-/// What happened, counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PlannerCounters {
-    /// Inputs refused: wrong version, impossible numbers, out of order, from the future.
-    pub rejected: u32,
-    /// Plans made.
-    pub plans: u32,
-    /// Of these, how many needed the solver.
-    pub constrained: u32,
-    /// Solves without a solution.
-    pub infeasible: u32,
-    /// Starts from the measured state.
-    pub resets: u32,
-}
-
-/// A plan as the solver left it: exact at any time, not only at its stages.
-#[derive(Clone, Debug)]
-struct SolvedPlan {
-    at: Time<DroneClock>,
-    start: State,
-    solution: Solution,
 }
 
 /// The node.
@@ -97,14 +78,11 @@ pub struct Planner {
     drone_geometry: DroneGeometry,
     boot: u32,
     sequence: u32,
+    kind: Kind,
     mpc: Mpc,
     generator: ReferenceGenerator,
-    rendezvous: Rendezvous,
-    views: Views,
-    ne: Option<MpcNe>,
     /// Time to the chosen instant of contact in the last plan, s.
     time_to_contact_s: Option<f64>,
-    wind: Option<Wind>,
     problem: Problem,
     reference: Reference,
     scratch: Solution,
@@ -114,24 +92,38 @@ pub struct Planner {
     mission: Option<MissionState>,
     drone: Option<DroneState>,
     autopilot: Option<AutopilotState>,
-    counters: PlannerCounters,
+    origin: OriginResets,
+    /// Inputs rejected: wrong version, impossible numbers, out of order, from the future.
+    rejected: u32,
+    /// Starts from the measured state.
+    resets: u32,
 }
 
 impl Planner {
-    /// A planner for this drone and deck. `boot` tells this start from others.
+    /// A planner of the configured kind for this drone and deck. `boot` distinguishes this start from others.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
+        Planner::of(Kind::new(config, drone), config, drone, deck, boot)
+    }
+    /// A planner that lands by a law from elsewhere, whatever kind is configured.
+    pub fn with_law(
+        law: Box<dyn Law>,
+        config: &PlannerConfig,
+        drone: &DroneGeometry,
+        deck: &DeckGeometry,
+        boot: u32,
+    ) -> Self {
+        Planner::of(Kind::Other(law), config, drone, deck, boot)
+    }
+    fn of(kind: Kind, config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
         Planner {
             config: config.clone(),
             drone_geometry: *drone,
             boot,
             sequence: 0,
+            kind,
             mpc: Mpc::new(config, drone),
             generator: ReferenceGenerator::new(config, drone, deck),
-            rendezvous: Rendezvous::new(&config.rendezvous, drone),
-            views: Views::new(config, drone),
-            ne: (config.kind == PlannerKind::MpcNe).then(|| MpcNe::new(config, drone)),
             time_to_contact_s: None,
-            wind: (config.kind == PlannerKind::Alight).then(Wind::default),
             problem: Problem::default(),
             reference: Reference::default(),
             scratch: Solution::default(),
@@ -141,30 +133,20 @@ impl Planner {
             mission: None,
             drone: None,
             autopilot: None,
-            counters: PlannerCounters::default(),
+            origin: OriginResets::default(),
+            rejected: 0,
+            resets: 0,
         }
     }
 
-    /// What happened so far.
-    pub fn counters(&self) -> &PlannerCounters {
-        &self.counters
-    }
-    /// The last problem, for benchmarks and displays.
+    /// The last problem, for benchmarks.
     pub fn problem(&self) -> &Problem {
         &self.problem
-    }
-    /// What the last references amounted to.
-    pub fn reference(&self) -> &Reference {
-        &self.reference
     }
 
     fn receive(&mut self, now: Time<DroneClock>, input: &PlannerIn) {
         let c = &self.config;
-        let jumped = |old: &Option<AutopilotState>, new: &Option<AutopilotState>| match (old, new) {
-            (Some(a), Some(b)) => a.origin_resets != b.origin_resets,
-            _ => false,
-        };
-        let rejected = &mut self.counters.rejected;
+        let rejected = &mut self.rejected;
         admit(
             now,
             c.forecast_age_s,
@@ -175,98 +157,18 @@ impl Planner {
         admit(now, c.mission_age_s, &input.mission, &mut self.mission, rejected);
         let last = self.drone.map(|d| d.header.at);
         admit(now, c.odometry_age_s, &input.drone, &mut self.drone, rejected);
-        let before = self.autopilot;
         // Any age will do for a counter of jumps.
         admit(now, 10.0, &input.autopilot, &mut self.autopilot, rejected);
-        if jumped(&before, &self.autopilot) {
+        if let Some(autopilot) = &self.autopilot
+            && self.origin.moved(autopilot.origin_resets)
+        {
             self.solved = None;
             self.generator.forget();
         }
-        if let Some(wind) = &mut self.wind
-            && let Some(d) = self.drone.filter(|d| Some(d.header.at) != last)
-        {
-            let near = self.reference.touch && self.reference.clearance_m < c.rendezvous.wind.free_m;
-            wind.update(&d, near, &c.rendezvous.wind);
-        }
-    }
-
-    /// The wind that plans allow for, as its acceleration, m/s²: where there is one, a state's tilt
-    /// is the acceleration that it causes in this wind, else the lean of the body.
-    fn wind(&self) -> Vector2<f64> {
-        self.wind.as_ref().map_or_else(Vector2::zeros, Wind::value)
-    }
-
-    /// Where the plan starts: the last plan now, or the measured state. None without odometry.
-    fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
-        let drone = self
-            .drone
-            .filter(|d| is_fresh(now, d.header.at, self.config.odometry_age_s))?;
-        let mut measured = measured_state(&drone);
-        let wind = self.wind() / GRAVITY;
-        measured[3] += wind.y;
-        measured[4] -= wind.x;
-        let r = &self.config.reset;
-        if let Some(solved) = &self.solved
-            && is_fresh(now, solved.at, r.age_s)
-        {
-            let (then, _) = self.at(solved, drone.header.at); // compared at the odometry's time
-            let gap: [f64; 12] = core::array::from_fn(|i| measured[i] - then[i]);
-            let near = gap[0].hypot(gap[1]) <= r.horizontal_m
-                && gap[6].hypot(gap[7]) <= r.horizontal_mps
-                && gap[2].abs() <= r.vertical_m
-                && gap[8].abs() <= r.vertical_mps
-                && wrap_angle(gap[5]).abs() <= r.yaw_deg.to_radians();
-            if near {
-                let (mut state, input) = self.at(solved, now);
-                if self.ours() {
-                    // A drone that is lower than its plan meets the deck sooner and faster than the plan
-                    // believes. One that is higher keeps the plan: the gap is what presses it down.
-                    for (i, max) in [(2, r.ahead_m), (8, r.ahead_mps)] {
-                        state[i] += (gap[i] - max).max(0.0);
-                    }
-                }
-                return Some((state, input));
-            }
-        }
-        self.solved = None;
-        self.generator.restart();
-        self.counters.resets += 1;
-        // Limits are soft except those of the inputs, and hover is inside these.
-        Some((measured, [0.0; INPUTS]))
-    }
-
-    /// Whether the rendezvous planner is landing.
-    fn ours(&self) -> bool {
-        let landing = self.last_solve.is_some_and(|(_, p)| p == Phase::Landing);
-        landing && self.config.kind == PlannerKind::Alight
-    }
-
-    /// A flight's state and input at a time, exactly: whole stages from the solver's states, the
-    /// rest rolled. Before its start the start, after its end constant velocity and level.
-    fn at(&self, solved: &SolvedPlan, t: Time<DroneClock>) -> (State, [f64; INPUTS]) {
-        let step = self.mpc.step_s();
-        let x = (t - solved.at).secs().max(0.0) / step;
-        let k = (x + 1e-6).floor() as usize;
-        let rest = ((x - k as f64) * step).max(0.0);
-        let from = match k.checked_sub(1) {
-            None => Some(solved.start),
-            Some(i) => solved.solution.states.get(i).copied(),
-        };
-        match (from, solved.solution.inputs.get(k)) {
-            (Some(state), Some(input)) if rest > 1e-6 => (self.mpc.roll(&state, input, rest), *input),
-            (Some(state), Some(input)) => (state, *input),
-            _ => {
-                let mut s = solved.solution.states.last().copied().unwrap_or(solved.start);
-                let beyond = (x - solved.solution.states.len() as f64) * step;
-                for i in 0..3 {
-                    s[i] += s[6 + i] * beyond;
-                }
-                for i in [3, 4, 9, 10, 11] {
-                    s[i] = 0.0;
-                }
-                (s, [0.0; INPUTS])
-            }
-        }
+        let drone = self.drone.as_ref().filter(|d| Some(d.header.at) != last);
+        self.kind
+            .law_mut()
+            .observe(drone, self.forecast.as_ref(), &self.reference);
     }
 
     fn due(&mut self, now: Time<DroneClock>, phase: Phase) -> bool {
@@ -283,49 +185,65 @@ impl Planner {
         }
     }
 
-    /// The rendezvous begins where the drone is: what the autopilot's own position loop has left
+    /// `alight` begins a landing where the drone is: what the autopilot's own position loop has left
     /// open, 0.5 m or more, would take the pilot longer to close than the landing lasts.
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
-        let c = &self.config;
-        if begins && c.kind == PlannerKind::Alight && c.rendezvous.start_from_measured {
+        if begins && self.kind.law().landing_start().measured {
             self.solved = None;
         }
     }
 
-    fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
-        if let Some(plan) = self.own_law(now, mission) {
-            return Some(plan);
+    /// State and input with which the plan starts: the last plan now, or the measured state. None without odometry.
+    fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
+        let c = &self.config;
+        let drone = self
+            .drone
+            .filter(|d| is_fresh(now, d.header.at, c.odometry_age_s))?;
+        let law = self.kind.law();
+        let lands = self.last_solve.is_some_and(|(_, phase)| phase == Phase::Landing);
+        let not_behind = lands && law.landing_start().not_behind;
+        let previous = self.solved.as_ref();
+        let start = start::start(now, &drone, previous, &self.mpc, law.wind(), not_behind, &c.reset);
+        if start.measured {
+            self.solved = None;
+            self.generator.restart();
+            self.resets += 1;
         }
-        let (state, input) = self.start(now)?;
+        Some((start.state, start.input))
+    }
+
+    fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
         let forecast = self
             .forecast
             .filter(|f| is_fresh(now, f.header.at, self.config.forecast_age_s));
-        let view = self.views.view(self.config.kind, now, mission, forecast, &state);
-        let (mission, forecast) = (&view.mission, view.forecast);
+        if let Some(plan) = self.own_plan(now, mission, forecast.as_ref()) {
+            return Some(plan);
+        }
+        let (state, input) = self.start(now)?;
+        let mut view = View {
+            mission: *mission,
+            forecast,
+        };
+        let law = self.kind.law_mut();
+        law.limit(now, &state, &mut view);
         self.problem.state = state;
         self.problem.input = input;
-        let (n, step) = (self.mpc.stages(), self.mpc.step_s());
-        self.generator.reference(
+        self.generator
+            .write(now, &view, &mut self.problem, &mut self.reference);
+        self.time_to_contact_s = law.refine(
             now,
-            mission,
-            forecast.as_ref(),
-            n,
-            step,
+            &view,
+            &self.generator,
             &mut self.problem,
             &mut self.reference,
         );
-        self.write_references(now, mission, forecast.as_ref(), step);
         let (generator, reference) = (&self.generator, &self.reference);
         self.mpc.solve(
             &mut self.problem,
             |k, x, y| generator.ceiling(reference, k, x, y),
             &mut self.scratch,
         );
-        self.counters.plans += 1;
-        if self.scratch.iterations > 0 {
-            self.counters.constrained += 1;
-        }
         let (solve, iterations) = (self.scratch.solve, self.scratch.iterations);
         match solve {
             Solve::Optimal | Solve::IterationLimit => {
@@ -338,11 +256,11 @@ impl Planner {
                 kept.start = state;
                 core::mem::swap(&mut kept.solution, &mut self.scratch);
             }
-            // The previous flight goes on until it is too old; then the measured state begins anew.
-            Solve::Infeasible => self.counters.infeasible += 1,
+            // The previous plan goes on until it is too old; then the measured state begins anew.
+            Solve::Infeasible => {}
         }
         let solved = self.solved.as_ref()?;
-        let mut plan = self.written(now, solved);
+        let mut plan = self.message(now, solved);
         plan.solve = solve;
         plan.iterations = iterations;
         plan.alignment = self.reference.alignment;
@@ -350,81 +268,35 @@ impl Planner {
         plan.check().is_ok().then_some(plan)
     }
 
-    /// The plan of a baseline that has its own model and solver, while it has one.
-    fn own_law(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
-        let mut ne = self.ne.take()?;
-        let fresh = self
-            .forecast
-            .filter(|f| is_fresh(now, f.header.at, self.config.forecast_age_s));
-        let mut plan = None;
-        if let (Some(forecast), true) = (fresh, MpcNe::flies(mission.state)) {
-            let drone = self.drone.map(|d| (d.header.at, measured_state(&d)));
-            if !ne.goes_on(now, drone.as_ref(), &self.config.reset)
-                && let Some((state, input)) = self.start(now)
-            {
-                ne.begin(now, &state, self.mpc.model().vertical * input[0]);
-            }
-            plan = ne.plan(now, mission, &forecast);
-        }
-        if let Some(plan) = &mut plan {
-            plan.header = Header::new(0, 0, self.boot, self.sequence, now);
-            // When it ends, the common planner begins from the measured state.
-            self.solved = None;
-            self.generator.restart();
-            self.counters.plans += 1;
-        } else {
-            ne.leave();
-        }
-        self.ne = Some(ne);
-        plan.filter(|p| p.check().is_ok())
-    }
-
-    /// The rendezvous' references in place of the guide's.
-    fn write_references(
+    /// The plan of a law that has its own model and solver.
+    fn own_plan(
         &mut self,
         now: Time<DroneClock>,
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
-        step: f64,
-    ) {
-        self.time_to_contact_s = None;
-        let ours = match self.config.kind {
-            PlannerKind::Alight => Rendezvous::lands(mission.state),
-            PlannerKind::MpcFaa
-            | PlannerKind::Mpc
-            | PlannerKind::MpcNe
-            | PlannerKind::WaitCalm
-            | PlannerKind::PrecisionLand
-            | PlannerKind::GnssRadio => false,
-        };
-        let Some(forecast) = forecast.filter(|_| ours) else {
-            self.rendezvous.forget();
-            return;
-        };
-        let wind = self.wind();
-        self.time_to_contact_s = self.rendezvous.write_references(
-            now,
-            mission,
-            forecast,
-            step,
-            &wind,
-            &mut self.problem,
-            &self.reference,
-        );
-        self.reference.touch = self.time_to_contact_s.is_some();
-        self.reference.alignment = self.problem.weight.first().map_or(0.0, |w| w[3]);
-        self.generator.keep_dry(&self.reference, &mut self.problem);
+    ) -> Option<Plan> {
+        let law = self.kind.law();
+        let begins = law.begins(now, mission, forecast, self.drone.as_ref());
+        let start = if begins { self.start(now) } else { None };
+        let start = start.map(|(state, input)| (state, self.mpc.model().vertical * input[0]));
+        let law = self.kind.law_mut();
+        let mut plan = law.own_plan(now, mission, forecast, start)?;
+        plan.header = Header::new(0, 0, self.boot, self.sequence, now);
+        // When it ends, the common planner begins from the measured state.
+        self.solved = None;
+        self.generator.restart();
+        plan.check().is_ok().then_some(plan)
     }
 
-    /// The flight as a message from `now` on: at half steps where they fit, so that the pilot's
+    /// The plan as a message from `now` on: at half steps where they fit, so that the pilot's
     /// interpolation is fine.
-    fn written(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Plan {
+    fn message(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Plan {
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
         let halves = 2 * n < alight_shared::msg::PLAN_STAGES;
         let mut plan = Plan {
             header: Header::new(0, 0, self.boot, self.sequence, now),
             step: Span::from_secs(if halves { 0.5 * step } else { step }),
-            disturbance: self.wind().into(),
+            disturbance: self.kind.law().wind().into(),
             ..Plan::default()
         };
         let mut keep = |state: &State, input: &[f64; INPUTS]| {
@@ -445,7 +317,7 @@ impl Planner {
             let stride = plan.step;
             let count = if halves { 2 * n } else { n };
             for k in 0..=count {
-                let (state, input) = self.at(solved, now + stride * k as i64);
+                let (state, input) = solved.sample(now + stride * k as i64, &self.mpc);
                 keep(&state, &input);
             }
         }
@@ -455,19 +327,7 @@ impl Planner {
     /// A state as a stage of the message: tilt turned into the body's heading.
     fn stage(&self, s: &State, input: &[f64; INPUTS]) -> PlanStage {
         let down = self.mpc.model().vertical * input[0];
-        let (north, east, growth) = match self.config.kind {
-            PlannerKind::MpcFaa
-            | PlannerKind::Mpc
-            | PlannerKind::MpcNe
-            | PlannerKind::WaitCalm
-            | PlannerKind::PrecisionLand
-            | PlannerKind::GnssRadio => (s[3], s[4], 1.0),
-            PlannerKind::Alight if !self.config.rendezvous.true_tilt => {
-                let wind = self.wind() / GRAVITY;
-                (s[3] - wind.y, s[4] + wind.x, 1.0)
-            }
-            PlannerKind::Alight => true_tilt(s, down, &self.wind()),
-        };
+        let (north, east, growth) = self.kind.law().attitude(s, down);
         let (phi, theta) = tilt_of(&up_of(north, east), s[5]);
         let (sin, cos) = s[5].sin_cos();
         PlanStage {
@@ -483,7 +343,7 @@ impl Planner {
         }
     }
 
-    /// When the feet reach the deck's plane in this flight, if they are meant to.
+    /// When the feet reach the deck's plane in this plan, if it ends in contact.
     fn touchdown(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Option<Time<DroneClock>> {
         if !self.reference.touch {
             return None;
@@ -516,9 +376,6 @@ impl Node for Planner {
 
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
-        if let (Some(ne), Some(forecast)) = (&mut self.ne, &self.forecast) {
-            ne.observe(forecast);
-        }
         let mission = self
             .mission
             .filter(|m| is_fresh(now, m.header.at, self.config.mission_age_s));
@@ -560,7 +417,7 @@ fn is_fresh(now: Time<DroneClock>, at: Time<DroneClock>, age_s: f64) -> bool {
 }
 
 /// Keeps `new` if it is of this version, possible, in order, not old and not from the future; else
-/// counts a refusal.
+/// counts a rejection.
 fn admit<M: Message<Clock = DroneClock> + Clone>(
     now: Time<DroneClock>,
     age_s: f64,
@@ -581,26 +438,4 @@ fn admit<M: Message<Clock = DroneClock> + Clone>(
     } else {
         *rejected = rejected.saturating_add(1);
     }
-}
-
-/// Odometry as a state of the model: tilt and rates about north and east.
-fn measured_state(drone: &DroneState) -> State {
-    let q = drone.attitude();
-    let (phi, theta) = tilt_of(&(q * -Vector3::z()), 0.0);
-    let w = q * Vector3::from(drone.rates);
-    let (p, v) = (drone.position, drone.velocity);
-    [
-        p[0],
-        p[1],
-        p[2],
-        phi,
-        theta,
-        drone.euler().z,
-        v[0],
-        v[1],
-        v[2],
-        w.x,
-        w.y,
-        w.z,
-    ]
 }

@@ -10,8 +10,10 @@
 //! the paper's cost `R` on the increments of the four rotors is the same cost on the increments of
 //! the four virtual inputs, and four small problems replace the large one exactly.
 
+use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use nalgebra::{SMatrix, SVector};
+use alight_shared::msg::{DeckStage, DroneState};
+use nalgebra::{SMatrix, SVector, Vector3};
 
 /// States of the full model, in the paper's order.
 pub const STATES: usize = 12;
@@ -171,11 +173,59 @@ pub fn discretise<const N: usize, const M: usize>(
     }
 }
 
+/// Tilt (phi, theta) about the axes of a frame turned by `heading` of a body whose upward axis is
+/// `up` in NED: `R = Ry(theta) Rx(phi)` takes the frame's -z there.
+pub fn tilt_of(up: &Vector3<f64>, heading: f64) -> (f64, f64) {
+    let (s, c) = heading.sin_cos();
+    let (x, y) = (c * up.x + s * up.y, -s * up.x + c * up.y);
+    (y.clamp(-1.0, 1.0).asin(), (-x).atan2(-up.z))
+}
+
+/// Upward axis in NED of a body with tilt `(phi, theta)` about north and east.
+pub fn up_of(phi: f64, theta: f64) -> Vector3<f64> {
+    let ((sp, cp), (st, ct)) = (phi.sin_cos(), theta.sin_cos());
+    Vector3::new(-st * cp, sp, -ct * cp)
+}
+
+/// Angular velocity of the deck in NED, rad/s.
+pub fn angular_velocity(d: &DeckStage) -> Vector3<f64> {
+    d.rotation() * body_rates(d.euler[0], d.euler[1], Vector3::from(d.euler_rates))
+}
+
+/// Height of the foot plane of a body at `p` with upward axis `up` over the deck plane, along the
+/// deck's normal, m.
+pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_below_m: f64) -> f64 {
+    let feet = p - up * feet_below_m;
+    (feet - Vector3::from(deck.position)).dot(&deck.normal())
+}
+
+/// Odometry as a state of the model: tilt and rates about north and east.
+pub fn measured_state(drone: &DroneState) -> State {
+    let q = drone.attitude();
+    let (phi, theta) = tilt_of(&(q * -Vector3::z()), 0.0);
+    let w = q * Vector3::from(drone.rates);
+    let (p, v) = (drone.position, drone.velocity);
+    [
+        p[0],
+        p[1],
+        p[2],
+        phi,
+        theta,
+        drone.euler().z,
+        v[0],
+        v[1],
+        v[2],
+        w.x,
+        w.y,
+        w.z,
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::{body_rates, euler_rates};
-    use nalgebra::{Rotation3, Vector3, Vector4};
+    use alight_shared::frames::euler_rates;
+    use nalgebra::{Rotation3, Vector4};
 
     fn drone() -> DroneGeometry {
         // Three different inertias, so that no exchange of axes goes unseen.
@@ -287,5 +337,14 @@ mod tests {
         for i in 0..12 {
             assert!((got[i] - x1[i]).abs() < 1e-12, "state {i}");
         }
+    }
+
+    #[test]
+    fn tilt_of_and_up_of_are_inverse() {
+        let (phi, theta) = tilt_of(&up_of(0.2, -0.3), 0.0);
+        assert!((phi - 0.2).abs() < 1e-12 && (theta + 0.3).abs() < 1e-12);
+        // Heading east, a tilt to the north is a roll to port.
+        let (phi, theta) = tilt_of(&up_of(0.0, -0.1), core::f64::consts::FRAC_PI_2);
+        assert!((phi + 0.1).abs() < 1e-12 && theta.abs() < 1e-12);
     }
 }

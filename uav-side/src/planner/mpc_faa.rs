@@ -36,6 +36,13 @@ pub struct Problem {
     pub ceiling: Vec<f64>,
 }
 
+impl Problem {
+    /// Weight of tilt at the first stage.
+    pub fn alignment(&self) -> f64 {
+        self.weight.first().map_or(0.0, |w| w[3])
+    }
+}
+
 /// What a solve found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Solution {

@@ -2,7 +2,7 @@
 //! down once and only numbers replaced at each solve.
 //!
 //! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, one slack `s_k` shared by the
-//! stage's state limits and measured in shares of each limit. Inputs and their increments are hard
+//! stage's state limits and measured in fractions of each limit. Inputs and their increments are hard
 //! limits, states soft with a linear and a quadratic cost of slack: 2.5 % of closed-loop problems
 //! have no solution with hard state limits (our measurement).
 
@@ -264,7 +264,7 @@ impl<const N: usize> SparseForm<N> {
 /// The chain's solver.
 pub struct ChainSolver<const N: usize> {
     form: SparseForm<N>,
-    /// None if Clarabel refused the structure, which a checked configuration cannot cause.
+    /// None if Clarabel rejected the structure, which a checked configuration cannot cause.
     solver: Option<DefaultSolver<f64>>,
 }
 

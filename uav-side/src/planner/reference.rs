@@ -1,27 +1,30 @@
 //! What the plan should follow in each mission state (Procházka et al. 2024, section IV): the
-//! predicted deck, with a height profile of the planner's own, and a carrot that brings far
-//! targets near at bearable speed.
+//! predicted deck with a height profile of the planner's own, and a reference governor that
+//! approaches far targets at bearable speed.
 
-use alight_shared::frames::{body_rates, wrap_angle};
+use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
+use alight_shared::msg::{DeckForecast, DeckStage, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{SVector, Vector2, Vector3};
 
-use super::config::{PlannerConfig, PlannerKind, Shaping};
+use super::config::{PlannerConfig, Shaping};
 use super::governor::{Pace, ReferenceGovernor};
-use super::model::State;
+use super::law::View;
+use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
 use super::mpc_faa::Problem;
 use super::qp::NO_CEILING;
-use super::weights::{FaaDistance, Weights};
+use crate::deck_height::{MeanDeckHeight, forecast_mean};
 
-/// A sink that is called off is braked by this, m/s².
+/// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
+/// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
+const HEIGHT_JUMP_M: f64 = 3.0;
 
-/// What the references amount to.
+/// The deck that the references are made for, and what they want of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reference {
-    /// The plan means to touch the deck.
+    /// The plan ends in contact with the deck.
     pub touch: bool,
     /// Clearance of the foot plane above the deck now, m; infinite when no deck is known.
     pub clearance_m: f64,
@@ -35,7 +38,7 @@ pub struct Reference {
     pub mean_z: f64,
 }
 
-/// Builds references; remembers its carrots and the deck's mean height.
+/// Builds references; remembers its governors and the deck's mean height.
 #[derive(Clone, Debug)]
 pub struct ReferenceGenerator {
     config: PlannerConfig,
@@ -44,39 +47,25 @@ pub struct ReferenceGenerator {
     horizontal: ReferenceGovernor<2>,
     vertical: ReferenceGovernor<1>,
     yaw: ReferenceGovernor<1>,
-    mean_height: Option<(Time<DroneClock>, f64)>,
-    /// Where to stay when the deck is not known but should be.
+    mean_height: MeanDeckHeight,
+    /// Where to stay when the deck is not known but should be: position and heading.
     frozen: Option<[f64; 4]>,
 }
 
-/// Tilt (phi, theta) about the axes of a frame turned by `heading` of a body whose upward axis is
-/// `up` in NED: `R = Ry(theta) Rx(phi)` takes the frame's -z there.
-pub fn tilt_of(up: &Vector3<f64>, heading: f64) -> (f64, f64) {
-    let (s, c) = heading.sin_cos();
-    let (x, y) = (c * up.x + s * up.y, -s * up.x + c * up.y);
-    (y.clamp(-1.0, 1.0).asin(), (-x).atan2(-up.z))
-}
-
-/// Upward axis in NED of a body with tilt `(phi, theta)` about north and east.
-pub fn up_of(phi: f64, theta: f64) -> Vector3<f64> {
-    let ((sp, cp), (st, ct)) = (phi.sin_cos(), theta.sin_cos());
-    Vector3::new(-st * cp, sp, -ct * cp)
-}
-
-/// Angular velocity of the deck in NED, rad/s.
-fn angular_velocity(d: &DeckStage) -> Vector3<f64> {
-    d.rotation() * body_rates(d.euler[0], d.euler[1], Vector3::from(d.euler_rates))
-}
-
-/// Height of the foot plane of a body at `p` with upward axis `up` over the deck plane, along the
-/// deck's normal, m.
-pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_below_m: f64) -> f64 {
-    let feet = p - up * feet_below_m;
-    (feet - Vector3::from(deck.position)).dot(&deck.normal())
+/// What the references of one plan are made from.
+struct Request<'a> {
+    now: Time<DroneClock>,
+    view: &'a View,
+    goal: Goal,
+    /// Position and heading of [`Goal::Hold`], m, rad.
+    hold: [f64; 4],
+    mean_z: Option<f64>,
+    start: State,
+    reference: &'a Reference,
 }
 
 impl ReferenceGenerator {
-    /// A guide without a past.
+    /// A generator without a past.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry) -> Self {
         ReferenceGenerator {
             config: config.clone(),
@@ -85,12 +74,12 @@ impl ReferenceGenerator {
             horizontal: ReferenceGovernor::default(),
             vertical: ReferenceGovernor::default(),
             yaw: ReferenceGovernor::default(),
-            mean_height: None,
+            mean_height: MeanDeckHeight::default(),
             frozen: None,
         }
     }
 
-    /// Forgets the carrots: the plan starts anew from the measured state.
+    /// Forgets the governors: the plan starts anew from the measured state.
     pub fn restart(&mut self) {
         self.horizontal = ReferenceGovernor::default();
         self.vertical = ReferenceGovernor::default();
@@ -100,50 +89,40 @@ impl ReferenceGenerator {
     /// Forgets also what was learnt of the deck's height: the frame itself has moved.
     pub fn forget(&mut self) {
         self.restart();
-        self.mean_height = None;
+        self.mean_height.forget();
     }
 
-    /// Follows the deck's mean height (first-order low pass of z).
+    /// Follows the deck's mean height.
     fn mean_height(&mut self, now: Time<DroneClock>, forecast: &DeckForecast, here: f64) -> f64 {
-        // Further off than any heave: the frame or the estimate moved, not the deck.
-        const JUMP_M: f64 = 3.0;
-        let mean = match self.mean_height {
-            Some((at, mean)) if (here - mean).abs() < JUMP_M => {
-                let dt = (now - at).secs().max(0.0);
-                mean + (here - mean) * (1.0 - (-dt / self.config.mean_height_s).exp())
+        match self.mean_height.value() {
+            Some(mean) if (here - mean).abs() < HEIGHT_JUMP_M => {
+                self.mean_height
+                    .follow(now, here, self.config.mean_height_s, f64::INFINITY)
             }
-            Some(_) | None => {
-                let n = forecast.stages.len().max(1) as f64;
-                forecast.stages.iter().map(|s| s.position[2]).sum::<f64>() / n
-            }
-        };
-        self.mean_height = Some((now, mean));
-        mean
+            Some(_) | None => self
+                .mean_height
+                .begin(now, forecast_mean(forecast).unwrap_or(0.0)),
+        }
     }
 
     /// Writes references and weights of the stages at `now + k step` into `problem`, whose `state`
     /// is where the plan starts.
-    pub fn reference(
+    pub fn write(
         &mut self,
         now: Time<DroneClock>,
-        mission: &MissionState,
-        forecast: Option<&DeckForecast>,
-        stages: usize,
-        step_s: f64,
+        view: &View,
         problem: &mut Problem,
         reference: &mut Reference,
     ) {
-        let start = problem.state;
+        let (stages, step_s, start) = (self.config.stages, self.config.step_s, problem.state);
+        let mission = &view.mission;
         reference.minimum_altitude_m = mission.minimum_altitude_m;
         reference.deck.clear();
-        let mean_z = forecast.and_then(|f| {
+        let mean_z = view.forecast.as_ref().and_then(|f| {
             sample_deck(now, f, stages, step_s, &mut reference.deck);
-            reference.deck.first().map(|d| d.position[2])
+            let here = reference.deck.first()?.position[2];
+            Some(self.mean_height(now, f, here))
         });
-        let mean_z = match (forecast, mean_z) {
-            (Some(f), Some(here)) => Some(self.mean_height(now, f, here)),
-            _ => None,
-        };
         reference.mean_z = mean_z.unwrap_or(0.0);
         let (p, up) = (
             Vector3::new(start[0], start[1], start[2]),
@@ -156,12 +135,15 @@ impl ReferenceGenerator {
             .map_or(f64::INFINITY, |d| clearance(&p, &up, d, feet));
 
         // Which mission state wants the deck, and how.
-        let goal = match mission.state {
-            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => Goal::Hold,
-            Mode::Approach => Goal::Above,
-            Mode::Tracking | Mode::TrackingStable => Goal::Above,
-            Mode::Descent => Goal::Sink,
-            Mode::Flare => Goal::Touch,
+        let c = &self.config;
+        let (goal, weights) = match mission.state {
+            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Hold | Mode::GaveUp => {
+                (Goal::Hold, c.navigation)
+            }
+            Mode::Approach => (Goal::Above, c.navigation),
+            Mode::Tracking | Mode::TrackingStable => (Goal::Above, c.follow),
+            Mode::Descent => (Goal::Sink, c.landing),
+            Mode::Flare => (Goal::Touch, c.landing),
         };
         let (goal, hold) = match (goal, mean_z) {
             (Goal::Hold, _) => {
@@ -181,47 +163,34 @@ impl ReferenceGenerator {
         };
         reference.touch = matches!(goal, Goal::Touch);
 
-        let weights = match mission.state {
-            Mode::Idle | Mode::Landed | Mode::GetAltitude | Mode::Approach | Mode::Hold | Mode::GaveUp => {
-                &self.config.navigation
-            }
-            Mode::Tracking | Mode::TrackingStable => &self.config.follow,
-            Mode::Descent | Mode::Flare => &self.config.landing,
-        };
-        let weights: Weights = *weights;
-
         problem.reference.clear();
         problem.weight.clear();
         problem.reference.resize(stages, [0.0; 12]);
         problem.weight.resize(stages, weights.diagonal());
-        self.horizontal_and_tilt(now, goal, &hold, stages, step_s, &start, reference, problem);
-        self.height(
-            now, goal, &hold, mission, mean_z, stages, step_s, &start, reference, problem,
-        );
-        self.heading(
-            now, goal, &hold, mission, forecast, stages, step_s, &start, reference, problem,
-        );
-        self.keep_dry(reference, problem);
-        self.align(reference, problem);
-        reference.alignment = problem.weight.first().map_or(0.0, |w| w[3]);
+        let request = Request {
+            now,
+            view,
+            goal,
+            hold,
+            mean_z,
+            start,
+            reference,
+        };
+        self.horizontal_and_tilt(&request, problem);
+        self.height(&request, problem);
+        self.heading(&request, problem);
+        self.keep_above_water(reference, problem);
+        reference.alignment = problem.alignment();
     }
 
-    fn horizontal_and_tilt(
-        &mut self,
-        now: Time<DroneClock>,
-        goal: Goal,
-        hold: &[f64; 4],
-        stages: usize,
-        step_s: f64,
-        start: &State,
-        reference: &Reference,
-        problem: &mut Problem,
-    ) {
+    fn horizontal_and_tilt(&mut self, q: &Request<'_>, problem: &mut Problem) {
         let feet = self.drone.feet_below_m;
         // Position and velocity of the target at stage k (0 = now), and tilt with its rate.
         let target = |k: usize| -> (Vector2<f64>, Vector2<f64>, [f64; 4]) {
-            match (goal, reference.deck.get(k)) {
-                (Goal::Hold, _) | (_, None) => (Vector2::new(hold[0], hold[1]), Vector2::zeros(), [0.0; 4]),
+            match (q.goal, q.reference.deck.get(k)) {
+                (Goal::Hold, _) | (_, None) => {
+                    (Vector2::new(q.hold[0], q.hold[1]), Vector2::zeros(), [0.0; 4])
+                }
                 (Goal::Above | Goal::Sink, Some(d)) => (
                     Vector2::new(d.position[0], d.position[1]),
                     Vector2::new(d.velocity[0], d.velocity[1]),
@@ -248,20 +217,19 @@ impl ReferenceGenerator {
         };
         let (p0, v0, _) = target(0);
         self.horizontal.update(
-            now,
-            goal.follows_deck(),
+            q.now,
+            q.goal.follows_deck(),
             &p0,
             &v0,
-            &Vector2::new(start[0], start[1]),
-            &Vector2::new(start[6], start[7]),
+            &Vector2::new(q.start[0], q.start[1]),
+            &Vector2::new(q.start[6], q.start[7]),
             &pace,
             [0.5, 3.0],
         );
         let mut governor = self.horizontal.gap;
-        for k in 0..stages {
-            governor.advance(step_s, &pace);
+        for (k, r) in problem.reference.iter_mut().enumerate() {
+            governor.advance(self.config.step_s, &pace);
             let (p, v, tilt) = target(k + 1);
-            let r = &mut problem.reference[k];
             for i in 0..2 {
                 r[i] = p[i] + governor.offset[i];
                 r[6 + i] = v[i] + governor.rate[i];
@@ -271,31 +239,20 @@ impl ReferenceGenerator {
         }
     }
 
-    fn height(
-        &mut self,
-        now: Time<DroneClock>,
-        goal: Goal,
-        hold: &[f64; 4],
-        mission: &MissionState,
-        mean_z: Option<f64>,
-        stages: usize,
-        step_s: f64,
-        start: &State,
-        reference: &Reference,
-        problem: &mut Problem,
-    ) {
-        let feet = self.drone.feet_below_m;
-        match goal {
+    fn height(&mut self, q: &Request<'_>, problem: &mut Problem) {
+        let (feet, step_s) = (self.drone.feet_below_m, self.config.step_s);
+        let mission = &q.view.mission;
+        match q.goal {
             Goal::Hold | Goal::Above => {
-                let z = match (goal, mean_z) {
+                let z = match (q.goal, q.mean_z) {
                     (Goal::Above, Some(mean)) => mean - mission.height_m,
-                    _ => hold[2],
+                    _ => q.hold[2],
                 };
                 let z = z.min(-mission.minimum_altitude_m);
                 let s = self.config.shaping;
-                // A person may call a descent off at any height over a deck that comes up: the sink is
+                // A person may abort a descent at any height over a deck that comes up: the sink is
                 // braked as hard as a descent brakes, only the climb is gentle.
-                let sinks = matches!(goal, Goal::Hold) && start[8] > 0.3 && start[2] > z - 1.0;
+                let sinks = matches!(q.goal, Goal::Hold) && q.start[8] > 0.3 && q.start[2] > z - 1.0;
                 let pace = Pace {
                     speed: s.vertical_mps,
                     acceleration: if sinks {
@@ -306,12 +263,12 @@ impl ReferenceGenerator {
                     settle_s: s.settle_s,
                 };
                 self.vertical.update(
-                    now,
+                    q.now,
                     true,
                     &SVector::from([z]),
                     &SVector::zeros(),
-                    &SVector::from([start[2]]),
-                    &SVector::from([start[8]]),
+                    &SVector::from([q.start[2]]),
+                    &SVector::from([q.start[8]]),
                     &pace,
                     [0.3, 1.5],
                 );
@@ -326,7 +283,7 @@ impl ReferenceGenerator {
                 // Constant speed relative to the predicted deck, from the clearance there is now.
                 self.vertical = ReferenceGovernor::default();
                 let contact_z = |k: usize| {
-                    reference.deck.get(k).map(|d| match goal {
+                    q.reference.deck.get(k).map(|d| match q.goal {
                         Goal::Touch => {
                             let n = d.normal();
                             let turn = angular_velocity(d).cross(&n) * feet;
@@ -335,14 +292,13 @@ impl ReferenceGenerator {
                         Goal::Sink | Goal::Hold | Goal::Above => (d.position[2] - feet, d.velocity[2]),
                     })
                 };
-                let start_at = contact_z(0).map_or(0.0, |(z, _)| z - start[2]);
+                let start_at = contact_z(0).map_or(0.0, |(z, _)| z - q.start[2]);
                 let profile = Profile::new(start_at, mission.descent_mps, self.config.press_m);
-                for k in 0..stages {
+                for (k, r) in problem.reference.iter_mut().enumerate() {
                     let Some((z, vz)) = contact_z(k + 1) else {
                         continue;
                     };
                     let (clearance, sinking) = profile.at(step_s * (k as f64 + 1.0));
-                    let r = &mut problem.reference[k];
                     r[2] = z - clearance;
                     r[8] = vz + sinking;
                 }
@@ -350,29 +306,17 @@ impl ReferenceGenerator {
         }
     }
 
-    fn heading(
-        &mut self,
-        now: Time<DroneClock>,
-        goal: Goal,
-        hold: &[f64; 4],
-        mission: &MissionState,
-        forecast: Option<&DeckForecast>,
-        stages: usize,
-        step_s: f64,
-        start: &State,
-        reference: &Reference,
-        problem: &mut Problem,
-    ) {
-        let mean = forecast.map_or(hold[3], |f| f.mean_heading);
-        let far = reference
-            .deck
+    fn heading(&mut self, q: &Request<'_>, problem: &mut Problem) {
+        let mean = q.view.forecast.as_ref().map_or(q.hold[3], |f| f.mean_heading);
+        let deck = &q.reference.deck;
+        let far = deck
             .first()
-            .map(|d| Vector2::new(d.position[0] - start[0], d.position[1] - start[1]));
+            .map(|d| Vector2::new(d.position[0] - q.start[0], d.position[1] - q.start[1]));
         // Heading and its rate at stage k.
-        let target = |k: usize| match (goal, reference.deck.get(k)) {
-            (Goal::Hold, _) | (_, None) => (hold[3], 0.0),
+        let target = |k: usize| match (q.goal, deck.get(k)) {
+            (Goal::Hold, _) | (_, None) => (q.hold[3], 0.0),
             (Goal::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),
-            (Goal::Above | Goal::Sink, Some(_)) => match (mission.state, far) {
+            (Goal::Above | Goal::Sink, Some(_)) => match (q.view.mission.state, far) {
                 (Mode::Approach, Some(far)) if far.norm() > self.config.heading_from_m => {
                     (far.y.atan2(far.x), 0.0)
                 }
@@ -392,59 +336,28 @@ impl ReferenceGenerator {
         };
         let (psi, rate) = target(0);
         // The target nearest to the plan's own heading: the shortest way round.
-        let near = |a: f64| start[5] + wrap_angle(a - start[5]);
+        let first = q.start[5] + wrap_angle(psi - q.start[5]);
         self.yaw.update(
-            now,
+            q.now,
             true,
-            &SVector::from([near(psi)]),
+            &SVector::from([first]),
             &SVector::from([rate]),
-            &SVector::from([start[5]]),
-            &SVector::from([start[11]]),
+            &SVector::from([q.start[5]]),
+            &SVector::from([q.start[11]]),
             &pace,
             [0.1, 0.6],
         );
         let mut governor = self.yaw.gap;
-        let first = near(psi);
-        for k in 0..stages {
-            governor.advance(step_s, &pace);
+        for (k, r) in problem.reference.iter_mut().enumerate() {
+            governor.advance(self.config.step_s, &pace);
             let (psi_k, rate) = target(k + 1);
-            let r = &mut problem.reference[k];
             r[5] = first + wrap_angle(psi_k - psi) + governor.offset[0];
             r[11] = rate + governor.rate[0];
         }
     }
 
-    /// FAA: the weights grow with the clearance of the foot plane (Table 4). Only the flare has the
-    /// deck's attitude as reference, so only there does aligning make sense.
-    fn align(&self, reference: &Reference, problem: &mut Problem) {
-        let wanted = match self.config.kind {
-            PlannerKind::MpcFaa => reference.touch,
-            // The rendezvous has weights of its own.
-            PlannerKind::Mpc
-            | PlannerKind::Alight
-            | PlannerKind::MpcNe
-            | PlannerKind::WaitCalm
-            | PlannerKind::PrecisionLand
-            | PlannerKind::GnssRadio => false,
-        };
-        if !wanted {
-            return;
-        }
-        let feet = self.drone.feet_below_m;
-        for (k, (weight, r)) in problem.weight.iter_mut().zip(&problem.reference).enumerate() {
-            let d = match (self.config.faa.distance, reference.deck.get(k + 1)) {
-                (FaaDistance::Current, _) | (FaaDistance::PerStage, None) => reference.clearance_m,
-                (FaaDistance::PerStage, Some(deck)) => {
-                    let p = Vector3::new(r[0], r[1], r[2]);
-                    clearance(&p, &deck.normal(), deck, feet)
-                }
-            };
-            *weight = self.config.faa.apply(weight, d);
-        }
-    }
-
     /// No reference below the minimum altitude where it is not over the deck.
-    pub(super) fn keep_dry(&self, reference: &Reference, problem: &mut Problem) {
+    pub(super) fn keep_above_water(&self, reference: &Reference, problem: &mut Problem) {
         for (k, r) in problem.reference.iter_mut().enumerate() {
             let ceiling = self.ceiling(reference, k, r[0], r[1]);
             if r[2] > ceiling {
@@ -579,14 +492,5 @@ mod tests {
         let later = Profile::new(p.at(2.4).0, 0.5, 0.3);
         assert!((later.at(0.3).0 - p.at(2.7).0).abs() < 1e-9);
         assert!(Profile::new(-5.0, 0.5, 0.0).at(1.0).0.is_finite());
-    }
-
-    #[test]
-    fn tilt_of_and_up_of_are_inverse() {
-        let (phi, theta) = tilt_of(&up_of(0.2, -0.3), 0.0);
-        assert!((phi - 0.2).abs() < 1e-12 && (theta + 0.3).abs() < 1e-12);
-        // Heading east, a tilt to the north is a roll to port.
-        let (phi, theta) = tilt_of(&up_of(0.0, -0.1), core::f64::consts::FRAC_PI_2);
-        assert!((phi + 0.1).abs() < 1e-12 && theta.abs() < 1e-12);
     }
 }

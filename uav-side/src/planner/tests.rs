@@ -1,4 +1,4 @@
-//! The planner in a closed loop, its solver against the naive dense one, and bad input.
+//! The planner in a closed loop, its solver against a dense one, and bad input.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{AutopilotState, Header, State as Mode};
@@ -17,6 +17,11 @@ pub(super) mod approach;
 mod naive;
 
 use approach::{ABOVE, Approach, MODERATE, Sea, naive_data};
+
+/// The paper's planner without attitude alignment.
+#[derive(Debug)]
+struct Plain;
+impl Law for Plain {}
 
 fn config(kind: PlannerKind) -> PlannerConfig {
     PlannerConfig {
@@ -52,8 +57,15 @@ fn mpc_aligns_at_touchdown_with_faa_and_not_without() {
                 }
             })
             .expect("touches");
+        let plain = Planner::with_law(
+            Box::new(Plain),
+            &config(PlannerKind::MpcFaa),
+            &DroneGeometry::default(),
+            &DeckGeometry::default(),
+            1,
+        );
         let without = Approach::new(sea, ABOVE, 4.0)
-            .land(&config(PlannerKind::Mpc), |_, _| {})
+            .land_with(plain, |_, _| {})
             .expect("touches");
         assert!(
             with.time_s < 15.0 && without.time_s < 15.0,
@@ -310,7 +322,7 @@ fn planner_reaches_a_far_target_within_its_limits() {
     assert!(overshoot.abs() < 0.05 && b.drone.velocity().norm() < 0.05);
     // The short way round from 0 to 3 rad is through 1.5, and it gets there.
     assert!((wrap_angle(b.drone.euler().z - 3.0)).abs() < 0.02);
-    assert_eq!(b.planner.counters().resets, 1);
+    assert_eq!(b.planner.resets, 1);
 }
 
 #[test]
@@ -363,7 +375,7 @@ fn planner_does_not_follow_heave_while_tracking() {
 
 #[test]
 fn planner_keeps_the_minimum_altitude_outside_the_deck() {
-    // Told to land while 6 m beside the deck: it may come down only as far as the water allows.
+    // Commanded to land 6 m off the deck: it may descend only to the minimum altitude over the water.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
     let mut lowest = f64::MAX;
     for _ in 0..100 {
@@ -399,7 +411,7 @@ fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
     for _ in 0..50 {
         b.tick(hold([0.0, 0.0, -10.0]), None);
     }
-    assert_eq!(b.planner.counters().resets, 1);
+    assert_eq!(b.planner.resets, 1);
     // Pushed aside by 2 m.
     b.plan = None;
     b.drone.position = [2.0, 0.0, -10.0];
@@ -407,7 +419,7 @@ fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
         .find_map(|_| b.tick(hold([0.0, 0.0, -10.0]), None))
         .expect("plans");
     assert!((plan.stages[0].position[0] - 2.0).abs() < 1e-9);
-    assert_eq!(b.planner.counters().resets, 2);
+    assert_eq!(b.planner.resets, 2);
     // Half a metre is the tracker's business.
     b.plan = None;
     b.drone.position[0] = plan.stages[1].position[0] + 0.5;
@@ -424,11 +436,11 @@ fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
         b.planner.step(b.now(), &input);
         b.tick += 1;
     }
-    let before = b.planner.counters().resets;
+    let before = b.planner.resets;
     for _ in 0..10 {
         b.tick(hold([0.0, 0.0, -10.0]), None);
     }
-    assert_eq!(b.planner.counters().resets, before + 1);
+    assert_eq!(b.planner.resets, before + 1);
 }
 
 #[test]
@@ -492,7 +504,7 @@ fn planner_counts_and_ignores_messages_out_of_order() {
             ..PlannerIn::default()
         };
         b.planner.step(now, &input);
-        assert_eq!(b.planner.counters().rejected, k as u32 + 1);
+        assert_eq!(b.planner.rejected, k as u32 + 1);
     }
     for _ in 0..100 {
         b.tick(hold([0.0, 0.0, -10.0]), None);

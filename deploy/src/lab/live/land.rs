@@ -282,7 +282,7 @@ impl LandingSetup {
             epoch_ns,
             seed: args.seed,
             sea: scene.sea.clone(),
-            planner: scene.nodes.drone.planner.kind.name().into(),
+            planner: scene.nodes.bench_planner().name().into(),
             follow_s: args.follow,
             truth: args.record.is_some(),
             plot: args.plot.clone(),

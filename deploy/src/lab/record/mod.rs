@@ -8,6 +8,7 @@ use std::path::Path;
 use alight_bridge::{BridgeIn, BridgeOut};
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::time::{DroneClock, Time, TrueTime, VesselClock};
+use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::Tap;
@@ -16,17 +17,39 @@ use alight_sim::harness::world::{BOOT, DRONE_ID, VESSEL_ID};
 use alight_sim::physics::body::RigidState;
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
+use alight_uav::planner::law::Law;
 use alight_uav::planner::{PlannerIn, PlannerOut};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_uav::settings::DroneSettings;
 use alight_usv::{VesselIn, VesselOut};
+use serde::{Deserialize, Serialize};
 
 use crate::config::DroneFile;
 use crate::exit::CliError;
+use crate::record::reading::Recording;
 use crate::record::{DRONE_FILE, NODES, Recorder, VESSEL_FILE};
 use truth::TruthViews;
 
 /// Boot ids of the nodes in lock-step.
 pub const LOCK_STEP_BOOTS: [u32; NODES.len()] = [BOOT; NODES.len()];
+
+/// Name of the attached baseline, if one flew in place of the drone's planner.
+const BASELINE_FILE: &str = "baseline.toml";
+
+/// What is attached as [`BASELINE_FILE`].
+#[derive(Serialize, Deserialize)]
+struct BaselineFile {
+    baseline: Option<Baseline>,
+}
+
+/// The law of a recorded baseline.
+pub fn law(recording: &Recording, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError> {
+    // A recording of a live flight has none.
+    let text = recording.text(BASELINE_FILE).unwrap_or_default();
+    let BaselineFile { baseline } =
+        toml::from_str(&text).map_err(|e| CliError::because(format!("reading {BASELINE_FILE}"), e))?;
+    Ok(baseline.map(|b| b.law(&drone.planner, &drone.airframe)))
+}
 
 /// What is recorded.
 #[derive(Clone, Copy)]
@@ -72,7 +95,10 @@ impl FlightRecorder {
         let doing = |e: toml::ser::Error| CliError::because(format!("recording to {}", path.display()), e);
         let drone = DroneFile {
             bridge: subject.nodes.bridge.clone(),
-            drone: subject.nodes.drone.clone(),
+            drone: subject.nodes.settings(),
+        };
+        let baseline = BaselineFile {
+            baseline: subject.nodes.baseline,
         };
         let texts = [
             (
@@ -80,6 +106,7 @@ impl FlightRecorder {
                 toml::to_string(&subject.nodes.vessel).map_err(doing)?,
             ),
             (DRONE_FILE, toml::to_string(&drone).map_err(doing)?),
+            (BASELINE_FILE, toml::to_string(&baseline).map_err(doing)?),
             ("scenario.toml", toml::to_string(subject.scenario).map_err(doing)?),
         ];
         let values = [

@@ -1,6 +1,7 @@
 //! What `alight` is made of, each ingredient switched off in turn by the configuration.
 
 use alight_shared::config::{Check, Keys};
+use alight_sim::baselines::BenchPlanner;
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_uav::pilot::config::Output;
 use alight_uav::planner::PlannerKind;
@@ -84,7 +85,7 @@ const INGREDIENTS: [(&str, Change); 16] = [
 
 /// `alight` whole, then without each ingredient. Refused when the base leaves no room for a switch.
 pub fn planners(base: &NodeConfigs) -> Result<Vec<PlannerVariant>, String> {
-    let kind = PlannerKind::Alight;
+    let kind = BenchPlanner::Flight(PlannerKind::Alight);
     let mut all = vec![PlannerVariant::from(kind)];
     for (name, change) in INGREDIENTS {
         let flown = PlannerVariant {

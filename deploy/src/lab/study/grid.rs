@@ -6,7 +6,6 @@ use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::deck_motion::rocking::RockingConfig;
 use alight_sim::physics::sea::{SeaConfig, SeaKind};
 use alight_sim::physics::vessel::Course;
-use alight_uav::planner::PlannerKind;
 use serde::Serialize;
 
 use super::ablation;
@@ -84,13 +83,7 @@ pub fn published(scenario: &str, planner: &str) -> Option<Published> {
     core::iter::once(&TABLE1)
         .chain(&TABLE2)
         .find(|(name, ..)| *name == scenario)
-        .map(|(_, faa, ne)| {
-            Published::of(if planner == PlannerKind::MpcNe.name() {
-                *ne
-            } else {
-                *faa
-            })
-        })
+        .map(|(_, faa, ne)| Published::of(if planner == "mpc-ne" { *ne } else { *faa }))
 }
 
 /// The rows of `study` with the scene's settings as the base.

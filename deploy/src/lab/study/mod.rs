@@ -12,6 +12,7 @@ pub mod run;
 mod search;
 mod variant;
 
+use alight_sim::baselines::{Baseline, BenchPlanner};
 use alight_sim::physics::vessel::VesselConfig;
 use alight_sim::studies::rao::{self, RaoConfig};
 use alight_uav::planner::PlannerKind;
@@ -62,9 +63,12 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
 }
 
 fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerVariant> {
-    let kinds: Vec<PlannerKind> = match (&args.planners[..], args.name) {
-        ([], Study::Faa) => vec![PlannerKind::MpcFaa, PlannerKind::Mpc],
-        ([], _) => vec![base.nodes.drone.planner.kind],
+    let kinds: Vec<BenchPlanner> = match (&args.planners[..], args.name) {
+        ([], Study::Faa) => vec![
+            BenchPlanner::Flight(PlannerKind::MpcFaa),
+            BenchPlanner::Baseline(Baseline::Mpc),
+        ],
+        ([], _) => vec![base.nodes.bench_planner()],
         (given, _) => given.iter().map(|p| p.kind()).collect(),
     };
     let mut variants: Vec<PlannerVariant> = Vec::new();

@@ -154,7 +154,7 @@ fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<
             drone: nodes.drone,
         };
         let mut plain = DroneFile::default();
-        plain.drone.planner.kind = f.kind;
+        plain.drone.planner.kind = file.drone.planner.kind;
         if file != plain {
             files.push((drone, toml::to_string(&file).map_err(|e| because(&e))?));
         }

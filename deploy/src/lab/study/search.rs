@@ -5,14 +5,13 @@
 use std::fmt;
 
 use alight_shared::config::{Check, Keys};
+use alight_sim::baselines::Baseline;
+use alight_sim::baselines::config::MpcNeConfig;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
-use alight_uav::planner::PlannerKind;
-use alight_uav::planner::baselines::mpc_ne::MpcNeConfig;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::config::DroneFile;
 use crate::exit::CliError;
 use crate::lab::args::{Planner, StudyArgs};
 use crate::lab::report::document::write_files;
@@ -124,8 +123,7 @@ struct SearchGrid<'a> {
 impl SearchGrid<'_> {
     fn fly(&self, c: &MpcNeConfig, seeds: &[u64]) -> Result<Vec<Outcome>, CliError> {
         let mut nodes = self.base.nodes.clone();
-        nodes.drone.planner.kind = PlannerKind::MpcNe;
-        nodes.drone.planner.baselines.mpc_ne = *c;
+        nodes.baseline = Some(Baseline::MpcNe(*c));
         let work: Vec<(&(&str, SeaConfig), u64)> = seeds
             .iter()
             .flat_map(|s| self.seas.iter().map(move |sea| (sea, *s)))
@@ -193,7 +191,7 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             s.speed_mps,
         ));
     };
-    let mut best = base.nodes.drone.planner.baselines.mpc_ne;
+    let mut best = MpcNeConfig::default();
     let mut flown = grid.score(&best, None)?.unwrap_or_default();
     record("as configured", &Score::of(&flown));
     for factor in FACTORS {
@@ -224,23 +222,20 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
         format_args!("best:\n{}", toml(toml::to_string(&best))?),
     );
     if let Some(out) = &args.out {
-        let mut drone = base.nodes.drone.clone();
-        drone.planner.baselines.mpc_ne = best;
-        let file = DroneFile {
-            bridge: base.nodes.bridge.clone(),
-            drone,
-        };
         let log = log
             .into_inner()
             .map_err(|e| CliError::because("writing search.csv", e))?;
         let log = String::from_utf8_lossy(&log).into_owned();
         write_files(
             out,
-            &[("search.csv", log), ("drone.toml", toml(toml::to_string(&file))?)],
+            &[
+                ("search.csv", log),
+                ("mpc-ne.toml", toml(toml::to_string(&best))?),
+            ],
         )?;
     }
     let mut value = json!(Score::of(&flown));
-    value["planner"] = PlannerKind::MpcNe.name().into();
+    value["planner"] = Baseline::MpcNe(best).name().into();
     value["configuration"] = json!(best);
     Ok(value)
 }

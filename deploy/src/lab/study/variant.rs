@@ -1,10 +1,7 @@
 //! What is compared within a study: planners, or one planner with something left out.
 
+use alight_sim::baselines::BenchPlanner;
 use alight_sim::harness::scenario::NodeConfigs;
-use alight_uav::planner::PlannerKind;
-use clap::ValueEnum;
-
-use crate::lab::args::Planner;
 
 /// A change of the nodes' configurations.
 pub type Change = fn(&mut NodeConfigs);
@@ -15,7 +12,7 @@ pub struct PlannerVariant {
     /// Its name in tables and rows.
     pub name: String,
     /// The planner.
-    pub kind: PlannerKind,
+    pub kind: BenchPlanner,
     /// What is different from the shipped configuration.
     pub change: Option<Change>,
 }
@@ -23,12 +20,7 @@ pub struct PlannerVariant {
 impl PlannerVariant {
     /// Of a row that was flown elsewhere: by the planner's name, or by that before a comma.
     pub fn named(name: &str) -> Self {
-        let kind = name.split(',').next().and_then(|first| {
-            Planner::value_variants()
-                .iter()
-                .map(|p| p.kind())
-                .find(|k| k.name() == first)
-        });
+        let kind = name.split(',').next().and_then(BenchPlanner::named);
         PlannerVariant {
             name: name.into(),
             kind: kind.unwrap_or_default(),
@@ -38,7 +30,7 @@ impl PlannerVariant {
     /// The nodes that it needs, from those of a row.
     pub fn nodes(&self, row: &NodeConfigs) -> NodeConfigs {
         let mut nodes = row.clone();
-        nodes.drone.planner.kind = self.kind;
+        nodes.select(self.kind);
         if let Some(change) = self.change {
             change(&mut nodes);
         }
@@ -46,8 +38,8 @@ impl PlannerVariant {
     }
 }
 
-impl From<PlannerKind> for PlannerVariant {
-    fn from(kind: PlannerKind) -> Self {
+impl From<BenchPlanner> for PlannerVariant {
+    fn from(kind: BenchPlanner) -> Self {
         PlannerVariant {
             name: kind.name().into(),
             kind,

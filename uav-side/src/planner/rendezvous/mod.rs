@@ -15,37 +15,39 @@
 pub mod config;
 pub mod profile;
 pub mod touchdown_time;
-pub mod wind;
 
-use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
+use alight_shared::msg::{DeckForecast, DeckStage, DroneState, MissionState, Phase, State as Mode};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Vector2, Vector3};
 
-use super::model::State;
+use super::config::PlannerConfig;
+use super::law::{LandingStart, Law, View};
+use super::model::{State, angular_velocity};
 use super::mpc_faa::Problem;
-use super::reference::Reference;
+use super::reference::{Reference, ReferenceGenerator};
 use super::weights::FaaDistance;
-use config::{RendezvousConfig, TouchdownTimeConfig};
+use crate::odometry::wind::WindObserver;
+use config::{RendezvousConfig, TouchdownTimeConfig, WindConfig};
 use profile::{Height, Profile};
 use touchdown_time::{TouchdownTime, aligned_acceleration};
-use wind::Wind;
 
 /// The deck's plane is followed this far from its centre, m: half the way across the default deck, and
 /// a little.
 const MAX_LATERAL_OFFSET_M: f64 = 1.0;
 
-/// Writes the references and weights of a landing.
+/// The law of `alight`: references and weights of a landing, and the wind that they allow for.
 #[derive(Clone, Debug)]
 pub struct Rendezvous {
     config: RendezvousConfig,
+    step_s: f64,
     profile: Profile,
     touchdown_time: TouchdownTime,
+    wind: WindObserver,
     feet: f64,
 }
 
-/// Height of the whole way, and where it is.
+/// The whole way down.
 #[derive(Clone, Copy, Debug)]
 struct Way {
     /// Time to contact now, s; infinite when no contact is permitted.
@@ -54,142 +56,140 @@ struct Way {
     ceiling: f64,
     /// Not lower than this while no contact is permitted, m.
     floor: f64,
+    /// Where the feet meet the deck, from its centre, NED, m.
+    lateral_offset: Vector2<f64>,
+    /// Mean height of the deck, NED z, m.
+    mean_z: f64,
+    /// The wind that the drone is blown along with, m/s².
+    wind: Vector2<f64>,
+}
+
+impl Law for Rendezvous {
+    /// Learns the wind, unless the drone is near enough to the deck to touch it.
+    fn observe(&mut self, drone: Option<&DroneState>, _forecast: Option<&DeckForecast>, last: &Reference) {
+        let c = &self.config.wind;
+        let near = last.touch && last.clearance_m < c.free_m;
+        if let Some(d) = drone {
+            self.wind.update(d, !near, c.time_s, c.limit_mps2);
+        }
+    }
+    fn wind(&self) -> Vector2<f64> {
+        self.wind.value()
+    }
+    fn landing_start(&self) -> LandingStart {
+        LandingStart {
+            measured: self.config.start_from_measured,
+            not_behind: true,
+        }
+    }
+    fn refine(
+        &mut self,
+        now: Time<DroneClock>,
+        view: &View,
+        generator: &ReferenceGenerator,
+        problem: &mut Problem,
+        reference: &mut Reference,
+    ) -> Option<f64> {
+        let lands = view.mission.state.phase() == Phase::Landing;
+        let Some(forecast) = view.forecast.as_ref().filter(|_| lands) else {
+            self.touchdown_time.forget();
+            return None;
+        };
+        let left = self.write_references(now, &view.mission, forecast, problem, reference);
+        reference.touch = left.is_some();
+        reference.alignment = problem.alignment();
+        generator.keep_above_water(reference, problem);
+        left
+    }
+    fn attitude(&self, state: &State, vertical: f64) -> (f64, f64, f64) {
+        if self.config.true_tilt {
+            return true_tilt(state, vertical, &self.wind());
+        }
+        let wind = self.wind() / GRAVITY;
+        (state[3] - wind.y, state[4] + wind.x, 1.0)
+    }
 }
 
 impl Rendezvous {
-    /// A planner without a choice yet.
-    pub fn new(config: &RendezvousConfig, drone: &DroneGeometry) -> Self {
+    /// A law without a choice yet.
+    pub fn new(config: &PlannerConfig, drone: &DroneGeometry) -> Self {
         Rendezvous {
-            config: *config,
-            profile: Profile::new(&config.profile),
+            config: config.rendezvous,
+            step_s: config.step_s,
+            profile: Profile::new(&config.rendezvous.profile),
             touchdown_time: TouchdownTime::default(),
+            wind: WindObserver::default(),
             feet: drone.feet_below_m,
         }
     }
-    /// Forgets the chosen instant.
-    pub fn forget(&mut self) {
-        self.touchdown_time.forget();
-    }
-    /// Whether it writes the references of this mission state.
-    pub fn lands(mode: Mode) -> bool {
-        match mode {
-            Mode::Descent | Mode::Flare => true,
-            Mode::Idle
-            | Mode::GetAltitude
-            | Mode::Approach
-            | Mode::Tracking
-            | Mode::TrackingStable
-            | Mode::Landed
-            | Mode::Hold
-            | Mode::GaveUp => false,
-        }
-    }
 
-    /// Replaces the guide's references and weights of place, tilt and height. `reference.deck` must hold
-    /// the deck now and at each stage; gives the time to contact (s), if one is meant.
-    pub fn write_references(
+    /// Replaces references and weights of place, tilt and height; gives the time to contact (s), if one is planned.
+    fn write_references(
         &mut self,
         now: Time<DroneClock>,
         mission: &MissionState,
         forecast: &DeckForecast,
-        step_s: f64,
-        wind: &Vector2<f64>,
         problem: &mut Problem,
         reference: &Reference,
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
-        let wind = &Wind::carried(wind, &self.config.wind);
-        // Steep decks are met beside their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
+        let wind = carried(&self.wind.value(), &self.config.wind);
+        // Steep decks are met off their centre: a drone 0.3 m down a slope of 20 deg has 0.1 m less
         // below it than the centre says, and would stay above the deck that much longer.
         let lateral_offset = self.lateral_offset(&start, here);
         let contact = self.contact_z(here, &lateral_offset);
+        let mean_z = reference.mean_z;
         // Height over the surface that the profile follows at this height.
-        let over = |fraction: f64| {
-            reference.mean_z + fraction * (here.position[2] - reference.mean_z) + (contact - here.position[2])
-        };
-        let clearance = {
-            let first = contact - start[2];
-            let fraction = self.fraction(first);
-            over(fraction) - start[2]
-        };
-        let permitted = mission.descent_mps > 0.0;
-        let way = if permitted {
-            let min_time = self
-                .profile
-                .min_time(clearance, start[8] - here.velocity[2] * self.fraction(clearance));
-            let left = self.profile.left(clearance);
-            // Low over the deck the tag is out of view: waiting there drifts off.
-            let flare = match mission.state {
-                Mode::Flare => true,
-                Mode::Idle
-                | Mode::GetAltitude
-                | Mode::Approach
-                | Mode::Tracking
-                | Mode::TrackingStable
-                | Mode::Descent
-                | Mode::Landed
-                | Mode::Hold
-                | Mode::GaveUp => false,
-            };
-            let window_s = if flare {
-                0.0
-            } else {
-                self.config.touchdown_time.window_s
-            };
-            let touchdown_time = TouchdownTimeConfig {
-                window_s,
-                ..self.config.touchdown_time
-            };
-            let left =
-                self.touchdown_time
-                    .choose(now, forecast, wind, min_time, left, flare, &touchdown_time);
-            Way {
-                left,
-                ceiling: clearance,
-                floor: f64::NEG_INFINITY,
-            }
-        } else {
-            self.touchdown_time.forget();
-            Way {
-                left: f64::INFINITY,
-                ceiling: clearance,
-                floor: clearance,
-            }
-        };
+        let over =
+            |fraction: f64| mean_z + fraction * (here.position[2] - mean_z) + (contact - here.position[2]);
+        let clearance = over(self.heave_fraction(contact - start[2])) - start[2];
         let begin = Height {
             clearance,
-            sinking: start[8] - here.velocity[2] * self.fraction(clearance),
+            sinking: start[8] - here.velocity[2] * self.heave_fraction(clearance),
         };
-        for k in 0..problem.reference.len() {
-            let Some(deck) = reference.deck.get(k + 1) else {
-                break;
-            };
-            let time = step_s * (k as f64 + 1.0);
+        let permitted = mission.descent_mps > 0.0;
+        let (left, floor) = if permitted {
+            let min_time = self.profile.min_time(clearance, begin.sinking);
+            let left = self.profile.left(clearance);
+            // Low over the deck the tag is out of view: waiting there drifts off.
+            let flare = mission.state == Mode::Flare;
+            let c = &self.config.touchdown_time;
+            let window_s = if flare { 0.0 } else { c.window_s };
+            let c = TouchdownTimeConfig { window_s, ..*c };
+            let left = self
+                .touchdown_time
+                .choose(now, forecast, &wind, min_time, left, flare, &c);
+            (left, f64::NEG_INFINITY)
+        } else {
+            self.touchdown_time.forget();
+            (f64::INFINITY, clearance)
+        };
+        let way = Way {
+            left,
+            ceiling: clearance,
+            floor,
+            lateral_offset,
+            mean_z,
+            wind,
+        };
+        let stages = problem.reference.iter_mut().zip(&mut problem.weight);
+        for (k, ((r, q), deck)) in stages.zip(reference.deck.iter().skip(1)).enumerate() {
+            let time = self.step_s * (k as f64 + 1.0);
             let (wanted, lowest) = (self.wanted(time, &way), self.lowest(&begin, time));
             let height = if lowest.clearance > wanted.clearance {
                 lowest
             } else {
                 wanted
             };
-            self.stage(
-                k,
-                time,
-                &height,
-                deck,
-                &lateral_offset,
-                &way,
-                reference.mean_z,
-                wind,
-                problem,
-            );
+            self.stage(time, &height, deck, &way, r, q);
         }
-        permitted.then_some(way.left)
+        permitted.then_some(left)
     }
 
-    /// Share of the deck's heave that the reference follows at a height over it: smooth between two
+    /// Fraction of the deck's heave that the reference follows at a height over it: smooth between two
     /// heights.
-    fn fraction(&self, clearance: f64) -> f64 {
+    fn heave_fraction(&self, clearance: f64) -> f64 {
         let c = &self.config.profile;
         let s = ((c.mean_above_m - clearance) / (c.mean_above_m - c.heave_below_m)).clamp(0.0, 1.0);
         s * s * (3.0 - 2.0 * s)
@@ -243,28 +243,14 @@ impl Rendezvous {
         }
     }
 
-    fn stage(
-        &self,
-        k: usize,
-        time: f64,
-        h: &Height,
-        deck: &DeckStage,
-        lateral_offset: &Vector2<f64>,
-        way: &Way,
-        mean_z: f64,
-        wind: &Vector2<f64>,
-        problem: &mut Problem,
-    ) {
-        let (Some(r), Some(q)) = (problem.reference.get_mut(k), problem.weight.get_mut(k)) else {
-            return;
-        };
+    /// Reference `r` and weights `q` of the stage at `time` from now.
+    fn stage(&self, time: f64, h: &Height, deck: &DeckStage, way: &Way, r: &mut State, q: &mut State) {
         let c = &self.config;
-        let fraction = self.fraction(h.clearance);
+        let fraction = self.heave_fraction(h.clearance);
         let n = deck.normal();
-        let spin =
-            deck.rotation() * body_rates(deck.euler[0], deck.euler[1], Vector3::from(deck.euler_rates));
+        let spin = angular_velocity(deck);
         let turn = spin.cross(&n) * self.feet;
-        let contact = self.contact_z(deck, lateral_offset);
+        let contact = self.contact_z(deck, &way.lateral_offset);
         let (tilt, gain) = if c.true_tilt {
             let gain = (GRAVITY - deck.acceleration[2]) / GRAVITY;
             (aligned_acceleration(deck) / GRAVITY, gain)
@@ -277,7 +263,8 @@ impl Rendezvous {
         }
         r[9] = gain * spin.x;
         r[10] = gain * spin.y;
-        r[2] = mean_z + fraction * (deck.position[2] - mean_z) + (contact - deck.position[2]) - h.clearance;
+        r[2] = way.mean_z + fraction * (deck.position[2] - way.mean_z) + (contact - deck.position[2])
+            - h.clearance;
         r[8] = fraction * deck.velocity[2] + h.sinking;
 
         // After the contact nothing has to be met any more.
@@ -294,15 +281,25 @@ impl Rendezvous {
             q[3 + i] = c.tilt.at(g);
             q[9 + i] = c.rates.at(g);
         }
-        // Near the contact the tilt of the deck is meant, and the wind pushes; far from it little
+        // Near the contact the reference is the tilt of the deck and the wind's acceleration; far from it little
         // acceleration. a = (-g theta, g phi).
         let contact = c.tilt.contact * g / c.tilt.at(g).max(1e-9);
-        let meant = tilt + wind * (contact / GRAVITY);
+        let meant = tilt + way.wind * (contact / GRAVITY);
         r[3] = meant.y;
         r[4] = -meant.x;
         q[2] = c.vertical.at(g);
         q[8] = c.vertical_velocity.at(g);
     }
+}
+
+/// The part of the acceleration `wind` that an aligned drone is to be blown along with; against
+/// the rest it tilts.
+fn carried(wind: &Vector2<f64>, c: &WindConfig) -> Vector2<f64> {
+    let whole = wind.norm();
+    if whole <= c.aligned_mps2 {
+        return *wind;
+    }
+    wind * ((c.aligned_mps2 + c.aligned_fraction * (whole - c.aligned_mps2)) / whole)
 }
 
 /// The attitude whose thrust gives the planned accelerations: `state`'s tilt is horizontal
@@ -319,4 +316,21 @@ pub fn true_tilt(state: &State, down: f64, wind: &Vector2<f64>) -> (f64, f64, f6
     let up = Vector3::new(x, y, -1.0).normalize();
     let (phi, theta) = (up.y.asin(), (-up.x).atan2(-up.z));
     (phi, theta, GRAVITY / lift * up.z * up.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strong_wind_is_split_between_drift_and_tilt_continuously() {
+        let c = WindConfig {
+            aligned_mps2: 1.0,
+            aligned_fraction: 0.5,
+            ..WindConfig::default()
+        };
+        let of = |d: f64| carried(&Vector2::new(0.0, d), &c).y;
+        assert_eq!((of(0.7), of(-1.0)), (0.7, -1.0));
+        assert!((of(1.001) - 1.0005).abs() < 1e-9 && (of(3.0) - 2.0).abs() < 1e-9);
+    }
 }

@@ -1,4 +1,4 @@
-//! The way down, told backwards from the contact: soft at the end, braked before, fast above.
+//! The descent profile, backwards from the contact: soft at the end, braked before, fast above.
 
 use super::config::ProfileConfig;
 

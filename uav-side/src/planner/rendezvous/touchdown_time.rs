@@ -46,7 +46,7 @@ impl TouchdownTime {
     }
 
     /// Time until the contact (s), chosen anew while it is far. `min_time` is the earliest possible,
-    /// `left` what the profile says for the present height; in a `flare` it is not waited for.
+    /// `left` the profile's time for the present height; in a `flare` there is no waiting.
     pub fn choose(
         &mut self,
         now: Time<DroneClock>,

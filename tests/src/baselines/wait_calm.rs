@@ -5,62 +5,52 @@
 //! In a sea that never is as calm as the limits ask for, the limits grow with the time waited: an
 //! indicator without that would wait for ever in half of the seas of the paper's Table II.
 
-use alight_shared::config;
+use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{DeckForecast, Phase, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
+use alight_uav::planner::law::{Law, View};
+use alight_uav::planner::model::State;
 
-use super::View;
+use super::config::WaitCalmConfig;
 
-config! {
-    /// What calm is.
-    ///
-    /// Chosen: Tilt and heave rate: the order of published limits for helicopters on small decks
-    /// (pitch 2 to 3 deg, roll 5 deg, heave rate 1 to 1.5 m/s). The descent: from 2 m at the
-    /// mission's 1 m/s, the last 0.9 m at 0.5 m/s.
-    #[derive(Copy)]
-    pub struct WaitCalmConfig {
-        /// Waits with the feet at this height over the deck, m.
-        pub wait_m: f64 = 2.0, in 0.2..=20.0;
-        /// The descent from there takes this long, s: calm has to last for it.
-        pub descent_s: f64 = 2.9, in 0.1..=4.0;
-        /// Largest tilt of the deck, deg.
-        pub tilt_deg: f64 = 4.0, in 0.1..=45.0;
-        /// Largest vertical speed of the deck's centre, m/s.
-        pub heave_mps: f64 = 0.6, in 0.01..=10.0;
-        /// After this long the limits have doubled, s.
-        pub patience_s: f64 = 15.0, in 0.1..=1e4;
-        /// Below this clearance it goes on whatever comes, m.
-        pub commit_m: f64 = 1.2;
-    }
-    check |this, at| {
-        at.range("commit_m", this.commit_m, 0.0, this.wait_m)?;
-    }
-}
-
-/// Since when it waits, and whether it has seen a calm.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// The law, since when it waits, and whether a calm is predicted.
+#[derive(Clone, Debug)]
 pub struct WaitCalm {
+    config: WaitCalmConfig,
+    feet_below_m: f64,
     since: Option<Time<DroneClock>>,
     calm: bool,
 }
 
+impl Law for WaitCalm {
+    fn limit(&mut self, now: Time<DroneClock>, start: &State, view: &mut View) {
+        let clearance_m = feet_over_deck(now, view.forecast.as_ref(), start, self.feet_below_m);
+        self.judge(now, clearance_m, view);
+    }
+}
+
 impl WaitCalm {
+    /// A law that has not waited yet.
+    pub fn new(config: &WaitCalmConfig, drone: &DroneGeometry) -> Self {
+        WaitCalm {
+            config: *config,
+            feet_below_m: drone.feet_below_m,
+            since: None,
+            calm: false,
+        }
+    }
+
     /// Takes the permission to descend away until calm is predicted. `clearance_m`: feet over the
     /// deck.
-    pub fn judge(
-        &mut self,
-        now: Time<DroneClock>,
-        clearance_m: f64,
-        view: &mut View,
-        config: &WaitCalmConfig,
-    ) {
+    pub fn judge(&mut self, now: Time<DroneClock>, clearance_m: f64, view: &mut View) {
         if view.mission.state.phase() != Phase::Landing {
-            *self = WaitCalm::default();
+            (self.since, self.calm) = (None, false);
             return;
         }
         if view.mission.state == Mode::Flare {
             return;
         }
+        let config = &self.config;
         if clearance_m > config.wait_m || clearance_m < config.commit_m {
             return;
         }
@@ -76,6 +66,13 @@ impl WaitCalm {
             view.mission.descent_mps = 0.0;
         }
     }
+}
+
+/// Feet of a level drone over the deck's centre, m; infinite while the deck is not known.
+fn feet_over_deck(now: Time<DroneClock>, forecast: Option<&DeckForecast>, start: &State, feet_m: f64) -> f64 {
+    forecast
+        .and_then(|f| f.at(now.max(f.header.at)))
+        .map_or(f64::INFINITY, |d| d.position[2] - feet_m - start[2])
 }
 
 /// The greatest tilt (rad) and vertical speed (m/s) of a stretch of the forecast.

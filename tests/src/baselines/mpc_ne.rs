@@ -8,102 +8,36 @@
 //! - There is no rule of descent: the reference is the deck itself, and the tilt's cost is a barrier
 //!   some way above it that opens while the predicted tilt is near zero.
 //! - The deck is known by the tag alone ([`super::modes`]). Its pose is the present stage of the
-//!   forecast, at 30 Hz while the tag is in sight, from a predictor that hears neither radio nor wave
+//!   forecast, at 30 Hz while the tag is detected, from a predictor that uses neither radio nor wave
 //!   model meanwhile ([`super::settings`]): at least as good as the tag itself.
-//! - It does not align its heading: the heading keeps, its rate dies out (the minimiser of
+//! - It does not align its heading: the heading stays, its rate decays (the minimiser of
 //!   `S eta'² + T du²` for a double integrator without a place to be).
 //!
 //! Published are the structure, h_d about 1.2 m, J1 about 10 e_z², a peak of the barrier of about
 //! 610 and waiting at about 1.8 m. S, T, alpha_L and limits are not; see [`MpcNeConfig`]. On the way
 //! to the vessel the common planner flies.
 
-use alight_shared::config;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::{DeckForecast, MissionState, Phase, Plan, PlanStage, Solve, State as Mode};
+use alight_shared::msg::{
+    DeckForecast, DroneState, MissionState, Phase, Plan, PlanStage, Solve, State as Mode,
+};
 use alight_shared::time::{DroneClock, Span, Time};
+use alight_uav::planner::config::Reset;
+use alight_uav::planner::law::Law;
+use alight_uav::planner::model::{State, measured_state, tilt_of};
+use alight_uav::planner::reference::Reference;
 use nalgebra::Vector3;
 
+use super::config::MpcNeConfig;
 use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
 use super::modes::{DeckModes, Predicted};
-use crate::planner::config::{PlannerConfig, Reset};
-use crate::planner::model::State;
-use crate::planner::reference::tilt_of;
-
-config! {
-    /// What is not published, and what is read off a plot.
-    ///
-    /// Defaults: h_d and vertical S: Gupta 2023, figure 4, read off. The rest is ours, found by
-    /// hand at Moderate (0.5 m, 5 s; published 95 %, 0.5 m, 34.5 s, 0.7 m/s), 12 seeds from 100 and
-    /// 12 from 300: - the offset walks slower than the modes (it took the waves for itself): a
-    /// second ahead heave is wrong by 0.24 m instead of 0.30 (rms, odometry's drift included), tilt
-    /// by 1.3 deg instead of 2.0; four recordings; - the limits cost 5000 instead of 300 and the
-    /// drone sinks at 0.6 instead of 0.8 m/s: on the deck the barrier falls to 0, worth enough to
-    /// hasten the last half metre to 1.1 to 1.6 m/s; - stiffer horizontal S, and place_s 0.5, 0.3,
-    /// 0.15 (seeds from 300): 0.84, 0.64, 0.38 m beside the centre, 3, 7, 7 of 12 landed; before it
-    /// was 0.70 m with 1.0; - tilt_weight 8000 (place_s 0.3): 31 and 47 s, 7 and 7 of 12; 20 000:
-    /// 74 and 50 s, 6 and 5; 3000: 35 s, 6. Vertical velocity weighed more (30 for 6) never lands
-    /// in time: 0 to 3 of 12.  Together 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s, where it was 3 of
-    /// 12, 0.70 m, 69 s, 0.88 m/s; on 12 seeds that had no part in the choice (500 to 511) 2 of 12,
-    /// 0.56 m, 35 s, 0.61 m/s. Place, time and speed are as published, success is not. Of the
-    /// twenty that failed nine touched at 1.03 to 1.53 m/s, across or along the deck (published
-    /// impacts reach 2 m/s and more beside that 95 %, and no criterion is given); seven touched
-    /// with one foot on a falling deck and flew on; three met the deck's side; one waited for 180
-    /// s. The cause of most: the last 0.7 to 1.5 s are blind, and place goes on at the velocity
-    /// that sway had then, up to 1 m/s from the deck's.  Tried since, Moderate, 48 seeds from 100
-    /// (as it is 26 landed, 0.37 m, 33 s, 0.72 m/s): what the place's velocity has besides its mean
-    /// of 8 s dies out in 0.8 s: 20 landed, 0.43 m, 33 s; sinking at 0.4 m/s, which is blind for
-    /// longer: 22, 0.55 m, 38 s; walk of the modes 0.05 and 0.015: 30, 0.42 m, 41 s, and seven
-    /// instead of four in the water. None is kept.
-    #[derive(Copy)]
-    pub struct MpcNeConfig {
-        /// S, horizontal: position (1/m²) and velocity (s²/m²).
-        pub horizontal: [f64; 2] = [100.0, 30.0], in 0.0..=1e5;
-        /// S, vertical.
-        pub vertical: [f64; 2] = [10.0, 6.0], in 0.0..=1e5;
-        /// T: increments of jerk.
-        pub increment_weight: f64 = 0.02, in 1e-6..=1e3;
-        /// alpha_L, 1/rad².
-        pub tilt_weight: f64 = 8000.0, in 0.0..=1e7;
-        /// h_d: height of the barrier over the deck, m.
-        pub barrier_m: f64 = 1.2, in 0.2..=10.0;
-        /// Soft limits of horizontal speed (against the deck), acceleration and jerk.
-        pub horizontal_limits: [f64; 3] = [3.0, 5.0, 40.0], in 0.1..=1e3;
-        /// The same vertically.
-        pub vertical_limits: [f64; 3] = [0.6, 4.0, 30.0], in 0.1..=1e3;
-        /// The reference below the deck, so that contact is pressed home, m.
-        pub press_m: f64 = 0.3, in 0.0..=2.0;
-        /// Length of the record that is transformed, s.
-        pub window_s: f64 = 20.0, in 2.0..=30.0;
-        /// Shortest such record, s.
-        pub min_s: f64 = 10.0;
-        /// Frequencies are looked for anew this often, s.
-        pub refresh_s: f64 = 1.0, in 0.1..=60.0;
-        /// Modes smaller than this share of the largest are dropped.
-        pub gate: f64 = 0.15, in 0.0..=1.0;
-        /// Kalman filter: standard deviation of a measurement of heave (m) and of tilt (rad).
-        pub sd_m_rad: [f64; 2] = [0.03, 0.01], in 1e-4..=10.0;
-        /// Kalman filter: random walk of each state of a mode after 1 s, heave and tilt.
-        pub walk_m_rad: [f64; 2] = [0.09, 0.03], in 0.0..=10.0;
-        /// Kalman filter: random walk of the offset after 1 s, heave and tilt. The authors' offset is
-        /// constant; here heave's has to follow the drift of the odometry.
-        pub offset_walk_m_rad: [f64; 2] = [0.02, 0.0005], in 0.0..=10.0;
-        /// Time constant of the filter of place and drift, s. Surge and sway have no modes: a second
-        /// ahead is where this velocity leads.
-        pub place_s: f64 = 0.15, in 0.05..=60.0;
-        /// A tag older than this is no measurement, s.
-        pub fresh_s: f64 = 0.1, in 0.01..=5.0;
-    }
-    check |this, at| {
-        at.range("min_s", this.min_s, 1.0, this.window_s)?;
-    }
-}
 
 /// Time between stages, s: 1 s ahead in all.
 const STEP_S: f64 = 0.1;
 /// No plan asks for more than this along an axis, whatever it begins with, m/s².
 const LARGEST_MPS2: f64 = 8.0;
-/// The heading's rate dies out with this time constant, s.
+/// The heading's rate decays with this time constant, s.
 const TURNING_S: f64 = 0.5;
 
 /// Position, velocity and acceleration of the three axes, heading and its rate.
@@ -156,6 +90,7 @@ impl SolvedPlan {
 #[derive(Clone, Debug)]
 pub struct MpcNe {
     config: MpcNeConfig,
+    reset: Reset,
     axis: JerkAxis,
     feet: f64,
     modes: DeckModes,
@@ -164,50 +99,74 @@ pub struct MpcNe {
     held_m: Option<f64>,
 }
 
-impl MpcNe {
-    /// A planner that knows nothing.
-    pub fn new(config: &PlannerConfig, drone: &DroneGeometry) -> Self {
-        let config = config.baselines.mpc_ne;
-        MpcNe {
-            axis: JerkAxis::new(STEP_S),
-            feet: drone.feet_below_m,
-            modes: DeckModes::new(&config),
-            config,
-            solved: None,
-            held_m: None,
-        }
-    }
-    /// Whether it flies in this mission state.
-    pub fn flies(mode: Mode) -> bool {
-        match mode.phase() {
-            Phase::Follow | Phase::Landing => true,
-            Phase::None | Phase::Navigation => false,
-        }
-    }
-    /// Takes the present stage as a sighting, while the tag is in sight.
-    pub fn observe(&mut self, forecast: &DeckForecast) {
-        if forecast.tag_age_s <= self.config.fresh_s
+impl Law for MpcNe {
+    /// Takes the present stage as a detection, while the tag is detected.
+    fn observe(&mut self, _drone: Option<&DroneState>, forecast: Option<&DeckForecast>, _last: &Reference) {
+        if let Some(forecast) = forecast.filter(|f| f.tag_age_s <= self.config.fresh_s)
             && let Some(stage) = forecast.stages.first()
         {
             self.modes.observe(forecast.header.at, stage);
         }
     }
-    /// Another planner flies now.
-    pub fn leave(&mut self) {
-        self.solved = None;
-    }
-
-    /// Whether its last trajectory is young and the drone near it.
-    pub fn goes_on(
+    fn begins(
         &self,
         now: Time<DroneClock>,
-        drone: Option<&(Time<DroneClock>, State)>,
-        r: &Reset,
+        mission: &MissionState,
+        forecast: Option<&DeckForecast>,
+        drone: Option<&DroneState>,
     ) -> bool {
-        let (Some(solved), Some((at, measured))) = (&self.solved, drone) else {
+        forecast.is_some() && flies(mission.state) && !self.goes_on(now, drone)
+    }
+    fn own_plan(
+        &mut self,
+        now: Time<DroneClock>,
+        mission: &MissionState,
+        forecast: Option<&DeckForecast>,
+        start: Option<(State, f64)>,
+    ) -> Option<Plan> {
+        if let Some((state, vertical)) = start {
+            self.begin(now, &state, vertical);
+        }
+        let plan = forecast
+            .filter(|_| flies(mission.state))
+            .and_then(|f| self.plan(now, mission, f));
+        if plan.is_none() {
+            // Another planner flies now.
+            self.solved = None;
+        }
+        plan
+    }
+}
+
+/// Whether it flies in this mission state.
+fn flies(mode: Mode) -> bool {
+    match mode.phase() {
+        Phase::Follow | Phase::Landing => true,
+        Phase::None | Phase::Navigation => false,
+    }
+}
+
+impl MpcNe {
+    /// A law that knows nothing.
+    pub fn new(config: &MpcNeConfig, reset: &Reset, drone: &DroneGeometry) -> Self {
+        MpcNe {
+            config: *config,
+            reset: *reset,
+            axis: JerkAxis::new(STEP_S),
+            feet: drone.feet_below_m,
+            modes: DeckModes::new(config),
+            solved: None,
+            held_m: None,
+        }
+    }
+
+    /// Whether its last trajectory is fresh and the drone near it.
+    fn goes_on(&self, now: Time<DroneClock>, drone: Option<&DroneState>) -> bool {
+        let (Some(solved), Some(drone)) = (&self.solved, drone) else {
             return false;
         };
-        let (then, _) = solved.body(*at);
+        let (measured, r) = (measured_state(drone), &self.reset);
+        let (then, _) = solved.body(drone.header.at);
         let gap = |i: usize, d: usize| measured[6 * d + i] - then.axes[i][d];
         (now - solved.at).secs() <= r.age_s
             && gap(0, 0).hypot(gap(1, 0)) <= r.horizontal_m
@@ -234,7 +193,7 @@ impl MpcNe {
         });
     }
 
-    /// The next trajectory. None without a beginning or a sighting.
+    /// The next trajectory. None without a beginning or a detection.
     pub fn plan(
         &mut self,
         now: Time<DroneClock>,
@@ -301,7 +260,7 @@ impl MpcNe {
         Some(plan)
     }
 
-    /// The deck at the stages; before the first sighting the forecast's place and heave.
+    /// The deck at the stages; before the first detection the forecast's place and heave.
     fn deck(&self, now: Time<DroneClock>, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
         let mut out = [Predicted::default(); STAGES];
         for (k, slot) in out.iter_mut().enumerate() {

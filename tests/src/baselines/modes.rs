@@ -7,10 +7,10 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{SMatrix, SVector};
 use std::collections::VecDeque;
 
+use super::config::MpcNeConfig;
 use super::fourier::{self, POINTS};
-use super::mpc_ne::MpcNeConfig;
 
-/// Sightings per second.
+/// Detections per second.
 const RATE_HZ: f64 = 30.0;
 /// Oscillators of a degree of freedom at most.
 pub const MODES: usize = 4;
@@ -158,7 +158,7 @@ impl DeckModes {
         self.analysed.is_some()
     }
 
-    /// Takes a sighting.
+    /// Takes a detection.
     pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
         let c = &self.config;
         let value = [detection.position[2], detection.euler[0], detection.euler[1]];
@@ -281,7 +281,7 @@ impl DeckModes {
         self.wavy.as_ref().map(|[z, ..]| z.x[0])
     }
 
-    /// The deck at a time; None before the first sighting.
+    /// The deck at a time; None before the first detection.
     pub fn at(&self, t: Time<DroneClock>) -> Option<Predicted> {
         let (wavy, place, last) = (self.wavy.as_ref()?, self.place?, self.record.back()?);
         let ahead = (t - last.at).secs();

@@ -1,34 +1,24 @@
-//! What each baseline does and does not do, on decks that are told to it.
+//! What each baseline does and does not do, on known decks.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use alight_shared::config::{Check, Keys};
-use alight_shared::msg::{DeckStage, Header, MissionState, State};
+use alight_shared::msg::{DeckForecast, DeckStage, Header, MissionState, State};
 use alight_shared::time::{DroneClock, Span, Time};
+use alight_uav::mission::MissionConfig;
+use alight_uav::planner::law::View;
+use alight_uav::planner::model::State as Start;
+use alight_uav::planner::reference::Reference;
+use alight_uav::predictor::PredictorConfig;
 
 use super::modes::DeckModes;
-use super::mpc_ne::{MpcNe, MpcNeConfig};
-use super::precision_land::PrecisionLandConfig;
-use super::wait_calm::WaitCalmConfig;
 use super::*;
-use crate::mission::MissionConfig;
-use crate::predictor::PredictorConfig;
-
-const KINDS: [PlannerKind; 7] = [
-    PlannerKind::MpcFaa,
-    PlannerKind::Mpc,
-    PlannerKind::Alight,
-    PlannerKind::MpcNe,
-    PlannerKind::WaitCalm,
-    PlannerKind::PrecisionLand,
-    PlannerKind::GnssRadio,
-];
 
 fn at(t: f64) -> Time<DroneClock> {
     Time::from_secs(t)
 }
 
-/// A forecast made at `t` of the deck that `deck` tells, seen by the tag `tag_age_s` ago.
+/// A forecast made at `t` of the deck `deck`, with the tag detected `tag_age_s` ago.
 fn forecast(t: f64, tag_age_s: f64, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
     let mut f = DeckForecast {
         header: Header::new(1, 1, 1, 0, at(t)),
@@ -68,14 +58,33 @@ fn resting(position: [f64; 3]) -> Start {
 
 #[test]
 fn every_planner_has_a_mission_and_a_predictor_that_their_own_checks_accept() {
-    for kind in KINDS {
-        kind.mission(MissionConfig::default())
-            .check(&Keys::ROOT)
-            .unwrap_or_else(|e| panic!("{}: {e}", kind.name()));
-        kind.predictor(PredictorConfig::default())
+    for kind in [PlannerKind::MpcFaa, PlannerKind::Alight] {
+        let mission = kind.mission(MissionConfig::default());
+        mission
             .check(&Keys::ROOT)
             .unwrap_or_else(|e| panic!("{}: {e}", kind.name()));
     }
+    for baseline in Baseline::all() {
+        let mission = baseline.mission(MissionConfig::default());
+        let predictor = baseline.predictor(PredictorConfig::default());
+        for checked in [mission.check(&Keys::ROOT), predictor.check(&Keys::ROOT)] {
+            checked.unwrap_or_else(|e| panic!("{}: {e}", baseline.name()));
+        }
+    }
+}
+
+/// Feet 0.3 m below the centre of mass.
+fn drone() -> DroneGeometry {
+    DroneGeometry {
+        feet_below_m: 0.3,
+        ..DroneGeometry::default()
+    }
+}
+fn precision_land() -> PrecisionLand {
+    PrecisionLand::new(&PrecisionLandConfig::default(), &drone())
+}
+fn wait_calm() -> WaitCalm {
+    WaitCalm::new(&WaitCalmConfig::default(), &drone())
 }
 
 fn lands(law: &mut PrecisionLand, t: f64, north: f64, z: f64, tag_age_s: f64) -> View {
@@ -89,15 +98,15 @@ fn lands(law: &mut PrecisionLand, t: f64, north: f64, z: f64, tag_age_s: f64) ->
         })),
     };
     let start = resting([north, 0.0, z]);
-    law.judge(at(t), &start, 0.3, &mut view, &PrecisionLandConfig::default());
+    law.limit(at(t), &start, &mut view);
     view
 }
 
 #[test]
 fn precision_land_sinks_over_the_target_and_crawls_above_it() {
     let c = PrecisionLandConfig::default();
-    let mut law = PrecisionLand::default();
-    // Beside the target it holds its height; once over it, it sinks and does not ask again.
+    let mut law = precision_land();
+    // Off the target it holds its height; once over it, it sinks and does not ask again.
     assert_eq!(lands(&mut law, 1.0, 0.6, -6.0, 0.02).mission.descent_mps, 0.0);
     assert_eq!(
         lands(&mut law, 1.1, 0.4, -6.0, 0.02).mission.descent_mps,
@@ -116,9 +125,9 @@ fn precision_land_sinks_over_the_target_and_crawls_above_it() {
 
 #[test]
 fn precision_land_extrapolates_the_last_detection_without_heave() {
-    let mut law = PrecisionLand::default();
+    let mut law = precision_land();
     lands(&mut law, 1.0, 0.3, -6.0, 0.02);
-    // Half a second without a sighting: what the forecast says meanwhile is not heard.
+    // Half a second without a detection: the forecast is not used meanwhile.
     let view = lands(&mut law, 1.5, 0.3, -6.0, 0.5);
     let f = view.forecast.unwrap();
     for (k, stage) in f.stages.iter().enumerate() {
@@ -131,7 +140,7 @@ fn precision_land_extrapolates_the_last_detection_without_heave() {
 
 #[test]
 fn precision_land_stops_without_a_target_unless_near() {
-    let mut law = PrecisionLand::default();
+    let mut law = precision_land();
     assert!(lands(&mut law, 1.0, 0.3, -6.0, 0.02).mission.descent_mps > 0.0);
     assert_eq!(lands(&mut law, 7.0, 2.1, -4.0, 6.0).mission.descent_mps, 0.0);
     assert!(lands(&mut law, 7.1, 2.1, -2.2, 6.1).mission.descent_mps > 0.0);
@@ -150,14 +159,14 @@ fn calm(law: &mut WaitCalm, t: f64, clearance_m: f64, tilt_deg: f64, heave_mps: 
             }
         })),
     };
-    law.judge(at(t), clearance_m, &mut view, &WaitCalmConfig::default());
+    law.judge(at(t), clearance_m, &mut view);
     view.mission.descent_mps
 }
 
 #[test]
 fn wait_calm_waits_for_predicted_tilt_and_heave() {
     for (tilt, heave, goes) in [(3.0, 0.4, true), (6.0, 0.0, false), (0.0, 0.9, false)] {
-        let mut law = WaitCalm::default();
+        let mut law = wait_calm();
         assert_eq!(
             calm(&mut law, 1.0, 3.0, tilt, heave),
             1.0,
@@ -173,7 +182,7 @@ fn wait_calm_waits_for_predicted_tilt_and_heave() {
 
 #[test]
 fn wait_calm_widens_its_limits_with_time_and_commits() {
-    let mut law = WaitCalm::default();
+    let mut law = wait_calm();
     // 6 deg against a limit of 4 deg that doubles in 15 s.
     assert_eq!(calm(&mut law, 0.0, 1.9, 6.0, 0.0), 0.0);
     assert_eq!(calm(&mut law, 6.0, 1.9, 6.0, 0.0), 0.0);
@@ -185,26 +194,24 @@ fn wait_calm_widens_its_limits_with_time_and_commits() {
         mission: permits(State::Tracking, 0.0),
         forecast: None,
     };
-    law.judge(at(9.0), 5.0, &mut view, &WaitCalmConfig::default());
+    law.judge(at(9.0), 5.0, &mut view);
     assert_eq!(calm(&mut law, 20.0, 1.9, 6.0, 0.0), 0.0);
 }
 
 #[test]
 fn gnss_radio_descends_below_the_estimated_deck_only_in_the_flare() {
-    let config = PlannerConfig::default();
-    let mut views = Views::new(&config, &DroneGeometry::default());
+    let config = GnssRadioConfig::default();
+    let mut law = GnssRadio::new(&config);
     let mut z = |state| {
-        let view = views.view(
-            PlannerKind::GnssRadio,
-            at(0.0),
-            &permits(state, 0.5),
-            Some(forecast(0.0, 9.0, level)),
-            &resting([0.0, 0.0, -3.0]),
-        );
+        let mut view = View {
+            mission: permits(state, 0.5),
+            forecast: Some(forecast(0.0, 9.0, level)),
+        };
+        law.limit(at(0.0), &resting([0.0, 0.0, -3.0]), &mut view);
         view.forecast.unwrap().stages[0].position[2]
     };
     assert_eq!(z(State::Descent), -1.5);
-    assert_eq!(z(State::Flare), -1.5 + config.baselines.gnss_radio.below_m);
+    assert_eq!(z(State::Flare), -1.5 + config.below_m);
 }
 
 /// A deck that heaves by 0.4 m in 5 s and rolls by `roll` rad.
@@ -242,9 +249,8 @@ fn deck_modes_predict_heave_and_tilt_one_second_ahead_from_the_tag_alone() {
 /// Lets MPC-NE fly its own plans over a rocking deck; its height over the deck at the end, and the
 /// least on the way, m.
 fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
-    let config = PlannerConfig::default();
-    let drone = DroneGeometry::default();
-    let mut ne = MpcNe::new(&config, &drone);
+    let (config, drone) = (PlannerConfig::default(), DroneGeometry::default());
+    let mut ne = MpcNe::new(&MpcNeConfig::default(), &config.reset, &drone);
     let deck = rocking(roll);
     let above = |s: &Start, t: f64| deck(t).position[2] - drone.feet_below_m - s[2];
     let mut state_now = resting([0.2, -0.1, -7.5]);
@@ -252,7 +258,7 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
     for k in 0..2000 {
         let t = 0.02 * f64::from(k);
         let f = forecast(t, 0.02, &deck);
-        ne.observe(&f);
+        ne.observe(None, Some(&f), &Reference::default());
         if t < 12.0 {
             continue;
         }

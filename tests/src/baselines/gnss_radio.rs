@@ -4,22 +4,33 @@
 //! Both receivers' errors are in the relative position, and nothing at close range removes them:
 //! what remains of the deck's 2.5 m x 1.7 m is what this baseline shows.
 
-use alight_shared::config;
-use alight_shared::msg::DeckForecast;
+use alight_shared::msg::{DeckForecast, State as Mode};
+use alight_shared::time::{DroneClock, Time};
+use alight_uav::planner::law::{Law, View};
+use alight_uav::planner::model::State;
 
-config! {
-    /// How far a velocity is trusted.
-    ///
-    /// Chosen: a fifth of a wave's period; two standard deviations of the difference of two
-    /// receivers of 1 m each.
-    #[derive(Copy)]
-    pub struct GnssRadioConfig {
-        /// The vertical velocity dies out with this time constant, s: heave goes back, constant vertical
-        /// velocity over the whole horizon would chase it by metres.
-        pub heave_memory_s: f64 = 1.0, in 0.01..=100.0;
-        /// In the flare it goes on down to this far below the believed deck, m: contact ends the descent,
-        /// not the receivers' word.
-        pub below_m: f64 = 2.8, in 0.0..=10.0;
+use super::config::GnssRadioConfig;
+
+/// The law.
+#[derive(Clone, Debug)]
+pub struct GnssRadio {
+    config: GnssRadioConfig,
+}
+
+impl GnssRadio {
+    /// The law with these parameters.
+    pub fn new(config: &GnssRadioConfig) -> Self {
+        GnssRadio { config: *config }
+    }
+}
+
+impl Law for GnssRadio {
+    fn limit(&mut self, _now: Time<DroneClock>, _start: &State, view: &mut View) {
+        if let Some(f) = &mut view.forecast {
+            let flare = view.mission.state == Mode::Flare;
+            let lower_m = if flare { self.config.below_m } else { 0.0 };
+            extrapolate(f, lower_m, &self.config);
+        }
     }
 }
 

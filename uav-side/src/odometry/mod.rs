@@ -13,6 +13,9 @@
 //! Position 0.8 s ahead from a known position and velocity (simulated sensors, each axis):
 //! autopilot 4.7 cm, here 1.6 cm.
 
+pub(crate) mod origin;
+pub mod wind;
+
 use alight_shared::config;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};

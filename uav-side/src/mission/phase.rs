@@ -1,0 +1,204 @@
+//! The states with what they remember, and what a state may do next.
+
+use alight_shared::msg::{Reason, ReasonCode, State};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector3;
+
+use super::config::MissionConfig;
+use super::situation::Situation;
+
+pub(super) type DroneTime = Time<DroneClock>;
+
+/// Why a hold began.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HoldCause {
+    /// An operator commanded it; ends with the next landing command.
+    Operator,
+    /// Data were old; ends when they are fresh again.
+    Data,
+}
+
+/// A state with what it has to remember.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MissionPhase {
+    /// Waits.
+    Idle,
+    /// Straight up or down.
+    GetAltitude {
+        /// North and east where it began, m.
+        from: [f64; 2],
+    },
+    /// Towards the vessel.
+    Approach {
+        /// Detected since.
+        detected: Option<DroneTime>,
+    },
+    /// Over the vessel.
+    Tracking {
+        /// Steady since.
+        steady: Option<DroneTime>,
+    },
+    /// Steady over the vessel.
+    TrackingStable,
+    /// Descends to the flare.
+    Descent {
+        /// A condition has been violated since.
+        violated: Option<DroneTime>,
+        /// Waits at the decision clearance since.
+        paused: Option<DroneTime>,
+    },
+    /// Descends to the deck.
+    Flare {
+        /// Below the commit clearance: only hard reasons break it off.
+        committed: bool,
+        /// A condition has been violated since.
+        violated: Option<DroneTime>,
+    },
+    /// On the deck.
+    Landed {
+        /// The autopilot was disarmed meanwhile.
+        disarmed: bool,
+    },
+    /// Stays at a safe height.
+    Hold {
+        /// Why.
+        cause: HoldCause,
+        /// Where, drone's NED, m.
+        at: Vector3<f64>,
+        /// Heading, rad.
+        yaw: f64,
+        /// Data have been fresh since.
+        fresh: Option<DroneTime>,
+    },
+    /// Ended without landing.
+    GaveUp {
+        /// Where it stays, drone's NED, m.
+        at: Vector3<f64>,
+        /// Heading, rad.
+        yaw: f64,
+    },
+}
+
+impl MissionPhase {
+    /// Over the vessel, not steady yet.
+    pub(super) const TRACKING: MissionPhase = MissionPhase::Tracking { steady: None };
+    /// A descent that nothing disturbs yet.
+    pub(super) const DESCENT: MissionPhase = MissionPhase::Descent {
+        violated: None,
+        paused: None,
+    };
+    /// On the way to the vessel, not detected yet.
+    pub(super) const APPROACH: MissionPhase = MissionPhase::Approach { detected: None };
+
+    /// Its name in messages.
+    pub const fn state(&self) -> State {
+        match self {
+            MissionPhase::Idle => State::Idle,
+            MissionPhase::GetAltitude { .. } => State::GetAltitude,
+            MissionPhase::Approach { .. } => State::Approach,
+            MissionPhase::Tracking { .. } => State::Tracking,
+            MissionPhase::TrackingStable => State::TrackingStable,
+            MissionPhase::Descent { .. } => State::Descent,
+            MissionPhase::Flare { .. } => State::Flare,
+            MissionPhase::Landed { .. } => State::Landed,
+            MissionPhase::Hold { .. } => State::Hold,
+            MissionPhase::GaveUp { .. } => State::GaveUp,
+        }
+    }
+    /// Stays in this phase, waiting for `why`.
+    pub(super) fn stay(self, why: impl Into<Reason>) -> Transition {
+        Transition::Stay(self, why.into())
+    }
+    /// Goes to this phase for the reason `why`.
+    pub(super) fn enter(self, why: impl Into<Reason>) -> Transition {
+        Transition::Go(self, why.into())
+    }
+    /// Whether the mission flies the drone.
+    pub(super) const fn flies(&self) -> bool {
+        !matches!(self, MissionPhase::Idle | MissionPhase::Landed { .. })
+    }
+    /// Whether the mission still intends to land and depends on fresh data.
+    pub(super) const fn needs_data(&self) -> bool {
+        self.flies() && !matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
+    }
+}
+
+/// What survives_pause a state.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// A landing is wanted.
+    pub landing: bool,
+    /// Descents begun since the command.
+    pub attempts: u32,
+    /// When the landing was begun.
+    pub started: DroneTime,
+    /// The operator asked for a landing after the battery's reserve was reached.
+    pub reserve_waived: bool,
+}
+
+/// What a state does next.
+pub(super) enum Transition {
+    /// Stays, waiting for this.
+    Stay(MissionPhase, Reason),
+    /// Goes to that phase for this reason.
+    Go(MissionPhase, Reason),
+    /// Breaks the landing off for this reason.
+    BreakOff(Reason),
+}
+
+/// What is too old to go on.
+pub(super) fn old_data(s: &Situation) -> Option<Reason> {
+    exceeds(ReasonCode::OdometryStale, s.odometry_age_s, s.odometry_limit_s)
+        .or_else(|| exceeds(ReasonCode::ForecastStale, s.forecast_age_s, s.forecast_limit_s))
+        .or_else(|| s.deck.is_none().then_some(ReasonCode::NoVessel.into()))
+}
+
+/// The reason when `value` is beyond `limit`; a NaN is beyond.
+pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason> {
+    (value > limit || value.is_nan()).then_some(Reason::new(code, value, limit))
+}
+
+/// The first figure of the list that is beyond its limit.
+pub(super) fn first_beyond<const N: usize>(figures: [(ReasonCode, f64, f64); N]) -> Option<Reason> {
+    figures
+        .into_iter()
+        .find_map(|(code, value, limit)| exceeds(code, value, limit))
+}
+
+/// Since when `holds` has been true, and for how long, s.
+pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> (Option<DroneTime>, f64) {
+    if !holds {
+        return (None, 0.0);
+    }
+    let since = since.unwrap_or(now);
+    (Some(since), (now - since).secs())
+}
+
+/// Hold where the drone is, not below the tracking height over the deck nor the minimum altitude.
+pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
+    let (at, yaw) = safe_place(s, c, c.tracking_height_m);
+    MissionPhase::Hold {
+        cause,
+        at,
+        yaw,
+        fresh: None,
+    }
+}
+
+/// Climb straight up to the approach height over the deck.
+pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
+    let (at, yaw) = safe_place(s, c, c.approach_height_m);
+    MissionPhase::GaveUp { at, yaw }
+}
+
+/// Straight above (or at) the drone, at least `height` over the deck's mean level.
+fn safe_place(s: &Situation, c: &MissionConfig, height: f64) -> (Vector3<f64>, f64) {
+    let (mut at, yaw) = s
+        .own
+        .map_or((Vector3::zeros(), 0.0), |own| (own.position, own.yaw));
+    if let Some(mean) = s.mean_deck_z {
+        at.z = at.z.min(mean - height);
+    }
+    at.z = at.z.min(s.water_z - c.minimum_altitude_m);
+    (at, yaw)
+}

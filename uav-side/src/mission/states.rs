@@ -1,0 +1,377 @@
+//! The state table: one function per state, what it waits for and where it goes.
+
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::Reason;
+use alight_shared::msg::ReasonCode::{
+    Commanded, Deviated, Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady,
+    Operator, Reached, SlideObserved, SlidePredicted, TooFar, TooFast, TooSteep, TooWindy, Uncertain,
+    VisionLost,
+};
+
+use super::config::MissionConfig;
+use super::phase::{
+    DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, first_beyond, holding, lasting,
+    old_data,
+};
+use super::situation::{ControlState, Deck, Situation};
+
+/// What the state of `phase` does in this situation.
+pub(super) fn step(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
+    match phase {
+        MissionPhase::Idle => idle(progress, s, c),
+        MissionPhase::GetAltitude { .. } => get_altitude(phase, s, c),
+        MissionPhase::Approach { detected } => approach(detected, s, c),
+        MissionPhase::Tracking { steady } => tracking(steady, s, c),
+        MissionPhase::TrackingStable => tracking_stable(progress, s, c),
+        MissionPhase::Descent { violated, paused } => descent(violated, paused, s, c),
+        MissionPhase::Flare { committed, violated } => flare(committed, violated, s, c),
+        MissionPhase::Landed { disarmed } => landed(disarmed, progress, s),
+        MissionPhase::Hold {
+            cause,
+            at,
+            yaw,
+            fresh,
+        } => {
+            let hold = |fresh| MissionPhase::Hold {
+                cause,
+                at,
+                yaw,
+                fresh,
+            };
+            held(cause, hold, fresh, progress, s, c)
+        }
+        MissionPhase::GaveUp { .. } => phase.stay(NotCommanded),
+    }
+}
+
+/// Idle: waits for command, flight and the vessel's state by radio.
+fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+    let idle = MissionPhase::Idle;
+    if !progress.landing {
+        return idle.stay(NotCommanded);
+    }
+    if s.flight != ControlState::Ours {
+        return idle.stay(NotFlying);
+    }
+    if let Some(why) = old_data(s) {
+        return idle.stay(why);
+    }
+    match (s.fresh_deck(), s.own) {
+        (Some(deck), Some(own)) if deck.radio_age_s <= c.radio_fresh_s => {
+            progress.started = s.now;
+            let from = [own.position.x, own.position.y];
+            MissionPhase::GetAltitude { from }.enter(Commanded)
+        }
+        _ => idle.stay(NoVessel),
+    }
+}
+
+/// Get altitude: until the approach height is reached.
+fn get_altitude(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Transition {
+    let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
+        return phase.stay(NoVessel);
+    };
+    let error = (own.position.z - (mean - c.approach_height_m)).abs();
+    if error > c.height_tolerance_m {
+        return phase.stay(Reason::new(TooFar, error, c.height_tolerance_m));
+    }
+    MissionPhase::APPROACH.enter(Reached)
+}
+
+/// Approach: until visual contact is confirmed.
+fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
+    let Some(deck) = s.fresh_deck() else {
+        return MissionPhase::APPROACH.stay(NoVessel);
+    };
+    if deck.vision_age_s > c.vision_fresh_s {
+        if deck.radio_age_s > c.radio_lost_s {
+            return holding(HoldCause::Data, s, c).enter(NoVessel);
+        }
+        return MissionPhase::APPROACH.stay(NoVision);
+    }
+    let (detected, lasted) = lasting(true, detected, s.now);
+    if lasted < c.contact_confirm_s {
+        return MissionPhase::Approach { detected }.stay(NoVision);
+    }
+    MissionPhase::TRACKING.enter(Reached)
+}
+
+/// What is unsteady above the deck; `slack` widens the limits.
+fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option<Reason> {
+    let height = match (s.own, s.mean_deck_z) {
+        (Some(own), Some(mean)) => (own.position.z - (mean - c.tracking_height_m)).abs(),
+        _ => f64::INFINITY,
+    };
+    first_beyond([
+        (TooFar, deck.distance_m, c.steady_distance_m * slack),
+        (TooFast, deck.relative_speed_mps, c.steady_speed_mps * slack),
+        (TooFar, height, c.steady_height_m * slack),
+    ])
+}
+
+/// Vision lost in a state that follows the vessel by vision: the radio leads back to it, or nothing.
+fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
+    let why = exceeds(VisionLost, deck.vision_age_s, c.vision_lost_s)?;
+    let next = if deck.radio_age_s <= c.radio_fresh_s {
+        MissionPhase::APPROACH
+    } else {
+        holding(HoldCause::Data, s, c)
+    };
+    Some(next.enter(why))
+}
+
+/// Tracking: until stably above the deck.
+fn tracking(steady: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
+    let Some(deck) = s.fresh_deck() else {
+        return MissionPhase::TRACKING.stay(NoVessel);
+    };
+    if let Some(lost) = vision_lost(deck, s, c) {
+        return lost;
+    }
+    if let Some(why) = unsteady(deck, s, c, 1.0) {
+        return MissionPhase::TRACKING.stay(why);
+    }
+    let (steady, lasted) = lasting(true, steady, s.now);
+    if lasted < c.steady_s {
+        return MissionPhase::Tracking { steady }.stay(Reason::new(NotSteady, lasted, c.steady_s));
+    }
+    MissionPhase::TrackingStable.enter(Reason::new(Reached, lasted, c.steady_s))
+}
+
+/// Tracking stable: until the descent's conditions hold.
+fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
+    let stable = MissionPhase::TrackingStable;
+    let Some(deck) = s.fresh_deck() else {
+        return stable.stay(NoVessel);
+    };
+    if let Some(lost) = vision_lost(deck, s, c) {
+        return lost;
+    }
+    if let Some(why) = unsteady(deck, s, c, c.break_factor) {
+        return MissionPhase::TRACKING.enter(why);
+    }
+    if s.flight != ControlState::Ours {
+        return stable.stay(NotFlying);
+    }
+    let used = deck
+        .predicted_slope
+        .map_or(s.friction_used_mps2, |slope| slope * GRAVITY);
+    let friction_left = c.friction * GRAVITY - used + c.friction_margin_mps2;
+    let rejection = (s.reservation.rejection())
+        .or_else(|| {
+            first_beyond([
+                (VisionLost, deck.vision_age_s, c.descent_vision_s),
+                (TooFar, deck.distance_m, c.descent_distance_m),
+                (TooFast, deck.relative_speed_mps, c.descent_speed_mps),
+            ])
+        })
+        .or_else(|| deck_infeasible(deck, c, 1.0))
+        .or_else(|| {
+            first_beyond([
+                (Infeasible, deck.turn_radps, c.deck_turn_radps),
+                (TooSteep, s.recent_tilt_rad, c.recent_tilt_rad),
+            ])
+        })
+        .or_else(|| slides(deck, s, c))
+        .or_else(|| {
+            first_beyond([
+                (TooWindy, s.wind_peak_mps2, c.wind_peak_mps2),
+                (TooWindy, s.wind_peak_mps2, friction_left),
+                (NoPlan, s.plan_age_s, s.plan_limit_s),
+            ])
+        });
+    if let Some(why) = rejection {
+        return stable.stay(why);
+    }
+    if progress.attempts >= c.max_attempts {
+        return Transition::BreakOff(Reason::default());
+    }
+    progress.attempts += 1;
+    MissionPhase::DESCENT.enter(Reason::new(Reached, deck.distance_m, c.descent_distance_m))
+}
+
+/// Why a drone that went down now would slide: a slope predicted before it has come to rest. Where the forecast is
+/// the waves' plain sum, also a slope measured a moment ago, when no wave predicted it; while no slope is
+/// predicted, the next group of waves like the last.
+fn slides(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let observed = |(since, limit)| Reason::new(SlideObserved, since, limit);
+    match deck.predicted_slope {
+        Some(slope) if deck.wave_following_deficit >= c.bound_wave_deficit => {
+            exceeds(SlidePredicted, slope, c.bound_wave_slope_limit)
+        }
+        Some(slope) => exceeds(SlidePredicted, slope, c.slope_limit)
+            .or_else(|| s.apparent_slope.just_now(c).map(observed)),
+        None => s.apparent_slope.rejection(c).map(observed),
+    }
+}
+
+/// What makes the predicted deck infeasible for a landing: uncertainty, motion or tilt.
+fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
+    first_beyond([
+        (Uncertain, deck.horizontal_sd_m, c.horizontal_sd_m * slack),
+        (Uncertain, deck.vertical_sd_m, c.vertical_sd_m * slack),
+        (Infeasible, deck.speed_mps, c.deck_speed_mps * slack),
+        (Infeasible, deck.heave_mps, c.deck_heave_mps * slack),
+        (
+            Infeasible,
+            deck.acceleration_mps2,
+            c.deck_acceleration_mps2 * slack,
+        ),
+        (TooSteep, deck.tilt_rad, c.deck_tilt_rad * slack),
+    ])
+}
+
+/// What forbids the flare at the decision clearance.
+fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    first_beyond([
+        (
+            VisionLost,
+            deck.vision_age_s.min(deck.radio_age_s),
+            c.vision_fresh_s,
+        ),
+        (VisionLost, deck.vision_age_s, c.descent_vision_s),
+        (TooFar, deck.distance_m, c.flare_distance_m),
+        (TooFast, deck.relative_speed_mps, c.flare_speed_mps),
+        (TooSteep, deck.tilt_rad, c.flare_tilt_rad),
+        (Infeasible, deck.turn_radps, c.deck_turn_radps),
+        (TooWindy, s.wind_mps2, c.wind_peak_mps2),
+    ])
+}
+
+/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision.
+fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
+    let cone = c.break_distance_m + c.break_cone * deck.clearance_m.max(0.0);
+    exceeds(VisionLost, deck.vision_age_s, blind_s)
+        .or_else(|| exceeds(Deviated, deck.distance_m, cone))
+        .or_else(|| deck_infeasible(deck, c, c.break_factor))
+        .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
+}
+
+/// Descent: until the flare; an unmet condition of the flare pauses it at the decision clearance.
+fn descent(
+    violated: Option<DroneTime>,
+    paused: Option<DroneTime>,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
+    let Some(deck) = s.fresh_deck() else {
+        return Transition::BreakOff(NoVessel.into());
+    };
+    let violation = violation(deck, s, c, c.descent_vision_s);
+    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
+    let close = deck.clearance_m < c.commit_clearance_m;
+    // Below the commit clearance going on is safer than breaking off, while the deck is below.
+    if let Some(why) = violation.filter(|_| lasted > c.violation_s && !close) {
+        return Transition::BreakOff(why);
+    }
+    if close && let Some(why) = exceeds(Deviated, s.outside_m, c.lost_outside_m) {
+        return Transition::BreakOff(why);
+    }
+    if let Some(why) = s.reservation.lost().filter(|_| !close) {
+        return Transition::BreakOff(why);
+    }
+    let rejection = not_ready_to_flare(deck, s, c);
+    if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
+        let flare = MissionPhase::Flare {
+            committed: close,
+            violated: None,
+        };
+        return flare.enter(Reason::new(Reached, deck.clearance_m, c.flare_clearance_m));
+    }
+    let stopped = rejection.filter(|_| deck.clearance_m < c.decision_clearance_m);
+    let (paused, waited) = lasting(stopped.is_some(), paused, s.now);
+    if let Some(why) = stopped.filter(|_| waited > c.decision_timeout_s) {
+        return Transition::BreakOff(why);
+    }
+    let sinking = Reason::new(TooFar, deck.clearance_m, c.flare_clearance_m);
+    MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
+}
+
+/// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
+/// committed.
+fn flare(committed: bool, violated: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
+    let Some(deck) = s.fresh_deck() else {
+        return Transition::BreakOff(NoVessel.into());
+    };
+    // The deck may fall away again: half a metre above the commit clearance there is time to judge.
+    let committed = deck.clearance_m < c.commit_clearance_m + if committed { 0.5 } else { 0.0 };
+    let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
+        exceeds(Deviated, s.outside_m, c.lost_outside_m).filter(|_| deck.clearance_m < c.commit_clearance_m)
+    });
+    if let Some(why) = hard.or_else(|| s.reservation.lost().filter(|_| !committed)) {
+        return Transition::BreakOff(why);
+    }
+    let violation = violation(deck, s, c, blind_limit(deck, c));
+    let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
+    if let Some(why) = violation.filter(|_| lasted > c.violation_s && !committed) {
+        return Transition::BreakOff(why);
+    }
+    let sinking = Reason::new(TooFar, deck.clearance_m, 0.0);
+    MissionPhase::Flare { committed, violated }.stay(violation.unwrap_or(sinking))
+}
+
+/// How long a flare may last without vision: longer while the radio reports where the vessel is, s.
+pub(super) fn blind_limit(deck: &Deck, c: &MissionConfig) -> f64 {
+    if deck.radio_age_s <= c.radio_fresh_s {
+        c.flare_radio_blind_s
+    } else {
+        c.flare_blind_s
+    }
+}
+
+/// Landed: until the drone, disarmed in between, is armed again.
+fn landed(disarmed: bool, progress: &mut Progress, s: &Situation) -> Transition {
+    progress.landing = false;
+    let armed = matches!(
+        s.flight,
+        ControlState::OnGround | ControlState::OtherControl(_) | ControlState::Ours
+    );
+    if disarmed && armed {
+        return MissionPhase::Idle.enter(Reached);
+    }
+    let disarmed = disarmed || s.flight == ControlState::Disarmed;
+    MissionPhase::Landed { disarmed }.stay(Reason::default())
+}
+
+/// Hold: until data are fresh again and a landing is wanted. `hold` is this hold with data fresh since then.
+fn held(
+    cause: HoldCause,
+    hold: impl Fn(Option<DroneTime>) -> MissionPhase,
+    fresh: Option<DroneTime>,
+    progress: &Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
+    if cause == HoldCause::Operator && !progress.landing {
+        return hold(None).stay(Operator);
+    }
+    if s.flight == ControlState::Unknown {
+        return hold(None).stay(NotFlying);
+    }
+    if let Some(why) = old_data(s) {
+        return hold(None).stay(why);
+    }
+    let (Some(deck), Some(own)) = (s.fresh_deck(), s.own) else {
+        return hold(None).stay(NoVessel);
+    };
+    if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s {
+        return hold(None).stay(Reason::new(VisionLost, deck.vision_age_s, c.vision_fresh_s));
+    }
+    let (fresh, lasted) = lasting(true, fresh, s.now);
+    if lasted < c.recover_s {
+        return hold(fresh).stay(Reason::new(NotSteady, lasted, c.recover_s));
+    }
+    let next = if deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= c.resume_distance_m {
+        MissionPhase::TRACKING
+    } else {
+        MissionPhase::GetAltitude {
+            from: [own.position.x, own.position.y],
+        }
+    };
+    next.enter(Reason::new(Reached, lasted, c.recover_s))
+}

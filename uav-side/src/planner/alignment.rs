@@ -1,0 +1,57 @@
+//! The law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights grow
+//! with the clearance of the foot plane. Only the flare has the deck's attitude as its reference, so only there
+//! does aligning make sense.
+
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector3;
+
+use super::law::{Law, View};
+use super::model::clearance;
+use super::mpc_faa::Problem;
+use super::reference::{Reference, ReferenceGenerator};
+use super::weights::{Faa, FaaDistance};
+
+/// The weights' growth for this drone.
+#[derive(Clone, Debug)]
+pub struct FaaAlignment {
+    faa: Faa,
+    feet_below_m: f64,
+}
+
+impl FaaAlignment {
+    /// The growth `faa` over the clearance of this drone's feet.
+    pub fn new(faa: &Faa, drone: &DroneGeometry) -> Self {
+        FaaAlignment {
+            faa: *faa,
+            feet_below_m: drone.feet_below_m,
+        }
+    }
+}
+
+impl Law for FaaAlignment {
+    fn refine(
+        &mut self,
+        _now: Time<DroneClock>,
+        _view: &View,
+        _generator: &ReferenceGenerator,
+        problem: &mut Problem,
+        reference: &mut Reference,
+    ) -> Option<f64> {
+        if !reference.touch {
+            return None;
+        }
+        for (k, (weight, r)) in problem.weight.iter_mut().zip(&problem.reference).enumerate() {
+            let d = match (self.faa.distance, reference.deck.get(k + 1)) {
+                (FaaDistance::Current, _) | (FaaDistance::PerStage, None) => reference.clearance_m,
+                (FaaDistance::PerStage, Some(deck)) => {
+                    let p = Vector3::new(r[0], r[1], r[2]);
+                    clearance(&p, &deck.normal(), deck, self.feet_below_m)
+                }
+            };
+            *weight = self.faa.apply(weight, d);
+        }
+        reference.alignment = problem.alignment();
+        None
+    }
+}

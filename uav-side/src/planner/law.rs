@@ -1,0 +1,83 @@
+//! What one planner does that another does not. Everything else is common: where a plan begins, the references of
+//! each mission state, the model, its solver and the message.
+
+use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector2;
+
+use super::model::State;
+use super::mpc_faa::Problem;
+use super::reference::{Reference, ReferenceGenerator};
+
+/// Permission and deck that the references are made for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// What the mission permits.
+    pub mission: MissionState,
+    /// The predicted deck.
+    pub forecast: Option<DeckForecast>,
+}
+
+/// Where the plans of a landing begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LandingStart {
+    /// The first one at the measured state.
+    pub measured: bool,
+    /// Each one no higher above the drone, and sinking no slower, than the limits of
+    /// [`super::config::Reset`] allow.
+    pub not_behind: bool,
+}
+
+/// The law of a planner. The defaults are those of the paper's planner without attitude alignment.
+pub trait Law: core::fmt::Debug + Send {
+    /// Learns from odometry when it is new, from the newest forecast, and from the last plan's reference.
+    fn observe(&mut self, _drone: Option<&DroneState>, _forecast: Option<&DeckForecast>, _last: &Reference) {}
+    /// The wind that plans allow for, as its acceleration, m/s². Where there is one, a state's tilt is the
+    /// acceleration that it causes in this wind, else the tilt of the body.
+    fn wind(&self) -> Vector2<f64> {
+        Vector2::zeros()
+    }
+    /// Where the plans of a landing begin.
+    fn landing_start(&self) -> LandingStart {
+        LandingStart::default()
+    }
+    /// Whether a plan of the law's own begins anew, at the common planner's start.
+    fn begins(
+        &self,
+        _now: Time<DroneClock>,
+        _mission: &MissionState,
+        _forecast: Option<&DeckForecast>,
+        _drone: Option<&DroneState>,
+    ) -> bool {
+        false
+    }
+    /// A plan by a model and solver of the law's own, beginning anew at `start` (state, and vertical
+    /// acceleration in NED, m/s²) if one is given.
+    fn own_plan(
+        &mut self,
+        _now: Time<DroneClock>,
+        _mission: &MissionState,
+        _forecast: Option<&DeckForecast>,
+        _start: Option<(State, f64)>,
+    ) -> Option<Plan> {
+        None
+    }
+    /// Replaces permission and deck by those that the law plans with; the plan begins at `start`.
+    fn limit(&mut self, _now: Time<DroneClock>, _start: &State, _view: &mut View) {}
+    /// Replaces references and weights; gives the time to the contact if one is planned, s.
+    fn refine(
+        &mut self,
+        _now: Time<DroneClock>,
+        _view: &View,
+        _generator: &ReferenceGenerator,
+        _problem: &mut Problem,
+        _reference: &mut Reference,
+    ) -> Option<f64> {
+        None
+    }
+    /// Tilt of the body about north and east for a planned state and vertical acceleration (NED, m/s²), and the
+    /// factor by which rates of tilt grow.
+    fn attitude(&self, state: &State, _vertical: f64) -> (f64, f64, f64) {
+        (state[3], state[4], 1.0)
+    }
+}

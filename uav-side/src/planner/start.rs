@@ -1,0 +1,105 @@
+//! Where a plan begins: at the previous plan sampled now, or at the measured state.
+
+use alight_shared::frames::wrap_angle;
+use alight_shared::geometry::GRAVITY;
+use alight_shared::msg::DroneState;
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::Vector2;
+
+use super::config::Reset;
+use super::is_fresh;
+use super::model::{INPUTS, State, measured_state};
+use super::mpc_faa::{Mpc, Solution};
+
+/// A plan as the solver left it: exact at any time, not only at its stages.
+#[derive(Clone, Debug)]
+pub(super) struct SolvedPlan {
+    pub at: Time<DroneClock>,
+    pub start: State,
+    pub solution: Solution,
+}
+
+impl SolvedPlan {
+    /// State and input at a time, exactly: whole stages from the solver's states, the rest rolled. Before its start
+    /// the start, after its end constant velocity and level.
+    pub fn sample(&self, t: Time<DroneClock>, mpc: &Mpc) -> (State, [f64; INPUTS]) {
+        let step = mpc.step_s();
+        let x = (t - self.at).secs().max(0.0) / step;
+        let k = (x + 1e-6).floor() as usize;
+        let rest = ((x - k as f64) * step).max(0.0);
+        let from = match k.checked_sub(1) {
+            None => Some(self.start),
+            Some(i) => self.solution.states.get(i).copied(),
+        };
+        match (from, self.solution.inputs.get(k)) {
+            (Some(state), Some(input)) if rest > 1e-6 => (mpc.roll(&state, input, rest), *input),
+            (Some(state), Some(input)) => (state, *input),
+            _ => {
+                let mut s = self.solution.states.last().copied().unwrap_or(self.start);
+                let beyond = (x - self.solution.states.len() as f64) * step;
+                for i in 0..3 {
+                    s[i] += s[6 + i] * beyond;
+                }
+                for i in [3, 4, 9, 10, 11] {
+                    s[i] = 0.0;
+                }
+                (s, [0.0; INPUTS])
+            }
+        }
+    }
+}
+
+/// Where a plan begins.
+pub(super) struct Start {
+    pub state: State,
+    pub input: [f64; INPUTS],
+    /// At the measured state: nothing of the previous plan goes on.
+    pub measured: bool,
+}
+
+/// The start of the next plan of `previous` for a drone of this odometry in this wind (m/s²). In a landing that is
+/// `not_behind`, no higher above the drone and sinking no slower than `reset` allows.
+pub(super) fn start(
+    now: Time<DroneClock>,
+    drone: &DroneState,
+    previous: Option<&SolvedPlan>,
+    mpc: &Mpc,
+    wind: Vector2<f64>,
+    not_behind: bool,
+    reset: &Reset,
+) -> Start {
+    let mut measured = measured_state(drone);
+    let wind = wind / GRAVITY;
+    measured[3] += wind.y;
+    measured[4] -= wind.x;
+    if let Some(previous) = previous.filter(|p| is_fresh(now, p.at, reset.age_s)) {
+        let (then, _) = previous.sample(drone.header.at, mpc); // compared at the odometry's time
+        let gap: State = core::array::from_fn(|i| measured[i] - then[i]);
+        let near = gap[0].hypot(gap[1]) <= reset.horizontal_m
+            && gap[6].hypot(gap[7]) <= reset.horizontal_mps
+            && gap[2].abs() <= reset.vertical_m
+            && gap[8].abs() <= reset.vertical_mps
+            && wrap_angle(gap[5]).abs() <= reset.yaw_deg.to_radians();
+        if near {
+            let (mut state, input) = previous.sample(now, mpc);
+            if not_behind {
+                // A drone that is lower than its plan meets the deck sooner and faster than the plan believes.
+                // One that is higher keeps the plan: the gap is what presses it down.
+                for (i, max) in [(2, reset.ahead_m), (8, reset.ahead_mps)] {
+                    state[i] += (gap[i] - max).max(0.0);
+                }
+            }
+            return Start {
+                state,
+                input,
+                measured: false,
+            };
+        }
+    }
+    // Limits are soft except those of the inputs, and hover is inside these.
+    Start {
+        state: measured,
+        input: [0.0; INPUTS],
+        measured: true,
+    }
+}
