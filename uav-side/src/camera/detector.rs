@@ -1,5 +1,5 @@
 //! The tag in an image: the AprilTag library of the family's authors (Wang and Olson 2016), family
-//! 36h11, and what is asked of a detection before it counts.
+//! 36h11, and the conditions on a detection.
 
 use alight_shared::config;
 use apriltag::{Detector, DetectorBuilder, Family, Image};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::image::GreyImage;
 use super::motion_blur::motion_blur_px2;
 
-/// Most detections of one image that are looked at.
+/// Detections of one image that are examined, at most.
 const MAX_DETECTIONS: usize = 64;
 
 config! {
@@ -56,7 +56,7 @@ pub struct TagDetection {
     pub wrong_bits: usize,
     /// Decision margin, grey levels.
     pub margin: f64,
-    /// Square of the motion during the exposure that its edges tell, px².
+    /// Square of the motion during the exposure by its edges, px².
     pub motion_blur_px2: f64,
 }
 
@@ -65,7 +65,7 @@ pub struct TagDetection {
 pub struct TagCounts {
     /// Images that were searched.
     pub images: u64,
-    /// Images whose sighting counted.
+    /// Images with an accepted detection.
     pub detected: u64,
     /// Tags of the family with another number.
     pub other_tags: u64,
@@ -168,7 +168,7 @@ mod tests {
     /// The first code of the family 36h11, rows from the top, most significant bit first, 1 white.
     const CODE_0: u64 = 0xd_5d62_8584;
 
-    /// A tag seen from straight ahead: its upper left corner at `at`, cells of `cell` px.
+    /// A tag straight ahead: its upper left corner at `at`, cells of `cell` px.
     fn front(size: [usize; 2], at: [usize; 2], cell: usize) -> GreyImage {
         let mut pixels = vec![200_u8; size[0] * size[1]];
         for v in 0..8 * cell {
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn detector_reports_corners_of_an_upright_tag_in_order() {
         let mut detector = TagDetector::new(&TagSettings::default());
-        let found = detector.find(&front([200, 160], [40, 30], 10)).expect("seen");
+        let found = detector.find(&front([200, 160], [40, 30], 10)).expect("a tag");
         // Edges lie between pixels: 40 px are pixels 40 to 119, whose outer edges are 39.5 and 119.5.
         let expected = [[39.5, 109.5], [39.5, 29.5], [119.5, 29.5], [119.5, 109.5]];
         for (p, e) in found.corners.iter().zip(expected) {

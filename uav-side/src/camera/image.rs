@@ -4,7 +4,7 @@ use alight_shared::config::{ConfigError, Keys};
 use alight_shared::time::{DroneClock, Time};
 use thiserror::Error;
 
-/// Shortest side that is looked at, px: a tag of 10 cells does not fit into fewer, and the detector's
+/// Shortest side of an image, px: a tag of 10 cells does not fit into fewer, and the detector's
 /// tiles need them.
 pub const MIN_SIDE_PX: usize = 32;
 /// Longest side, px.
@@ -15,7 +15,7 @@ pub const MAX_PIXELS: usize = 12 * 1024 * 1024;
 /// Why bytes are not an image.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ImageError {
-    /// Too small, too large, or another number of pixels than its size says.
+    /// Too small, too large, or another number of pixels than its size implies.
     #[error(
         "an image of {width} x {height} px with {pixels} bytes is refused: allowed are 32 to 8192 px a side, \
          12.6 million in all, one byte for each"
@@ -31,6 +31,16 @@ pub enum ImageError {
     /// Not a grey binary PGM.
     #[error("not a grey image as PGM (P5, 8 bit): {0}")]
     Pgm(&'static str),
+}
+
+impl ImageError {
+    fn size(width: usize, height: usize, pixels: usize) -> ImageError {
+        ImageError::Size {
+            width,
+            height,
+            pixels,
+        }
+    }
 }
 
 /// An 8-bit grey image, rows from the top, without padding.
@@ -68,12 +78,7 @@ impl GreyImage {
     /// An image from its rows.
     pub fn new(width: usize, height: usize, pixels: Vec<u8>) -> Result<GreyImage, ImageError> {
         if !GreyImage::accepts(width, height) || width * height != pixels.len() {
-            let pixels = pixels.len();
-            return Err(ImageError::Size {
-                width,
-                height,
-                pixels,
-            });
+            return Err(ImageError::size(width, height, pixels.len()));
         }
         Ok(GreyImage {
             width,
@@ -95,12 +100,7 @@ impl GreyImage {
         let length = width.saturating_mul(height);
         let rows = rows.get(..length).unwrap_or(rows);
         if !GreyImage::accepts(width, height) {
-            let pixels = rows.len();
-            return Err(ImageError::Size {
-                width,
-                height,
-                pixels,
-            });
+            return Err(ImageError::size(width, height, rows.len()));
         }
         GreyImage::new(width, height, rows.to_vec())
     }
@@ -118,13 +118,13 @@ impl GreyImage {
     pub fn height(&self) -> usize {
         self.height
     }
+    /// Whether it is of this size, px.
+    pub(super) fn has_size(&self, width_px: u32, height_px: u32) -> bool {
+        [self.width, self.height] == [width_px as usize, height_px as usize]
+    }
     /// Its rows.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
-    }
-    /// Its rows, to be used again.
-    pub fn into_pixels(self) -> Vec<u8> {
-        self.pixels
     }
 }
 
@@ -146,8 +146,8 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
     if digits == 0 || digits > 6 {
         return Err(ImageError::Pgm("its size is no number"));
     }
-    let (word, rest) = rest.split_at(digits);
-    let value = word.iter().fold(0, |n, b| n * 10 + usize::from(b - b'0'));
+    let (digits, rest) = rest.split_at(digits);
+    let value = digits.iter().fold(0, |n, b| n * 10 + usize::from(b - b'0'));
     Ok((value, rest))
 }
 
@@ -156,7 +156,7 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
 pub struct Frame {
     /// Middle of the exposure.
     pub at: Time<DroneClock>,
-    /// What was seen.
+    /// The image.
     pub image: GreyImage,
 }
 

@@ -1,4 +1,4 @@
-//! Which direction a pixel looks in: a pinhole with the radial and tangential distortion that
+//! The direction of a pixel: a pinhole with the radial and tangential distortion that
 //! calibration programs write (Brown 1966; OpenCV's five numbers k1 k2 p1 p2 k3, ROS's `plumb_bob`).
 //!
 //! Camera axes: x right in the image, y down in it, z along the optical axis. Pixel (0, 0) is the middle
@@ -13,7 +13,7 @@ use super::image::check_image;
 const MAX_STEPS: usize = 20;
 /// It has converged when a step is smaller than this, at unit distance.
 const CONVERGED: f64 = 1e-9;
-/// Points further off the axis than this are not looked for, at unit distance: 81 deg.
+/// Points further off the axis than this are not searched, at unit distance: 81 deg.
 const MAX_RADIUS: f64 = 6.5;
 
 config! {
@@ -47,7 +47,7 @@ config! {
             })
         });
         at.require(
-            corners.as_flattened().iter().all(|seen| *seen),
+            corners.as_flattened().iter().all(|has| *has),
             "distortion",
             format!("{:?}", this.distortion),
             "numbers by which every corner of the image has a direction (k1 k2 p1 p2 k3 of a calibration of \

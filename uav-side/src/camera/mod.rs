@@ -1,13 +1,14 @@
-//! The belly camera: images in, sightings of the deck out.
+//! The belly camera: images in, detections of the deck's tag out.
 //!
-//! Read in this order: [`image`] (what an image is), [`lens`] (which direction a pixel looks in),
-//! [`detector`] (the tag's corners), [`motion_blur`] (how far they were smeared), [`square_pose`] (its pose and covariance), [`node`]; then [`uvdar`], the second camera.
+//! Read in this order: [`image`], [`lens`] (the direction of a pixel), [`detector`] (the tag's corners),
+//! [`motion_blur`], [`square_pose`] (its pose and covariance), [`node`]; then [`uvdar`], the second camera.
 
 pub mod detector;
 pub mod image;
 pub mod lens;
 pub mod motion_blur;
 pub mod node;
+mod refine;
 pub mod square_pose;
 pub mod uvdar;
 

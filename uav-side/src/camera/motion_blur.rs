@@ -1,4 +1,4 @@
-//! How far light is smeared across the tag's edges: motion and a lens out of focus tell of themselves.
+//! Motion blur by the width of the tag's edges; a lens out of focus widens them as well.
 //!
 //! The mean profile across a side is a step that was spread by the optics, the pixel and the motion. The
 //! derivative of that profile is the spread itself, whose variance is what they have together; motion by `b`
@@ -12,7 +12,7 @@ use super::image::GreyImage;
 const LINES: usize = 12;
 /// Distance between samples on a line, px.
 const STEP_PX: f64 = 0.5;
-/// Shortest and longest way from the edge that is looked at, px.
+/// Shortest and longest distance from the edge that is sampled, px.
 const REACH_PX: [f64; 2] = [2.0, 24.0];
 /// Cells of the tag's black square; its edge and the margin around it are a cell each.
 const CELLS: f64 = 8.0;
@@ -31,7 +31,7 @@ pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
 }
 
 /// Square of the motion during the exposure, px², from the edges of the tag with these corners: that across
-/// one pair of sides and that across the other. What no edge tells counts as none.
+/// one pair of sides and that across the other. Zero where no edge is found.
 pub fn motion_blur_px2(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> f64 {
     let [a, b, c, d] = *corners;
     let reach = (0.9 * width_px(corners) / CELLS).clamp(REACH_PX[0], REACH_PX[1]);
@@ -57,8 +57,8 @@ fn variance(image: &GreyImage, p: Vector2<f64>, q: Vector2<f64>, reach: f64) -> 
     let profile: Vec<f64> = (0..count)
         .map(|k| {
             let levels = (0..LINES).filter_map(|line| {
-                let share = 0.15 + 0.7 * line as f64 / (LINES - 1) as f64;
-                level(image, p + along * share + normal * at(k))
+                let along_side = 0.15 + 0.7 * line as f64 / (LINES - 1) as f64;
+                level(image, p + along * along_side + normal * at(k))
             });
             let (sum, n) = levels.fold((0.0, 0.0), |(sum, n), l| (sum + l, n + 1.0));
             sum / n
@@ -117,9 +117,9 @@ mod tests {
         let pixels = (0..120 * 120).map(|k| {
             let (u, v) = (f64::from(k % 120), f64::from(k / 120));
             // 64 instants, each with 8 places in the pixel.
-            let share = |i: u32, of: u32| (f64::from(i) + 0.5) / f64::from(of) - 0.5;
+            let centred = |i: u32, of: u32| (f64::from(i) + 0.5) / f64::from(of) - 0.5;
             let dark = (0..64 * 8_u32).filter(|i| {
-                let x = u - share(i / 8, 64) * b + share(i % 8, 8);
+                let x = u - centred(i / 8, 64) * b + centred(i % 8, 8);
                 (29.5..89.5).contains(&x) && (29.5..89.5).contains(&v)
             });
             200 - (180 * dark.count() / (64 * 8)) as u8
@@ -130,8 +130,8 @@ mod tests {
     #[test]
     fn motion_blur_is_measured_at_the_edges_that_it_crosses() {
         for b in [0.0, 4.0, 8.0, 12.0] {
-            let told = motion_blur_px2(&moved(b), &CORNERS);
-            assert!((told - b * b).abs() < 5.0 + 0.1 * b * b, "{b} px: {told}");
+            let measured = motion_blur_px2(&moved(b), &CORNERS);
+            assert!((measured - b * b).abs() < 5.0 + 0.1 * b * b, "{b} px: {measured}");
         }
     }
 
@@ -152,8 +152,8 @@ mod tests {
             let noise = (0..64 * 48_u32).map(|k| (k.wrapping_mul(seed | 1) >> 24) as u8);
             let image = GreyImage::new(64, 48, noise.collect()).unwrap();
             let corners = [0, 2, 4, 6].map(|i| Vector2::new(c[i], c[i + 1]));
-            let told = motion_blur_px2(&image, &corners);
-            prop_assert!(told >= 0.0 && told.is_finite(), "{told}");
+            let measured = motion_blur_px2(&image, &corners);
+            prop_assert!(measured >= 0.0 && measured.is_finite(), "{measured}");
         }
     }
 }

@@ -3,7 +3,7 @@
 use alight_shared::msg::{Header, TagPose};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
 use super::image::{Frame, GreyImage};
@@ -14,7 +14,7 @@ use super::{CameraSettings, Lens};
 /// Whose camera it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CameraIdentity {
-    /// The vessel whose deck is looked for.
+    /// The vessel whose deck is detected.
     pub vessel: u32,
     /// The drone.
     pub drone: u32,
@@ -22,17 +22,50 @@ pub struct CameraIdentity {
     pub boot: u32,
 }
 
-/// What the camera took since the last step.
+/// Whose camera it is, and which of its images were processed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Exposures {
+    identity: CameraIdentity,
+    sequence: u32,
+    last: Option<Time<DroneClock>>,
+}
+
+impl Exposures {
+    pub(super) fn of(identity: CameraIdentity) -> Exposures {
+        Exposures {
+            identity,
+            sequence: 0,
+            last: None,
+        }
+    }
+    /// Every image counts once, in the order of exposure: not one that is older than the last.
+    pub(super) fn accept(&mut self, now: Time<DroneClock>, at: Time<DroneClock>) -> bool {
+        let accepted = at <= now && self.last.is_none_or(|last| at > last);
+        if accepted {
+            self.last = Some(at);
+        }
+        accepted
+    }
+    /// The header of the next measurement.
+    pub(super) fn header(&mut self, at: Time<DroneClock>) -> Header<DroneClock> {
+        let CameraIdentity { vessel, drone, boot } = self.identity;
+        let header = Header::new(vessel, drone, boot, self.sequence, at);
+        self.sequence = self.sequence.wrapping_add(1);
+        header
+    }
+}
+
+/// The images since the last step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraIn {
     /// Images.
     pub frames: Vec<Frame>,
 }
 
-/// What was seen in them.
+/// What was detected in them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraOut {
-    /// Sightings of the tag.
+    /// Poses of the tag.
     pub tags: Vec<TagPose>,
 }
 
@@ -44,33 +77,28 @@ pub struct CameraNode {
     side_m: f64,
     tag: TagSettings,
     detector: TagDetector,
-    names: CameraIdentity,
-    sequence: u32,
-    last: Option<Time<DroneClock>>,
+    exposures: Exposures,
 }
 
 impl CameraNode {
-    /// A camera that looks for a tag of `side_m`.
-    pub fn new(settings: &CameraSettings, side_m: f64, names: CameraIdentity) -> CameraNode {
+    /// A camera that detects a tag of `side_m`.
+    pub fn new(settings: &CameraSettings, side_m: f64, identity: CameraIdentity) -> CameraNode {
         CameraNode {
             lens: settings.lens,
             mount: settings.mount().0,
             side_m,
             tag: settings.tag.clone(),
             detector: TagDetector::new(&settings.tag),
-            names,
-            sequence: 0,
-            last: None,
+            exposures: Exposures::of(identity),
         }
     }
-    /// What became of images and detections.
+    /// Images and detections by result.
     pub fn counts(&self) -> TagCounts {
         self.detector.counts
     }
     /// The tag in one image.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
-        let size = [image.width(), image.height()];
-        if size != [self.lens.width_px as usize, self.lens.height_px as usize] {
+        if !image.has_size(self.lens.width_px, self.lens.height_px) {
             self.detector.counts.wrong_size += 1;
             return None;
         }
@@ -104,28 +132,29 @@ impl CameraNode {
         if !(s.misfit <= self.tag.max_misfit) {
             return None;
         }
-        // Corners that fit worse than they should, by glare or motion, say that all of them are worse: eight
-        // coordinates less six of the pose leave two.
-        let doubt = (0.5 * s.misfit).max(1.0);
-        let variance = s.variance * doubt;
+        // A misfit beyond the corners' noise, by glare or motion, inflates the variance of all of them: eight
+        // coordinates less six of the pose leave two degrees of freedom.
+        let inflation = (0.5 * s.misfit).max(1.0);
+        let variance = s.variance * inflation;
         let position = self.mount * s.position;
         let attitude = self.mount * s.attitude;
+        // Variances along turned axes: the squares of the rotation's components.
         let turn = self.mount.to_rotation_matrix().into_inner();
-        let turned = |v: Vector3<f64>| squares(&turn) * v;
+        let turned = |v: Vector3<f64>| turn.component_mul(&turn) * v;
         let moved = turned(variance.fixed_rows::<3>(0).into_owned());
-        let leaned = turned(variance.fixed_rows::<3>(3).into_owned());
+        let tilted = turned(variance.fixed_rows::<3>(3).into_owned());
         Some(TagPose {
             position: position.into(),
             attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
-            variance: [moved.x, moved.y, moved.z, leaned.x, leaned.y, leaned.z],
+            variance: [moved.x, moved.y, moved.z, tilted.x, tilted.y, tilted.z],
             ..TagPose::default()
         })
     }
 }
 
 /// Standard deviation of each coordinate of each corner, px:
-/// `sd² = corner² + (share side)² + (small min(1, (w1/w)⁴))² + (k b²/w)²`, with the tag's longest side, its
-/// narrowest width `w` and the smear `b` of its edges in the image, px. The form is that of corners in rendered
+/// `sd² = corner² + (fraction side)² + (small min(1, (w1/w)⁴))² + (k b²/w)²`, with the tag's longest side, its
+/// narrowest width `w` and the motion blur `b` of its edges in the image, px. The form is that of corners in rendered
 /// images over range, incidence and motion.
 fn corner_sd_px(tag: &TagSettings, detection: &TagDetection) -> f64 {
     let [a, b, c, d] = detection.corners;
@@ -141,28 +170,18 @@ fn corner_sd_px(tag: &TagSettings, detection: &TagDetection) -> f64 {
         .hypot(motion_blur)
 }
 
-/// Variances along turned axes: the squares of the rotation's components.
-fn squares(r: &Matrix3<f64>) -> Matrix3<f64> {
-    r.component_mul(r)
-}
-
 impl Node for CameraNode {
     type Clock = DroneClock;
     type In = CameraIn;
     type Out = CameraOut;
 
-    /// Every image once, in the order of exposure; an older one than the last is not looked at.
     fn step(&mut self, now: Time<DroneClock>, input: &CameraIn) -> CameraOut {
         let mut out = CameraOut::default();
-        for frame in &input.frames {
-            if frame.at > now || self.last.is_some_and(|last| frame.at <= last) {
-                continue;
-            }
-            self.last = Some(frame.at);
-            if let Some(pose) = self.detect(&frame.image) {
-                let CameraIdentity { vessel, drone, boot } = self.names;
-                let header = Header::new(vessel, drone, boot, self.sequence, frame.at);
-                self.sequence = self.sequence.wrapping_add(1);
+        for Frame { at, image } in &input.frames {
+            if self.exposures.accept(now, *at)
+                && let Some(pose) = self.detect(image)
+            {
+                let header = self.exposures.header(*at);
                 out.tags.push(TagPose { header, ..pose });
             }
         }
@@ -179,16 +198,13 @@ mod tests {
         let tag = TagSettings::default();
         let sd = |side: f64, motion_blur_px2: f64| {
             let corners = [[0.0, side], [0.0, 0.0], [side, 0.0], [side, side]].map(Vector2::from);
-            let (wrong_bits, margin) = (0, 100.0);
-            corner_sd_px(
-                &tag,
-                &TagDetection {
-                    corners,
-                    wrong_bits,
-                    margin,
-                    motion_blur_px2,
-                },
-            )
+            let detection = TagDetection {
+                corners,
+                wrong_bits: 0,
+                margin: 100.0,
+                motion_blur_px2,
+            };
+            corner_sd_px(&tag, &detection)
         };
         assert!((sd(100.0, 0.0) / tag.corner_sd_px - 1.0).abs() < 0.01);
         assert!(sd(14.0, 0.0) > 2.0 * sd(40.0, 0.0));

@@ -1,7 +1,7 @@
 //! Pose of a square from the image of its four corners.
 //!
 //! A start from the closed-form homography (Heckbert 1989, section 2.2.3), refined by
-//! Levenberg-Marquardt on the reprojection error. A small square seen from afar has a second
+//! Levenberg-Marquardt on the reprojection error. A small distant square has a second
 //! minimum, tilted the other way about the line of sight (Collins and Bartoli 2014, "Infinitesimal
 //! plane-based pose estimation", section 3); both are refined and the better one is reported, so
 //! that noise makes the solver take the wrong one as often as it would in reality.
@@ -13,8 +13,16 @@
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
 
-/// Bound on refinement steps.
-const MAX_STEPS: usize = 12;
+use super::refine::{CameraPose, Limits, NormalEquations, refine};
+
+const LIMITS: Limits = Limits {
+    steps: 12,
+    damping: 1e-4,
+    min_damping: 0.0,
+    relative_gain: 1e-4,
+    absolute_gain: 0.0,
+    step: 1e-10,
+};
 
 /// A solved pose.
 #[derive(Clone, Copy, Debug)]
@@ -47,132 +55,90 @@ pub fn corners(side: f64) -> [Vector3<f64>; 4] {
 /// None when the corners are degenerate or the refinement fails.
 pub fn solve(side: f64, image: &[Vector2<f64>; 4], sd: f64) -> Option<SquarePose> {
     let model = corners(side);
-    let first = refine(&model, image, from_homography(side, image)?)?;
-    let second = refine(&model, image, first.other_tilt()?);
+    let refined = |start| refine(start, &LIMITS, |pose| normal_equations(pose, &model, image));
+    let first = refined(from_homography(side, image)?)?;
+    let second = refined(other_tilt(&first.0)?);
     let var = sd * sd;
-    let (best, other) = match second {
-        Some(s) if s.cost < first.cost => (s, Some(first)),
+    let ((best, cost), other) = match second {
+        Some(s) if s.1 < first.1 => (s, Some(first)),
         other => (first, other),
     };
-    let mut variance = best.variance(&model, var)?;
-    if let Some(o) = other {
+    let mut second_moments = variance(&best, &model, var)?;
+    if let Some((other, other_cost)) = other {
         // Weights of the two minima by their likelihoods under the corner noise.
-        let w = 1.0 / (1.0 + ((o.cost - best.cost) / (2.0 * var).max(1e-300)).min(700.0).exp());
-        if let (true, Some(theirs)) = (w > 1e-6, o.variance(&model, var)) {
-            let dt = o.position - best.position;
-            let dr = (o.attitude * best.attitude.inverse()).scaled_axis();
+        let w = 1.0 / (1.0 + ((other_cost - cost) / (2.0 * var).max(1e-300)).min(700.0).exp());
+        if let (true, Some(theirs)) = (w > 1e-6, variance(&other, &model, var)) {
+            let dt = other.position - best.position;
+            let dr = (other.attitude * best.attitude.inverse()).scaled_axis();
             let apart = Vector6::new(dt.x, dt.y, dt.z, dr.x, dr.y, dr.z);
-            variance = variance * (1.0 - w) + (theirs + apart.component_mul(&apart)) * w;
+            second_moments = second_moments * (1.0 - w) + (theirs + apart.component_mul(&apart)) * w;
         }
     }
-    variance.iter().all(|v| v.is_finite()).then_some(SquarePose {
+    let finite = second_moments.iter().all(|v| v.is_finite());
+    finite.then_some(SquarePose {
         position: best.position,
         attitude: best.attitude,
-        variance,
-        misfit: best.cost / var.max(1e-300),
+        variance: second_moments,
+        misfit: cost / var.max(1e-300),
     })
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Pose {
-    position: Vector3<f64>,
-    attitude: UnitQuaternion<f64>,
-    cost: f64,
+/// The pose whose image is the same under parallel projection along the line of sight `v`: depths mirrored,
+/// `R2 = (I - 2 v v') R diag(1, 1, -1)`.
+fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
+    let v = pose.position.try_normalize(1e-9)?;
+    let mirror = Matrix3::identity() - v * v.transpose() * 2.0;
+    let turned = mirror
+        * pose.attitude.to_rotation_matrix().matrix()
+        * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0));
+    Some(CameraPose {
+        attitude: rotation(turned),
+        ..*pose
+    })
 }
 
-impl Pose {
-    /// The pose whose image is the same under parallel projection along the line of sight `v`:
-    /// depths mirrored, `R2 = (I - 2 v v') R diag(1, 1, -1)`.
-    fn other_tilt(&self) -> Option<Pose> {
-        let v = self.position.try_normalize(1e-9)?;
-        let mirror = Matrix3::identity() - v * v.transpose() * 2.0;
-        let turned = mirror
-            * self.attitude.to_rotation_matrix().matrix()
-            * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, -1.0));
-        Some(Pose {
-            attitude: rotation(turned),
-            ..*self
-        })
-    }
-    /// Half the gradient, the Gauss-Newton matrix and the cost of the reprojection error. The
-    /// perturbation is (translation, rotation about the camera's axes through the centre):
-    /// `p = R x + t`, `dp = dt + dr x (R x)`.
-    fn normal_equations(
-        &self,
-        model: &[Vector3<f64>; 4],
-        image: &[Vector2<f64>; 4],
-    ) -> Option<(Matrix6<f64>, Vector6<f64>, f64)> {
-        let r = self.attitude.to_rotation_matrix();
-        let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
-        for (x, z) in model.iter().zip(image) {
-            let arm = r * x;
-            let p = arm + self.position;
-            if !(p.z > 1e-3) {
-                return None;
-            }
-            let w = 1.0 / p.z;
-            let e = z - p.xy() * w;
-            cost += e.norm_squared();
-            let d = Matrix2x3::new(w, 0.0, -p.x * w * w, 0.0, w, -p.y * w * w);
-            for row in 0..2 {
-                let g = Vector3::new(d[(row, 0)], d[(row, 1)], d[(row, 2)]);
-                // g . (dr x arm) = dr . (arm x g)
-                let t = arm.cross(&g);
-                let j = Vector6::new(g.x, g.y, g.z, t.x, t.y, t.z);
-                a.ger(1.0, &j, &j, 1.0);
-                b.axpy(e[row], &j, 1.0);
-            }
+/// Of the reprojection error. The perturbation is (translation, rotation about the camera's axes through the
+/// centre): `p = R x + t`, `dp = dt + dr x (R x)`.
+fn normal_equations(
+    pose: &CameraPose,
+    model: &[Vector3<f64>; 4],
+    image: &[Vector2<f64>; 4],
+) -> Option<NormalEquations> {
+    let r = pose.attitude.to_rotation_matrix();
+    let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
+    for (x, z) in model.iter().zip(image) {
+        let lever_arm = r * x;
+        let p = lever_arm + pose.position;
+        if !(p.z > 1e-3) {
+            return None;
         }
-        cost.is_finite().then_some((a, b, cost))
+        let w = 1.0 / p.z;
+        let e = z - p.xy() * w;
+        cost += e.norm_squared();
+        let d = Matrix2x3::new(w, 0.0, -p.x * w * w, 0.0, w, -p.y * w * w);
+        for row in 0..2 {
+            let g = Vector3::new(d[(row, 0)], d[(row, 1)], d[(row, 2)]);
+            // g . (dr x l) = dr . (l x g) with the lever arm l.
+            let t = lever_arm.cross(&g);
+            let j = Vector6::new(g.x, g.y, g.z, t.x, t.y, t.z);
+            a.ger(1.0, &j, &j, 1.0);
+            b.axpy(e[row], &j, 1.0);
+        }
     }
-    fn variance(&self, model: &[Vector3<f64>; 4], var: f64) -> Option<Vector6<f64>> {
-        // The measured image does not enter the Gauss-Newton matrix.
-        let (a, _, _) = self.normal_equations(model, &[Vector2::zeros(); 4])?;
-        Some(a.cholesky()?.inverse().diagonal() * var)
-    }
+    cost.is_finite().then_some((a, b, cost))
+}
+fn variance(pose: &CameraPose, model: &[Vector3<f64>; 4], var: f64) -> Option<Vector6<f64>> {
+    // The measured image does not enter the Gauss-Newton matrix.
+    let (a, _, _) = normal_equations(pose, model, &[Vector2::zeros(); 4])?;
+    Some(a.cholesky()?.inverse().diagonal() * var)
 }
 
 fn rotation(m: Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(m))
 }
 
-/// Levenberg-Marquardt with at most [`MAX_STEPS`] trials.
-fn refine(model: &[Vector3<f64>; 4], image: &[Vector2<f64>; 4], start: Pose) -> Option<Pose> {
-    let mut at = start;
-    let (mut a, mut b, cost) = at.normal_equations(model, image)?;
-    at.cost = cost;
-    let mut damping = 1e-4;
-    for _ in 0..MAX_STEPS {
-        let mut damped = a;
-        for i in 0..6 {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let step = damped.cholesky()?.solve(&b);
-        let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned());
-        let mut to = Pose {
-            position: at.position + step.fixed_rows::<3>(0),
-            attitude: turn * at.attitude,
-            cost: f64::INFINITY,
-        };
-        let next = to.normal_equations(model, image);
-        match next {
-            Some((a2, b2, c2)) if c2 <= at.cost => {
-                to.cost = c2;
-                let gain = at.cost - c2;
-                (a, b, at) = (a2, b2, to);
-                damping *= 0.1;
-                if gain <= 1e-4 * c2 || step.norm() < 1e-10 {
-                    break;
-                }
-            }
-            Some(_) | None => damping *= 10.0,
-        }
-    }
-    Some(at)
-}
-
 /// The homography from the square's plane to the image, and the rigid motion nearest to it.
-fn from_homography(side: f64, image: &[Vector2<f64>; 4]) -> Option<Pose> {
+fn from_homography(side: f64, image: &[Vector2<f64>; 4]) -> Option<CameraPose> {
     let [p0, p1, p2, p3] = image;
     let (d1, d2, sum) = (p1 - p2, p3 - p2, p0 - p1 + p2 - p3);
     let area = d1.perp(&d2);
@@ -193,9 +159,5 @@ fn from_homography(side: f64, image: &[Vector2<f64>; 4]) -> Option<Pose> {
     let (x, y) = ((c + d) * half, (c - d) * half);
     let attitude = rotation(Matrix3::from_columns(&[x, y, x.cross(&y)]));
     let position = centre * scale;
-    (position.z > 1e-3 && position.iter().all(|c| c.is_finite())).then_some(Pose {
-        position,
-        attitude,
-        cost: f64::INFINITY,
-    })
+    (position.z > 1e-3 && position.iter().all(|c| c.is_finite())).then_some(CameraPose { position, attitude })
 }

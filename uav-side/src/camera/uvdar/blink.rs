@@ -51,24 +51,24 @@ impl Code {
         longest
     }
     /// Fewest bits in which the last images, the newest lowest, differ from the code in any phase.
-    fn distance(&self, seen: u32) -> u32 {
+    fn distance(&self, observed: u32) -> u32 {
         let mask = u32::MAX >> (32 - self.length as u32);
         (0..self.length)
             .map(|phase| {
-                let turned = (0..self.length).fold(0_u32, |word, k| {
+                let turned = (0..self.length).fold(0_u32, |bits, k| {
                     // Backwards in time from the newest.
                     let at = (phase + self.length - k) % self.length;
-                    word | (((self.bits >> at) & 1) << k)
+                    bits | (((self.bits >> at) & 1) << k)
                 });
-                ((turned ^ seen) & mask).count_ones()
+                ((turned ^ observed) & mask).count_ones()
             })
             .min()
             .unwrap_or(u32::MAX)
     }
     /// Fewest bits in which two codes of the same length differ in any phase.
     pub fn apart(&self, other: &Code) -> u32 {
-        let backwards = (0..other.length).fold(0_u32, |word, k| {
-            word | (((other.bits >> (other.length - 1 - k)) & 1) << k)
+        let backwards = (0..other.length).fold(0_u32, |bits, k| {
+            bits | (((other.bits >> (other.length - 1 - k)) & 1) << k)
         });
         self.distance(backwards)
     }
@@ -81,8 +81,8 @@ struct Track {
     /// Pixels per second.
     velocity: Vector2<f64>,
     last: Time<DroneClock>,
-    /// The last images, the newest in the lowest bit.
-    seen: u32,
+    /// Lit or dark in the last images, the newest in the lowest bit.
+    observed: u32,
     images: u32,
     dark: usize,
     lit_now: bool,
@@ -123,9 +123,9 @@ impl Tracker {
             last: None,
         }
     }
-    /// Takes one image's spots; says which of them are markers.
+    /// Takes one image's spots; gives those that are markers.
     pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<IdentifiedMarker> {
-        // Images that were lost are bits that are not known: everything begins anew.
+        // Bits of lost images are not known: all tracks start afresh.
         let gap = self
             .last
             .map_or(f64::INFINITY, |last| (at - last).secs() / self.period.secs());
@@ -171,7 +171,7 @@ impl Tracker {
             track.lit_now = true;
         }
         for track in &mut self.tracks {
-            track.seen = (track.seen << 1) | u32::from(track.lit_now);
+            track.observed = (track.observed << 1) | u32::from(track.lit_now);
             track.images = track.images.saturating_add(1);
             track.dark = if track.lit_now { 0 } else { track.dark + 1 };
         }
@@ -183,7 +183,7 @@ impl Tracker {
                     at: blob.at,
                     velocity: Vector2::zeros(),
                     last: at,
-                    seen: 1,
+                    observed: 1,
                     images: 1,
                     dark: 0,
                     lit_now: true,
@@ -197,7 +197,7 @@ impl Tracker {
         let mut claims: Vec<(u32, IdentifiedMarker)> = Vec::new();
         for track in self.tracks.iter().filter(|t| t.lit_now) {
             let fit = |(marker, code): (usize, &Code)| {
-                (track.images as usize >= code.images()).then(|| (code.distance(track.seen), marker))
+                (track.images as usize >= code.images()).then(|| (code.distance(track.observed), marker))
             };
             let mut fits: Vec<(u32, usize)> = self.codes.iter().enumerate().filter_map(fit).collect();
             fits.sort_unstable();
@@ -270,9 +270,9 @@ mod tests {
             }
             known = tracker.step(Time::from_nanos(k as i64 * 50_000_000), &blobs);
             assert!(k >= 11 || known.is_empty(), "a whole code first");
-            for seen in &known {
-                let place = Vector2::new(100.0 + 15.0 * seen.marker as f64 + drift, 200.0 + drift);
-                assert!((seen.at - place).norm() < 1e-9, "{k}: {seen:?}");
+            for marker in &known {
+                let place = Vector2::new(100.0 + 15.0 * marker.marker as f64 + drift, 200.0 + drift);
+                assert!((marker.at - place).norm() < 1e-9, "{k}: {marker:?}");
             }
         }
         assert!(!known.is_empty());
@@ -282,16 +282,16 @@ mod tests {
     fn tracker_tolerates_a_wrong_bit_and_restarts_after_a_gap() {
         let code = codes()[2];
         let mut tracker = tracker();
-        let mut seen = 0;
+        let mut identified = 0;
         for k in 0..48_u64 {
             // One image in twelve shows nothing.
             let lit = code.lit(k) && k % 12 != 6;
             let blobs: Vec<Blob> = lit.then(|| blob(50.0, 60.0)).into_iter().collect();
             let known = tracker.step(Time::from_nanos(k as i64 * 50_000_000), &blobs);
             assert!(known.iter().all(|m| m.marker == 2));
-            seen += known.len();
+            identified += known.len();
         }
-        assert!(seen > 10, "{seen}");
+        assert!(identified > 10, "{identified}");
         let late = Time::from_nanos(49 * 50_000_000 + 1_000_000_000);
         assert!(tracker.step(late, &[blob(50.0, 60.0)]).is_empty());
     }

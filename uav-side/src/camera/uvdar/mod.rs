@@ -1,5 +1,5 @@
 //! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"):
-//! bright spots of a wide, dark image, known by how they blink, give the deck's place from further away than
+//! bright spots of a wide, dark image, identified by their blinking codes, give the deck's position from further away than
 //! the tag.
 //!
 //! Read in this order: [`blobs`], [`blink`], [`fisheye`], [`pose`].
@@ -10,14 +10,14 @@ pub mod fisheye;
 pub mod pose;
 
 use alight_shared::config;
-use alight_shared::msg::{Header, UvdarFix};
+use alight_shared::msg::UvdarFix;
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::image::{Frame, GreyImage};
-use super::node::{CameraIdentity, CameraIn};
+use super::node::{CameraIdentity, CameraIn, Exposures};
 use blink::{Code, Tracker};
 use blobs::BlobLimits;
 pub use fisheye::Fisheye;
@@ -107,18 +107,18 @@ impl UvdarSettings {
     }
 }
 
-/// What became of images.
+/// Counts of images by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct UvdarCounts {
     /// Images.
     pub images: u64,
-    /// Images that gave a place.
+    /// Images that gave a position.
     pub fixes: u64,
-    /// Spots that were known as markers.
+    /// Spots identified as markers.
     pub markers: u64,
-    /// Images with one known marker only: a direction without a distance, which says too little.
+    /// Images with one known marker only: a direction without a distance.
     pub single: u64,
-    /// Images whose markers fit no place, or several.
+    /// Images whose markers fit no position, or several.
     pub misfit: u64,
     /// Images of another size than the lens's.
     pub wrong_size: u64,
@@ -130,25 +130,23 @@ pub struct UvdarNode {
     tracker: Tracker,
     belly_from_uv: UnitQuaternion<f64>,
     known: PosePrior,
-    names: CameraIdentity,
-    sequence: u32,
-    last: Option<Time<DroneClock>>,
+    exposures: Exposures,
     /// The attitude of the newest fix, camera from deck.
     last_attitude: Option<(Time<DroneClock>, UnitQuaternion<f64>)>,
-    /// What became of images.
+    /// Images by result.
     pub counts: UvdarCounts,
 }
 
-/// What it says.
+/// What was detected.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UvdarOut {
-    /// Places of the deck.
+    /// Positions of the deck.
     pub fixes: Vec<UvdarFix>,
 }
 
 impl UvdarNode {
-    /// A node that looks for the markers in `settings`.
-    pub fn new(settings: &UvdarSettings, names: CameraIdentity) -> UvdarNode {
+    /// A node that detects the markers in `settings`.
+    pub fn new(settings: &UvdarSettings, identity: CameraIdentity) -> UvdarNode {
         let period = Span::from_secs(1.0 / settings.rate_hz);
         let belly_from_uv = settings.belly_from_uv();
         UvdarNode {
@@ -160,18 +158,16 @@ impl UvdarNode {
             },
             belly_from_uv,
             settings: settings.clone(),
-            names,
-            sequence: 0,
-            last: None,
+            exposures: Exposures::of(identity),
             last_attitude: None,
             counts: UvdarCounts::default(),
         }
     }
-    /// The deck's place by one image, which follows those before it.
+    /// The deck's position by one image, which follows those before it.
     pub fn detect(&mut self, at: Time<DroneClock>, image: &GreyImage) -> Option<UvdarFix> {
         self.counts.images += 1;
         let s = &self.settings;
-        if [image.width(), image.height()] != [s.lens.width_px as usize, s.lens.height_px as usize] {
+        if !image.has_size(s.lens.width_px, s.lens.height_px) {
             self.counts.wrong_size += 1;
             return None;
         }
@@ -181,7 +177,7 @@ impl UvdarNode {
         };
         let known = self.tracker.step(at, &blobs::find(image, &spot));
         self.counts.markers += known.len() as u64;
-        let seen: Vec<MarkerBearing> = known
+        let bearings: Vec<MarkerBearing> = known
             .iter()
             .filter_map(|k| {
                 Some(MarkerBearing {
@@ -190,18 +186,15 @@ impl UvdarNode {
                 })
             })
             .collect();
-        if seen.len() < 2 {
-            self.counts.single += u64::from(seen.len() == 1);
+        if bearings.len() < 2 {
+            self.counts.single += u64::from(bearings.len() == 1);
             return None;
         }
-        let last_attitude = self
+        let last = self
             .last_attitude
-            .filter(|(then, _)| (at - *then).secs() < ATTITUDE_MEMORY_S);
-        let found = solve(
-            &seen,
-            &self.known,
-            last_attitude.as_ref().map(|(_, attitude)| attitude),
-        );
+            .filter(|(then, _)| (at - *then).secs() < ATTITUDE_MEMORY_S)
+            .map(|(_, attitude)| attitude);
+        let found = solve(&bearings, &self.known, last.as_ref());
         let Some(pose) = found.filter(|p| p.misfit <= s.max_misfit) else {
             self.counts.misfit += 1;
             return None;
@@ -224,18 +217,13 @@ impl Node for UvdarNode {
     type In = CameraIn;
     type Out = UvdarOut;
 
-    /// Every image once, in the order of exposure.
     fn step(&mut self, now: Time<DroneClock>, input: &CameraIn) -> UvdarOut {
         let mut out = UvdarOut::default();
         for Frame { at, image } in &input.frames {
-            if *at > now || self.last.is_some_and(|last| *at <= last) {
-                continue;
-            }
-            self.last = Some(*at);
-            if let Some(fix) = self.detect(*at, image) {
-                let CameraIdentity { vessel, drone, boot } = self.names;
-                let header = Header::new(vessel, drone, boot, self.sequence, *at);
-                self.sequence = self.sequence.wrapping_add(1);
+            if self.exposures.accept(now, *at)
+                && let Some(fix) = self.detect(*at, image)
+            {
+                let header = self.exposures.header(*at);
                 out.fixes.push(UvdarFix { header, ..fix });
             }
         }

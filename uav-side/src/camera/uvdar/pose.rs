@@ -1,28 +1,36 @@
 //! Where the deck is from the directions of known markers: least squares on the sphere.
 //!
 //! Unknown are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's
-//! axes is seen along `p = R m + t`; its residual is the angle to the measured direction, in two axes, over
-//! the bearing's standard deviation. Two further residuals say that the deck is level to so much as drone and
-//! deck lean, which picks the right one of the two tilts that a small square allows, and makes two markers
-//! enough. Two alone are seen alike from two sides, a deck's width apart; then the solution counts that goes
-//! on from the one before, or none.
+//! axes lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in two axes,
+//! over the bearing's standard deviation. Two further residuals are the deck's tilt, with the standard
+//! deviation of deck and drone together: they pick the right one of the two tilts that a small square allows,
+//! and make two markers enough. Two markers alone have two solutions, a deck's width apart; then the one that
+//! continues the attitude of the image before is taken, or none.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2, Vector3, Vector6};
 
+use crate::camera::refine::{CameraPose, Limits, NormalEquations, refine};
+
 /// Headings that are tried as a start.
 const STARTS: usize = 8;
-/// Bound on refinement steps.
-const MAX_STEPS: usize = 25;
+const LIMITS: Limits = Limits {
+    steps: 25,
+    damping: 1e-3,
+    min_damping: 1e-9,
+    relative_gain: 1e-6,
+    absolute_gain: 1e-12,
+    step: 0.0,
+};
 /// A solution whose sum of squared residuals is larger by less than this (3 standard deviations) is a rival.
 const RIVAL: f64 = 9.0;
-/// Solutions nearer to each other than this share of the distance are one.
+/// Solutions nearer to each other than this fraction of the distance are one.
 const SAME_FRACTION: f64 = 0.02;
 /// A deck goes on from the one before when it has turned by less than this, rad, and each rival by more
 /// than that many times as much.
 const CONTINUITY_RAD: f64 = 0.5;
 const RIVAL_TURNS: f64 = 2.0;
 
-/// A marker and where it is seen.
+/// A marker and its direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerBearing {
     /// Its place in the deck's axes, m.
@@ -31,7 +39,7 @@ pub struct MarkerBearing {
     pub direction: Vector3<f64>,
 }
 
-/// What is known beside the directions.
+/// What is known besides the directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PosePrior {
     /// Standard deviation of a direction, each of two axes, rad.
@@ -55,11 +63,8 @@ pub struct MarkerPose {
     pub misfit: f64,
 }
 
-#[derive(Clone, Copy)]
-struct State {
-    t: Vector3<f64>,
-    r: UnitQuaternion<f64>,
-}
+/// A pose and its cost.
+type Solution = (CameraPose, f64);
 
 /// Two unit vectors across `v`.
 fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
@@ -75,11 +80,7 @@ fn across(v: &Vector3<f64>) -> Option<Matrix2x3<f64>> {
 
 /// Gauss-Newton matrix, gradient and cost at `s`; the perturbation is (translation, rotation about the
 /// camera's axes).
-fn equations(
-    s: &State,
-    seen: &[MarkerBearing],
-    known: &PosePrior,
-) -> Option<(Matrix6<f64>, Vector6<f64>, f64)> {
+fn equations(s: &CameraPose, seen: &[MarkerBearing], known: &PosePrior) -> Option<NormalEquations> {
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
     let mut add = |residual: Vector2<f64>, moved: Matrix2x3<f64>, turned: Matrix2x3<f64>, sd: f64| {
         for i in 0..2 {
@@ -98,8 +99,8 @@ fn equations(
         }
     };
     for one in seen {
-        let arm = s.r * one.marker;
-        let p = arm + s.t;
+        let lever_arm = s.attitude * one.marker;
+        let p = lever_arm + s.position;
         let range = p.norm();
         if !(range > 0.1) {
             return None;
@@ -111,10 +112,15 @@ fn equations(
             return None;
         }
         let slope = plane * (Matrix3::identity() - unit * unit.transpose()) / range;
-        add(plane * unit, slope, slope * -arm.cross_matrix(), known.bearing_sd);
+        add(
+            plane * unit,
+            slope,
+            slope * -lever_arm.cross_matrix(),
+            known.bearing_sd,
+        );
     }
     let plane = across(&known.down)?;
-    let normal = s.r * Vector3::z();
+    let normal = s.attitude * Vector3::z();
     add(
         plane * normal,
         Matrix2x3::zeros(),
@@ -124,46 +130,16 @@ fn equations(
     cost.is_finite().then_some((a, b, cost))
 }
 
-/// Levenberg-Marquardt.
-fn refine(start: State, seen: &[MarkerBearing], known: &PosePrior) -> Option<(State, f64)> {
-    let mut at = start;
-    let (mut a, mut b, mut cost) = equations(&at, seen, known)?;
-    let mut damping = 1e-3;
-    for _ in 0..MAX_STEPS {
-        let mut damped = a;
-        for i in 0..6 {
-            damped[(i, i)] *= 1.0 + damping;
-        }
-        let step = damped.cholesky()?.solve(&b);
-        let to = State {
-            t: at.t + step.fixed_rows::<3>(0),
-            r: UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned()) * at.r,
-        };
-        match equations(&to, seen, known) {
-            Some((a2, b2, c2)) if c2 <= cost => {
-                let gain = cost - c2;
-                (at, a, b, cost) = (to, a2, b2, c2);
-                damping = f64::max(0.1 * damping, 1e-9);
-                if gain <= 1e-6 * cost + 1e-12 {
-                    break;
-                }
-            }
-            Some(_) | None => damping *= 10.0,
-        }
-    }
-    Some((at, cost))
-}
-
 /// Of solutions that fit alike, the first of them best, the one that goes on from the attitude `last`; None
 /// when none does, or more than one.
-fn which<'a>(rivals: &[&'a (State, f64)], last: Option<&UnitQuaternion<f64>>) -> Option<&'a (State, f64)> {
+fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Option<&'a Solution> {
     if let [alone] = rivals {
         return Some(alone);
     }
     let last = last?;
-    let mut turned: Vec<(f64, &(State, f64))> = rivals
+    let mut turned: Vec<(f64, &Solution)> = rivals
         .iter()
-        .map(|found| (found.0.r.angle_to(last), *found))
+        .map(|found| (found.0.attitude.angle_to(last), *found))
         .collect();
     turned.sort_by(|a, b| a.0.total_cmp(&b.0));
     let [(least, found), (next, _), ..] = turned.as_slice() else {
@@ -195,22 +171,27 @@ pub fn solve(
     }
     let direction = middle.try_normalize(1e-6)?;
     let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down)?;
-    let mut all: Vec<(State, f64)> = Vec::with_capacity(2 * STARTS);
+    let mut all: Vec<Solution> = Vec::with_capacity(2 * STARTS);
     for k in 0..STARTS {
         let heading = core::f64::consts::TAU * k as f64 / STARTS as f64;
         let turn = UnitQuaternion::from_axis_angle(&UnitVector3::new_normalize(known.down), heading);
-        let r = turn * level;
-        // Seen aslant, markers are nearer than their distance from each other says.
-        for share in [1.0, 0.5] {
-            let t = direction * (range * share).clamp(0.5, 500.0) - r * centre;
-            all.extend(refine(State { t, r }, seen, known));
+        let attitude = turn * level;
+        // At a slant, markers are nearer than their distance from each other implies.
+        for fraction in [1.0, 0.5] {
+            let start = CameraPose {
+                position: direction * (range * fraction).clamp(0.5, 500.0) - attitude * centre,
+                attitude,
+            };
+            all.extend(refine(start, &LIMITS, |pose| equations(pose, seen, known)));
         }
     }
     all.sort_by(|a, b| a.1.total_cmp(&b.1));
     let least = all.first()?.1;
-    let mut rivals: Vec<&(State, f64)> = Vec::new();
+    let mut rivals: Vec<&Solution> = Vec::new();
     for found in all.iter().take_while(|(_, cost)| *cost < least + RIVAL) {
-        let apart = |other: &&(State, f64)| (other.0.t - found.0.t).norm() > SAME_FRACTION * found.0.t.norm();
+        let apart = |other: &&Solution| {
+            (other.0.position - found.0.position).norm() > SAME_FRACTION * found.0.position.norm()
+        };
         if rivals.iter().all(apart) {
             rivals.push(found);
         }
@@ -220,9 +201,9 @@ pub fn solve(
     let all = a.cholesky()?.inverse();
     let covariance = all.fixed_view::<3, 3>(0, 0).into_owned();
     covariance.iter().all(|v| v.is_finite()).then_some(MarkerPose {
-        position: state.t,
+        position: state.position,
         covariance,
-        attitude: state.r,
+        attitude: state.attitude,
         misfit,
     })
 }
@@ -266,17 +247,17 @@ mod tests {
         #[test]
         fn marker_pose_recovers_a_nearly_level_deck_from_exact_bearings(
             range in 3.0..30.0_f64, side in -0.6..0.6_f64, up in -0.5..0.5_f64, heading in -3.1..3.1_f64,
-            lean in prop::array::uniform2(-0.1..0.1_f64),
+            tilt in prop::array::uniform2(-0.1..0.1_f64),
         ) {
             let known = known();
             let t = Vector3::new(side, up, 1.0).normalize() * range;
             let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down).unwrap();
-            let r = level * UnitQuaternion::from_euler_angles(lean[0], lean[1], heading);
-            // From afar the rectangle's shape tells little of how it leans, and two places may fit alike: then the
-            // attitude of a moment before tells which.
+            let r = level * UnitQuaternion::from_euler_angles(tilt[0], tilt[1], heading);
+            // From afar the rectangle's shape hardly depends on its tilt, and two positions may fit alike: then the
+            // attitude of a moment before selects one.
             let followed = || solve(&seen(t, r, 4), &known, Some(&r)).filter(|_| range > 10.0);
             let pose = solve(&seen(t, r, 4), &known, None).or_else(followed).unwrap();
-            // What leans is drawn towards level, by less than the stated doubt.
+            // A tilted deck is drawn towards level, by less than the stated uncertainty.
             let e = pose.position - t;
             let off = e.dot(&pose.covariance.cholesky().unwrap().solve(&e));
             prop_assert!(off < 3.0, "{off}: {} {t}", pose.position);

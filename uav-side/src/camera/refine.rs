@@ -1,0 +1,75 @@
+//! Levenberg-Marquardt on a pose in the camera's axes.
+
+use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
+
+/// A pose in the camera's axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CameraPose {
+    /// m.
+    pub position: Vector3<f64>,
+    /// Rotation camera from object.
+    pub attitude: UnitQuaternion<f64>,
+}
+
+impl CameraPose {
+    /// After a step of translation and of rotation about the camera's axes.
+    fn moved(&self, step: &Vector6<f64>) -> CameraPose {
+        let turn = UnitQuaternion::from_scaled_axis(step.fixed_rows::<3>(3).into_owned());
+        CameraPose {
+            position: self.position + step.fixed_rows::<3>(0),
+            attitude: turn * self.attitude,
+        }
+    }
+}
+
+/// Gauss-Newton matrix, half of the negative gradient and cost.
+pub(super) type NormalEquations = (Matrix6<f64>, Vector6<f64>, f64);
+
+/// When the refinement ends, and how it is damped.
+pub(super) struct Limits {
+    /// Trials, at most.
+    pub steps: usize,
+    /// Damping at first.
+    pub damping: f64,
+    /// Least damping.
+    pub min_damping: f64,
+    /// Gain of the cost at which it has converged: as a fraction of the cost ...
+    pub relative_gain: f64,
+    /// ... and in addition.
+    pub absolute_gain: f64,
+    /// Norm of the step below which it has converged.
+    pub step: f64,
+}
+
+/// The pose of least cost near `start`, and that cost. None when a matrix is not positive definite or the
+/// equations do not hold at `start`.
+pub(super) fn refine(
+    start: CameraPose,
+    limits: &Limits,
+    equations: impl Fn(&CameraPose) -> Option<NormalEquations>,
+) -> Option<(CameraPose, f64)> {
+    let mut at = start;
+    let (mut a, mut b, mut cost) = equations(&at)?;
+    let mut damping = limits.damping;
+    for _ in 0..limits.steps {
+        let mut damped = a;
+        for i in 0..6 {
+            damped[(i, i)] *= 1.0 + damping;
+        }
+        let step = damped.cholesky()?.solve(&b);
+        let to = at.moved(&step);
+        match equations(&to) {
+            Some((a2, b2, c2)) if c2 <= cost => {
+                let gain = cost - c2;
+                (at, a, b, cost) = (to, a2, b2, c2);
+                damping = f64::max(0.1 * damping, limits.min_damping);
+                let converged = gain <= limits.relative_gain * cost + limits.absolute_gain;
+                if converged || step.norm() < limits.step {
+                    break;
+                }
+            }
+            Some(_) | None => damping *= 10.0,
+        }
+    }
+    Some((at, cost))
+}
