@@ -5,35 +5,36 @@
 //! - A mode is never chosen here but for a diversion (battery), which gives the drone away.
 //! - One heartbeat in another mode ends our set-points. It takes two in our mode to begin, so that a
 //!   heartbeat that was late on the way gives no permission.
-//! - Once somebody else rules (a person, a failsafe, a geofence), only a mode that changes back gives
-//!   a new permission; after a diversion or a refused drone the mode has to be left before.
+//! - Once somebody else commands (a person, a failsafe, a geofence), only a mode that changes back gives
+//!   a new permission; after a diversion the mode has to be left before.
 
 use core::fmt;
 
 use alight_shared::msg::AutopilotMode;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::Span;
 use serde::{Deserialize, Serialize};
 
+use super::DroneTime;
 use super::config::Diversion;
 
-/// Heartbeats in our mode that make a permission.
+/// Heartbeats in our mode that confirm a permission.
 const CONFIRMATIONS: u32 = 2;
 
 /// Who commands, and why.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ControlAuthority {
-    /// No multirotor's autopilot was heard yet.
+    /// No heartbeat of a multirotor's autopilot was received yet.
     #[default]
     Searching,
     /// Its heartbeats have ceased.
     LinkLost,
-    /// It answers no question about its clock: nothing that it says can be dated.
+    /// It answers no TIMESYNC: its samples cannot be dated.
     NoClock,
-    /// It has not told where its NED begins.
+    /// It has not reported the origin of its NED.
     NoOrigin,
-    /// No odometry with inertial samples comes.
+    /// No odometry with inertial samples arrives.
     NoOdometry,
-    /// ArduCopter has not said its GUID_OPTIONS.
+    /// ArduCopter has not reported its GUID_OPTIONS.
     OptionUnknown,
     /// ArduCopter takes a thrust for a climb rate.
     OptionMissing,
@@ -44,72 +45,83 @@ pub enum ControlAuthority {
     },
     /// In our mode and disarmed.
     Disarmed,
-    /// Our set-points rule.
+    /// Our set-points are followed.
     Commanding,
     /// Somebody else took the drone.
     TakenOver {
         /// How it flies now.
         mode: AutopilotMode,
     },
-    /// The battery's reserve was reached: the autopilot was told to go where it was configured.
+    /// The battery's reserve was reached: the autopilot was commanded to return or to land.
     Diverted(Diversion),
 }
 
 impl ControlAuthority {
-    /// Our set-points rule.
+    /// Our set-points are followed.
     pub fn commands(self) -> bool {
         self == ControlAuthority::Commanding
     }
-    /// Somebody else rules, and set-points would only be offered.
+    /// Somebody else commands, and set-points may be streamed for a hand-over.
     pub fn may_offer(self) -> bool {
         matches!(self, ControlAuthority::Standby { .. })
+    }
+    /// The autopilot's mode was given to us and nobody took it back.
+    pub(crate) fn has_the_mode(self) -> bool {
+        match self {
+            ControlAuthority::Commanding
+            | ControlAuthority::NoOdometry
+            | ControlAuthority::NoClock
+            | ControlAuthority::Disarmed => true,
+            ControlAuthority::Searching
+            | ControlAuthority::LinkLost
+            | ControlAuthority::NoOrigin
+            | ControlAuthority::OptionUnknown
+            | ControlAuthority::OptionMissing
+            | ControlAuthority::Standby { .. }
+            | ControlAuthority::TakenOver { .. }
+            | ControlAuthority::Diverted(_) => false,
+        }
     }
 }
 
 impl fmt::Display for ControlAuthority {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ControlAuthority::Searching => {
-                write!(f, "no multirotor's autopilot is heard; check link and address")
+        f.write_str(match self {
+            ControlAuthority::Searching => "no heartbeat of a multirotor's autopilot; check link and address",
+            ControlAuthority::LinkLost => "the autopilot's heartbeats have ceased",
+            ControlAuthority::NoClock => "the autopilot answers no TIMESYNC",
+            ControlAuthority::NoOrigin => "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)",
+            ControlAuthority::NoOdometry => "no odometry with inertial samples arrives from the autopilot",
+            ControlAuthority::OptionUnknown => "ArduCopter has not reported its GUID_OPTIONS yet",
+            ControlAuthority::OptionMissing => {
+                "ArduCopter reads thrust as a climb rate: set GUID_OPTIONS bit 3 (add 8), or land by trajectory \
+                 (pilot.landing_output)"
             }
-            ControlAuthority::LinkLost => write!(f, "the autopilot's heartbeats have ceased"),
-            ControlAuthority::NoClock => write!(f, "the autopilot answers no TIMESYNC"),
-            ControlAuthority::NoOrigin => write!(
-                f,
-                "the autopilot has not told the origin of its estimate (GPS_GLOBAL_ORIGIN)"
-            ),
-            ControlAuthority::NoOdometry => {
-                write!(f, "no odometry with inertial samples comes from the autopilot")
-            }
-            ControlAuthority::OptionUnknown => write!(f, "ArduCopter has not said its GUID_OPTIONS yet"),
-            ControlAuthority::OptionMissing => write!(
-                f,
-                "ArduCopter reads thrust as a climb rate: set GUID_OPTIONS bit 3 (add 8), or land by \
-                 trajectory (pilot.landing_output)"
-            ),
-            ControlAuthority::Standby { mode } => write!(f, "ready; the drone is in mode {mode:?}"),
-            ControlAuthority::Disarmed => write!(f, "in our mode, disarmed"),
-            ControlAuthority::Commanding => write!(f, "commanding"),
+            ControlAuthority::Disarmed => "in our mode, disarmed",
+            ControlAuthority::Commanding => "commanding",
+            ControlAuthority::Standby { mode } => return write!(f, "ready; the drone is in mode {mode:?}"),
             ControlAuthority::TakenOver { mode } => {
-                write!(f, "taken over: mode {mode:?}; give our mode again to go on")
+                return write!(f, "taken over: mode {mode:?}; give our mode again to go on");
             }
-            ControlAuthority::Diverted(to) => write!(f, "battery at its reserve: diverted ({to:?})"),
-        }
+            ControlAuthority::Diverted(to) => {
+                return write!(f, "battery at its reserve: diverted ({to:?})");
+            }
+        })
     }
 }
 
-/// What decides.
+/// What the decision rests on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Evidence {
-    /// A multirotor's autopilot was ever heard.
+    /// A heartbeat of a multirotor's autopilot was ever received.
     pub(crate) found: bool,
-    /// Its heartbeats come.
+    /// Its heartbeats arrive.
     pub(crate) alive: bool,
     /// Its clock is known.
     pub(crate) clock: bool,
     /// Where its NED begins is known, or need not be.
     pub(crate) origin: bool,
-    /// Odometry comes.
+    /// Odometry arrives.
     pub(crate) odometry: bool,
     /// Whether thrust is read as thrust; None: not known yet.
     pub(crate) thrust: Option<bool>,
@@ -125,7 +137,7 @@ pub(crate) struct Evidence {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AuthorityStateMachine {
     control_authority: ControlAuthority,
-    since: Time<DroneClock>,
+    since: DroneTime,
     confirmations: u32,
     /// The permission is used up until the mode is left.
     revoked: Option<Diversion>,
@@ -136,13 +148,13 @@ impl AuthorityStateMachine {
     pub(crate) fn control_authority(&self) -> ControlAuthority {
         self.control_authority
     }
-    /// The drone is given away; only a new permission brings it back.
-    pub(crate) fn divert(&mut self, now: Time<DroneClock>, to: Diversion) {
+    /// The drone is handed to the autopilot; only a new permission brings it back.
+    pub(crate) fn divert(&mut self, now: DroneTime, to: Diversion) {
         self.revoked = Some(to);
         self.enter(now, ControlAuthority::Diverted(to));
     }
-    /// Looks at the facts; `quiet` is how long nothing is offered after somebody took over.
-    pub(crate) fn step(&mut self, now: Time<DroneClock>, f: &Evidence, quiet: Span) -> ControlAuthority {
+    /// Decides; for `quiet` after a takeover no set-points are streamed.
+    pub(crate) fn step(&mut self, now: DroneTime, f: &Evidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {
             self.confirmations = if ours && f.armed {
@@ -199,7 +211,7 @@ impl AuthorityStateMachine {
             ControlAuthority::Commanding | ControlAuthority::Diverted(_)
         )
     }
-    fn enter(&mut self, now: Time<DroneClock>, next: ControlAuthority) {
+    fn enter(&mut self, now: DroneTime, next: ControlAuthority) {
         if core::mem::discriminant(&next) != core::mem::discriminant(&self.control_authority) {
             self.since = now;
         }
@@ -210,6 +222,7 @@ impl AuthorityStateMachine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     const READY: Evidence = Evidence {
         found: true,
@@ -246,45 +259,20 @@ mod tests {
             ..READY
         };
         let s = run(&mut a, 0, &[disarmed, disarmed, READY, READY]);
-        assert_eq!(
-            s,
-            [
-                ControlAuthority::Disarmed,
-                ControlAuthority::Disarmed,
-                ControlAuthority::Disarmed,
-                ControlAuthority::Commanding
-            ]
-        );
-        for missing in [
-            Evidence {
-                clock: false,
-                ..READY
-            },
-            Evidence {
-                origin: false,
-                ..READY
-            },
-            Evidence {
-                odometry: false,
-                ..READY
-            },
-            Evidence {
-                thrust: None,
-                ..READY
-            },
-            Evidence {
-                thrust: Some(false),
-                ..READY
-            },
-            Evidence {
-                alive: false,
-                ..READY
-            },
-            Evidence {
-                found: false,
-                ..READY
-            },
-        ] {
+        assert_eq!(s[..3], [ControlAuthority::Disarmed; 3]);
+        assert_eq!(s[3], ControlAuthority::Commanding);
+        let gaps: [fn(&mut Evidence); 7] = [
+            |e| e.clock = false,
+            |e| e.origin = false,
+            |e| e.odometry = false,
+            |e| e.thrust = None,
+            |e| e.thrust = Some(false),
+            |e| e.alive = false,
+            |e| e.found = false,
+        ];
+        for gap in gaps {
+            let mut missing = READY;
+            gap(&mut missing);
             let mut a = AuthorityStateMachine::default();
             let s = run(&mut a, 0, &[missing; 10]);
             assert!(s.iter().all(|s| !s.commands() && !s.may_offer()), "{s:?}");
@@ -295,21 +283,14 @@ mod tests {
     fn authority_ends_at_one_heartbeat_in_another_mode_and_a_late_one_does_not_restore_it() {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
-        let person = by(AutopilotMode::Other);
+        let mode = AutopilotMode::Other;
+        let person = by(mode);
         let s = run(&mut a, 60, &[person, READY, person, person]);
-        let taken = ControlAuthority::TakenOver {
-            mode: AutopilotMode::Other,
-        };
-        assert_eq!(s[0], taken);
+        assert_eq!(s[0], ControlAuthority::TakenOver { mode });
         assert!(s.iter().all(|s| !s.commands()), "{s:?}");
-        // Quiet at first, then an offer; then a new permission.
+        // Quiet at first, then ready; then a new permission.
         let s = run(&mut a, 140, &[person; 10]);
-        assert_eq!(
-            s[9],
-            ControlAuthority::Standby {
-                mode: AutopilotMode::Other
-            }
-        );
+        assert_eq!(s[9], ControlAuthority::Standby { mode });
         assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
@@ -330,7 +311,7 @@ mod tests {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         a.divert(Time::from_secs(0.06), Diversion::Return);
-        // The command was lost, or refused: the autopilot is still in our mode.
+        // The command was lost, or denied: the autopilot is still in our mode.
         let s = run(&mut a, 60, &[READY; 50]);
         assert!(
             s.iter()

@@ -1,19 +1,21 @@
 //! The autopilot's clock against the companion's, by MAVLink's TIMESYNC.
 //!
-//! A question carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The
-//! offset ours - theirs is `(t0 + t1) / 2 - ta`, wrong by at most half of the time on the way. So of
-//! the last answers the quickest is believed, made older by what the clocks may drift.
+//! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset
+//! ours - theirs is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. So the quickest of the
+//! last answers is used, its uncertainty growing by what the clocks may drift.
 
 use std::collections::VecDeque;
 
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{Span, Time};
 use serde::{Deserialize, Serialize};
+
+use super::DroneTime;
 
 /// Answers kept.
 const MAX_EXCHANGES: usize = 20;
 /// Drift between two crystals, s/s.
 const DRIFT: f64 = 1e-4;
-/// Offsets further apart than both answers' time on the way and this, s: the autopilot began anew.
+/// Offsets further apart than this, s: the autopilot restarted.
 const RESTART_S: f64 = 0.5;
 /// A sample is never older than this when it arrives, s.
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
@@ -21,14 +23,14 @@ const MAX_SAMPLE_AGE_S: f64 = 1.0;
 /// An exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Exchange {
-    at: Time<DroneClock>,
+    at: DroneTime,
     offset_ns: i64,
     round_trip: Span,
 }
 
 impl Exchange {
-    /// How far off it may be now, s.
-    fn uncertainty_s(&self, now: Time<DroneClock>) -> f64 {
+    /// Its uncertainty now, s.
+    fn uncertainty_s(&self, now: DroneTime) -> f64 {
         0.5 * self.round_trip.secs() + DRIFT * (now - self.at).secs()
     }
 }
@@ -37,14 +39,15 @@ impl Exchange {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RemoteClock {
     exchanges: VecDeque<Exchange>,
-    /// Answers that were not used, samples whose time could not be right.
-    rejected: u32,
-    restarts: u32,
+    /// Answers that were not used, samples whose time was impossible.
+    pub(crate) rejected: u32,
+    /// Restarts of the autopilot.
+    pub(crate) restarts: u32,
 }
 
 impl RemoteClock {
-    /// An answer arrived at `now`: our time in the question, the autopilot's in the answer, ns.
-    pub(crate) fn answered(&mut self, now: Time<DroneClock>, asked_ns: i64, remote_ns: i64, limit_s: f64) {
+    /// An answer arrived at `now`: our time in the request, the autopilot's in the answer, ns.
+    pub(crate) fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
         let round_trip = now - Time::from_nanos(asked_ns);
         if !(0.0..=limit_s).contains(&round_trip.secs()) {
             self.rejected = self.rejected.saturating_add(1);
@@ -67,7 +70,7 @@ impl RemoteClock {
         }
     }
     /// Ours minus theirs, ns.
-    fn offset_ns(&self, now: Time<DroneClock>) -> Option<i64> {
+    fn offset_ns(&self, now: DroneTime) -> Option<i64> {
         let best = self
             .exchanges
             .iter()
@@ -75,19 +78,19 @@ impl RemoteClock {
         Some(best.offset_ns)
     }
     /// Whether samples can be dated.
-    pub(crate) fn known(&self) -> bool {
+    pub(crate) fn is_synchronised(&self) -> bool {
         !self.exchanges.is_empty()
     }
-    /// How far off the offset may be, s; infinite while it is not known.
-    pub(crate) fn uncertainty_s(&self, now: Time<DroneClock>) -> f64 {
+    /// Uncertainty of the offset, s; infinite while it is not known.
+    pub(crate) fn uncertainty_s(&self, now: DroneTime) -> f64 {
         self.exchanges
             .iter()
             .map(|e| e.uncertainty_s(now))
             .fold(f64::INFINITY, f64::min)
     }
     /// Our time of a sample that the autopilot dates at `remote_ns`; None, and counted, when it lies
-    /// ahead of `now` by more than is in doubt or is far too old. A little ahead counts as now.
-    pub(crate) fn ours(&mut self, now: Time<DroneClock>, remote_ns: i64) -> Option<Time<DroneClock>> {
+    /// ahead of `now` by more than the uncertainty or is far too old. A little ahead counts as now.
+    pub(crate) fn local_time(&mut self, now: DroneTime, remote_ns: i64) -> Option<DroneTime> {
         let offset = self.offset_ns(now)?;
         let at = Time::from_nanos(remote_ns.saturating_add(offset));
         let age = (now - at).secs();
@@ -98,19 +101,11 @@ impl RemoteClock {
         Some(at.min(now))
     }
     /// The autopilot's time of ours, us; 0 while it is not known.
-    pub(crate) fn theirs_us(&self, now: Time<DroneClock>, at: Time<DroneClock>) -> u64 {
+    pub(crate) fn remote_time_us(&self, now: DroneTime, at: DroneTime) -> u64 {
         let ns = self
             .offset_ns(now)
             .map_or(0, |o| at.nanos().saturating_sub(o).max(0));
         ns.unsigned_abs() / 1000
-    }
-    /// What was refused.
-    pub(crate) fn rejected(&self) -> u32 {
-        self.rejected
-    }
-    /// How often the autopilot began anew.
-    pub(crate) fn restarts(&self) -> u32 {
-        self.restarts
     }
     /// The autopilot is another one, or was away.
     pub(crate) fn forget(&mut self) {
@@ -126,7 +121,7 @@ mod tests {
     const APART_NS: i64 = 100_000_000_000;
 
     fn ask(c: &mut RemoteClock, at_s: f64, there_s: f64, back_s: f64) {
-        let t0 = Time::<DroneClock>::from_secs(at_s);
+        let t0 = DroneTime::from_secs(at_s);
         let then = t0 + Span::from_secs(there_s);
         let now = then + Span::from_secs(back_s);
         c.answered(now, t0.nanos(), then.nanos() - APART_NS, 0.1);
@@ -135,12 +130,12 @@ mod tests {
     #[test]
     fn clock_offset_is_that_of_the_quickest_timesync_answer() {
         let mut c = RemoteClock::default();
-        assert!(!c.known() && c.ours(Time::from_secs(1.0), 0).is_none());
+        assert!(!c.is_synchronised() && c.local_time(Time::from_secs(1.0), 0).is_none());
         ask(&mut c, 200.0, 0.030, 0.002);
         ask(&mut c, 200.2, 0.001, 0.001);
         ask(&mut c, 200.4, 0.002, 0.050);
         let now = Time::from_secs(201.0);
-        let at = c.ours(now, now.nanos() - APART_NS - 20_000_000).unwrap();
+        let at = c.local_time(now, now.nanos() - APART_NS - 20_000_000).unwrap();
         assert!(((now - at).secs() - 0.020).abs() < 1e-4);
         assert!(c.uncertainty_s(now) < 0.002);
     }
@@ -149,13 +144,16 @@ mod tests {
     fn clock_rejects_slow_answers_and_impossible_sample_times() {
         let mut c = RemoteClock::default();
         ask(&mut c, 200.0, 0.2, 0.2);
-        assert!(!c.known() && c.rejected() == 1);
+        assert!(!c.is_synchronised() && c.rejected == 1);
         ask(&mut c, 201.0, 0.001, 0.001);
         let now = Time::from_secs(202.0);
-        assert!(c.ours(now, now.nanos() - APART_NS + 50_000_000).is_none());
-        assert!(c.ours(now, now.nanos() - APART_NS - 5_000_000_000).is_none());
-        assert!(c.ours(now, i64::MIN).is_none() && c.ours(now, i64::MAX).is_none());
-        assert_eq!(c.rejected(), 5);
+        assert!(c.local_time(now, now.nanos() - APART_NS + 50_000_000).is_none());
+        assert!(
+            c.local_time(now, now.nanos() - APART_NS - 5_000_000_000)
+                .is_none()
+        );
+        assert!(c.local_time(now, i64::MIN).is_none() && c.local_time(now, i64::MAX).is_none());
+        assert_eq!(c.rejected, 5);
     }
 
     #[test]
@@ -165,11 +163,11 @@ mod tests {
             ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.0005, 0.0005);
         }
         // Its clock begins at zero again; the first answer is slower than all before.
-        let t0 = Time::<DroneClock>::from_secs(300.0);
+        let t0 = DroneTime::from_secs(300.0);
         let now = t0 + Span::from_secs(0.02);
         c.answered(now, t0.nanos(), 1_000_000_000, 0.1);
-        assert_eq!(c.restarts(), 1);
-        let at = c.ours(now, 1_000_000_000).unwrap();
+        assert_eq!(c.restarts, 1);
+        let at = c.local_time(now, 1_000_000_000).unwrap();
         assert!((now - at).secs() < 0.03);
     }
 }

@@ -1,29 +1,28 @@
-//! The deck for other users of the link, when that is configured: `LANDING_TARGET` and a plain list
-//! of figures.
+//! The deck for other users of the link, when that is configured: `LANDING_TARGET` and a list of numbers.
 
-use alight_shared::time::Span;
+use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::topics;
 use nalgebra::UnitQuaternion;
 
 use super::message::Message;
-use super::{AutopilotLink, AutopilotOut, Instant};
-use alight_shared::msg::{SetPoint, SetPointKind};
+use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// Between two offers, s.
+/// Time between two messages, s.
 const DECK_PERIOD_S: f64 = 0.1;
 
 impl AutopilotLink {
-    /// The deck as forecast for now, in the autopilot's frame and at its time.
-    pub(super) fn publish_deck(&mut self, now: Instant, out: &mut AutopilotOut) {
-        if !self.config.publish_deck || now < self.deck_next || !self.clock.known() {
+    /// The deck as forecast for now.
+    pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
+        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after)?;
+        forecast.at(now.max(forecast.header.at))
+    }
+    /// Sends the deck in the autopilot's frame and at its time.
+    pub(super) fn publish_deck(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        if !self.config.publish_deck || !self.timers.deck.is_due(now) || !self.clock.is_synchronised() {
             return;
         }
-        let deck = self
-            .forecast
-            .fresh(now, topics::FORECAST.stale_after)
-            .and_then(|f| f.at(now.max(f.header.at)));
-        let Some(d) = deck else { return };
-        self.deck_next = now + Span::from_secs(DECK_PERIOD_S);
+        let Some(d) = self.deck(now) else { return };
+        self.timers.deck.wait(now, DECK_PERIOD_S);
         // The forecast is in the frame that set-points are in.
         let there = self.in_its_frame(&SetPoint {
             kind: SetPointKind::Trajectory,
@@ -31,24 +30,19 @@ impl AutopilotLink {
             velocity: d.velocity,
             ..SetPoint::default()
         });
-        let time_us = self.clock.theirs_us(now, now);
+        let time_us = self.clock.remote_time_us(now, now);
         let [roll, pitch, yaw] = d.euler;
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let (position, velocity) = (there.position, there.velocity);
         out.messages.push(Message::LandingTarget {
             time_us,
-            position: there.position,
+            position,
             attitude: [q.w, q.i, q.j, q.k],
             size_m: self.config.deck_tag_m,
         });
         out.messages.push(Message::Deck {
             time_us,
-            values: [
-                there.position,
-                there.velocity,
-                d.euler,
-                d.euler_rates,
-                d.position_sd,
-            ],
+            values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
         });
     }
 }

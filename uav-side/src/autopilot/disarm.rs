@@ -2,18 +2,19 @@
 //!
 //! Stock land detectors do not disarm on a deck that heaves (PX4: none within 90 s at 0.5 m), so the
 //! pilot's confirmed touchdown is followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an
-//! autopilot obeys in the air too. So the pilot's word is not enough: beside it the drone has to be
-//! near the deck, slow relative to it, and carried by something other than its rotors. Each command
-//! needs all of it anew; their number is bounded.
+//! autopilot obeys in the air too. So the pilot's touchdown detection is not enough: in addition the drone
+//! has to be near the deck, slow relative to it, and carried by something other than its rotors. Each
+//! command needs all of this evidence anew; their number is bounded.
 
 use core::fmt;
 
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::Span;
 use serde::{Deserialize, Serialize};
 
+use super::DroneTime;
 use super::config::DisarmConfig;
 
-/// What is known of the contact, apart from the pilot's word.
+/// What is known of the contact, apart from the pilot's touchdown detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ContactEvidence {
     /// The mission lands.
@@ -24,22 +25,22 @@ pub(crate) struct ContactEvidence {
     pub(crate) forecast_height: Option<f64>,
     /// Speed relative to the deck, or over ground when there is no forecast, m/s.
     pub(crate) speed: Option<f64>,
-    /// Specific force along the body's up axis as a share of gravity.
+    /// Specific force along the body's up axis as a fraction of gravity.
     pub(crate) load_factor: Option<f64>,
-    /// Thrust as a share of hover.
+    /// Thrust as a fraction of hover.
     pub(crate) thrust: Option<f64>,
-    /// The autopilot says that it stands on the ground.
+    /// The autopilot reports that it stands on the ground.
     pub(crate) reports_on_ground: bool,
 }
 
-/// What speaks against a disarm.
+/// Why a disarm is inhibited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DisarmInhibit {
     /// The mission is in no state of landing.
     NotLanding,
-    /// Neither rangefinder nor forecast says how high the feet are.
+    /// Neither rangefinder nor forecast gives the height of the feet.
     HeightUnknown,
-    /// The rangefinder sees air below the feet.
+    /// The rangefinder measures air below the feet.
     RangeHigh,
     /// The forecast has the deck further below.
     ForecastHigh,
@@ -53,8 +54,8 @@ impl fmt::Display for DisarmInhibit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             DisarmInhibit::NotLanding => "the mission does not land",
-            DisarmInhibit::HeightUnknown => "neither rangefinder nor forecast says how high the feet are",
-            DisarmInhibit::RangeHigh => "the rangefinder sees air below the feet",
+            DisarmInhibit::HeightUnknown => "neither rangefinder nor forecast gives the height of the feet",
+            DisarmInhibit::RangeHigh => "the rangefinder measures air below the feet",
             DisarmInhibit::ForecastHigh => "the deck is forecast further below",
             DisarmInhibit::Fast => "too fast relative to the deck",
             DisarmInhibit::NotSupported => "the deck does not carry the drone",
@@ -62,12 +63,12 @@ impl fmt::Display for DisarmInhibit {
     }
 }
 
-/// What speaks against a disarm now; None: nothing does.
+/// What inhibits a disarm now; None: nothing does.
 pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInhibit> {
     if !e.landing {
         return Some(DisarmInhibit::NotLanding);
     }
-    // What is no number is high, fast and not carried.
+    // NaN is high, fast and not supported.
     let high = |h: Option<f64>| h.is_some_and(|h| !(h <= c.height_m));
     if high(e.range_height) {
         return Some(DisarmInhibit::RangeHigh);
@@ -81,19 +82,19 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     if !e.speed.is_some_and(|v| v <= c.speed_mps) {
         return Some(DisarmInhibit::Fast);
     }
-    let load_factor = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
+    let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
     let idle = e.thrust.is_some_and(|t| t <= c.thrust_of_hover);
-    // The autopilot's own word stands for the thrust, never for being carried.
-    if !(load_factor && (idle || e.reports_on_ground)) {
+    // The autopilot's report may replace the thrust, never the load factor.
+    if !(supported && (idle || e.reports_on_ground)) {
         return Some(DisarmInhibit::NotSupported);
     }
     None
 }
 
-/// What to do with the pilot's word that the drone is on the deck.
+/// What to do when the pilot reports that the drone is on the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DisarmDecision {
-    /// Press on as before: the evidence is awaited.
+    /// Keep pressing down while evidence is awaited.
     Press,
     /// Send the command; thrust off.
     Command,
@@ -103,19 +104,19 @@ pub(crate) enum DisarmDecision {
     InAir(DisarmInhibit),
 }
 
-/// The way from the pilot's word to a disarmed drone.
+/// The sequence from the pilot's touchdown to a disarmed drone.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct DisarmSequence {
     /// The evidence has been missing since.
-    missing_since: Option<Time<DroneClock>>,
+    missing_since: Option<DroneTime>,
     /// It has been complete since.
-    complete_since: Option<Time<DroneClock>>,
-    next: Option<Time<DroneClock>>,
+    complete_since: Option<DroneTime>,
+    next: Option<DroneTime>,
     sent: u32,
 }
 
 impl DisarmSequence {
-    /// The pilot does not say so (any more).
+    /// The pilot reports no touchdown (any more).
     pub(crate) fn clear(&mut self) {
         *self = DisarmSequence::default();
     }
@@ -123,13 +124,8 @@ impl DisarmSequence {
     pub(crate) fn sent(&self) -> u32 {
         self.sent
     }
-    /// The pilot says that the drone is on the deck.
-    pub(crate) fn step(
-        &mut self,
-        now: Time<DroneClock>,
-        e: &ContactEvidence,
-        c: &DisarmConfig,
-    ) -> DisarmDecision {
+    /// The pilot reports that the drone is on the deck.
+    pub(crate) fn step(&mut self, now: DroneTime, e: &ContactEvidence, c: &DisarmConfig) -> DisarmDecision {
         if let Some(d) = inhibit(e, c) {
             self.complete_since = None;
             let missing_since = *self.missing_since.get_or_insert(now);
@@ -157,6 +153,7 @@ impl DisarmSequence {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     const ON_DECK: ContactEvidence = ContactEvidence {
         landing: true,
@@ -192,81 +189,30 @@ mod tests {
     #[test]
     fn disarm_needs_every_piece_of_evidence() {
         let c = DisarmConfig::default();
-        for (e, why) in [
+        type Change = fn(&mut ContactEvidence);
+        let cases: [(Change, DisarmInhibit); 10] = [
+            (|e| e.landing = false, DisarmInhibit::NotLanding),
+            (|e| e.range_height = Some(1.0), DisarmInhibit::RangeHigh),
+            (|e| e.range_height = Some(f64::NAN), DisarmInhibit::RangeHigh),
+            (|e| e.forecast_height = Some(1.0), DisarmInhibit::ForecastHigh),
             (
-                ContactEvidence {
-                    landing: false,
-                    ..ON_DECK
-                },
-                DisarmInhibit::NotLanding,
-            ),
-            (
-                ContactEvidence {
-                    range_height: Some(1.0),
-                    ..ON_DECK
-                },
-                DisarmInhibit::RangeHigh,
-            ),
-            (
-                ContactEvidence {
-                    range_height: Some(f64::NAN),
-                    ..ON_DECK
-                },
-                DisarmInhibit::RangeHigh,
-            ),
-            (
-                ContactEvidence {
-                    forecast_height: Some(1.0),
-                    ..ON_DECK
-                },
-                DisarmInhibit::ForecastHigh,
-            ),
-            (
-                ContactEvidence {
-                    range_height: None,
-                    forecast_height: None,
-                    ..ON_DECK
-                },
+                |e| (e.range_height, e.forecast_height) = (None, None),
                 DisarmInhibit::HeightUnknown,
             ),
+            (|e| e.speed = Some(3.0), DisarmInhibit::Fast),
+            (|e| e.speed = None, DisarmInhibit::Fast),
+            // It hovers.
+            (|e| e.thrust = Some(1.0), DisarmInhibit::NotSupported),
+            // It falls with the thrust cut, and the autopilot believes to stand.
             (
-                ContactEvidence {
-                    speed: Some(3.0),
-                    ..ON_DECK
-                },
-                DisarmInhibit::Fast,
-            ),
-            (
-                ContactEvidence {
-                    speed: None,
-                    ..ON_DECK
-                },
-                DisarmInhibit::Fast,
-            ),
-            // It hovers; it falls with the thrust cut, and the autopilot believes to stand.
-            (
-                ContactEvidence {
-                    thrust: Some(1.0),
-                    ..ON_DECK
-                },
+                |e| (e.load_factor, e.reports_on_ground) = (Some(0.4), true),
                 DisarmInhibit::NotSupported,
             ),
-            (
-                ContactEvidence {
-                    load_factor: Some(0.4),
-                    reports_on_ground: true,
-                    ..ON_DECK
-                },
-                DisarmInhibit::NotSupported,
-            ),
-            (
-                ContactEvidence {
-                    load_factor: None,
-                    ..ON_DECK
-                },
-                DisarmInhibit::NotSupported,
-            ),
-        ] {
+            (|e| e.load_factor = None, DisarmInhibit::NotSupported),
+        ];
+        for (change, why) in cases {
+            let mut e = ON_DECK;
+            change(&mut e);
             assert_eq!(inhibit(&e, &c), Some(why), "{e:?}");
             assert_eq!(
                 commands(&mut DisarmSequence::default(), 0, 10_000, &e, &c),

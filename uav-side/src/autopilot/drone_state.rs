@@ -1,24 +1,23 @@
-//! What the autopilot says of the drone's motion, as our messages: PX4 in one `ODOMETRY`, ArduCopter
-//! in `LOCAL_POSITION_NED` with `ATTITUDE_QUATERNION`, both with the inertial samples beside.
+//! The drone's state from what the autopilot reports: PX4 in one `ODOMETRY`, ArduCopter in
+//! `LOCAL_POSITION_NED` with `ATTITUDE_QUATERNION`, both with separate inertial samples.
 
 use alight_shared::msg::{DroneState, Header, Message as _, RangeSample};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::Span;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+use super::DroneTime;
 use super::config::AutopilotLinkConfig;
-use super::message::{OdometryReport, VelocityFrame};
-
-type Instant = Time<DroneClock>;
+use super::message::{DistanceReport, OdometryReport, VelocityFrame};
 
 /// An inertial sample further than this from the pose does not belong to it.
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
-/// An attitude is turned on by its rates over at most this long.
+/// An attitude is propagated by its rates over at most this long.
 const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
-/// While `ODOMETRY` came within this time, position and attitude on their own are not used.
+/// Position and attitude on their own are not used within this time after an `ODOMETRY`.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
-/// A position further than this from where the velocity brought it is a jump of the estimate, m.
+/// A position further than this from the last one propagated by velocity is a jump of the estimate, m.
 const JUMP_M: f64 = 1.0;
-/// Such jumps are looked for between samples no further apart than this, s.
+/// Such jumps are detected between samples no further apart than this, s.
 const JUMP_STEP_S: f64 = 0.3;
 /// Inertial samples averaged at most.
 const MAX_SAMPLES: u32 = 50;
@@ -26,22 +25,24 @@ const MAX_SAMPLES: u32 = 50;
 /// The inertial samples since the last pose.
 #[derive(Clone, Copy, Debug, Default)]
 struct Inertial {
-    at: Instant,
+    at: DroneTime,
     newest: Vector3<f64>,
     sum: Vector3<f64>,
     count: u32,
 }
 
-/// Pose, motion and range from what arrives.
+/// Assembles drone states from reports of pose, motion and specific force.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct DroneStateAssembler {
     inertial: Option<Inertial>,
-    attitude: Option<(Instant, UnitQuaternion<f64>, Vector3<f64>)>,
-    odometry_at: Option<Instant>,
+    attitude: Option<(DroneTime, UnitQuaternion<f64>, Vector3<f64>)>,
+    odometry_at: Option<DroneTime>,
     last: Option<DroneState>,
     reported_resets: Option<u8>,
-    resets: u8,
-    rejected: u32,
+    /// Jumps of the autopilot's estimate so far.
+    pub(crate) resets: u8,
+    /// Samples rejected.
+    pub(crate) rejected: u32,
 }
 
 fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
@@ -50,8 +51,12 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 }
 
 impl DroneStateAssembler {
+    fn reject<T>(&mut self) -> Option<T> {
+        self.rejected = self.rejected.saturating_add(1);
+        None
+    }
     /// An inertial sample.
-    pub(crate) fn imu(&mut self, at: Instant, accelerometer: [f64; 3]) {
+    pub(crate) fn imu(&mut self, at: DroneTime, accelerometer: [f64; 3]) {
         let f = Vector3::from(accelerometer);
         if !(f.norm() < 500.0) {
             self.rejected = self.rejected.saturating_add(1);
@@ -66,7 +71,7 @@ impl DroneStateAssembler {
         }
     }
     /// An attitude with its rates.
-    pub(crate) fn attitude(&mut self, at: Instant, attitude: [f64; 4], rates: [f64; 3]) {
+    pub(crate) fn attitude(&mut self, at: DroneTime, attitude: [f64; 4], rates: [f64; 3]) {
         match rotation(attitude) {
             Some(q) => self.attitude = Some((at, q, rates.into())),
             None => self.rejected = self.rejected.saturating_add(1),
@@ -75,7 +80,7 @@ impl DroneStateAssembler {
     /// A position with its velocity, to go with the newest attitude.
     pub(crate) fn position(
         &mut self,
-        at: Instant,
+        at: DroneTime,
         position: [f64; 3],
         velocity: [f64; 3],
         c: &AutopilotLinkConfig,
@@ -101,13 +106,12 @@ impl DroneStateAssembler {
     /// Position, velocity and attitude in one.
     pub(crate) fn odometry(
         &mut self,
-        at: Instant,
+        at: DroneTime,
         o: &OdometryReport,
         c: &AutopilotLinkConfig,
     ) -> Option<DroneState> {
         let Some(q) = rotation(o.attitude) else {
-            self.rejected = self.rejected.saturating_add(1);
-            return None;
+            return self.reject();
         };
         self.odometry_at = Some(at);
         if self.reported_resets.is_some_and(|r| r != o.resets) {
@@ -123,7 +127,7 @@ impl DroneStateAssembler {
 
     fn state(
         &mut self,
-        at: Instant,
+        at: DroneTime,
         position: [f64; 3],
         velocity: [f64; 3],
         q: UnitQuaternion<f64>,
@@ -133,10 +137,9 @@ impl DroneStateAssembler {
     ) -> Option<DroneState> {
         // Twice the same, or overtaken on the way.
         if self.last.is_some_and(|l| at <= l.header.at) {
-            self.rejected = self.rejected.saturating_add(1);
-            return None;
+            return self.reject();
         }
-        // Without inertial samples touchdown cannot be told, and nothing is flown.
+        // Without inertial samples touchdown cannot be detected, and nothing is flown.
         let i = self
             .inertial
             .as_mut()
@@ -148,10 +151,9 @@ impl DroneStateAssembler {
         };
         (i.sum, i.count) = (Vector3::zeros(), 0);
         let [p, v, a] = c.odometry_sd;
-        let sd = |told: Option<[f64; 3]>, ours: f64| {
-            told.map_or([ours; 3], |t| {
-                t.map(|x| if x > 0.0 && x < 1e6 { x.sqrt() } else { ours })
-            })
+        let sd = |reported: Option<[f64; 3]>, default: f64| {
+            let sqrt = |x: f64| if x > 0.0 && x < 1e6 { x.sqrt() } else { default };
+            reported.map_or([default; 3], |variances| variances.map(sqrt))
         };
         let state = DroneState {
             header: Header::new(0, 0, 0, 0, at),
@@ -165,21 +167,12 @@ impl DroneStateAssembler {
             euler_sd: sd(variances.map(|v| v[1]), a),
         };
         if state.check().is_err() {
-            self.rejected = self.rejected.saturating_add(1);
-            return None;
+            return self.reject();
         }
         self.last = Some(state);
         Some(state)
     }
-    /// Jumps of the autopilot's estimate so far.
-    pub(crate) fn resets(&self) -> u8 {
-        self.resets
-    }
-    /// Samples refused.
-    pub(crate) fn rejected(&self) -> u32 {
-        self.rejected
-    }
-    /// The autopilot is another one, or began anew: its frame is another.
+    /// The autopilot is another one, or restarted: its frame is another.
     pub(crate) fn restart(&mut self) {
         *self = DroneStateAssembler {
             resets: self.resets.wrapping_add(u8::from(self.last.is_some())),
@@ -190,31 +183,26 @@ impl DroneStateAssembler {
 }
 
 /// A reading of the rangefinder; None out of its limits.
-pub(crate) fn range(
-    at: Instant,
-    range_m: f64,
-    limits_m: [f64; 2],
-    variance: Option<f64>,
-    c: &AutopilotLinkConfig,
-) -> Option<RangeSample> {
-    let [low, high] = limits_m;
+pub(crate) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
+    let [low, high] = d.limits_m;
     let sample = RangeSample {
         header: Header::new(0, 0, 0, 0, at),
-        range_m,
-        variance: variance
+        range_m: d.range_m,
+        variance: d
+            .variance
             .filter(|v| *v > 0.0)
             .unwrap_or(c.range_sd_m * c.range_sd_m),
     };
-    // Its greatest distance is what a rangefinder says when it sees nothing.
-    ((low..high).contains(&range_m) && sample.check().is_ok()).then_some(sample)
+    // A rangefinder without an echo reports its greatest distance.
+    ((low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn t(s: f64) -> Instant {
-        Time::from_secs(s)
+    fn t(s: f64) -> DroneTime {
+        DroneTime::from_secs(s)
     }
     fn report(position: [f64; 3], frame: VelocityFrame, resets: u8) -> OdometryReport {
         let q = UnitQuaternion::from_euler_angles(0.0, 0.0, core::f64::consts::FRAC_PI_2);
@@ -266,7 +254,7 @@ mod tests {
             ..r
         };
         assert!(f.odometry(t(1.21), &broken, &c).is_none());
-        assert_eq!(f.rejected(), 3);
+        assert_eq!(f.rejected, 3);
     }
 
     #[test]
@@ -285,15 +273,15 @@ mod tests {
         let c = AutopilotLinkConfig::default();
         let mut f = DroneStateAssembler::default();
         let mut at = 1.0;
-        let mut told = |f: &mut DroneStateAssembler, resets| {
+        let mut report_resets = |f: &mut DroneStateAssembler, resets| {
             at += 0.01;
             f.imu(t(at), [0.0, 0.0, -9.8]);
             f.odometry(t(at), &report([0.0; 3], VelocityFrame::Ned, resets), &c);
         };
-        told(&mut f, 7);
-        told(&mut f, 7);
-        told(&mut f, 8);
-        assert_eq!(f.resets(), 1);
+        report_resets(&mut f, 7);
+        report_resets(&mut f, 7);
+        report_resets(&mut f, 8);
+        assert_eq!(f.resets, 1);
         let mut f = DroneStateAssembler::default();
         for (k, x) in [0.0, 0.01, 2.0, 2.01].into_iter().enumerate() {
             let at = t(1.0 + 0.01 * k as f64);
@@ -301,15 +289,22 @@ mod tests {
             f.attitude(at, [1.0, 0.0, 0.0, 0.0], [0.0; 3]);
             f.position(at, [x, 0.0, 0.0], [1.0, 0.0, 0.0], &c);
         }
-        assert_eq!(f.resets(), 1);
+        assert_eq!(f.resets, 1);
     }
 
     #[test]
     fn rangefinder_at_its_limit_gives_no_sample() {
-        let c = AutopilotLinkConfig::default();
-        assert!(range(t(1.0), 10.0, [0.1, 10.0], None, &c).is_none());
-        assert!(range(t(1.0), f64::NAN, [0.1, 10.0], None, &c).is_none());
-        let s = range(t(1.0), 2.0, [0.1, 10.0], Some(0.0), &c).unwrap();
+        let sample = |range_m, variance| {
+            let report = DistanceReport {
+                time_ms: 0,
+                range_m,
+                limits_m: [0.1, 10.0],
+                variance,
+            };
+            range(t(1.0), &report, &AutopilotLinkConfig::default())
+        };
+        assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
+        let s = sample(2.0, Some(0.0)).unwrap();
         assert!((s.variance - 0.0004).abs() < 1e-12);
     }
 }

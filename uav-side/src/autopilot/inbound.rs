@@ -1,12 +1,12 @@
-//! What is heard on the link: heartbeats, clocks, samples, answers.
+//! Messages received on the link: heartbeats, clocks, samples, answers.
 
 use alight_shared::frames::{Datum, DroneNed};
 use alight_shared::msg::{DroneState, LandedState};
 
-use super::message::{self, Address, CommandResult, Frame, Message, command};
+use super::message::{self, Address, CommandResult, Frame, Heartbeat, Message, command};
 use super::modes::Firmware;
 use super::peer::Peer;
-use super::{AutopilotLink, AutopilotOut, Instant, drone_state, thrust};
+use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state, thrust};
 
 /// An origin further from the datum than this is none of this landing, m.
 const MAX_ORIGIN_DISTANCE_M: f64 = 5.0e4;
@@ -14,27 +14,21 @@ const MAX_ORIGIN_DISTANCE_M: f64 = 5.0e4;
 const ORIGIN_MOVED_M: f64 = 0.05;
 /// Time constant of the specific force in the evidence for a disarm, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
-/// Another autopilot is listened to when the first was silent for this long, s.
+/// Another autopilot is accepted when the first was silent for this long, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
-    /// A frame of the link. Gives whether it was the autopilot's word on its mode: a heartbeat, mostly.
-    pub(super) fn receive(&mut self, now: Instant, frame: &Frame, out: &mut AutopilotOut) -> bool {
-        if let Message::Heartbeat {
-            autopilot,
-            vehicle,
-            base_mode,
-            custom_mode,
-        } = frame.message
-        {
-            return self.on_heartbeat(now, frame.from, autopilot, vehicle, base_mode, custom_mode);
+    /// Takes a frame of the link. True when it reported the autopilot's mode: a heartbeat, mostly.
+    pub(super) fn receive(&mut self, now: DroneTime, frame: &Frame, out: &mut AutopilotOut) -> bool {
+        if let Message::Heartbeat(heartbeat) = &frame.message {
+            return self.on_heartbeat(now, frame.from, heartbeat);
         }
         let Some(peer) = self.peer.as_mut().filter(|p| p.address == frame.from) else {
             return false;
         };
         let c = &self.config;
         match &frame.message {
-            Message::Heartbeat { .. } => {}
+            Message::Heartbeat(_) => {}
             Message::Timesync {
                 remote_ns: 0,
                 local_ns,
@@ -45,70 +39,50 @@ impl AutopilotLink {
             Message::Timesync { remote_ns, local_ns } => {
                 if let Some(k) = self.timesync_requests.iter().position(|q| q == local_ns) {
                     self.timesync_requests.remove(k);
-                    let before = self.clock.restarts();
+                    let before = self.clock.restarts;
                     self.clock
                         .answered(now, *local_ns, *remote_ns, c.timesync_limit_s);
-                    if self.clock.restarts() != before {
+                    if self.clock.restarts != before {
                         self.drone_state.restart();
                     }
                 }
             }
             Message::Odometry(o) => {
                 peer.streams.received(message::id::ODOMETRY);
-                if let Some(at) = self.clock.ours(now, micros(o.time_us)) {
+                if let Some(at) = self.clock.local_time(now, micros(o.time_us)) {
                     let state = self.drone_state.odometry(at, o, c);
                     self.on_odometry(now, state, out);
                 }
             }
-            Message::LocalPosition {
-                time_ms,
-                position,
-                velocity,
-            } => {
+            Message::LocalPosition(p) => {
                 peer.streams.received(message::id::LOCAL_POSITION_NED);
-                if let Some(at) = self.clock.ours(now, millis(*time_ms)) {
-                    let state = self.drone_state.position(at, *position, *velocity, c);
+                if let Some(at) = self.clock.local_time(now, millis(p.time_ms)) {
+                    let state = self.drone_state.position(at, p.position, p.velocity, c);
                     self.on_odometry(now, state, out);
                 }
             }
-            Message::Attitude {
-                time_ms,
-                attitude,
-                rates,
-            } => {
+            Message::Attitude(a) => {
                 peer.streams.received(message::id::ATTITUDE_QUATERNION);
-                if let Some(at) = self.clock.ours(now, millis(*time_ms)) {
-                    self.drone_state.attitude(at, *attitude, *rates);
+                if let Some(at) = self.clock.local_time(now, millis(a.time_ms)) {
+                    self.drone_state.attitude(at, a.attitude, a.rates);
                 }
             }
-            Message::Imu {
-                time_us,
-                accelerometer,
-                ..
-            } => {
+            Message::Imu(i) => {
                 peer.streams.received(match peer.firmware {
                     Firmware::Px4 => message::id::HIGHRES_IMU,
                     Firmware::ArduCopter => message::id::SCALED_IMU,
                 });
-                if let Some(at) = self.clock.ours(now, micros(*time_us)) {
-                    self.drone_state.imu(at, *accelerometer);
+                if let Some(at) = self.clock.local_time(now, micros(i.time_us)) {
+                    self.drone_state.imu(at, i.accelerometer);
                 }
             }
-            Message::Distance {
-                time_ms,
-                range_m,
-                limits_m,
-                variance,
-            } => {
+            Message::Distance(d) => {
                 peer.streams.received(message::id::DISTANCE_SENSOR);
-                let sample = self
-                    .clock
-                    .ours(now, millis(*time_ms))
-                    .and_then(|at| drone_state::range(at, *range_m, *limits_m, *variance, c));
-                if let Some(mut sample) = sample
+                let at = self.clock.local_time(now, millis(d.time_ms));
+                if let Some(mut sample) = at.and_then(|at| drone_state::range(at, d, c))
                     && self.range.is_none_or(|r| sample.header.at > r.header.at)
                 {
-                    sample.header = self.header(2, sample.header.at);
+                    sample.header = self.header(Output::Range, sample.header.at);
                     self.range = Some(sample);
                     out.ranges.push(sample);
                 }
@@ -116,7 +90,7 @@ impl AutopilotLink {
             Message::Mode { custom_mode } => {
                 peer.streams.received(message::id::CURRENT_MODE);
                 peer.mode = peer.firmware.mode(*custom_mode);
-                // As good a word on the mode as a heartbeat.
+                // It reports the mode as well as a heartbeat does.
                 return true;
             }
             Message::Landed { state } => {
@@ -133,7 +107,7 @@ impl AutopilotLink {
                 peer.thrust(now, *thrust / attitude.map_or(1.0, |a| peer.tilt_compensation(a)));
             }
             Message::Parameter { name, value } => peer.parameter(name, *value),
-            Message::Origin(reported) => self.on_origin(reported),
+            Message::Origin(origin) => self.on_origin(origin),
             Message::CommandAck { command, result } => {
                 if *command == command::MESSAGE_INTERVAL {
                     peer.streams.answered(now, *result);
@@ -147,7 +121,7 @@ impl AutopilotLink {
                     && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
                 {
                     out.texts
-                        .push(format!("the autopilot refused command {command}: {result:?}"));
+                        .push(format!("the autopilot denied command {command}: {result:?}"));
                 }
             }
             Message::Text { severity, text } => {
@@ -155,7 +129,7 @@ impl AutopilotLink {
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
-            // What others are told.
+            // Meant for others.
             Message::ParameterRequest { .. }
             | Message::Command(_)
             | Message::Position(_)
@@ -169,38 +143,26 @@ impl AutopilotLink {
         false
     }
 
-    fn on_heartbeat(
-        &mut self,
-        now: Instant,
-        from: Address,
-        autopilot: u8,
-        vehicle: u8,
-        base_mode: u8,
-        custom_mode: u32,
-    ) -> bool {
+    fn on_heartbeat(&mut self, now: DroneTime, from: Address, h: &Heartbeat) -> bool {
         let wanted = self.config.vehicle;
-        let Some(firmware) = Firmware::of(autopilot, vehicle)
+        let Some(firmware) = Firmware::of(h.autopilot, h.vehicle)
             .filter(|_| from.component == message::AUTOPILOT_COMPONENT)
             .filter(|_| wanted == 0 || wanted == from.system)
         else {
             return false;
         };
-        let gone = |p: &Peer| (now - p.heartbeat_at).secs() > OTHER_AFTER_S;
-        let other = self
-            .peer
-            .as_ref()
-            .is_none_or(|p| (p.address, p.firmware) != (from, firmware));
-        if other {
-            if self.peer.as_ref().is_some_and(|p| !gone(p)) {
-                return false;
+        match &mut self.peer {
+            Some(p) if (p.address, p.firmware) == (from, firmware) => {}
+            Some(p) if (now - p.heartbeat_at).secs() <= OTHER_AFTER_S => return false,
+            peer => {
+                *peer = Some(Peer::new(from, firmware, now, &self.config));
+                self.clock.forget();
+                self.drone_state.restart();
             }
-            self.peer = Some(Peer::new(from, firmware, now, &self.config));
-            self.clock.forget();
-            self.drone_state.restart();
         }
         if let Some(p) = &mut self.peer {
             p.streams.received(message::id::HEARTBEAT);
-            p.heartbeat(now, base_mode, custom_mode);
+            p.heartbeat(now, h.base_mode, h.custom_mode);
         }
         true
     }
@@ -208,11 +170,11 @@ impl AutopilotLink {
     /// The origin of the autopilot's own NED.
     fn on_origin(&mut self, reported: &Datum) {
         let Some(datum) = &self.datum else { return };
-        let reported = Datum {
+        let origin = Datum {
             height_m: reported.height_m + self.config.geoid_m,
             ..*reported
         };
-        let shift = datum.offset_to::<DroneNed>(&reported).0;
+        let shift = datum.offset_to::<DroneNed>(&origin).0;
         if !(shift.norm() < MAX_ORIGIN_DISTANCE_M) {
             return;
         }
@@ -222,8 +184,8 @@ impl AutopilotLink {
         self.shift = Some(shift);
     }
 
-    /// New odometry: made smooth, learnt from, told on.
-    fn on_odometry(&mut self, now: Instant, reported: Option<DroneState>, out: &mut AutopilotOut) {
+    /// New odometry: smooths it, learns the hover thrust from it and publishes it.
+    fn on_odometry(&mut self, now: DroneTime, reported: Option<DroneState>, out: &mut AutopilotOut) {
         let (Some(mut reported), Some(shift)) = (reported, self.shift) else {
             return;
         };
@@ -244,7 +206,7 @@ impl AutopilotLink {
             self.hover.learn(fraction, up, dt, self.config.hover_thrust_s);
         }
         let mut state = self.smooth.step(&reported);
-        state.header = self.header(0, reported.header.at);
+        state.header = self.header(Output::Odometry, reported.header.at);
         self.state = Some(state);
         out.odometry.push(state);
     }

@@ -1,4 +1,4 @@
-//! What is said on a MAVLink link, as far as Alight takes part in it: SI units, radians, plain enums.
+//! The messages of a MAVLink link as far as Alight takes part in it: SI units, radians, plain enums.
 //!
 //! The state machine of this folder knows these types only. Bytes and the MAVLink crate are behind
 //! [`super::wire`], so a new release of the crate, or another dialect, changes one file, and a test
@@ -7,13 +7,20 @@
 use alight_shared::frames::Datum;
 use serde::{Deserialize, Serialize};
 
-/// Who says something: system and component.
+/// Sender or receiver: system and component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Address {
     /// Number of the vehicle.
     pub system: u8,
     /// Its part; 1 is the autopilot.
     pub component: u8,
+}
+
+impl Address {
+    /// A component of a system.
+    pub const fn new(system: u8, component: u8) -> Address {
+        Address { system, component }
+    }
 }
 
 /// `MAV_COMP_ID_AUTOPILOT1`.
@@ -29,7 +36,7 @@ pub const ARDUPILOT: u8 = 3;
 /// `MAV_AUTOPILOT_PX4`.
 pub const PX4: u8 = 12;
 
-/// Numbers of messages whose rate is asked for.
+/// Numbers of messages whose rate is requested.
 pub mod id {
     /// `HEARTBEAT`.
     pub const HEARTBEAT: u32 = 0;
@@ -67,7 +74,7 @@ pub mod command {
     pub const MESSAGE_INTERVAL: u16 = 511;
     /// `MAV_CMD_REQUEST_MESSAGE`.
     pub const REQUEST_MESSAGE: u16 = 512;
-    /// Second parameter of `ARM_DISARM`: whatever the autopilot thinks of it.
+    /// Second parameter of `ARM_DISARM`: the autopilot obeys in the air too.
     pub const FORCE: f64 = 21196.0;
 }
 
@@ -76,7 +83,7 @@ pub const CUSTOM_MODE: u8 = 1;
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 pub const ARMED: u8 = 128;
 
-/// How a command was taken (`MAV_RESULT`).
+/// The answer to a command (`MAV_RESULT`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CommandResult {
     /// Done.
@@ -85,7 +92,7 @@ pub enum CommandResult {
     TemporarilyRejected,
     /// Never in this state.
     Denied,
-    /// Not known to it.
+    /// Unknown to the autopilot.
     Unsupported,
     /// Tried, and failed.
     Failed,
@@ -95,7 +102,7 @@ pub enum CommandResult {
     Other,
 }
 
-/// Which frame a velocity is told in.
+/// The frame of a velocity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum VelocityFrame {
     /// The same NED as the position.
@@ -107,20 +114,34 @@ pub enum VelocityFrame {
 /// A command with its seven parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CommandLong {
-    /// To whom.
+    /// Receiver.
     pub to: Address,
     /// Which.
     pub command: u16,
-    /// Sent again as often.
+    /// Number of repetitions.
     pub confirmation: u8,
     /// Its parameters.
     pub parameters: [f64; 7],
 }
 
+impl CommandLong {
+    /// A command whose first parameters are `first` and whose others are zero.
+    pub fn new<const N: usize>(to: Address, command: u16, first: [f64; N]) -> CommandLong {
+        let mut parameters = [0.0; 7];
+        parameters.iter_mut().zip(first).for_each(|(p, v)| *p = v);
+        CommandLong {
+            to,
+            command,
+            confirmation: 0,
+            parameters,
+        }
+    }
+}
+
 /// A position set-point: all of position, velocity, acceleration, yaw and yaw rate are to be used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionTarget {
-    /// To whom.
+    /// Receiver.
     pub to: Address,
     /// Autopilot's NED, m.
     pub position: [f64; 3],
@@ -137,13 +158,13 @@ pub struct PositionTarget {
 /// An attitude set-point with thrust.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AttitudeTarget {
-    /// To whom.
+    /// Receiver.
     pub to: Address,
     /// NED from body, unit quaternion (w, x, y, z).
     pub attitude: [f64; 4],
     /// Body rates, rad/s; None: not to be used.
     pub rates: Option<[f64; 3]>,
-    /// The autopilot's own measure of collective thrust, 0 to 1.
+    /// Collective thrust as the autopilot commands it, 0 to 1.
     pub thrust: f64,
 }
 
@@ -162,26 +183,76 @@ pub struct OdometryReport {
     pub frame: VelocityFrame,
     /// Body, rad/s.
     pub rates: [f64; 3],
-    /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None when not told.
+    /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None when not reported.
     pub variances: Option<[[f64; 3]; 3]>,
     /// Counts jumps of the estimate.
     pub resets: u8,
 }
 
+/// `HEARTBEAT`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Heartbeat {
+    /// `MAV_AUTOPILOT`.
+    pub autopilot: u8,
+    /// `MAV_TYPE`.
+    pub vehicle: u8,
+    /// `MAV_MODE_FLAG` bits.
+    pub base_mode: u8,
+    /// The autopilot's own number of its mode.
+    pub custom_mode: u32,
+}
+
+/// `LOCAL_POSITION_NED`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PositionReport {
+    /// Autopilot's time, ms.
+    pub time_ms: u32,
+    /// NED, m.
+    pub position: [f64; 3],
+    /// NED, m/s.
+    pub velocity: [f64; 3],
+}
+
+/// `ATTITUDE_QUATERNION`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AttitudeReport {
+    /// Autopilot's time, ms.
+    pub time_ms: u32,
+    /// NED from body (w, x, y, z).
+    pub attitude: [f64; 4],
+    /// Body, rad/s.
+    pub rates: [f64; 3],
+}
+
+/// `HIGHRES_IMU`, or `SCALED_IMU` in SI.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImuReport {
+    /// Autopilot's time, us.
+    pub time_us: u64,
+    /// Specific force, body, m/s².
+    pub accelerometer: [f64; 3],
+    /// Body, rad/s.
+    pub gyro: [f64; 3],
+}
+
+/// `DISTANCE_SENSOR` that looks down.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DistanceReport {
+    /// Autopilot's time, ms.
+    pub time_ms: u32,
+    /// m.
+    pub range_m: f64,
+    /// Least and greatest distance that it can measure, m.
+    pub limits_m: [f64; 2],
+    /// m²; None when not known.
+    pub variance: Option<f64>,
+}
+
 /// One message.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
-    /// I am here.
-    Heartbeat {
-        /// `MAV_AUTOPILOT`.
-        autopilot: u8,
-        /// `MAV_TYPE`.
-        vehicle: u8,
-        /// `MAV_MODE_FLAG` bits.
-        base_mode: u8,
-        /// The autopilot's own number of its mode.
-        custom_mode: u32,
-    },
+    /// `HEARTBEAT`.
+    Heartbeat(Heartbeat),
     /// Question (`remote_ns` zero) or answer about clocks.
     Timesync {
         /// `tc1`: the answering clock, ns; 0 in a question.
@@ -192,44 +263,14 @@ pub enum Message {
     /// `ODOMETRY`.
     Odometry(OdometryReport),
     /// `LOCAL_POSITION_NED`.
-    LocalPosition {
-        /// Autopilot's time, ms.
-        time_ms: u32,
-        /// NED, m.
-        position: [f64; 3],
-        /// NED, m/s.
-        velocity: [f64; 3],
-    },
+    LocalPosition(PositionReport),
     /// `ATTITUDE_QUATERNION`.
-    Attitude {
-        /// Autopilot's time, ms.
-        time_ms: u32,
-        /// NED from body (w, x, y, z).
-        attitude: [f64; 4],
-        /// Body, rad/s.
-        rates: [f64; 3],
-    },
+    Attitude(AttitudeReport),
     /// `HIGHRES_IMU`, or `SCALED_IMU` in SI.
-    Imu {
-        /// Autopilot's time, us.
-        time_us: u64,
-        /// Specific force, body, m/s².
-        accelerometer: [f64; 3],
-        /// Body, rad/s.
-        gyro: [f64; 3],
-    },
+    Imu(ImuReport),
     /// `DISTANCE_SENSOR` that looks down.
-    Distance {
-        /// Autopilot's time, ms.
-        time_ms: u32,
-        /// m.
-        range_m: f64,
-        /// Least and greatest distance that it can measure, m.
-        limits_m: [f64; 2],
-        /// m²; None when not known.
-        variance: Option<f64>,
-    },
-    /// `CURRENT_MODE`: the mode in force, told when it changes.
+    Distance(DistanceReport),
+    /// `CURRENT_MODE`: the mode in force, sent when it changes.
     Mode {
         /// As in the heartbeat.
         custom_mode: u32,
@@ -243,17 +284,17 @@ pub enum Message {
     Battery {
         /// Which of several.
         number: u8,
-        /// Remaining, 0 to 1; None when not told.
+        /// Remaining, 0 to 1; None when not reported.
         remaining: Option<f64>,
     },
-    /// `ATTITUDE_TARGET`: what the autopilot's attitude loop is told now.
+    /// `ATTITUDE_TARGET`: the present reference of the autopilot's attitude loop.
     AttitudeTargetThrust {
         /// Collective, 0 to 1.
         thrust: f64,
     },
     /// `PARAM_REQUEST_READ` by name.
     ParameterRequest {
-        /// To whom.
+        /// Receiver.
         to: Address,
         /// At most 16 characters.
         name: String,
@@ -273,7 +314,7 @@ pub enum Message {
     CommandAck {
         /// Which command.
         command: u16,
-        /// How it was taken.
+        /// The answer.
         result: CommandResult,
     },
     /// `SET_POSITION_TARGET_LOCAL_NED`.
@@ -311,7 +352,7 @@ pub enum Message {
     HilSensor(HilSensor),
     /// `HIL_GPS`: a simulator's GNSS.
     HilGps(HilGps),
-    /// `HIL_ACTUATOR_CONTROLS`: what a firmware tells its simulated motors.
+    /// `HIL_ACTUATOR_CONTROLS`: a firmware's commands to its simulated motors.
     HilActuators {
         /// Firmware's time, us.
         time_us: u64,
@@ -354,15 +395,15 @@ pub struct HilGps {
     pub altitude_m: f64,
     /// NED, m/s.
     pub velocity: [f64; 3],
-    /// Standard deviations told: horizontal, vertical, m.
+    /// Reported standard deviations: horizontal, vertical, m.
     pub sd_m: [f64; 2],
 }
 
-/// A message and who said it.
+/// A message and its sender.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
-    /// Who.
+    /// Its sender.
     pub from: Address,
-    /// What.
+    /// The message.
     pub message: Message,
 }

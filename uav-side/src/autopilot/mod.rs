@@ -1,9 +1,9 @@
-//! The link to a real autopilot (PX4, ArduCopter) by MAVLink, as a node: what was heard in, what is to
-//! be said out. It knows no socket and no clock, so that a test plays the autopilot on one clock with
-//! it; the process around it is `alight autopilot`.
+//! The link to a real autopilot (PX4, ArduCopter) by MAVLink, as a node: messages received in, messages to
+//! send out. It knows no socket and no clock, so that a test plays the autopilot on one clock with it; the
+//! process around it is `alight autopilot`.
 //!
-//! Read in this order: [`message`] (what is said on the link), [`authority`] (who commands, and why),
-//! [`disarm`] (when motors are stopped), this file (one step), [`hearing`] and [`acting`] (its two
+//! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
+//! [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
 //! halves), [`clock`], [`streams`], [`drone_state`], [`modes`], and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -35,7 +35,8 @@ use alight_shared::admission::Latest;
 use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, MissionState, RangeSample, SetPoint,
+    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, MissionState, RangeSample,
+    SetPoint,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -47,24 +48,26 @@ use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
 use disarm::DisarmSequence;
 use drone_state::DroneStateAssembler;
-use message::{Address, CUSTOM_MODE, CommandLong, Frame, Message, command};
+use message::{Address, CUSTOM_MODE, CommandLong, Frame, Heartbeat, Message, command};
 use peer::Peer;
 use thrust::HoverThrust;
 
-type Instant = Time<DroneClock>;
+type DroneTime = Time<DroneClock>;
 
-/// Frames that one step looks at, at most.
+/// Frames that one step processes, at most.
 pub const MAX_FRAMES: usize = 512;
 /// Texts of the autopilot that one step passes on, at most.
 const MAX_TEXTS: usize = 8;
-/// Questions about clocks that are under way, at most.
+/// TIMESYNC requests under way, at most.
 const MAX_TIMESYNC_REQUESTS: usize = 16;
 /// Our heartbeat's period, s (MAVLink's usual).
 const HEARTBEAT_S: f64 = 1.0;
-/// The autopilot's state is told on this often, s.
+/// Period of the autopilot's state to the other nodes, s.
 const STATE_S: f64 = 0.1;
-/// A known origin is asked for again this often, s.
+/// Period of requests for an origin that is known, s: an estimator that restarts moves its origin.
 const ORIGIN_S: f64 = 5.0;
+/// Period of requests for an unknown origin, s.
+const UNKNOWN_ORIGIN_S: f64 = 1.0;
 
 /// What arrives.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -79,7 +82,7 @@ pub struct AutopilotIn {
     pub forecast: Option<DeckForecast>,
 }
 
-/// What is said.
+/// What is sent.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotOut {
     /// Who we are on the link.
@@ -92,23 +95,54 @@ pub struct AutopilotOut {
     pub state: Option<AutopilotState>,
     /// Readings of the rangefinder.
     pub ranges: Vec<RangeSample>,
-    /// For a person: who commands, when that changed; what is refused; the autopilot's own texts.
+    /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
 
-/// Figures of the link.
+/// Metrics of the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinkMetrics {
-    /// How far off the time of a sample may be, s.
+    /// Uncertainty of a sample's time, s.
     pub clock_uncertainty_s: f64,
-    /// Samples and answers refused.
+    /// Samples and TIMESYNC answers rejected.
     pub rejected: u32,
-    /// Times that the autopilot's clock began anew.
+    /// Restarts of the autopilot's clock.
     pub restarts: u32,
-    /// Thrust that hovers, 0 to 1.
+    /// Hover thrust, 0 to 1.
     pub hover_thrust: f64,
     /// Set-points sent.
     pub set_points: u32,
+}
+
+/// What the node publishes, each with its own sequence.
+#[derive(Clone, Copy, Debug)]
+enum Output {
+    Odometry,
+    State,
+    Range,
+}
+
+/// Something that is due again some time after it was done.
+#[derive(Clone, Copy, Debug, Default)]
+struct Timer(Option<DroneTime>);
+
+impl Timer {
+    fn is_due(self, now: DroneTime) -> bool {
+        self.0.is_none_or(|next| now >= next)
+    }
+    fn wait(&mut self, now: DroneTime, seconds: f64) {
+        self.0 = Some(now + Span::from_secs(seconds));
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Timers {
+    command: Timer,
+    heartbeat: Timer,
+    timesync: Timer,
+    state: Timer,
+    deck: Timer,
+    origin: Timer,
 }
 
 /// The link's node.
@@ -130,7 +164,7 @@ pub struct AutopilotLink {
     drone_state: DroneStateAssembler,
     smooth: Odometry,
     state: Option<DroneState>,
-    /// The autopilot's origin seen from the datum, NED, m.
+    /// The autopilot's origin relative to the datum, NED, m.
     shift: Option<Vector3<f64>>,
     hover: HoverThrust,
     force: Option<f64>,
@@ -143,21 +177,16 @@ pub struct AutopilotLink {
     authority: AuthorityStateMachine,
     disarm: DisarmSequence,
     inhibited: Option<DisarmInhibit>,
-    /// Where it holds after a touchdown that was none.
+    /// Where it holds after a false touchdown.
     held: Option<SetPoint>,
     /// The last set-point with motors running.
     flown: Option<SetPoint>,
-    sent_at: Option<Instant>,
+    sent_at: Option<DroneTime>,
     set_points: u32,
-    low_since: Option<Instant>,
+    low_since: Option<DroneTime>,
     diversions: u32,
     arm_tries: u32,
-    command_next: Instant,
-    heartbeat_next: Instant,
-    timesync_next: Instant,
-    state_next: Instant,
-    deck_next: Instant,
-    origin_next: Instant,
+    timers: Timers,
 }
 
 impl AutopilotLink {
@@ -172,7 +201,6 @@ impl AutopilotLink {
         drone_id: u32,
         boot: u32,
     ) -> Self {
-        let never = Time::from_nanos(i64::MIN);
         AutopilotLink {
             config: config.clone(),
             geometry: *geometry,
@@ -204,53 +232,44 @@ impl AutopilotLink {
             low_since: None,
             diversions: 0,
             arm_tries: 0,
-            command_next: never,
-            heartbeat_next: never,
-            timesync_next: never,
-            state_next: never,
-            deck_next: never,
-            origin_next: never,
+            timers: Timers::default(),
         }
     }
     /// Who commands, and why.
     pub fn control_authority(&self) -> ControlAuthority {
         self.authority.control_authority()
     }
-    /// Figures of the link.
-    pub fn metrics(&self, now: Instant) -> LinkMetrics {
+    /// Metrics of the link.
+    pub fn metrics(&self, now: DroneTime) -> LinkMetrics {
         LinkMetrics {
             clock_uncertainty_s: self.clock.uncertainty_s(now),
-            rejected: self.clock.rejected().saturating_add(self.drone_state.rejected()),
-            restarts: self.clock.restarts(),
+            rejected: self.clock.rejected.saturating_add(self.drone_state.rejected),
+            restarts: self.clock.restarts,
             hover_thrust: self.hover.value(),
             set_points: self.set_points,
         }
     }
-    /// Who we are: the vehicle's system, unless configured otherwise.
+    /// Our own address: the vehicle's system, unless configured otherwise.
     fn address(&self) -> Address {
-        let told = self.peer.as_ref().map_or(1, |p| p.address.system);
-        Address {
-            system: if self.config.system == 0 {
-                told
-            } else {
-                self.config.system
-            },
-            component: self.config.component,
-        }
+        let system = match self.config.system {
+            0 => self.peer.as_ref().map_or(1, |p| p.address.system),
+            configured => configured,
+        };
+        Address::new(system, self.config.component)
     }
-    fn header(&mut self, stream: usize, at: Instant) -> Header<DroneClock> {
-        let s = &mut self.sequences[stream];
+    fn header(&mut self, output: Output, at: DroneTime) -> Header<DroneClock> {
+        let s = &mut self.sequences[output as usize];
         *s = s.wrapping_add(1);
         Header::new(0, self.drone_id, self.boot, *s, at)
     }
 
-    fn evidence(&self, now: Instant, heartbeat: bool) -> Evidence {
+    fn evidence(&self, now: DroneTime, heartbeat: bool) -> Evidence {
         let p = self.peer.as_ref();
-        let recent = |at: Instant, s: f64| (now - at).secs() <= s;
+        let recent = |at: DroneTime, s: f64| (now - at).secs() <= s;
         Evidence {
             found: p.is_some(),
             alive: p.is_some_and(|p| recent(p.heartbeat_at, self.config.heartbeat_loss_s)),
-            clock: self.clock.known(),
+            clock: self.clock.is_synchronised(),
             origin: self.shift.is_some(),
             odometry: self
                 .state
@@ -262,20 +281,21 @@ impl AutopilotLink {
         }
     }
 
-    /// What goes out whoever commands: heartbeat, clock, streams, parameters.
-    fn send_periodic(&mut self, now: Instant, out: &mut AutopilotOut) {
-        if now >= self.heartbeat_next {
-            self.heartbeat_next = now + Span::from_secs(HEARTBEAT_S);
-            out.messages.push(Message::Heartbeat {
+    /// What is sent whoever commands: heartbeat, clock, streams, parameters.
+    fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let timers = &mut self.timers;
+        if timers.heartbeat.is_due(now) {
+            timers.heartbeat.wait(now, HEARTBEAT_S);
+            out.messages.push(Message::Heartbeat(Heartbeat {
                 autopilot: message::NO_AUTOPILOT,
                 vehicle: message::COMPANION_TYPE,
                 base_mode: CUSTOM_MODE,
                 custom_mode: 0,
-            });
+            }));
         }
         let Some(peer) = &mut self.peer else { return };
-        if now >= self.timesync_next {
-            self.timesync_next = now + Span::from_secs(1.0 / self.config.timesync_hz);
+        if timers.timesync.is_due(now) {
+            timers.timesync.wait(now, 1.0 / self.config.timesync_hz);
             self.timesync_requests.push_back(now.nanos());
             if self.timesync_requests.len() > MAX_TIMESYNC_REQUESTS {
                 self.timesync_requests.pop_front();
@@ -287,49 +307,26 @@ impl AutopilotLink {
         }
         out.messages.extend(peer.streams.ask(now, peer.address));
         out.messages.extend(peer.ask_option(now, self.attitudes));
-        if self.datum.is_some() && now >= self.origin_next {
-            // Again and again: an estimator that begins anew moves its origin.
-            let pause = if self.shift.is_some() { ORIGIN_S } else { 1.0 };
-            self.origin_next = now + Span::from_secs(pause);
-            out.messages.push(Message::Command(CommandLong {
-                to: peer.address,
-                command: command::REQUEST_MESSAGE,
-                confirmation: 0,
-                parameters: [
-                    f64::from(message::id::GPS_GLOBAL_ORIGIN),
-                    0.0,
-                    0.0,
-                    0.0,
-                    0.0,
-                    0.0,
-                    0.0,
-                ],
-            }));
+        if self.datum.is_some() && timers.origin.is_due(now) {
+            let known = self.shift.is_some();
+            timers
+                .origin
+                .wait(now, if known { ORIGIN_S } else { UNKNOWN_ORIGIN_S });
+            let origin = [f64::from(message::id::GPS_GLOBAL_ORIGIN)];
+            let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, origin);
+            out.messages.push(Message::Command(request));
         }
     }
 
-    /// The autopilot's state as the other nodes know it.
-    fn tell(&mut self, now: Instant, changed: bool, alive: bool) -> Option<AutopilotState> {
-        if !alive || now < self.state_next && !changed {
+    /// The autopilot's state as the other nodes know it: OFFBOARD is reported only while it is ours.
+    fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
+        if !alive || !self.timers.state.is_due(now) && !changed {
             return None;
         }
-        self.state_next = now + Span::from_secs(STATE_S);
-        let header = self.header(1, now);
+        self.timers.state.wait(now, STATE_S);
+        let header = self.header(Output::State, now);
         let p = self.peer.as_ref()?;
-        let ours = match self.authority.control_authority() {
-            ControlAuthority::Commanding
-            | ControlAuthority::NoOdometry
-            | ControlAuthority::NoClock
-            | ControlAuthority::Disarmed => true,
-            ControlAuthority::Searching
-            | ControlAuthority::LinkLost
-            | ControlAuthority::NoOrigin
-            | ControlAuthority::OptionUnknown
-            | ControlAuthority::OptionMissing
-            | ControlAuthority::Standby { .. }
-            | ControlAuthority::TakenOver { .. }
-            | ControlAuthority::Diverted(_) => false,
-        };
+        let ours = self.control_authority().has_the_mode();
         let settled = self.hover.settled(self.config.hover_thrust_s);
         Some(AutopilotState {
             header,
@@ -339,13 +336,17 @@ impl AutopilotLink {
                 mode => mode,
             },
             landed: p.landed,
-            origin_resets: self.drone_state.resets(),
+            origin_resets: self.drone_state.resets,
             battery: p.charge().unwrap_or(0.0),
             thrust: p
                 .thrust_now(now)
                 .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
         })
+    }
+    /// What of the autopilot is reported at once when it changes.
+    fn mode_and_arming(&self) -> Option<(AutopilotMode, bool, LandedState)> {
+        self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed))
     }
 }
 
@@ -354,9 +355,9 @@ impl Node for AutopilotLink {
     type In = AutopilotIn;
     type Out = AutopilotOut;
 
-    fn step(&mut self, now: Instant, input: &AutopilotIn) -> AutopilotOut {
+    fn step(&mut self, now: DroneTime, input: &AutopilotIn) -> AutopilotOut {
         let mut out = AutopilotOut::default();
-        let reported_before = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
+        let before = (self.mode_and_arming(), self.control_authority());
         let mut heartbeat = false;
         for frame in input.received.iter().take(MAX_FRAMES) {
             heartbeat |= self.receive(now, frame, &mut out);
@@ -369,7 +370,6 @@ impl Node for AutopilotLink {
         }
         let new = input.set_point.is_some_and(|s| self.set_point.offer(now, &s));
 
-        let before = self.authority.control_authority();
         let evidence = self.evidence(now, heartbeat);
         self.authority
             .step(now, &evidence, Span::from_secs(self.config.quiet_s));
@@ -377,18 +377,16 @@ impl Node for AutopilotLink {
             self.diversions = 0;
         }
         self.divert(now, &mut out);
-        self.set_point(now, new, &mut out);
+        self.send_set_point(now, new, &mut out);
         self.arm(now, &mut out);
         self.send_periodic(now, &mut out);
         self.publish_deck(now, &mut out);
 
-        let control_authority = self.authority.control_authority();
-        if control_authority != before {
-            out.texts.push(control_authority.to_string());
+        let after = (self.mode_and_arming(), self.control_authority());
+        if after.1 != before.1 {
+            out.texts.push(after.1.to_string());
         }
-        let reported_now = self.peer.as_ref().map(|p| (p.mode, p.armed, p.landed));
-        let changed = reported_now != reported_before || control_authority != before;
-        out.state = self.tell(now, changed, evidence.alive);
+        out.state = self.state_report(now, after != before, evidence.alive);
         out.texts.truncate(MAX_TEXTS);
         out.from = self.address();
         out

@@ -7,9 +7,10 @@ use super::config::Diversion;
 use super::message::{ARDUPILOT, PX4};
 
 /// Which firmware flies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Firmware {
     /// PX4.
+    #[default]
     Px4,
     /// ArduCopter.
     ArduCopter,
@@ -38,14 +39,6 @@ impl Firmware {
             Firmware::ArduCopter => "ArduCopter",
         }
     }
-    /// The mode that takes set-points, as a person finds it on the remote control.
-    pub const fn offboard_mode_name(self) -> &'static str {
-        match self {
-            Firmware::Px4 => "OFFBOARD",
-            Firmware::ArduCopter => "GUIDED",
-        }
-    }
-
     /// What a custom mode means for landing. PX4: main mode in bits 16 to 23, sub-mode above.
     /// ArduCopter: its mode number.
     pub fn mode(self, custom: u32) -> AutopilotMode {

@@ -1,32 +1,33 @@
-//! The rates at which the autopilot is asked to send, asked again where it does not.
+//! Message rates requested of the autopilot, and requested again where they are not kept.
 
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::Span;
 
+use super::DroneTime;
 use super::config::AutopilotLinkConfig;
 use super::message::{Address, CommandLong, CommandResult, Message, command, id};
 use super::modes::Firmware;
 
-/// Between two questions on the link, s.
+/// Time between two requests on the link, s.
 const REQUEST_SPACING_S: f64 = 0.02;
-/// A stream is looked after this often, s.
+/// Period of the review of each stream's rate, s.
 const REVIEW_S: f64 = 2.0;
-/// A change of mode is told within this many times a second.
+/// Rate that is requested of CURRENT_MODE: a change is reported within its period, Hz.
 const MODE_HZ: f64 = 50.0;
-/// Below this share of the rate it is asked for again.
+/// Below this fraction of its rate a stream is requested again.
 const MIN_RATE_FRACTION: f64 = 0.7;
-/// A refused stream is let be for this long, s.
+/// A denied stream is not requested for this long, s.
 const DENIED_PAUSE_S: f64 = 60.0;
-/// Refusals that count as a no.
+/// Denials after which a stream counts as denied.
 const MAX_DENIALS: u32 = 3;
 
 #[derive(Clone, Copy, Debug)]
 struct Stream {
     id: u32,
     hz: f64,
-    /// Asked for again below this rate, Hz.
+    /// Requested again below this rate, Hz.
     min_hz: f64,
     received: u32,
-    review_at: Time<DroneClock>,
+    review_at: DroneTime,
     denials: u32,
     wanted: bool,
 }
@@ -35,18 +36,18 @@ struct Stream {
 #[derive(Clone, Debug)]
 pub(crate) struct Streams {
     list: Vec<Stream>,
-    next: Time<DroneClock>,
+    next: DroneTime,
     last_asked: Option<u32>,
 }
 
 impl Streams {
-    /// What this firmware can say of what landing needs.
-    pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: Time<DroneClock>) -> Streams {
+    /// What this firmware can send of what landing needs.
+    pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: DroneTime) -> Streams {
         let own: &[(u32, f64)] = match firmware {
             Firmware::Px4 => &[
                 (id::ODOMETRY, c.odometry_hz),
                 (id::HIGHRES_IMU, c.odometry_hz),
-                // Its heartbeats keep to 1 Hz whatever is asked; this comes when the mode changes, and twice
+                // Its heartbeats keep to 1 Hz whatever is requested; this comes when the mode changes, and twice
                 // a second.
                 (id::CURRENT_MODE, MODE_HZ),
             ],
@@ -72,10 +73,9 @@ impl Streams {
                 .map(|&(id, hz)| Stream {
                     id,
                     hz,
-                    min_hz: if id == id::CURRENT_MODE {
-                        1.0
-                    } else {
-                        MIN_RATE_FRACTION * hz
+                    min_hz: match id {
+                        id::CURRENT_MODE => 1.0,
+                        _ => MIN_RATE_FRACTION * hz,
                     },
                     received: 0,
                     review_at: now,
@@ -93,9 +93,9 @@ impl Streams {
             s.received = s.received.saturating_add(1);
         }
     }
-    /// The last question was answered.
-    pub(crate) fn answered(&mut self, now: Time<DroneClock>, result: CommandResult) {
-        let no = match result {
+    /// The last request was answered.
+    pub(crate) fn answered(&mut self, now: DroneTime, result: CommandResult) {
+        let denied = match result {
             CommandResult::Denied
             | CommandResult::Unsupported
             | CommandResult::Failed
@@ -103,7 +103,7 @@ impl Streams {
             CommandResult::Accepted | CommandResult::InProgress | CommandResult::TemporarilyRejected => false,
         };
         let asked = self.last_asked.take();
-        if let Some(s) = self.list.iter_mut().find(|s| no && Some(s.id) == asked) {
+        if let Some(s) = self.list.iter_mut().find(|s| denied && Some(s.id) == asked) {
             s.denials += 1;
             if s.denials >= MAX_DENIALS {
                 s.denials = 0;
@@ -111,14 +111,14 @@ impl Streams {
             }
         }
     }
-    /// The next question, when it is time for one.
-    pub(crate) fn ask(&mut self, now: Time<DroneClock>, to: Address) -> Option<Message> {
+    /// The next request, when it is due.
+    pub(crate) fn ask(&mut self, now: DroneTime, to: Address) -> Option<Message> {
         if now < self.next {
             return None;
         }
         for s in &mut self.list {
             if now >= s.review_at {
-                // The first review finds nothing heard, and so asks.
+                // The first review finds nothing received, and so requests.
                 s.wanted = f64::from(s.received) < s.min_hz * REVIEW_S;
                 if !s.wanted {
                     s.denials = 0;
@@ -131,23 +131,21 @@ impl Streams {
         s.wanted = false;
         self.next = now + Span::from_secs(REQUEST_SPACING_S);
         self.last_asked = Some(s.id);
-        Some(Message::Command(CommandLong {
+        let interval = [f64::from(s.id), (1e6 / s.hz).round()];
+        Some(Message::Command(CommandLong::new(
             to,
-            command: command::MESSAGE_INTERVAL,
-            confirmation: 0,
-            parameters: [f64::from(s.id), (1e6 / s.hz).round(), 0.0, 0.0, 0.0, 0.0, 0.0],
-        }))
+            command::MESSAGE_INTERVAL,
+            interval,
+        )))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
-    const TO: Address = Address {
-        system: 1,
-        component: 1,
-    };
+    const TO: Address = Address::new(1, 1);
 
     /// Asked-for ids over `seconds`, when the streams in `sent` come at their rate.
     fn asked(s: &mut Streams, from_s: f64, seconds: f64, sent: &[u32], answer: CommandResult) -> Vec<u32> {

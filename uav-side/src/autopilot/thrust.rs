@@ -1,11 +1,11 @@
-//! Collective thrust in the autopilot's measure and in ours, and what hovers.
+//! Collective thrust as the autopilot commands it and as a fraction of the greatest, and the hover thrust.
 
 use alight_shared::geometry::GRAVITY;
 
-/// Bounds of a believable hover thrust.
+/// Bounds of a plausible hover thrust.
 const BOUNDS: [f64; 2] = [0.1, 0.9];
 
-/// The share of the greatest thrust that a command `u` of the autopilot gives: `T = f u² + (1 - f) u`
+/// The fraction of the greatest thrust that a command `u` of the autopilot gives: `T = f u² + (1 - f) u`
 /// (PX4's thrust model, THR_MDL_FAC).
 pub(crate) fn fraction(command: f64, curve: f64) -> f64 {
     let u = command.clamp(0.0, 1.0);
@@ -14,7 +14,7 @@ pub(crate) fn fraction(command: f64, curve: f64) -> f64 {
 
 /// The inverse of [`fraction`].
 pub(crate) fn command(fraction: f64, curve: f64) -> f64 {
-    // What is no number turns nothing.
+    // NaN turns nothing.
     let t = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
     if curve < 1e-6 {
         return t;
@@ -38,16 +38,16 @@ impl HoverThrust {
             learned_s: 0.0,
         }
     }
-    /// The thrust that hovers, share of the greatest.
+    /// The hover thrust, fraction of the greatest.
     pub(crate) fn value(&self) -> f64 {
         self.value
     }
-    /// Learnt for long enough to be told on.
+    /// Learned for long enough to be reported.
     pub(crate) fn settled(&self, time_s: f64) -> bool {
         self.learned_s >= time_s
     }
-    /// Learns from flight: thrust applied (share), specific force upwards, m/s². Shocks, free fall and
-    /// thrust of next to nothing say little about hover.
+    /// Learns from flight: thrust applied (fraction), specific force upwards, m/s². Shocks, free fall and
+    /// low thrust hold no information about hover.
     pub(crate) fn learn(&mut self, thrust: f64, up: f64, dt: f64, time_s: f64) {
         let calm = (0.7 * GRAVITY..=1.3 * GRAVITY).contains(&up);
         if !calm || !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {

@@ -6,7 +6,7 @@
 //! drone under the commands that are under way, and the plan is sampled there (Smith 1957, "Closer control
 //! of loops with dead time"; the model starts from each odometry, it does not run in parallel).
 //!
-//! Simulated over MAVLink at Moderate (`tests/tests/mavlink.rs`), 40 ms each way: without it none of 3 flights
+//! Simulated over MAVLink at Moderate (`tests/tests/autopilot/landings.rs`), 40 ms each way: without it none of 3 flights
 //! landed well (23 contacts that were too hard), with it 32 of 32, 0.033 m off on average. At 80 ms 94 of 100: thrust
 //! removed on the deck is measured 160 ms later, and the contact is in doubt meanwhile. Over an autopilot in
 //! the same computer the dead time is below [`DelayConfig::min_s`] and nothing changes.

@@ -1,11 +1,11 @@
-//! The dialect's words in ours.
+//! The dialect's messages in ours.
 
 use alight_shared::frames::Datum;
 use alight_shared::mavlink::{Fields, dialect as m};
 
 use super::super::message::{
-    Address, AttitudeTarget, CommandLong, CommandResult, HilGps, HilSensor, Message, OdometryReport,
-    PositionTarget, VelocityFrame,
+    Address, AttitudeReport, AttitudeTarget, CommandLong, CommandResult, DistanceReport, Heartbeat, HilGps,
+    HilSensor, ImuReport, Message, OdometryReport, PositionReport, PositionTarget, VelocityFrame,
 };
 use super::extension::RESET_COUNTER_AT;
 use super::{text, wide};
@@ -17,43 +17,43 @@ const MILLI_G: f64 = 9.806_65e-3;
 pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Message> {
     use m::MavMessage as M;
     Some(match message {
-        M::HEARTBEAT(d) => Message::Heartbeat {
+        M::HEARTBEAT(d) => Message::Heartbeat(Heartbeat {
             autopilot: d.autopilot as u8,
             vehicle: d.mavtype as u8,
             base_mode: d.base_mode.bits(),
             custom_mode: d.custom_mode,
-        },
+        }),
         M::TIMESYNC(d) => Message::Timesync {
             remote_ns: d.tc1,
             local_ns: d.ts1,
         },
         M::ODOMETRY(d) => Message::Odometry(odometry(&d, payload)?),
-        M::LOCAL_POSITION_NED(d) => Message::LocalPosition {
+        M::LOCAL_POSITION_NED(d) => Message::LocalPosition(PositionReport {
             time_ms: d.time_boot_ms,
             position: wide([d.x, d.y, d.z]),
             velocity: wide([d.vx, d.vy, d.vz]),
-        },
-        M::ATTITUDE_QUATERNION(d) => Message::Attitude {
+        }),
+        M::ATTITUDE_QUATERNION(d) => Message::Attitude(AttitudeReport {
             time_ms: d.time_boot_ms,
             attitude: wide([d.q1, d.q2, d.q3, d.q4]),
             rates: wide([d.rollspeed, d.pitchspeed, d.yawspeed]),
-        },
-        M::HIGHRES_IMU(d) => Message::Imu {
+        }),
+        M::HIGHRES_IMU(d) => Message::Imu(ImuReport {
             time_us: d.time_usec,
             accelerometer: wide([d.xacc, d.yacc, d.zacc]),
             gyro: wide([d.xgyro, d.ygyro, d.zgyro]),
-        },
-        M::SCALED_IMU(d) => Message::Imu {
+        }),
+        M::SCALED_IMU(d) => Message::Imu(ImuReport {
             time_us: u64::from(d.time_boot_ms) * 1000,
             accelerometer: [d.xacc, d.yacc, d.zacc].map(|a| f64::from(a) * MILLI_G),
             gyro: [d.xgyro, d.ygyro, d.zgyro].map(|w| f64::from(w) * 1e-3),
-        },
+        }),
         M::DISTANCE_SENSOR(d) => {
             if d.orientation != m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270 {
                 return None;
             }
             let metres = |cm: u16| f64::from(cm) * 0.01;
-            Message::Distance {
+            Message::Distance(DistanceReport {
                 time_ms: d.time_boot_ms,
                 range_m: metres(d.current_distance),
                 limits_m: [metres(d.min_distance), metres(d.max_distance)],
@@ -61,7 +61,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
                 variance: Some(d.covariance)
                     .filter(|c| !matches!(c, 0 | 255))
                     .map(|c| f64::from(c) * 1e-4),
-            }
+            })
         }
         M::CURRENT_MODE(d) => Message::Mode {
             custom_mode: d.custom_mode,
@@ -79,7 +79,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             thrust: d.thrust.into(),
         },
         M::PARAM_REQUEST_READ(d) => Message::ParameterRequest {
-            to: to(d.target_system, d.target_component),
+            to: Address::new(d.target_system, d.target_component),
             name: text(&d.param_id),
         },
         M::PARAM_VALUE(d) => Message::Parameter {
@@ -92,7 +92,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             height_m: f64::from(d.altitude) * 1e-3,
         }),
         M::COMMAND_LONG(d) => Message::Command(CommandLong {
-            to: to(d.target_system, d.target_component),
+            to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,
             confirmation: d.confirmation,
             parameters: wide([
@@ -112,7 +112,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             },
         },
         M::SET_POSITION_TARGET_LOCAL_NED(d) => Message::Position(PositionTarget {
-            to: to(d.target_system, d.target_component),
+            to: Address::new(d.target_system, d.target_component),
             position: wide([d.x, d.y, d.z]),
             velocity: wide([d.vx, d.vy, d.vz]),
             acceleration: wide([d.afx, d.afy, d.afz]),
@@ -122,7 +122,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         M::SET_ATTITUDE_TARGET(d) => {
             let ignored = m::AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE;
             Message::AttitudeThrust(AttitudeTarget {
-                to: to(d.target_system, d.target_component),
+                to: Address::new(d.target_system, d.target_component),
                 attitude: wide(d.q),
                 rates: (!d.type_mask.contains(ignored))
                     .then(|| wide([d.body_roll_rate, d.body_pitch_rate, d.body_yaw_rate])),
@@ -159,10 +159,6 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
     })
 }
 
-fn to(system: u8, component: u8) -> Address {
-    Address { system, component }
-}
-
 fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport> {
     use m::MavFrame as F;
     // Another frame of the position is not NED: a camera's odometry, say.
@@ -175,8 +171,8 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport>
         _ => return None,
     };
     let (p, v) = (wide(d.pose_covariance), wide(d.velocity_covariance));
-    // Upper triangles of 6 x 6, row by row. The first is no number when nothing is told.
-    let told = p[0].is_finite() && v[0].is_finite();
+    // Upper triangles of 6 x 6, row by row. The first is no number when the covariance is unknown.
+    let known = p[0].is_finite() && v[0].is_finite();
     Some(OdometryReport {
         time_us: d.time_usec,
         position: wide([d.x, d.y, d.z]),
@@ -184,7 +180,7 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport>
         velocity: wide([d.vx, d.vy, d.vz]),
         frame,
         rates: wide([d.rollspeed, d.pitchspeed, d.yawspeed]),
-        variances: told.then_some([[p[0], p[6], p[11]], [p[15], p[18], p[20]], [v[0], v[6], v[11]]]),
+        variances: known.then_some([[p[0], p[6], p[11]], [p[15], p[18], p[20]], [v[0], v[6], v[11]]]),
         resets: payload.u8(RESET_COUNTER_AT),
     })
 }

@@ -1,4 +1,4 @@
-//! Our words in the dialect's.
+//! Our messages in the dialect's.
 
 use alight_shared::mavlink::dialect as m;
 use num_traits::FromPrimitive;
@@ -6,20 +6,16 @@ use num_traits::FromPrimitive;
 use super::super::message::{CommandResult, Message};
 use super::{chars, narrow};
 
-/// A message in the dialect's words.
+/// A message in the dialect; None for one whose payload is made byte by byte, or with a number that the
+/// dialect does not know.
 pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
     use m::MavMessage as M;
     Some(match message {
-        Message::Heartbeat {
-            autopilot,
-            vehicle,
-            base_mode,
-            custom_mode,
-        } => M::HEARTBEAT(m::HEARTBEAT_DATA {
-            autopilot: m::MavAutopilot::from_u8(*autopilot)?,
-            mavtype: m::MavType::from_u8(*vehicle)?,
-            base_mode: m::MavModeFlag::from_bits_retain(*base_mode),
-            custom_mode: *custom_mode,
+        Message::Heartbeat(h) => M::HEARTBEAT(m::HEARTBEAT_DATA {
+            autopilot: m::MavAutopilot::from_u8(h.autopilot)?,
+            mavtype: m::MavType::from_u8(h.vehicle)?,
+            base_mode: m::MavModeFlag::from_bits_retain(h.base_mode),
+            custom_mode: h.custom_mode,
             system_status: m::MavState::MAV_STATE_ACTIVE,
             mavlink_version: 3,
         }),
@@ -27,71 +23,39 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             tc1: *remote_ns,
             ts1: *local_ns,
         }),
-        Message::LocalPosition {
-            time_ms,
-            position,
-            velocity,
-        } => {
-            let ([x, y, z], [vx, vy, vz]) = (narrow(*position), narrow(*velocity));
-            M::LOCAL_POSITION_NED(m::LOCAL_POSITION_NED_DATA {
-                time_boot_ms: *time_ms,
-                x,
-                y,
-                z,
-                vx,
-                vy,
-                vz,
-            })
+        Message::LocalPosition(p) => {
+            let mut d = m::LOCAL_POSITION_NED_DATA::DEFAULT;
+            d.time_boot_ms = p.time_ms;
+            [d.x, d.y, d.z] = narrow(p.position);
+            [d.vx, d.vy, d.vz] = narrow(p.velocity);
+            M::LOCAL_POSITION_NED(d)
         }
-        Message::Attitude {
-            time_ms,
-            attitude,
-            rates,
-        } => {
-            let ([q1, q2, q3, q4], [rollspeed, pitchspeed, yawspeed]) = (narrow(*attitude), narrow(*rates));
-            M::ATTITUDE_QUATERNION(m::ATTITUDE_QUATERNION_DATA {
-                time_boot_ms: *time_ms,
-                q1,
-                q2,
-                q3,
-                q4,
-                rollspeed,
-                pitchspeed,
-                yawspeed,
-            })
+        Message::Attitude(a) => {
+            let mut d = m::ATTITUDE_QUATERNION_DATA::DEFAULT;
+            d.time_boot_ms = a.time_ms;
+            [d.q1, d.q2, d.q3, d.q4] = narrow(a.attitude);
+            [d.rollspeed, d.pitchspeed, d.yawspeed] = narrow(a.rates);
+            M::ATTITUDE_QUATERNION(d)
         }
-        Message::Imu {
-            time_us,
-            accelerometer,
-            gyro,
-        } => {
-            let ([xacc, yacc, zacc], [xgyro, ygyro, zgyro]) = (narrow(*accelerometer), narrow(*gyro));
-            M::HIGHRES_IMU(m::HIGHRES_IMU_DATA {
-                time_usec: *time_us,
-                xacc,
-                yacc,
-                zacc,
-                xgyro,
-                ygyro,
-                zgyro,
-                ..m::HIGHRES_IMU_DATA::DEFAULT
-            })
+        Message::Imu(i) => {
+            let mut d = m::HIGHRES_IMU_DATA::DEFAULT;
+            d.time_usec = i.time_us;
+            [d.xacc, d.yacc, d.zacc] = narrow(i.accelerometer);
+            [d.xgyro, d.ygyro, d.zgyro] = narrow(i.gyro);
+            M::HIGHRES_IMU(d)
         }
-        Message::Distance {
-            time_ms,
-            range_m,
-            limits_m,
-            variance,
-        } => {
+        Message::Distance(s) => {
             // `as` saturates and maps NaN to zero.
             let cm = |v: f64| (v * 100.0).round() as u16;
             M::DISTANCE_SENSOR(m::DISTANCE_SENSOR_DATA {
-                time_boot_ms: *time_ms,
-                min_distance: cm(limits_m[0]),
-                max_distance: cm(limits_m[1]),
-                current_distance: cm(*range_m),
+                time_boot_ms: s.time_ms,
+                min_distance: cm(s.limits_m[0]),
+                max_distance: cm(s.limits_m[1]),
+                current_distance: cm(s.range_m),
                 orientation: m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270,
-                covariance: variance.map_or(255, |v| (v * 1e4).round().clamp(1.0, 254.0) as u8),
+                covariance: s
+                    .variance
+                    .map_or(255, |v| (v * 1e4).round().clamp(1.0, 254.0) as u8),
                 ..m::DISTANCE_SENSOR_DATA::DEFAULT
             })
         }
@@ -125,26 +89,20 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             param_value: *value as f32,
             ..m::PARAM_VALUE_DATA::DEFAULT
         }),
-        Message::Origin(d) => M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {
-            latitude: (d.latitude_deg * 1e7).round() as i32,
-            longitude: (d.longitude_deg * 1e7).round() as i32,
-            altitude: (d.height_m * 1e3).round() as i32,
+        Message::Origin(o) => M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {
+            latitude: (o.latitude_deg * 1e7).round() as i32,
+            longitude: (o.longitude_deg * 1e7).round() as i32,
+            altitude: (o.height_m * 1e3).round() as i32,
         }),
         Message::Command(c) => {
-            let [param1, param2, param3, param4, param5, param6, param7] = narrow(c.parameters);
-            M::COMMAND_LONG(m::COMMAND_LONG_DATA {
-                target_system: c.to.system,
-                target_component: c.to.component,
-                command: m::MavCmd::from_u16(c.command)?,
-                confirmation: c.confirmation,
-                param1,
-                param2,
-                param3,
-                param4,
-                param5,
-                param6,
-                param7,
-            })
+            let mut d = m::COMMAND_LONG_DATA::DEFAULT;
+            (d.target_system, d.target_component) = (c.to.system, c.to.component);
+            d.command = m::MavCmd::from_u16(c.command)?;
+            d.confirmation = c.confirmation;
+            [
+                d.param1, d.param2, d.param3, d.param4, d.param5, d.param6, d.param7,
+            ] = narrow(c.parameters);
+            M::COMMAND_LONG(d)
         }
         Message::CommandAck { command, result } => M::COMMAND_ACK(m::COMMAND_ACK_DATA {
             command: m::MavCmd::from_u16(*command)?,
@@ -159,50 +117,33 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             },
         }),
         Message::Position(p) => {
-            let ([x, y, z], [vx, vy, vz]) = (narrow(p.position), narrow(p.velocity));
-            let [afx, afy, afz] = narrow(p.acceleration);
-            M::SET_POSITION_TARGET_LOCAL_NED(m::SET_POSITION_TARGET_LOCAL_NED_DATA {
-                // Not used by either autopilot; its own time would be the autopilot's.
-                time_boot_ms: 0,
-                target_system: p.to.system,
-                target_component: p.to.component,
-                coordinate_frame: m::MavFrame::MAV_FRAME_LOCAL_NED,
-                // Nothing is to be ignored.
-                type_mask: m::PositionTargetTypemask::empty(),
-                x,
-                y,
-                z,
-                vx,
-                vy,
-                vz,
-                afx,
-                afy,
-                afz,
-                yaw: p.yaw as f32,
-                yaw_rate: p.yaw_rate as f32,
-            })
+            // Nothing is to be ignored; neither autopilot uses the time, which would be its own.
+            let mut d = m::SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT;
+            (d.target_system, d.target_component) = (p.to.system, p.to.component);
+            d.coordinate_frame = m::MavFrame::MAV_FRAME_LOCAL_NED;
+            d.type_mask = m::PositionTargetTypemask::empty();
+            [d.x, d.y, d.z] = narrow(p.position);
+            [d.vx, d.vy, d.vz] = narrow(p.velocity);
+            [d.afx, d.afy, d.afz] = narrow(p.acceleration);
+            [d.yaw, d.yaw_rate] = narrow([p.yaw, p.yaw_rate]);
+            M::SET_POSITION_TARGET_LOCAL_NED(d)
         }
         Message::AttitudeThrust(a) => {
             use m::AttitudeTargetTypemask as Mask;
-            let [body_roll_rate, body_pitch_rate, body_yaw_rate] = narrow(a.rates.unwrap_or_default());
-            M::SET_ATTITUDE_TARGET(m::SET_ATTITUDE_TARGET_DATA {
-                time_boot_ms: 0,
-                target_system: a.to.system,
-                target_component: a.to.component,
-                type_mask: match a.rates {
-                    Some(_) => Mask::empty(),
-                    None => {
-                        Mask::ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
-                            | Mask::ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
-                            | Mask::ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
-                    }
-                },
-                q: narrow(a.attitude),
-                body_roll_rate,
-                body_pitch_rate,
-                body_yaw_rate,
-                thrust: a.thrust as f32,
-            })
+            let mut d = m::SET_ATTITUDE_TARGET_DATA::DEFAULT;
+            (d.target_system, d.target_component) = (a.to.system, a.to.component);
+            d.type_mask = match a.rates {
+                Some(_) => Mask::empty(),
+                None => {
+                    Mask::ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
+                        | Mask::ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
+                        | Mask::ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
+                }
+            };
+            d.q = narrow(a.attitude);
+            [d.body_roll_rate, d.body_pitch_rate, d.body_yaw_rate] = narrow(a.rates.unwrap_or_default());
+            d.thrust = a.thrust as f32;
+            M::SET_ATTITUDE_TARGET(d)
         }
         // Made byte by byte.
         Message::Odometry(_) | Message::LandingTarget { .. } | Message::Deck { .. } => return None,
@@ -211,46 +152,31 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
             text: chars(text),
         }),
         Message::HilSensor(s) => {
-            let ([xacc, yacc, zacc], [xgyro, ygyro, zgyro]) = (narrow(s.accelerometer), narrow(s.gyro));
-            let [xmag, ymag, zmag] = narrow(s.magnetometer);
-            M::HIL_SENSOR(m::HIL_SENSOR_DATA {
-                time_usec: s.time_us,
-                xacc,
-                yacc,
-                zacc,
-                xgyro,
-                ygyro,
-                zgyro,
-                xmag,
-                ymag,
-                zmag,
-                abs_pressure: s.pressure_hpa as f32,
-                diff_pressure: 0.0,
-                pressure_alt: s.pressure_altitude_m as f32,
-                temperature: s.temperature_degc as f32,
-                // Accelerometer, gyroscope, magnetometer, pressure, altitude, temperature.
-                fields_updated: m::HilSensorUpdatedFlags::from_bits_retain(0x1fff),
-            })
+            let mut d = m::HIL_SENSOR_DATA::DEFAULT;
+            d.time_usec = s.time_us;
+            [d.xacc, d.yacc, d.zacc] = narrow(s.accelerometer);
+            [d.xgyro, d.ygyro, d.zgyro] = narrow(s.gyro);
+            [d.xmag, d.ymag, d.zmag] = narrow(s.magnetometer);
+            [d.abs_pressure, d.pressure_alt] = narrow([s.pressure_hpa, s.pressure_altitude_m]);
+            d.temperature = s.temperature_degc as f32;
+            // Accelerometer, gyroscope, magnetometer, pressure, altitude, temperature.
+            d.fields_updated = m::HilSensorUpdatedFlags::from_bits_retain(0x1fff);
+            M::HIL_SENSOR(d)
         }
         Message::HilGps(g) => {
             let degrees = |v: f64| (v.to_degrees() * 1e7).round() as i32;
-            let [vn, ve, vd] = g.velocity.map(|v| (v * 100.0).round() as i16);
+            let centi = |v: f64| (v * 100.0).round();
             let [north, east, _] = g.velocity;
-            M::HIL_GPS(m::HIL_GPS_DATA {
-                time_usec: g.time_us,
-                fix_type: 3,
-                lat: degrees(g.latitude),
-                lon: degrees(g.longitude),
-                alt: (g.altitude_m * 1e3).round() as i32,
-                eph: (g.sd_m[0] * 100.0).round() as u16,
-                epv: (g.sd_m[1] * 100.0).round() as u16,
-                vel: (north.hypot(east) * 100.0).round() as u16,
-                vn,
-                ve,
-                vd,
-                cog: (east.atan2(north).to_degrees().rem_euclid(360.0) * 100.0) as u16,
-                satellites_visible: 14,
-            })
+            let mut d = m::HIL_GPS_DATA::DEFAULT;
+            d.time_usec = g.time_us;
+            (d.fix_type, d.satellites_visible) = (3, 14);
+            (d.lat, d.lon) = (degrees(g.latitude), degrees(g.longitude));
+            d.alt = (g.altitude_m * 1e3).round() as i32;
+            [d.eph, d.epv] = g.sd_m.map(|v| centi(v) as u16);
+            [d.vn, d.ve, d.vd] = g.velocity.map(|v| centi(v) as i16);
+            d.vel = centi(north.hypot(east)) as u16;
+            d.cog = (east.atan2(north).to_degrees().rem_euclid(360.0) * 100.0) as u16;
+            M::HIL_GPS(d)
         }
         Message::HilActuators {
             time_us,
