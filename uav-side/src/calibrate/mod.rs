@@ -1,17 +1,17 @@
 //! The deck's place on the vessel, measured by the drone that stands on it.
 //!
 //! With the drone at rest on the deck, its odometry (`p_d`, `R_d`) and the vessel's estimate (`p_v`,
-//! `R_v`) tell the point `r` of the vessel's body on which its feet stand:
+//! `R_v`) determine the point `r` of the vessel's body on which its feet stand:
 //!
 //! ```text
 //! p_d + R_d [0, 0, feet_below] = p_v + R_v r + b
 //! ```
 //!
 //! `b` is what the two GNSS receivers differ by: a metre without corrections, centimetres with RTK, slow
-//! in both. It is told apart from `r` by its slowness: what the rocking of the vessel adds to both sides
+//! in both. It is separated from `r` by its slowness: what the rocking of the vessel adds to both sides
 //! within [`SLOW_S`] has no `b` in it ([`regression::regress`]); the mean over the time has all of it. Both are
-//! weighed by what they know. A tag that the camera sees from the deck tells where the drone stands on
-//! it, and how the camera is turned against the feet.
+//! weighted by their information. A tag that the camera detects from the deck gives the drone's place on
+//! it, and the camera's rotation against the feet.
 
 pub mod regression;
 #[cfg(test)]
@@ -33,13 +33,13 @@ use regression::{Information, mean, regress};
 const SLOW_S: f64 = 10.0;
 /// Errors of the vessel's estimate are shared over this time, s (ours: a wave period).
 const SHARED_S: f64 = 5.0;
-/// Rocking below this tells nothing, rad, root mean square (ours: 0.3 deg moves a deck 1.3 m up by 7 mm).
+/// Rocking below this holds no information, rad, root mean square (ours: 0.3 deg moves a deck 1.3 m up by 7 mm).
 const MIN_ROCKING_RAD: f64 = 0.005;
-/// The vessel's estimate of its own swaying is wrong by so much in the rhythm of its rocking, m (ours:
+/// The vessel's estimate of its own swaying is wrong by this in phase with its rocking, m (ours:
 /// slight sea, a minute, seeds 1 to 8: the rocking alone is wrong by 0.08, 0.06, 0.09 m then, 0.006 states
 /// 0.3, 0.14, 0.1 m).
 const RHYTHM_M: f64 = 0.006;
-/// ... and by this share of what it states (ours: receivers without corrections make it wrong by 0.3 m, and the
+/// ... and by this fraction of what it states (ours: receivers without corrections make it wrong by 0.3 m, and the
 /// rocking alone by 0.3 to 1 m then).
 const RHYTHM_FRACTION: f64 = 0.05;
 /// The drone's odometry and the vessel's estimate wander over longer than a record lasts, each axis, m
@@ -50,7 +50,7 @@ const MIN_DURATION_S: f64 = 20.0;
 const MIN_ESTIMATES: usize = 200;
 /// The rest is thinned to this many (an hour at 2 Hz).
 const MAX_SAMPLES: usize = 8192;
-/// Fewest sightings of the tag.
+/// Fewest detections of the tag.
 const MIN_TAGS: usize = 30;
 /// A drone at rest keeps its attitude on the deck within this, rad (ours: 3 deg, the errors of both
 /// attitudes are below 1 deg), its place within this, m, in 95 of 100 samples (receivers without
@@ -81,13 +81,13 @@ pub struct DronePlacement {
 }
 
 impl DronePlacement {
-    /// On the deck's centre to 2 cm, with the receivers' errors that the predictor is told.
+    /// On the deck's centre to 2 cm, with the receivers' errors of the predictor's configuration.
     pub fn centred(config: &PredictorConfig) -> DronePlacement {
-        let [radio, sight] = [config.radio_bias_sd_m_rad, config.vision_bias_sd_m_rad];
+        let [radio, vision] = [config.radio_bias_sd_m_rad, config.vision_bias_sd_m_rad];
         DronePlacement {
             at_m: [0.0; 2],
             sd_m: 0.02,
-            receivers_sd_m: [radio[0].hypot(sight[0]), radio[2].hypot(sight[2])],
+            receivers_sd_m: [radio[0].hypot(vision[0]), radio[2].hypot(vision[2])],
         }
     }
 }
@@ -98,7 +98,8 @@ pub enum DeckCalibrationError {
     /// The drone has not stood long enough.
     #[error(
         "{estimates} estimates of the vessel over {seconds:.0} s while the drone stood disarmed: \
-         {MIN_ESTIMATES} over {MIN_DURATION_S} s are needed; leave the drone on the deck, motors off, vessel heard"
+         {MIN_ESTIMATES} over {MIN_DURATION_S} s are needed; leave the drone on the deck with \
+         motors off while the vessel's radio is received"
     )]
     Few {
         /// Estimates of the vessel that met the drone's odometry.
@@ -142,16 +143,16 @@ impl ValueWithSd {
     }
 }
 
-/// What the camera says of its own mount, from a tag that it sees from the deck.
+/// The camera's mount, by a tag that it detects from the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MountCalibration {
-    /// Sightings.
+    /// Detections.
     pub tags: usize,
     /// The camera is turned against the feet about forward and right, rad.
     pub tilt: [ValueWithSd; 2],
     /// The camera is turned about down, rad; both compasses are in it.
     pub turn: ValueWithSd,
-    /// The camera above the deck, more than `feet_below_m` and `camera_m` say, m.
+    /// The camera above the deck, more than by `feet_below_m` and `camera_m`, m.
     pub height: ValueWithSd,
 }
 
@@ -172,7 +173,7 @@ pub struct DeckCalibrationResult {
     pub tilt: [ValueWithSd; 2],
     /// The drone's heading on the deck, rad clockwise from the bow.
     pub heading: ValueWithSd,
-    /// Camera's mount; None when the tag is not seen from the deck.
+    /// Camera's mount; None when the tag is not detected from the deck.
     pub mount: Option<MountCalibration>,
 }
 
@@ -272,16 +273,16 @@ impl DeckCalibration {
             stated: pose.variance + Vector3::from([0, 1, 2].map(|i| f64::from(e.covariance[i][0]))),
         });
     }
-    /// A sighting of the tag.
+    /// A detection of the tag.
     pub fn tag(&mut self, m: &TagPose) {
         if m.check().is_err() || self.tags.len() >= MAX_SAMPLES {
             return;
         }
         let [w, x, y, z] = m.attitude;
-        let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+        let tag = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
         let camera = body_from_camera();
         self.tags.push((
-            camera * seen.to_rotation_matrix().into_inner(),
+            camera * tag.to_rotation_matrix().into_inner(),
             camera * Vector3::from(m.position) + Vector3::from(self.config.drone.camera_m),
         ));
     }
@@ -368,8 +369,8 @@ impl DeckCalibration {
         }
         let (_, covariance) = mean(&turns, lags).ok_or(DeckCalibrationError::Spread)?;
         let bias = |i: usize| {
-            let [radio, sight] = [self.config.radio_bias_sd_m_rad, self.config.vision_bias_sd_m_rad];
-            radio[i].hypot(sight[i])
+            let [radio, vision] = [self.config.radio_bias_sd_m_rad, self.config.vision_bias_sd_m_rad];
+            radio[i].hypot(vision[i])
         };
         // Tilt of the feet's plane, whatever the drone's heading.
         let down = middle * Vector3::z();
@@ -467,19 +468,20 @@ impl DeckCalibration {
             .iter()
             .map(|(tag, at)| centre + tag.transpose() * (feet - at))
             .collect();
-        let leans: Vec<Vector3<f64>> = self
+        let rotations: Vec<Vector3<f64>> = self
             .tags
             .iter()
             .map(|(tag, _)| {
                 let down = tag.column(2);
                 let yaw = Rotation3::from_matrix_unchecked(*tag).euler_angles().2;
-                // exp(-m) z = z - m x z, and the tag's heading seen from the drone.
+                // exp(-m) z = z - m x z, and the tag's heading from the drone.
                 Vector3::new(down.y, -down.x, yaw)
             })
             .collect();
-        // Neighbouring frames share nothing but the light.
+        // Errors of images further apart than these are independent.
         let lags = 30;
-        let (Some((place, place_cov)), Some((lean, lean_cov))) = (mean(&places, lags), mean(&leans, lags))
+        let (Some((place, place_cov)), Some((rotation, rotation_cov))) =
+            (mean(&places, lags), mean(&rotations, lags))
         else {
             return Err(DeckCalibrationError::Spread);
         };
@@ -488,19 +490,21 @@ impl DeckCalibration {
             return Err(DeckCalibrationError::Moves { metres });
         }
         let tilt = core::array::from_fn(|i| ValueWithSd {
-            value: lean[i],
-            sd: lean_cov[(i, i)].sqrt().hypot(self.uneven_rad()),
+            value: rotation[i],
+            sd: rotation_cov[(i, i)].sqrt().hypot(self.uneven_rad()),
         });
         // Drone from tag is minus the drone's heading on the deck.
-        let turn = alight_shared::frames::wrap_angle(-lean[2] - relative.heading.value);
-        // A camera that is turned looks at another place below the feet.
-        let lens = c.camera_mount_sd_m.hypot(c.drone.feet_below_m * lean.xy().norm());
+        let turn = alight_shared::frames::wrap_angle(-rotation[2] - relative.heading.value);
+        // A rotated camera points at another place below the feet.
+        let lens = c
+            .camera_mount_sd_m
+            .hypot(c.drone.feet_below_m * rotation.xy().norm());
         let mount = MountCalibration {
             tags: self.tags.len(),
             tilt,
             turn: ValueWithSd {
                 value: turn,
-                sd: lean_cov[(2, 2)].sqrt().hypot(relative.heading.sd),
+                sd: rotation_cov[(2, 2)].sqrt().hypot(relative.heading.sd),
             },
             height: ValueWithSd {
                 value: -place.z,

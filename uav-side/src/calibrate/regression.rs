@@ -1,5 +1,5 @@
 //! Errors of estimates from samples that follow each other closely: neighbours share their error, so
-//! that a thousand samples tell less than a thousand would.
+//! that a thousand samples hold less information than a thousand independent ones.
 
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 
@@ -73,16 +73,16 @@ pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], least: f64, lags: usize
         eigenvalues,
         eigenvectors,
     } = SymmetricEigen::new(normal);
-    let seen: Vec<Vector3<f64>> = (0..3)
+    let directions: Vec<Vector3<f64>> = (0..3)
         .filter(|&k| eigenvalues[k] > n * least * least)
         .map(|k| eigenvectors.column(k).into_owned())
         .collect();
-    if seen.is_empty() {
+    if directions.is_empty() {
         return Information::default();
     }
     let right: Vector3<f64> = samples.iter().map(|(a, y)| a.transpose() * y).sum();
     // In the eigenvectors the normal matrix is diagonal.
-    let value: Vector3<f64> = seen
+    let value: Vector3<f64> = directions
         .iter()
         .map(|v| v * (v.dot(&right) / (v.dot(&(normal * v)))))
         .sum();
@@ -91,17 +91,17 @@ pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], least: f64, lags: usize
         .map(|(a, y)| a.transpose() * (y - a * value))
         .collect();
     let long = long_run(&scores, lags);
-    let k = seen.len();
-    let basis = DMatrix::from_fn(3, k, |r, c| seen[c][r]);
-    let lean = DMatrix::from_fn(3, 3, |r, c| long[(r, c)]);
+    let k = directions.len();
+    let basis = DMatrix::from_fn(3, k, |r, c| directions[c][r]);
+    let meat = DMatrix::from_fn(3, 3, |r, c| long[(r, c)]);
     let bread = DMatrix::from_fn(k, k, |r, c| {
         if r == c {
-            1.0 / seen[r].dot(&(normal * seen[r]))
+            1.0 / directions[r].dot(&(normal * directions[r]))
         } else {
             0.0
         }
     });
-    let covariance = &bread * (basis.transpose() * lean * &basis) * &bread + &bread * (n * with * with);
+    let covariance = &bread * (basis.transpose() * meat * &basis) * &bread + &bread * (n * with * with);
     let Some(information) = covariance.try_inverse() else {
         return Information::default();
     };

@@ -2,8 +2,8 @@ use alight_shared::msg::Header;
 
 use super::*;
 
-/// A drone on a deck at `r` of a vessel that rolls and pitches by `rocking`, over `seconds`; `away` is what
-/// its place and heading do beside, m and rad.
+/// A drone on a deck at `r` of a vessel that rolls and pitches by `rocking`, over `seconds`; `away` is the
+/// additional motion of its place and heading, m and rad.
 fn stood(
     rocking: f64,
     seconds: f64,

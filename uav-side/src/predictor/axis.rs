@@ -1,11 +1,11 @@
 //! The Kalman filter of one degree of freedom of the deck.
 //!
-//! State: `[mean, mean rate, slow error of the radio, slow error of the sight, drift of the sight,
-//! rotation of the sight, (value, rate) per oscillator]`. The deck is `mean + sum of values`; the radio measures that plus
-//! its slow error (the vessel's GNSS error, compass error), the sight that plus its own (the drone's
+//! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of
+//! vision, (value, rate) per oscillator]`. The deck is `mean + sum of values`; the radio measures that plus
+//! its slow error (the vessel's GNSS error, compass error), vision that plus its own (the drone's
 //! GNSS error, camera mount). Both errors are first-order Gauss-Markov processes, and so is the
-//! drift, the error of the odometry's velocity, which carries the sight's error along; the rotation
-//! (camera mount, attitude) shifts what is seen from afar, north and east, and tells itself apart as
+//! drift, the error of the odometry's velocity, which carries vision's error along; the rotation
+//! (camera mount, attitude) shifts distant detections, north and east, and becomes observable as
 //! the drone sinks; the oscillators are Fossen's wave filter (2011, section 8.2.6), discretised exactly.
 //!
 //! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
@@ -24,28 +24,28 @@ pub const MEAN: usize = 0;
 pub const RATE: usize = 1;
 /// Slow error of the radio.
 pub const RADIO: usize = 2;
-/// Slow error of the sight.
+/// Slow error of vision.
 pub const VISION: usize = 3;
-/// Drift of the sight: the odometry's error of velocity.
+/// Drift of vision: the odometry's error of velocity.
 pub const DRIFT: usize = 4;
-/// Rotation of the sight that shifts what it sees along this axis by itself times the distance
-/// along the line of sight, rad.
+/// Rotation of vision, which shifts a detection along this axis by itself times the distance along the
+/// line of sight, rad.
 pub const TURN: usize = 5;
 /// Largest state.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
 
-/// What a measurement sees of the state.
+/// The row of the measurement matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MeasurementRow {
     /// Mean and waves, without any slow error.
     Level,
-    /// As the radio sees it.
+    /// As the radio measures it.
     Radio,
     /// Where it is in the drone's frame.
     Vision,
-    /// As the drone's camera sees it over this lever of the sight's rotation, m.
-    Sight(f64),
-    /// The sight's rotation.
+    /// As the camera measures it, over this lever arm of vision's rotation, m.
+    Camera(f64),
+    /// Vision's rotation.
     Turn,
     /// The rate of mean and waves.
     Rate,
@@ -56,11 +56,11 @@ pub enum MeasurementRow {
 pub struct AxisNoise {
     /// Spread and correlation time of the radio's slow error.
     pub radio: (f64, f64),
-    /// Spread and correlation time of the sight's slow error.
+    /// Spread and correlation time of vision's slow error.
     pub vision: (f64, f64),
-    /// Spread and correlation time of the sight's drift.
+    /// Spread and correlation time of vision's drift.
     pub drift: (f64, f64),
-    /// Spread and correlation time of the sight's rotation.
+    /// Spread and correlation time of vision's rotation.
     pub turn: (f64, f64),
     /// Variance per second of the mean's random walk.
     pub mean_walk: f64,
@@ -311,21 +311,21 @@ impl Axis {
         }
     }
 
-    /// What `row` sees, and its variance.
+    /// Measurement predicted by `row`, and its variance.
     pub fn project(&self, row: MeasurementRow) -> (f64, f64) {
         let mut ph = [0.0; MAX_STATES];
-        self.see(row, &mut ph)
+        self.predict_measurement(row, &mut ph)
     }
 
     /// Value and variance of `row`; `ph` becomes `P h'`.
-    fn see(&self, row: MeasurementRow, ph: &mut [f64; MAX_STATES]) -> (f64, f64) {
+    fn predict_measurement(&self, row: MeasurementRow, ph: &mut [f64; MAX_STATES]) -> (f64, f64) {
         let n = self.n;
         // Entries of h besides the oscillators', and the first oscillator's that counts.
         let (head, first): ([(usize, f64); 3], Option<usize>) = match row {
             MeasurementRow::Level => ([(MEAN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD)),
             MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
             MeasurementRow::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
-            MeasurementRow::Sight(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
+            MeasurementRow::Camera(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
             MeasurementRow::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
             MeasurementRow::Rate => ([(RATE, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD + 1)),
         };
@@ -345,7 +345,7 @@ impl Axis {
         (value, var.max(0.0))
     }
 
-    /// Innovation of `value` seen by `row`, in standard deviations.
+    /// Normalised innovation of `value` measured by `row`, in standard deviations.
     pub fn normalised_innovation(&self, row: MeasurementRow, value: f64, r: f64) -> f64 {
         let (predicted, var) = self.project(row);
         (value - predicted).abs() / (var + r).max(1e-300).sqrt()
@@ -355,7 +355,7 @@ impl Axis {
     /// Joseph form at the optimal gain, symmetric by construction).
     pub fn update(&mut self, row: MeasurementRow, value: f64, r: f64) {
         let mut ph = [0.0; MAX_STATES];
-        let (predicted, var) = self.see(row, &mut ph);
+        let (predicted, var) = self.predict_measurement(row, &mut ph);
         let s = var + r;
         if !(s > 0.0) || !s.is_finite() {
             return;
@@ -373,7 +373,7 @@ impl Axis {
         }
     }
 
-    /// Fuses a direct measurement of state `i` with variance `r`; refused beyond `gate` standard
+    /// Fuses a direct measurement of state `i` with variance `r`; rejected beyond `gate` standard
     /// deviations.
     pub fn update_state(&mut self, i: usize, value: f64, r: f64, gate: f64) {
         if i >= self.n {
@@ -415,13 +415,13 @@ pub struct Head {
     pub rate: f64,
     /// Decay of the radio's slow error.
     pub radio: f64,
-    /// Decay of the sight's slow error.
+    /// Decay of vision's slow error.
     pub vision: f64,
-    /// Gain of the drift on the sight's slow error, s.
+    /// Gain of the drift on vision's slow error, s.
     pub wander: f64,
     /// Decay of the drift.
     pub drift: f64,
-    /// Decay of the sight's rotation.
+    /// Decay of vision's rotation.
     pub turn: f64,
 }
 
@@ -436,13 +436,13 @@ pub struct HeadNoise {
     pub rate: f64,
     /// Variance of the radio's slow error.
     pub radio: f64,
-    /// Variance of the sight's slow error.
+    /// Variance of vision's slow error.
     pub vision: f64,
-    /// Covariance of the sight's slow error and its drift.
+    /// Covariance of vision's slow error and its drift.
     pub wander: f64,
     /// Variance of the drift.
     pub drift: f64,
-    /// Variance of the sight's rotation.
+    /// Variance of vision's rotation.
     pub turn: f64,
 }
 
@@ -463,7 +463,7 @@ impl Head {
         }
     }
     /// Noise that enters over `dt`; the rate's walk as if it did not die out meanwhile, which
-    /// errs on the side of more; the drift's and what it adds to the sight's slow error exactly: with
+    /// errs on the side of more; the drift's and what it adds to vision's slow error exactly: with
     /// decays `a` and `b` of the two, a pulse of drift has added `g(s) = (e^-bs - e^-as) / (a - b)`
     /// after `s`, and the (co)variances are the integrals of `g²` and `g e^-bs`.
     pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
@@ -487,7 +487,7 @@ impl Head {
     }
 }
 
-/// Decays of the sight's slow error and of its drift (1/s), and their difference, never quite zero.
+/// Decays of vision's slow error and of its drift (1/s), and their difference, never quite zero.
 fn decays(n: &AxisNoise) -> (f64, f64, f64) {
     let (a, b) = (1.0 / n.vision.1, 1.0 / n.drift.1);
     let b = if (a - b).abs() < 1e-3 * a { 1.002 * a } else { b };

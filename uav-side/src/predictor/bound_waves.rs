@@ -69,7 +69,7 @@ impl DeckBoundMotion {
             .collect();
         DeckBoundMotion::new(&bound_motion(&waves, nonlinearity, 0.0), lever_arm)
     }
-    /// Takes it out of what was seen of the deck, for the filters hold plain sums.
+    /// Removes it from an observation of the deck, for the filters hold sums of oscillators.
     #[must_use]
     pub fn removed_from(&self, o: &Observation) -> Observation {
         let mut rest = *o;

@@ -13,11 +13,11 @@ use super::waves::{AXES, Change, Oscillator, Seed, Waves};
 
 /// Observations that can be put in order.
 const MAX_ENTRIES: usize = 96;
-/// Observations further back than this are refused, s.
+/// Observations further back than this are rejected, s.
 const MAX_LATE_S: f64 = 1.0;
-/// A wave model older than this says nothing about phases, s.
+/// A wave model older than this holds no information about phases, s.
 const MAX_SEED_S: f64 = 5.0;
-/// Refusals in a row after which the sights or the radio are believed again.
+/// Consecutive rejections after which vision or radio is accepted again.
 const MAX_CONSECUTIVE_REJECTIONS: u32 = 12;
 /// More than any of our vessels accelerates across in a turn, m/s².
 const MAX_TURN_MPS2: f64 = 2.0;
@@ -29,7 +29,7 @@ const MAX_BEND_RAD: f64 = 1.0;
 /// Degrees of freedom whose oscillators the vessel's are: with stiffness, so that they are motion.
 const IDENTIFIED_AXES: [usize; 3] = [2, 3, 4];
 
-/// Degrees of freedom that are refused together.
+/// Degrees of freedom that are rejected together.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
 
 /// How an observation fared.
@@ -37,11 +37,11 @@ const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
 pub enum Fused {
     /// All of it was used.
     All,
-    /// This many groups of degrees of freedom were refused as outliers.
+    /// This many groups of degrees of freedom were rejected as outliers.
     Gated(u32),
     /// Older than anything kept.
     Late,
-    /// The same source has spoken for the same instant already.
+    /// The same source has sent an observation of the same time already.
     Duplicate,
 }
 
@@ -65,9 +65,9 @@ pub struct Filter {
     common_tilt: f64,
     entries: VecDeque<Entry>,
     spare: Vec<Box<State>>,
-    /// Refusals in a row: radio, sight.
+    /// Consecutive rejections: radio, vision.
     rejected: [u32; 2],
-    /// The radio speaks.
+    /// The radio is received.
     radio_available: bool,
     started: Time<DroneClock>,
 }
@@ -95,7 +95,7 @@ impl Filter {
             let mut sea = 0.0;
             for (k, (o, seed)) in waves.oscillators().iter().zip(&seeds).enumerate() {
                 let Some((s, step)) = seed else {
-                    // This share of the first value is not known.
+                    // This part of the first value is not known.
                     sea += o.sd[i].powi(2);
                     continue;
                 };
@@ -153,13 +153,13 @@ impl Filter {
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.entries.back().map(|e| e.at)
     }
-    /// Whether the radio speaks, from now on.
+    /// Whether the radio is received, from now on.
     pub fn set_radio_available(&mut self, radio_available: bool) {
         self.radio_available = radio_available;
     }
     /// Noise figures in state `s`: under way a helmsman and the waves change the mean velocity, in
     /// a turn by more than it turns, because a hull slips sideways and slows down. In silence the
-    /// course is taken to go on: the sight cannot tell a new mean velocity from waves.
+    /// course is taken to go on: vision cannot distinguish a new mean velocity from waves.
     pub fn noise(&self, s: &State) -> [AxisNoise; AXES] {
         let mut noise = self.noise;
         if let Some(t) = turning(s).filter(|_| self.radio_available) {
@@ -278,8 +278,8 @@ impl Filter {
         }
     }
 
-    /// A source that is refused again and again is right and the filter wrong: what it may be
-    /// wrong about becomes uncertain.
+    /// A source that is rejected again and again is right and the filter wrong: the states that may be
+    /// wrong become uncertain.
     fn reset_after_rejections(&mut self, kind: Kind, gated: u32) {
         let (channel, slow) = match kind {
             Kind::Estimate => (0, super::axis::RADIO),
@@ -327,7 +327,7 @@ impl Filter {
         }
     }
 
-    /// The drone's origin has moved by `jump` (m): what it has seen has moved along.
+    /// The drone's origin has moved by `jump` (m): vision has moved along.
     pub fn shift(&mut self, jump: &nalgebra::Vector3<f64>) {
         for e in &mut self.entries {
             for i in 0..3 {
@@ -382,8 +382,8 @@ fn bend(s: &mut State, dt: f64) {
     }
 }
 
-/// Fuses what the vessel knows of its oscillators, rolled on to `at`: it has felt their motion for
-/// minutes, where the drone has watched their sum for seconds.
+/// Fuses what the vessel knows of its oscillators, rolled on to `at`: it has measured their motion for
+/// minutes, where the drone has observed their sum for seconds.
 fn learn(s: &mut State, at: Time<DroneClock>, waves: &Waves, gate: f64) {
     for (k, o) in waves.oscillators().iter().enumerate() {
         let Some(seed) = o.seed else { continue };
@@ -402,18 +402,18 @@ fn learn(s: &mut State, at: Time<DroneClock>, waves: &Waves, gate: f64) {
     }
 }
 
-/// What the tag's attitude says of the sight's rotation: seen less predicted tilt. `common` (rad) is
-/// the error of the vessel's own tilt and is in all of them: no number of tags makes it smaller.
+/// Vision's rotation by the tag's attitude: measured less predicted tilt. `common` (rad) is the error of
+/// the vessel's own tilt and is in all of them: no number of tags makes it smaller.
 fn turned(s: &mut State, o: &Observation, common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
-        let Some((seen, r)) = o.value[j] else { continue };
+        let Some((measured, r)) = o.value[j] else { continue };
         let (level, var) = s[j].project(MeasurementRow::Level);
-        s[i].update(MeasurementRow::Turn, seen - level, r + var + common * common);
+        s[i].update(MeasurementRow::Turn, measured - level, r + var + common * common);
         s[i].p[TURN][TURN] = s[i].p[TURN][TURN].max(common * common);
     }
 }
 
-/// Fuses an observation into a state of the same time; the number of groups refused.
+/// Fuses an observation into a state of the same time; the number of groups rejected.
 fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
     let row = match o.kind {
         Kind::Estimate => MeasurementRow::Radio,
@@ -421,7 +421,7 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
         Kind::Waves => return 0,
     };
     let row = |i: usize| match o.lever.get(i) {
-        Some(lever) if *lever != 0.0 => MeasurementRow::Sight(*lever),
+        Some(lever) if *lever != 0.0 => MeasurementRow::Camera(*lever),
         Some(_) | None => row,
     };
     let mut gated = 0;

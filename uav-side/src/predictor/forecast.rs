@@ -15,7 +15,7 @@ use super::waves::{AXES, Oscillator};
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
 /// Less normal force than this holds nothing, m/s².
 const MIN_NORMAL_MPS2: f64 = 0.5;
-/// Steps of the mean over a second that something standing on the deck feels, before and after.
+/// Steps of the mean of the apparent slope over a second, before and after.
 const SLOPE_STEPS: usize = 2;
 /// Below this speed a turn does not bend the path, m/s.
 pub(super) const STEERAGE_MPS: f64 = 0.3;
@@ -96,7 +96,7 @@ impl Horizon {
         out
     }
 
-    /// How steep the deck will feel, stage by stage from now on: `|f_xy| / |f_z|` with the specific force
+    /// The deck's apparent slope, stage by stage from now on: `|f_xy| / |f_z|` with the specific force
     /// `f = R^T (a - g)` in the deck's axes, in steps of [`SLOPE_STEP`].
     pub fn slopes(
         &self,
@@ -114,8 +114,8 @@ impl Horizon {
             self.advance(&mut mean, &heads);
         }
         let mut out = Seq::new();
-        for felt in forces.windows(2 * SLOPE_STEPS + 1) {
-            let f = felt.iter().sum::<Vector3<f64>>() / felt.len() as f64;
+        for window in forces.windows(2 * SLOPE_STEPS + 1) {
+            let f = window.iter().sum::<Vector3<f64>>() / window.len() as f64;
             let slope = f.xy().norm() / (-f.z).max(MIN_NORMAL_MPS2);
             // A cast of a number too large gives the largest.
             if out.push((slope / SLOPE_STEP).round() as u8).is_err() {
@@ -158,12 +158,12 @@ impl Horizon {
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
-        // Position and heading are as the drone sees them: in its frame, which goes on as its odometry
+        // Position and heading are in the drone's frame, which goes on as its odometry
         // drifts now. What nobody knows of its drift to come is left out: it moves drone and plan alike
-        // until the next sight.
+        // until the next detection.
         let q = head.noise(noise, step.dt);
         let (mut value, mut rate) = (q.mean, q.rate);
-        if sees_as_vision(axis) {
+        if in_vision_frame(axis) {
             h[VISION] = 1.0;
             h[DRIFT] = head.wander;
             g[DRIFT] = head.drift;
@@ -206,8 +206,8 @@ impl Horizon {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
             let x = &mean[i];
-            v[i] = x[MEAN] + if sees_as_vision(i) { x[VISION] } else { 0.0 };
-            r[i] = x[RATE] + if sees_as_vision(i) { x[DRIFT] } else { 0.0 };
+            v[i] = x[MEAN] + if in_vision_frame(i) { x[VISION] } else { 0.0 };
+            r[i] = x[RATE] + if in_vision_frame(i) { x[DRIFT] } else { 0.0 };
             for (k, o) in self.oscillators.iter().enumerate() {
                 let j = HEAD + 2 * k;
                 v[i] += x[j];
@@ -252,7 +252,7 @@ impl Horizon {
     }
 }
 
-/// Position and heading are forecast as the drone sees them; tilt as it is.
-fn sees_as_vision(axis: usize) -> bool {
+/// Position and heading are forecast in the drone's frame; tilt as it is.
+fn in_vision_frame(axis: usize) -> bool {
     !matches!(axis, 3 | 4)
 }

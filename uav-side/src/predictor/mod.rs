@@ -1,17 +1,17 @@
-//! The predictor: what the vessel says and what the drone sees, in one wave model, rolled on to
-//! the deck's motion over the next seconds, in the drone's own frame, with covariance.
+//! The predictor: the vessel's messages and the drone's vision fused in one wave model, propagated to the
+//! deck's motion over the next seconds, in the drone's own frame, with covariance.
 //!
 //! - [`waves`]: the wave components, matched from message to message.
 //! - [`axis`]: the Kalman filter of one degree of freedom.
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
-//! - [`observation`]: what each message says about the six degrees of freedom.
+//! - [`observation`]: each message as a measurement of the six degrees of freedom.
 //! - [`track`]: where the drone was at the time of exposure.
-//! - [`lever_arm_heave`]: what the deck's height owes to its tilt.
+//! - [`lever_arm_heave`]: the deck's height due to its tilt.
 //! - [`forecast`]: the horizon.
 //!
 //! The vessel and the drone each have a GNSS error of a metre or more, so the vessel's position is
-//! known to the drone only up to a slow offset; it is what the sight measures. With the radio
-//! silent the same filters run on, on sight alone.
+//! known to the drone only up to a slow offset; vision measures that offset. With the radio
+//! silent the same filters go on by vision alone.
 
 mod adaptive_noise;
 pub mod axis;

@@ -39,15 +39,15 @@ pub struct PredictorIn {
     pub link: Option<LinkState>,
     /// The drone's state.
     pub drone: Option<DroneState>,
-    /// Tag sightings.
+    /// Detections of the tag.
     pub tags: Vec<TagPose>,
-    /// Sightings of the UV markers.
+    /// Detections of the UV markers.
     pub uvdar: Vec<UvdarFix>,
     /// Rangefinder.
     pub ranges: Vec<RangeSample>,
 }
 
-/// What it says.
+/// What is published.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorOut {
     /// The deck's forecast, at the predictor's rate, while anything is known.
@@ -60,12 +60,12 @@ const AHEAD: Span = Span::from_millis(20);
 const ENCOUNTER_CHANGE_MPS: f64 = 0.6;
 /// From this confidence on the vessel's phases are fused.
 const CONFIDENT: f64 = 0.5;
-/// A filter is young for this long, s.
+/// A filter has begun lately for this long, s.
 const FRESH_FILTER_S: f64 = 3.0;
-/// Until the bridge has spoken, s.
+/// Before the first state of the link, s.
 const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 
-/// Fuses radio and sight and predicts the deck.
+/// Fuses radio and vision and predicts the deck.
 #[derive(Clone, Debug)]
 pub struct Predictor {
     config: PredictorConfig,
@@ -91,7 +91,7 @@ pub struct Predictor {
     vision_at: Option<Time<DroneClock>>,
     tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
-    /// How steep the deck felt of late, and when the vessel said so.
+    /// Apparent slopes of the deck as reported by the vessel, and when.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     next: Periodic<DroneClock>,
     rejections: Rejections,
@@ -195,7 +195,7 @@ impl Predictor {
                     f.follow(change, oscillators);
                 }
             });
-        // A filter that has only just begun learns more from the vessel's phases than it knows.
+        // A filter that began lately learns more from the vessel's phases than it knows.
         let begun_lately = self
             .filter
             .as_ref()
@@ -204,7 +204,7 @@ impl Predictor {
             self.filter = None;
         }
         if self.filter.is_some() && self.waves.confidence >= CONFIDENT {
-            // What it says of phases that nobody trusts would not be worth its place.
+            // Phases of low confidence hold no information.
             self.fuse(&Observation {
                 at: m.header.at,
                 kind: observation::Kind::Waves,
@@ -246,10 +246,10 @@ impl Predictor {
                 self.adaptive_noise
                     .update(&bound_waves.removed_from(&o), &expected);
             }
-            // What nobody has foretold surprises nobody.
+            // Without a prediction there is no innovation.
             Some(_) | None => self.adaptive_noise = AdaptiveTiltNoise::default(),
         }
-        self.waves.adaptive_noise(self.adaptive_noise.tilt_sd());
+        self.waves.set_adaptive_noise(self.adaptive_noise.tilt_sd());
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
@@ -270,7 +270,7 @@ impl Predictor {
         Ok(())
     }
 
-    /// What is known of the rotation of the sight against the truth.
+    /// Vision's rotation, as far as it is known.
     fn mount(&self) -> MountRotation {
         let last = self.filter.as_ref().and_then(Filter::last);
         let slow = |i: usize| match last {
@@ -279,13 +279,13 @@ impl Predictor {
         };
         let (n, e) = (slow(3), slow(4));
         MountRotation {
-            // Heading: as the drone sees it, so it is not turned back.
+            // Heading: in the drone's frame, so it is not turned back.
             turn: Vector3::new(n.0, e.0, 0.0),
             sd: Vector3::new(n.1, e.1, 0.0),
         }
     }
 
-    fn sight(
+    fn vision(
         &mut self,
         now: Time<DroneClock>,
         m: &impl Message<Clock = DroneClock>,
@@ -295,12 +295,12 @@ impl Predictor {
         Self::admit(now, m)?;
         let at = m.header().at;
         let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
-        let seen = observe(&pose, &self.mount(), &self.config);
+        let observation = observe(&pose, &self.mount(), &self.config);
         let lever_arm_heave_m = match &self.filter {
             Some(f) => self.plane(&f.at(&self.waves, at)).1,
             None => 0.0,
         };
-        let o = seen.levelled(lever_arm_heave_m);
+        let o = observation.levelled(lever_arm_heave_m);
         self.fuse(&o)?;
         let newer = |t: &mut Option<Time<DroneClock>>| {
             *t = Some(t.map_or(at, |old| old.max(at)));
@@ -390,7 +390,7 @@ impl Predictor {
         let common = self.common(&axes, source);
         let clock_var = match source {
             Source::Radio | Source::Both => self.clock_sd_s.powi(2),
-            // Sight has no part in the clocks' offset.
+            // Vision does not depend on the clocks' offset.
             Source::Vision | Source::None => 0.0,
         };
         let nonlinearity = self.waves.nonlinearity;
@@ -441,7 +441,7 @@ impl Predictor {
     /// takes for independent: the vessel's own filtered errors, and the camera's mount times the
     /// distance.
     fn common(&self, axes: &[Axis; AXES], source: Source) -> [(f64, f64); AXES] {
-        let seen = match source {
+        let vision = match source {
             Source::Both | Source::Vision => true,
             Source::Radio | Source::None => false,
         };
@@ -455,12 +455,12 @@ impl Predictor {
         core::array::from_fn(|i| {
             let (v, r) = self.stated[i];
             match i {
-                0 | 1 if seen => (mount, k * r),
-                2 if seen => (
+                0 | 1 if vision => (mount, k * r),
+                2 if vision => (
                     turn(3) * lever_arm.y * lever_arm.y + turn(4) * lever_arm.x * lever_arm.x + mount,
                     k * r,
                 ),
-                5 if seen => (0.0, k * r),
+                5 if vision => (0.0, k * r),
                 _ => (k * v, k * r),
             }
         })
@@ -468,7 +468,7 @@ impl Predictor {
 }
 
 impl Predictor {
-    /// The deck as a state of the filters says it, and what its height owes to the tilt, m.
+    /// The deck by a state of the filters, and its height due to the tilt, m.
     fn plane(&self, axes: &[Axis; AXES]) -> (Plane, f64) {
         let bound_waves = DeckBoundMotion::of(
             axes,
@@ -519,26 +519,26 @@ impl Node for Predictor {
             done[1] = self.drone(now, d);
         }
         let c = &self.config;
-        let sees = self
+        let vision_suffices = self
             .tag_at
             .is_some_and(|t| (now - t).secs() < c.radio_after_vision_s);
         let (use_wave_model, use_vision) = (c.use_wave_model, c.use_vision);
         if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
             done[2] = self.wave(now, w);
         }
-        if let Some(e) = input.estimate.as_ref().filter(|_| !sees) {
+        if let Some(e) = input.estimate.as_ref().filter(|_| !vision_suffices) {
             done[3] = self.estimate(now, e);
         }
         for r in done.into_iter().filter_map(Result::err) {
             self.rejections.count(r);
         }
         for m in input.uvdar.iter().filter(|_| use_vision) {
-            if let Err(r) = self.sight(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c)) {
+            if let Err(r) = self.vision(now, m, false, |p, mount, c| observation::uvdar(m, p, mount, c)) {
                 self.rejections.count(r);
             }
         }
         for m in input.tags.iter().filter(|_| use_vision) {
-            if let Err(r) = self.sight(now, m, true, |p, mount, c| observation::tag(m, p, mount, c)) {
+            if let Err(r) = self.vision(now, m, true, |p, mount, c| observation::tag(m, p, mount, c)) {
                 self.rejections.count(r);
             }
         }

@@ -1,4 +1,4 @@
-//! What messages say about the six degrees of freedom of the deck.
+//! Messages as measurements of the deck's six degrees of freedom.
 
 use alight_shared::frames::body_rates;
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix, VesselEstimate};
@@ -10,8 +10,8 @@ use super::config::PredictorConfig;
 use super::track::Pose;
 use super::waves::AXES;
 
-/// The drone is above the deck when the line of sight goes sideways by less than this times its
-/// height, or by less than so much, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
+/// The drone is above the deck when the line of sight is offset laterally by less than this fraction of
+/// its height, or by less than this distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
 /// Where an observation comes from.
@@ -44,7 +44,7 @@ pub struct Observation {
     pub value: [Measured; AXES],
     /// Their rates.
     pub rate: [Measured; AXES],
-    /// What a rotation of the sight by 1 rad adds to the values north (about east) and east (about
+    /// What a rotation of vision by 1 rad adds to the values north (about east) and east (about
     /// north), m.
     pub lever: [f64; 2],
 }
@@ -60,8 +60,8 @@ impl Observation {
     }
 }
 
-/// Slow errors of the sight that are known to some degree: rotation (NED, rad) of what is seen
-/// against what is, and standard deviations.
+/// Slow errors of vision that are known to some degree: rotation (NED, rad) of the measured direction
+/// against the true one, and standard deviations.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MountRotation {
     /// Rotation vector.
@@ -98,13 +98,13 @@ pub fn estimate(
     // d/dt of the turned tilt (small-angle form of turn_tilt).
     let (dr, dp) = (dot[3] - dot[5] * pitch, dot[4] + dot[5] * roll);
     let tilt_rate = (cos * dr - s * dp, s * dr + cos * dp);
-    let lean = 0.5 * f64::from(e.covariance[3][0] + e.covariance[4][0]);
-    let sway = 0.5 * f64::from(e.covariance[3][2] + e.covariance[4][2]);
+    let tilt_variance = 0.5 * f64::from(e.covariance[3][0] + e.covariance[4][0]);
+    let tilt_rate_variance = 0.5 * f64::from(e.covariance[3][2] + e.covariance[4][2]);
     let across = |i: usize| {
         let height = lever_arm.z * lever_arm.z;
         let [v, _, r] = e.covariance[i].map(f64::from);
         if i < 2 {
-            (v + height * lean, r + height * sway)
+            (v + height * tilt_variance, r + height * tilt_rate_variance)
         } else {
             (v, r)
         }
@@ -113,8 +113,8 @@ pub fn estimate(
         across(0),
         across(1),
         across(2),
-        (lean, sway),
-        (lean, sway),
+        (tilt_variance, tilt_rate_variance),
+        (tilt_variance, tilt_rate_variance),
         across(5),
     ];
     let values = [position.x, position.y, position.z, tilt.0, tilt.1, yaw];
@@ -145,9 +145,9 @@ pub fn estimate(
     }
 }
 
-/// The line of sight with its height corrected for the sight's rotation: `lever_arm - m x lever_arm`, third
+/// The line of sight with its height corrected for vision's rotation: `lever_arm - m x lever_arm`, third
 /// component only. North and east are the filter's, which knows the rotation's part in them.
-fn upright(lever_arm: &Vector3<f64>, mount: &MountRotation) -> Vector3<f64> {
+fn corrected(lever_arm: &Vector3<f64>, mount: &MountRotation) -> Vector3<f64> {
     lever_arm - Vector3::z() * mount.turn.cross(lever_arm).z
 }
 /// Variance of its height.
@@ -155,11 +155,12 @@ fn height_variance(lever_arm: &Vector3<f64>, mount: &MountRotation) -> f64 {
     (mount.sd.x * lever_arm.y).powi(2) + (mount.sd.y * lever_arm.x).powi(2)
 }
 
-/// Lever of a sight along `lever_arm`. From aside, heading and distance count as much as the rotation about
-/// the level axes, which what they shift would be taken for: none. Near the deck they do not.
+/// Lever of vision's rotation along `lever_arm`. From the side, errors of heading and distance shift the
+/// detection as much as the rotation about the level axes and would be taken for it: none. Above the deck
+/// they do not.
 fn lever(lever_arm: &Vector3<f64>) -> [f64; 2] {
-    let (share, beside) = OVERHEAD;
-    if lever_arm.x.hypot(lever_arm.y) < (share * lever_arm.z).max(beside) {
+    let (fraction, lateral_m) = OVERHEAD;
+    if lever_arm.x.hypot(lever_arm.y) < (fraction * lever_arm.z).max(lateral_m) {
         [lever_arm.z, -lever_arm.z]
     } else {
         [0.0; 2]
@@ -171,17 +172,17 @@ fn turned(r: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
     r.component_mul(r) * v
 }
 
-/// A tag sighting: position of the deck's centre, tilt and heading.
+/// A detection of the tag: position of the deck's centre, tilt and heading.
 pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> Observation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let [w, x, y, z] = m.attitude;
-    let seen = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
-    let seen = nalgebra::Rotation3::from_matrix_unchecked(camera * seen.to_rotation_matrix().into_inner());
-    let (roll, pitch, yaw) = seen.euler_angles();
+    let tag = UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z));
+    let deck = nalgebra::Rotation3::from_matrix_unchecked(camera * tag.to_rotation_matrix().into_inner());
+    let (roll, pitch, yaw) = deck.euler_angles();
     let tilt = turn_tilt(roll, pitch, -yaw);
 
     let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + upright(&lever_arm, mount) - seen * Vector3::from(c.deck.tag_centre_m);
+    let centre = drone.position + corrected(&lever_arm, mount) - deck * Vector3::from(c.deck.tag_centre_m);
 
     let [px, py, pz, rx, ry, rz] = m.variance;
     let floor = c.tag_min_sd_m.powi(2);
@@ -207,11 +208,11 @@ pub fn tag(m: &TagPose, drone: &Pose, mount: &MountRotation, c: &PredictorConfig
     }
 }
 
-/// A sighting of the UV markers: position of the deck's centre.
+/// A detection of the UV markers: position of the deck's centre.
 pub fn uvdar(m: &UvdarFix, drone: &Pose, mount: &MountRotation, c: &PredictorConfig) -> Observation {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let lever_arm = camera * Vector3::from(m.position) + drone.attitude * Vector3::from(c.drone.camera_m);
-    let centre = drone.position + upright(&lever_arm, mount);
+    let centre = drone.position + corrected(&lever_arm, mount);
     let var = turned(&camera, &Vector3::from(m.variance))
         + drone.variance * c.drone_variance_fraction
         + Vector3::z() * height_variance(&lever_arm, mount);

@@ -1,15 +1,15 @@
-//! How the deck rocks, as the vessel's estimates tell it: spread and frequency of its tilt. Where
+//! How the deck rocks by the vessel's estimates: spread and frequency of its tilt. Where
 //! the vessel has no wave components that explain its motion, this is all that is known of it, and
 //! the predictor's own oscillators take it for theirs.
 
 /// Time constant of the mean squares, s (ours: two periods of a long swell).
 const MEMORY_S: f64 = 10.0;
-/// Estimates further apart than this begin anew, s.
+/// Estimates further apart than this start afresh, s.
 const GAP_S: f64 = 5.0;
 /// Frequencies that a residual oscillator is given, rad/s: between the slowest that is worth a
 /// prediction and what an attitude loop can still follow.
 const OMEGA: [f64; 2] = [2.0, 9.0];
-/// Until so much has been heard nothing is said, s.
+/// Nothing is known before this time of estimates, s.
 const MIN_OBSERVED_S: f64 = 3.0;
 
 /// Mean squares of tilt and tilt rate.
@@ -35,16 +35,16 @@ impl Rocking {
         self.at = Some(at);
         self.observed_s += dt.min(GAP_S);
         // An average of all so far until the memory is full.
-        let share = if self.observed_s > 0.0 {
+        let fraction = if self.observed_s > 0.0 {
             dt / self.observed_s.min(MEMORY_S)
         } else {
             1.0
         }
         .clamp(0.0, 1.0);
         for i in 0..2 {
-            self.mean[i] += share * (tilt[i] - self.mean[i]);
-            self.square[i] += share * ((tilt[i] - self.mean[i]).powi(2) - self.square[i]);
-            self.rate[i] += share * (rate[i].powi(2) - self.rate[i]);
+            self.mean[i] += fraction * (tilt[i] - self.mean[i]);
+            self.square[i] += fraction * ((tilt[i] - self.mean[i]).powi(2) - self.square[i]);
+            self.rate[i] += fraction * (rate[i].powi(2) - self.rate[i]);
         }
     }
 

@@ -14,15 +14,15 @@ pub const AXES: usize = 6;
 pub const MAX_OSCILLATORS: usize = MAX_COMPONENTS + 1;
 /// An oscillator that no message has named for this long is taken out, s.
 const FORGET_S: f64 = 20.0;
-/// What the hull's response and the vessel's covariance leave out, as a share of the amplitude.
+/// What the hull's response and the vessel's covariance leave out, as a fraction of the amplitude.
 const SEED_ERROR: f64 = 0.1;
 /// Frequencies this near (logarithm) belong to the same component.
 const SAME_COMPONENT: f64 = 0.12;
-/// From this confidence on the vessel's wave height is believed: it has watched for some periods.
+/// From this confidence on the vessel's wave height is used: it has observed some periods.
 const HEIGHT_KNOWN: f64 = 0.3;
 /// A sea that is this much higher than stated is still followed.
 const HEIGHT_MARGIN: f64 = 1.5;
-/// The least share of their configured spread that own oscillators keep.
+/// The least fraction of their configured spread that own oscillators keep.
 const MIN_FRACTION: f64 = 0.1;
 
 /// One oscillator `x'' + 2 lambda omega x' + omega² x = w`, the same frequency on every axis.
@@ -92,7 +92,7 @@ pub struct Waves {
     bank_height: f64,
     /// Spread (rad) and frequency (rad/s) of the tilt as observed.
     rocking: Option<(f64, f64)>,
-    /// Spread (rad) of the tilt that turns otherwise than foretold.
+    /// Spread (rad) of the residual tilt by adaptive process noise.
     adaptive_noise: f64,
 }
 
@@ -139,7 +139,7 @@ impl Waves {
     pub fn are_identified(&self) -> bool {
         self.oscillators.iter().any(|o| o.seed.is_some())
     }
-    /// Factor on the variance of what the vessel says of its oscillators, for its errors persist from
+    /// Factor on the variance of the vessel's estimates of its oscillators, for their errors persist from
     /// message to message.
     pub fn wave_state_inflation(&self) -> f64 {
         self.wave_state_inflation
@@ -193,7 +193,7 @@ impl Waves {
         }
         for new in unmatched {
             let free = (0..self.oscillators.len()).find(|i| !taken.get(*i).copied().unwrap_or(true));
-            // An own oscillator is replaced at once; one of an earlier message lives on beside.
+            // An own oscillator is replaced at once; one of an earlier message is kept, too.
             let room = self.oscillators.len() < MAX_OSCILLATORS;
             match free {
                 Some(i) if !room || self.oscillators.get(i).is_some_and(|o| o.seed.is_none()) => {
@@ -233,21 +233,21 @@ impl Waves {
         self.rocking = rocking.or(self.rocking);
     }
 
-    /// Tilt has lately turned otherwise than foretold; `sd` is the spread (rad) that the residual needs.
-    pub fn adaptive_noise(&mut self, sd: f64) {
+    /// Sets the spread (rad) of the residual tilt by adaptive process noise.
+    pub fn set_adaptive_noise(&mut self, sd: f64) {
         self.adaptive_noise = sd;
     }
 
-    /// The share of the tilt that the identification does not claim to explain goes to the residual
-    /// oscillator, at the frequency with which the deck rocks; so does what turns otherwise than foretold.
+    /// The fraction of the tilt that the identification does not explain goes to the residual oscillator,
+    /// at the frequency with which the deck rocks; so does the adaptive process noise.
     fn follow_rocking(&mut self, apply: &mut impl FnMut(Change, &[Oscillator])) {
         let (sd, omega) = self.rocking.unwrap_or((0.0, self.residual.omega));
-        let share = 1.0 - self.confidence;
+        let unexplained = 1.0 - self.confidence;
         let mut wanted = self.residual;
-        wanted.omega += share * (omega - wanted.omega);
+        wanted.omega += unexplained * (omega - wanted.omega);
         wanted.earth_omega = wanted.omega;
         for axis in [3, 4] {
-            wanted.sd[axis] = wanted.sd[axis].max(share * sd).max(self.adaptive_noise);
+            wanted.sd[axis] = wanted.sd[axis].max(unexplained * sd).max(self.adaptive_noise);
         }
         let Some(o) = self.oscillators.first_mut() else {
             return;
@@ -267,12 +267,12 @@ impl Waves {
         if !(self.confidence >= HEIGHT_KNOWN && height >= 0.0 && self.bank_height > 0.0) {
             return;
         }
-        let share = (HEIGHT_MARGIN * height / self.bank_height).clamp(MIN_FRACTION, 1.0);
+        let fraction = (HEIGHT_MARGIN * height / self.bank_height).clamp(MIN_FRACTION, 1.0);
         for i in 1..self.oscillators.len() {
             let Some(o) = self.oscillators.get_mut(i) else {
                 return;
             };
-            let wanted = self.bank_sd.map(|sd| share * sd);
+            let wanted = self.bank_sd.map(|sd| fraction * sd);
             // Every change costs new transitions; a few per cent are not worth them.
             if o.seed.is_none() && (wanted[2] / o.sd[2]).ln().abs() > 0.1 {
                 o.sd = wanted;
@@ -307,8 +307,8 @@ impl Waves {
             stationary.max(present).sqrt()
         };
         let mut tilt = spread(3).hypot(spread(4)) / 2f64.sqrt();
-        // A broad default says nothing of this deck; its tilt is no more than has been seen, and its
-        // phase lasts no longer than the vessel says.
+        // A broad default holds no information on this deck; its tilt is no more than was observed, and its
+        // phase lasts no longer than the vessel states.
         let broad = self.confidence < 0.5;
         if let Some((sd, _)) = self.rocking.filter(|_| broad) {
             tilt = tilt.min(sd / self.scale);
