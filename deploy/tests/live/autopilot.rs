@@ -1,4 +1,4 @@
-//! `alight autopilot` as a process on real sockets and shared memory, the stand-in of an autopilot at
+//! `alight autopilot` as a process on real sockets and shared memory, the protocol-level autopilot at
 //! the other end. Nothing here asserts a time: bounds on waiting are only against tests that never end.
 use std::net::UdpSocket;
 use std::process::{Child, Stdio};
@@ -10,10 +10,10 @@ use alight_shared::msg::{
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::memory;
+use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_uav::autopilot::modes::Firmware;
 
 use crate::common::alight;
-use crate::fake_autopilot::FakeAutopilot;
 
 /// What a round of the test waits, and how many rounds it waits for anything at most.
 const ROUND: Duration = Duration::from_millis(4);

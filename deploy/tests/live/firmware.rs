@@ -10,12 +10,12 @@ use std::time::Duration;
 
 use alight_shared::frames::Datum;
 use alight_shared::geometry::GRAVITY;
+use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, encode};
 
 use crate::common::{alight, free_port};
-use crate::fake_autopilot::FakeAutopilot;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Where `alight land` lays its sea for a firmware, and where this firmware's estimate begins.
@@ -117,7 +117,7 @@ impl Flown {
     /// One slice: rotor outputs.
     fn step(&mut self, f: &Felt) -> [f64; 4] {
         let a = &mut self.a;
-        a.feels(f.position, f.velocity, f.attitude, f.rates, f.force);
+        a.set_motion(f.position, f.velocity, f.attitude, f.rates, f.force);
         // The person: arms, takes off, and gives the drone once it is up.
         let pad = *self.pad.get_or_insert(f.position);
         let hz = 1.0 / (f.t_s - self.slice_s.replace(f.t_s).unwrap_or(0.0));

@@ -13,8 +13,6 @@ mod access;
 mod autopilot;
 mod cameras;
 mod common;
-#[path = "../../../uav-side/tests/autopilot/fake_autopilot.rs"]
-mod fake_autopilot;
 mod firmware;
 mod hostile;
 mod installed;

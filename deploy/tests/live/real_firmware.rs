@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use alight_uav::autopilot::message::{ARMED, Address, CUSTOM_MODE, CommandLong, Message, command, id};
+use alight_uav::autopilot::message::{
+    ARMED, Address, CUSTOM_MODE, CommandLong, Heartbeat, Message, command, id,
+};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use alight_uav::autopilot::wire::{Decoder, encode};
 
@@ -134,12 +136,12 @@ impl Person {
     }
     /// What a person does next, once a heartbeat.
     fn act(&mut self) {
-        self.say(&Message::Heartbeat {
+        self.say(&Message::Heartbeat(Heartbeat {
             autopilot: 8,
             vehicle: 6,
             base_mode: 0,
             custom_mode: 0,
-        });
+        }));
         if self.beats <= 3 {
             let position = f64::from(id::LOCAL_POSITION_NED);
             self.command(
@@ -185,17 +187,17 @@ impl Person {
             self.decoder.push(&bytes);
             while let Some(frame) = self.decoder.next_frame() {
                 match frame.message {
-                    Message::Heartbeat {
+                    Message::Heartbeat(Heartbeat {
                         autopilot: 3 | 12,
                         base_mode,
                         custom_mode,
                         ..
-                    } => {
+                    }) => {
                         (self.mode, self.armed) = (custom_mode, base_mode & ARMED != 0);
                         self.beats += 1;
                         self.act();
                     }
-                    Message::LocalPosition { position, .. } => self.height_m = -position[2],
+                    Message::LocalPosition(p) => self.height_m = -p.position[2],
                     Message::Text { text, .. } => self.texts.push(text),
                     _ => {}
                 }

@@ -6,7 +6,7 @@ use alight_shared::msg::{
     WaveModel,
 };
 use alight_shared::node::Node;
-use alight_uav::predictor::{PredictorConfig, PredictorIn};
+use alight_uav::predictor::PredictorIn;
 use proptest::prelude::*;
 
 use crate::world::{Setup, Vessel, run, time};
@@ -32,7 +32,7 @@ proptest! {
     ) {
         let v = Vessel::moderate();
         let seconds = [0.0, 2.0, 12.0][usize::from(from)];
-        let mut r = run(&v, &Setup::default(), seconds, &PredictorConfig::default());
+        let mut r = run(&v, &Setup::default(), seconds);
         let before = r.predictor.rejections().total();
         let h = Header::new(1, 0, 1, 1_000_000, time(at));
         let a3 = |i: usize| [x[i], x[i + 1], x[i + 2]];

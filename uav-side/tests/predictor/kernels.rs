@@ -1,9 +1,11 @@
 //! The filter of one axis and the geometry of sights, against closed forms.
 
 use alight_shared::msg::{RangeSample, TagPose};
+use alight_shared::time::{DroneClock, Time};
 use alight_uav::predictor::PredictorConfig;
-use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, Step};
-use alight_uav::predictor::observation::{self, MountRotation, Plane, body_from_camera};
+use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, RATE, Step};
+use alight_uav::predictor::filter::Filter;
+use alight_uav::predictor::observation::{self, Kind, MountRotation, Observation, Plane, body_from_camera};
 use alight_uav::predictor::track::Pose;
 use alight_uav::predictor::waves::Waves;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -19,29 +21,17 @@ fn axis_propagates_one_long_step_as_many_short_ones() {
     a.update(MeasurementRow::Radio, 1.4, 0.01);
     a.update(MeasurementRow::Rate, -0.2, 0.04);
     let mut b = a;
-    a.propagate(
-        &noise,
-        waves.oscillators(),
-        2,
-        &Step::new(waves.oscillators(), 2.0),
-    );
+    let step = Step::new(waves.oscillators(), 2.0);
+    a.propagate(&noise, waves.oscillators(), 2, &step);
+    let step = Step::new(waves.oscillators(), 0.01);
     for _ in 0..200 {
-        b.propagate(
-            &noise,
-            waves.oscillators(),
-            2,
-            &Step::new(waves.oscillators(), 0.01),
-        );
+        b.propagate(&noise, waves.oscillators(), 2, &step);
     }
     for i in 0..a.n {
         assert!((a.x[i] - b.x[i]).abs() < 1e-9);
         for j in 0..a.n {
-            assert!(
-                (a.p[i][j] - b.p[i][j]).abs() < 1e-9,
-                "{i} {j}: {} {}",
-                a.p[i][j],
-                b.p[i][j]
-            );
+            let (p, q) = (a.p[i][j], b.p[i][j]);
+            assert!((p - q).abs() < 1e-9, "{i} {j}: {p} {q}");
         }
     }
 }
@@ -53,12 +43,8 @@ fn axis_keeps_its_stationary_spread_and_an_update_shrinks_it() {
     let noise = AxisNoise::all(&config)[3];
     let mut a = Axis::new(&noise, waves.oscillators(), 3, 0.0, 0.01, 0.0);
     let before = a;
-    a.propagate(
-        &noise,
-        waves.oscillators(),
-        3,
-        &Step::new(waves.oscillators(), 7.0),
-    );
+    let step = Step::new(waves.oscillators(), 7.0);
+    a.propagate(&noise, waves.oscillators(), 3, &step);
     for i in HEAD..a.n {
         assert!((a.p[i][i] / before.p[i][i] - 1.0).abs() < 1e-9, "state {i}");
     }
@@ -128,52 +114,43 @@ fn tag_and_rangefinder_observations_locate_the_deck() {
 
 #[test]
 fn filter_keeps_the_speed_of_a_turning_vessel_and_turns_its_velocity() {
-    use alight_shared::time::{DroneClock, Time};
-    use alight_uav::predictor::axis::RATE;
-    use alight_uav::predictor::filter::Filter;
-    use alight_uav::predictor::observation::{Kind, Observation};
-
     // Given a vessel at 2 m/s to the north that turns at 0.3 rad/s,
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
-    let told = |at: f64, north: f64, east: f64, yaw: f64, rate: [f64; 3]| Observation {
-        at: Time::<DroneClock>::from_secs(at),
-        kind: Kind::Estimate,
-        value: [
-            Some((north, 1e-4)),
-            Some((east, 1e-4)),
-            Some((0.0, 1e-4)),
-            Some((0.0, 1e-4)),
-            Some((0.0, 1e-4)),
-            Some((yaw, 1e-6)),
-        ],
-        rate: [
-            Some((rate[0], 1e-4)),
-            Some((rate[1], 1e-4)),
-            Some((0.0, 1e-4)),
-            None,
-            None,
-            Some((rate[2], 1e-6)),
-        ],
-        lever: [0.0; 2],
-    };
     let turn = 0.3;
     let at = |t: f64| {
         let (s, c) = f64::sin_cos(turn * t);
         let radius = 2.0 / turn;
-        told(
-            t,
-            radius * s,
-            radius * (1.0 - c),
-            turn * t,
-            [2.0 * c, 2.0 * s, turn],
-        )
+        let known = |v: f64| Some((v, 1e-4));
+        let [north, east] = [radius * s, radius * (1.0 - c)];
+        let heading = Some((turn * t, 1e-6));
+        Observation {
+            at: Time::<DroneClock>::from_secs(t),
+            kind: Kind::Estimate,
+            value: [
+                known(north),
+                known(east),
+                known(0.0),
+                known(0.0),
+                known(0.0),
+                heading,
+            ],
+            rate: [
+                known(2.0 * c),
+                known(2.0 * s),
+                known(0.0),
+                None,
+                None,
+                Some((turn, 1e-6)),
+            ],
+            lever: [0.0; 2],
+        }
     };
     let mut filter = Filter::new(AxisNoise::all(&config), config.gate_sd, &waves, &at(0.0));
     for k in 1..300 {
         filter.fuse(&waves, &at(f64::from(k) * 0.033));
     }
-    // when nothing more is told for half a second,
+    // when nothing more is reported for half a second,
     let now = 299.0 * 0.033;
     let before = filter.at(&waves, Time::from_secs(now));
     let after = filter.at(&waves, Time::from_secs(now + 0.5));
@@ -183,7 +160,7 @@ fn filter_keeps_the_speed_of_a_turning_vessel_and_turns_its_velocity() {
     let turned = alight_shared::frames::wrap_angle(heading(&after) - heading(&before));
     assert!((0.08..0.17).contains(&turned), "{turned}");
     assert!((speed(&after) / speed(&before) - 1.0).abs() < 0.02);
-    // it is less certain than on a vessel at rest, but only while the radio speaks.
+    // it is less certain than on a vessel at rest, but only while the radio is received.
     let walk = |f: &Filter, s| f.noise(s)[0].rate_walk;
     let still = AxisNoise::all(&config)[0].rate_walk;
     assert!(walk(&filter, &after) > 4.0 * still);

@@ -9,7 +9,6 @@ mod world;
 
 use alight_shared::admission::RejectionReason;
 use alight_shared::msg::{PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES, SLOPE_STEP, Source};
-use alight_uav::predictor::PredictorConfig;
 
 use world::*;
 
@@ -22,48 +21,30 @@ fn predictor_with_radio_and_vision_knows_the_deck_to_centimetres() {
     };
     let near = over_seeds(&v, &set, 60.0, 30.0, 0.2);
     let far = over_seeds(&v, &set, 60.0, 30.0, 1.0);
-    assert!(near.horizontal < 0.06 && near.vertical < 0.045 && near.tilt.to_degrees() < 0.7);
+    near.assert_below(0.06, 0.045, 0.7);
     // Part of it is the drift to come of the drone's own odometry.
-    assert!(far.horizontal < 0.10 && far.vertical < 0.07 && far.tilt.to_degrees() < 1.0);
-    // The covariance says so, and is not absurdly cautious.
-    assert!((0.1..2.0).contains(&near.nees_position), "{}", near.nees_position);
-    assert!((0.1..2.0).contains(&near.nees_tilt), "{}", near.nees_tilt);
-    assert!((0.1..2.0).contains(&far.nees_position), "{}", far.nees_position);
+    far.assert_below(0.10, 0.07, 1.0);
+    // The covariance is consistent, and not absurdly cautious.
+    near.assert_consistent([0.1, 2.0], [0.1, 2.0]);
+    far.assert_consistent([0.1, 2.0], [0.0, f64::INFINITY]);
 }
 
 #[test]
 fn predictor_finds_the_offset_between_the_frames_by_vision() {
     let v = Vessel::moderate();
-    let r = run(
-        &v,
-        &Setup {
-            seed: 3,
-            ..Default::default()
-        },
-        40.0,
-        &PredictorConfig::default(),
-    );
-    let radio_only = accuracy(&v, r.samples.iter().filter(|s| s.now > 5.0 && s.now < 10.0), 0.0);
-    let both = accuracy(&v, r.samples.iter().filter(|s| s.now > 20.0), 0.0);
-    assert!(
-        radio_only.horizontal > 0.3,
-        "the frames differ: {}",
-        radio_only.horizontal
-    );
-    assert!(
-        radio_only.nees_position < 4.0,
-        "and it is known: {}",
-        radio_only.nees_position
-    );
-    assert!(both.horizontal < 0.15, "{}", both.horizontal);
+    let set = Setup {
+        seed: 3,
+        ..Default::default()
+    };
+    let r = run(&v, &set, 40.0);
+    let radio_only = r.accuracy(&v, 5.0..10.0, 0.0);
+    let both = r.accuracy(&v, 20.0..40.0, 0.0);
+    assert!(radio_only.horizontal > 0.3, "the frames differ: {radio_only:?}");
+    assert!(radio_only.nees_position < 4.0, "consistent: {radio_only:?}");
+    assert!(both.horizontal < 0.15, "{both:?}");
     let source = |t: f64| {
-        r.samples
-            .iter()
-            .rev()
-            .find(|s| s.now < t)
-            .unwrap()
-            .forecast
-            .source
+        let before = r.samples.iter().rev().find(|s| s.now < t);
+        before.unwrap().forecast.source
     };
     assert_eq!((source(9.9), source(39.9)), (Source::Radio, Source::Both));
 }
@@ -76,7 +57,7 @@ fn predictor_predicts_the_apparent_slope_ten_seconds_ahead() {
             sway,
             ..Vessel::moderate()
         };
-        let r = run(&v, &Setup::default(), 40.0, &PredictorConfig::default());
+        let r = run(&v, &Setup::default(), 40.0);
         let (mut squares, mut n) = (0.0, 0.0);
         for s in r.samples.iter().filter(|s| s.now > 20.0).step_by(10) {
             assert_eq!(s.forecast.predicted_slopes.len(), PREDICTED_SLOPES);
@@ -101,20 +82,17 @@ fn predictor_predicts_the_apparent_slope_ten_seconds_ahead() {
 #[test]
 fn predictor_predicts_bound_waves_of_a_hull_that_does_not_follow_the_orbital_motion() {
     let v = Vessel::standing();
-    let [told, unreported] = [true, false].map(|slip_reported| {
+    let [reported, unreported] = [true, false].map(|deficit_reported| {
         let set = Setup {
-            slip_reported,
+            deficit_reported,
             ..Setup::default()
         };
         over_seeds(&v, &set, 50.0, 30.0, 1.0)
     });
+    let halved = |of: fn(&Accuracy) -> f64| of(&reported) < 0.5 * of(&unreported);
     assert!(
-        told.vertical < 0.5 * unreported.vertical && told.tilt < 0.5 * unreported.tilt,
-        "heave {} m of {}, tilt {} rad of {}",
-        told.vertical,
-        unreported.vertical,
-        told.tilt,
-        unreported.tilt
+        halved(|a| a.vertical) && halved(|a| a.tilt),
+        "{reported:?} of {unreported:?}"
     );
 }
 
@@ -126,26 +104,19 @@ fn forecast_goes_on_in_silence_with_growing_uncertainty() {
         vision: (5.0, 20.0),
         ..Default::default()
     };
-    let r = run(&v, &set, 26.0, &PredictorConfig::default());
+    let r = run(&v, &set, 26.0);
     let sd = |t: f64| {
         let s = r.samples.iter().find(|s| s.now >= t).unwrap();
-        (
-            s.forecast.stages[0].position_sd[0],
-            s.forecast.stages[0].euler_sd[1],
-        )
+        let now = s.forecast.stages[0];
+        (now.position_sd[0], now.euler_sd[1])
     };
     assert!(sd(25.0).0 > 1.5 * sd(21.0).0 && sd(21.0).0 > sd(19.0).0);
     assert!(sd(25.0).1 > sd(19.0).1);
     let last = r.samples.last().unwrap();
     assert_eq!(last.forecast.source, Source::None);
     assert!((last.forecast.radio_age_s - 6.0).abs() < 0.3);
-    let f = accuracy(&v, r.samples.iter().filter(|s| s.now > 21.0), 0.0);
-    assert!(
-        f.nees_position < 2.0 && f.nees_tilt < 2.0,
-        "{} {}",
-        f.nees_position,
-        f.nees_tilt
-    );
+    r.accuracy(&v, 21.0..26.0, 0.0)
+        .assert_consistent([0.0, 2.0], [0.0, 2.0]);
 }
 
 #[test]
@@ -157,13 +128,8 @@ fn predictor_carries_on_by_vision_alone_when_the_radio_is_lost() {
         ..Default::default()
     };
     let f = over_seeds(&v, &set, 60.0, 35.0, 1.0);
-    assert!(f.horizontal < 0.16 && f.vertical < 0.12 && f.tilt.to_degrees() < 1.2);
-    assert!(
-        f.nees_position < 2.0 && f.nees_tilt < 2.5,
-        "{} {}",
-        f.nees_position,
-        f.nees_tilt
-    );
+    f.assert_below(0.16, 0.12, 1.2);
+    f.assert_consistent([0.0, 2.0], [0.0, 2.5]);
 }
 
 #[test]
@@ -176,13 +142,8 @@ fn predictor_without_any_radio_gives_a_usable_deck_by_vision() {
         ..Default::default()
     };
     let f = over_seeds(&v, &set, 60.0, 20.0, 0.5);
-    assert!(f.horizontal < 0.3 && f.vertical < 0.35 && f.tilt.to_degrees() < 4.5);
-    assert!(
-        f.nees_position < 2.0 && f.nees_tilt < 2.0,
-        "{} {}",
-        f.nees_position,
-        f.nees_tilt
-    );
+    f.assert_below(0.3, 0.35, 4.5);
+    f.assert_consistent([0.0, 2.0], [0.0, 2.0]);
 }
 
 #[test]
@@ -197,52 +158,35 @@ fn clock_error_within_its_sd_stays_within_the_forecast_covariance() {
     };
     for ahead in [0.2, 1.0] {
         let f = over_seeds(&v, &set, 50.0, 25.0, ahead);
-        assert!(
-            f.nees_position < 2.0 && f.nees_tilt < 2.0,
-            "{} {}",
-            f.nees_position,
-            f.nees_tilt
-        );
+        f.assert_consistent([0.0, 2.0], [0.0, 2.0]);
     }
 }
 
 #[test]
 fn predictor_gives_the_same_deck_for_reordered_messages() {
     let v = Vessel::moderate();
-    let calm = Setup {
-        latency: (0.06, 0.0),
-        ..Default::default()
-    };
-    let wild = Setup {
-        latency: (0.06, 0.15),
-        ..Default::default()
-    };
-    let (a, b) = (
-        run(&v, &calm, 30.0, &PredictorConfig::default()),
-        run(&v, &wild, 30.0, &PredictorConfig::default()),
-    );
-    let f = |r: &Run| accuracy(&v, r.samples.iter().filter(|s| s.now > 20.0), 0.2);
-    let (fa, fb) = (f(&a), f(&b));
+    let [(a, _), (b, reordered)] = [0.0, 0.15].map(|spread| {
+        let set = Setup {
+            latency: (0.06, spread),
+            ..Default::default()
+        };
+        let r = run(&v, &set, 30.0);
+        (r.accuracy(&v, 20.0..30.0, 0.2), r)
+    });
     assert!(
-        fb.horizontal < fa.horizontal + 0.03 && fb.tilt < fa.tilt + 0.005,
-        "{} {}",
-        fa.tilt,
-        fb.tilt
+        b.horizontal < a.horizontal + 0.03 && b.tilt < a.tilt + 0.005,
+        "{a:?} {b:?}"
     );
     // Those that were under way when the filter began are older than it.
-    assert!(b.predictor.rejections().of(RejectionReason::Stale) < 15);
+    assert!(reordered.predictor.rejections().of(RejectionReason::Stale) < 15);
 }
 
 #[test]
 fn predictor_is_bit_identical_for_the_same_inputs() {
     let v = Vessel::moderate();
-    let one = run(&v, &Setup::default(), 15.0, &PredictorConfig::default());
-    let two = run(&v, &Setup::default(), 15.0, &PredictorConfig::default());
-    assert!(
-        one.samples
-            .iter()
-            .zip(&two.samples)
-            .all(|(a, b)| a.forecast == b.forecast)
-    );
-    assert_eq!(one.samples.len(), two.samples.len());
+    let forecasts = || {
+        let samples = run(&v, &Setup::default(), 15.0).samples;
+        samples.into_iter().map(|s| s.forecast).collect::<Vec<_>>()
+    };
+    assert!(forecasts() == forecasts());
 }

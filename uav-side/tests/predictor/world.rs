@@ -1,6 +1,6 @@
 //! A deck made of sinusoids, and the messages that a vessel and a camera would send of it.
 
-use std::collections::VecDeque;
+use std::ops::Range;
 use std::rc::Rc;
 
 use alight_shared::frames::wrap_angle;
@@ -195,7 +195,7 @@ pub struct Setup {
     pub latency: (f64, f64),
     pub height: f64,
     /// The vessel tells how much of the orbital motion passes under it.
-    pub slip_reported: bool,
+    pub deficit_reported: bool,
 }
 impl Default for Setup {
     fn default() -> Self {
@@ -207,7 +207,7 @@ impl Default for Setup {
             clock_sd: 0.01,
             latency: (0.03, 0.04),
             height: 7.0,
-            slip_reported: true,
+            deficit_reported: true,
         }
     }
 }
@@ -241,9 +241,15 @@ pub fn header(k: u32, at: f64) -> Header<DroneClock> {
     Header::new(1, 0, 1, k, time(at))
 }
 
-pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> Run {
+fn input(message: impl FnOnce(&mut PredictorIn)) -> PredictorIn {
+    let mut i = PredictorIn::default();
+    message(&mut i);
+    i
+}
+
+pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
     let mut rng = ChaCha8Rng::seed_from_u64(set.seed);
-    let mut predictor = Predictor::new(config, 1);
+    let mut predictor = Predictor::new(&PredictorConfig::default(), 1);
     let geometry = DroneGeometry::default();
     let mut vessel_frame = Markov::new(&mut rng, 1.0, 300.0);
     let mut drift = Markov::new(&mut rng, 0.05, 3.0);
@@ -262,7 +268,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
     let mut angle_error = Markov::new(&mut rng, 0.006, 1.0);
     let mut rate_error = Markov::new(&mut rng, 0.004, 0.3);
     let mount = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * 0.6_f64.to_radians());
-    let mut in_flight: VecDeque<(f64, PredictorIn)> = VecDeque::new();
+    let mut in_flight: Vec<(f64, PredictorIn)> = Vec::new();
     let mut samples = Vec::new();
     for k in 0..(seconds * 100.0) as u32 {
         let now = f64::from(k) * 0.01;
@@ -285,38 +291,25 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
                 eta: six(p + vf + pe, e + ae),
                 eta_dot: six(vel + ve, rates + re).map(|x| x as f32),
                 eta_ddot: six(acc, angular).map(|x| x as f32),
-                covariance: [
-                    block(0.08, 0.08),
-                    block(0.08, 0.08),
-                    block(0.08, 0.08),
-                    block(0.006, 0.004),
-                    block(0.006, 0.004),
-                    block(0.006, 0.004),
-                ],
+                covariance: core::array::from_fn(|i| {
+                    if i < 3 {
+                        block(0.08, 0.08)
+                    } else {
+                        block(0.006, 0.004)
+                    }
+                }),
                 deck_centre: [0.0, 0.0, -1.3],
                 mean_velocity: [v.speed as f32, 0.0],
                 mean_heading: [v.heading as f32, 0.0],
             };
             let late: f64 = StandardNormal.sample(&mut rng);
             let due = now + set.latency.0 + set.latency.1 * late.abs();
-            in_flight.push_back((
-                due,
-                PredictorIn {
-                    estimate: Some(m),
-                    ..Default::default()
-                },
-            ));
+            in_flight.push((due, input(|i| i.estimate = Some(m))));
         }
         if k % 20 == 0 && now < set.radio_until {
             let due = now + set.latency.0 + set.latency.1;
-            let wave = Some(waves(v, k, now, set.slip_reported));
-            in_flight.push_back((
-                due,
-                PredictorIn {
-                    wave,
-                    ..Default::default()
-                },
-            ));
+            let wave = waves(v, k, now, set.deficit_reported);
+            in_flight.push((due, input(|i| i.wave = Some(wave))));
         }
         let above = v.deck(now).0;
         let drone = Vector3::new(above.x, above.y, -1.3 - set.height) + Vector3::new(0.3, -0.2, 0.0);
@@ -347,48 +340,31 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64, config: &PredictorConfig) -> R
                 header: header(k, now),
                 position: (seen + sd.component_mul(&normal3(&mut rng))).into(),
                 attitude: [q.w, q.i, q.j, q.k],
-                variance: [
-                    sd.x * sd.x,
-                    sd.y * sd.y,
-                    sd.z * sd.z,
-                    asd * asd,
-                    asd * asd,
-                    asd * asd,
-                ],
+                variance: [sd.x, sd.y, sd.z, asd, asd, asd].map(|s| s * s),
             };
-            in_flight.push_back((
-                now + 0.05,
-                PredictorIn {
-                    tags: vec![tag],
-                    ..Default::default()
-                },
-            ));
+            in_flight.push((now + 0.05, input(|i| i.tags.push(tag))));
         }
         let link = (k % 10 == 0).then(|| LinkState {
             header: header(k, now),
             clock_offset_sd_s: set.clock_sd,
             ..Default::default()
         });
-        let (arrived, rest): (VecDeque<_>, VecDeque<_>) = in_flight.into_iter().partition(|(t, _)| *t <= now);
-        in_flight = rest;
-        let mut input = PredictorIn {
+        let mut arrived = PredictorIn {
             drone: Some(state),
             link,
             ..Default::default()
         };
-        for (_, m) in arrived {
+        for (_, m) in in_flight.extract_if(.., |(t, _)| *t <= now) {
             // State streams keep the newest.
             if let Some(e) = m.estimate
-                && input
-                    .estimate
-                    .is_none_or(|o: VesselEstimate<DroneClock>| o.header.at < e.header.at)
+                && arrived.estimate.is_none_or(|o| o.header.at < e.header.at)
             {
-                input.estimate = Some(e);
+                arrived.estimate = Some(e);
             }
-            input.wave = m.wave.or(input.wave);
-            input.tags.extend(m.tags);
+            arrived.wave = m.wave.or(arrived.wave);
+            arrived.tags.extend(m.tags);
         }
-        if let Some(forecast) = predictor.step(time(now), &input).forecast {
+        if let Some(forecast) = predictor.step(time(now), &arrived).forecast {
             forecast.check().unwrap();
             samples.push(Sample {
                 now,
@@ -442,6 +418,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64, set_slip: bool) -> WaveModel<DroneClo
 
 /// Root mean square over samples: horizontal, vertical (m), tilt (rad); and the mean normalised
 /// squared error per degree of freedom of position and of roll and pitch.
+#[derive(Debug, Default)]
 pub struct Accuracy {
     pub horizontal: f64,
     pub vertical: f64,
@@ -449,50 +426,48 @@ pub struct Accuracy {
     pub nees_position: f64,
     pub nees_tilt: f64,
 }
-pub fn accuracy<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Accuracy {
-    let mut f = Accuracy {
-        horizontal: 0.0,
-        vertical: 0.0,
-        tilt: 0.0,
-        nees_position: 0.0,
-        nees_tilt: 0.0,
-    };
-    let mut n = 0.0;
-    for s in samples {
-        let (p, e, stage) = s.error(v, ahead);
-        n += 1.0;
-        f.horizontal += p.x * p.x + p.y * p.y;
-        f.vertical += p.z * p.z;
-        f.tilt += e.x * e.x + e.y * e.y;
-        f.nees_position += (0..3).map(|i| (p[i] / stage.position_sd[i]).powi(2)).sum::<f64>() / 3.0;
-        f.nees_tilt += (0..2).map(|i| (e[i] / stage.euler_sd[i]).powi(2)).sum::<f64>() / 2.0;
+
+impl Accuracy {
+    pub fn of<'a>(v: &Vessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Accuracy {
+        let (mut f, mut n) = (Accuracy::default(), 0.0);
+        for s in samples {
+            let (p, e, stage) = s.error(v, ahead);
+            n += 1.0;
+            f.horizontal += p.x * p.x + p.y * p.y;
+            f.vertical += p.z * p.z;
+            f.tilt += e.x * e.x + e.y * e.y;
+            f.nees_position += (0..3).map(|i| (p[i] / stage.position_sd[i]).powi(2)).sum::<f64>() / 3.0;
+            f.nees_tilt += (0..2).map(|i| (e[i] / stage.euler_sd[i]).powi(2)).sum::<f64>() / 2.0;
+        }
+        assert!(n > 10.0, "{n} samples");
+        Accuracy {
+            horizontal: (f.horizontal / n).sqrt(),
+            vertical: (f.vertical / n).sqrt(),
+            tilt: (f.tilt / n).sqrt(),
+            nees_position: f.nees_position / n,
+            nees_tilt: f.nees_tilt / n,
+        }
     }
-    assert!(n > 10.0, "{n} samples");
-    Accuracy {
-        horizontal: (f.horizontal / n).sqrt(),
-        vertical: (f.vertical / n).sqrt(),
-        tilt: (f.tilt / n).sqrt(),
-        nees_position: f.nees_position / n,
-        nees_tilt: f.nees_tilt / n,
+    pub fn assert_below(&self, horizontal_m: f64, vertical_m: f64, tilt_deg: f64) {
+        let below = self.horizontal < horizontal_m && self.vertical < vertical_m;
+        assert!(below && self.tilt.to_degrees() < tilt_deg, "{self:?}");
+    }
+    pub fn assert_consistent(&self, nees_position: [f64; 2], nees_tilt: [f64; 2]) {
+        let within = |[low, high]: [f64; 2], v: f64| (low..high).contains(&v);
+        let consistent = within(nees_position, self.nees_position) && within(nees_tilt, self.nees_tilt);
+        assert!(consistent, "{self:?}");
     }
 }
-/// The figures over several seeds from `from` s on.
+impl Run {
+    /// Of the samples between two times, s.
+    pub fn accuracy(&self, v: &Vessel, between: Range<f64>, ahead: f64) -> Accuracy {
+        let samples = self.samples.iter().filter(|s| between.contains(&s.now));
+        Accuracy::of(v, samples, ahead)
+    }
+}
+/// The accuracy over several seeds from `from` s on.
 pub fn over_seeds(v: &Vessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Accuracy {
-    let runs: Vec<Run> = (0..5)
-        .map(|seed| run(v, &Setup { seed, ..*set }, seconds, &PredictorConfig::default()))
-        .collect();
-    let f = accuracy(
-        v,
-        runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from),
-        ahead,
-    );
-    println!(
-        "{ahead} s ahead: horizontal {:.3} m, vertical {:.3} m, tilt {:.2} deg, NEES {:.2} {:.2}",
-        f.horizontal,
-        f.vertical,
-        f.tilt.to_degrees(),
-        f.nees_position,
-        f.nees_tilt
-    );
-    f
+    let runs = [0, 1, 2, 3, 4].map(|seed| run(v, &Setup { seed, ..*set }, seconds));
+    let samples = runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from);
+    Accuracy::of(v, samples, ahead)
 }

@@ -5,9 +5,9 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::fake_autopilot::HOVER;
 use super::pair::{Pair, press};
 use super::{BOTH, config};
+use alight_sim::autopilots::fake::HOVER;
 
 /// A pilot that rocks the drone about its own axis at a heading of 180 degrees, as above a rocking deck.
 fn rock(d: &DroneState) -> SetPoint {
@@ -31,7 +31,7 @@ fn ardu_copter_is_sent_no_body_rates() {
             ..config()
         };
         let mut p = Pair::commanding(firmware, 50.0, &c);
-        p.autopilot.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, core::f64::consts::PI);
+        p.wired.autopilot.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, core::f64::consts::PI);
         p.mission = State::Descent;
         p.pilot = Some(rock);
         p.run(1.5);
@@ -41,7 +41,7 @@ fn ardu_copter_is_sent_no_body_rates() {
             let state = p.odometry.last().expect("odometry").1;
             let [w, x, y, z] = rock(&state).attitude;
             let wanted = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-            sum += p.autopilot.attitude.angle_to(&wanted).powi(2);
+            sum += p.wired.autopilot.attitude.angle_to(&wanted).powi(2);
         }
         (sum / 450.0).sqrt()
     };
@@ -72,12 +72,12 @@ fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
         p.pilot = Some(lean);
         p.run(2.0);
         assert!(
-            (p.autopilot.thrust - HOVER).abs() < 0.005,
+            (p.wired.autopilot.thrust - HOVER).abs() < 0.005,
             "{firmware:?}: {}",
-            p.autopilot.thrust
+            p.wired.autopilot.thrust
         );
         // And it is told of the thrust that is applied.
-        let told = p.states.last().expect("a state").thrust;
+        let told = p.state().thrust;
         assert!((told - HOVER).abs() < 0.01, "{firmware:?}: {told}");
     }
 }

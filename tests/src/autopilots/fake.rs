@@ -1,16 +1,14 @@
-//! An autopilot at protocol level, for tests: speaks MAVLink bytes and behaves as PX4 and ArduCopter
-//! were seen to (modes, refusals, rates asked for, set-point loss, forced disarm), flying a point mass
-//! with an attitude lag above a heaving deck.
-
-#![allow(dead_code, reason = "each of the tests that include it uses a part")]
+//! An autopilot at protocol level: it speaks MAVLink bytes and behaves as PX4 and ArduCopter do (modes,
+//! denials, requested rates, loss of set-points, forced disarm). It flies a point mass with an attitude lag
+//! above a heaving deck, or what [`FakeAutopilot::fly_plant`] gives it.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use alight_shared::frames::Datum;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_uav::autopilot::message::{
-    ARMED, Address, CUSTOM_MODE, CommandLong, CommandResult, Frame, Message, OdometryReport, VelocityFrame,
-    command, id,
+    ARMED, Address, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport, Frame,
+    Heartbeat, ImuReport, Message, OdometryReport, PositionReport, VelocityFrame, command, id,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use alight_uav::autopilot::wire::{Decoder, encode};
@@ -18,7 +16,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Lag of the attitude loop, s.
 const LAG_S: f64 = 0.2;
-/// Share of thrust that hovers.
+/// Hover thrust, fraction of the greatest.
 pub const HOVER: f64 = 0.45;
 /// Feet below the centre of mass, m.
 pub const FEET_M: f64 = 0.3;
@@ -29,7 +27,7 @@ const OFFBOARD_S: f64 = 1.0;
 /// Without set-points for this long PX4 holds, ArduCopter brakes, s.
 const LOSS_S: f64 = 0.5;
 
-/// What it was told to fly.
+/// What it is commanded to fly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Target {
     /// Position, velocity, acceleration, heading.
@@ -37,51 +35,66 @@ enum Target {
     Attitude(UnitQuaternion<f64>, f64),
 }
 
+/// The autopilot; what a test changes is public.
+#[derive(Default)]
 pub struct FakeAutopilot {
+    /// The firmware that it behaves as.
     pub firmware: Firmware,
+    /// Its address.
     pub address: Address,
     /// Its clock is the true time less this, s.
     pub booted_s: f64,
     /// The mode that a person chose; the one in force may be a failsafe's.
     pub chosen: u32,
+    /// The mode in force.
     pub mode: u32,
+    /// Motors may turn.
     pub armed: bool,
+    /// NED, m.
     pub position: Vector3<f64>,
+    /// NED, m/s.
     pub velocity: Vector3<f64>,
+    /// NED from body.
     pub attitude: UnitQuaternion<f64>,
+    /// Thrust, fraction of the greatest.
     pub thrust: f64,
     /// Deck's height now (NED z, m) and its velocity.
     pub deck: [f64; 2],
+    /// It stands on the deck.
     pub on_deck: bool,
+    /// Charge, 0 to 1.
     pub battery: f64,
+    /// ArduCopter's GUID_OPTIONS.
     pub options: u32,
+    /// Jumps of its estimate.
     pub resets: u8,
-    /// Says nothing at all.
+    /// Fault: sends nothing.
     pub silent: bool,
-    /// Answers every command with this instead of obeying.
+    /// Fault: answers every command with this instead of obeying.
     pub answer: Option<CommandResult>,
-    /// Answers no TIMESYNC.
-    pub timeless: bool,
-    /// Every command that came.
+    /// Fault: answers no TIMESYNC.
+    pub no_timesync: bool,
+    /// Fault: does not report its origin.
+    pub no_origin: bool,
+    /// Every command that came, with its time.
     pub commands: Vec<(f64, CommandLong)>,
-    /// When set-points came.
+    /// Times at which set-points came.
     pub set_points: VecDeque<f64>,
+    /// Attitude set-points that came.
     pub attitudes: u32,
     /// Where a person holds it; None: where it is.
     pub manual_hold_position: Option<Vector3<f64>>,
-    /// Share of thrust that hovers.
+    /// Hover thrust, fraction of the greatest.
     pub hover: f64,
-    /// Flown as a plant says, not as a point mass; its rangefinder is the plant's.
+    /// Flown by a plant, not as a point mass; its rangefinder is the plant's.
     pub external: bool,
     /// Where its NED begins.
     pub origin: Datum,
-    /// Does not tell it.
-    pub deaf_to_requests: bool,
-    pub rates: Vector3<f64>,
-    pub force: Vector3<f64>,
+    rates: Vector3<f64>,
+    force: Vector3<f64>,
     target: Option<Target>,
-    /// The mode told last in CURRENT_MODE, and when.
-    told_mode: (f64, u32),
+    /// The mode reported last in CURRENT_MODE, and when.
+    reported_mode: Option<(f64, u32)>,
     streams: BTreeMap<u32, f64>,
     due: BTreeMap<u32, f64>,
     now_s: f64,
@@ -89,54 +102,37 @@ pub struct FakeAutopilot {
     sequence: u8,
 }
 
+/// PX4's position mode: a person flies.
 pub const PX4_POSITION: u32 = px4_mode(3, 0);
+/// PX4's hold.
 pub const PX4_HOLD: u32 = px4_mode(4, 3);
+/// PX4's return.
 pub const PX4_RETURN: u32 = px4_mode(4, 5);
+/// PX4's landing.
 pub const PX4_LAND: u32 = px4_mode(4, 6);
+/// PX4's OFFBOARD.
 pub const PX4_OFFBOARD: u32 = px4_mode(6, 0);
 
 impl FakeAutopilot {
+    /// In a person's mode and armed, `height_m` above its origin.
     pub fn new(firmware: Firmware, height_m: f64) -> FakeAutopilot {
+        let mode = FakeAutopilot::manual_mode(firmware);
         FakeAutopilot {
             firmware,
-            address: Address {
-                system: 3,
-                component: 1,
-            },
+            address: Address::new(3, 1),
             booted_s: 977.25,
-            chosen: FakeAutopilot::manual_mode(firmware),
-            mode: FakeAutopilot::manual_mode(firmware),
+            chosen: mode,
+            mode,
             armed: true,
             position: Vector3::new(0.0, 0.0, -height_m),
-            velocity: Vector3::zeros(),
-            attitude: UnitQuaternion::identity(),
             thrust: HOVER,
-            deck: [0.0; 2],
-            on_deck: false,
             battery: 0.9,
             options: 8,
-            resets: 0,
-            silent: false,
-            answer: None,
-            timeless: false,
-            commands: Vec::new(),
-            set_points: VecDeque::new(),
-            attitudes: 0,
-            manual_hold_position: None,
             hover: HOVER,
-            external: false,
-            origin: Datum::default(),
-            deaf_to_requests: false,
-            rates: Vector3::zeros(),
             force: Vector3::new(0.0, 0.0, -GRAVITY),
-            target: None,
-            told_mode: (f64::NEG_INFINITY, 0),
             // What an onboard link sends without being asked.
             streams: BTreeMap::from([(id::HEARTBEAT, 1.0)]),
-            due: BTreeMap::new(),
-            now_s: 0.0,
-            decoder: Decoder::default(),
-            sequence: 0,
+            ..FakeAutopilot::default()
         }
     }
     /// A mode in which a person flies.
@@ -155,7 +151,7 @@ impl FakeAutopilot {
     }
     /// A person moves the switch. True when the mode was entered.
     pub fn choose(&mut self, mode: u32) -> bool {
-        if self.firmware == Firmware::Px4 && mode == PX4_OFFBOARD && !self.offered() {
+        if self.firmware == Firmware::Px4 && mode == PX4_OFFBOARD && !self.is_streamed() {
             return false;
         }
         self.chosen = mode;
@@ -164,7 +160,7 @@ impl FakeAutopilot {
         true
     }
     /// Set-points came above 2 Hz for a second.
-    fn offered(&self) -> bool {
+    fn is_streamed(&self) -> bool {
         let recent: Vec<f64> = self
             .set_points
             .iter()
@@ -175,20 +171,21 @@ impl FakeAutopilot {
         let since = recent.first().is_some_and(|t| self.now_s - t > 0.8 * OFFBOARD_S);
         since && recent.windows(2).all(|w| w[1] - w[0] <= 1.0 / OFFBOARD_HZ)
     }
-    /// It was switched off and on again in the air (a thing of tests).
+    /// It was switched off and on again in the air.
     pub fn restart(&mut self) {
         self.booted_s = self.now_s;
         self.streams = BTreeMap::from([(id::HEARTBEAT, 1.0)]);
         self.due.clear();
     }
+    /// Its own time, us.
     pub fn time_us(&self) -> u64 {
         ((self.now_s - self.booted_s) * 1e6) as u64
     }
-    fn ours_now(&self) -> bool {
+    fn in_offboard(&self) -> bool {
         self.mode == FakeAutopilot::offboard_mode(self.firmware)
     }
 
-    /// Moves on to `t` and answers the bytes that came.
+    /// Moves on to `t_s` with the bytes that came; gives the bytes that it sends.
     pub fn step(&mut self, t_s: f64, bytes: &[Vec<u8>]) -> Vec<Vec<u8>> {
         let dt = t_s - self.now_s;
         self.now_s = t_s;
@@ -197,7 +194,7 @@ impl FakeAutopilot {
             self.decoder.push(b);
         }
         while let Some(Frame { message, .. }) = self.decoder.next_frame() {
-            self.hear(&message, &mut replies);
+            self.receive(&message, &mut replies);
         }
         self.failsafe();
         if (0.0..0.1).contains(&dt) && !self.external {
@@ -209,19 +206,19 @@ impl FakeAutopilot {
         }
         replies
             .iter()
-            .map(|m| {
+            .filter_map(|m| {
                 self.sequence = self.sequence.wrapping_add(1);
-                encode(self.address, self.sequence, m).expect("a message of this vocabulary")
+                encode(self.address, self.sequence, m)
             })
             .collect()
     }
 
-    fn hear(&mut self, message: &Message, replies: &mut Vec<Message>) {
+    fn receive(&mut self, message: &Message, replies: &mut Vec<Message>) {
         match message {
             Message::Timesync {
                 remote_ns: 0,
                 local_ns,
-            } if !self.timeless => {
+            } if !self.no_timesync => {
                 let ns = ((self.now_s - self.booted_s) * 1e9) as i64;
                 replies.push(Message::Timesync {
                     remote_ns: ns,
@@ -230,7 +227,7 @@ impl FakeAutopilot {
             }
             Message::Command(c) if c.to == self.address => {
                 self.commands.push((self.now_s, *c));
-                if c.command == command::REQUEST_MESSAGE && !self.deaf_to_requests {
+                if c.command == command::REQUEST_MESSAGE && !self.no_origin {
                     replies.push(Message::Origin(self.origin));
                 }
                 let result = self.answer.unwrap_or_else(|| self.apply(c));
@@ -246,12 +243,12 @@ impl FakeAutopilot {
                 });
             }
             Message::Position(p) if p.to == self.address => {
-                self.told();
+                self.count_set_point();
                 let [x, v, a] = [p.position, p.velocity, p.acceleration].map(Vector3::from);
                 self.target = Some(Target::Place([x, v, a], p.yaw));
             }
             Message::AttitudeThrust(a) if a.to == self.address => {
-                self.told();
+                self.count_set_point();
                 self.attitudes += 1;
                 let [w, x, y, z] = a.attitude;
                 let q = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
@@ -267,7 +264,7 @@ impl FakeAutopilot {
             _ => {}
         }
     }
-    fn told(&mut self) {
+    fn count_set_point(&mut self) {
         self.set_points.push_back(self.now_s);
         if self.set_points.len() > 10_000 {
             self.set_points.pop_front();
@@ -328,18 +325,18 @@ impl FakeAutopilot {
         }
     }
 
-    /// ArduCopter raises the thrust of what leans by one over this, and tells it as before.
-    fn upright(&self, q: &UnitQuaternion<f64>) -> f64 {
+    /// ArduCopter divides the thrust of a tilted drone by this, and reports it as before.
+    fn tilt_compensation(&self, q: &UnitQuaternion<f64>) -> f64 {
         match self.firmware {
             Firmware::Px4 => 1.0,
             Firmware::ArduCopter => (q * Vector3::z()).z.clamp(0.1, 1.0),
         }
     }
-    /// Attitude and share of thrust that its loops want now.
+    /// Attitude and thrust that its loops want now.
     pub fn wanted(&self) -> (UnitQuaternion<f64>, f64) {
         let heading = self.attitude.euler_angles().2;
-        let ([p, v, a], yaw) = match self.target.filter(|_| self.ours_now()) {
-            Some(Target::Attitude(q, thrust)) => return (q, thrust / self.upright(&q)),
+        let ([p, v, a], yaw) = match self.target.filter(|_| self.in_offboard()) {
+            Some(Target::Attitude(q, thrust)) => return (q, thrust / self.tilt_compensation(&q)),
             Some(Target::Place(place, yaw)) => (place, yaw),
             None => {
                 let place = self.manual_hold_position.unwrap_or(self.position);
@@ -348,25 +345,25 @@ impl FakeAutopilot {
         };
         let apart = (p - self.position).map(|e| e.clamp(-3.0, 3.0));
         let a = a + apart * 2.0 + (v - self.velocity) * 3.0;
-        // Lean towards the acceleration, seen from its heading.
+        // Tilt towards the acceleration, in heading axes.
         let (sin, cos) = yaw.sin_cos();
         let (ahead, right) = (a.x * cos + a.y * sin, a.y * cos - a.x * sin);
-        let lean = UnitQuaternion::from_euler_angles(
+        let tilt = UnitQuaternion::from_euler_angles(
             (right / GRAVITY).clamp(-0.4, 0.4),
             (-ahead / GRAVITY).clamp(-0.4, 0.4),
             yaw,
         );
-        (lean, self.hover * (1.0 - a.z / GRAVITY).clamp(0.2, 1.8))
+        (tilt, self.hover * (1.0 - a.z / GRAVITY).clamp(0.2, 1.8))
     }
 
-    /// From now on it flies a plant, whose word it takes for its own estimate, not its point mass.
+    /// From now on it flies a plant, whose motion it takes for its own estimate, not its point mass.
     pub fn fly_plant(&mut self) {
         let g = DroneGeometry::default();
         (self.external, self.hover) = (true, g.mass_kg * GRAVITY / g.max_thrust_n);
     }
-    /// What the plant says: position and velocity (its NED, m, m/s), attitude, body rates (rad/s), specific
+    /// The plant's motion: position and velocity (its NED, m, m/s), attitude, body rates (rad/s), specific
     /// force (body, m/s²).
-    pub fn feels(
+    pub fn set_motion(
         &mut self,
         position: Vector3<f64>,
         velocity: Vector3<f64>,
@@ -442,23 +439,23 @@ impl FakeAutopilot {
             self.due.insert(id, (last + period).max(self.now_s));
             if id == id::CURRENT_MODE {
                 // When it changes, and with the vehicle's state twice a second.
-                let (at, mode) = self.told_mode;
-                if mode == self.mode && self.now_s - at < 0.5 {
+                let recent = |(at, mode)| mode == self.mode && self.now_s - at < 0.5;
+                if self.reported_mode.is_some_and(recent) {
                     continue;
                 }
-                self.told_mode = (self.now_s, self.mode);
+                self.reported_mode = Some((self.now_s, self.mode));
             }
-            replies.extend(self.said(id));
+            replies.extend(self.report(id));
         }
     }
 
-    fn said(&self, which: u32) -> Option<Message> {
+    fn report(&self, which: u32) -> Option<Message> {
         let time_us = self.time_us();
         let time_ms = (time_us / 1000) as u32;
         let q = self.attitude;
         let attitude = [q.w, q.i, q.j, q.k];
         Some(match which {
-            id::HEARTBEAT => Message::Heartbeat {
+            id::HEARTBEAT => Message::Heartbeat(Heartbeat {
                 autopilot: match self.firmware {
                     Firmware::Px4 => 12,
                     Firmware::ArduCopter => 3,
@@ -466,7 +463,7 @@ impl FakeAutopilot {
                 vehicle: 2,
                 base_mode: CUSTOM_MODE | if self.armed { ARMED } else { 0 },
                 custom_mode: self.mode,
-            },
+            }),
             id::CURRENT_MODE => Message::Mode {
                 custom_mode: self.mode,
             },
@@ -480,30 +477,30 @@ impl FakeAutopilot {
                 variances: None,
                 resets: self.resets,
             }),
-            id::LOCAL_POSITION_NED => Message::LocalPosition {
+            id::LOCAL_POSITION_NED => Message::LocalPosition(PositionReport {
                 time_ms,
                 position: self.position.into(),
                 velocity: self.velocity.into(),
-            },
-            id::ATTITUDE_QUATERNION => Message::Attitude {
+            }),
+            id::ATTITUDE_QUATERNION => Message::Attitude(AttitudeReport {
                 time_ms,
                 attitude,
                 rates: self.rates.into(),
-            },
-            id::HIGHRES_IMU | id::SCALED_IMU => Message::Imu {
+            }),
+            id::HIGHRES_IMU | id::SCALED_IMU => Message::Imu(ImuReport {
                 time_us,
                 accelerometer: self.force.into(),
                 gyro: [0.0; 3],
-            },
+            }),
             id::DISTANCE_SENSOR if self.external => return None,
-            id::DISTANCE_SENSOR => Message::Distance {
+            id::DISTANCE_SENSOR => Message::Distance(DistanceReport {
                 time_ms,
                 range_m: self.deck[0] - self.position.z - 0.08,
                 limits_m: [0.1, 12.0],
                 variance: None,
-            },
+            }),
             id::EXTENDED_SYS_STATE => Message::Landed {
-                // On a deck that heaves its land detector does not see it.
+                // On a heaving deck its land detector does not detect the landing.
                 state: if self.armed { 2 } else { 1 },
             },
             id::BATTERY_STATUS => Message::Battery {
@@ -511,7 +508,7 @@ impl FakeAutopilot {
                 remaining: Some(self.battery),
             },
             id::ATTITUDE_TARGET => Message::AttitudeTargetThrust {
-                thrust: self.thrust * self.upright(&self.attitude),
+                thrust: self.thrust * self.tilt_compensation(&self.attitude),
             },
             _ => return None,
         })

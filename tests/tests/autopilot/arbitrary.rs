@@ -4,7 +4,8 @@ use alight_shared::geometry::DroneGeometry;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_uav::autopilot::message::{
-    Address, CommandLong, CommandResult, Frame, HilGps, Message, OdometryReport, VelocityFrame,
+    Address, AttitudeReport, CommandLong, CommandResult, DistanceReport, Frame, Heartbeat, HilGps, ImuReport,
+    Message, OdometryReport, PositionReport, VelocityFrame,
 };
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
@@ -26,23 +27,18 @@ fn three() -> impl Strategy<Value = [f64; 3]> {
 }
 
 fn message() -> impl Strategy<Value = Message> {
+    let four = || prop::array::uniform4(number());
+    let commands = || prop_oneof![Just(400_u16), Just(511), Just(176)];
     prop_oneof![
-        (0..20_u8, 0..40_u8, any::<u8>(), any::<u32>()).prop_map(
-            |(autopilot, vehicle, base_mode, custom_mode)| {
-                Message::Heartbeat {
-                    autopilot,
-                    vehicle,
-                    base_mode,
-                    custom_mode,
-                }
-            }
-        ),
+        (0..20_u8, 0..40_u8, any::<u8>(), any::<u32>()).prop_map(|(autopilot, vehicle, base_mode, mode)| {
+            heartbeat(autopilot, vehicle, base_mode, mode)
+        }),
         (any::<i64>(), any::<i64>())
             .prop_map(|(remote_ns, local_ns)| Message::Timesync { remote_ns, local_ns }),
         (
             any::<u64>(),
             three(),
-            prop::array::uniform4(number()),
+            four(),
             three(),
             any::<bool>(),
             three(),
@@ -54,77 +50,79 @@ fn message() -> impl Strategy<Value = Message> {
                     position,
                     attitude,
                     velocity,
-                    frame: if body {
-                        VelocityFrame::Body
-                    } else {
-                        VelocityFrame::Ned
-                    },
+                    frame: [VelocityFrame::Ned, VelocityFrame::Body][usize::from(body)],
                     rates: v,
                     variances: Some([v; 3]),
                     resets,
                 })
             }),
-        (any::<u32>(), three(), three()).prop_map(|(time_ms, position, velocity)| Message::LocalPosition {
-            time_ms,
-            position,
-            velocity
+        (any::<u32>(), three(), three()).prop_map(|(time_ms, position, velocity)| {
+            Message::LocalPosition(PositionReport {
+                time_ms,
+                position,
+                velocity,
+            })
         }),
-        (any::<u32>(), prop::array::uniform4(number()), three()).prop_map(|(time_ms, attitude, rates)| {
-            Message::Attitude {
+        (any::<u32>(), four(), three()).prop_map(|(time_ms, attitude, rates)| {
+            Message::Attitude(AttitudeReport {
                 time_ms,
                 attitude,
                 rates,
-            }
+            })
         }),
-        (any::<u64>(), three(), three()).prop_map(|(time_us, accelerometer, gyro)| Message::Imu {
-            time_us,
-            accelerometer,
-            gyro
+        (any::<u64>(), three(), three()).prop_map(|(time_us, accelerometer, gyro)| {
+            Message::Imu(ImuReport {
+                time_us,
+                accelerometer,
+                gyro,
+            })
         }),
         (any::<u32>(), number(), number(), number()).prop_map(|(time_ms, range_m, limit, v)| {
-            Message::Distance {
+            Message::Distance(DistanceReport {
                 time_ms,
                 range_m,
                 limits_m: [0.0, limit],
                 variance: Some(v),
-            }
+            })
         }),
         (0..6_u8).prop_map(|state| Message::Landed { state }),
-        (any::<u8>(), number()).prop_map(|(number, r)| Message::Battery {
-            number,
-            remaining: Some(r)
-        }),
+        (any::<u8>(), number().prop_map(Some))
+            .prop_map(|(number, remaining)| Message::Battery { number, remaining }),
         number().prop_map(|thrust| Message::AttitudeTargetThrust { thrust }),
         any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),
-        ("[A-Z_]{0,20}", number()).prop_map(|(name, value)| Message::Parameter { name, value }),
-        number().prop_map(|value| Message::Parameter {
-            name: "GUID_OPTIONS".into(),
-            value
+        (
+            prop_oneof!["[A-Z_]{0,20}", Just("GUID_OPTIONS".to_owned())],
+            number()
+        )
+            .prop_map(|(name, value)| Message::Parameter { name, value }),
+        (commands(), any::<u8>()).prop_map(|(command, confirmation)| {
+            Message::Command(CommandLong {
+                confirmation,
+                ..CommandLong::new(Address::default(), command, [])
+            })
         }),
-        (prop_oneof![Just(400_u16), Just(511), Just(176)], any::<u8>()).prop_map(
-            |(command, confirmation)| {
-                Message::Command(CommandLong {
-                    to: Address::default(),
-                    command,
-                    confirmation,
-                    parameters: [0.0; 7],
-                })
-            }
-        ),
-        prop_oneof![Just(400_u16), Just(511), Just(176)].prop_map(|command| Message::CommandAck {
-            command,
-            result: CommandResult::Denied
-        }),
+        (commands(), Just(CommandResult::Denied))
+            .prop_map(|(command, result)| Message::CommandAck { command, result }),
         (0..8_u8, "\\PC{0,60}").prop_map(|(severity, text)| Message::Text { severity, text }),
-        (three(), number()).prop_map(|(velocity, altitude_m)| Message::HilGps(HilGps {
-            time_us: 0,
-            latitude: altitude_m,
-            longitude: altitude_m,
-            altitude_m,
-            velocity,
-            sd_m: [1.0; 2],
-        })),
+        (three(), number()).prop_map(|(velocity, altitude_m)| {
+            Message::HilGps(HilGps {
+                time_us: 0,
+                latitude: altitude_m,
+                longitude: altitude_m,
+                altitude_m,
+                velocity,
+                sd_m: [1.0; 2],
+            })
+        }),
     ]
+}
+fn heartbeat(autopilot: u8, vehicle: u8, base_mode: u8, custom_mode: u32) -> Message {
+    Message::Heartbeat(Heartbeat {
+        autopilot,
+        vehicle,
+        base_mode,
+        custom_mode,
+    })
 }
 
 proptest! {
@@ -136,12 +134,12 @@ proptest! {
     ) {
         let mut decoder = Decoder::default();
         let (mut sent, mut found) = (0, 0);
-        let beat = Message::Heartbeat { autopilot: 12, vehicle: 2, base_mode: 1, custom_mode: 7 };
+        let beat = heartbeat(12, 2, 1, 7);
         for (k, piece) in pieces.iter().enumerate() {
             decoder.push(piece);
             // Noise may begin as a frame would and swallow what follows: silence of a frame's length ends it.
             decoder.push(&[0; 300]);
-            decoder.push(&encode(Address { system: 1, component: 1 }, k as u8, &beat).unwrap());
+            decoder.push(&encode(Address::new(1, 1), k as u8, &beat).unwrap());
             sent += 1;
             while let Some(f) = decoder.next_frame() {
                 found += u32::from(f.message == beat);
@@ -152,12 +150,12 @@ proptest! {
 
     #[test]
     fn encoded_message_decodes_as_the_same_message(m in message()) {
-        // What the dialect cannot say is not sent at all.
-        if let Some(bytes) = encode(Address { system: 9, component: 1 }, 3, &m) {
+        // What the dialect does not know is not sent.
+        if let Some(bytes) = encode(Address::new(9, 1), 3, &m) {
             let mut decoder = Decoder::default();
             decoder.push(&bytes);
             let back = decoder.next_frame().map(|f| (f.from, std::mem::discriminant(&f.message)));
-            prop_assert_eq!(back, Some((Address { system: 9, component: 1 }, std::mem::discriminant(&m))));
+            prop_assert_eq!(back, Some((Address::new(9, 1), std::mem::discriminant(&m))));
             prop_assert!(decoder.next_frame().is_none());
         }
     }
@@ -176,9 +174,9 @@ proptest! {
             1,
             1,
         );
-        let from = Address { system: 1, component: 1 };
+        let from = Address::new(1, 1);
         let mut now_ms = 1000;
-        let known = Message::Heartbeat { autopilot: 12, vehicle: 2, base_mode: 129, custom_mode: 6 << 16 };
+        let known = heartbeat(12, 2, 129, 6 << 16);
         for (messages, wait_ms) in all {
             now_ms += wait_ms;
             let received = core::iter::once(known.clone())
@@ -191,7 +189,7 @@ proptest! {
             prop_assert!(out.ranges.iter().all(|r| r.check().is_ok()));
             prop_assert!(out.state.is_none_or(|s| s.check().is_ok()), "{:?}", out.state);
             prop_assert!(out.messages.len() < 64 && out.texts.len() <= 8);
-            // No pilot spoke: nothing is flown.
+            // No pilot sent a set-point: nothing is flown.
             let flown = |m: &Message| matches!(m, Message::Position(_) | Message::AttitudeThrust(_));
             prop_assert!(!out.messages.iter().any(flown));
         }
@@ -206,23 +204,8 @@ fn decoder_buffer_is_bounded() {
     }
     assert!(decoder.lost() > 900_000);
     while decoder.next_frame().is_some() {}
-    let beat = Message::Heartbeat {
-        autopilot: 3,
-        vehicle: 2,
-        base_mode: 1,
-        custom_mode: 4,
-    };
+    let beat = heartbeat(3, 2, 1, 4);
     decoder.push(&[0; 300]);
-    decoder.push(
-        &encode(
-            Address {
-                system: 1,
-                component: 1,
-            },
-            0,
-            &beat,
-        )
-        .unwrap(),
-    );
+    decoder.push(&encode(Address::new(1, 1), 0, &beat).unwrap());
     assert_eq!(decoder.next_frame().unwrap().message, beat);
 }

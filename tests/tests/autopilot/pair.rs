@@ -1,6 +1,5 @@
-//! The link's node and the stand-in on one clock, with a wire between them that takes its time.
-
-use std::collections::VecDeque;
+//! The link's node and an autopilot at protocol level on one clock, with what a pilot, a mission and a
+//! predictor send it.
 
 use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
@@ -9,50 +8,43 @@ use alight_shared::msg::{
     AutopilotState, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors, RangeSample, Reason,
     ReasonCode, SetPoint, SetPointKind, State,
 };
-use alight_shared::node::Node;
-use alight_shared::time::{Span, Time};
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_sim::autopilots::fake::{FEET_M, FakeAutopilot, HOVER};
 use alight_uav::autopilot::message::{Address, CommandLong, Message};
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::{Decoder, encode};
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut};
+use alight_uav::autopilot::wire::encode;
+use alight_uav::autopilot::{AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority};
 use alight_uav::odometry::OdometryConfig;
 
-use super::fake_autopilot::{FEET_M, FakeAutopilot};
+use crate::wired::Wired;
 
 /// Step of both, s.
 pub const STEP_S: f64 = 0.005;
 /// Time that bytes take on the wire, s.
 const WIRE_S: f64 = 0.006;
 
-/// What the pilot asks for, from what is known of the drone.
+/// The pilot's set-point for a state of the drone.
 pub type Pilot = fn(&DroneState) -> SetPoint;
 
 pub struct Pair {
-    pub link: AutopilotLink,
-    pub autopilot: FakeAutopilot,
+    pub wired: Wired,
     pub t_s: f64,
     pub pilot: Option<Pilot>,
     pub mission: State,
-    /// The forecast says what the deck does, or nothing.
+    /// A forecast of the deck is there.
     pub forecast: bool,
-    /// Whether bytes pass at all.
-    pub cut: bool,
     pub states: Vec<AutopilotState>,
     pub odometry: Vec<(f64, DroneState)>,
     pub ranges: Vec<RangeSample>,
     pub texts: Vec<String>,
-    /// Set-points said by the link: when, and which.
-    pub said: Vec<(f64, Message)>,
+    /// Set-points sent by the link: when, and which.
+    pub sent: Vec<(f64, Message)>,
     pub commands: Vec<(f64, CommandLong)>,
     /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
     /// Messages about the deck.
-    pub offered: usize,
-    to_us: VecDeque<(f64, Vec<u8>)>,
-    to_it: VecDeque<(f64, Vec<u8>)>,
-    decoder: Decoder,
+    pub deck_messages: usize,
     sequence: u32,
-    wire_sequence: u8,
     newest: Option<DroneState>,
 }
 
@@ -76,11 +68,11 @@ pub fn lead(d: &DroneState) -> SetPoint {
 pub fn press(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
-        thrust: 0.6 * super::fake_autopilot::HOVER,
+        thrust: 0.6 * HOVER,
         ..SetPoint::default()
     }
 }
-/// A pilot that believes to stand on the deck.
+/// A pilot that reports a touchdown.
 pub fn stop(d: &DroneState) -> SetPoint {
     SetPoint {
         motors: Motors::Stop,
@@ -100,27 +92,24 @@ impl Pair {
             feet_below_m: FEET_M,
             ..DroneGeometry::default()
         };
+        let odometry = OdometryConfig::default();
+        let link = AutopilotLink::new(config, &odometry, &geometry, true, datum, 1, 7);
+        let autopilot = FakeAutopilot::new(firmware, height_m);
         Pair {
-            link: AutopilotLink::new(config, &OdometryConfig::default(), &geometry, true, datum, 1, 7),
-            autopilot: FakeAutopilot::new(firmware, height_m),
+            wired: Wired::new(link, autopilot, WIRE_S),
             t_s: 1000.0,
             pilot: Some(hold),
             mission: State::Idle,
             forecast: true,
-            cut: false,
             states: Vec::new(),
             odometry: Vec::new(),
             ranges: Vec::new(),
             texts: Vec::new(),
-            said: Vec::new(),
+            sent: Vec::new(),
             commands: Vec::new(),
             waits_for_flight: false,
-            offered: 0,
-            to_us: VecDeque::new(),
-            to_it: VecDeque::new(),
-            decoder: Decoder::default(),
+            deck_messages: 0,
             sequence: 0,
-            wire_sequence: 0,
             newest: None,
         }
     }
@@ -128,18 +117,31 @@ impl Pair {
     pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> Pair {
         let mut p = Pair::new(firmware, height_m, config);
         p.run(5.0);
-        assert!(
-            p.autopilot.choose(FakeAutopilot::offboard_mode(firmware)),
-            "the mode was refused: {}",
-            p.link.control_authority()
-        );
+        p.give_the_mode();
         p.run(1.0);
-        assert!(
-            p.link.control_authority().commands(),
-            "{}",
-            p.link.control_authority()
-        );
+        p.assert_commanding();
         p
+    }
+
+    /// A person chooses the mode that takes set-points.
+    pub fn give_the_mode(&mut self) {
+        let a = &mut self.wired.autopilot;
+        let accepted = a.choose(FakeAutopilot::offboard_mode(a.firmware));
+        assert!(accepted, "the mode was denied: {}", self.authority());
+    }
+    pub fn authority(&self) -> ControlAuthority {
+        self.wired.link.control_authority()
+    }
+    pub fn assert_commanding(&self) {
+        assert!(self.authority().commands(), "{}", self.authority());
+    }
+    /// Since when no set-point was sent, s.
+    pub fn silent_since(&self) -> f64 {
+        self.sent.last().expect("set-points").0
+    }
+    /// The newest state that the link reports.
+    pub fn state(&self) -> &AutopilotState {
+        self.states.last().expect("states")
     }
 
     pub fn run(&mut self, seconds: f64) {
@@ -148,27 +150,10 @@ impl Pair {
         }
     }
 
-    fn due(queue: &mut VecDeque<(f64, Vec<u8>)>, t_s: f64, cut: bool) -> Vec<Vec<u8>> {
-        let mut out = Vec::new();
-        while queue.front().is_some_and(|(at, _)| *at <= t_s) {
-            out.extend(queue.pop_front().filter(|_| !cut).map(|(_, b)| b));
-        }
-        out
-    }
-
     fn step(&mut self) {
         self.t_s += STEP_S;
-        let bytes = Pair::due(&mut self.to_it, self.t_s, self.cut);
-        for b in self.autopilot.step(self.t_s, &bytes) {
-            self.to_us.push_back((self.t_s + WIRE_S, b));
-        }
-        for b in Pair::due(&mut self.to_us, self.t_s, self.cut) {
-            self.decoder.push(&b);
-        }
-        let mut input = AutopilotIn::default();
-        while let Some(f) = self.decoder.next_frame() {
-            input.received.push(f);
-        }
+        self.wired.step_autopilot(self.t_s, 0.0);
+        let mut input = self.wired.received(self.t_s);
         self.sequence += 1;
         let now = Time::from_secs(self.t_s);
         let header = Header::new(1, 1, 1, self.sequence, now);
@@ -189,12 +174,12 @@ impl Pair {
             });
             input.forecast = self.forecast.then(|| self.deck(header));
         }
-        let out = self.link.step(now, &input);
+        let out = self.wired.step_link(self.t_s, now, &input);
         self.take(out);
     }
 
-    fn deck(&self, header: Header<alight_shared::time::DroneClock>) -> DeckForecast {
-        let [z, speed] = self.autopilot.deck;
+    fn deck(&self, header: Header<DroneClock>) -> DeckForecast {
+        let [z, speed] = self.wired.autopilot.deck;
         // Below the drone, wherever it is.
         let [x, y, _] = self.newest.map_or([0.0; 3], |d| d.position);
         DeckForecast {
@@ -212,14 +197,11 @@ impl Pair {
     fn take(&mut self, out: AutopilotOut) {
         for m in &out.messages {
             match m {
-                Message::Position(_) | Message::AttitudeThrust(_) => self.said.push((self.t_s, m.clone())),
-                Message::LandingTarget { .. } | Message::Deck { .. } => self.offered += 1,
+                Message::Position(_) | Message::AttitudeThrust(_) => self.sent.push((self.t_s, m.clone())),
+                Message::LandingTarget { .. } | Message::Deck { .. } => self.deck_messages += 1,
                 Message::Command(c) => self.commands.push((self.t_s, *c)),
                 _ => {}
             }
-            self.wire_sequence = self.wire_sequence.wrapping_add(1);
-            let bytes = encode(out.from, self.wire_sequence, m).expect("a message of this vocabulary");
-            self.to_it.push_back((self.t_s + WIRE_S, bytes));
         }
         for o in out.odometry {
             self.newest = Some(o);
@@ -230,12 +212,12 @@ impl Pair {
         self.texts.extend(out.texts);
     }
 
-    /// Set-points said since `t_s`.
-    pub fn said_since(&self, t_s: f64) -> usize {
-        self.said.iter().filter(|(t, _)| *t > t_s).count()
+    /// Set-points sent since `t_s`.
+    pub fn sent_since(&self, t_s: f64) -> usize {
+        self.sent.iter().filter(|(t, _)| *t > t_s).count()
     }
-    /// Commands of one number said so far.
-    pub fn told(&self, command: u16) -> Vec<CommandLong> {
+    /// Commands of one number sent so far.
+    pub fn commands_of(&self, command: u16) -> Vec<CommandLong> {
         self.commands
             .iter()
             .map(|(_, c)| *c)
@@ -245,6 +227,6 @@ impl Pair {
     /// Bytes of somebody else on the same wire.
     pub fn inject(&mut self, from: Address, m: &Message) {
         let bytes = encode(from, 0, m).expect("a message of this vocabulary");
-        self.to_us.push_back((self.t_s, bytes));
+        self.wired.up.send(self.t_s, bytes);
     }
 }

@@ -5,9 +5,9 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::{CommandResult, command};
 use alight_uav::autopilot::modes::Firmware;
 
-use crate::fake_autopilot::FakeAutopilot;
 use crate::pair::{Pair, press, stop};
 use crate::{BOTH, config};
+use alight_sim::autopilots::fake::FakeAutopilot;
 
 /// Down on the deck under the pilot's press, until it would believe in a touchdown.
 fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
@@ -16,7 +16,7 @@ fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
     p.mission = State::Flare;
     p.pilot = Some(press);
     p.run(2.0);
-    assert!(p.autopilot.on_deck, "{}", p.autopilot.position.z);
+    assert!(p.wired.autopilot.on_deck, "{}", p.wired.autopilot.position.z);
     p
 }
 
@@ -27,21 +27,18 @@ fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
         p.pilot = Some(stop);
         let at = p.t_s;
         p.run(1.0);
-        let told = p.told(command::ARM_DISARM);
-        assert!(!p.autopilot.armed, "{firmware:?}");
+        let told = p.commands_of(command::ARM_DISARM);
+        assert!(!p.wired.autopilot.armed, "{firmware:?}");
         assert!((told[0].parameters[1] - 21196.0).abs() < 0.1 && told.len() <= 2);
-        let (when, _) = p
-            .autopilot
-            .commands
-            .iter()
-            .find(|(_, c)| c.command == command::ARM_DISARM)
-            .unwrap();
+        let mut arrived = p.wired.autopilot.commands.iter();
+        let disarm = arrived.find(|(_, c)| c.command == command::ARM_DISARM);
+        let (when, _) = disarm.unwrap();
         assert!(when - at < 0.1, "{}", when - at);
         assert!(p.states.iter().any(|s| !s.armed));
         let n = told.len();
         p.run(10.0);
         assert_eq!(
-            p.told(command::ARM_DISARM).len(),
+            p.commands_of(command::ARM_DISARM).len(),
             n,
             "a disarmed drone was disarmed"
         );
@@ -52,17 +49,17 @@ fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
 fn denied_disarm_is_tried_a_bounded_number_of_times_and_reported_to_a_person() {
     let c = config();
     let mut p = pressed(Firmware::Px4, &c);
-    p.autopilot.answer = Some(CommandResult::Denied);
+    p.wired.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
     p.run(20.0);
-    assert_eq!(p.told(command::ARM_DISARM).len(), c.disarm.tries as usize);
+    assert_eq!(p.commands_of(command::ARM_DISARM).len(), c.disarm.tries as usize);
     assert!(
         p.texts.iter().any(|t| t.contains("disarm it by hand")),
         "{:?}",
         p.texts
     );
     // It stays on the deck with its thrust off: set-points go on.
-    assert!(p.said_since(p.t_s - 0.1) > 3 && p.autopilot.on_deck);
+    assert!(p.sent_since(p.t_s - 0.1) > 3 && p.wired.autopilot.on_deck);
 }
 
 #[test]
@@ -78,15 +75,15 @@ fn false_touchdown_in_the_air_stops_no_motors() {
             let mut p = Pair::commanding(firmware, height, &config());
             (p.mission, p.forecast) = (mission, forecast);
             p.pilot = Some(stop);
-            let before = p.autopilot.position.z;
+            let before = p.wired.autopilot.position.z;
             p.run(10.0);
             assert!(
-                p.told(command::ARM_DISARM).is_empty(),
+                p.commands_of(command::ARM_DISARM).is_empty(),
                 "{firmware:?} at {height} m"
             );
-            assert!(p.autopilot.armed);
+            assert!(p.wired.autopilot.armed);
             // It goes up a little and holds.
-            let up = before - p.autopilot.position.z;
+            let up = before - p.wired.autopilot.position.z;
             assert!((0.8..1.2).contains(&up), "{up} m");
         }
     }
@@ -102,8 +99,8 @@ fn falling_drone_is_caught_although_the_pilot_reports_touchdown() {
     p.run(0.3);
     p.pilot = Some(stop);
     p.run(1.0);
-    assert!(p.told(command::ARM_DISARM).is_empty());
-    assert!(!p.autopilot.on_deck, "it was dropped");
+    assert!(p.commands_of(command::ARM_DISARM).is_empty());
+    assert!(!p.wired.autopilot.on_deck, "it was dropped");
 }
 
 #[test]
@@ -113,18 +110,22 @@ fn disarm_can_be_left_to_a_person() {
     let mut p = pressed(Firmware::Px4, &c);
     p.pilot = Some(stop);
     p.run(5.0);
-    assert!(p.told(command::ARM_DISARM).is_empty() && p.autopilot.armed && p.autopilot.on_deck);
+    assert!(
+        p.commands_of(command::ARM_DISARM).is_empty() && p.wired.autopilot.armed && p.wired.autopilot.on_deck
+    );
 }
 
 #[test]
 fn takeover_on_the_deck_ends_the_disarm_commands() {
     let mut p = pressed(Firmware::Px4, &config());
-    p.autopilot.answer = Some(CommandResult::Denied);
+    p.wired.autopilot.answer = Some(CommandResult::Denied);
     p.pilot = Some(stop);
     p.run(0.3);
-    p.autopilot.choose(FakeAutopilot::manual_mode(Firmware::Px4));
+    p.wired
+        .autopilot
+        .choose(FakeAutopilot::manual_mode(Firmware::Px4));
     p.run(0.1);
-    let n = p.told(command::ARM_DISARM).len();
+    let n = p.commands_of(command::ARM_DISARM).len();
     p.run(5.0);
-    assert_eq!(p.told(command::ARM_DISARM).len(), n);
+    assert_eq!(p.commands_of(command::ARM_DISARM).len(), n);
 }

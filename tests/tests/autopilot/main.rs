@@ -1,20 +1,21 @@
-//! The link to an autopilot against a stand-in that behaves as PX4 and ArduCopter do: every mode,
-//! refusal, loss, take-over and disarm.
+//! The link to an autopilot against one at protocol level that behaves as PX4 and ArduCopter do: every mode,
+//! denial, loss, takeover and disarm; and whole landings over it.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod arbitrary;
 mod disarm;
-mod fake_autopilot;
 mod firmwares;
+mod landings;
 mod pair;
+mod wired;
 
-use alight_shared::frames::Datum;
-use alight_shared::msg::{AutopilotMode, State};
-use alight_uav::autopilot::config::BatteryConfig;
-use alight_uav::autopilot::message::{Address, CommandResult, Message, command, id};
+use alight_shared::frames::{Datum, DroneNed};
+use alight_shared::msg::{AutopilotMode, SetPoint, State};
+use alight_shared::time::Time;
+use alight_sim::autopilots::fake::{FakeAutopilot, HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN};
+use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority, Diversion};
-use fake_autopilot::{FakeAutopilot, HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN};
 use pair::{Pair, hold, lead, press};
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
@@ -28,7 +29,7 @@ fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
     for firmware in BOTH {
         let mut p = Pair::new(firmware, 5.0, &config());
         // Moving, so that a wrong time shows as a wrong place.
-        p.autopilot.velocity.x = 2.0;
+        p.wired.autopilot.velocity.x = 2.0;
         p.run(4.0);
         p.odometry.clear();
         p.ranges.clear();
@@ -44,12 +45,7 @@ fn odometry_comes_at_its_rate_with_the_time_at_which_it_was_true() {
         assert!(p.odometry.windows(2).all(|w| w[1].1.header.at > w[0].1.header.at));
         let first = p.odometry.first().unwrap().1.header.at.secs();
         assert!(first >= began - 0.02);
-        assert_eq!(
-            p.link
-                .metrics(alight_shared::time::Time::from_secs(p.t_s))
-                .rejected,
-            0
-        );
+        assert_eq!(p.wired.link.metrics(Time::from_secs(p.t_s)).rejected, 0);
     }
 }
 
@@ -59,24 +55,27 @@ fn px4_accepts_offboard_only_after_set_points_were_streamed() {
     p.pilot = None;
     p.run(5.0);
     assert_eq!(
-        p.link.control_authority(),
+        p.authority(),
         ControlAuthority::Standby {
             mode: AutopilotMode::Other
         }
     );
-    assert!(!p.autopilot.choose(PX4_OFFBOARD), "accepted without set-points");
+    assert!(
+        !p.wired.autopilot.choose(PX4_OFFBOARD),
+        "accepted without set-points"
+    );
     p.pilot = Some(hold);
     p.run(0.5);
-    assert!(!p.autopilot.choose(PX4_OFFBOARD), "accepted too early");
+    assert!(!p.wired.autopilot.choose(PX4_OFFBOARD), "accepted too early");
     p.run(1.5);
-    assert!(p.autopilot.choose(PX4_OFFBOARD), "refused after an offer");
+    assert!(p.wired.autopilot.choose(PX4_OFFBOARD), "denied after the stream");
     p.run(0.6);
-    assert!(p.link.control_authority().commands());
+    p.assert_commanding();
     let from = p.t_s;
     p.run(2.0);
-    assert!(p.said_since(from) >= 100, "{} in 2 s", p.said_since(from));
+    assert!(p.sent_since(from) >= 100, "{} in 2 s", p.sent_since(from));
     // Nobody but the person chose a mode or armed.
-    assert!(p.told(command::SET_MODE).is_empty() && p.told(command::ARM_DISARM).is_empty());
+    assert!(p.commands_of(command::SET_MODE).is_empty() && p.commands_of(command::ARM_DISARM).is_empty());
 }
 
 #[test]
@@ -84,10 +83,10 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
     let mut p = Pair::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
-    // Attitudes, far places and set-points of a mission that flies are not offered.
+    // Attitudes, far places and set-points of a mission that flies are not streamed.
     p.pilot = Some(press);
     p.run(1.0);
-    p.pilot = Some(|d| alight_shared::msg::SetPoint {
+    p.pilot = Some(|d| SetPoint {
         position: [d.position[0] + 20.0, 0.0, -5.0],
         ..hold(d)
     });
@@ -95,11 +94,11 @@ fn set_points_before_offboard_hold_the_place_and_nothing_else() {
     p.pilot = Some(lead);
     p.mission = State::Approach;
     p.run(1.0);
-    assert!(p.said_since(from + 0.05) <= 1, "{}", p.said_since(from));
-    // ArduCopter is offered nothing at all.
+    assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
+    // ArduCopter needs no stream.
     let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
-    assert!(p.link.control_authority().may_offer() && p.said.is_empty());
+    assert!(p.authority().may_offer() && p.sent.is_empty());
 }
 
 #[test]
@@ -111,16 +110,19 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
                 p.mission = phase;
                 p.pilot = Some(if phase == State::Flare { press } else { lead });
                 p.run(0.3);
-                assert!(p.said_since(p.t_s - 0.1) > 3);
-                p.autopilot.choose(mode);
+                assert!(p.sent_since(p.t_s - 0.1) > 3);
+                p.wired.autopilot.choose(mode);
                 let at = p.t_s;
                 // The pilot goes on and on; so does the mission.
                 p.run(20.0);
-                let last = p.said.last().unwrap().0;
+                let last = p.silent_since();
                 assert!(last - at <= 0.1, "{firmware:?} {phase:?}: {:.3} s", last - at);
-                assert!(p.told(command::SET_MODE).is_empty(), "the mode was taken back");
-                assert_eq!(p.autopilot.mode, mode);
-                assert_eq!(p.states.last().unwrap().mode, AutopilotMode::Other);
+                assert!(
+                    p.commands_of(command::SET_MODE).is_empty(),
+                    "the mode was taken back"
+                );
+                assert_eq!(p.wired.autopilot.mode, mode);
+                assert_eq!(p.state().mode, AutopilotMode::Other);
             }
         }
     }
@@ -130,50 +132,36 @@ fn takeover_by_a_person_ends_set_points_within_100_ms_for_good() {
 fn authority_returns_only_when_a_person_gives_the_mode_again() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
-        p.autopilot.choose(FakeAutopilot::manual_mode(firmware));
+        p.wired.autopilot.choose(FakeAutopilot::manual_mode(firmware));
         p.run(1.0);
-        let quiet = p.said.len();
+        let quiet = p.sent.len();
         p.run(0.5);
-        assert_eq!(p.said.len(), quiet, "offered too early");
+        assert_eq!(p.sent.len(), quiet, "streamed too early");
         p.run(4.0);
-        assert!(p.autopilot.choose(FakeAutopilot::offboard_mode(firmware)));
+        p.give_the_mode();
         p.run(0.6);
-        assert!(
-            p.link.control_authority().commands(),
-            "{}",
-            p.link.control_authority()
-        );
+        p.assert_commanding();
     }
 }
 
 #[test]
 fn failsafes_of_the_autopilot_are_respected() {
-    for (mode, seen) in [
-        (PX4_RETURN, AutopilotMode::Return),
-        (PX4_LAND, AutopilotMode::Land),
-        (PX4_HOLD, AutopilotMode::Hold),
+    for (firmware, mode, reported) in [
+        (Firmware::Px4, PX4_RETURN, AutopilotMode::Return),
+        (Firmware::Px4, PX4_LAND, AutopilotMode::Land),
+        (Firmware::Px4, PX4_HOLD, AutopilotMode::Hold),
+        (Firmware::ArduCopter, 6, AutopilotMode::Return),
+        (Firmware::ArduCopter, 9, AutopilotMode::Land),
+        (Firmware::ArduCopter, 17, AutopilotMode::Hold),
     ] {
-        let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
-        p.mission = State::Descent;
-        p.autopilot.choose(mode);
-        let at = p.t_s;
-        p.run(30.0);
-        assert!(p.said.last().unwrap().0 - at <= 0.1);
-        assert_eq!(p.states.last().unwrap().mode, seen);
-    }
-    for (mode, seen) in [
-        (6, AutopilotMode::Return),
-        (9, AutopilotMode::Land),
-        (17, AutopilotMode::Hold),
-    ] {
-        let mut p = Pair::commanding(Firmware::ArduCopter, 5.0, &config());
+        let mut p = Pair::commanding(firmware, 5.0, &config());
         p.mission = State::Descent;
         p.run(0.1);
-        p.autopilot.choose(mode);
+        p.wired.autopilot.choose(mode);
         let at = p.t_s;
         p.run(30.0);
-        assert!(p.said.last().unwrap().0 - at <= 0.1);
-        assert_eq!(p.states.last().unwrap().mode, seen);
+        assert!(p.silent_since() - at <= 0.1);
+        assert_eq!(p.state().mode, reported);
     }
 }
 
@@ -183,13 +171,10 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
     p.pilot = None;
     let at = p.t_s;
     p.run(2.0);
-    assert!(
-        p.said.last().unwrap().0 - at <= 0.13,
-        "stale set-points were repeated"
-    );
-    assert_eq!(p.autopilot.mode, PX4_HOLD);
+    assert!(p.silent_since() - at <= 0.13, "stale set-points were repeated");
+    assert_eq!(p.wired.autopilot.mode, PX4_HOLD);
     assert_eq!(
-        p.link.control_authority(),
+        p.authority(),
         ControlAuthority::TakenOver {
             mode: AutopilotMode::Hold
         }
@@ -197,8 +182,8 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
     // The person's choice is still OFFBOARD: PX4 returns to it with the stream.
     p.pilot = Some(hold);
     p.run(4.0);
-    assert_eq!(p.autopilot.mode, PX4_OFFBOARD);
-    assert!(p.link.control_authority().commands());
+    assert_eq!(p.wired.autopilot.mode, PX4_OFFBOARD);
+    p.assert_commanding();
 }
 
 #[test]
@@ -207,28 +192,20 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
         p.run(0.1);
-        p.autopilot.silent = true;
+        p.wired.autopilot.silent = true;
         let at = p.t_s;
         p.run(4.0);
-        assert_eq!(p.link.control_authority(), ControlAuthority::LinkLost);
+        assert_eq!(p.authority(), ControlAuthority::LinkLost);
         // Odometry ends with the link: set-points end with it, long before the heartbeats' limit.
-        assert!(
-            p.said.last().unwrap().0 - at <= 0.25,
-            "{}",
-            p.said.last().unwrap().0 - at
-        );
-        let told = p.states.len();
+        assert!(p.silent_since() - at <= 0.25, "{}", p.silent_since() - at);
+        let reported = p.states.len();
         p.run(2.0);
-        assert_eq!(p.states.len(), told, "a state without a heartbeat");
+        assert_eq!(p.states.len(), reported, "a state without a heartbeat");
         // The mission waits anew, as it does when the drone is not ours.
         p.mission = State::Idle;
-        p.autopilot.silent = false;
+        p.wired.autopilot.silent = false;
         p.run(4.0);
-        assert!(
-            p.link.control_authority().commands(),
-            "{}",
-            p.link.control_authority()
-        );
+        p.assert_commanding();
     }
 }
 
@@ -236,84 +213,72 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
 fn link_resynchronises_with_an_autopilot_that_restarts() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
-        let resets = p.states.last().unwrap().origin_resets;
-        p.autopilot.restart();
+        let resets = p.state().origin_resets;
+        p.wired.autopilot.restart();
         p.run(6.0);
-        assert_ne!(p.states.last().unwrap().origin_resets, resets);
+        assert_ne!(p.state().origin_resets, resets);
         let (arrived, o) = p.odometry.last().unwrap();
         assert!((0.0..0.02).contains(&(arrived - o.header.at.secs())));
         assert!(p.t_s - arrived < 0.05);
-        assert!(
-            p.link.control_authority().commands(),
-            "{}",
-            p.link.control_authority()
-        );
+        p.assert_commanding();
     }
 }
 
 #[test]
 fn link_recovers_after_a_cut_of_three_seconds() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
-    p.cut = true;
+    p.wired.cut = true;
     p.run(3.0);
-    assert_eq!(p.link.control_authority(), ControlAuthority::LinkLost);
-    p.cut = false;
+    assert_eq!(p.authority(), ControlAuthority::LinkLost);
+    p.wired.cut = false;
     p.run(4.0);
-    assert!(
-        p.link.control_authority().commands(),
-        "{}",
-        p.link.control_authority()
-    );
+    p.assert_commanding();
 }
 
 #[test]
 fn link_flies_nothing_without_timesync() {
     let mut p = Pair::new(Firmware::Px4, 5.0, &config());
-    p.autopilot.timeless = true;
+    p.wired.autopilot.no_timesync = true;
     p.run(6.0);
-    assert_eq!(p.link.control_authority(), ControlAuthority::NoClock);
-    assert!(p.odometry.is_empty() && p.said.is_empty());
+    assert_eq!(p.authority(), ControlAuthority::NoClock);
+    assert!(p.odometry.is_empty() && p.sent.is_empty());
 }
 
 #[test]
 fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
     let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
-    p.autopilot.options = 0;
+    p.wired.autopilot.options = 0;
     p.run(5.0);
-    assert_eq!(p.link.control_authority(), ControlAuthority::OptionMissing);
+    assert_eq!(p.authority(), ControlAuthority::OptionMissing);
     assert!(
         p.texts.iter().any(|t| t.contains("GUID_OPTIONS bit 3")),
         "{:?}",
         p.texts
     );
-    p.autopilot.choose(4);
+    p.wired.autopilot.choose(4);
     p.run(2.0);
-    assert!(p.said.is_empty());
+    assert!(p.sent.is_empty());
     // The mission is not to believe that it has the drone.
-    assert_eq!(p.states.last().unwrap().mode, AutopilotMode::Other);
+    assert_eq!(p.state().mode, AutopilotMode::Other);
     // The person sets it.
-    p.autopilot.options = 8;
+    p.wired.autopilot.options = 8;
     p.run(2.0);
-    assert!(
-        p.link.control_authority().commands(),
-        "{}",
-        p.link.control_authority()
-    );
+    p.assert_commanding();
 }
 
 #[test]
 fn link_works_without_messages_that_the_firmware_lacks() {
     let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
-    // No ODOMETRY on ArduCopter: not even asked for, and odometry comes from 31 and 32.
-    let asked = p.told(command::MESSAGE_INTERVAL);
+    // No ODOMETRY on ArduCopter: it is not requested, and odometry comes from 31 and 32.
+    let asked = p.commands_of(command::MESSAGE_INTERVAL);
     assert!(asked.iter().all(|c| c.parameters[0] as u32 != id::ODOMETRY));
     assert!(p.odometry.len() > 200);
-    // An autopilot that refuses every rate: asked a bounded number of times, nothing flown.
+    // An autopilot that denies every rate: requested a bounded number of times, nothing flown.
     let mut p = Pair::new(Firmware::Px4, 5.0, &config());
-    p.autopilot.answer = Some(CommandResult::Denied);
+    p.wired.autopilot.answer = Some(CommandResult::Denied);
     p.run(30.0);
-    assert_eq!(p.link.control_authority(), ControlAuthority::NoOdometry);
+    assert_eq!(p.authority(), ControlAuthority::NoOdometry);
     assert!(p.commands.len() <= 3 * 7, "{}", p.commands.len());
 }
 
@@ -322,7 +287,7 @@ fn hover_thrust_is_identified_in_flight_and_reported() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         p.run(6.0);
-        let s = p.states.last().unwrap();
+        let s = p.state();
         assert!(
             (s.hover_thrust - HOVER).abs() < 0.01,
             "{firmware:?}: {}",
@@ -337,25 +302,28 @@ fn link_arms_only_when_configured() {
     for (may_arm, denied) in [(false, false), (true, false), (true, true)] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
         let mut p = Pair::new(Firmware::ArduCopter, 0.3, &c);
-        p.autopilot.armed = false;
+        p.wired.autopilot.armed = false;
         p.waits_for_flight = true;
         p.run(5.0);
-        assert!(p.told(command::ARM_DISARM).is_empty(), "armed in a person's mode");
-        p.autopilot.answer = denied.then_some(CommandResult::Denied);
-        p.autopilot.choose(4);
+        assert!(
+            p.commands_of(command::ARM_DISARM).is_empty(),
+            "armed in a person's mode"
+        );
+        p.wired.autopilot.answer = denied.then_some(CommandResult::Denied);
+        p.wired.autopilot.choose(4);
         p.run(20.0);
-        let told = p.told(command::ARM_DISARM).len();
+        let told = p.commands_of(command::ARM_DISARM).len();
         let expected = match (may_arm, denied) {
             (false, _) => 0,
             (true, false) => 1,
             (true, true) => 3,
         };
         assert_eq!(told, expected);
-        assert_eq!(p.autopilot.armed, may_arm && !denied);
+        assert_eq!(p.wired.autopilot.armed, may_arm && !denied);
         // A person disarms: it is not armed again.
-        p.autopilot.armed = false;
+        p.wired.autopilot.armed = false;
         p.run(10.0);
-        assert_eq!(p.told(command::ARM_DISARM).len(), expected);
+        assert_eq!(p.commands_of(command::ARM_DISARM).len(), expected);
     }
 }
 
@@ -367,107 +335,70 @@ fn battery_reserve_diverts_the_drone_as_configured() {
         (Firmware::ArduCopter, Diversion::Return, 6),
         (Firmware::ArduCopter, Diversion::Land, 9),
     ] {
-        let c = AutopilotLinkConfig {
-            battery: BatteryConfig {
-                diversion: to,
-                ..BatteryConfig::default()
-            },
-            ..config()
-        };
+        let mut c = config();
+        c.battery.diversion = to;
         let mut p = Pair::commanding(firmware, 5.0, &c);
         p.mission = State::Tracking;
-        p.autopilot.battery = 0.05;
+        p.wired.autopilot.battery = 0.05;
         p.run(6.0);
-        assert_eq!(p.autopilot.mode, mode);
-        assert_eq!(p.told(command::SET_MODE).len(), 1);
+        assert_eq!(p.wired.autopilot.mode, mode);
+        assert_eq!(p.commands_of(command::SET_MODE).len(), 1);
         let at = p.t_s;
         p.run(10.0);
-        assert_eq!(p.said_since(at), 0);
+        assert_eq!(p.sent_since(at), 0);
     }
-    let none = AutopilotLinkConfig {
-        battery: BatteryConfig {
-            diversion: Diversion::None,
-            ..BatteryConfig::default()
-        },
-        ..config()
-    };
+    let mut none = config();
+    none.battery.diversion = Diversion::None;
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &none);
-    p.autopilot.battery = 0.05;
+    p.wired.autopilot.battery = 0.05;
     p.run(10.0);
-    assert!(p.link.control_authority().commands() && p.told(command::SET_MODE).is_empty());
+    assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
 }
 
 #[test]
 fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
     let mut p = Pair::commanding(Firmware::ArduCopter, 5.0, &config());
-    p.autopilot.battery = 0.05;
-    p.autopilot.answer = Some(CommandResult::Denied);
+    p.wired.autopilot.battery = 0.05;
+    p.wired.autopilot.answer = Some(CommandResult::Denied);
     p.run(20.0);
-    assert_eq!(p.told(command::SET_MODE).len(), 3);
-    assert_eq!(p.said_since(p.t_s - 10.0), 0);
-    assert_eq!(
-        p.link.control_authority(),
-        ControlAuthority::Diverted(Diversion::Return)
-    );
+    assert_eq!(p.commands_of(command::SET_MODE).len(), 3);
+    assert_eq!(p.sent_since(p.t_s - 10.0), 0);
+    assert_eq!(p.authority(), ControlAuthority::Diverted(Diversion::Return));
 }
 
 #[test]
 fn battery_reserve_does_not_divert_in_the_flare() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
     p.mission = State::Flare;
-    p.autopilot.battery = 0.05;
+    p.wired.autopilot.battery = 0.05;
     p.run(6.0);
-    assert!(p.told(command::SET_MODE).is_empty() && p.link.control_authority().commands());
+    assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
 }
 
 #[test]
 fn other_systems_on_the_link_are_not_taken_for_the_autopilot() {
     let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
-    let beat = |autopilot, vehicle, custom_mode| Message::Heartbeat {
-        autopilot,
-        vehicle,
-        base_mode: 1,
-        custom_mode,
+    let heartbeat = |autopilot, vehicle, custom_mode| {
+        Message::Heartbeat(Heartbeat {
+            autopilot,
+            vehicle,
+            base_mode: 1,
+            custom_mode,
+        })
+    };
+    let flown_by_hand = heartbeat(12, 2, FakeAutopilot::manual_mode(Firmware::Px4));
+    let empty = Message::Battery {
+        number: 0,
+        remaining: Some(0.0),
     };
     for _ in 0..100 {
         // A ground station, a camera of the same drone, another drone that is flown by hand.
-        p.inject(
-            Address {
-                system: 255,
-                component: 190,
-            },
-            &beat(8, 6, 0),
-        );
-        p.inject(
-            Address {
-                system: 3,
-                component: 100,
-            },
-            &beat(8, 30, 0),
-        );
-        p.inject(
-            Address {
-                system: 4,
-                component: 1,
-            },
-            &beat(12, 2, FakeAutopilot::manual_mode(Firmware::Px4)),
-        );
-        p.inject(
-            Address {
-                system: 4,
-                component: 1,
-            },
-            &Message::Battery {
-                number: 0,
-                remaining: Some(0.0),
-            },
-        );
+        p.inject(Address::new(255, 190), &heartbeat(8, 6, 0));
+        p.inject(Address::new(3, 100), &heartbeat(8, 30, 0));
+        p.inject(Address::new(4, 1), &flown_by_hand);
+        p.inject(Address::new(4, 1), &empty);
         p.run(0.05);
-        assert!(
-            p.link.control_authority().commands(),
-            "{}",
-            p.link.control_authority()
-        );
+        p.assert_commanding();
     }
     assert!(p.states.iter().skip(20).all(|s| s.battery > 0.5));
 }
@@ -481,7 +412,7 @@ fn deck_is_published_to_the_autopilot_when_configured() {
     for (c, some) in [(config(), false), (c, true)] {
         let mut p = Pair::new(Firmware::Px4, 5.0, &c);
         p.run(5.0);
-        assert_eq!(p.offered >= 20, some, "{}", p.offered);
+        assert_eq!(p.deck_messages >= 20, some, "{}", p.deck_messages);
     }
 }
 
@@ -497,48 +428,44 @@ fn positions_and_set_points_are_converted_to_the_datum_and_back() {
         longitude_deg: 16.2993,
         height_m: 5.0,
     };
-    // The autopilot tells heights above the sea, here 40 m above the ellipsoid.
+    // The autopilot reports heights above the sea, here 40 m above the ellipsoid.
     let c = AutopilotLinkConfig {
         geoid_m: 40.0,
         ..config()
     };
     let shift = datum
-        .offset_to::<alight_shared::frames::DroneNed>(&Datum {
+        .offset_to::<DroneNed>(&Datum {
             height_m: 45.0,
             ..origin
         })
         .0;
     for firmware in BOTH {
         let mut p = Pair::at(firmware, 5.0, &c, Some(datum));
-        p.autopilot.origin = origin;
-        p.autopilot.answer = Some(CommandResult::Denied);
-        p.autopilot.deaf_to_requests = true;
+        p.wired.autopilot.origin = origin;
+        p.wired.autopilot.answer = Some(CommandResult::Denied);
+        p.wired.autopilot.no_origin = true;
         p.run(3.0);
-        assert_eq!(p.link.control_authority(), ControlAuthority::NoOrigin);
+        assert_eq!(p.authority(), ControlAuthority::NoOrigin);
         assert!(p.odometry.is_empty());
-        (p.autopilot.answer, p.autopilot.deaf_to_requests) = (None, false);
+        (p.wired.autopilot.answer, p.wired.autopilot.no_origin) = (None, false);
         p.run(65.0);
         let told = p.odometry.last().unwrap().1;
         assert!(
-            (told.position() - p.autopilot.position - shift).norm() < 0.02,
+            (told.position() - p.wired.autopilot.position - shift).norm() < 0.02,
             "{told:?}"
         );
-        assert!(
-            p.autopilot.choose(FakeAutopilot::offboard_mode(firmware)),
-            "{}",
-            p.link.control_authority()
-        );
-        let before = p.autopilot.position;
+        p.give_the_mode();
+        let before = p.wired.autopilot.position;
         p.mission = State::Hold;
         p.run(3.0);
-        assert!(p.said_since(p.t_s - 1.0) >= 50);
+        assert!(p.sent_since(p.t_s - 1.0) >= 50);
         // Held in its place, not kilometres away.
-        assert!((p.autopilot.position - before).norm() < 0.1);
-        // The estimator begins anew elsewhere: the origin moves, and that is a jump for the others.
-        let resets = p.states.last().unwrap().origin_resets;
-        p.autopilot.origin.latitude_deg += 1e-4;
+        assert!((p.wired.autopilot.position - before).norm() < 0.1);
+        // The estimator restarts elsewhere: the origin moves, and that is a jump for the other nodes.
+        let resets = p.state().origin_resets;
+        p.wired.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);
-        assert_ne!(p.states.last().unwrap().origin_resets, resets);
+        assert_ne!(p.state().origin_resets, resets);
     }
 }
 
@@ -548,10 +475,10 @@ fn before_a_landing_guided_gets_no_set_points_and_offboard_holds() {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         let from = p.t_s;
         p.run(2.0);
-        assert_eq!(p.said_since(from) > 0, some, "{firmware:?}");
+        assert_eq!(p.sent_since(from) > 0, some, "{firmware:?}");
         p.mission = State::GetAltitude;
         let from = p.t_s;
         p.run(1.0);
-        assert!(p.said_since(from) >= 50, "{firmware:?}");
+        assert!(p.sent_since(from) >= 50, "{firmware:?}");
     }
 }

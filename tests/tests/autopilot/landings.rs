@@ -1,0 +1,123 @@
+//! Whole landings over MAVLink in lock-step: the drone's nodes, the link's node, its bytes on a wire that takes
+//! its time, and an autopilot at protocol level whose rotor outputs fly the simulated drone.
+
+use alight_shared::time::{DroneClock, Time};
+use alight_sim::autopilots::fake::FakeAutopilot;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::tap::NoTap;
+use alight_sim::harness::trial::{Watch, land};
+use alight_sim::harness::world::{FirmwareLink, FirmwareOutputs, NodeOutputs, World};
+use alight_sim::physics::PlantState;
+use alight_sim::physics::sea::SeaConfig;
+use alight_uav::autopilot::config::AutopilotLinkConfig;
+use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink};
+
+use crate::wired::Wired;
+
+/// Both ends of the wire in the simulated world.
+struct Linked {
+    wired: Wired,
+    now_s: f64,
+    since_s: Option<f64>,
+}
+
+impl Linked {
+    fn new(firmware: Firmware, wire_s: f64, nodes: &NodeConfigs) -> Linked {
+        let mut autopilot = FakeAutopilot::new(firmware, 0.0);
+        autopilot.fly_plant();
+        let d = &nodes.drone;
+        let config = AutopilotLinkConfig::default();
+        let id = nodes.bridge.drone_id;
+        let link = AutopilotLink::new(&config, &d.odometry, &d.airframe, true, None, id, 1);
+        Linked {
+            wired: Wired::new(link, autopilot, wire_s),
+            now_s: 0.0,
+            since_s: None,
+        }
+    }
+}
+
+impl FirmwareLink for Linked {
+    fn motors(&mut self, truth: &PlantState) -> Option<[f64; 4]> {
+        self.now_s = truth.at.secs();
+        let a = &mut self.wired.autopilot;
+        a.set_motion(
+            truth.position,
+            truth.velocity,
+            truth.attitude,
+            truth.rates,
+            truth.specific_force,
+        );
+        // A person holds it where it is, and hands it over.
+        a.manual_hold_position.get_or_insert(truth.position);
+        let since_s = *self.since_s.get_or_insert(self.now_s);
+        if self.now_s > since_s + 2.0 && a.chosen == FakeAutopilot::manual_mode(a.firmware) {
+            // PX4 refuses until set-points were streamed long enough: a person tries again.
+            let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
+        }
+        // It was switched on long ago.
+        self.wired.step_autopilot(self.now_s, 1000.0);
+        let a = &self.wired.autopilot;
+        a.armed.then(|| a.motors())
+    }
+    fn receive(&mut self, now: Time<DroneClock>) -> FirmwareOutputs {
+        let input = self.wired.received(self.now_s);
+        let out = self.wired.step_link(self.now_s, now, &input);
+        FirmwareOutputs {
+            odometry: out.odometry.last().copied(),
+            state: out.state,
+        }
+    }
+    fn send(&mut self, now: Time<DroneClock>, outputs: &NodeOutputs) {
+        let input = AutopilotIn {
+            received: Vec::new(),
+            set_point: outputs.set_point,
+            mission: outputs.mission,
+            forecast: outputs.forecast,
+        };
+        self.wired.step_link(self.now_s, now, &input);
+    }
+}
+
+fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
+    let mut scenario = Scenario {
+        sea: "moderate".parse::<SeaConfig>().unwrap(),
+        ..Scenario::default()
+    };
+    // Long enough to find the autopilot and to be given the drone.
+    scenario.start.hover_s = 8.0;
+    let nodes = NodeConfigs::default();
+    let mut world = World::new(&scenario, &nodes, seed).unwrap();
+    world.attach_firmware(Box::new(Linked::new(firmware, wire_s, &nodes)));
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    land(world, &scenario, &nodes, seed, "moderate", watch, &mut NoTap).outcome
+}
+
+/// Lands at Moderate on six seeds: all, nothing unsafe, within 0.15 m each.
+fn lands(firmware: Firmware, wire_s: f64) {
+    for seed in 300..306 {
+        let o = fly(firmware, wire_s, seed);
+        let what = format!("{} over {wire_s} s: {o:?}", firmware.name());
+        assert!(o.success && o.unsafe_contacts == 0, "{what}");
+        assert!(o.position_error_m.is_some_and(|e| e < 0.15), "{what}");
+    }
+}
+
+#[test]
+fn drone_lands_over_px4_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
+    for wire_s in [0.005, 0.02, 0.04] {
+        lands(Firmware::Px4, wire_s);
+    }
+}
+
+#[test]
+fn drone_lands_over_arducopter_mavlink_at_moderate_with_5_to_40_ms_on_the_wire() {
+    for wire_s in [0.005, 0.02, 0.04] {
+        lands(Firmware::ArduCopter, wire_s);
+    }
+}
