@@ -6,8 +6,10 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::process::{Command, Stdio};
 use std::time::Duration;
+
+use rustix::fs::OFlags;
+use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 
 use crate::exit::CliError;
 use crate::io::link_url::LinkUrl;
@@ -22,9 +24,6 @@ const CONNECT: Duration = Duration::from_millis(300);
 const PEER_TIMEOUT_NS: i64 = 5_000_000_000;
 /// Reads in one go, at most: a flood must not keep the set-points waiting.
 const MAX_READS: usize = 64;
-/// Linux: reads of a serial port that do not wait, a port that does not become the terminal.
-const O_NONBLOCK: i32 = 0o4000;
-const O_NOCTTY: i32 = 0o400;
 
 /// An open end.
 enum Open {
@@ -270,26 +269,22 @@ fn resolve(host: &str) -> io::Result<SocketAddr> {
         .ok_or_else(|| io::Error::new(ErrorKind::NotFound, format!("{host} has no address")))
 }
 
-/// Opens a serial port for bytes as they are. The line's settings are made by `stty`, which every
-/// Linux has: no system call of our own.
+/// Opens a serial port for bytes as they are.
 fn serial(path: &Path, baud: u32) -> io::Result<File> {
-    let output = Command::new("stty")
-        .arg("-F")
-        .arg(path)
-        .arg(baud.to_string())
-        .args(["raw", "-echo", "clocal", "-crtscts", "-hupcl"])
-        .stdin(Stdio::null())
-        .output()
-        .map_err(|e| io::Error::new(e.kind(), format!("running stty: {e}")))?;
-    if !output.status.success() {
-        let why = String::from_utf8_lossy(&output.stderr).trim().to_owned();
-        return Err(io::Error::other(why));
-    }
-    OpenOptions::new()
+    // Reads do not wait, and the port does not become this process's terminal.
+    let flags = OFlags::NONBLOCK | OFlags::NOCTTY;
+    let port = OpenOptions::new()
         .read(true)
         .write(true)
-        .custom_flags(O_NONBLOCK | O_NOCTTY)
-        .open(path)
+        .custom_flags(flags.bits().cast_signed())
+        .open(path)?;
+    let mut line = tcgetattr(&port)?;
+    line.make_raw();
+    line.set_speed(baud)?;
+    line.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
+    line.control_modes -= ControlModes::CRTSCTS | ControlModes::HUPCL;
+    tcsetattr(&port, OptionalActions::Now, &line)?;
+    Ok(port)
 }
 
 #[cfg(test)]

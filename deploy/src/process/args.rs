@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::process::scheduling;
+
 /// A process.
 #[derive(Args, Debug)]
 pub struct ProcessArgs {
@@ -16,6 +18,44 @@ pub struct ProcessArgs {
     /// End when standard input closes: a supervisor that dies takes its processes with it
     #[arg(long, hide = true)]
     pub supervised: bool,
+    /// How the process is scheduled.
+    #[command(flatten)]
+    pub scheduling: Scheduling,
+}
+
+/// Scheduling that a supervisor asks of its process.
+#[derive(Args, Clone, Debug, Default, PartialEq, Eq)]
+pub struct Scheduling {
+    /// Real-time priority (SCHED_FIFO)
+    #[arg(long, hide = true, value_name = "PRIORITY")]
+    pub realtime: Option<u8>,
+    /// Processors to keep to
+    #[arg(long, hide = true, value_delimiter = ',', value_name = "NUMBERS")]
+    pub processors: Vec<u16>,
+}
+
+impl Scheduling {
+    /// The flags of this scheduling.
+    pub fn flags(&self) -> Vec<String> {
+        let mut flags = Vec::new();
+        if let Some(priority) = self.realtime {
+            flags.extend(["--realtime".into(), priority.to_string()]);
+        }
+        if !self.processors.is_empty() {
+            let numbers: Vec<String> = self.processors.iter().map(u16::to_string).collect();
+            flags.extend(["--processors".into(), numbers.join(",")]);
+        }
+        flags
+    }
+    /// Schedules this thread, and those that it starts from now on, so.
+    pub fn apply(&self) {
+        if !self.processors.is_empty() && !scheduling::keep_to(&self.processors) {
+            eprintln!("processors {:?}: not permitted, or not there", self.processors);
+        }
+        if self.realtime.is_some_and(|p| !scheduling::set_real_time(p)) {
+            eprintln!("real-time priority {:?} is not permitted", self.realtime);
+        }
+    }
 }
 
 /// One of the drone's cameras.

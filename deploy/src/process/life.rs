@@ -92,12 +92,47 @@ impl Life {
     }
 }
 
+/// A node whose steps are logged where the process logs.
+pub struct LoggedNode<N> {
+    node: N,
+    log: Option<LogWriter>,
+}
+
+impl<N: Node<In: Serialize, Out: Serialize>> LoggedNode<N> {
+    /// The node `name` of a process that was started with `args`.
+    pub fn new(name: &str, args: &ProcessArgs, boot: u32, node: N) -> Result<LoggedNode<N>, CliError> {
+        let log = match &args.log {
+            Some(directory) => Some(log_writer(directory, name, boot, &args.config)?),
+            None => None,
+        };
+        Ok(LoggedNode { node, log })
+    }
+    /// One step of the node, logged.
+    pub fn step(&mut self, now: Time<N::Clock>, input: &N::In) -> N::Out {
+        let out = self.node.step(now, input);
+        self.log(now, input, &out);
+        out
+    }
+    fn log(&mut self, now: Time<N::Clock>, input: &N::In, out: &N::Out) {
+        if let Some(log) = &mut self.log {
+            log.write(now.nanos(), input, out);
+        }
+    }
+    /// Puts on disk what was logged.
+    pub fn flush(&mut self) {
+        self.log.iter_mut().for_each(LogWriter::flush);
+    }
+    /// The node.
+    pub fn node(&self) -> &N {
+        &self.node
+    }
+}
+
 /// A node as a process.
 pub struct Process<N: Node> {
-    node: N,
+    node: LoggedNode<N>,
     clock: ProcessClock,
     last: Time<N::Clock>,
-    log_writer: Option<LogWriter>,
     /// What it says about itself.
     pub life: Life,
 }
@@ -136,15 +171,11 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
         make: impl FnOnce(u32) -> N,
     ) -> Result<Process<N>, CliError> {
         let boot = draw_boot();
-        let log_writer = match &args.log {
-            Some(directory) => Some(log_writer(directory, kind, boot, &args.config)?),
-            None => None,
-        };
+        args.scheduling.apply();
         Ok(Process {
-            node: make(boot),
+            node: LoggedNode::new(kind.name(), args, boot, make(boot))?,
             clock,
             last: Time::from_nanos(i64::MIN),
-            log_writer,
             life: Life::begin(kind, boot, args.supervised),
         })
     }
@@ -161,18 +192,16 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     /// One step of the node, what it says `sent`, then logged; timed when it had something to do.
     pub fn step(&mut self, now: Time<N::Clock>, input: &N::In, send: impl FnOnce(&N::Out) -> bool) -> N::Out {
         let before = steady_ns();
-        let out = self.node.step(now, input);
+        let out = self.node.node.step(now, input);
         let time_s = (steady_ns() - before) as f64 * 1e-9;
         // The steps in which a node has nothing to do say nothing about what its work takes.
         self.life.stepped(if send(&out) { Some(time_s) } else { None });
-        if let Some(log_writer) = &mut self.log_writer {
-            log_writer.write(now.nanos(), input, &out);
-        }
+        self.node.log(now, input, &out);
         out
     }
     /// The node.
     pub fn node(&self) -> &N {
-        &self.node
+        self.node.node()
     }
     /// Whether the process was told to end.
     pub fn ended(&self) -> bool {
@@ -180,30 +209,27 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     }
     /// What the process says about itself, when it is time again.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
-        let said = self.life.state(inputs, unsent);
-        if let (Some(_), Some(log_writer)) = (&said, &mut self.log_writer) {
-            log_writer.flush();
+        let state = self.life.state(inputs, unsent);
+        if state.is_some() {
+            self.node.flush();
         }
-        said
+        state
     }
 }
 
-/// The log of a process in `directory`.
-pub fn log_writer(
-    directory: &Path,
-    kind: ProcessKind,
-    boot: u32,
-    config: &Path,
-) -> Result<LogWriter, CliError> {
+/// The log of the node `name` in `directory`.
+pub fn log_writer(directory: &Path, name: &str, boot: u32, config: &Path) -> Result<LogWriter, CliError> {
     let config = std::fs::read_to_string(config)
         .map_err(|e| CliError::because(format!("reading {}", config.display()), e))?;
-    let head = LogHeader {
-        process: kind.name().into(),
-        boot,
-        config,
-    };
-    LogWriter::create(directory, &head)
-        .map_err(|e| CliError::because(format!("writing a log into {}", directory.display()), e))
+    let process = name.into();
+    LogWriter::create(
+        directory,
+        &LogHeader {
+            process,
+            boot,
+            config,
+        },
+    )
 }
 
 /// Processor time, s, and resident memory, bytes, of this process (Linux; zero elsewhere).

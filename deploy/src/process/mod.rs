@@ -11,6 +11,8 @@ pub mod notify;
 pub mod observer;
 pub mod radio_rates;
 pub mod relay;
+pub mod scheduling;
 pub mod shell;
 pub mod snapshot;
+pub mod supervision;
 pub mod supervisor;

@@ -7,6 +7,7 @@ use alight_shared::config;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_usv::VesselNode;
+use alight_usv::deck::{DeckArbiter, OperatorRelay};
 use clap::Args;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -22,10 +23,13 @@ use crate::drone::predictor::PredictorShell;
 use crate::exit::{CliError, Exit};
 use crate::process::log::{LogError, LogHeader, LogReader};
 use crate::process::shell::Shell;
+use crate::process::supervision::SupervisorNode;
+use crate::process::supervisor::SUPERVISOR;
 use crate::record::reading::contained;
 use crate::record::replay::{ForeignLaw, NodeReplay, replay};
 use crate::table::{Table, verdict};
 use crate::terminal::{self, note};
+use crate::vessel::{DECK_ARBITER, OPERATOR_RELAY};
 
 /// A recording to compute again.
 #[derive(Args, Debug)]
@@ -117,23 +121,32 @@ fn replay_log(path: &Path) -> Result<NodeReplay, CliError> {
         config,
     } = head;
     let origin = path.display().to_string();
-    let replayed = if process == "vessel" {
-        let c: VesselComputer = config::parse(&config, &origin)?;
-        through(log, VesselNode::new(&c.vessel, c.vessel_id, boot))
-    } else {
-        let c: DroneComputer = config::parse(&config, &origin)?;
-        match process.as_str() {
-            "bridge" => through(log, Bridge::new(&c.bridge, boot)),
-            "predictor" => through(log, PredictorShell::node(&c, boot)),
-            "mission" => through(log, MissionShell::node(&c, boot)),
-            "planner" => through(log, PlannerShell::node(&c, boot)),
-            "pilot" => through(log, PilotShell::node(&c, boot)),
-            "autopilot" => through(log, autopilot::node(&c, boot)),
-            other => {
-                return Err(CliError(format!(
-                    "{origin}: the log of a process {other:?}, which this program does not have"
-                )));
-            }
+    let vessel = || config::parse::<VesselComputer>(&config, &origin);
+    let drone = || config::parse::<DroneComputer>(&config, &origin);
+    let replayed = match process.as_str() {
+        "vessel" => {
+            let c = vessel()?;
+            through(log, VesselNode::new(&c.vessel, c.vessel_id, boot))
+        }
+        DECK_ARBITER => {
+            let c = vessel()?;
+            through(log, DeckArbiter::new(&c.deck, c.vessel_id, boot))
+        }
+        OPERATOR_RELAY => through(log, OperatorRelay::new(vessel()?.vessel_id, boot)),
+        SUPERVISOR => {
+            let limits = toml::from_str(&config).map_err(|e| CliError::because(&origin, e))?;
+            through(log, SupervisorNode::new(limits))
+        }
+        "bridge" => through(log, Bridge::new(&drone()?.bridge, boot)),
+        "predictor" => through(log, PredictorShell::node(&drone()?, boot)),
+        "mission" => through(log, MissionShell::node(&drone()?, boot)),
+        "planner" => through(log, PlannerShell::node(&drone()?, boot)),
+        "pilot" => through(log, PilotShell::node(&drone()?, boot)),
+        "autopilot" => through(log, autopilot::node(&drone()?, boot)),
+        other => {
+            return Err(CliError(format!(
+                "{origin}: the log of a process {other:?}, which this program does not have"
+            )));
         }
     };
     let (steps, differs_at_step) = replayed.map_err(reading)?;

@@ -11,7 +11,6 @@ use alight_shared::admission::RejectionReason;
 use alight_shared::config;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
-use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
@@ -29,7 +28,7 @@ use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::args::ProcessArgs;
-use crate::process::life::Process;
+use crate::process::life::{LoggedNode, Process};
 use crate::process::link::{
     Impaired, STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key,
 };
@@ -66,6 +65,10 @@ const OUTLETS: [Option<&Topic>; 8] = [
     Some(&topics::OPERATOR),
     Some(&topics::DRONES),
 ];
+
+/// Names of the logs of the vessel's other nodes.
+pub const DECK_ARBITER: &str = "deck-arbiter";
+pub const OPERATOR_RELAY: &str = "operator-relay";
 
 /// The subscriptions, in their order; what drones say about themselves is the other.
 const TIME_REQUESTS: usize = 0;
@@ -114,8 +117,11 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         .peers
         .iter()
         .any(|p| p.starts_with("operator-"));
-    let mut operator_relay = OperatorRelay::new(id, process.life.boot());
-    let mut arbiter = DeckArbiter::new(&computer.deck, id, process.life.boot());
+    let boot = process.life.boot();
+    let relay = OperatorRelay::new(id, boot);
+    let mut operator_relay = LoggedNode::new(OPERATOR_RELAY, args, boot, relay)?;
+    let arbiter = DeckArbiter::new(&computer.deck, id, boot);
+    let mut arbiter = LoggedNode::new(DECK_ARBITER, args, boot, arbiter)?;
     let mut undecoded = 0_u64;
     let mut status_file = StatusFile::new(&computer);
 
@@ -167,7 +173,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
         status_file.observe_drones(&computer, &heard);
         let now = process.now();
-        let had = arbiter.owner();
+        let had = arbiter.node().owner();
         let drone_statuses: Vec<DroneStatus> = heard.iter().map(|(_, status)| *status).collect();
         let input = ArbiterIn {
             statuses: drone_statuses.clone(),
@@ -192,8 +198,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         for (_, word) in heard.iter().filter(|_| operators) {
             publish(&mut radio, DRONES, Some(word));
         }
-        if arbiter.owner() != had {
-            terminal::line(arbiter.owner().map_or_else(
+        if arbiter.node().owner() != had {
+            terminal::line(arbiter.node().owner().map_or_else(
                 || "the deck is nobody's".to_owned(),
                 |id| format!("the deck is drone {id}'s"),
             ));
@@ -235,7 +241,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             sensors.rejected() as f64,
             counts.sent_bytes as f64,
             counts.dropped as f64,
-            (undecoded + operator_relay.rejected()) as f64 + requests,
+            (undecoded + operator_relay.node().rejected()) as f64 + requests,
         ];
         process.life.figures = {
             let rate_fraction = process.node().rate_fraction();
@@ -267,11 +273,13 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             terminal::line(line);
         }
         if let Some(said) = &said {
+            arbiter.flush();
+            operator_relay.flush();
             status_file.write(
                 &computer,
                 process.node(),
                 said,
-                arbiter.owner(),
+                arbiter.node().owner(),
                 &reported,
                 &sensor_supervisor,
             );

@@ -9,12 +9,13 @@ use crate::config::VesselComputer;
 use crate::exit::CliError;
 use crate::io::link_url::LinkUrl;
 use crate::process::args::ProcessArgs;
-use crate::process::supervisor::{Event, Supervisor};
+use crate::process::supervision::Limits;
+use crate::process::supervisor::{self, Supervisor};
 
 /// Time between two words of the process about its sources, ns.
 pub const REPORT_PERIOD_NS: i64 = 500_000_000;
-/// Silent for this long it is killed and started again, ns: six words.
-const SILENT_NS: i64 = 6 * REPORT_PERIOD_NS;
+/// Silent for this long it is killed and started again, s: six reports.
+const SILENCE_TIMEOUT_S: f64 = 6e-9 * REPORT_PERIOD_NS as f64;
 
 /// What the process says about one source: a line of JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,14 +52,19 @@ impl SensorSupervisor {
             let of = |e| CliError(format!("sensor {}: {e}", source.name));
             source.connect.parse::<LinkUrl>().map_err(of)?;
         }
-        let mut supervisor = (!sources.is_empty()).then(|| {
-            Supervisor::new(std::env::temp_dir(), None)
-                .inheriting_stderr()
-                .at_own_priority()
-        });
-        if let Some(s) = &mut supervisor {
-            s.start(ProcessKind::Sensors, args.config.clone(), Vec::new())?;
-        }
+        let supervisor = if sources.is_empty() {
+            None
+        } else {
+            let limits = Limits {
+                silence_timeout_s: Some(SILENCE_TIMEOUT_S),
+                max_failures: None,
+            };
+            let mut supervisor =
+                Supervisor::new(std::env::temp_dir(), args.log.clone(), limits)?.inheriting_stderr();
+            let arguments = supervisor::arguments(ProcessKind::Sensors, &args.config);
+            supervisor.start(ProcessKind::Sensors, arguments, Vec::new())?;
+            Some(supervisor)
+        };
         Ok(SensorSupervisor {
             supervisor,
             reports: vec![None; sources.len()],
@@ -82,24 +88,10 @@ impl SensorSupervisor {
                 Err(_) => lines.push(line),
             }
         }
-        match supervisor.poll() {
-            Ok(events) => lines.extend(
-                events
-                    .into_iter()
-                    .map(|Event::Ended(_, status)| format!("sensors ended ({status}) and is started again")),
-            ),
+        match supervisor.poll(|_| Some(self.last_ns)) {
+            Ok(events) => lines.extend(events.iter().map(ToString::to_string)),
             // Without sensors the drones hear that there is no estimate, and who may land there: it goes on.
             Err(e) => lines.push(e.to_string()),
-        }
-        let began = supervisor.started_ns(ProcessKind::Sensors);
-        let silence_ns = now_ns - began.map_or(now_ns, |b| b.max(self.last_ns));
-        if silence_ns > SILENT_NS {
-            lines.push(format!(
-                "sensors was silent for {:.1} s and is killed",
-                silence_ns as f64 * 1e-9
-            ));
-            supervisor.kill(ProcessKind::Sensors);
-            self.last_ns = now_ns;
         }
         lines
     }

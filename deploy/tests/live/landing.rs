@@ -159,8 +159,8 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
 
     assert_eq!(
         logs(&log),
-        7,
-        "vessel, bridge, predictor, mission, planner, pilot and the truth"
+        10,
+        "vessel, its arbiter and relay, bridge, predictor, mission, planner, pilot, supervisor, the truth"
     );
     let replay = alight().arg("replay").arg(&log).output().expect("runs");
     let text = String::from_utf8_lossy(&replay.stdout).into_owned();
@@ -170,8 +170,9 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
         "{text}{}",
         String::from_utf8_lossy(&replay.stderr)
     );
-    let nodes = ["vessel", "bridge", "predictor", "mission", "planner", "pilot"];
-    assert!(nodes.iter().all(|node| text.contains(node)), "{text}");
+    for node in ["deck-arbiter", "operator-relay", "supervisor"].iter().chain(&PROCESSES[1..]) {
+        assert!(text.contains(node), "{node}: {text}");
+    }
     assert!(text.contains("bit-identical"), "{text}");
     let replay = alight().arg("replay").arg(&recording).output().expect("runs");
     let text = String::from_utf8_lossy(&replay.stdout).into_owned();

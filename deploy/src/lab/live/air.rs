@@ -24,7 +24,7 @@ use crate::lab::live::profile;
 use crate::lab::scene::Scene;
 use crate::process::instance::OwnedInstance;
 use crate::process::snapshot::{Snapshot, time};
-use crate::process::supervisor::Supervisor;
+use crate::process::supervisor::{Supervisor, arguments};
 
 /// The vessel's port in its own namespace, zenoh's usual one.
 const PORT: u16 = 7447;
@@ -143,7 +143,11 @@ impl RadioPath {
     /// Starts the emulator, if there is one.
     pub fn start(&self, supervisor: &mut Supervisor) -> Result<(), CliError> {
         match &self.emulator {
-            Some(config) => supervisor.start(ProcessKind::Link, config.clone(), Vec::new()),
+            Some(config) => supervisor.start(
+                ProcessKind::Link,
+                arguments(ProcessKind::Link, config),
+                Vec::new(),
+            ),
             None => Ok(()),
         }
     }

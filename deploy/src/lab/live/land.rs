@@ -45,7 +45,9 @@ use crate::process::instance::OwnedInstance;
 use crate::process::life::{draw_boot, end_with_supervisor};
 use crate::process::observer::Observer;
 use crate::process::relay::{DroneRelay, Tap};
-use crate::process::supervisor::{Event, Supervisor, pause};
+use crate::process::scheduling;
+use crate::process::supervision::Limits;
+use crate::process::supervisor::{Event, Supervisor, arguments};
 use crate::terminal;
 use crate::terminal::note;
 
@@ -55,6 +57,10 @@ const START_DELAY_NS: i64 = 1_500_000_000;
 const SUPERVISION_PERIOD: Duration = Duration::from_millis(50);
 /// A process that a fault met has this long to be heard again after the landing, ns.
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
+/// A process that reports nothing for this long is killed, s: longer than a start takes on a busy computer.
+const SILENCE_TIMEOUT_S: f64 = 5.0;
+/// A process that fails so often in a row ends the landing.
+const MAX_FAILURES: u32 = 8;
 /// Entries of the mission's states that are kept.
 const MAX_PHASES: usize = 1000;
 /// Where the simulated sea is for a firmware, in the Adriatic.
@@ -108,6 +114,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     if end_requested() {
         return Ok(Exit::Failed);
     }
+    scheduling::raise();
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;
@@ -367,7 +374,11 @@ impl<'a> Landing<'a> {
         let tap = plan.drone.relay.as_ref().map(|r| Tap::open(owned.instance(), r));
         let tap = tap.transpose()?;
         let commands = memory.publisher()?;
-        let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone());
+        let limits = Limits {
+            silence_timeout_s: Some(SILENCE_TIMEOUT_S),
+            max_failures: Some(MAX_FAILURES),
+        };
+        let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone(), limits)?;
         plan.air.start(&mut supervisor)?;
         for kind in ProcessKind::ALL {
             let config = match kind {
@@ -384,15 +395,15 @@ impl<'a> Landing<'a> {
                 | ProcessKind::Planner
                 | ProcessKind::Pilot => &plan.drone_file,
             };
-            supervisor.start(kind, config.clone(), plan.air.enter(kind))?;
+            supervisor.start(kind, arguments(kind, config), plan.air.enter(kind))?;
         }
         if plan.drone.camera.is_there() {
             let kind = ProcessKind::Camera;
-            supervisor.start(kind, plan.drone_file.clone(), plan.air.enter(kind))?;
+            supervisor.start(kind, arguments(kind, &plan.drone_file), plan.air.enter(kind))?;
         }
         if args.autopilot != AutopilotKind::Internal {
             let kind = ProcessKind::Autopilot;
-            supervisor.start(kind, plan.drone_file.clone(), plan.air.enter(kind))?;
+            supervisor.start(kind, arguments(kind, &plan.drone_file), plan.air.enter(kind))?;
         }
         Ok(Landing {
             args,
@@ -422,7 +433,7 @@ impl<'a> Landing<'a> {
         let shown = std::io::stderr().is_terminal();
         loop {
             if !memory.wait(SUPERVISION_PERIOD) || self.stop_requested.load(Ordering::Relaxed) {
-                self.supervisor.stop(pause);
+                self.supervisor.stop();
                 return Ok(None);
             }
             let now: Time<DroneClock> = self.plan.clock.now();
@@ -448,7 +459,15 @@ impl<'a> Landing<'a> {
                 self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
                 return Ok(Some(self.finish(outcome)));
             }
-            for Event::Ended(kind, status) in self.supervisor.poll()? {
+            let reports = &self.observer.snapshot.processes;
+            for event in self.supervisor.poll(|kind| reports.get(&kind).map(|p| p.at_ns))? {
+                let (kind, status) = match event {
+                    Event::Ended(kind, status) => (kind, status),
+                    Event::Silent(..) => {
+                        eprintln!("{event}");
+                        continue;
+                    }
+                };
                 memory.reap();
                 if kind == ProcessKind::World
                     && let Some(outcome) = verdict(&self.supervisor.remaining_lines())
@@ -495,7 +514,7 @@ impl<'a> Landing<'a> {
             }
             self.observer.poll(None);
             self.poll_fault(t_s)?;
-            self.supervisor.poll()?;
+            self.supervisor.poll(|_| Some(steady_ns()))?;
         }
         Ok(())
     }
@@ -563,7 +582,7 @@ impl<'a> Landing<'a> {
                 ..LiveReport::of(snapshot, self.supervisor.restarts())
             },
         };
-        self.supervisor.stop(pause);
+        self.supervisor.stop();
         ending
     }
 }

@@ -86,7 +86,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let mut truth = match &args.log {
         Some(directory) if world.truth => Some(log_writer(
             directory,
-            ProcessKind::World,
+            ProcessKind::World.name(),
             life.boot(),
             &args.config,
         )?),

@@ -16,11 +16,10 @@ use alight_uav::camera::uvdar::Fisheye;
 
 use crate::certificates;
 use crate::config::{DroneComputer, VesselComputer};
-use crate::drone;
 use crate::exit::CliError;
 use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
-use crate::process::instance;
+use crate::process::{instance, scheduling};
 use crate::tools::check::facts::{
     CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings, SharedMemory,
 };
@@ -52,7 +51,7 @@ pub fn gather(path: &Path) -> Facts {
         sensors: None,
         sources: None,
         governors: governors(),
-        realtime: drone::permitted(&drone::REALTIME),
+        realtime: scheduling::real_time_permitted(),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
         computer: Err(String::new()),
     };
@@ -333,8 +332,9 @@ fn memory(instance: Result<Instance, String>) -> SharedMemory {
         Ok(path)
     });
     SharedMemory {
-        free_bytes: command_output("df", &["--output=avail", "-B1", "/dev/shm"])
-            .and_then(|t| t.lines().last().and_then(|l| l.trim().parse().ok())),
+        free_bytes: rustix::fs::statvfs("/dev/shm")
+            .ok()
+            .map(|s| s.f_bavail * s.f_frsize),
         writable,
         directory,
     }

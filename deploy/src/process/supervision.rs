@@ -1,0 +1,254 @@
+//! The supervisor's decisions: which process is started, started again after which delay, killed for its
+//! silence, or given up. Pure: what is observed of each process in, what is to be done out.
+
+use alight_shared::node::Node;
+use alight_shared::time::{Clock, Span, Time};
+use alight_shared::transport::process::ProcessKind;
+use serde::{Deserialize, Serialize};
+
+/// Delay before the first restart; doubles with each further failure.
+const INITIAL_BACKOFF: Span = Span::from_millis(100);
+/// Longest delay before a restart.
+const MAX_BACKOFF: Span = Span::from_millis(2000);
+/// A process that ran for this long started well: its delay is the first again.
+const STABLE_RUN: Span = Span::from_millis(5000);
+
+/// The operating system's steady clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SteadyClock {}
+
+impl Clock for SteadyClock {
+    const NAME: &'static str = "steady clock";
+}
+
+/// What a supervisor tolerates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// A process that reports nothing for this long is killed, s; None: silence is tolerated.
+    pub silence_timeout_s: Option<f64>,
+    /// A process that failed so often in a row is given up; None: never, as in flight.
+    pub max_failures: Option<u32>,
+}
+
+/// What is observed of one process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Observed {
+    /// Which.
+    pub kind: ProcessKind,
+    /// It lives.
+    pub running: bool,
+    /// When its newest report came, if one did.
+    pub reported: Option<Time<SteadyClock>>,
+}
+
+/// What is to be done.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Action {
+    /// Start it.
+    Start(ProcessKind),
+    /// Kill it: it has been silent for this long, s.
+    Kill(ProcessKind, f64),
+    /// It failed too often in a row.
+    GiveUp(ProcessKind),
+}
+
+/// One process as the supervisor remembers it.
+#[derive(Clone, Copy, Debug)]
+struct Child {
+    kind: ProcessKind,
+    starts: u32,
+    failures: u32,
+    started: Time<SteadyClock>,
+    /// Not started again before this.
+    due: Time<SteadyClock>,
+    backoff: Span,
+    was_running: bool,
+    killed: Option<Time<SteadyClock>>,
+}
+
+impl Child {
+    fn new(kind: ProcessKind) -> Child {
+        Child {
+            kind,
+            starts: 0,
+            failures: 0,
+            started: Time::EPOCH,
+            due: Time::from_nanos(i64::MIN),
+            backoff: INITIAL_BACKOFF,
+            was_running: false,
+            killed: None,
+        }
+    }
+    fn on_exit(&mut self, now: Time<SteadyClock>) {
+        self.was_running = false;
+        if now - self.started > STABLE_RUN {
+            (self.backoff, self.failures) = (INITIAL_BACKOFF, 0);
+        }
+        self.failures = self.failures.saturating_add(1);
+        self.due = now + self.backoff;
+        self.backoff = (self.backoff * 2).min(MAX_BACKOFF);
+    }
+    fn step(&mut self, now: Time<SteadyClock>, seen: &Observed, limits: &Limits) -> Option<Action> {
+        if !seen.running {
+            if self.was_running {
+                self.on_exit(now);
+            }
+            // A simulated world that ended has lost its state: starting it again would be another flight.
+            if self.starts > 0 && self.kind == ProcessKind::World || now < self.due {
+                return None;
+            }
+            if limits.max_failures.is_some_and(|most| self.failures >= most) {
+                return Some(Action::GiveUp(self.kind));
+            }
+            (self.started, self.was_running) = (now, true);
+            self.starts = self.starts.saturating_add(1);
+            return Some(Action::Start(self.kind));
+        }
+        self.was_running = true;
+        // Reports of the others come over the radio, or not at all.
+        let watched = !matches!(
+            self.kind,
+            ProcessKind::World | ProcessKind::Vessel | ProcessKind::Link
+        );
+        let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
+        let newest = [Some(self.started), self.killed, seen.reported];
+        let silence_s = (now - newest.into_iter().flatten().max().unwrap_or(now)).secs();
+        (silence_s > timeout_s).then(|| {
+            self.killed = Some(now);
+            Action::Kill(self.kind, silence_s)
+        })
+    }
+}
+
+/// The decisions as a node.
+#[derive(Clone, Debug)]
+pub struct SupervisorNode {
+    limits: Limits,
+    children: Vec<Child>,
+}
+
+impl SupervisorNode {
+    /// Has started nothing yet.
+    pub fn new(limits: Limits) -> SupervisorNode {
+        SupervisorNode {
+            limits,
+            children: Vec::new(),
+        }
+    }
+    /// Starts beyond the first, of all processes.
+    pub fn restarts(&self) -> u32 {
+        self.children.iter().map(|c| c.starts.saturating_sub(1)).sum()
+    }
+}
+
+impl Node for SupervisorNode {
+    type Clock = SteadyClock;
+    /// Every process under supervision, in the order in which they start.
+    type In = Vec<Observed>;
+    type Out = Vec<Action>;
+
+    fn step(&mut self, now: Time<SteadyClock>, input: &Vec<Observed>) -> Vec<Action> {
+        let mut actions = Vec::new();
+        for seen in input {
+            let known = self.children.iter().position(|c| c.kind == seen.kind);
+            let k = known.unwrap_or_else(|| {
+                self.children.push(Child::new(seen.kind));
+                self.children.len() - 1
+            });
+            if let Some(child) = self.children.get_mut(k) {
+                actions.extend(child.step(now, seen, &self.limits));
+            }
+        }
+        actions
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PILOT: ProcessKind = ProcessKind::Pilot;
+
+    fn at(ms: i64) -> Time<SteadyClock> {
+        Time::from_nanos(ms * 1_000_000)
+    }
+    fn observed(kind: ProcessKind, running: bool, reported_ms: Option<i64>) -> Vec<Observed> {
+        vec![Observed {
+            kind,
+            running,
+            reported: reported_ms.map(at),
+        }]
+    }
+
+    #[test]
+    fn supervisor_doubles_the_delay_of_restarts_up_to_a_bound_and_forgets_it_after_a_stable_run() {
+        let mut node = SupervisorNode::new(Limits::default());
+        let mut starts = Vec::new();
+        for ms in (0..8000).step_by(10) {
+            // It ends at once.
+            if !node.step(at(ms), &observed(PILOT, false, None)).is_empty() {
+                starts.push(ms);
+            }
+        }
+        let delays: Vec<i64> = starts.windows(2).map(|w| w[1] - w[0]).collect();
+        assert_eq!(delays[..5], [110, 210, 410, 810, 1610], "{starts:?}");
+        assert!(delays[5..].iter().all(|d| *d == 2010), "{delays:?}");
+        assert_eq!(node.restarts() as usize, starts.len() - 1);
+        for ms in (8000..20_000).step_by(10) {
+            assert!(node.step(at(ms), &observed(PILOT, true, Some(ms))).is_empty());
+        }
+        assert!(node.step(at(20_000), &observed(PILOT, false, None)).is_empty());
+        let again = node.step(at(20_100), &observed(PILOT, false, None));
+        assert_eq!(again, [Action::Start(PILOT)]);
+    }
+
+    #[test]
+    fn supervisor_kills_a_silent_process_once_per_timeout_but_not_one_that_reports_over_the_radio() {
+        let limits = Limits {
+            silence_timeout_s: Some(3.0),
+            max_failures: None,
+        };
+        for (kind, kills) in [(PILOT, vec![3010, 6020]), (ProcessKind::Vessel, vec![])] {
+            let mut node = SupervisorNode::new(limits);
+            let mut killed = Vec::new();
+            for ms in (0..8000).step_by(10) {
+                for action in node.step(at(ms), &observed(kind, ms > 0, None)) {
+                    if matches!(action, Action::Kill(..)) {
+                        killed.push(ms);
+                    }
+                }
+            }
+            assert_eq!(killed, kills, "{kind:?}");
+        }
+        let mut node = SupervisorNode::new(limits);
+        node.step(at(0), &observed(PILOT, false, None));
+        for ms in (10..20_000).step_by(10) {
+            assert!(
+                node.step(at(ms), &observed(PILOT, true, Some(ms - ms % 500)))
+                    .is_empty()
+            );
+        }
+    }
+
+    #[test]
+    fn supervisor_never_restarts_the_world_and_gives_up_only_where_a_limit_is_set() {
+        let mut node = SupervisorNode::new(Limits {
+            silence_timeout_s: None,
+            max_failures: Some(3),
+        });
+        let world = ProcessKind::World;
+        let first = node.step(at(0), &observed(world, false, None));
+        assert_eq!(first, [Action::Start(world)]);
+        let mut last = Vec::new();
+        let mut starts = 0;
+        for ms in (10..3000).step_by(10) {
+            assert!(node.step(at(ms), &observed(world, false, None)).is_empty());
+            last = node.step(at(ms), &observed(PILOT, false, None));
+            starts += usize::from(last == [Action::Start(PILOT)]);
+            if last == [Action::GiveUp(PILOT)] {
+                break;
+            }
+        }
+        assert_eq!((last, starts), (vec![Action::GiveUp(PILOT)], 3));
+    }
+}
