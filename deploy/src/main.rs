@@ -29,6 +29,7 @@ use clap::Parser;
 use exit::Exit;
 
 fn main() -> ExitCode {
+    process::journal::init();
     match cli::Cli::parse().command.run() {
         Ok(Exit::Success) => ExitCode::SUCCESS,
         Ok(Exit::Failed) => ExitCode::from(1),

@@ -10,11 +10,14 @@ use crate::exit::CliError;
 
 /// A line on standard output.
 pub fn line(text: impl Display) {
-    if let Err(e) = writeln!(std::io::stdout().lock(), "{text}")
-        && e.kind() == ErrorKind::BrokenPipe
-    {
+    let Err(e) = writeln!(std::io::stdout().lock(), "{text}") else {
+        return;
+    };
+    if e.kind() == ErrorKind::BrokenPipe {
         std::process::exit(0);
     }
+    note(true, format_args!("alight: writing to standard output: {e}"));
+    std::process::exit(2);
 }
 
 /// A value on standard output, as JSON on one line.

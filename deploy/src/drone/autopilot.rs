@@ -14,6 +14,7 @@ use alight_shared::transport::process::ProcessKind;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
 use alight_uav::pilot::Output;
+use tracing::info;
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
@@ -21,7 +22,6 @@ use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
 use crate::process::args::AutopilotArgs;
 use crate::process::life::Process;
-use crate::terminal;
 
 /// Without news of the link it looks again after this long.
 const IDLE_WAIT: Duration = Duration::from_millis(2);
@@ -60,7 +60,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut ranges = memory.publisher::<RangeSample>()?;
     let mut said = memory.publisher()?;
     let (mut decoder, mut sequence, mut stepped_ns) = (Decoder::default(), 0_u8, 0_i64);
-    terminal::line(format_args!("autopilot: {url}"));
+    info!("autopilot: {url}");
 
     while !process.ended() {
         wire.read(steady_ns(), |bytes| decoder.push(bytes));
@@ -101,7 +101,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
             !input.received.is_empty()
         });
         for text in out.texts.iter().chain(wire.last_error().as_ref()) {
-            terminal::line(format_args!("autopilot: {text}"));
+            info!("autopilot: {text}");
         }
         let f = process.node().metrics(now);
         process.life.figures = Seq::filled([

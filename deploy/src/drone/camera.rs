@@ -22,6 +22,7 @@ use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::uvdar::UvdarNode;
 use alight_uav::camera::{CameraIn, CameraNode, Frame, GreyImage};
 use serde_json::{Value, json};
+use tracing::warn;
 
 use crate::config::DroneComputer;
 use crate::config::camera::CameraSource;
@@ -246,7 +247,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
                 Ok(SourceEvent::Image(frame)) => input.frames.push(frame),
                 Ok(SourceEvent::Failed(why)) => {
                     opened = opened.saturating_add(1);
-                    eprintln!("{}: {why}; trying again", kind.name());
+                    warn!("{}: {why}; trying again", kind.name());
                 }
                 Ok(SourceEvent::Finished) => over = true,
                 Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}

@@ -21,6 +21,7 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Services};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::wake::end_requested;
+use tracing::{info, warn};
 
 use crate::config::DroneComputer;
 use crate::config::supervision::Supervision;
@@ -104,20 +105,20 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         supervisor.start(kind, arguments, Vec::new())?;
     }
     if !realtime {
-        eprintln!("no real-time priority for pilot and planner: the system does not permit it (ulimit -r)");
+        warn!("no real-time priority for pilot and planner: the system does not permit it (ulimit -r)");
     }
-    let mut notify = Notify::from_environment();
+    let mut notify = Notify::default();
     while memory.wait(POLL_PERIOD) && !told_to_end.load(std::sync::atomic::Ordering::Relaxed) {
         observer.poll(None);
         for line in supervisor.output_lines() {
-            eprintln!("{line}");
+            info!("{line}");
         }
         let reports = &observer.snapshot.processes;
         for event in supervisor.poll(|kind| reports.get(&kind).map(|p| p.at_ns))? {
             if matches!(event, Event::Ended(..)) {
                 memory.reap();
             }
-            eprintln!("{event}");
+            warn!("{event}");
         }
         let all = |k: &ProcessKind| observer.snapshot.processes.contains_key(k);
         if kinds.iter().all(all) {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use tracing::warn;
 
 use crate::process::scheduling;
 
@@ -50,10 +51,10 @@ impl Scheduling {
     /// Schedules this thread, and those that it starts from now on, so.
     pub fn apply(&self) {
         if !self.processors.is_empty() && !scheduling::keep_to(&self.processors) {
-            eprintln!("processors {:?}: not permitted, or not there", self.processors);
+            warn!("processors {:?}: not permitted, or not there", self.processors);
         }
         if self.realtime.is_some_and(|p| !scheduling::set_real_time(p)) {
-            eprintln!("real-time priority {:?} is not permitted", self.realtime);
+            warn!("real-time priority {:?} is not permitted", self.realtime);
         }
     }
 }

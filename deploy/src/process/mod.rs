@@ -3,6 +3,7 @@
 
 pub mod args;
 pub mod instance;
+pub mod journal;
 pub mod life;
 pub mod link;
 pub mod log;

@@ -23,6 +23,7 @@ use alight_shared::wire;
 use alight_usv::deck::{ArbiterIn, ArbiterOut, DeckArbiter, OperatorIn, OperatorRelay};
 use alight_usv::{KINDS, SourceCounts, VesselIn, VesselNode};
 use serde::Serialize;
+use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
@@ -34,7 +35,6 @@ use crate::process::link::{
 };
 use crate::process::notify::Notify;
 use crate::process::radio_rates::RadioRates;
-use crate::terminal;
 use crate::vessel::drone_monitor::DroneMonitor;
 use crate::vessel::sensor_supervisor::SensorSupervisor;
 use crate::vessel::status_file::StatusFile;
@@ -97,7 +97,6 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         publication(topics::OPERATOR.name, Urgency::State),
         publication(topics::DRONES.name, Urgency::Status),
     ];
-    rejections::listen();
     if let Some(to) = &computer.relay {
         relay::observe_radio(&vessel_key(id, topics::ESTIMATE.name), to)?;
     }
@@ -127,7 +126,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
 
     // The last to start: what refuses to start has left nothing behind.
     let mut sensor_supervisor = SensorSupervisor::start(&computer, args, steady_ns())?;
-    let mut notify = Notify::from_environment();
+    let mut notify = Notify::default();
     notify.ready();
     let mut flows = RadioRates::of(&OUTLETS);
     let mut own_statuses = 0_u32;
@@ -168,7 +167,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let heard: Vec<(i64, DroneStatus)> = statuses.arrived(steady_ns());
         for (at_ns, word) in &heard {
             if let Some(line) = drone.receive(*at_ns, word) {
-                terminal::line(line);
+                info!("{line}");
             }
         }
         status_file.observe_drones(&computer, &heard);
@@ -187,10 +186,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         };
         let relayed = operator_relay.step(now, &input);
         for command in &relayed.accepted {
-            terminal::line(format_args!(
+            info!(
                 "an operator commands drone {}: {:?}",
                 command.header.drone, command.kind
-            ));
+            );
         }
         for command in &relayed.commands {
             publish(&mut radio, OPERATOR, Some(command));
@@ -199,10 +198,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             publish(&mut radio, DRONES, Some(word));
         }
         if arbiter.node().owner() != had {
-            terminal::line(arbiter.node().owner().map_or_else(
-                || "the deck is nobody's".to_owned(),
-                |id| format!("the deck is drone {id}'s"),
-            ));
+            match arbiter.node().owner() {
+                Some(id) => info!("the deck is reserved for drone {id}"),
+                None => info!("the deck is free"),
+            }
         }
         let time_requests = impaired
             .arrived(steady_ns())
@@ -250,7 +249,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             let rejected = rejections::counted();
             if rejected.last != reported.last {
                 let why = rejected.last.map_or("nobody", |r| r.name());
-                terminal::line(format_args!("refused: {why} ({} so far)", rejected.count));
+                warn!("rejected at the radio: {why} ({} so far)", rejected.count);
                 reported = rejected;
             }
             let strangers = [
@@ -270,7 +269,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             ..said
         });
         for line in sensor_supervisor.poll(steady_ns()) {
-            terminal::line(line);
+            warn!("{line}");
         }
         if let Some(said) = &said {
             arbiter.flush();
@@ -297,10 +296,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 for source in 0..MAX_SOURCES {
                     let c = process.node().source(kind, source);
                     if c != SourceCounts::default() {
-                        terminal::line(format_args!(
-                            "{name} {source}: {} used, {} of them gated, {} out of order, {} refused, {} spare",
+                        info!(
+                            "{name} {source}: {} used, {} of them gated, {} out of order, {} rejected, {} spare",
                             c.taken, c.gated, c.order, c.rejected, c.spare
-                        ));
+                        );
                     }
                 }
             }

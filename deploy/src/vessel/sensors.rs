@@ -10,6 +10,7 @@ use alight_shared::transport::clock::steady_ns;
 use alight_usv::KINDS;
 use alight_usv::sensors::{MAX_STEP_BYTES, SensorNode, SensorsIn, SourceConfig};
 use serde_json::json;
+use tracing::{info, warn};
 
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Exit};
@@ -44,7 +45,7 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
     let mut wires = Vec::new();
     for source in sources {
         let url: LinkUrl = source.connect.parse().map_err(CliError)?;
-        terminal::line(format_args!("{}: {url}", source.name));
+        info!("{}: {url}", source.name);
         wires.push(ByteLink::new(url, steady_ns())?);
     }
     let to = SensorSender::to(&computer.sensors)
@@ -81,7 +82,7 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
             if let Some(complaint) = wire.last_error() {
                 // A link that is tried again and again has one complaint.
                 if why.as_ref() != Some(&complaint) {
-                    terminal::line(format_args!("{}: {complaint}", source.name));
+                    warn!("{}: {complaint}", source.name);
                 }
                 *why = Some(complaint);
             }

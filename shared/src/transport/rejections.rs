@@ -16,9 +16,11 @@ use std::net::TcpListener;
 use std::sync::{Mutex, Once, PoisonError};
 
 use tracing::field::{Field, Visit};
-use tracing::span::{Attributes, Id, Record};
-use tracing::subscriber::Interest;
 use tracing::{Event, Metadata, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::filter_fn;
+use tracing_subscriber::layer::{Context, SubscriberExt};
+use tracing_subscriber::registry::LookupSpan;
 
 /// Why somebody was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,10 +104,18 @@ pub fn counted() -> AccessRejections {
     *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Listens from now on; a process that has a listener of its own for that log keeps it.
+/// What counts the rejections, for a process that has a log of its own.
+pub fn layer<S: Subscriber + for<'a> LookupSpan<'a>>() -> impl Layer<S> {
+    let says_so = |metadata: &Metadata<'_>| {
+        metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)
+    };
+    Counter.with_filter(filter_fn(says_so))
+}
+
+/// Counts from now on; a process that has a log of its own keeps it.
 pub fn listen() {
     LISTENING.call_once(|| {
-        let _another = tracing::subscriber::set_global_default(Listener);
+        let _another = tracing::subscriber::set_global_default(tracing_subscriber::registry().with(layer()));
     });
 }
 
@@ -205,33 +215,17 @@ impl Visit for Text {
     }
 }
 
-struct Listener;
+/// Counts what the middleware's log says.
+struct Counter;
 
-impl Subscriber for Listener {
-    fn register_callsite(&self, metadata: &'static Metadata<'static>) -> Interest {
-        if self.enabled(metadata) {
-            Interest::always()
-        } else {
-            Interest::never()
-        }
-    }
-    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
-        metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)
-    }
-    fn event(&self, event: &Event<'_>) {
+impl<S: Subscriber> Layer<S> for Counter {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         let mut text = Text(String::new());
         event.record(&mut text);
-        if let Some(refusal) = of(event.metadata().target(), &text.0) {
-            count(refusal);
+        if let Some(rejection) = of(event.metadata().target(), &text.0) {
+            count(rejection);
         }
     }
-    fn new_span(&self, _: &Attributes<'_>) -> Id {
-        Id::from_u64(1)
-    }
-    fn record(&self, _: &Id, _: &Record<'_>) {}
-    fn record_follows_from(&self, _: &Id, _: &Id) {}
-    fn enter(&self, _: &Id) {}
-    fn exit(&self, _: &Id) {}
 }
 
 #[cfg(test)]
