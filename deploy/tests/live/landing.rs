@@ -170,7 +170,10 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
         "{text}{}",
         String::from_utf8_lossy(&replay.stderr)
     );
-    for node in ["deck-arbiter", "operator-relay", "supervisor"].iter().chain(&PROCESSES[1..]) {
+    for node in ["deck-arbiter", "operator-relay", "supervisor"]
+        .iter()
+        .chain(&PROCESSES[1..])
+    {
         assert!(text.contains(node), "{node}: {text}");
     }
     assert!(text.contains("bit-identical"), "{text}");
