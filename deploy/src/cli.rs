@@ -35,8 +35,9 @@ pub enum Command {
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Lab(Box<lab::LabCommand>),
-    /// Print a default configuration.
-    Config(config::ConfigArgs),
+    /// Print a configuration, to start from.
+    #[command(subcommand)]
+    Config(ConfigCommand),
     /// Run the vessel's estimator over a recording of a boat and say how well it fits.
     Estimate(estimate::EstimateArgs),
     /// Compute a recording or logs again and tell whether every output is bit-identical.
@@ -91,7 +92,7 @@ impl Command {
         match self {
             #[cfg(feature = "lab")]
             Command::Lab(c) => c.run(),
-            Command::Config(a) => config::run(a),
+            Command::Config(c) => c.run(),
             Command::Estimate(a) => estimate::run(a),
             Command::Replay(a) => replay::run(a, FOREIGN_LAW),
             Command::Status(a) => status::run(a),
@@ -110,6 +111,29 @@ impl Command {
             Command::Keys(a) => keys::run(a),
             Command::Check(a) => check::run(a),
             Command::Calibrate(a) => calibrate::run(a),
+        }
+    }
+}
+
+/// Whose configuration.
+#[derive(Subcommand, Debug)]
+pub enum ConfigCommand {
+    /// The vessel's computer's, as it is shipped.
+    Vessel(config::ConfigArgs),
+    /// The drone's computer's, as it is shipped.
+    Drone(config::ConfigArgs),
+    /// The simulated world's, with every default.
+    #[cfg(feature = "lab")]
+    Scenario,
+}
+
+impl ConfigCommand {
+    fn run(&self) -> Result<Exit, CliError> {
+        match self {
+            ConfigCommand::Vessel(a) => config::vessel(a),
+            ConfigCommand::Drone(a) => config::drone(a),
+            #[cfg(feature = "lab")]
+            ConfigCommand::Scenario => lab::scene::print_defaults(),
         }
     }
 }

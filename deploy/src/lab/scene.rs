@@ -2,34 +2,35 @@
 
 use std::path::Path;
 
-use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_shared::config::{self, Check, Keys, commented};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::physics::deck_motion;
-use alight_usv::VesselNodeConfig;
 
-use crate::exit::CliError;
 use clap::ValueEnum;
 
-use crate::config::DroneFile;
+use crate::config::{DroneComputer, VesselComputer};
+use crate::exit::{CliError, Exit};
 use crate::lab::args::{Course, SceneArgs};
+use crate::terminal;
 
-/// The configuration of all nodes: files where given, defaults elsewhere.
+/// The configuration of all nodes, as the files of their computers have it; defaults without.
 pub fn nodes(vessel: Option<&Path>, drone: Option<&Path>) -> Result<NodeConfigs, CliError> {
-    let refused = |e: ConfigError| CliError(e.to_string());
-    let vessel = match vessel {
-        Some(path) => config::load(path).map_err(refused)?,
-        None => VesselNodeConfig::default(),
-    };
-    let file = match drone {
-        Some(path) => config::load(path).map_err(refused)?,
-        None => DroneFile::default(),
-    };
+    let vessel: VesselComputer = vessel.map(config::load).transpose()?.unwrap_or_default();
+    let drone: DroneComputer = drone.map(config::load).transpose()?.unwrap_or_default();
     Ok(NodeConfigs {
-        vessel,
-        bridge: file.bridge,
-        drone: file.drone,
+        vessel: vessel.vessel,
+        bridge: drone.bridge,
+        drone: drone.drone,
         baseline: None,
     })
+}
+
+/// Prints the simulated world's configuration with every default.
+pub fn print_defaults() -> Result<Exit, CliError> {
+    let text = commented(&Scenario::default());
+    let text = text.map_err(|e| CliError::because("writing the scenario as TOML", e))?;
+    terminal::line(text.trim_end());
+    Ok(Exit::Success)
 }
 
 /// What is flown.
@@ -155,4 +156,28 @@ impl Scene {
 pub fn stopwatch() -> impl Fn() -> f64 {
     let start = std::time::Instant::now();
     move || start.elapsed().as_secs_f64()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_scenarios_are_accepted_and_change_something() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios");
+        let mut count = 0;
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let scenario: Scenario = config::load(&entry.unwrap().path()).unwrap();
+            assert_ne!(scenario, Scenario::default());
+            count += 1;
+        }
+        assert!(count >= 5);
+    }
+
+    #[test]
+    fn printed_scenario_reads_back_as_the_defaults() {
+        let text = commented(&Scenario::default()).unwrap();
+        let read: Scenario = config::parse(&text, "scenario").unwrap();
+        assert_eq!(read, Scenario::default());
+    }
 }

@@ -139,7 +139,7 @@ fn trials_are_bit_identical_for_one_or_two_jobs_and_across_processes() {
 #[test]
 fn config_prints_configurations_that_are_accepted() {
     let drone = scratch("drone.toml");
-    std::fs::write(&drone, alight(&["config", "drone"]).stdout).unwrap();
+    std::fs::write(&drone, alight(&["config", "drone", "--all"]).stdout).unwrap();
     let scenario = scratch("scenario.toml");
     std::fs::write(&scenario, alight(&["config", "scenario"]).stdout).unwrap();
     let o = alight(&[
