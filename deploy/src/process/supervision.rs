@@ -14,8 +14,8 @@ const MAX_BACKOFF: Span = Span::from_millis(2000);
 const STABLE_RUN: Span = Span::from_millis(5000);
 
 /// The operating system's steady clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SteadyClock {}
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SteadyClock;
 
 impl Clock for SteadyClock {
     const NAME: &'static str = "steady clock";

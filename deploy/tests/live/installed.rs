@@ -451,7 +451,7 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
         "{status}"
     );
     let vessel = all.vessel_status();
-    let refused = vessel["word"]["refused"].as_array().expect("a list");
+    let refused = vessel["word"]["rejected"].as_array().expect("a list");
     assert!(!refused.is_empty() && vessel["worst"] == "warning", "{vessel}");
     let out = all.order_from_ashore("abort", "operator-1");
     assert!(out.status.success(), "{out:?}\n{}", all.complaints());
