@@ -121,7 +121,7 @@ pub fn issue(
     Ok(directory)
 }
 
-/// The files of one side, as the radio's configuration names them; it hears `peers`.
+/// The files of one side, as the radio's configuration names them; it admits `peers`.
 pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError> {
     let file = |name: &str| {
         let path = directory.join(name);

@@ -23,7 +23,7 @@ impl Exit {
     }
 }
 
-/// Bad input or an output that cannot be written: exit code 2, the message says what to do.
+/// Bad input, or an output that cannot be written: exit code 2. The message says what to do.
 #[derive(Debug)]
 pub struct CliError(pub String);
 

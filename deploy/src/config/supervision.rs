@@ -16,11 +16,11 @@ config! {
         pub planner_priority: u8 = 20, in 0.0..=49.0;
         /// Processors that pilot, planner and the autopilot's link keep to; empty: all.
         pub processors: Vec<u16> = Vec::new();
-        /// The link to the autopilot is one of the processes; false where another program speaks for it.
+        /// The link to the autopilot is one of the processes; false where another program connects to it.
         /// Source: Every drone but a simulated one.
         pub autopilot: bool = true;
-        /// A process that says nothing for this long is killed and started again, s.
-        /// Source: Six times the period of a process's word about itself.
+        /// A process that reports nothing for this long is killed and restarted, s.
+        /// Source: Six times the period of the reports.
         pub silent_s: f64 = 3.0, in 1.5..=600.0;
     }
     check |this, at| {

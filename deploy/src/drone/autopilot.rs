@@ -1,7 +1,7 @@
 //! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the
-//! node and back, the node's words to the topics that predictor, mission, planner and pilot read.
-//! Its figures: doubt about the autopilot's clock (s), samples refused, times its clock began anew,
-//! thrust that hovers, set-points sent, times the link was opened again.
+//! node and back, the node's output to the topics that predictor, mission, planner and pilot read.
+//! Its metrics: uncertainty of the autopilot's clock (s), samples rejected, resets of its clock, hover thrust,
+//! set-points sent, times the link was reopened.
 
 use std::time::Duration;
 
@@ -23,9 +23,9 @@ use crate::io::link_url::LinkUrl;
 use crate::process::args::AutopilotArgs;
 use crate::process::life::Process;
 
-/// Without news of the link it looks again after this long.
+/// Pause when the link had no bytes.
 const IDLE_WAIT: Duration = Duration::from_millis(2);
-/// A step is due after this long without news, ns.
+/// A step is due after this long without input, ns.
 const MAX_STEP_PERIOD_NS: i64 = 10_000_000;
 
 /// The node of this computer, for a start with this boot id.
@@ -43,12 +43,12 @@ pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
     )
 }
 
-/// Runs until told to end.
+/// Runs until it is asked to end.
 pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.process.config).map_err(|e| CliError(e.to_string()))?;
+    let computer: DroneComputer = config::load(&args.process.config)?;
     let name = args.connect.as_ref().unwrap_or(&computer.autopilot.connect);
     let url: LinkUrl = name.parse().map_err(CliError)?;
-    let mut wire = ByteLink::new(url.clone(), steady_ns())?;
+    let mut link = ByteLink::new(url.clone(), steady_ns())?;
     let make = |boot| node(&computer, boot);
     let mut process = Process::start(ProcessKind::Autopilot, &args.process, computer.clock, make)?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, ProcessKind::Autopilot.name())?;
@@ -58,12 +58,12 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut odometry = memory.publisher::<DroneState>()?;
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
-    let mut said = memory.publisher()?;
+    let mut reports = memory.publisher()?;
     let (mut decoder, mut sequence, mut stepped_ns) = (Decoder::default(), 0_u8, 0_i64);
     info!("autopilot: {url}");
 
     while !process.ended() {
-        wire.read(steady_ns(), |bytes| decoder.push(bytes));
+        link.read(steady_ns(), |bytes| decoder.push(bytes));
         let mut input = AutopilotIn::default();
         while input.received.len() < MAX_FRAMES
             && let Some(frame) = decoder.next_frame()
@@ -84,14 +84,14 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
             continue;
         }
         stepped_ns = steady_ns();
-        // Read after the messages: a step is never earlier than one whose words it has heard.
+        // Read after the messages: a step is never earlier than a message that it consumes.
         let now = process.now();
         let out = process.step(now, &input, |out| {
-            // The link first: what is flown waits for nothing.
+            // The link first: set-points wait for nothing.
             for message in &out.messages {
                 sequence = sequence.wrapping_add(1);
                 if let Some(bytes) = encode(out.from, sequence, message) {
-                    wire.write(steady_ns(), &bytes);
+                    link.write(steady_ns(), &bytes);
                 }
             }
             out.ranges.iter().for_each(|m| ranges.send(m));
@@ -100,7 +100,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
             out.odometry.iter().for_each(|m| odometry.send(m));
             !input.received.is_empty()
         });
-        for text in out.texts.iter().chain(wire.last_error().as_ref()) {
+        for text in out.texts.iter().chain(link.last_error().as_ref()) {
             info!("autopilot: {text}");
         }
         let f = process.node().metrics(now);
@@ -110,7 +110,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
             f64::from(f.restarts),
             f.hover_thrust,
             f64::from(f.set_points),
-            f64::from(wire.opened()),
+            f64::from(link.opened()),
         ]);
         let inputs = || {
             vec![
@@ -119,9 +119,9 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
                 forecasts.statistics().state(t),
             ]
         };
-        let unsent = wire.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
-        let state = process.state(inputs, unsent);
-        said.send_any(state.as_ref());
+        let unsent = link.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
+        let report = process.state(inputs, unsent);
+        reports.send_any(report.as_ref());
     }
     Ok(Exit::Success)
 }

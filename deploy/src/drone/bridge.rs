@@ -24,11 +24,11 @@ use crate::process::link::{Impaired, STATUS, drone_key, vessel_key};
 use crate::process::radio_rates::RadioRates;
 use crate::process::relay::RadioRelay;
 
-/// Without packets the process wakes this often all the same.
+/// A process without packets wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(5);
 /// Figures before those of the relay.
 pub const RELAY_FIGURES: usize = 4 + RejectionReason::ALL.len();
-/// What comes on each subscription; the vessel's word about itself is the one after.
+/// What arrives on each subscription; the one after them is the report of the vessel's process.
 const KINDS: [PacketKind; 6] = [
     PacketKind::Estimate,
     PacketKind::Wave,
@@ -38,9 +38,9 @@ const KINDS: [PacketKind; 6] = [
     PacketKind::Command,
 ];
 
-/// Runs until told to end. Twice a second it tells the vessel how the drone's mission stands.
+/// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let computer: DroneComputer = config::load(&args.config)?;
     let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
     let mut process = Process::start(ProcessKind::Bridge, args, computer.clock, |boot| {
         Bridge::new(&computer.bridge, boot)
@@ -130,9 +130,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
         }
-        if let Some(news) = mission.newest(now.nanos()) {
-            deck = news;
-            impaired.enter(steady_ns(), news.state);
+        if let Some(mission_state) = mission.newest(now.nanos()) {
+            deck = mission_state;
+            impaired.enter(steady_ns(), mission_state.state);
         }
         flight = autopilot.newest(now.nanos()).unwrap_or(flight);
         let counts = radio.counts();
@@ -185,8 +185,7 @@ fn figures(
     Seq::filled(own.into_iter().chain(of))
 }
 
-/// Passes on what the vessel's process says about itself, for who looks on; false when it is not
-/// such a word.
+/// Passes the report of the vessel's process on to observers; false when it is no such report.
 fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) -> bool {
     let Ok(said) = wire::decode::<ProcessState>(bytes) else {
         return false;
@@ -194,7 +193,7 @@ fn show_vessel(state: &mut Publisher<ProcessState>, bytes: &[u8]) -> bool {
     if said.kind != ProcessKind::Vessel {
         return false;
     }
-    // Its times are the other computer's; what lies between them is the same here.
+    // Its times are the other computer's; their difference is the same here.
     let (at_ns, up_ns) = (steady_ns(), said.at_ns.saturating_sub(said.began_ns));
     let began_ns = at_ns.saturating_sub(up_ns);
     state.send(&ProcessState {

@@ -179,7 +179,7 @@ enum SourceEvent {
 /// Runs until told to end, as the belly camera or as the ultraviolet one.
 pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
     let mut computer: DroneComputer =
-        config::load(&args.process.config).map_err(|e| CliError(e.to_string()))?;
+        config::load(&args.process.config)?;
     let markers = kind == ProcessKind::Uvdar;
     if let Some(source) = &args.source {
         let named = if markers {
@@ -195,7 +195,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
         computer.camera.clone()
     };
     // What was named here is held to the same rules.
-    computer.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
+    computer.check(&Keys::ROOT)?;
     if !config.is_there() {
         return Err(CliError(format!(
             "{}: no camera is configured; set source in [{}] to a V4L2 device such as /dev/video0, or name one \
@@ -257,12 +257,12 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
         if !input.frames.is_empty() {
             last = last.max(computer.clock.now());
             let before = steady_ns();
-            let seen = detector.detect(last, &input);
+            let detections = detector.detect(last, &input);
             life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
             let sent: Time<DroneClock> = computer.clock.now();
-            seen.iter().for_each(|s| ages.add((sent - s.at).secs()));
+            detections.iter().for_each(|s| ages.add((sent - s.at).secs()));
             if args.print {
-                print(&input, &seen);
+                print(&input, &detections);
             }
         } else if let (Some(shared), Source::Simulation(_)) = (&shared, &source)
             && !shared.memory.wait(IDLE_WAIT)
@@ -273,9 +273,9 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
         let times = [ages.quantile(0.5), ages.quantile(0.99), f64::from(opened)];
         life.figures = Seq::filled(figures.chain(times));
         if let Some(shared) = &mut shared
-            && let Some(said) = life.state(Vec::new, detector.unsent())
+            && let Some(report) = life.state(Vec::new, detector.unsent())
         {
-            shared.states.send(&said);
+            shared.states.send(&report);
         }
         if over {
             break;
@@ -354,9 +354,9 @@ fn spawn_source(
 }
 
 /// A line for each image: where tag or deck is, or that it is not seen.
-fn print(input: &CameraIn, seen: &[Detection]) {
+fn print(input: &CameraIn, detections: &[Detection]) {
     for frame in &input.frames {
-        let found = seen.iter().find(|s| s.at == frame.at);
+        let found = detections.iter().find(|s| s.at == frame.at);
         let none = json!({"at_s": frame.at.secs(), "position_m": null});
         terminal::line(found.map_or(none, |s| s.line.clone()));
     }

@@ -233,8 +233,8 @@ mod tests {
         let directory = std::env::temp_dir().join(format!("alight-images-{}", std::process::id()));
         std::fs::create_dir_all(&directory).unwrap();
         let (size, clock) = ([40, 32], ProcessClock::default());
-        let told = |e: Result<Images, CliError>| e.err().unwrap().to_string();
-        assert!(told(Images::open(&source(&directory), size)).contains("no .pgm file"));
+        let refusal = |e: Result<Images, CliError>| e.err().unwrap().to_string();
+        assert!(refusal(Images::open(&source(&directory), size)).contains("no .pgm file"));
         for (name, level) in [("b.pgm", 20), ("a.pgm", 10)] {
             let image = GreyImage::new(40, 32, vec![level; 40 * 32]).unwrap();
             std::fs::write(directory.join(name), image.to_pgm()).unwrap();
@@ -248,7 +248,7 @@ mod tests {
         let mut images = Images::open(&source(&directory), size).unwrap();
         assert!(images.next_frame(&clock).is_err());
         std::fs::remove_dir_all(&directory).unwrap();
-        assert!(told(Images::open(&source(Path::new("/dev/video99")), size)).contains("V4L2"));
+        assert!(refusal(Images::open(&source(Path::new("/dev/video99")), size)).contains("V4L2"));
         assert!(Images::open(&source(Path::new("/dev/null")), size).is_err());
     }
 }

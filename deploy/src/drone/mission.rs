@@ -5,16 +5,15 @@ use alight_shared::msg::{
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
-use alight_shared::transport::memory::{Listener, Memory, Publisher};
+use alight_shared::transport::memory::{Listener, Memory};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::mission::{Mission, MissionIn, MissionOut};
 
-use crate::config::DroneComputer;
-use crate::process::shell::{Shell, reads};
+use crate::process::shell::node_process;
 
-reads! {
-    /// What the mission reads.
-    Inputs => MissionIn {
+node_process! {
+    /// The mission's process: wakes with odometry, with a forecast and with a command.
+    MissionShell runs Mission as Mission, reads MissionIn {
         newest forecast: DeckForecast,
         newest drone: DroneState,
         newest autopilot: AutopilotState,
@@ -22,40 +21,10 @@ reads! {
         newest set_point: SetPoint,
         newest command: Command,
         newest deck: DeckGrant<DroneClock>,
-    }
-}
-
-/// What the mission says.
-pub struct MissionShell {
-    state: Publisher<MissionState>,
-}
-
-impl Shell for MissionShell {
-    type Node = Mission;
-    type Reads = Inputs;
-    const KIND: ProcessKind = ProcessKind::Mission;
-
-    fn node(computer: &DroneComputer, boot: u32) -> Mission {
+    },
+    publishes MissionOut { state: MissionState }, wakes with [DroneState, DeckForecast, Command],
+    makes |computer, boot| {
         let (drone, id) = (&computer.drone, computer.bridge.drone_id);
         Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot)
-    }
-    fn join(memory: &Memory) -> Result<Self, TransportError> {
-        Ok(MissionShell {
-            state: memory.publisher()?,
-        })
-    }
-    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
-        Ok(vec![
-            memory.listener::<DroneState>()?,
-            memory.listener::<DeckForecast>()?,
-            memory.listener::<Command>()?,
-        ])
-    }
-    fn send(&mut self, out: &MissionOut) -> bool {
-        self.state.send_any(out.state.as_ref());
-        out.state.is_some()
-    }
-    fn unsent(&self) -> u64 {
-        self.state.unsent()
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! One service and not one per process: the services of shared memory have to be created by one
 //! process before any other opens them, and what a killed process left has to be cleaned up while none
-//! lives. The supervisor starts a process that ended again within 0.1 s at first, and kills one that
-//! has been silent for too long so that it is started again too; its own life is watched by systemd.
+//! lives. The supervisor restarts a process that ended, within 0.1 s at first, and kills one that reports
+//! nothing for too long, so that it is restarted too; systemd watches the supervisor.
 
 pub mod autopilot;
 pub mod bridge;
@@ -35,7 +35,7 @@ use crate::process::scheduling;
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{self, Event, Supervisor};
 
-/// The supervisor looks after things this often.
+/// Time between two looks of the supervisor.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 impl Supervision {
@@ -66,11 +66,10 @@ impl Supervision {
     }
 }
 
-/// Runs the drone's processes until told to end.
+/// Runs the drone's processes until it is asked to end.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.config)?;
-    // Everything is refused before anything is started. The first question puts the signals' handler
-    // in place.
+    // Everything is checked before anything starts. The first question installs the signal handler.
     let told_to_end = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);

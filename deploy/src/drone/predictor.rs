@@ -6,16 +6,15 @@ use alight_shared::msg::{
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
-use alight_shared::transport::memory::{Listener, Memory, Publisher};
+use alight_shared::transport::memory::{Listener, Memory};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
-use crate::config::DroneComputer;
-use crate::process::shell::{Shell, reads};
+use crate::process::shell::node_process;
 
-reads! {
-    /// What the predictor reads.
-    Inputs => PredictorIn {
+node_process! {
+    /// The predictor's process: wakes with odometry.
+    PredictorShell runs Predictor as Predictor, reads PredictorIn {
         newest estimate: VesselEstimate<DroneClock>,
         newest wave: WaveModel<DroneClock>,
         newest prediction: VesselPrediction<DroneClock>,
@@ -24,35 +23,7 @@ reads! {
         all tags: TagPose,
         all uvdar: UvdarFix,
         all ranges: RangeSample,
-    }
-}
-
-/// What the predictor says.
-pub struct PredictorShell {
-    forecast: Publisher<DeckForecast>,
-}
-
-impl Shell for PredictorShell {
-    type Node = Predictor;
-    type Reads = Inputs;
-    const KIND: ProcessKind = ProcessKind::Predictor;
-
-    fn node(computer: &DroneComputer, boot: u32) -> Predictor {
-        Predictor::new(&computer.drone.predictor(), boot)
-    }
-    fn join(memory: &Memory) -> Result<Self, TransportError> {
-        Ok(PredictorShell {
-            forecast: memory.publisher()?,
-        })
-    }
-    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
-        Ok(vec![memory.listener::<DroneState>()?])
-    }
-    fn send(&mut self, out: &PredictorOut) -> bool {
-        self.forecast.send_any(out.forecast.as_ref());
-        out.forecast.is_some()
-    }
-    fn unsent(&self) -> u64 {
-        self.forecast.unsent()
-    }
+    },
+    publishes PredictorOut { forecast: DeckForecast }, wakes with [DroneState],
+    makes |computer, boot| Predictor::new(&computer.drone.predictor(), boot)
 }

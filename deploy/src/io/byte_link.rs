@@ -1,5 +1,5 @@
-//! Bytes to and from an autopilot: UDP, TCP, serial. Never waits for more than a connection takes;
-//! what breaks is opened again after a pause that doubles up to a bound.
+//! Bytes to and from an autopilot or a sensor: UDP, TCP, serial. Waits for nothing but a connection; a broken
+//! link is reopened after a pause that doubles up to a bound.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -20,26 +20,26 @@ const INITIAL_BACKOFF_NS: i64 = 100_000_000;
 const MAX_BACKOFF_NS: i64 = 2_000_000_000;
 /// A TCP connection has this long to come about.
 const CONNECT: Duration = Duration::from_millis(300);
-/// Whoever spoke over UDP and is silent for this long may be replaced by another, ns.
+/// A UDP peer that sends nothing for this long may be replaced by another, ns.
 const PEER_TIMEOUT_NS: i64 = 5_000_000_000;
-/// Reads in one go, at most: a flood must not keep the set-points waiting.
+/// Most reads at once: a flood must not delay the set-points.
 const MAX_READS: usize = 64;
 
 /// An open end.
 enum Open {
     Udp {
         socket: UdpSocket,
-        /// Who is spoken to, and when it was heard last, ns; fixed when we began.
+        /// The peer, and when it was received last, ns; fixed where we connect.
         other: Option<(SocketAddr, i64)>,
         fixed: bool,
     },
     Listening(TcpListener),
-    /// TCP, and the door it came through.
+    /// TCP, and the listener that accepted it.
     Tcp(TcpStream, Option<TcpListener>),
     Serial(File),
 }
 
-/// A link to an autopilot.
+/// A link to an autopilot or a sensor.
 pub struct ByteLink {
     url: LinkUrl,
     open: Option<Open>,
@@ -136,7 +136,7 @@ impl ByteLink {
         }
     }
 
-    /// Opens again what is closed, when it is time.
+    /// Reopens what is closed, when it is due.
     fn reconnect_when_due(&mut self, now_ns: i64) {
         if self.open.is_some() || now_ns < self.next_try_ns {
             return;
@@ -155,7 +155,7 @@ impl ByteLink {
         self.next_try_ns = now_ns + self.backoff_ns;
         self.backoff_ns = (2 * self.backoff_ns).min(MAX_BACKOFF_NS);
     }
-    /// The link broke: a door stays open, the rest is opened again.
+    /// The link broke: a listener stays open, the rest is reopened.
     fn disconnect(&mut self, now_ns: i64, why: &io::Error) {
         self.open = match self.open.take() {
             Some(Open::Tcp(_, Some(listener))) => Some(Open::Listening(listener)),
@@ -166,7 +166,7 @@ impl ByteLink {
         }
     }
 
-    /// Gives what came to `take`; says whether anything did.
+    /// Gives the bytes that arrived to `take`; true when there were some.
     pub fn read(&mut self, now_ns: i64, mut take: impl FnMut(&[u8])) -> bool {
         self.reconnect_when_due(now_ns);
         let mut any = false;
@@ -191,7 +191,7 @@ impl ByteLink {
                             Ok(0)
                         }
                     }
-                    // Nobody listens there yet (an ICMP answer to what we sent).
+                    // No listener there yet (an ICMP answer to what we sent).
                     Err(e) if e.kind() == ErrorKind::ConnectionRefused => Ok(0),
                     Err(e) => Err(e),
                 },
@@ -227,7 +227,7 @@ impl ByteLink {
         }
         any
     }
-    /// Sends one message; what cannot be sent now is lost, and counted: a late set-point is none.
+    /// Sends one message; what cannot be sent now is lost and counted: a set-point must not be late.
     pub fn write(&mut self, now_ns: i64, bytes: &[u8]) {
         let sent = match &mut self.open {
             Some(Open::Udp { socket, other, .. }) => match other {
@@ -240,7 +240,7 @@ impl ByteLink {
         };
         if let Err(e) = sent {
             self.unsent += 1;
-            // A stream that took half of a message, or a peer that is gone: only the first can go on.
+            // A full buffer or an absent peer passes; a broken stream does not.
             let harmless = matches!(
                 e.kind(),
                 ErrorKind::WouldBlock | ErrorKind::ConnectionRefused | ErrorKind::NetworkUnreachable

@@ -17,9 +17,9 @@ const BAUDS: [u32; 11] = [
 /// A link by its name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkUrl {
-    /// Listens; answers whoever speaks first.
+    /// Listens; answers the first peer.
     UdpIn(String),
-    /// Speaks first.
+    /// Sends to a peer.
     UdpOut(String),
     /// Listens for one connection.
     TcpIn(String),
@@ -29,7 +29,7 @@ pub enum LinkUrl {
     Serial(PathBuf, u32),
 }
 
-/// What such a name looks like.
+/// The accepted forms.
 const FORMS: &str = "write udpin://0.0.0.0:14540, udpout://HOST:PORT, tcpout://HOST:PORT, tcpin://0.0.0.0:PORT \
                      or serial:///dev/ttyACM0:921600";
 
@@ -37,7 +37,7 @@ impl FromStr for LinkUrl {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = |what: &str| format!("the address {text:?}: {what}; {FORMS}");
-        let (kind, rest) = text.split_once(':').ok_or_else(|| wrong("no kind of link"))?;
+        let (kind, rest) = text.split_once(':').ok_or_else(|| wrong("the kind of link is missing"))?;
         let rest = rest.strip_prefix("//").unwrap_or(rest);
         let host = |port: u16| -> Result<String, String> {
             let (host, port) = match rest.rsplit_once(':') {
@@ -46,7 +46,7 @@ impl FromStr for LinkUrl {
                     port.parse()
                         .ok()
                         .filter(|p| *p > 0)
-                        .ok_or_else(|| wrong("no port is numbered so"))?,
+                        .ok_or_else(|| wrong("not a port number"))?,
                 ),
                 None => (rest, port),
             };
@@ -57,7 +57,7 @@ impl FromStr for LinkUrl {
             if sound {
                 Ok(format!("{host}:{port}"))
             } else {
-                Err(wrong("no host"))
+                Err(wrong("not a host"))
             }
         };
         match kind {
@@ -67,19 +67,19 @@ impl FromStr for LinkUrl {
             "tcpout" => Ok(LinkUrl::TcpOut(host(TCP_PORT)?)),
             "serial" => {
                 let (path, baud) = match rest.rsplit_once(':') {
-                    Some((path, baud)) => (path, baud.parse().map_err(|_| wrong("no rate is written so"))?),
+                    Some((path, baud)) => (path, baud.parse().map_err(|_| wrong("not a baud rate"))?),
                     None => (rest, BAUD),
                 };
                 if !path.starts_with('/') {
-                    return Err(wrong("no device"));
+                    return Err(wrong("not the absolute path of a device"));
                 }
                 if !BAUDS.contains(&baud) {
-                    return Err(wrong("serial ports know no such rate"));
+                    return Err(wrong("not a rate of serial ports"));
                 }
                 Ok(LinkUrl::Serial(path.into(), baud))
             }
-            "udp" | "tcp" => Err(wrong("say who begins: in or out")),
-            _ => Err(wrong("no such kind of link")),
+            "udp" | "tcp" => Err(wrong("name the direction, udpin or udpout, tcpin or tcpout")),
+            _ => Err(wrong("not a kind of link")),
         }
     }
 }

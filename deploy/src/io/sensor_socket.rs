@@ -1,5 +1,5 @@
 //! The vessel's sensors as its process reads them: datagrams on a socket of the vessel's computer.
-//! A driver of a real sensor (NMEA, say) sends the same datagrams, or stands in this one's place.
+//! The process of the real sensors and other drivers send the same datagrams.
 
 use std::io;
 use std::net::UdpSocket;
@@ -27,7 +27,7 @@ impl SensorSocket {
             refused: 0,
         })
     }
-    /// Everything that waits; waits at most `max_wait` for the first.
+    /// Every reading that waits; waits at most `max_wait` for the first.
     pub fn read(&mut self, max_wait: Duration) -> Readings {
         let mut all = Readings::default();
         let mut buffer = [0_u8; wire::MAX_WIRE_BYTES];

@@ -141,7 +141,7 @@ impl Scene {
             flags.push("--pixels".into());
             scenario.sensors.render.on = true;
         }
-        scenario.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
+        scenario.check(&Keys::ROOT)?;
         Ok(Scene {
             scenario,
             nodes,

@@ -9,16 +9,16 @@ use crate::exit::CliError;
 use crate::process::supervisor::pause;
 
 /// The lock file's name in the instance's directory.
-const LOCK: &str = "lock";
-/// This file says that all services are there: onlookers may join from now on. It holds the process
-/// number of the owner who said so, because a killed owner's file survives_pause it.
-const READY: &str = "ready";
-/// A name that is in use is asked for this often ...
+const LOCK_FILE: &str = "lock";
+/// This file exists once all services are there: observers may join. It holds the owner's process number,
+/// because the file of a killed owner stays.
+const READY_FILE: &str = "ready";
+/// A name that is in use is tried this often ...
 const MAX_TRIES: u32 = 20;
 /// ... with this pause.
 const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
 
-/// An instance that is ours: nobody else runs under its name while this lives.
+/// An instance of our own: no other runs under its name while this lives.
 pub struct OwnedInstance {
     instance: Instance,
     _lock: File,
@@ -31,14 +31,14 @@ impl OwnedInstance {
         let directory = instance.directory();
         let doing = || format!("preparing {}", directory.display());
         std::fs::create_dir_all(&directory).map_err(|e| CliError::because(doing(), e))?;
-        // Its files are going to be removed: nobody sends us to another directory's.
+        // Its files are going to be removed, and not those that a link leads to.
         if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
             return Err(CliError(format!(
                 "{}: a link leads elsewhere; remove it",
                 directory.display()
             )));
         }
-        let lock = File::create(directory.join(LOCK)).map_err(|e| CliError::because(doing(), e))?;
+        let lock = File::create(directory.join(LOCK_FILE)).map_err(|e| CliError::because(doing(), e))?;
         // A former owner's child that is just being born holds the lock for some milliseconds more.
         let mut tries = 0;
         let taken = loop {
@@ -59,8 +59,8 @@ impl OwnedInstance {
             }
             Err(TryLockError::Error(e)) => return Err(CliError::because(doing(), e)),
         }
-        // A former owner that was killed left its files: the mark first, so that nobody joins.
-        let _none = std::fs::remove_file(directory.join(READY));
+        // A former owner that was killed left its files: this one first, so that no observer joins.
+        let _none = std::fs::remove_file(directory.join(READY_FILE));
         remove_contents(&directory).map_err(|e| CliError::because(doing(), e))?;
         instance.wipe().map_err(|e| CliError::because(doing(), e))?;
         Ok(OwnedInstance {
@@ -74,7 +74,7 @@ impl OwnedInstance {
     }
     /// All services are there.
     pub fn ready(&self) -> Result<(), CliError> {
-        let path = self.file(READY);
+        let path = self.file(READY_FILE);
         std::fs::write(&path, std::process::id().to_string())
             .map_err(|e| CliError::because(format!("writing {}", path.display()), e))
     }
@@ -86,8 +86,8 @@ impl OwnedInstance {
 
 impl Drop for OwnedInstance {
     fn drop(&mut self) {
-        // Onlookers first: nobody joins what is being removed.
-        let _none = std::fs::remove_file(self.file(READY));
+        // This one first: no observer joins what is being removed.
+        let _none = std::fs::remove_file(self.file(READY_FILE));
         // All processes have ended by now. What cannot be removed is removed at the next start.
         let _left = self.instance.wipe();
         let _left = std::fs::remove_dir_all(self.instance.directory());
@@ -98,7 +98,7 @@ impl Drop for OwnedInstance {
 fn remove_contents(directory: &Path) -> std::io::Result<()> {
     for entry in std::fs::read_dir(directory)? {
         let entry = entry?;
-        if entry.file_name() == LOCK {
+        if entry.file_name() == LOCK_FILE {
             continue;
         }
         // A link is removed and not what it leads to.
@@ -111,20 +111,20 @@ fn remove_contents(directory: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Process number of the owner who said that all services are there, while it lives.
+/// Process number of the owner whose services are there, while it lives.
 pub fn owner(instance: &Instance) -> Option<u32> {
-    let owner = std::fs::read_to_string(instance.directory().join(READY));
+    let owner = std::fs::read_to_string(instance.directory().join(READY_FILE));
     let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
     owner.filter(|pid| Path::new("/proc").join(pid.to_string()).exists())
 }
 
 /// Whether an instance of this name runs and is ready.
 pub fn is_running(instance: &Instance) -> bool {
-    // The lock alone does not tell: a next owner holds it before it has removed a killed one's mark.
+    // The lock alone is not enough: a next owner holds it before it has removed the file of a killed one.
     if owner(instance).is_none() {
         return false;
     }
-    File::open(instance.directory().join(LOCK))
+    File::open(instance.directory().join(LOCK_FILE))
         .is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
 }
 
@@ -156,7 +156,7 @@ mod tests {
         let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
         std::fs::create_dir_all(directory.join("log/old")).unwrap();
         std::fs::write(directory.join("pilot.err"), "an old complaint").unwrap();
-        std::fs::write(directory.join(READY), std::process::id().to_string()).unwrap();
+        std::fs::write(directory.join(READY_FILE), std::process::id().to_string()).unwrap();
         std::fs::write(directory.join("log/old/pilot.log"), "old").unwrap();
         std::fs::write(&elsewhere, "somebody else's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, directory.join("link")).unwrap();
@@ -165,7 +165,7 @@ mod tests {
             .unwrap()
             .map(|e| e.unwrap().file_name())
             .collect();
-        assert_eq!(left, [LOCK]);
+        assert_eq!(left, [LOCK_FILE]);
         assert!(elsewhere.exists() && !is_running(owned.instance()));
         std::fs::remove_file(elsewhere).unwrap();
     }

@@ -1,5 +1,5 @@
 //! What every process does beside its node: a clock that never goes back, the time each step takes,
-//! a log of what was consumed, a word about itself twice a second, and an end when it is told to.
+//! a log of what was consumed, a report about itself twice a second, and an end when it is asked to.
 
 use std::io::{ErrorKind, Read};
 use std::path::Path;
@@ -19,10 +19,10 @@ use crate::exit::CliError;
 use crate::process::args::ProcessArgs;
 use crate::process::log::{LogHeader, LogWriter};
 
-/// Time between two words about itself, ns.
+/// Time between two reports, ns.
 const STATE_PERIOD_NS: i64 = 500_000_000;
 
-/// What a process says about itself, and whether it is to end.
+/// Reports of a process about itself, and whether it is to end.
 pub struct Life {
     kind: ProcessKind,
     boot: u32,
@@ -61,11 +61,11 @@ impl Life {
         }
         self.steps += 1;
     }
-    /// Whether the process was told to end.
+    /// Whether the process was asked to end.
     pub fn ended(&self) -> bool {
         self.end.load(Ordering::Relaxed) || end_requested()
     }
-    /// What the process says about itself, when it is time again.
+    /// The next report, when it is due.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let now = steady_ns();
         if now < self.next_state_ns {
@@ -133,7 +133,7 @@ pub struct Process<N: Node> {
     node: LoggedNode<N>,
     clock: ProcessClock,
     last: Time<N::Clock>,
-    /// What it says about itself.
+    /// Its reports.
     pub life: Life,
 }
 
@@ -189,12 +189,12 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     pub fn at(&self, steady_ns: i64) -> Time<N::Clock> {
         self.clock.read(steady_ns)
     }
-    /// One step of the node, what it says `sent`, then logged; timed when it had something to do.
+    /// One step of the node, its output sent, then logged; timed where `send` says that it had work to do.
     pub fn step(&mut self, now: Time<N::Clock>, input: &N::In, send: impl FnOnce(&N::Out) -> bool) -> N::Out {
         let before = steady_ns();
         let out = self.node.node.step(now, input);
         let time_s = (steady_ns() - before) as f64 * 1e-9;
-        // The steps in which a node has nothing to do say nothing about what its work takes.
+        // Steps without work do not count in the time that its work takes.
         self.life.stepped(if send(&out) { Some(time_s) } else { None });
         self.node.log(now, input, &out);
         out
@@ -203,11 +203,11 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     pub fn node(&self) -> &N {
         self.node.node()
     }
-    /// Whether the process was told to end.
+    /// Whether the process was asked to end.
     pub fn ended(&self) -> bool {
         self.life.ended()
     }
-    /// What the process says about itself, when it is time again.
+    /// The next report, when it is due.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let state = self.life.state(inputs, unsent);
         if state.is_some() {

@@ -36,7 +36,7 @@ struct Step<I> {
     output_hash: u64,
 }
 
-/// Writes a log; stops at its bound and says nothing more.
+/// Writes a log up to its bound.
 pub struct LogWriter {
     file: BufWriter<File>,
     written: u64,

@@ -1,4 +1,4 @@
-//! Reads what the processes of a set report.
+//! Receives the reports of an instance's processes.
 
 use alight_shared::msg::{LinkState, MissionState, Plan};
 use alight_shared::transport::clock::steady_ns;
@@ -8,7 +8,7 @@ use alight_shared::transport::process::ProcessState;
 use crate::exit::CliError;
 use crate::process::snapshot::Snapshot;
 
-/// Reads what the processes say.
+/// Receives the reports of an instance's processes.
 pub struct Observer {
     processes: Subscriber<ProcessState>,
     mission: Subscriber<MissionState>,

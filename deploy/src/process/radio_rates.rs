@@ -17,7 +17,7 @@ pub struct RadioRates {
 }
 
 impl RadioRates {
-    /// Of a radio whose outlets carry these topics; None: what the process says about itself.
+    /// Of a radio that publishes these topics; None: the process's own report.
     pub fn of(publications: &[Option<&Topic>]) -> RadioRates {
         let index = |topic: &Topic| topics::ALL.iter().position(|t| t.name == topic.name);
         let number = |i: Option<usize>| i.and_then(|i| u32::try_from(i).ok()).unwrap_or(u32::MAX);

@@ -1,5 +1,5 @@
-//! The shell around a node of the drone: wakes with messages, hands the node what came, publishes
-//! what it says. The processes differ in what they read and say, nothing else.
+//! The shell around a node of the drone: wakes with messages, steps the node with what arrived, publishes
+//! its output. The processes differ in what they read and publish, nothing else.
 
 use core::ops::ControlFlow;
 use std::time::Duration;
@@ -19,12 +19,12 @@ use crate::exit::{CliError, Exit};
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
 
-/// Without news a process wakes this often all the same.
+/// A process without messages wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(20);
 
 /// The topics that a node reads.
 pub trait Reads: Sized {
-    /// What they are together.
+    /// The node's input.
     type In;
     /// Subscribes to all.
     fn join(memory: &Memory) -> Result<Self, TransportError>;
@@ -56,6 +56,48 @@ macro_rules! reads {
 }
 pub(crate) use reads;
 
+/// Declares the process of a node that publishes one message: what it reads, what it publishes, what wakes it.
+macro_rules! node_process {
+    (
+        $(#[$doc:meta])*
+        $shell:ident runs $node:ident as $kind:ident, reads $input:ident { $($reads:tt)* },
+        publishes $output:ident { $field:ident: $message:ty }, wakes with [$($wake:ty),+],
+        makes |$computer:ident, $boot:ident| $make:expr
+    ) => {
+        $crate::process::shell::reads! {
+            /// The node's topics.
+            Inputs => $input { $($reads)* }
+        }
+
+        $(#[$doc])*
+        pub struct $shell(alight_shared::transport::memory::Publisher<$message>);
+
+        impl $crate::process::shell::Shell for $shell {
+            type Node = $node;
+            type Reads = Inputs;
+            const KIND: ProcessKind = ProcessKind::$kind;
+
+            fn node($computer: &$crate::config::DroneComputer, $boot: u32) -> $node {
+                $make
+            }
+            fn join(memory: &Memory) -> Result<Self, TransportError> {
+                Ok($shell(memory.publisher()?))
+            }
+            fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
+                Ok(vec![$(memory.listener::<$wake>()?),+])
+            }
+            fn send(&mut self, out: &$output) -> bool {
+                self.0.send_any(out.$field.as_ref());
+                out.$field.is_some()
+            }
+            fn unsent(&self) -> u64 {
+                self.0.unsent()
+            }
+        }
+    };
+}
+pub(crate) use node_process;
+
 /// A node of the drone as a process.
 pub trait Shell: Sized {
     /// The node.
@@ -67,7 +109,7 @@ pub trait Shell: Sized {
 
     /// The node of this computer, for a start with this boot id.
     fn node(computer: &DroneComputer, boot: u32) -> Self::Node;
-    /// Declares what it says.
+    /// Declares what it publishes.
     fn join(memory: &Memory) -> Result<Self, TransportError>;
     /// What wakes it.
     fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError>;
@@ -89,7 +131,7 @@ pub trait Shell: Sized {
 
 /// Runs until told to end.
 pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let computer: DroneComputer = config::load(&args.config)?;
     let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
     if let Some(relay) = &computer.relay {
@@ -102,15 +144,15 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
 
     wake::run(&wakes.iter().collect::<Vec<_>>(), MAX_WAIT, || {
         let input = reads.read(process.now().nanos());
-        // Read after the messages: a step is never earlier than one whose words it has heard, however
-        // long the process was kept waiting in between.
+        // Read after the messages: a step is never earlier than a message that it consumes, however long
+        // the process was kept waiting in between.
         let now = process.now();
         let t = now.nanos();
         let out = process.step(now, &input, |out| shell.send(out));
         let sent = process.now();
         process.life.figures = Seq::filled(shell.figures(&input, &out, sent));
-        let said = process.state(|| reads.states(t), shell.unsent());
-        state.send_any(said.as_ref());
+        let report = process.state(|| reads.states(t), shell.unsent());
+        state.send_any(report.as_ref());
         if process.ended() {
             ControlFlow::Break(())
         } else {

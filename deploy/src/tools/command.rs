@@ -103,7 +103,7 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
 
 /// Through the shared memory of the drone's computer.
 fn here(args: &CommandArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let computer: DroneComputer = config::load(&args.config)?;
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
@@ -165,7 +165,7 @@ fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliEr
         tls: certificates::files(keys, vec![certificates::common_name("vessel", args.vessel_id)])?,
         ..RadioConfig::default()
     };
-    config.check(&Keys::ROOT).map_err(|e| CliError(e.to_string()))?;
+    config.check(&Keys::ROOT)?;
     let publications = vec![Publication {
         key: format!("alight/{own}/{}", topics::OPERATOR.name),
         urgency: Urgency::State,

@@ -1,4 +1,4 @@
-//! `alight status` on the vessel: what its process says, judged.
+//! `alight status` on the vessel: the status of its process, judged.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -17,11 +17,11 @@ use crate::tools::check::rules::{Finding, Level};
 use crate::vessel::status_file;
 use crate::vessel::status_file::{CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
 
-/// A word older than this is a dead process's or one that stands still, s: six of its periods.
-const SILENT_S: f64 = 3.0;
+/// A status older than this is a dead or a frozen process's, s: six of its periods.
+const STALE_S: f64 = 3.0;
 /// A sensor or an estimate older than this is missing, s.
 const MISSING_S: f64 = 2.0;
-/// A drone that speaks at 2 Hz is gone after this, s.
+/// A drone reports at 2 Hz; without a report for this long it is out of reach, s.
 const LOST_CONTACT_S: f64 = 5.0;
 /// Shown again this often.
 const WATCH_PERIOD: Duration = Duration::from_secs(1);
@@ -29,7 +29,7 @@ const WATCH_PERIOD: Duration = Duration::from_secs(1);
 /// Shows once, or until stopped.
 pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -> Result<Exit, CliError> {
     loop {
-        let word = match status_file::read(computer) {
+        let status = match status_file::read(computer) {
             None => {
                 let what = "no vessel's process runs on this computer, or this user may not see it";
                 if as_json {
@@ -42,23 +42,23 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
                 return Ok(Exit::Failed);
             }
             Some(Err(e)) => return Err(CliError(format!("{e}; restart the vessel's process"))),
-            Some(Ok(word)) => word,
+            Some(Ok(status)) => status,
         };
-        let findings = judge(&word, steady_ns());
+        let findings = judge(&status, steady_ns());
         let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
         if as_json {
             let config: PathBuf = path.into();
             terminal::line(json!({
-                "config": config, "running": true, "worst": worst, "findings": findings, "word": word,
+                "config": config, "running": true, "worst": worst, "findings": findings, "status": status,
             }));
         } else {
             terminal::line(format_args!(
                 "vessel {}, process {}, up {}, a step takes {} / {} (p50/p99)",
-                word.vessel,
-                word.process.pid,
-                time((word.process.at_ns - word.process.began_ns) as f64 * 1e-9),
-                time(word.process.step_s[0]),
-                time(word.process.step_s[1]),
+                status.vessel,
+                status.process.pid,
+                time((status.process.at_ns - status.process.began_ns) as f64 * 1e-9),
+                time(status.process.step_s[0]),
+                time(status.process.step_s[1]),
             ));
             findings.iter().for_each(check::show);
         }
@@ -73,34 +73,34 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
     }
 }
 
-/// What the word means at `now_ns` of the steady clock.
-fn judge(word: &VesselStatus, now_ns: i64) -> Vec<Finding> {
-    let mut all = vec![process(word, now_ns)];
-    all.extend(word.sources.iter().map(source));
-    all.extend(estimator(&word.estimator));
-    all.push(certificate(&word.certificate));
-    all.push(unauthorised_peers(word));
-    all.push(deck(word));
-    all.extend(drones(word));
+/// What the status means at `now_ns` of the steady clock.
+fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
+    let mut all = vec![process(status, now_ns)];
+    all.extend(status.sources.iter().map(source));
+    all.extend(estimator(&status.estimator));
+    all.push(certificate(&status.certificate));
+    all.push(unauthorised_peers(status));
+    all.push(deck(status));
+    all.extend(drones(status));
     all
 }
 
-fn process(word: &VesselStatus, now_ns: i64) -> Finding {
-    let age_s = (now_ns - word.process.at_ns) as f64 * 1e-9;
-    if age_s > SILENT_S {
+fn process(status: &VesselStatus, now_ns: i64) -> Finding {
+    let age_s = (now_ns - status.process.at_ns) as f64 * 1e-9;
+    if age_s > STALE_S {
         return Finding::broken(
             "process",
-            format!("silent for {age_s:.0} s"),
-            "it ended or stands still: systemctl status alight-vessel",
+            format!("no report for {age_s:.0} s"),
+            "it ended or is frozen: systemctl status alight-vessel",
         );
     }
     Finding::fine(
         "process",
         format!(
             "listens on {}, {:.1} MB sent, {} packets dropped",
-            word.listen.join(", "),
-            word.process.sent_bytes as f64 * 1e-6,
-            word.process.dropped
+            status.listen.join(", "),
+            status.process.sent_bytes as f64 * 1e-6,
+            status.process.dropped
         ),
     )
 }
@@ -176,12 +176,12 @@ fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
         ),
         Some(s) => Finding::broken(
             "estimator",
-            format!("says nothing for {s:.0} s"),
-            "drones hear no estimate; see to the sensors above",
+            format!("no estimate for {s:.0} s"),
+            "drones receive no estimate; see to the sensors above",
         ),
         None => Finding::broken(
             "estimator",
-            "has said nothing yet",
+            "no estimate yet",
             "it needs inertial sensor, GNSS and heading for some seconds",
         ),
     });
@@ -192,7 +192,7 @@ fn certificate(c: &CertificateStatus) -> Finding {
     match c {
         CertificateStatus::None => Finding::warning(
             "certificate",
-            "none: whoever reaches the radio may speak",
+            "none: any peer in reach is accepted",
             "README, \"Certificates\", unless the radio is inside WireGuard",
         ),
         CertificateStatus::Unreadable(e) => {
@@ -214,34 +214,34 @@ fn certificate(c: &CertificateStatus) -> Finding {
     }
 }
 
-fn unauthorised_peers(word: &VesselStatus) -> Finding {
-    if word.rejected.is_empty() {
+fn unauthorised_peers(status: &VesselStatus) -> Finding {
+    if status.rejected.is_empty() {
         return Finding::fine(
-            "strangers",
-            format!("none refused; admitted are {}", word.peers.join(", ")),
+            "peers",
+            format!("none rejected; admitted: {}", status.peers.join(", ")),
         );
     }
-    let each: Vec<String> = word
+    let each: Vec<String> = status
         .rejected
         .iter()
         .map(|(why, n)| format!("{n} for {why}"))
         .collect();
     Finding::warning(
-        "strangers",
+        "peers",
         format!(
-            "refused: {}; the last for {}",
+            "rejected: {}; the last for {}",
             each.join(", "),
-            word.rejected_last.as_deref().unwrap_or("-")
+            status.rejected_last.as_deref().unwrap_or("-")
         ),
-        "somebody without the right certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
+        "a peer without an admitted certificate is in reach: a drone that is not in radio.tls.peers, or an intruder",
     )
 }
 
-fn deck(word: &VesselStatus) -> Finding {
-    let deck_owner = word
+fn deck(status: &VesselStatus) -> Finding {
+    let deck_owner = status
         .deck_owner
-        .map_or_else(|| "nobody's".to_owned(), |id| format!("drone {id}'s"));
-    let on = if word.occupied {
+        .map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
+    let on = if status.occupied {
         ", a drone stands on it"
     } else {
         ""
@@ -249,19 +249,19 @@ fn deck(word: &VesselStatus) -> Finding {
     Finding::fine("deck", format!("{deck_owner}{on}"))
 }
 
-fn drones(word: &VesselStatus) -> Vec<Finding> {
-    if word.drones.is_empty() {
+fn drones(status: &VesselStatus) -> Vec<Finding> {
+    if status.drones.is_empty() {
         return vec![Finding::warning(
             "drones",
-            "none heard",
+            "none received",
             "is one switched on, in reach, and in radio.tls.peers?",
         )];
     }
-    word.drones
+    status.drones
         .iter()
         .map(|d| {
             let found = format!(
-                "drone {}: {}: {}; battery {:.0} %, heard {} ago",
+                "drone {}: {}: {}; battery {:.0} %, {} ago",
                 d.drone,
                 d.state,
                 d.entered,
@@ -283,7 +283,7 @@ mod tests {
     use crate::vessel::status_file::DroneContact;
     use crate::vessel::status_file::ProcessStatus;
 
-    fn word() -> VesselStatus {
+    fn status() -> VesselStatus {
         VesselStatus {
             vessel: 1,
             process: ProcessStatus {
@@ -329,8 +329,8 @@ mod tests {
 
     type Change<'a> = &'a dyn Fn(&mut VesselStatus);
 
-    fn worst(word: &VesselStatus, now_s: i64) -> (Level, Vec<&'static str>) {
-        let all = judge(word, now_s * 1_000_000_000);
+    fn worst(status: &VesselStatus, now_s: i64) -> (Level, Vec<&'static str>) {
+        let all = judge(status, now_s * 1_000_000_000);
         let worst = all.iter().map(|f| f.level).max().unwrap();
         let at = all.iter().filter(|f| f.level == worst).map(|f| f.topic);
         (worst, at.collect())
@@ -338,10 +338,10 @@ mod tests {
 
     #[test]
     fn vessel_status_judges_each_fault_by_itself() {
-        assert_eq!(worst(&word(), 100).0, Level::Fine);
-        assert_eq!(worst(&word(), 110), (Level::Broken, vec!["process"]));
+        assert_eq!(worst(&status(), 100).0, Level::Fine);
+        assert_eq!(worst(&status(), 110), (Level::Broken, vec!["process"]));
         let case = |change: Change<'_>| {
-            let mut w = word();
+            let mut w = status();
             change(&mut w);
             worst(&w, 100)
         };
@@ -368,7 +368,7 @@ mod tests {
             (
                 &|w| w.rejected = vec![("no TLS".into(), 3)],
                 Level::Warning,
-                "strangers",
+                "peers",
             ),
             (&|w| w.drones.clear(), Level::Warning, "drones"),
             (&|w| w.drones[0].age_s = 60.0, Level::Warning, "drones"),
@@ -380,7 +380,7 @@ mod tests {
 
     #[test]
     fn vessel_status_file_round_trips() {
-        let text = serde_json::to_string(&word()).unwrap();
-        assert_eq!(serde_json::from_str::<VesselStatus>(&text).unwrap(), word());
+        let text = serde_json::to_string(&status()).unwrap();
+        assert_eq!(serde_json::from_str::<VesselStatus>(&text).unwrap(), status());
     }
 }

@@ -1,8 +1,8 @@
-//! What the vessel hears of its drone, for the deck's operator.
+//! The drone as the vessel receives it, for the deck's operator.
 
 use alight_shared::msg::{DroneStatus, MESSAGE_VERSION, Message, State};
 
-/// The newest word of the drone.
+/// The newest status of the drone.
 pub struct DroneMonitor {
     vessel: u32,
     newest: Option<(i64, DroneStatus)>,
@@ -11,7 +11,7 @@ pub struct DroneMonitor {
 }
 
 impl DroneMonitor {
-    /// Nothing heard yet by vessel `vessel`.
+    /// Nothing received yet by vessel `vessel`.
     pub fn new(vessel: u32) -> DroneMonitor {
         DroneMonitor {
             vessel,
@@ -20,12 +20,12 @@ impl DroneMonitor {
             rejected: 0,
         }
     }
-    /// Something came that is no such word.
+    /// A message arrived that is no status.
     pub fn reject(&mut self) {
         self.rejected += 1;
     }
-    /// A word came at `at_ns` of the steady clock; gives a line for the operator when the mission's
-    /// state is another.
+    /// A status arrived at `at_ns` of the steady clock; a line for the operator when the mission's state
+    /// changed.
     pub fn receive(&mut self, at_ns: i64, status: &DroneStatus) -> Option<String> {
         let header = &status.header;
         let before = self.newest.as_ref().map(|(_, w)| w);
@@ -55,7 +55,7 @@ impl DroneMonitor {
             )
         })
     }
-    /// Words heard and refused; of the newest: age (s), state, descents begun, battery.
+    /// Statuses received and rejected; of the newest: age (s), state, descents begun, battery.
     pub fn figures(&self, now_ns: i64) -> [f64; 6] {
         let newest = self.newest.as_ref();
         let of = |f: fn(&DroneStatus) -> f64| newest.map_or(f64::NAN, |(_, w)| f(w));

@@ -39,9 +39,9 @@ use crate::vessel::drone_monitor::DroneMonitor;
 use crate::vessel::sensor_supervisor::SensorSupervisor;
 use crate::vessel::status_file::StatusFile;
 
-/// Without sensors the process wakes this often all the same.
+/// A process without sensor readings wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(10);
-/// The outlets, in their order.
+/// What the vessel publishes, in this order.
 const ESTIMATE: usize = 0;
 const WAVE: usize = 1;
 const PREDICTION: usize = 2;
@@ -50,11 +50,11 @@ const STATE: usize = 4;
 const DECK: usize = 5;
 const OPERATOR: usize = 6;
 const DRONES: usize = 7;
-/// While the link backs up, one in so many of the words about itself goes out.
+/// While the link is congested, one in so many reports of the process is sent.
 const STATUS_DECIMATION: u32 = 4;
-/// With real sensors, time between two words about what became of their measurements, ns.
+/// With real sensors, time between two summaries of their measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
-/// Their topics, for who looks on; None is the process's own word.
+/// Their topics, for observers; None is the report of the process.
 const OUTLETS: [Option<&Topic>; 8] = [
     Some(&topics::ESTIMATE),
     Some(&topics::WAVE),
@@ -70,13 +70,13 @@ const OUTLETS: [Option<&Topic>; 8] = [
 pub const DECK_ARBITER: &str = "deck-arbiter";
 pub const OPERATOR_RELAY: &str = "operator-relay";
 
-/// The subscriptions, in their order; what drones say about themselves is the other.
+/// The subscriptions, in their order; the third is the status of drones.
 const TIME_REQUESTS: usize = 0;
 const COMMANDS: usize = 1;
 
-/// Runs until told to end.
+/// Runs until it is asked to end.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
-    let computer: VesselComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let computer: VesselComputer = config::load(&args.config)?;
     let id = computer.vessel_id;
     let mut process = Process::start(ProcessKind::Vessel, args, computer.clock, |boot| {
         VesselNode::new(&computer.vessel, id, boot)
@@ -124,7 +124,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut undecoded = 0_u64;
     let mut status_file = StatusFile::new(&computer);
 
-    // The last to start: what refuses to start has left nothing behind.
+    // The last to start: an error before it leaves no process behind.
     let mut sensor_supervisor = SensorSupervisor::start(&computer, args, steady_ns())?;
     let mut notify = Notify::default();
     notify.ready();
@@ -146,33 +146,32 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let readings = sensors.read(MAX_WAIT);
         let mut commands = Vec::new();
         while let Some(heard) = radio.receive(Duration::ZERO) {
-            // What does not decode is nobody's request.
             match heard.subscription {
                 TIME_REQUESTS => match wire::decode(&heard.bytes) {
                     Ok(request) => impaired.take(heard.at_ns, heard.bytes.len(), request),
                     Err(_) => undecoded += 1,
                 },
-                // Whoever reaches a radio without certificates could command.
+                // Without certificates any peer in reach could command.
                 COMMANDS if !secured => undecoded += 1,
                 COMMANDS => match wire::decode(&heard.bytes) {
                     Ok(command) => commands.push(command),
                     Err(_) => undecoded += 1,
                 },
                 _ => match wire::decode(&heard.bytes) {
-                    Ok(word) => statuses.take(heard.at_ns, heard.bytes.len(), word),
+                    Ok(status) => statuses.take(heard.at_ns, heard.bytes.len(), status),
                     Err(_) => drone.reject(),
                 },
             }
         }
         let heard: Vec<(i64, DroneStatus)> = statuses.arrived(steady_ns());
-        for (at_ns, word) in &heard {
-            if let Some(line) = drone.receive(*at_ns, word) {
+        for (at_ns, status) in &heard {
+            if let Some(line) = drone.receive(*at_ns, status) {
                 info!("{line}");
             }
         }
         status_file.observe_drones(&computer, &heard);
         let now = process.now();
-        let had = arbiter.node().owner();
+        let former_owner = arbiter.node().owner();
         let drone_statuses: Vec<DroneStatus> = heard.iter().map(|(_, status)| *status).collect();
         let input = ArbiterIn {
             statuses: drone_statuses.clone(),
@@ -194,10 +193,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         for command in &relayed.commands {
             publish(&mut radio, OPERATOR, Some(command));
         }
-        for (_, word) in heard.iter().filter(|_| operators) {
-            publish(&mut radio, DRONES, Some(word));
+        for (_, status) in heard.iter().filter(|_| operators) {
+            publish(&mut radio, DRONES, Some(status));
         }
-        if arbiter.node().owner() != had {
+        if arbiter.node().owner() != former_owner {
             match arbiter.node().owner() {
                 Some(id) => info!("the deck is reserved for drone {id}"),
                 None => info!("the deck is free"),
@@ -286,7 +285,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         notify.alive(steady_ns(), || {
             let statuses = drone.figures(steady_ns());
             format!(
-                "{} messages sent, {} words of drones heard",
+                "{} messages sent, {} drone statuses received",
                 counts.sent, statuses[0]
             )
         });
@@ -304,7 +303,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 }
             }
         }
-        // For people, and they can wait: over a link that is narrow, less often.
+        // For people, who can wait: over a congested link less often.
         own_statuses += u32::from(said.is_some());
         let due = process.node().rate_fraction() > 0.5 || own_statuses.is_multiple_of(STATUS_DECIMATION);
         publish(&mut radio, STATE, said.as_ref().filter(|_| due));

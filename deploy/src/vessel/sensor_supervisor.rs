@@ -1,5 +1,5 @@
-//! The vessel's real sensors as a process beside the vessel's own, which starts it when sensors are
-//! configured, hears what became of each source's bytes, and starts it again when it ended or fell silent.
+//! Supervision of the process that reads the vessel's real sensors: the vessel's process starts it where
+//! sensors are configured, takes in its reports, and restarts it when it ended or reports nothing.
 
 use alight_shared::transport::process::ProcessKind;
 use alight_usv::sensors::SourceStatus;
@@ -12,12 +12,12 @@ use crate::process::args::ProcessArgs;
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{self, Supervisor};
 
-/// Time between two words of the process about its sources, ns.
+/// Time between two reports of the process about its sources, ns.
 pub const REPORT_PERIOD_NS: i64 = 500_000_000;
-/// Silent for this long it is killed and started again, s: six reports.
+/// Without a report for this long it is killed and restarted, s: six periods.
 const SILENCE_TIMEOUT_S: f64 = 6e-9 * REPORT_PERIOD_NS as f64;
 
-/// What the process says about one source: a line of JSON.
+/// The report about one source: a line of JSON.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceReport {
     /// Its place in the configuration.
@@ -28,20 +28,20 @@ pub struct SourceReport {
     pub status: SourceStatus,
     /// Age of its newest measurement, s; None before the first.
     pub age_s: Option<f64>,
-    /// Why nothing can come, if that is so.
+    /// Why its link is down, if it is.
     pub why: Option<String>,
 }
 
 /// The process, if the vessel has real sensors.
 pub struct SensorSupervisor {
     supervisor: Option<Supervisor>,
-    /// What it said last of each source, and when, ns of the steady clock.
+    /// The newest report about each source, and when it came, ns of the steady clock.
     reports: Vec<Option<(i64, SourceReport)>>,
     last_ns: i64,
 }
 
 impl SensorSupervisor {
-    /// Starts the process where sensors are configured. An address that is none is refused here.
+    /// Starts the process where sensors are configured; a malformed address is refused here.
     pub fn start(
         computer: &VesselComputer,
         args: &ProcessArgs,
@@ -71,7 +71,7 @@ impl SensorSupervisor {
             last_ns: now_ns,
         })
     }
-    /// Looks after it; what there is to tell a person.
+    /// Supervises it; lines for people.
     pub fn poll(&mut self, now_ns: i64) -> Vec<String> {
         let Some(supervisor) = &mut self.supervisor else {
             return Vec::new();
@@ -90,7 +90,7 @@ impl SensorSupervisor {
         }
         match supervisor.poll(|_| Some(self.last_ns)) {
             Ok(events) => lines.extend(events.iter().map(ToString::to_string)),
-            // Without sensors the drones hear that there is no estimate, and who may land there: it goes on.
+            // Without sensors the vessel still reports that there is no estimate, and arbitrates the deck.
             Err(e) => lines.push(e.to_string()),
         }
         lines
@@ -99,7 +99,7 @@ impl SensorSupervisor {
     pub fn pid(&self) -> Option<u32> {
         self.supervisor.as_ref()?.pid(ProcessKind::Sensors)
     }
-    /// What it said last of each source, in their order, and how long ago, s.
+    /// The newest report about each source, in their order, and its age, s.
     pub fn reports(&self, now_ns: i64) -> impl Iterator<Item = (f64, &SourceReport)> {
         self.reports
             .iter()

@@ -1,5 +1,5 @@
 //! The vessel's real sensors as a process: bytes of serial ports, UDP and TCP in, dated measurements to
-//! the vessel's process out, and every ten seconds what became of each source's bytes.
+//! the vessel's process out, and every ten seconds a report about each source.
 
 use std::time::Duration;
 
@@ -26,14 +26,14 @@ use crate::vessel::sensor_supervisor::SourceReport;
 use alight_shared::transport::wake::end_requested;
 use std::sync::atomic::Ordering;
 
-/// Without news of any source it looks again after this long.
+/// Pause when no source had bytes.
 const IDLE_PAUSE: Duration = Duration::from_millis(2);
-/// Time between two words about the sources to a person, ns.
+/// Time between two reports about the sources to a person, ns.
 const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 
-/// Runs until told to end.
+/// Runs until it is asked to end.
 pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
-    let computer: VesselComputer = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let computer: VesselComputer = config::load(&args.config)?;
     let sources = &computer.sensor.sources;
     if sources.is_empty() {
         return Err(CliError(format!(
@@ -42,11 +42,11 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
             args.config.display()
         )));
     }
-    let mut wires = Vec::new();
+    let mut links = Vec::new();
     for source in sources {
         let url: LinkUrl = source.connect.parse().map_err(CliError)?;
         info!("{}: {url}", source.name);
-        wires.push(ByteLink::new(url, steady_ns())?);
+        links.push(ByteLink::new(url, steady_ns())?);
     }
     let to = SensorSender::to(&computer.sensors)
         .map_err(|e| CliError::because(format!("sending to {}", computer.sensors), e))?;
@@ -58,71 +58,71 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
         SUMMARY_PERIOD_NS
     };
     let mut next_report_ns = steady_ns() + report_period_ns;
-    let mut why: Vec<Option<String>> = vec![None; wires.len()];
+    let mut faults: Vec<Option<String>> = vec![None; links.len()];
     while !(end.load(Ordering::Relaxed) || end_requested()) {
         let mut input = SensorsIn {
-            bytes: vec![Vec::new(); wires.len()],
+            bytes: vec![Vec::new(); links.len()],
         };
         let mut any = false;
-        for (k, wire) in wires.iter_mut().enumerate() {
-            let (Some(bytes), Some(why), Some(source)) =
-                (input.bytes.get_mut(k), why.get_mut(k), sources.get(k))
+        for (k, link) in links.iter_mut().enumerate() {
+            let (Some(bytes), Some(faults), Some(source)) =
+                (input.bytes.get_mut(k), faults.get_mut(k), sources.get(k))
             else {
                 continue;
             };
-            // What a flood brings beyond one step's share waits in the system's own buffers.
-            any |= wire.read(steady_ns(), |b| {
+            // What a flood brings beyond two steps' bytes waits in the system's buffers.
+            any |= link.read(steady_ns(), |b| {
                 if bytes.len() < 2 * MAX_STEP_BYTES {
                     bytes.extend_from_slice(b);
                 }
             });
             if !bytes.is_empty() {
-                *why = None;
+                *faults = None;
             }
-            if let Some(complaint) = wire.last_error() {
-                // A link that is tried again and again has one complaint.
-                if why.as_ref() != Some(&complaint) {
-                    warn!("{}: {complaint}", source.name);
+            if let Some(error) = link.last_error() {
+                // A link that is reopened again and again reports its error once.
+                if faults.as_ref() != Some(&error) {
+                    warn!("{}: {error}", source.name);
                 }
-                *why = Some(complaint);
+                *faults = Some(error);
             }
         }
-        // Read after the bytes: nothing arrives later than now.
+        // Read after the bytes: no byte is from the future.
         let now = computer.clock.read(steady_ns());
         let out = node.step(now, &input);
         to.send(&out.readings);
         for (k, bytes) in &out.requests {
-            if let Some(wire) = wires.get_mut(*k) {
-                wire.write(steady_ns(), bytes);
+            if let Some(link) = links.get_mut(*k) {
+                link.write(steady_ns(), bytes);
             }
         }
         if steady_ns() >= next_report_ns {
             next_report_ns = steady_ns() + report_period_ns;
-            print_reports(args, &reports(sources, &node, now, &why));
+            print_reports(args, &reports(sources, &node, now, &faults));
         }
         if !any {
             pause(IDLE_PAUSE);
         }
     }
     let now = computer.clock.read(steady_ns());
-    print_reports(args, &reports(sources, &node, now, &why));
+    print_reports(args, &reports(sources, &node, now, &faults));
     Ok(Exit::Success)
 }
 
-/// What is to be said of each source.
+/// The report about each source.
 fn reports(
     sources: &[SourceConfig],
     node: &SensorNode,
     now: Time<VesselClock>,
-    why: &[Option<String>],
+    faults: &[Option<String>],
 ) -> Vec<SourceReport> {
-    let each = sources.iter().zip(node.status()).zip(why).enumerate();
-    each.map(|(number, ((source, status), why))| SourceReport {
+    let each = sources.iter().zip(node.status()).zip(faults).enumerate();
+    each.map(|(number, ((source, status), faults))| SourceReport {
         number,
         source: source.name.clone(),
         status,
         age_s: status.newest_s.map(|s| now.secs() - s),
-        why: why.clone(),
+        faults: faults.clone(),
     })
     .collect()
 }
@@ -154,7 +154,7 @@ fn print_reports(args: &SensorsArgs, all: &[SourceReport]) {
         };
         terminal::line(format_args!(
             "{name}: {given}; messages {} good, {} corrupted, {} of other kinds; {} without a time, {} \
-             implausible_time, {} out of order, {} repeated, {} bytes lost{pulses}",
+             of an implausible time, {} out of order, {} repeated, {} bytes lost{pulses}",
             d.good,
             d.corrupted,
             d.ignored,

@@ -1,5 +1,5 @@
-//! What the vessel's process says about itself to people on its own computer: a small file that is
-//! replaced twice a second, where `alight status` finds it. The vessel shares no memory.
+//! The status of the vessel's process for people on its own computer: a small file that is replaced twice a
+//! second, where `alight status` finds it. The vessel shares no memory.
 //!
 //! The file is named after the port of the vessel's sensors, which no two processes of a computer have.
 
@@ -19,20 +19,20 @@ use crate::config::VesselComputer;
 use crate::vessel::sensor_supervisor::{SensorSupervisor, SourceReport};
 
 /// Directory of the installed service.
-const SERVICE: &str = "/run/alight";
+const SERVICE_DIRECTORY: &str = "/run/alight";
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
-/// Drones that are told of.
-const DRONES: usize = 64;
+/// Drones that are listed at most.
+const MAX_DRONES: usize = 64;
 /// The certificate's file is read again this often, ns.
-const CERTIFICATE_NS: i64 = 60_000_000_000;
+const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
-/// A drone that was heard.
+/// A drone that was received.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DroneContact {
     /// Its number.
     pub drone: u32,
-    /// Since its newest word, s.
+    /// Since its newest status, s.
     pub age_s: f64,
     /// Its mission's state, and why.
     pub state: String,
@@ -54,7 +54,7 @@ pub enum CertificateStatus {
         /// Days left.
         days_left: i64,
     },
-    /// It cannot be read, in the system's words.
+    /// It cannot be read; the system's error.
     Unreadable(String),
 }
 
@@ -63,17 +63,17 @@ pub enum CertificateStatus {
 pub struct EstimatorStatus {
     /// Since the newest sample of inertial or attitude sensor, GNSS and heading, s; None before the first.
     pub sensor_age_s: [Option<f64>; 3],
-    /// Since the newest estimate that it let out, s; None before the first.
+    /// Since the newest estimate that it published, s; None before the first.
     pub estimate_age_s: Option<f64>,
     /// Standard deviations of that estimate: horizontal position (m), height (m), tilt (rad), heading (rad).
     pub sd: [f64; 4],
     /// Significant wave height, m, and how far the waves' identification is trusted, 0 to 1.
     pub waves: Option<[f64; 2]>,
-    /// Measurements that its gates refused: inertial, GNSS, heading.
+    /// Measurements outside its chi-square gates: inertial, GNSS, heading.
     pub gated: [u64; 3],
     /// Starts from scratch.
     pub restarts: u64,
-    /// Inputs refused at its door.
+    /// Inputs rejected before its gates.
     pub rejected: u64,
 }
 
@@ -98,19 +98,19 @@ pub struct SourceHealth {
     pub mismatched_pulses: u64,
     /// Measurements given to the filter.
     pub used: u64,
-    /// Of those, refused by its gates.
+    /// Of those, outside its gates.
     pub gated: u64,
-    /// Refused at the node's door: too old, from the future, absurd.
+    /// Rejected before the gates: too old, from the future, absurd.
     pub rejected: u64,
 }
 
 impl SourceHealth {
-    fn of(word: &SourceReport, since_s: f64, node: &VesselNode) -> SourceHealth {
-        let (s, d) = (&word.status, &word.status.decoded);
-        let mut said = SourceHealth {
-            name: word.source.clone(),
-            age_s: word.age_s.map(|age| finite(age + since_s)),
-            why: word.why.clone(),
+    fn of(status: &SourceReport, since_s: f64, node: &VesselNode) -> SourceHealth {
+        let (s, d) = (&status.status, &status.status.decoded);
+        let mut health = SourceHealth {
+            name: status.source.clone(),
+            age_s: status.age_s.map(|age| finite(age + since_s)),
+            why: status.why.clone(),
             good: d.good,
             corrupted: d.corrupted,
             undated: d.undated + s.implausible_time,
@@ -120,12 +120,12 @@ impl SourceHealth {
         };
         // A source of bytes is two sources of measurements.
         for kind in 0..KINDS.len() {
-            for number in [2 * word.number, 2 * word.number + 1] {
+            for number in [2 * status.number, 2 * status.number + 1] {
                 let c = node.source(kind, number);
-                said.out_of_order += c.order;
-                said.used += c.taken;
-                said.gated += c.gated;
-                said.rejected += c.rejected;
+                health.out_of_order += c.order;
+                health.used += c.taken;
+                health.gated += c.gated;
+                health.rejected += c.rejected;
             }
         }
         said
@@ -155,12 +155,12 @@ pub struct ProcessStatus {
     pub dropped: u64,
 }
 
-/// A number that JSON has.
+/// JSON has no infinity and no NaN.
 fn finite(v: f64) -> f64 {
     if v.is_finite() { v } else { 0.0 }
 }
 
-/// All of it.
+/// The whole status.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VesselStatus {
     /// Number of the vessel.
@@ -173,15 +173,15 @@ pub struct VesselStatus {
     pub peers: Vec<String>,
     /// The certificate.
     pub certificate: CertificateStatus,
-    /// Who was refused since the start, by reason.
+    /// Peers rejected since the start, by reason.
     pub rejected: Vec<(String, u64)>,
     /// The newest reason.
     pub rejected_last: Option<String>,
-    /// Whose the deck is; None for nobody's.
+    /// The drone that the deck is reserved for.
     pub deck_owner: Option<u32>,
     /// A drone stands on it.
     pub occupied: bool,
-    /// Drones that were heard.
+    /// Drones that were received.
     pub drones: Vec<DroneContact>,
     /// The estimator.
     pub estimator: EstimatorStatus,
@@ -191,9 +191,9 @@ pub struct VesselStatus {
     pub sources: Vec<SourceHealth>,
 }
 
-/// Where the word of the computer with these sensors is, for who writes it.
+/// Where the process of this computer writes its status.
 fn own_path(computer: &VesselComputer) -> PathBuf {
-    let directory = Path::new(SERVICE);
+    let directory = Path::new(SERVICE_DIRECTORY);
     let of_service = std::env::var_os("TMPDIR").is_some_and(|t| Path::new(&t) == directory);
     let temporary = std::env::temp_dir();
     if of_service { directory } else { &temporary }.join(name(computer))
@@ -205,28 +205,28 @@ fn name(computer: &VesselComputer) -> String {
     format!("alight-vessel-{port}.json")
 }
 
-/// The word of the vessel's process of this computer; None when there is none.
+/// The status of this computer's vessel process; None when there is none.
 pub fn read(computer: &VesselComputer) -> Option<Result<VesselStatus, String>> {
-    let place = [Path::new(SERVICE).into(), std::env::temp_dir()]
+    let path = [Path::new(SERVICE_DIRECTORY).into(), std::env::temp_dir()]
         .map(|d: PathBuf| d.join(name(computer)))
         .into_iter()
         .find(|p| p.exists())?;
-    let doing = |e: &dyn std::fmt::Display| format!("reading {}: {e}", place.display());
+    let doing = |e: &dyn std::fmt::Display| format!("reading {}: {e}", path.display());
     let read = || -> Result<VesselStatus, String> {
-        if fs::metadata(&place).map_err(|e| doing(&e))?.len() > MAX_BYTES {
-            return Err(doing(&"too long for a vessel's word"));
+        if fs::metadata(&path).map_err(|e| doing(&e))?.len() > MAX_BYTES {
+            return Err(doing(&"too long for a vessel's status"));
         }
-        let text = fs::read_to_string(&place).map_err(|e| doing(&e))?;
+        let text = fs::read_to_string(&path).map_err(|e| doing(&e))?;
         serde_json::from_str(&text).map_err(|e| doing(&e))
     };
     Some(read())
 }
 
-/// Collects what the process knows, and writes it.
+/// Collects what the process knows, and writes it to its file.
 pub struct StatusFile {
-    place: PathBuf,
+    path: PathBuf,
     sensors: [Option<i64>; 3],
-    said: Option<i64>,
+    estimated_ns: Option<i64>,
     sd: [f64; 4],
     waves: Option<[f64; 2]>,
     occupied: bool,
@@ -238,9 +238,9 @@ impl StatusFile {
     /// Knows nothing yet.
     pub fn new(computer: &VesselComputer) -> StatusFile {
         StatusFile {
-            place: own_path(computer),
+            path: own_path(computer),
             sensors: [None; 3],
-            said: None,
+            estimated_ns: None,
             sd: [0.0; 4],
             waves: None,
             occupied: false,
@@ -248,33 +248,33 @@ impl StatusFile {
             certificate: (i64::MIN, CertificateStatus::None),
         }
     }
-    /// Words of drones, as they came.
+    /// Statuses of drones, as they arrived.
     pub fn observe_drones(&mut self, computer: &VesselComputer, statuses: &[(i64, DroneStatus)]) {
-        for (at_ns, word) in statuses {
-            let h = &word.header;
-            let ours = h.version == MESSAGE_VERSION && h.vessel == computer.vessel_id && word.check().is_ok();
-            if ours && (self.drones.len() < DRONES || self.drones.contains_key(&h.drone)) {
-                self.drones.insert(h.drone, (*at_ns, *word));
+        for (at_ns, status) in statuses {
+            let h = &status.header;
+            let ours = h.version == MESSAGE_VERSION && h.vessel == computer.vessel_id && status.check().is_ok();
+            if ours && (self.drones.len() < MAX_DRONES || self.drones.contains_key(&h.drone)) {
+                self.drones.insert(h.drone, (*at_ns, *status));
             }
         }
     }
-    /// What the deck's keeper says.
+    /// What the deck arbiter decided.
     pub fn observe_grant(&mut self, grant: Option<&DeckGrant<VesselClock>>) {
         self.occupied = grant.map_or(self.occupied, |g| g.occupied);
     }
     /// A step of the node at `now_ns` of the steady clock.
     pub fn observe_step(&mut self, now_ns: i64, input: &VesselIn, out: &VesselOut) {
-        let came = [
+        let arrived = [
             // An attitude sensor stands in where there is no inertial one.
             !(input.imu.is_empty() && input.attitude.is_empty()),
             !input.gnss.is_empty(),
             !input.heading.is_empty(),
         ];
-        for (slot, came) in self.sensors.iter_mut().zip(came) {
-            *slot = if came { Some(now_ns) } else { *slot };
+        for (slot, arrived) in self.sensors.iter_mut().zip(arrived) {
+            *slot = if arrived { Some(now_ns) } else { *slot };
         }
         if let Some(e) = &out.estimate {
-            self.said = Some(now_ns);
+            self.estimated_ns = Some(now_ns);
             let sd = |i: usize| e.covariance.get(i).map_or(0.0, |c| f64::from(c[0]).max(0.0));
             self.sd = [sd(0) + sd(1), sd(2), sd(3) + sd(4), sd(5)].map(f64::sqrt);
         }
@@ -282,7 +282,7 @@ impl StatusFile {
             self.waves = Some([w.significant_height_m, w.confidence].map(f64::from));
         }
     }
-    /// Writes the word; a disk that is full or a directory that is not there is nobody's harm.
+    /// Writes the status; a full disk or a missing directory does not stop the vessel.
     pub fn write(
         &mut self,
         computer: &VesselComputer,
@@ -294,11 +294,11 @@ impl StatusFile {
     ) {
         let now = process.at_ns;
         let since = |t: &Option<i64>| t.map(|t| (now - t).max(0) as f64 * 1e-9);
-        if now.saturating_sub(self.certificate.0) > CERTIFICATE_NS {
+        if now.saturating_sub(self.certificate.0) > CERTIFICATE_PERIOD_NS {
             self.certificate = (now, certificate(computer));
         }
         let (gated, rejected) = (node.gated(), node.rejected());
-        let word = VesselStatus {
+        let status = VesselStatus {
             vessel: computer.vessel_id,
             process: ProcessStatus {
                 pid: process.pid,
@@ -325,17 +325,17 @@ impl StatusFile {
             drones: self
                 .drones
                 .iter()
-                .map(|(id, (at, word))| DroneContact {
+                .map(|(id, (at, status))| DroneContact {
                     drone: *id,
                     age_s: (now - at).max(0) as f64 * 1e-9,
-                    state: word.state.name().to_owned(),
-                    entered: word.entered.to_string(),
-                    battery: finite(word.battery),
+                    state: status.state.name().to_owned(),
+                    entered: status.entered.to_string(),
+                    battery: finite(status.battery),
                 })
                 .collect(),
             estimator: EstimatorStatus {
                 sensor_age_s: [0, 1, 2].map(|k| self.sensors.get(k).and_then(since)),
-                estimate_age_s: since(&self.said),
+                estimate_age_s: since(&self.estimated_ns),
                 sd: self.sd.map(finite),
                 waves: self.waves,
                 gated: [gated.imu, gated.gnss, gated.heading],
@@ -345,21 +345,21 @@ impl StatusFile {
             sensors_pid: sensor_supervisor.pid(),
             sources: sensor_supervisor
                 .reports(now)
-                .map(|(since_s, word)| SourceHealth::of(word, since_s, node))
+                .map(|(since_s, status)| SourceHealth::of(status, since_s, node))
                 .collect(),
         };
-        let new = self.place.with_extension("new");
-        // A reader sees the old word or the new one, never half of one.
-        let _told = serde_json::to_vec(&word)
+        let new = self.path.with_extension("new");
+        // A reader sees the old status or the new one, never half of one.
+        let _written = serde_json::to_vec(&status)
             .map_err(std::io::Error::other)
             .and_then(|bytes| fs::write(&new, bytes))
-            .and_then(|()| fs::rename(&new, &self.place));
+            .and_then(|()| fs::rename(&new, &self.path));
     }
 }
 
 impl Drop for StatusFile {
     fn drop(&mut self) {
-        let _gone = fs::remove_file(&self.place);
+        let _gone = fs::remove_file(&self.path);
     }
 }
 

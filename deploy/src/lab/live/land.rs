@@ -295,7 +295,7 @@ impl LandingSetup {
             plot: args.plot.clone(),
             autopilot: args.autopilot,
             firmware: match &args.firmware {
-                Some(path) => config::load(path).map_err(|e| CliError(e.to_string()))?,
+                Some(path) => config::load(path)?,
                 None => FirmwareConfig::default(),
             },
             odometry: scene.nodes.drone.odometry,

@@ -55,7 +55,7 @@ pub struct Landed {
 /// unanswered.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
-    let world: SimulatedWorld = config::load(&args.config).map_err(|e| CliError(e.to_string()))?;
+    let world: SimulatedWorld = config::load(&args.config)?;
     let mut physics = Physics::new(&world.scenario, world.seed)
         .map_err(|e| CliError::because("setting up the simulated world", e))?;
     let mut plant = {

@@ -75,7 +75,7 @@ type LoadedStiffness = Option<Stiffness>;
 pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     let named = match &args.config {
         Some(path) => {
-            let computer: VesselComputer = config::load(path).map_err(|e| CliError(e.to_string()))?;
+            let computer: VesselComputer = config::load(path)?;
             Some(computer.vessel)
         }
         None => None,

@@ -18,7 +18,7 @@ const READ_PERIOD: std::time::Duration = std::time::Duration::from_millis(10);
 /// What each source says. The ports must be free: a serial port gives each byte to one reader.
 pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
     let sources = &computer.sensor.sources;
-    let mut wires: Vec<Result<ByteLink, String>> = sources
+    let mut links: Vec<Result<ByteLink, String>> = sources
         .iter()
         .map(|s| ByteLink::new(s.connect.parse()?, steady_ns()).map_err(|e| e.to_string()))
         .collect();
@@ -27,18 +27,18 @@ pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
     let mut bytes_in = vec![0_usize; sources.len()];
     for _ in 0..if sources.is_empty() { 0 } else { READ_ROUNDS } {
         let mut input = SensorsIn {
-            bytes: vec![Vec::new(); wires.len()],
+            bytes: vec![Vec::new(); links.len()],
         };
-        for (k, wire) in wires.iter_mut().enumerate() {
-            if let (Ok(wire), Some(bytes)) = (wire, input.bytes.get_mut(k)) {
-                wire.read(steady_ns(), |b| {
+        for (k, link) in links.iter_mut().enumerate() {
+            if let (Ok(link), Some(bytes)) = (link, input.bytes.get_mut(k)) {
+                link.read(steady_ns(), |b| {
                     if bytes.len() < MAX_STEP_BYTES {
                         bytes.extend_from_slice(b);
                     }
                 });
-                let complaint = wire.last_error().filter(|_| bytes.is_empty());
-                if let (Some(slot), Some(complaint)) = (why.get_mut(k), complaint) {
-                    *slot = Some(complaint);
+                let error = link.last_error().filter(|_| bytes.is_empty());
+                if let (Some(slot), Some(error)) = (why.get_mut(k), error) {
+                    *slot = Some(error);
                 }
                 if let Some(n) = bytes_in.get_mut(k) {
                     *n += bytes.len();
@@ -47,8 +47,8 @@ pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
         }
         let out = node.step(computer.clock.read(steady_ns()), &input);
         for (k, bytes) in &out.requests {
-            if let Some(Ok(wire)) = wires.get_mut(*k) {
-                wire.write(steady_ns(), bytes);
+            if let Some(Ok(link)) = links.get_mut(*k) {
+                link.write(steady_ns(), bytes);
             }
         }
         pause(READ_PERIOD);
@@ -56,15 +56,15 @@ pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
     let status = node.status();
     sources
         .iter()
-        .zip(wires)
+        .zip(links)
         .enumerate()
-        .map(|(k, (source, wire))| {
+        .map(|(k, (source, link))| {
             let bytes = bytes_in.get(k).copied().unwrap_or_default();
             let silent = why.get_mut(k).and_then(Option::take).filter(|_| bytes == 0);
             SourceCheck {
                 name: source.name.clone(),
                 connect: source.connect.clone(),
-                received: match (wire, silent) {
+                received: match (link, silent) {
                     (Err(why), _) | (Ok(_), Some(why)) => Err(why),
                     (Ok(_), None) => Ok((
                         bytes,

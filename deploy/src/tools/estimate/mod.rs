@@ -44,7 +44,7 @@ pub struct EstimateArgs {
 /// Reads, estimates, reports.
 pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
     let named: Option<VesselComputer> = match &args.config {
-        Some(path) => Some(config::load(path).map_err(|e| CliError(e.to_string()))?),
+        Some(path) => Some(config::load(path)?),
         None => None,
     };
     let origin = args.log.display().to_string();
