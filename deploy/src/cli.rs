@@ -38,9 +38,9 @@ pub enum Command {
     /// Print a configuration, to start from.
     #[command(subcommand)]
     Config(ConfigCommand),
-    /// Run the vessel's estimator over a recording of a boat and say how well it fits.
+    /// Run the vessel's estimator over a recording of a boat and show how well it fits.
     Estimate(estimate::EstimateArgs),
-    /// Compute a recording or logs again and tell whether every output is bit-identical.
+    /// Compute a recording or logs again and check whether every output is bit-identical.
     Replay(replay::ReplayArgs),
     /// Show what runs: processes, topics, ages, drops, link and mission.
     Status(status::StatusArgs),
@@ -48,18 +48,18 @@ pub enum Command {
     Vessel(ProcessArgs),
     /// All processes of the drone's computer, as its service runs them.
     Drone(ProcessArgs),
-    /// Tell the drone to land, to break off or to hold, and show its answer.
+    /// Command the drone to land, to abort or to hold, and show its answer.
     #[command(name = "command")]
     Operate(command::CommandArgs),
-    /// Process of the drone: its end of the radio.
+    /// Process of the drone: the radio.
     Bridge(ProcessArgs),
-    /// Process of the drone: the deck's forecast.
+    /// Process of the drone: prediction of the deck.
     Predictor(ProcessArgs),
-    /// Process of the drone: the state machine.
+    /// Process of the drone: the mission, a state machine.
     Mission(ProcessArgs),
-    /// Process of the drone: the trajectory.
+    /// Process of the drone: the planner.
     Planner(ProcessArgs),
-    /// Process of the drone: the set-points.
+    /// Process of the drone: the pilot, set-points.
     Pilot(ProcessArgs),
     /// Process of the vessel: its real sensors (NMEA 0183, UBX, MAVLink), which it starts.
     Sensors(SensorsArgs),
@@ -71,9 +71,9 @@ pub enum Command {
     Uvdar(CameraArgs),
     /// Make a private authority and certificates of vessel and drone; show when they expire.
     Keys(keys::KeysArgs),
-    /// Look for what keeps this computer from flying, and say what to do about it.
+    /// Find what keeps this computer from flying, with the remedy.
     Check(check::CheckArgs),
-    /// Measure what the configuration has to say of this vessel and this drone.
+    /// Measure what the configuration of this vessel and this drone needs.
     Calibrate(calibrate::CalibrateArgs),
 }
 

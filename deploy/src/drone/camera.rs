@@ -32,7 +32,7 @@ use crate::process::args::CameraArgs;
 use crate::process::life::{Life, draw_boot};
 use crate::terminal;
 
-/// Without news it looks again after this long.
+/// Pause when there is no image.
 const IDLE_WAIT: Duration = Duration::from_millis(2);
 /// Images that wait for the node; more are lost.
 const QUEUE_LENGTH: usize = 2;
@@ -45,7 +45,7 @@ struct Shared {
     states: Publisher<ProcessState>,
 }
 
-/// What looks at images, and where it says what it saw.
+/// What processes images, and where it publishes its detections.
 enum Detector {
     /// For the tag.
     Tag(CameraNode, Option<Publisher<TagPose>>),
@@ -76,7 +76,7 @@ impl Detector {
             Detector::Tag(node, tags)
         })
     }
-    /// Looks, and says what it saw.
+    /// Processes images and publishes what was detected.
     fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> Vec<Detection> {
         match self {
             Detector::Tag(node, port) => {
@@ -166,7 +166,7 @@ enum Source {
     Thread(Receiver<SourceEvent>),
 }
 
-/// What that thread says.
+/// What that thread reports.
 enum SourceEvent {
     /// An image.
     Image(Frame),
@@ -176,7 +176,7 @@ enum SourceEvent {
     Finished,
 }
 
-/// Runs until told to end, as the belly camera or as the ultraviolet one.
+/// Runs until it is asked to end, as the belly camera or as the ultraviolet one.
 pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
     let mut computer: DroneComputer =
         config::load(&args.process.config)?;
@@ -236,7 +236,7 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.size.map(|s| s as usize);
-                    // One of another size than it says is what no publisher of ours sends.
+                    // Our publisher sends no image of another size than its header has.
                     if let Ok(grey) = GreyImage::new(width, height, image.pixels) {
                         let at = Time::from_nanos(image.at_ns);
                         input.frames.push(Frame { at, image: grey });

@@ -16,7 +16,7 @@ pub struct Observer {
     plan: Subscriber<Plan>,
     /// What was seen.
     pub snapshot: Snapshot,
-    /// Ages of the vessel's newest state that were seen since somebody took them, s.
+    /// Ages of the vessel's newest state since they were taken last, s.
     pub ages_s: Vec<f64>,
 }
 

@@ -10,9 +10,9 @@ use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
 pub fn time(s: f64) -> String {
     if !s.is_finite() {
         "-".into()
-    } else if s < 1e-3 {
+    } else if s.abs() < 1e-3 {
         format!("{:.0} us", s * 1e6)
-    } else if s < 1.0 {
+    } else if s.abs() < 1.0 {
         format!("{:.1} ms", s * 1e3)
     } else {
         format!("{s:.1} s")
@@ -70,7 +70,7 @@ impl Snapshot {
             .filter(|kind| self.processes.contains_key(kind));
         for kind in ProcessKind::ALL.into_iter().chain(real) {
             let Some(p) = self.processes.get(&kind) else {
-                out.push_str(&format!("  {:<10}  not heard\n", kind.name()));
+                out.push_str(&format!("  {:<10}  no report\n", kind.name()));
                 continue;
             };
             let up_s = (p.at_ns - p.began_ns) as f64 * 1e-9;

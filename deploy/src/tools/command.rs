@@ -1,4 +1,4 @@
-//! `alight command`: an operator's word to a mission, and what came of it: on the drone's own computer
+//! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer
 //! through shared memory, or from ashore through the vessel, with an operator's certificate.
 
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ const MAX_POLLS_ASHORE: u32 = 240;
 /// A command that shows no effect is repeated after so many looks.
 const REPEAT_POLLS: u32 = 10;
 
-/// What an operator says.
+/// An operator's command.
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum Order {
     /// Land on the vessel.
@@ -64,7 +64,7 @@ impl Order {
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
-Exit codes: 0 the mission took it, 1 it did not in time, 2 bad input or no mission is heard."
+Exit codes: 0 the mission took it, 1 it did not in time, 2 bad input or no mission answers."
 )]
 pub struct CommandArgs {
     /// What to command
@@ -143,7 +143,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     }
     let Some(mission) = newest else {
         return Err(CliError(format!(
-            "no mission is heard under the name {name}: alight status --instance {name} shows what runs"
+            "no mission answers under the name {name}: alight status --instance {name} shows what runs"
         )));
     };
     let taken = is_met(&mission);
@@ -196,8 +196,8 @@ fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliEr
     }
     let Some(status) = newest else {
         return Err(CliError(format!(
-            "{endpoint} passes on no word of drone {}: does the vessel run, does it list {own} in radio.tls.peers, \
-             and does it hear the drone (systemctl status alight-vessel)?",
+            "{endpoint} relays no status of drone {}: does the vessel run, does it list {own} in radio.tls.peers, \
+             and does it receive the drone (systemctl status alight-vessel)?",
             args.drone
         )));
     };

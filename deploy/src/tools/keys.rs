@@ -133,12 +133,12 @@ fn show(dir: &Path, as_json: bool) -> Result<Exit, CliError> {
         terminal::line(json!({ "certificates": rows }));
     } else {
         for (file, days) in &rows {
-            let word = match *days {
+            let note = match *days {
                 d if d < 0 => "EXPIRED",
                 d if d < RENEWAL_DAYS => "expires soon: make a new one",
                 _ => "",
             };
-            terminal::line(format_args!("{days:>6} days  {file}  {word}"));
+            terminal::line(format_args!("{days:>6} days  {file}  {note}"));
         }
     }
     Ok(if worst < RENEWAL_DAYS {

@@ -45,7 +45,7 @@ pub struct StatusArgs {
 
 /// The name of `alight land`'s processes.
 const LAND: &str = "land";
-/// Looks on for this long before it says something: twice the processes' own period.
+/// Observes for this long before it prints: twice the period of the reports.
 const OBSERVATION_TIME: Duration = Duration::from_millis(1200);
 
 /// An instance that starts or stops while it is being joined is asked for again, this often.
@@ -147,17 +147,15 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliErr
     }
     terminal::line(format_args!("instance {name}\n"));
     if let Some(m) = &snapshot.mission {
-        terminal::line(format_args!(
-            "  mission   {} since {:.1} s: {}",
-            m.state.name(),
-            (m.header.at - m.since).secs(),
-            m.entered
-        ));
+        let (since_s, entered) = ((m.header.at - m.since).secs(), m.entered.to_string());
+        let reason = if entered.is_empty() { String::new() } else { format!(": {entered}") };
+        terminal::line(format_args!("  mission   {} since {since_s:.1} s{reason}", m.state.name()));
         terminal::line(format_args!("  waiting   {}", m.waiting));
     }
     if let Some(l) = &snapshot.link {
         terminal::line(format_args!(
-            "  link      state {} old, {:.1} % lost or, over datagrams, overtaken; {:.1} % seen overtaken, latency {} / {} (p50/p99), {} refused",
+            "  link      state {} old, {:.1} % lost, {:.1} % out of order (datagrams may overtake each other), latency \
+             {} / {} (p50/p99), {} rejected (late or repeated ones are normal)",
             time(l.age_s),
             100.0 * l.loss,
             100.0 * l.out_of_order,

@@ -109,7 +109,7 @@ fn process(status: &VesselStatus, now_ns: i64) -> Finding {
 fn source(s: &SourceHealth) -> Finding {
     const TOPIC: &str = "source";
     let counts = format!(
-        "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} refused",
+        "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} rejected",
         s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.rejected
     );
     let silent = match (s.age_s, &s.why) {
@@ -161,8 +161,8 @@ fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
         Some(s) if s <= MISSING_S => Finding::fine(
             "estimator",
             format!(
-                "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; refused {} \
-                 inputs, gates {:?} (inertial, GNSS, heading), {} starts from scratch",
+                "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; {} inputs \
+                 rejected, {:?} gated (inertial, GNSS, heading), {} restarts of the filter",
                 tilt.to_degrees(),
                 heading.to_degrees(),
                 e.waves.map_or_else(

@@ -284,19 +284,19 @@ fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
         "calibrate",
         "vessel",
         &file,
-        "--weighed",
+        "--loaded-log",
         &file,
         "--weight",
         "60,1.4,0.9",
     ]);
     let said = String::from_utf8_lossy(&vessel.stdout).into_owned();
-    assert!(said.contains("roll   under the weight: leans by 0.00"), "{said}");
+    assert!(said.contains("roll   under the weight: heels by 0.00"), "{said}");
     for weight in ["60,1.4", "0,1,1", "60,x,1,2", "-5,1,1"] {
         let refused = alight(&[
             "calibrate",
             "vessel",
             &file,
-            "--weighed",
+            "--loaded-log",
             &file,
             "--weight",
             weight,

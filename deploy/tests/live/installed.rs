@@ -326,7 +326,7 @@ fn shipped_configurations_land_in_a_moderate_sea_over_mutual_tls() {
     all.land();
     all.status_when("lands", |s| s["mission"]["state"] == "Descent");
     let vessel = all.vessel_status();
-    let word = &vessel["word"];
+    let word = &vessel["status"];
     assert_eq!(word["drones"][0]["drone"], 1, "{vessel}");
     assert_eq!(word["certificate"]["Held"]["name"], "vessel-1", "{vessel}");
     assert!(
@@ -451,7 +451,7 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
         "{status}"
     );
     let vessel = all.vessel_status();
-    let refused = vessel["word"]["rejected"].as_array().expect("a list");
+    let refused = vessel["status"]["rejected"].as_array().expect("a list");
     assert!(!refused.is_empty() && vessel["worst"] == "warning", "{vessel}");
     let out = all.order_from_ashore("abort", "operator-1");
     assert!(out.status.success(), "{out:?}\n{}", all.complaints());

@@ -104,7 +104,7 @@ fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Va
             .output()
             .expect("the program runs");
         last = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
-        if wanted(&last["word"]) {
+        if wanted(&last["status"]) {
             return last;
         }
         std::thread::sleep(Duration::from_millis(100));
@@ -153,7 +153,7 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
         let s = &word["sources"][0];
         s["used"].as_u64() > Some(20) && s["corrupted"].as_u64() > Some(1) && young(s)
     });
-    let sources = &status["word"]["sources"];
+    let sources = &status["status"]["sources"];
     assert_eq!(
         (&sources[0]["name"], &sources[1]["name"]),
         (&"mast".into(), &"spare".into())
@@ -178,7 +178,7 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
         (&"fine".into(), &"warning".into())
     );
     // One that stands still is killed and started again.
-    let pid = status["word"]["sensors_pid"].as_u64().expect("it runs");
+    let pid = status["status"]["sensors_pid"].as_u64().expect("it runs");
     signal(pid, "-STOP");
     status_when(&config, "another process reads the mast", |word| {
         word["sensors_pid"].as_u64().is_some_and(|now| now != pid) && young(&word["sources"][0])

@@ -64,7 +64,7 @@ pub struct DeckArgs {
     )]
     pub at: Vec<f64>,
     /// What the two GNSS receivers differ by, horizontally and vertically, m, such as 0.02,0.03 with RTK
-    /// [default: what the predictor is told]
+    /// [default: as the predictor is configured]
     #[arg(long, value_name = "H,V", value_delimiter = ',', num_args = 2)]
     pub receivers: Vec<f64>,
     /// Print as one JSON object
@@ -72,7 +72,7 @@ pub struct DeckArgs {
     pub json: bool,
 }
 
-/// Measures and tells.
+/// Measures and prints.
 pub fn run(args: &DeckArgs) -> Result<Exit, CliError> {
     let (predictor, calibration) = match &args.recording {
         Some(path) => recorded(args, path)?,
@@ -144,15 +144,15 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
             break;
         }
         let states = drones.all(t);
-        // An autopilot that does not say is not trusted to have its motors off.
+        // Without a report of the autopilot the motors may be on.
         if armed != Some(false) {
             calibration.armed();
         }
         states.iter().for_each(|s| calibration.drone(s));
-        let (seen, said) = (tags.all(t), estimates.all(t));
+        let (tags, estimates) = (tags.all(t), estimates.all(t));
         if armed == Some(false) {
-            said.iter().for_each(|e| calibration.estimate(e));
-            seen.iter().for_each(|m| calibration.tag(m));
+            estimates.iter().for_each(|e| calibration.estimate(e));
+            tags.iter().for_each(|m| calibration.tag(m));
         }
         let (n, s) = calibration.collected();
         if s as u64 >= reported_s + 10 {
@@ -166,7 +166,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
             "the drone is armed: put it on the deck, disarm it, and try again".into(),
         )),
         None => Err(CliError(format!(
-            "no autopilot is heard under the name {name}: alight status --instance {name} shows what runs"
+            "no autopilot reports under the name {name}: alight status --instance {name} shows what runs"
         ))),
     }
 }
@@ -265,8 +265,8 @@ fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
     match &found.mount {
         Some(mount) => print_mount(found, mount, config),
         None => terminal::line(format_args!(
-            "the tag is not seen from the deck: where the drone stands is taken from --at, and nothing is said of \
-             the camera's mount"
+            "the tag is not seen from the deck: where the drone stands is taken from --at, and the \
+             camera's mount is not measured"
         )),
     }
     let centre: Vec<f64> = found

@@ -1,4 +1,4 @@
-//! `alight calibrate`: measures what a configuration has to say of this vessel and this drone, and
+//! `alight calibrate`: measures what the configuration of this vessel and this drone needs, and
 //! writes the lines to put into it. Nothing is changed by itself.
 
 mod deck;

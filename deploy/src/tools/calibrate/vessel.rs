@@ -25,7 +25,7 @@ use crate::tools::calibrate::list;
 
 /// An antenna known to this is better than what a tape gives on a boat, m (ours).
 const USABLE_M: f64 = 0.1;
-/// Longest table, bytes.
+/// Largest table, bytes.
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
 /// A recorded vessel.
@@ -34,7 +34,7 @@ const MAX_TABLE_BYTES: u64 = 256 << 20;
     after_help = "On calm water, engines off: press one side down and let go, then the bow, then let somebody heavy \
 step off; push her forward, sideways, and turn her, and let go. Three times each, and let her come to rest between, \
 for longer than she moves. For the antenna's place rock her for two minutes, or take a recording in waves.\n\
-For M in roll and pitch lay a known weight off the middle and record her at rest for a minute (--weighed, --weight).\n\
+For M in roll and pitch lay a known weight off the middle and record her at rest for a minute (--loaded-log, --weight).\n\
 Record with: alight vessel --config /etc/alight/vessel.toml --log DIR (its vessel-*.log)\n\
 Exit codes: 0 something was found, 1 nothing is observable, 2 bad input."
 )]
@@ -47,10 +47,10 @@ pub struct VesselArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// A recording of her at rest with a known weight on board, of any of these kinds
-    #[arg(long, value_name = "FILE", requires = "weight")]
-    pub weighed: Option<PathBuf>,
+    #[arg(long, alias = "weighed", value_name = "FILE", requires = "weight")]
+    pub loaded_log: Option<PathBuf>,
     /// That weight: its mass (kg) and its place from the vessel's reference point (m)
-    #[arg(long, value_name = "KG,FORWARD,RIGHT", requires = "weighed", value_parser = weight, allow_hyphen_values = true)]
+    #[arg(long, value_name = "KG,FORWARD,RIGHT", requires = "loaded_log", value_parser = weight, allow_hyphen_values = true)]
     pub weight: Option<Weight>,
     /// Print as one JSON object
     #[arg(long)]
@@ -68,10 +68,10 @@ fn weight(text: &str) -> Result<Weight, String> {
     }
 }
 
-/// What a known weight told: stiffness in roll and pitch.
+/// Stiffness in roll and pitch from a known weight.
 type LoadedStiffness = Option<Stiffness>;
 
-/// Identifies and tells.
+/// Identifies and prints.
 pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     let named = match &args.config {
         Some(path) => {
@@ -81,7 +81,7 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
         None => None,
     };
     let (config, found) = read(&args.recording, named.clone())?;
-    let weighed = match (&args.weighed, &args.weight) {
+    let loaded = match (&args.loaded_log, &args.weight) {
         (Some(path), Some(weight)) => {
             let (_, with) = read(path, named)?;
             Some(stiffness(weight, &found.level, &with.level))
@@ -89,9 +89,9 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
         (_, _) => None,
     };
     if args.json {
-        terminal::line(object(&found, &weighed));
+        terminal::line(object(&found, &loaded));
     } else {
-        print(&found, &weighed, &config);
+        print(&found, &loaded, &config);
     }
     let some = found.decays.iter().any(Result::is_ok) || antenna(&found).is_some();
     Ok(if some { Exit::Success } else { Exit::Failed })
@@ -272,13 +272,13 @@ fn why(unknown: &NotObservable) -> String {
             "a free decay explains {:.0} % of the best push: held, driven by waves, or another motion's",
             100.0 * explained
         ),
-        NotObservable::Vague => "the pushes are too weak or too short to tell".into(),
+        NotObservable::Vague => "the pushes are too weak or too short to identify anything".into(),
     }
 }
 
-/// M where a weight has told it.
-fn mass(dof: usize, decay: &Decay, weighed: &LoadedStiffness) -> Option<ValueWithSd> {
-    let [roll, pitch] = weighed.as_ref()?;
+/// M where a weight has shown it.
+fn mass(dof: usize, decay: &Decay, loaded: &LoadedStiffness) -> Option<ValueWithSd> {
+    let [roll, pitch] = loaded.as_ref()?;
     let of = match dof {
         ROLL => roll,
         PITCH => pitch,
@@ -295,7 +295,7 @@ fn scaled(m: f64, decay: &Decay) -> [ValueWithSd; 2] {
     })
 }
 
-fn object(found: &VesselCalibration, weighed: &LoadedStiffness) -> Value {
+fn object(found: &VesselCalibration, loaded: &LoadedStiffness) -> Value {
     let figure = |f: &ValueWithSd| json!({ "value": f.value, "sd": f.sd });
     let decays: serde_json::Map<String, Value> = DOF_NAMES
         .iter()
@@ -307,7 +307,7 @@ fn object(found: &VesselCalibration, weighed: &LoadedStiffness) -> Value {
                     "damping_per_mass": figure(&d.damping),
                     "stiffness_per_mass": figure(&d.stiffness),
                     "pushes": d.pushes,
-                    "mass": mass(dof, d, weighed).as_ref().map(figure),
+                    "mass": mass(dof, d, loaded).as_ref().map(figure),
                 }),
                 Err(unknown) => json!({ "not_observable": why(unknown) }),
             };
@@ -321,13 +321,13 @@ fn object(found: &VesselCalibration, weighed: &LoadedStiffness) -> Value {
     })
 }
 
-/// What a weight told of roll and pitch.
-fn print_loaded(weighed: &Stiffness) {
-    for (name, of) in ["roll", "pitch"].iter().zip(weighed) {
+/// Prints what a weight shows of roll and pitch.
+fn print_loaded(loaded: &Stiffness) {
+    for (name, of) in ["roll", "pitch"].iter().zip(loaded) {
         let text = match of {
             Ok(g) => format!("G {:.0} +- {:.0}", g.value, g.sd),
             Err(Some(lean)) => format!(
-                "leans by {:.2} +- {:.2} deg, which tells too little or is the wrong way: a heavier weight, farther \
+                "heels by {:.2} +- {:.2} deg, which is too little or the wrong way: use a heavier weight, farther \
                  from the middle, on calm water",
                 lean.value.to_degrees(),
                 lean.sd.to_degrees()
@@ -338,16 +338,16 @@ fn print_loaded(weighed: &Stiffness) {
     }
 }
 
-fn print(found: &VesselCalibration, weighed: &LoadedStiffness, config: &VesselNodeConfig) {
+fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNodeConfig) {
     let model = &config.model;
     terminal::line(format_args!("{:.0} s recorded", found.seconds));
-    weighed.iter().for_each(print_loaded);
+    loaded.iter().for_each(print_loaded);
     let (mut damping, mut stiffness) = (model.damping_npmps_nmpradps, model.stiffness_npm_nmprad);
     let mut inertia = model.inertia_kg_kgm2;
     for (dof, (name, decay)) in DOF_NAMES.iter().zip(&found.decays).enumerate() {
         match decay {
             Ok(d) => {
-                let m = mass(dof, d, weighed);
+                let m = mass(dof, d, loaded);
                 if let Some(m) = &m {
                     terminal::line(format_args!(
                         "{name:<6} M {:.0} +- {:.0} (configured {:.0})",
@@ -369,8 +369,8 @@ fn print(found: &VesselCalibration, weighed: &LoadedStiffness, config: &VesselNo
         }
     }
     terminal::line(
-        "M is not observable from free motion and elsewhere left as configured (a known weight tells it in roll and \
-         pitch: --weighed): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
+        "M is not observable from free motion and elsewhere left as configured (a known weight shows it in roll and \
+         pitch: --loaded-log): D and G are in its proportion, which is all that the model uses; the inertial sensor's own \
          place is where the reference point is reckoned from, and left",
     );
     let mut place = config.gnss.antenna_m;

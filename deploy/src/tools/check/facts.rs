@@ -36,7 +36,7 @@ pub struct Identity {
 /// How the system's clock is kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClockSync {
-    /// Who says so.
+    /// The program that reports it.
     pub source: &'static str,
     /// In step with a reference.
     pub synchronised: bool,
@@ -62,7 +62,7 @@ pub enum PortState {
     Free,
     /// Somebody listens there.
     Busy,
-    /// The system refuses it, in its words.
+    /// The system refuses it; its error.
     Unavailable(String),
     /// Not an address that can be tried here.
     Untried,
@@ -73,9 +73,9 @@ pub enum PortState {
 pub enum Reach {
     /// It took a connection.
     Answers,
-    /// It did not, in the system's words.
+    /// It did not; the system's error.
     Unreachable(String),
-    /// Datagrams: nobody answers before the session; there is a route.
+    /// Datagrams: no answer before the session; there is a route.
     Routed,
 }
 
@@ -89,7 +89,7 @@ pub struct SensorReadings {
     /// Headings.
     pub heading: usize,
     /// Datagrams that were none of these.
-    pub refused: u64,
+    pub invalid: u64,
 }
 
 /// A real sensor, listened to.
@@ -106,7 +106,7 @@ pub struct SourceCheck {
 /// The place for shared memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharedMemory {
-    /// Free, bytes; None when the system does not say.
+    /// Free, bytes; None when the system does not report it.
     pub free_bytes: Option<u64>,
     /// Whether a file can be made there, or why not.
     pub writable: Result<(), String>,
@@ -134,7 +134,7 @@ pub struct CameraCheck {
 pub struct Facts {
     /// The configuration's file.
     pub config: PathBuf,
-    /// What it says, or why it was refused.
+    /// Its content, or why it was refused.
     pub computer: Result<Computer, String>,
     /// Alight runs here already.
     pub running: bool,
@@ -142,7 +142,7 @@ pub struct Facts {
     pub identity: Option<Identity>,
     /// The system's clock, s since 1970.
     pub clock_s: i64,
-    /// How it is kept; None when nobody says.
+    /// How it is kept; None when no program reports it.
     pub sync: Option<ClockSync>,
     /// Shared memory; the drone's processes need it.
     pub memory: Option<SharedMemory>,

@@ -1,4 +1,4 @@
-//! Looks at this computer and says what is there; judges nothing.
+//! Collects the facts about this computer; judges nothing.
 
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
@@ -131,7 +131,7 @@ fn readable(name: &str) -> Result<(), String> {
     fs::File::open(name).map(drop).map_err(|e| e.to_string())
 }
 
-/// Reads a vessel's or a drone's configuration, told apart by the keys that only one of them has.
+/// Reads a vessel's or a drone's configuration, distinguished by the keys that only one of them has.
 pub fn computer(path: &Path) -> Result<Computer, CliError> {
     let text = fs::read_to_string(path).map_err(|e| {
         CliError::because(
@@ -253,9 +253,9 @@ fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Whether a server of QUIC is there: it answers a version that nobody has with those it has (RFC 9000,
-/// section 6.1), without a handshake and without counting us among the strangers. Asked three times, for
-/// a radio loses packets.
+/// Whether a server of QUIC is there: it answers an unknown version with those it knows (RFC 9000,
+/// section 6.1), without a handshake and without counting a rejected peer. Asked three times, because a
+/// radio loses packets.
 fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
     // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes; a server
     // answers no datagram below 1200 bytes.
@@ -308,7 +308,7 @@ fn listen(sensors: &mut SensorSocket) -> SensorReadings {
         received.gnss += readings.gnss.len();
         received.heading += readings.heading.len();
     }
-    received.refused = sensors.rejected();
+    received.invalid = sensors.rejected();
     received
 }
 
@@ -340,7 +340,7 @@ fn memory(instance: Result<Instance, String>) -> SharedMemory {
     }
 }
 
-/// What a program of the system says on standard output; None when it is not there or fails.
+/// The standard output of a program of the system; None when it is not there or fails.
 fn command_output(program: &str, args: &[&str]) -> Option<String> {
     let out = Command::new(program)
         .args(args)
@@ -454,7 +454,7 @@ mod tests {
         assert_eq!(try_listening(&taken), PortState::Busy);
         drop(socket);
         assert_eq!(try_listening(&taken), PortState::Free);
-        // TEST-NET-1: nobody's address.
+        // TEST-NET-1: an address without a computer.
         assert!(matches!(
             try_listening("quic/192.0.2.1:7447"),
             PortState::Unavailable(_)

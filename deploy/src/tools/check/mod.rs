@@ -1,5 +1,5 @@
-//! `alight check`: what keeps this computer from flying, and what to do about it. [`gather`] looks,
-//! [`rules`] judges, and nothing is changed.
+//! `alight check`: what keeps this computer from flying, and the remedy. [`gather`] collects facts, [`rules`]
+//! judges them; nothing is changed.
 
 pub mod facts;
 pub mod gather;
@@ -42,7 +42,7 @@ pub fn shipped() -> Option<PathBuf> {
     paths.find(|p| gather::is_there(p)).map(Path::to_path_buf)
 }
 
-/// Looks, judges and tells.
+/// Collects, judges and prints.
 pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
     let path = match &args.config {
         Some(path) => path.clone(),

@@ -74,7 +74,7 @@ impl Finding {
     }
 }
 
-/// Everything that can be said about `facts`, in the order in which a person puts it right.
+/// The findings about `facts`, in the order in which a person mends them.
 pub fn judge(facts: &Facts) -> Vec<Finding> {
     let path = facts.config.display();
     let computer = match &facts.computer {
@@ -125,17 +125,17 @@ fn clock(facts: &Facts) -> Vec<Finding> {
     let install = "install chrony and give it a source, the vessel's GNSS receiver for instance; flight itself \
                    does not need it, certificates and the comparison of logs do";
     vec![match &facts.sync {
-        None => Finding::warning(TOPIC, "nobody says whether the clock is synchronised", install),
+        None => Finding::warning(TOPIC, "no program reports whether the clock is synchronised", install),
         Some(s) if !s.synchronised => {
-            Finding::warning(TOPIC, format!("{} says: not synchronised", s.source), install)
+            Finding::warning(TOPIC, format!("{} reports: not synchronised", s.source), install)
         }
         Some(s) => match s.error_s {
             Some(e) if e.abs() > CLOCK_ERROR_S => Finding::warning(
                 TOPIC,
-                format!("{} says: {:.0} ms off", s.source, e * 1e3),
+                format!("{} reports: {:.0} ms off", s.source, e * 1e3),
                 "wait until it has settled, or look at its sources (chronyc sources)",
             ),
-            Some(_) | None => Finding::fine(TOPIC, format!("synchronised, says {}", s.source)),
+            Some(_) | None => Finding::fine(TOPIC, format!("synchronised, reports {}", s.source)),
         },
     }]
 }
@@ -165,7 +165,7 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
         }
         return vec![Finding::warning(
             TOPIC,
-            "the radio is not protected: whoever reaches the port is heard",
+            "the radio is not protected: any peer that reaches the port is accepted",
             "use quic/ endpoints with certificates of alight keys, or UDP on an address inside WireGuard only",
         )];
     };
@@ -263,7 +263,7 @@ fn hears_vessel(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {
     (!radio.tls.authority.is_empty() && !radio.tls.peers.contains(&vessel)).then(|| {
         Finding::broken(
             "vessel",
-            format!("{vessel} is not among radio.tls.peers: its messages are refused"),
+            format!("{vessel} is not among radio.tls.peers: its messages are rejected"),
             format!("peers = [\"{vessel}\"], or correct bridge.vessel_id"),
         )
     })
@@ -315,7 +315,7 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> F
         Ok(Reach::Answers) => Finding::fine(TOPIC, format!("{url} is there")),
         Ok(Reach::Routed) => Finding::fine(
             TOPIC,
-            format!("{url} is free; whether the autopilot speaks shows only in alight status"),
+            format!("{url} is free; whether the autopilot answers shows only in alight status"),
         ),
         Ok(Reach::Unreachable(why)) if running => {
             Finding::fine(TOPIC, format!("{url} is taken ({why}), and Alight runs"))
@@ -373,7 +373,7 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
         (Ok(()), Some(free)) => all.push(Finding::fine(TOPIC, format!("{} MB free", free >> 20))),
         (Ok(()), None) => all.push(Finding::warning(
             TOPIC,
-            "nobody says how much is free",
+            "the free memory is not known",
             "df /dev/shm",
         )),
     }
@@ -400,10 +400,10 @@ fn sensors(facts: &Facts) -> Option<Finding> {
     .filter(|(_, n)| *n == 0)
     .map(|(name, _)| name)
     .collect();
-    Some(if received.refused > 0 {
+    Some(if received.invalid > 0 {
         Finding::warning(
             TOPIC,
-            format!("{} datagrams were not measurements", received.refused),
+            format!("{} datagrams were not measurements", received.invalid),
             "another program sends to this port, or the driver is of another version",
         )
     } else if missing.is_empty() {

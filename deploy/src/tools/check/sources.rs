@@ -15,7 +15,7 @@ const READ_ROUNDS: u32 = 250;
 /// opened late.
 const READ_PERIOD: std::time::Duration = std::time::Duration::from_millis(10);
 
-/// What each source says. The ports must be free: a serial port gives each byte to one reader.
+/// What each source sends. The ports must be free: a serial port gives each byte to one reader.
 pub fn listen(computer: &VesselComputer) -> Vec<SourceCheck> {
     let sources = &computer.sensor.sources;
     let mut links: Vec<Result<ByteLink, String>> = sources

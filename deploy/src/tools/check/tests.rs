@@ -70,7 +70,7 @@ fn vessel() -> Facts {
             imu: 300,
             gnss: 10,
             heading: 20,
-            refused: 0,
+            invalid: 0,
         }),
         sources: Some(Vec::new()),
         governors: vec!["performance".into(); 4],
@@ -122,7 +122,7 @@ fn check_finds_nothing_on_computers_in_order() {
     }
 }
 
-/// One thing that is wrong: where, what, how bad, and a word of what is said.
+/// One fault: the computer, the change, its level, and a part of the finding.
 type Wrong = (fn() -> Facts, fn(&mut Facts), Level, &'static str);
 
 #[test]
@@ -142,7 +142,7 @@ fn check_finds_each_fault_alone_with_its_remedy() {
     }
     let wrongs: [Wrong; 33] = [
         (vessel, |f| f.clock_s = 40, Level::Broken, "never set"),
-        (vessel, |f| f.sync = None, Level::Warning, "nobody says"),
+        (vessel, |f| f.sync = None, Level::Warning, "no program reports"),
         (
             vessel,
             |f| f.sync.as_mut().unwrap().synchronised = false,
@@ -230,7 +230,7 @@ fn check_finds_each_fault_alone_with_its_remedy() {
         ),
         (
             vessel,
-            |f| f.sensors.as_mut().unwrap().refused = 4,
+            |f| f.sensors.as_mut().unwrap().invalid = 4,
             Level::Warning,
             "4 datagrams",
         ),
@@ -338,7 +338,7 @@ fn check_finds_each_fault_alone_with_its_remedy() {
             bad[0].level == level && bad[0].found.contains(word),
             "{word}: {bad:?}"
         );
-        assert!(bad[0].remedy.len() > 8, "{word}: says what to do: {bad:?}");
+        assert!(bad[0].remedy.len() > 8, "{word}: names a remedy: {bad:?}");
     }
 }
 
