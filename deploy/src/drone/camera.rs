@@ -178,8 +178,7 @@ enum SourceEvent {
 
 /// Runs until it is asked to end, as the belly camera or as the ultraviolet one.
 pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
-    let mut computer: DroneComputer =
-        config::load(&args.process.config)?;
+    let mut computer: DroneComputer = config::load(&args.process.config)?;
     let markers = kind == ProcessKind::Uvdar;
     if let Some(source) = &args.source {
         let named = if markers {

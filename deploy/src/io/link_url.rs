@@ -37,7 +37,9 @@ impl FromStr for LinkUrl {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = |what: &str| format!("the address {text:?}: {what}; {FORMS}");
-        let (kind, rest) = text.split_once(':').ok_or_else(|| wrong("the kind of link is missing"))?;
+        let (kind, rest) = text
+            .split_once(':')
+            .ok_or_else(|| wrong("the kind of link is missing"))?;
         let rest = rest.strip_prefix("//").unwrap_or(rest);
         let host = |port: u16| -> Result<String, String> {
             let (host, port) = match rest.rsplit_once(':') {

@@ -148,8 +148,15 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliErr
     terminal::line(format_args!("instance {name}\n"));
     if let Some(m) = &snapshot.mission {
         let (since_s, entered) = ((m.header.at - m.since).secs(), m.entered.to_string());
-        let reason = if entered.is_empty() { String::new() } else { format!(": {entered}") };
-        terminal::line(format_args!("  mission   {} since {since_s:.1} s{reason}", m.state.name()));
+        let reason = if entered.is_empty() {
+            String::new()
+        } else {
+            format!(": {entered}")
+        };
+        terminal::line(format_args!(
+            "  mission   {} since {since_s:.1} s{reason}",
+            m.state.name()
+        ));
         terminal::line(format_args!("  waiting   {}", m.waiting));
     }
     if let Some(l) = &snapshot.link {

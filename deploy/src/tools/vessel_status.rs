@@ -257,7 +257,8 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
             "is one switched on, in reach, and in radio.tls.peers?",
         )];
     }
-    status.drones
+    status
+        .drones
         .iter()
         .map(|d| {
             let found = format!(

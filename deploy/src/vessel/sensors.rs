@@ -117,12 +117,12 @@ fn reports(
     faults: &[Option<String>],
 ) -> Vec<SourceReport> {
     let each = sources.iter().zip(node.status()).zip(faults).enumerate();
-    each.map(|(number, ((source, status), faults))| SourceReport {
+    each.map(|(number, ((source, status), fault))| SourceReport {
         number,
         source: source.name.clone(),
         status,
         age_s: status.newest_s.map(|s| now.secs() - s),
-        faults: faults.clone(),
+        why: fault.clone(),
     })
     .collect()
 }

@@ -128,7 +128,7 @@ impl SourceHealth {
                 health.rejected += c.rejected;
             }
         }
-        said
+        health
     }
 }
 
@@ -252,7 +252,8 @@ impl StatusFile {
     pub fn observe_drones(&mut self, computer: &VesselComputer, statuses: &[(i64, DroneStatus)]) {
         for (at_ns, status) in statuses {
             let h = &status.header;
-            let ours = h.version == MESSAGE_VERSION && h.vessel == computer.vessel_id && status.check().is_ok();
+            let ours =
+                h.version == MESSAGE_VERSION && h.vessel == computer.vessel_id && status.check().is_ok();
             if ours && (self.drones.len() < MAX_DRONES || self.drones.contains_key(&h.drone)) {
                 self.drones.insert(h.drone, (*at_ns, *status));
             }

@@ -125,7 +125,11 @@ fn clock(facts: &Facts) -> Vec<Finding> {
     let install = "install chrony and give it a source, the vessel's GNSS receiver for instance; flight itself \
                    does not need it, certificates and the comparison of logs do";
     vec![match &facts.sync {
-        None => Finding::warning(TOPIC, "no program reports whether the clock is synchronised", install),
+        None => Finding::warning(
+            TOPIC,
+            "no program reports whether the clock is synchronised",
+            install,
+        ),
         Some(s) if !s.synchronised => {
             Finding::warning(TOPIC, format!("{} reports: not synchronised", s.source), install)
         }

@@ -121,10 +121,16 @@ pub fn table(origin: &str, r: &Review) -> String {
     } else {
         line("  too short for a prediction to be compared".into());
     }
-    let worse = r.predictions.iter().filter(|p| p.rms.iter().zip(&p.hold_rms).any(|(a, b)| a > b));
+    let worse = r
+        .predictions
+        .iter()
+        .filter(|p| p.rms.iter().zip(&p.hold_rms).any(|(a, b)| a > b));
     let worse: Vec<String> = worse.map(|p| p.what.to_string()).collect();
     if !worse.is_empty() {
-        line(format!("  worse than the last estimate held: {}", worse.join(", ")));
+        line(format!(
+            "  worse than the last estimate held: {}",
+            worse.join(", ")
+        ));
     }
     out
 }
