@@ -1,14 +1,15 @@
 //! The deck for other users of the link, when that is configured: `LANDING_TARGET` and a list of numbers.
 
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
+use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::UnitQuaternion;
 
 use super::message::Message;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// Time between two messages, s.
-const DECK_PERIOD_S: f64 = 0.1;
+/// Time between two messages.
+const DECK_PERIOD: Span = Span::from_millis(100);
 
 impl AutopilotLink {
     /// The deck as forecast for now.
@@ -18,11 +19,11 @@ impl AutopilotLink {
     }
     /// Sends the deck in the autopilot's frame and at its time.
     pub(super) fn publish_deck(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        if !self.config.publish_deck || !self.timers.deck.is_due(now) || !self.clock.is_synchronised() {
+        if !self.config.publish_deck || !self.timers.deck.is_ready(now) || !self.clock.is_synchronised() {
             return;
         }
         let Some(d) = self.deck(now) else { return };
-        self.timers.deck.wait(now, DECK_PERIOD_S);
+        self.timers.deck.restart(now, DECK_PERIOD);
         // The forecast is in the frame that set-points are in.
         let there = self.in_its_frame(&SetPoint {
             kind: SetPointKind::Trajectory,

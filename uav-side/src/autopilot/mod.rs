@@ -31,7 +31,7 @@ pub use disarm::DisarmInhibit;
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::Latest;
+use alight_shared::admission::{Latest, Periodic};
 use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
@@ -60,14 +60,14 @@ pub const MAX_FRAMES: usize = 512;
 const MAX_TEXTS: usize = 8;
 /// TIMESYNC requests under way, at most.
 const MAX_TIMESYNC_REQUESTS: usize = 16;
-/// Our heartbeat's period, s (MAVLink's usual).
-const HEARTBEAT_S: f64 = 1.0;
-/// Period of the autopilot's state to the other nodes, s.
-const STATE_S: f64 = 0.1;
-/// Period of requests for an origin that is known, s: an estimator that restarts moves its origin.
-const ORIGIN_S: f64 = 5.0;
-/// Period of requests for an unknown origin, s.
-const UNKNOWN_ORIGIN_S: f64 = 1.0;
+/// Our heartbeat's period (MAVLink's usual).
+const HEARTBEAT: Span = Span::from_millis(1000);
+/// Period of the autopilot's state to the other nodes.
+const STATE: Span = Span::from_millis(100);
+/// Period of requests for an origin that is known: an estimator that restarts moves its origin.
+const ORIGIN: Span = Span::from_millis(5000);
+/// Period of requests for an unknown origin.
+const UNKNOWN_ORIGIN: Span = Span::from_millis(1000);
 
 /// What arrives.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -122,27 +122,14 @@ enum Output {
     Range,
 }
 
-/// Something that is due again some time after it was done.
-#[derive(Clone, Copy, Debug, Default)]
-struct Timer(Option<DroneTime>);
-
-impl Timer {
-    fn is_due(self, now: DroneTime) -> bool {
-        self.0.is_none_or(|next| now >= next)
-    }
-    fn wait(&mut self, now: DroneTime, seconds: f64) {
-        self.0 = Some(now + Span::from_secs(seconds));
-    }
-}
-
 #[derive(Clone, Copy, Debug, Default)]
 struct Timers {
-    command: Timer,
-    heartbeat: Timer,
-    timesync: Timer,
-    state: Timer,
-    deck: Timer,
-    origin: Timer,
+    command: Periodic<DroneClock>,
+    heartbeat: Periodic<DroneClock>,
+    timesync: Periodic<DroneClock>,
+    state: Periodic<DroneClock>,
+    deck: Periodic<DroneClock>,
+    origin: Periodic<DroneClock>,
 }
 
 /// The link's node.
@@ -284,8 +271,7 @@ impl AutopilotLink {
     /// What is sent whoever commands: heartbeat, clock, streams, parameters.
     fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let timers = &mut self.timers;
-        if timers.heartbeat.is_due(now) {
-            timers.heartbeat.wait(now, HEARTBEAT_S);
+        if timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
             out.messages.push(Message::Heartbeat(Heartbeat {
                 autopilot: message::NO_AUTOPILOT,
                 vehicle: message::COMPANION_TYPE,
@@ -294,8 +280,10 @@ impl AutopilotLink {
             }));
         }
         let Some(peer) = &mut self.peer else { return };
-        if timers.timesync.is_due(now) {
-            timers.timesync.wait(now, 1.0 / self.config.timesync_hz);
+        if timers
+            .timesync
+            .is_due_spaced(now, Span::from_secs(1.0 / self.config.timesync_hz))
+        {
             self.timesync_requests.push_back(now.nanos());
             if self.timesync_requests.len() > MAX_TIMESYNC_REQUESTS {
                 self.timesync_requests.pop_front();
@@ -307,11 +295,11 @@ impl AutopilotLink {
         }
         out.messages.extend(peer.streams.ask(now, peer.address));
         out.messages.extend(peer.ask_option(now, self.attitudes));
-        if self.datum.is_some() && timers.origin.is_due(now) {
-            let known = self.shift.is_some();
-            timers
-                .origin
-                .wait(now, if known { ORIGIN_S } else { UNKNOWN_ORIGIN_S });
+        let period = match self.shift {
+            Some(_) => ORIGIN,
+            None => UNKNOWN_ORIGIN,
+        };
+        if self.datum.is_some() && timers.origin.is_due_spaced(now, period) {
             let origin = [f64::from(message::id::GPS_GLOBAL_ORIGIN)];
             let request = CommandLong::new(peer.address, command::REQUEST_MESSAGE, origin);
             out.messages.push(Message::Command(request));
@@ -320,10 +308,10 @@ impl AutopilotLink {
 
     /// The autopilot's state as the other nodes know it: OFFBOARD is reported only while it is ours.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
-        if !alive || !self.timers.state.is_due(now) && !changed {
+        if !alive || !self.timers.state.is_ready(now) && !changed {
             return None;
         }
-        self.timers.state.wait(now, STATE_S);
+        self.timers.state.restart(now, STATE);
         let header = self.header(Output::State, now);
         let p = self.peer.as_ref()?;
         let ours = self.control_authority().has_the_mode();
@@ -372,7 +360,7 @@ impl Node for AutopilotLink {
 
         let evidence = self.evidence(now, heartbeat);
         self.authority
-            .step(now, &evidence, Span::from_secs(self.config.quiet_s));
+            .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));
         if evidence.mode != AutopilotMode::Offboard {
             self.diversions = 0;
         }

@@ -24,8 +24,8 @@ const RANGE_STALE: Span = Span::from_millis(200);
 const CLEAR_M: f64 = 1.0;
 /// With the rangefinder below this the deck may carry the drone, m.
 const NEAR_M: f64 = 0.6;
-/// Between two commands to arm or to divert, s.
-const COMMAND_PAUSE_S: f64 = 1.0;
+/// Between two commands to arm or to divert.
+const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
@@ -262,7 +262,7 @@ impl AutopilotLink {
             matches!(authority, ControlAuthority::Diverted(_)) && peer.mode == AutopilotMode::Offboard;
         if !(authority.commands() && !flare || repeated)
             || (now - since).secs() < b.for_s
-            || !self.timers.command.is_due(now)
+            || !self.timers.command.is_ready(now)
             || self.diversions >= b.tries
         {
             return;
@@ -284,7 +284,7 @@ impl AutopilotLink {
             mode,
         )));
         self.diversions += 1;
-        self.timers.command.wait(now, COMMAND_PAUSE_S);
+        self.timers.command.restart(now, COMMAND_PAUSE);
         self.authority.divert(now, b.diversion);
     }
 
@@ -306,13 +306,13 @@ impl AutopilotLink {
             || peer.landed != LandedState::OnGround
             || !commanded
             || self.arm_tries >= ARM_TRIES
-            || !self.timers.command.is_due(now)
+            || !self.timers.command.is_ready(now)
         {
             return;
         }
         let arm = CommandLong::new(peer.address, command::ARM_DISARM, [1.0]);
         out.messages.push(Message::Command(arm));
         self.arm_tries += 1;
-        self.timers.command.wait(now, COMMAND_PAUSE_S);
+        self.timers.command.restart(now, COMMAND_PAUSE);
     }
 }
