@@ -17,9 +17,7 @@ const CODE_0: u64 = 0xd_5d62_8584;
 /// A drawing: what a real image can confront the detector with.
 #[derive(Clone, Debug)]
 enum Stroke {
-    /// A filled rectangle: corner, size, level.
-    Box([u16; 4], u8),
-    /// A chequered field: corner, size, cell, levels.
+    /// A chequered field, of one level a filled rectangle: corner, size, cell, levels.
     Field([u16; 4], u8, [u8; 2]),
     /// The tag, with some bits inverted: corner, cell, mask of wrong bits.
     Tag([u16; 2], u8, u64),
@@ -32,7 +30,7 @@ enum Stroke {
 fn strokes() -> impl Strategy<Value = Vec<Stroke>> {
     let four = prop::array::uniform4(0_u16..400);
     let stroke = prop_oneof![
-        (four.clone(), any::<u8>()).prop_map(|(at, level)| Stroke::Box(at, level)),
+        (four.clone(), any::<u8>()).prop_map(|(at, level)| Stroke::Field(at, 1, [level; 2])),
         (four.clone(), 1_u8..40, any::<[u8; 2]>()).prop_map(|(at, cell, l)| Stroke::Field(at, cell, l)),
         (
             prop::array::uniform2(0_u16..300),
@@ -57,13 +55,6 @@ fn draw(width: usize, height: usize, ground: u8, strokes: &[Stroke]) -> GreyImag
             }
         };
         match stroke {
-            Stroke::Box([x, y, w, h], level) => {
-                for v in 0..usize::from(*h) {
-                    for u in 0..usize::from(*w) {
-                        set(usize::from(*x) + u, usize::from(*y) + v, *level);
-                    }
-                }
-            }
             Stroke::Field([x, y, w, h], cell, levels) => {
                 for v in 0..usize::from(*h) {
                     for u in 0..usize::from(*w) {

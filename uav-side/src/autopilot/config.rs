@@ -24,24 +24,24 @@ config! {
         /// Where the autopilot is: udpin, udpout, tcpout, tcpin or serial, as MAVSDK writes them.
         /// Source: PX4's onboard API link.
         pub connect: String = "udpin://0.0.0.0:14540".into();
-        /// System that is listened to; 0: the first autopilot that is heard.
+        /// System number of the autopilot; 0: the first one whose heartbeat is received.
         pub vehicle: u8 = 0;
         /// Our system number; 0: the vehicle's, as a companion computer has it.
         /// Source: MAVLink's convention for companions.
         pub system: u8 = 0;
         /// Our component number.
         pub component: u8 = COMPANION_COMPONENT;
-        /// Odometry, attitude and inertial samples asked for, Hz.
-        /// Source: What predictor and pilot are laid out for.
+        /// Rate requested of odometry, attitude and inertial samples, Hz.
+        /// Source: what predictor and pilot are designed for.
         pub odometry_hz: f64 = 100.0, in 20.0..=500.0;
-        /// Heartbeats asked of ArduCopter, Hz: a change of mode is known within their period. (PX4 keeps to
-        /// 1 Hz, and tells a change of mode in `CURRENT_MODE`.)
-        /// Chosen: take-over within 100 ms.
+        /// Rate requested of ArduCopter's heartbeats, Hz: a change of mode is known within their period. (PX4
+        /// keeps to 1 Hz, and reports a change of mode in `CURRENT_MODE`.)
+        /// Chosen: takeover within 100 ms.
         pub heartbeat_hz: f64 = 20.0, in 1.0..=50.0;
-        /// Rangefinder asked for, Hz.
+        /// Rate requested of the rangefinder, Hz.
         /// Source: `topics::RANGE`.
         pub range_hz: f64 = 50.0, in 1.0..=200.0;
-        /// Set-points sent at most, Hz.
+        /// Greatest rate of set-points, Hz.
         /// Source: `topics::SET_POINT`; 50 at least is flown.
         pub set_point_hz: f64 = 100.0, in 50.0..=400.0;
         /// Without a heartbeat for this long the link is lost, s.
@@ -50,34 +50,33 @@ config! {
         /// Without an inertial sample or odometry for this long no set-points are sent, s.
         /// Source: `topics::DRONE_STATE`.
         pub odometry_loss_s: f64 = 0.2, in 0.05..=2.0;
-        /// After a person took over nothing is offered for this long, s.
-        pub quiet_s: f64 = 2.0, in 0.5..=60.0;
-        /// Questions about clocks, Hz.
+        /// After a person took over no set-points are streamed for this long, s.
+        pub takeover_pause_s: f64 = 2.0, in 0.5..=60.0;
+        /// Rate of TIMESYNC requests, Hz.
         pub timesync_hz: f64 = 5.0, in 0.5..=50.0;
-        /// Answers to them that took longer are not used, s.
+        /// TIMESYNC answers with a longer round trip are not used, s.
         /// Chosen: 0.06 s each way is still flown (tests/tests/autopilot/landings.rs).
         pub timesync_limit_s: f64 = 0.25, in 0.002..=1.0;
         /// Body rates go with attitude set-points. PX4 drops them; ArduCopter 4.6 and 4.7 turn them by the
         /// attitude once too often, so that at a heading of 180 deg they work against it.
         /// Measured: with ArduCopter 4.7 0 of 2 landed with them.
         pub send_rates: bool = false;
-        /// Share of the square in the autopilot's thrust curve `T = f u² + (1 - f) u` that it does not
-        /// make up for itself (PX4: THR_MDL_FAC is its own correction, then 0).
+        /// Fraction of the square in the autopilot's thrust curve `T = f u² + (1 - f) u` that it does not
+        /// compensate itself (PX4: THR_MDL_FAC is its own correction, then 0).
         /// Source: The autopilot's own correction.
         pub thrust_curve: f64 = 0.0, in 0.0..=1.0;
-        /// Hover thrust before it is known, the autopilot's measure, 0 to 1.
+        /// Hover thrust before it is identified, as the autopilot commands it, 0 to 1.
         pub hover_thrust: f64 = 0.4, in 0.05..=0.9;
         /// Time constant of the hover thrust's estimate, s.
         /// Chosen: settles as PX4's hover thrust estimator does.
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
-        /// Standard deviations where the autopilot tells none: position (m), velocity (m/s), attitude
+        /// Standard deviations where the autopilot reports none: position (m), velocity (m/s), attitude
         /// (rad).
         pub odometry_sd: [f64; 3] = [0.3, 0.1, 0.02], in 1e-4..=10.0;
-        /// Standard deviation of the rangefinder where it tells none, m.
+        /// Standard deviation of the rangefinder where the autopilot reports none, m.
         pub range_sd_m: f64 = 0.02, in 0.001..=1.0;
-        /// Height of mean sea level above the ellipsoid (geoid) at this place, m: the autopilot tells its
-        /// origin above the one, a datum is above the other.
-        /// Chosen: of the place.
+        /// Height of mean sea level above the ellipsoid (geoid) at this place, m: the autopilot reports
+        /// its origin above the sea, a datum is above the ellipsoid.
         pub geoid_m: f64 = 0.0, in -120.0..=120.0;
         /// Alight may arm a drone that stands on the ground in the mode that a person gave.
         pub may_arm: bool = false;
@@ -85,10 +84,10 @@ config! {
         pub disarm: DisarmConfig;
         /// The battery's last reserve.
         pub battery: BatteryConfig;
-        /// Side of the tag told in `LANDING_TARGET`, m.
+        /// Side of the tag reported in `LANDING_TARGET`, m.
         /// Source: The paper's.
         pub deck_tag_m: f64 = 1.0;
-        /// `LANDING_TARGET` and the estimated deck are offered to other users of the link.
+        /// `LANDING_TARGET` and the estimated deck are sent to other users of the link.
         pub publish_deck: bool = false;
     }
     check |this, at| {
@@ -98,28 +97,28 @@ config! {
 
 config! {
     /// When the forced disarm (`MAV_CMD_COMPONENT_ARM_DISARM`, 21196) may be sent. All must hold at once,
-    /// for `hold_s`, beside the pilot's confirmed touchdown.
+    /// for `hold_s`, in addition to the pilot's confirmed touchdown.
     ///
-    /// Chosen: The pilot has pressed at half of hover or less when it confirms.
+    /// Chosen: the pilot has pressed at half of hover or less when it confirms.
     #[derive(Copy)]
     pub struct DisarmConfig {
         /// Disarm on the deck.
         pub on_deck: bool = true;
-        /// Feet above the deck, by rangefinder or forecast, at most, m.
+        /// Greatest height of the feet above the deck, by rangefinder or forecast, m.
         pub height_m: f64 = 0.35, in 0.02..=1.0;
-        /// Speed relative to the deck (without a forecast: over ground), at most, m/s.
+        /// Greatest speed relative to the deck (without a forecast: over ground), m/s.
         pub speed_mps: f64 = 1.5, in 0.1..=5.0;
-        /// Least specific force as a share of gravity: what falls feels less.
+        /// Least specific force as a fraction of gravity: it is less in a fall.
         pub min_load_factor: f64 = 0.75, in 0.5..=1.0;
-        /// Greatest thrust as a share of hover: what flies needs more.
-        pub thrust_of_hover: f64 = 0.7, in 0.1..=0.9;
-        /// All of it for this long, s.
+        /// Greatest thrust as a fraction of hover: flight needs more.
+        pub max_thrust_of_hover: f64 = 0.7, in 0.1..=0.9;
+        /// Time for which all evidence must hold, s.
         pub hold_s: f64 = 0.02, in 0.0..=1.0;
-        /// The evidence may be missing for this long, then the drone climbs a little and holds, s.
-        pub patience_s: f64 = 0.3, in 0.05..=2.0;
-        /// Commands at most.
+        /// Without the evidence for this long the drone climbs a little and holds, s.
+        pub evidence_timeout_s: f64 = 0.3, in 0.05..=2.0;
+        /// Greatest number of commands.
         pub tries: u32 = 10, in 1.0..=100.0;
-        /// Time between two, s.
+        /// Time between two commands, s.
         pub pause_s: f64 = 0.2, in 0.05..=5.0;
     }
 }
@@ -130,11 +129,11 @@ config! {
     pub struct BatteryConfig {
         /// Remaining charge below which the drone is diverted, 0 to 1.
         pub reserve: f64 = 0.1, in 0.0..=0.9;
-        /// For this long, s.
+        /// Time for which the charge must be below, s.
         pub for_s: f64 = 3.0, in 0.1..=60.0;
-        /// Where to.
+        /// What the autopilot is commanded to do.
         pub diversion: Diversion = Diversion::Return;
-        /// Commands at most.
+        /// Greatest number of commands.
         pub tries: u32 = 3, in 1.0..=20.0;
     }
 }

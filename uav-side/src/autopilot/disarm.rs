@@ -83,7 +83,7 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
         return Some(DisarmInhibit::Fast);
     }
     let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
-    let idle = e.thrust.is_some_and(|t| t <= c.thrust_of_hover);
+    let idle = e.thrust.is_some_and(|t| t <= c.max_thrust_of_hover);
     // The autopilot's report may replace the thrust, never the load factor.
     if !(supported && (idle || e.reports_on_ground)) {
         return Some(DisarmInhibit::NotSupported);
@@ -129,7 +129,7 @@ impl DisarmSequence {
         if let Some(d) = inhibit(e, c) {
             self.complete_since = None;
             let missing_since = *self.missing_since.get_or_insert(now);
-            return if (now - missing_since).secs() <= c.patience_s {
+            return if (now - missing_since).secs() <= c.evidence_timeout_s {
                 DisarmDecision::Press
             } else {
                 DisarmDecision::InAir(d)

@@ -137,6 +137,9 @@ pub struct ValueWithSd {
 }
 
 impl ValueWithSd {
+    fn new(value: f64, sd: f64) -> ValueWithSd {
+        ValueWithSd { value, sd }
+    }
     /// Whether the configured value is to be replaced by it.
     pub fn replaces(&self, configured: f64) -> bool {
         self.sd <= USABLE_M && (self.value - configured).abs() > AGREEMENT_SDS * self.sd
@@ -311,18 +314,19 @@ impl DeckCalibration {
         let (feet, rocking_rad) = self.feet(lags)?;
         let mount = self.mount(&relative)?;
         let stand = mount.map_or(
-            self.stand.at_m.map(|value| ValueWithSd {
-                value,
-                sd: self.stand.sd_m,
-            }),
+            self.stand
+                .at_m
+                .map(|value| ValueWithSd::new(value, self.stand.sd_m)),
             |(_, at)| at,
         );
         let (value, covariance) = feet.value().ok_or(DeckCalibrationError::Spread)?;
         let at = [stand[0].value, stand[1].value, 0.0];
         let at_sd = [stand[0].sd, stand[1].sd, 0.0];
-        let centre = core::array::from_fn(|i| ValueWithSd {
-            value: value[i] - at[i],
-            sd: (covariance[(i, i)] + at_sd[i].powi(2) + LEVER_SD_M.powi(2)).sqrt(),
+        let centre = core::array::from_fn(|i| {
+            ValueWithSd::new(
+                value[i] - at[i],
+                (covariance[(i, i)] + at_sd[i].powi(2) + LEVER_SD_M.powi(2)).sqrt(),
+            )
         });
         if !centre.iter().all(|f| f.value.is_finite() && f.sd.is_finite()) {
             return Err(DeckCalibrationError::Spread);
@@ -376,20 +380,11 @@ impl DeckCalibration {
         let down = middle * Vector3::z();
         let sd = |i: usize| (covariance[(i, i)] + bias(i + 3).powi(2) + self.uneven_rad().powi(2)).sqrt();
         Ok(Relative {
-            tilt: [
-                ValueWithSd {
-                    value: -down.y,
-                    sd: sd(0),
-                },
-                ValueWithSd {
-                    value: down.x,
-                    sd: sd(1),
-                },
-            ],
-            heading: ValueWithSd {
-                value: middle.euler_angles().2,
-                sd: (covariance[(2, 2)] + bias(5).powi(2)).sqrt(),
-            },
+            tilt: [ValueWithSd::new(-down.y, sd(0)), ValueWithSd::new(down.x, sd(1))],
+            heading: ValueWithSd::new(
+                middle.euler_angles().2,
+                (covariance[(2, 2)] + bias(5).powi(2)).sqrt(),
+            ),
         })
     }
 
@@ -489,9 +484,8 @@ impl DeckCalibration {
         if !(metres <= STILL_TAG_M) {
             return Err(DeckCalibrationError::Moves { metres });
         }
-        let tilt = core::array::from_fn(|i| ValueWithSd {
-            value: rotation[i],
-            sd: rotation_cov[(i, i)].sqrt().hypot(self.uneven_rad()),
+        let tilt = core::array::from_fn(|i| {
+            ValueWithSd::new(rotation[i], rotation_cov[(i, i)].sqrt().hypot(self.uneven_rad()))
         });
         // Drone from tag is minus the drone's heading on the deck.
         let turn = alight_shared::frames::wrap_angle(-rotation[2] - relative.heading.value);
@@ -502,19 +496,10 @@ impl DeckCalibration {
         let mount = MountCalibration {
             tags: self.tags.len(),
             tilt,
-            turn: ValueWithSd {
-                value: turn,
-                sd: rotation_cov[(2, 2)].sqrt().hypot(relative.heading.sd),
-            },
-            height: ValueWithSd {
-                value: -place.z,
-                sd: place_cov[(2, 2)].sqrt().hypot(FOOT_SD_M),
-            },
+            turn: ValueWithSd::new(turn, rotation_cov[(2, 2)].sqrt().hypot(relative.heading.sd)),
+            height: ValueWithSd::new(-place.z, place_cov[(2, 2)].sqrt().hypot(FOOT_SD_M)),
         };
-        let at = core::array::from_fn(|i| ValueWithSd {
-            value: place[i],
-            sd: place_cov[(i, i)].sqrt().hypot(lens),
-        });
+        let at = core::array::from_fn(|i| ValueWithSd::new(place[i], place_cov[(i, i)].sqrt().hypot(lens)));
         Ok(Some((mount, at)))
     }
 }

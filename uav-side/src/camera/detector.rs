@@ -13,7 +13,7 @@ use super::motion_blur::motion_blur_px2;
 const MAX_DETECTIONS: usize = 64;
 
 config! {
-    /// What is looked for, and what counts.
+    /// The tag, and the conditions on a detection.
     pub struct TagSettings {
         /// Number of the deck's tag in the family 36h11.
         pub id: u16 = 0, in 0.0..=586.0;
@@ -25,21 +25,21 @@ config! {
         pub min_side_px: f64 = 10.0, in 5.0..=1e4;
         /// The image is searched at this fraction of its resolution (1: whole, 2: half); corners are refined at
         /// whole resolution.
-        /// Chosen: whole, 640 x 480 takes twice the time and the tag is seen 3 m further.
+        /// Chosen: whole, 640 x 480 takes twice the time and the tag is detected 3 m further.
         pub decimate: f64 = 1.5, in 1.0..=4.0;
         /// Standard deviation of each coordinate of each corner of a large, sharp tag, px.
         /// Source: Twice what rendered images give, for what is left of a real lens after its
         /// calibration.
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
-        /// The same as a share of the tag's side in the image: what a lens leaves after its calibration.
+        /// The same as a fraction of the tag's side in the image: what a lens leaves after its calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
         /// What is added to it (root of squares) for a tag that is as narrow as `small_width_px` or narrower, px.
         /// Source: Rendered images give 0.23, 16 and 0.2.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
         /// Width of the tag in the image from which on that falls with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
-        /// What motion during the exposure adds, as a share of its square over the tag's width; the edges tell
-        /// the motion.
+        /// Motion blur adds this fraction of its square over the tag's width; the blur is measured at the tag's
+        /// edges.
         pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
         /// Largest sum of squared reprojection errors, in variances of a corner.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
@@ -60,7 +60,7 @@ pub struct TagDetection {
     pub motion_blur_px2: f64,
 }
 
-/// Why a detection of the library did not count, or how often none did.
+/// Images and the library's detections by result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TagCounts {
     /// Images that were searched.
@@ -84,7 +84,7 @@ pub struct TagDetector {
     settings: TagSettings,
     library: Option<Detector>,
     buffer: Option<Image>,
-    /// What became of detections.
+    /// Images and detections by result.
     pub counts: TagCounts,
 }
 

@@ -1,12 +1,18 @@
-//! Figures of the predictor.
+//! Parameters of the predictor.
 
 use alight_shared::config;
 use alight_shared::frames::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::vessel_model::VesselModelConfig;
 
+/// Three lengths (m) and three angles from degrees.
+fn six(lengths: [f64; 3], degrees: [f64; 3]) -> [f64; 6] {
+    let ([n, e, d], [r, p, y]) = (lengths, degrees.map(f64::to_radians));
+    [n, e, d, r, p, y]
+}
+
 config! {
-    /// What the predictor believes about deck, drone, sensors and sea. Lists of six are in the order
+    /// The predictor's model of deck, drone, sensors and sea. Lists of six are in the order
     /// north, east, down (m), deck normal about north, about east (rad), heading (rad).
     pub struct PredictorConfig {
         /// Forecasts per second.
@@ -25,15 +31,13 @@ config! {
         pub datum: Option<Datum> = None;
         /// Spread of the radio's slow error.
         /// Source: GNSS of the vessel: 1 m; tilt: trim of its inertial unit; compass: 1 deg. Ours.
-        pub radio_bias_sd_m_rad: [f64; 6] =
-            [1.0, 1.0, 1.0, f64::to_radians(0.3), f64::to_radians(0.3), f64::to_radians(1.5)], in 0.0..=100.0;
+        pub radio_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [0.3, 0.3, 1.5]), in 0.0..=100.0;
         /// Correlation time of the radio's slow error, s.
         pub radio_bias_time_s: [f64; 6] = [300.0, 300.0, 300.0, 60.0, 60.0, 100.0], in 0.1..=1e6;
-        /// Spread of the sight's slow error.
+        /// Spread of vision's slow error.
         /// Source: GNSS of the drone: 1 m; camera mount 1 deg with the drone's own attitude error.
-        pub vision_bias_sd_m_rad: [f64; 6] =
-            [1.0, 1.0, 1.0, f64::to_radians(1.2), f64::to_radians(1.2), f64::to_radians(1.5)], in 0.0..=100.0;
-        /// Correlation time of the sight's slow error, s.
+        pub vision_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [1.2, 1.2, 1.5]), in 0.0..=100.0;
+        /// Correlation time of vision's slow error, s.
         /// Source: The frame of the smooth odometry moves by its drift alone.
         pub vision_bias_time_s: [f64; 6] = [1e6, 1e6, 1e6, 200.0, 200.0, 100.0], in 0.1..=1e6;
         /// Spread of the odometry's error of velocity, each axis, m/s.
@@ -42,15 +46,11 @@ config! {
         /// Its correlation time, s.
         pub odometry_drift_s: f64 = 6.0, in 0.1..=1e3;
         /// Random walk of the mean level after 1 s.
-        pub mean_walk_m_rad: [f64; 6] =
-            [
-                0.003, 0.003, 0.01, f64::to_radians(0.05), f64::to_radians(0.05),
-                f64::to_radians(0.05),
-            ], in 0.0..=10.0;
+        pub mean_walk_m_rad: [f64; 6] = six([0.003, 0.003, 0.01], [0.05, 0.05, 0.05]), in 0.0..=10.0;
         /// Random walk of the mean rate after 1 s, m/s, rad/s.
         /// Chosen: between a drifting vessel (0.03 is best) and one that turns at 2 m/s.
         pub rate_walk_mps_radps: [f64; 6] = [0.05, 0.05, 0.0, 0.0, 0.0, 0.05], in 0.0..=10.0;
-        /// Random walk of the mean velocity after 1 s as a share of the mean speed, in addition.
+        /// Random walk of the mean velocity after 1 s as a fraction of the mean speed, in addition.
         /// Chosen: tuned on a square at 2 m/s; nothing of it on a drifting vessel.
         pub speed_walk: f64 = 0.08, in 0.0..=10.0;
         /// Random walk of the mean velocity after 1 s as a multiple of the acceleration across in a
@@ -59,97 +59,81 @@ config! {
         /// Time after which a mean rate dies out, s.
         pub rate_time_s: [f64; 6] = [100.0, 100.0, 1.0, 1.0, 1.0, 5.0], in 0.1..=1e6;
         /// Spread of the motion that no wave component explains.
-        /// Source: Ours; a tilt that turns otherwise than foretold is given more
+        /// Source: Ours; the tilt has adaptive process noise in addition
         /// ([`super::adaptive_noise`]).
-        pub residual_sd_m_rad: [f64; 6] =
-            [
-                0.005, 0.005, 0.012, f64::to_radians(0.35), f64::to_radians(0.35),
-                f64::to_radians(0.2),
-            ], in 0.0..=1.0;
+        pub residual_sd_m_rad: [f64; 6] = six([0.005, 0.005, 0.012], [0.35, 0.35, 0.2]), in 0.0..=1.0;
         /// Angular frequency of that motion, rad/s.
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
         /// Damping ratio of that motion.
         pub residual_damping: f64 = 0.5, in 0.05..=0.95;
-        /// The vessel's model, as on the vessel: tells its motion from its wave model.
+        /// The vessel's model, as on the vessel: its motion by its wave model.
         pub vessel: VesselModelConfig;
-        /// Damping ratio of a wave component as a multiple of what the vessel says.
+        /// Damping ratio of a wave component as a multiple of the vessel's.
         /// Chosen: damping is also decay, and a free run of half a minute must not lose the waves.
         pub damping_scale: f64 = 0.3, in 0.01..=10.0;
         /// Least damping ratio of a wave component.
         pub min_damping: f64 = 0.003, in 1e-4..=0.5;
-        /// The spread that a wave component is given, as a multiple of what the vessel says.
+        /// The spread that a wave component is given, as a multiple of the vessel's.
         /// Chosen: tuned at Moderate.
         pub wave_scale: f64 = 0.8, in 0.1..=10.0;
-        /// The vessel's word on the present motion of each wave component is fused with its variance
-        /// times this, because its errors last from one message to the next.
+        /// The vessel's estimate of each wave component's present motion is fused with its variance times
+        /// this, because its errors last from one message to the next.
         pub wave_state_inflation: f64 = 25.0, in 1.0..=1e12;
         /// Least spread of a wave component.
-        pub min_wave_sd_m_rad: [f64; 6] =
-            [
-                0.01, 0.01, 0.01, f64::to_radians(0.1), f64::to_radians(0.1), f64::to_radians(0.1),
-            ], in 1e-6..=1.0;
+        pub min_wave_sd_m_rad: [f64; 6] = six([0.01, 0.01, 0.01], [0.1, 0.1, 0.1]), in 1e-6..=1.0;
         /// Until the vessel has sent a wave model: angular frequencies, rad/s.
         /// Source: As the vessel model's broad default.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
         /// Damping ratio of these.
         pub bank_damping: f64 = 0.1, in 1e-3..=0.95;
         /// Spread of each of these.
-        pub bank_sd_m_rad: [f64; 6] =
-            [
-                0.15, 0.15, 0.15, f64::to_radians(2.0), f64::to_radians(2.0), f64::to_radians(0.5),
-            ], in 0.0..=10.0;
+        pub bank_sd_m_rad: [f64; 6] = six([0.15, 0.15, 0.15], [2.0, 2.0, 0.5]), in 0.0..=10.0;
         /// The vessel's estimates are filtered, so their errors persist: the variance of each is
         /// multiplied by this before it is fused as if it were independent.
         /// Chosen: about half a second of correlation at 30 Hz.
         pub radio_inflation: f64 = 20.0, in 1.0..=1e3;
-        /// Share of the vessel's stated variance that is common to all its estimates and stays.
+        /// Fraction of the vessel's stated variance that is common to all its estimates and stays.
         pub radio_floor: f64 = 0.5, in 0.0..=10.0;
         /// Least standard deviation of a fused value of the radio.
-        pub radio_min_sd_m_rad: [f64; 6] =
-            [
-                0.1, 0.1, 0.05, f64::to_radians(0.3), f64::to_radians(0.3), f64::to_radians(0.5),
-            ], in 1e-4..=10.0;
+        pub radio_min_sd_m_rad: [f64; 6] = six([0.1, 0.1, 0.05], [0.3, 0.3, 0.5]), in 1e-4..=10.0;
         /// Least standard deviation of a fused rate of the radio.
-        pub radio_min_rate_sd_mps_radps: [f64; 6] =
-            [
-                0.1, 0.1, 0.05, f64::to_radians(0.5), f64::to_radians(0.5), f64::to_radians(1.0),
-            ], in 1e-4..=10.0;
+        pub radio_min_rate_sd_mps_radps: [f64; 6] = six([0.1, 0.1, 0.05], [0.5, 0.5, 1.0]), in 1e-4..=10.0;
         /// Least standard deviation of a tag's position, m.
-        /// Chosen: what remains however near the tag is; far away the detector's own figure counts.
+        /// Chosen: what remains however near the tag is; far away the detector's own variance counts.
         pub tag_min_sd_m: f64 = 0.003, in 1e-4..=1.0;
         /// Least standard deviation of a tag's attitude, rad.
         pub tag_min_sd_rad: f64 = f64::to_radians(0.6), in 1e-4..=1.0;
-        /// Share of the drone's stated position error that is fused as noise of a sight; the rest is
+        /// Fraction of the drone's stated position variance that is fused as noise of vision; the rest is
         /// the same in the drone's position now and does not matter.
         /// Chosen: tuned at Moderate.
         pub drone_variance_fraction: f64 = 0.0, in 0.0..=1.0;
-        /// Error of a sight in proportion to its distance, besides the mount's, that is the same from
-        /// one sight to the next.
+        /// Error of vision in proportion to the distance, besides the mount's, that is the same from one
+        /// detection to the next.
         /// Chosen: a tag of 71 px at 7 m appears 11 cm too near.
         pub vision_scale_sd: f64 = 0.012, in 0.0..=0.5;
         /// Position error of the camera's mount, m.
         /// Source: Camera mount 1 cm wrong.
         pub camera_mount_sd_m: f64 = 0.01, in 0.0..=1.0;
-        /// A reading of the rangefinder is used at most this often, s.
+        /// Least time between two readings of the rangefinder that are used, s.
         pub range_period_s: f64 = 0.04, in 0.0..=10.0;
         /// Distance that a rangefinder's spot keeps from the deck's edge, m.
         pub range_margin_m: f64 = 0.2, in 0.0..=10.0;
         /// Least standard deviation of a rangefinder's reading, m.
         /// Source: Rangefinder 3 cm.
         pub range_min_sd_m: f64 = 0.03, in 1e-3..=1.0;
-        /// Innovations beyond this many standard deviations are refused.
+        /// Innovations beyond this many standard deviations are rejected.
         pub gate_sd: f64 = 5.0, in 2.0..=20.0;
         /// The vessel's wave model is used.
         /// Source: Less than all is for comparisons.
         pub use_wave_model: bool = true;
-        /// Sightings of tag and UV markers are used.
+        /// Detections of tag and UV markers are used.
         pub use_vision: bool = true;
-        /// The vessel's estimates are used only while the newest tag sighting is older than this, s; 0
+        /// The vessel's estimates are used only while the newest tag detection is older than this, s; 0
         /// for always.
         pub radio_after_vision_s: f64 = 0.0, in 0.0..=60.0;
-        /// Knowledge is fresh for this long, s.
+        /// Radio and vision are fresh for this long, s.
         pub fresh_s: f64 = 1.0, in 0.1..=10.0;
-        /// Without any knowledge for this long there is no forecast, s.
+        /// Without radio and vision for this long there is no forecast, s.
         pub silence_s: f64 = 30.0, in 1.0..=600.0;
     }
     check |this, at| {

@@ -25,7 +25,7 @@ use pose::{MarkerBearing, PosePrior, solve};
 
 /// Most markers of a deck.
 pub const MAX_MARKERS: usize = 16;
-/// A deck's attitude is remembered for so long, s.
+/// The attitude of a fix is used for this long, s.
 const ATTITUDE_MEMORY_S: f64 = 0.5;
 /// Fewest bits in which two codes have to differ.
 const MIN_CODE_DISTANCE: u32 = 3;
@@ -37,7 +37,7 @@ config! {
         pub lens: Fisheye;
         /// Its axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in -90.0..=90.0;
-        /// Its optical centre from the belly camera's, in that one's axes (right, aft, down), m.
+        /// Its optical centre relative to the belly camera's, in that camera's axes (right, aft, down), m.
         pub offset_m: [f64; 3] = [0.0; 3], in -5.0..=5.0;
         /// Images per second, which is the markers' bits per second.
         pub rate_hz: f64 = 20.0, in 1.0..=200.0;
@@ -59,11 +59,11 @@ config! {
         pub codes: Vec<String> = ["001001001011", "001001100101", "001010101111", "001100110111"]
                 .map(String::from)
                 .to_vec();
-        /// Wrong bits that are forgiven.
+        /// Wrong bits that are tolerated.
         pub wrong_bits: u32 = 1, in 0.0..=3.0;
-        /// A spot moves at most so far between images, other than it did before, px.
+        /// Greatest deviation of a spot from its predicted position between images, px.
         pub gate_px: f64 = 6.0, in 0.5..=100.0;
-        /// Standard deviation of a spot's place, each coordinate, px.
+        /// Standard deviation of a spot's position, each coordinate, px.
         /// Chosen: three times what rendered images give.
         pub spot_sd_px: f64 = 0.15, in 0.01..=10.0;
         /// Standard deviation of the deck's tilt against the drone's, each axis, deg.
