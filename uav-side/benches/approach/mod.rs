@@ -99,13 +99,59 @@ pub struct Contact {
     pub announced_s: Option<f64>,
 }
 
+/// An ideal follower: the drone is exactly where its plan has it, every 10 ms.
+pub struct Follower {
+    /// Its odometry.
+    pub drone: DroneState,
+    /// The plan that it follows.
+    pub plan: Option<Plan>,
+    /// Ticks since the start.
+    pub tick: i64,
+}
+
+impl Follower {
+    /// At rest at `position`.
+    pub fn new(position: [f64; 3]) -> Self {
+        Follower {
+            drone: DroneState {
+                position,
+                ..DroneState::default()
+            },
+            plan: None,
+            tick: 0,
+        }
+    }
+    /// Its time.
+    pub fn now(&self) -> Time<DroneClock> {
+        Time::from_nanos(self.tick * 10_000_000)
+    }
+    /// Of a message of this tick.
+    pub fn header(&self) -> Header<DroneClock> {
+        Header::new(1, 1, 1, self.tick as u32 + 1, self.now())
+    }
+    /// Moves to where the plan has it now.
+    pub fn follow(&mut self) {
+        if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(self.now())) {
+            self.drone.position = s.position;
+            self.drone.velocity = s.velocity;
+            let q = UnitQuaternion::from_euler_angles(s.euler[0], s.euler[1], s.euler[2]);
+            self.drone.attitude = [q.w, q.i, q.j, q.k];
+            self.drone.rates = body_rates(s.euler[0], s.euler[1], Vector3::from(s.euler_rates)).into();
+        }
+        self.drone.header = self.header();
+    }
+    /// Ends the tick with what the planner gave.
+    pub fn end_tick(&mut self, plan: Option<Plan>) {
+        self.plan = plan.or(self.plan);
+        self.tick += 1;
+    }
+}
+
 /// A closed loop.
 pub struct Approach {
     sea: Sea,
-    drone: DroneState,
-    plan: Option<Plan>,
+    follower: Follower,
     tracking_s: f64,
-    tick: i64,
     /// The touch, once there was one.
     pub contact: Option<Contact>,
 }
@@ -115,34 +161,21 @@ impl Approach {
     pub fn new(sea: Sea, from: [f64; 3], tracking_s: f64) -> Self {
         Approach {
             sea,
-            drone: DroneState {
-                position: from,
-                ..DroneState::default()
-            },
-            plan: None,
+            follower: Follower::new(from),
             tracking_s,
-            tick: 0,
             contact: None,
         }
     }
 
     /// One tick of 10 ms. `step` runs the planner and gives its plan. None after contact or 45 s.
     pub fn tick(&mut self, step: impl FnOnce(Time<DroneClock>, &PlannerIn) -> Option<Plan>) -> Option<()> {
-        if self.contact.is_some() || self.tick > 4500 {
+        if self.contact.is_some() || self.follower.tick > 4500 {
             return None;
         }
         let feet_below = DroneGeometry::default().feet_below_m;
-        let now = Time::from_nanos(self.tick * 10_000_000);
-        let (t, sequence) = (now.secs(), self.tick as u32 + 1);
-        let drone = &mut self.drone;
-        if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(now)) {
-            drone.position = s.position;
-            drone.velocity = s.velocity;
-            let q = UnitQuaternion::from_euler_angles(s.euler[0], s.euler[1], s.euler[2]);
-            drone.attitude = [q.w, q.i, q.j, q.k];
-            drone.rates = body_rates(s.euler[0], s.euler[1], Vector3::from(s.euler_rates)).into();
-        }
-        drone.header = Header::new(1, 1, 1, sequence, now);
+        self.follower.follow();
+        let (now, header, drone) = (self.follower.now(), self.follower.header(), self.follower.drone);
+        let t = now.secs();
         let deck = self.sea.deck(t);
         let (p, up) = (drone.position(), drone.attitude() * -Vector3::z());
         let gap = clearance(&p, &up, &deck, feet_below);
@@ -154,7 +187,11 @@ impl Approach {
                 off_m: (feet - Vector3::from(deck.position)).norm(),
                 tilt: up.dot(&normal).clamp(-1.0, 1.0).acos(),
                 speed_mps: -(drone.velocity() - Vector3::from(deck.velocity)).dot(&normal),
-                announced_s: self.plan.and_then(|p| p.touchdown_at).map(|at| (at - now).secs()),
+                announced_s: self
+                    .follower
+                    .plan
+                    .and_then(|p| p.touchdown_at)
+                    .map(|at| (at - now).secs()),
             });
             return None;
         }
@@ -166,22 +203,20 @@ impl Approach {
             (Mode::Flare, 0.5)
         };
         let input = PlannerIn {
-            forecast: (self.tick % 2 == 0).then(|| self.sea.forecast(now, sequence)),
+            forecast: (self.follower.tick % 2 == 0).then(|| self.sea.forecast(now, header.sequence)),
             mission: Some(MissionState {
-                header: Header::new(1, 1, 1, sequence, now),
+                header,
                 state,
                 height_m: 7.0,
                 descent_mps,
                 minimum_altitude_m: 1.5,
                 ..MissionState::default()
             }),
-            drone: Some(*drone),
+            drone: Some(drone),
             autopilot: None,
         };
-        if let Some(plan) = step(now, &input) {
-            self.plan = Some(plan);
-        }
-        self.tick += 1;
+        let plan = step(now, &input);
+        self.follower.end_tick(plan);
         Some(())
     }
 

@@ -15,17 +15,31 @@ pub struct Pace {
     pub settle_s: f64,
 }
 
-/// Offset of the reference from its target, and its rate.
+/// A place with its velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gap<const D: usize> {
-    /// Reference minus target.
-    pub offset: SVector<f64, D>,
+pub struct Motion<const D: usize> {
+    /// The place.
+    pub place: SVector<f64, D>,
     /// Its rate, 1/s.
-    pub rate: SVector<f64, D>,
+    pub velocity: SVector<f64, D>,
 }
 
-impl<const D: usize> Gap<D> {
-    /// Closes in: constant deceleration far away, exponentially near, speed and acceleration
+impl<const D: usize> Motion<D> {
+    /// From the components of place and velocity.
+    pub fn new(place: [f64; D], velocity: [f64; D]) -> Self {
+        Motion {
+            place: place.into(),
+            velocity: velocity.into(),
+        }
+    }
+    /// Relative to another.
+    fn relative_to(&self, other: &Self) -> Self {
+        Motion {
+            place: self.place - other.place,
+            velocity: self.velocity - other.velocity,
+        }
+    }
+    /// Lets a gap close: constant deceleration far away, exponentially near, speed and acceleration
     /// bounded; continuous in velocity.
     pub fn advance(&mut self, time_s: f64, pace: &Pace) {
         const SUBSTEP_S: f64 = 0.025;
@@ -33,7 +47,7 @@ impl<const D: usize> Gap<D> {
         let n = (time_s / SUBSTEP_S).ceil().clamp(1.0, 40.0);
         let dt = time_s / n;
         for _ in 0..n as usize {
-            let distance = self.offset.norm();
+            let distance = self.place.norm();
             let near = pace.acceleration * pace.settle_s * pace.settle_s;
             let speed = if distance <= near {
                 distance / pace.settle_s
@@ -43,43 +57,31 @@ impl<const D: usize> Gap<D> {
                     .min(pace.speed)
             };
             let wanted = if distance > 1e-9 {
-                self.offset * (-speed / distance)
+                self.place * (-speed / distance)
             } else {
                 SVector::zeros()
             };
-            let change = wanted - self.rate;
+            let change = wanted - self.velocity;
             let (max, size) = (BRAKING * pace.acceleration * dt, change.norm());
-            self.rate += if size > max { change * (max / size) } else { change };
-            self.offset += self.rate * dt;
+            self.velocity += if size > max { change * (max / size) } else { change };
+            self.place += self.velocity * dt;
         }
     }
-}
-
-/// A target as it was met.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Target<const D: usize> {
-    at: Time<DroneClock>,
-    kind: bool,
-    place: SVector<f64, D>,
-    velocity: SVector<f64, D>,
 }
 
 /// A reference point that moves towards a moving target and then stays on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
     /// Where it is relative to the target.
-    pub gap: Gap<D>,
-    /// What the gap was last measured from.
-    from: Option<Target<D>>,
+    pub gap: Motion<D>,
+    /// What the gap was last measured from: when, which kind of target, the target.
+    from: Option<(Time<DroneClock>, bool, Motion<D>)>,
 }
 
 impl<const D: usize> Default for ReferenceGovernor<D> {
     fn default() -> Self {
         ReferenceGovernor {
-            gap: Gap {
-                offset: SVector::zeros(),
-                rate: SVector::zeros(),
-            },
+            gap: Motion::new([0.0; D], [0.0; D]),
             from: None,
         }
     }
@@ -93,42 +95,32 @@ impl<const D: usize> ReferenceGovernor<D> {
         &mut self,
         now: Time<DroneClock>,
         kind: bool,
-        target: &SVector<f64, D>,
-        velocity: &SVector<f64, D>,
-        start: &SVector<f64, D>,
-        start_velocity: &SVector<f64, D>,
+        target: &Motion<D>,
+        start: &Motion<D>,
         pace: &Pace,
         limits: [f64; 2],
     ) {
-        let fresh = Gap {
-            offset: start - target,
-            rate: start_velocity - velocity,
-        };
+        let fresh = start.relative_to(target);
         self.gap = match self.from {
             None => fresh,
-            Some(old) => {
-                let dt = (now - old.at).secs().clamp(0.0, 1.0);
+            Some((at, old_kind, old)) => {
+                let dt = (now - at).secs().clamp(0.0, 1.0);
                 let expected = old.place + old.velocity * dt;
                 let mut gap = self.gap;
                 if dt > 0.0 {
                     gap.advance(dt, pace);
                 }
-                if old.kind != kind || (target - expected).norm() > limits[0] {
-                    gap.offset += expected - target;
-                    gap.rate += old.velocity - velocity;
+                if old_kind != kind || (target.place - expected).norm() > limits[0] {
+                    gap.place += expected - target.place;
+                    gap.velocity += old.velocity - target.velocity;
                 }
-                if (target + gap.offset - start).norm() > limits[1] {
+                if (target.place + gap.place - start.place).norm() > limits[1] {
                     gap = fresh;
                 }
                 gap
             }
         };
-        self.from = Some(Target {
-            at: now,
-            kind,
-            place: *target,
-            velocity: *velocity,
-        });
+        self.from = Some((now, kind, *target));
     }
 }
 
@@ -144,17 +136,14 @@ mod tests {
 
     #[test]
     fn reference_governor_closes_a_gap_without_overshoot_inside_its_limits() {
-        let mut gap = Gap {
-            offset: SVector::from([30.0, -40.0]),
-            rate: SVector::from([0.0, 0.0]),
-        };
-        let (mut before, mut time) = (gap.rate, 0.0);
-        while gap.offset.norm() > 0.1 {
+        let mut gap = Motion::new([30.0, -40.0], [0.0, 0.0]);
+        let (mut before, mut time) = (gap.velocity, 0.0);
+        while gap.place.norm() > 0.1 {
             gap.advance(0.02, &PACE);
-            assert!(gap.rate.norm() <= PACE.speed + 1e-9);
-            assert!((gap.rate - before).norm() <= 1.2 * PACE.acceleration * 0.02);
-            assert!(gap.offset[0] > 0.0, "no overshoot");
-            before = gap.rate;
+            assert!(gap.velocity.norm() <= PACE.speed + 1e-9);
+            assert!((gap.velocity - before).norm() <= 1.2 * PACE.acceleration * 0.02);
+            assert!(gap.place[0] > 0.0, "no overshoot");
+            before = gap.velocity;
             time += 0.02;
             assert!(time < 20.0);
         }
@@ -164,54 +153,18 @@ mod tests {
 
     #[test]
     fn reference_governor_stays_in_place_when_its_target_jumps() {
-        let zero = SVector::<f64, 1>::zeros();
-        let at = |ms: i64| Time::from_nanos(ms * 1_000_000);
-        let place = |x: f64| SVector::from([x]);
-        let mut c = ReferenceGovernor::<1>::default();
-        c.update(
-            at(0),
-            true,
-            &place(2.0),
-            &zero,
-            &place(2.0),
-            &zero,
-            &PACE,
-            [0.5, 50.0],
-        );
+        let mut governor = ReferenceGovernor::<1>::default();
+        let mut gap = |ms: i64, target: f64, start: f64| {
+            let at_rest = |x: f64| Motion::new([x], [0.0]);
+            let now = Time::from_nanos(ms * 1_000_000);
+            governor.update(now, true, &at_rest(target), &at_rest(start), &PACE, [0.5, 50.0]);
+            governor.gap.place[0]
+        };
+        gap(0, 2.0, 2.0);
         // A revision of 0.2 m is followed, one of 10 m is approached.
-        c.update(
-            at(20),
-            true,
-            &place(2.2),
-            &zero,
-            &place(2.0),
-            &zero,
-            &PACE,
-            [0.5, 50.0],
-        );
-        assert!(c.gap.offset[0].abs() < 1e-12);
-        c.update(
-            at(40),
-            true,
-            &place(12.2),
-            &zero,
-            &place(2.2),
-            &zero,
-            &PACE,
-            [0.5, 50.0],
-        );
-        assert!((c.gap.offset[0] + 10.0).abs() < 1e-9);
+        assert!(gap(20, 2.2, 2.0).abs() < 1e-12);
+        assert!((gap(40, 12.2, 2.2) + 10.0).abs() < 1e-9);
         // Too far from the plan's start: begins anew there.
-        c.update(
-            at(60),
-            true,
-            &place(12.2),
-            &zero,
-            &place(-60.0),
-            &zero,
-            &PACE,
-            [0.5, 50.0],
-        );
-        assert!((c.gap.offset[0] + 72.2).abs() < 1e-9);
+        assert!((gap(60, 12.2, -60.0) + 72.2).abs() < 1e-9);
     }
 }

@@ -30,11 +30,11 @@ mod start_tests;
 #[cfg(test)]
 mod tests;
 
+use alight_shared::admission::{InOrder, Latest, Rule};
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, Header, MESSAGE_VERSION, Message, MissionState, Phase, Plan,
-    PlanStage, Solve,
+    AutopilotState, DeckForecast, DroneState, Header, Message, MissionState, Phase, Plan, PlanStage, Solve,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -88,13 +88,11 @@ pub struct Planner {
     scratch: Solution,
     solved: Option<SolvedPlan>,
     last_solve: Option<(Time<DroneClock>, Phase)>,
-    forecast: Option<DeckForecast>,
-    mission: Option<MissionState>,
-    drone: Option<DroneState>,
-    autopilot: Option<AutopilotState>,
+    forecast: Latest<DeckForecast>,
+    mission: Latest<MissionState>,
+    drone: Latest<DroneState>,
+    autopilot: Latest<AutopilotState>,
     origin: OriginResets,
-    /// Inputs rejected: wrong version, impossible numbers, out of order, from the future.
-    rejected: u32,
     /// Starts from the measured state.
     resets: u32,
 }
@@ -129,12 +127,11 @@ impl Planner {
             scratch: Solution::default(),
             solved: None,
             last_solve: None,
-            forecast: None,
-            mission: None,
-            drone: None,
-            autopilot: None,
+            forecast: Latest::default(),
+            mission: Latest::default(),
+            drone: Latest::default(),
+            autopilot: Latest::default(),
             origin: OriginResets::default(),
-            rejected: 0,
             resets: 0,
         }
     }
@@ -146,29 +143,22 @@ impl Planner {
 
     fn receive(&mut self, now: Time<DroneClock>, input: &PlannerIn) {
         let c = &self.config;
-        let rejected = &mut self.rejected;
-        admit(
-            now,
-            c.forecast_age_s,
-            &input.forecast,
-            &mut self.forecast,
-            rejected,
-        );
-        admit(now, c.mission_age_s, &input.mission, &mut self.mission, rejected);
-        let last = self.drone.map(|d| d.header.at);
-        admit(now, c.odometry_age_s, &input.drone, &mut self.drone, rejected);
+        offer(&mut self.forecast, now, c.forecast_age_s, &input.forecast);
+        offer(&mut self.mission, now, c.mission_age_s, &input.mission);
+        let last = self.drone.get().map(|d| d.header.at);
+        offer(&mut self.drone, now, c.odometry_age_s, &input.drone);
         // Any age will do for a counter of jumps.
-        admit(now, 10.0, &input.autopilot, &mut self.autopilot, rejected);
-        if let Some(autopilot) = &self.autopilot
+        offer(&mut self.autopilot, now, 10.0, &input.autopilot);
+        if let Some(autopilot) = self.autopilot.get()
             && self.origin.moved(autopilot.origin_resets)
         {
             self.solved = None;
             self.generator.forget();
         }
-        let drone = self.drone.as_ref().filter(|d| Some(d.header.at) != last);
+        let drone = self.drone.get().filter(|d| Some(d.header.at) != last);
         self.kind
             .law_mut()
-            .observe(drone, self.forecast.as_ref(), &self.reference);
+            .observe(drone, self.forecast.get(), &self.reference);
     }
 
     fn due(&mut self, now: Time<DroneClock>, phase: Phase) -> bool {
@@ -197,9 +187,7 @@ impl Planner {
     /// State and input with which the plan starts: the last plan now, or the measured state. None without odometry.
     fn start(&mut self, now: Time<DroneClock>) -> Option<(State, [f64; INPUTS])> {
         let c = &self.config;
-        let drone = self
-            .drone
-            .filter(|d| is_fresh(now, d.header.at, c.odometry_age_s))?;
+        let drone = *usable(&self.drone, now, c.odometry_age_s)?;
         let law = self.kind.law();
         let lands = self.last_solve.is_some_and(|(_, phase)| phase == Phase::Landing);
         let not_behind = lands && law.landing_start().not_behind;
@@ -214,9 +202,7 @@ impl Planner {
     }
 
     fn plan(&mut self, now: Time<DroneClock>, mission: &MissionState) -> Option<Plan> {
-        let forecast = self
-            .forecast
-            .filter(|f| is_fresh(now, f.header.at, self.config.forecast_age_s));
+        let forecast = usable(&self.forecast, now, self.config.forecast_age_s).copied();
         if let Some(plan) = self.own_plan(now, mission, forecast.as_ref()) {
             return Some(plan);
         }
@@ -276,7 +262,7 @@ impl Planner {
         forecast: Option<&DeckForecast>,
     ) -> Option<Plan> {
         let law = self.kind.law();
-        let begins = law.begins(now, mission, forecast, self.drone.as_ref());
+        let begins = law.begins(now, mission, forecast, self.drone.get());
         let start = if begins { self.start(now) } else { None };
         let start = start.map(|(state, input)| (state, self.mpc.model().vertical * input[0]));
         let law = self.kind.law_mut();
@@ -376,10 +362,7 @@ impl Node for Planner {
 
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
-        let mission = self
-            .mission
-            .filter(|m| is_fresh(now, m.header.at, self.config.mission_age_s));
-        let Some(mission) = mission else {
+        let Some(mission) = usable(&self.mission, now, self.config.mission_age_s).copied() else {
             return PlannerOut::default();
         };
         let phase = mission.state.phase();
@@ -408,34 +391,37 @@ impl Node for Planner {
     }
 }
 
-/// Tolerance for stamps ahead of now, s: shared memory between processes of one computer.
-const AHEAD_S: f64 = 0.05;
+/// Tolerance for stamps ahead of now: shared memory between processes of one computer.
+const LEAD: Span = Span::from_millis(50);
 
-fn is_fresh(now: Time<DroneClock>, at: Time<DroneClock>, age_s: f64) -> bool {
-    let age = (now - at).secs();
-    (-AHEAD_S..=age_s).contains(&age)
+/// What is of use at this age, in the sender's order.
+fn rule(max_age_s: f64) -> Rule {
+    Rule {
+        lead: LEAD,
+        max_age: Span::from_secs(max_age_s),
+        order: InOrder::BySequence,
+    }
 }
 
-/// Keeps `new` if it is of this version, possible, in order, not old and not from the future; else
-/// counts a rejection.
-fn admit<M: Message<Clock = DroneClock> + Clone>(
+/// Takes an input of at most this age.
+fn offer<M: Message<Clock = DroneClock> + Copy>(
+    latest: &mut Latest<M>,
     now: Time<DroneClock>,
-    age_s: f64,
+    max_age_s: f64,
     new: &Option<M>,
-    kept: &mut Option<M>,
-    rejected: &mut u32,
 ) {
-    let Some(new) = new else {
-        return;
-    };
-    let h = new.header();
-    let in_order = kept.as_ref().is_none_or(|old| {
-        let old = old.header();
-        old.boot != h.boot || (h.sequence > old.sequence && h.at >= old.at)
-    });
-    if h.version == MESSAGE_VERSION && in_order && is_fresh(now, h.at, age_s) && new.check().is_ok() {
-        *kept = Some(new.clone());
-    } else {
-        *rejected = rejected.saturating_add(1);
+    if let Some(new) = new {
+        latest.offer_by(&rule(max_age_s), now, new);
     }
+}
+
+/// The newest input, when it is of this age at most.
+fn usable<M: Message<Clock = DroneClock> + Copy>(
+    latest: &Latest<M>,
+    now: Time<DroneClock>,
+    max_age_s: f64,
+) -> Option<&M> {
+    latest
+        .get()
+        .filter(|m| rule(max_age_s).is_fresh(now, m.header().at))
 }

@@ -6,10 +6,10 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DeckStage, State as Mode};
 use alight_shared::time::{DroneClock, Span, Time};
-use nalgebra::{SVector, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use super::config::{PlannerConfig, Shaping};
-use super::governor::{Pace, ReferenceGovernor};
+use super::governor::{Motion, Pace, ReferenceGovernor};
 use super::law::View;
 use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
 use super::mpc_faa::Problem;
@@ -185,28 +185,23 @@ impl ReferenceGenerator {
 
     fn horizontal_and_tilt(&mut self, q: &Request<'_>, problem: &mut Problem) {
         let feet = self.drone.feet_below_m;
-        // Position and velocity of the target at stage k (0 = now), and tilt with its rate.
-        let target = |k: usize| -> (Vector2<f64>, Vector2<f64>, [f64; 4]) {
-            match (q.goal, q.reference.deck.get(k)) {
-                (Goal::Hold, _) | (_, None) => {
-                    (Vector2::new(q.hold[0], q.hold[1]), Vector2::zeros(), [0.0; 4])
-                }
-                (Goal::Above | Goal::Sink, Some(d)) => (
-                    Vector2::new(d.position[0], d.position[1]),
-                    Vector2::new(d.velocity[0], d.velocity[1]),
-                    [0.0; 4],
-                ),
-                (Goal::Touch, Some(d)) => {
-                    // The full pose: the foot plane's centre over the deck's centre.
-                    let (n, w) = (d.normal(), angular_velocity(d));
-                    let turn = w.cross(&n) * feet;
-                    let (phi, theta) = tilt_of(&n, 0.0);
-                    (
-                        Vector2::new(d.position[0] + feet * n.x, d.position[1] + feet * n.y),
-                        Vector2::new(d.velocity[0] + turn.x, d.velocity[1] + turn.y),
-                        [phi, theta, w.x, w.y],
-                    )
-                }
+        // The target at stage k (0 = now), and tilt with its rate.
+        let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
+            (Goal::Hold, _) | (_, None) => (Motion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
+            (Goal::Above | Goal::Sink, Some(d)) => {
+                let ([x, y, _], [vx, vy, _]) = (d.position, d.velocity);
+                (Motion::new([x, y], [vx, vy]), [0.0; 4])
+            }
+            (Goal::Touch, Some(d)) => {
+                // The full pose: the foot plane's centre over the deck's centre.
+                let (n, w) = (d.normal(), angular_velocity(d));
+                let turn = w.cross(&n) * feet;
+                let (phi, theta) = tilt_of(&n, 0.0);
+                let motion = Motion::new(
+                    [d.position[0] + feet * n.x, d.position[1] + feet * n.y],
+                    [d.velocity[0] + turn.x, d.velocity[1] + turn.y],
+                );
+                (motion, [phi, theta, w.x, w.y])
             }
         };
         let s = self.config.shaping;
@@ -215,24 +210,17 @@ impl ReferenceGenerator {
             acceleration: s.horizontal_mps2,
             settle_s: s.settle_s,
         };
-        let (p0, v0, _) = target(0);
-        self.horizontal.update(
-            q.now,
-            q.goal.follows_deck(),
-            &p0,
-            &v0,
-            &Vector2::new(q.start[0], q.start[1]),
-            &Vector2::new(q.start[6], q.start[7]),
-            &pace,
-            [0.5, 3.0],
-        );
+        let start = Motion::new([q.start[0], q.start[1]], [q.start[6], q.start[7]]);
+        let follows = q.goal.follows_deck();
+        self.horizontal
+            .update(q.now, follows, &target(0).0, &start, &pace, [0.5, 3.0]);
         let mut governor = self.horizontal.gap;
         for (k, r) in problem.reference.iter_mut().enumerate() {
             governor.advance(self.config.step_s, &pace);
-            let (p, v, tilt) = target(k + 1);
+            let (t, tilt) = target(k + 1);
             for i in 0..2 {
-                r[i] = p[i] + governor.offset[i];
-                r[6 + i] = v[i] + governor.rate[i];
+                r[i] = t.place[i] + governor.place[i];
+                r[6 + i] = t.velocity[i] + governor.velocity[i];
                 r[3 + i] = tilt[i];
                 r[9 + i] = tilt[2 + i];
             }
@@ -262,21 +250,14 @@ impl ReferenceGenerator {
                     },
                     settle_s: s.settle_s,
                 };
-                self.vertical.update(
-                    q.now,
-                    true,
-                    &SVector::from([z]),
-                    &SVector::zeros(),
-                    &SVector::from([q.start[2]]),
-                    &SVector::from([q.start[8]]),
-                    &pace,
-                    [0.3, 1.5],
-                );
+                let (target, start) = (Motion::new([z], [0.0]), Motion::new([q.start[2]], [q.start[8]]));
+                self.vertical
+                    .update(q.now, true, &target, &start, &pace, [0.3, 1.5]);
                 let mut governor = self.vertical.gap;
                 for r in &mut problem.reference {
                     governor.advance(step_s, &pace);
-                    r[2] = z + governor.offset[0];
-                    r[8] = governor.rate[0];
+                    r[2] = z + governor.place[0];
+                    r[8] = governor.velocity[0];
                 }
             }
             Goal::Sink | Goal::Touch => {
@@ -337,13 +318,12 @@ impl ReferenceGenerator {
         let (psi, rate) = target(0);
         // The target nearest to the plan's own heading: the shortest way round.
         let first = q.start[5] + wrap_angle(psi - q.start[5]);
+        let start = Motion::new([q.start[5]], [q.start[11]]);
         self.yaw.update(
             q.now,
             true,
-            &SVector::from([first]),
-            &SVector::from([rate]),
-            &SVector::from([q.start[5]]),
-            &SVector::from([q.start[11]]),
+            &Motion::new([first], [rate]),
+            &start,
             &pace,
             [0.1, 0.6],
         );
@@ -351,8 +331,8 @@ impl ReferenceGenerator {
         for (k, r) in problem.reference.iter_mut().enumerate() {
             governor.advance(self.config.step_s, &pace);
             let (psi_k, rate) = target(k + 1);
-            r[5] = first + wrap_angle(psi_k - psi) + governor.offset[0];
-            r[11] = rate + governor.rate[0];
+            r[5] = first + wrap_angle(psi_k - psi) + governor.place[0];
+            r[11] = rate + governor.velocity[0];
         }
     }
 

@@ -7,9 +7,9 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector2;
 
 use super::config::Reset;
-use super::is_fresh;
 use super::model::{INPUTS, State, measured_state};
 use super::mpc_faa::{Mpc, Solution};
+use super::rule;
 
 /// A plan as the solver left it: exact at any time, not only at its stages.
 #[derive(Clone, Debug)]
@@ -72,7 +72,7 @@ pub(super) fn start(
     let wind = wind / GRAVITY;
     measured[3] += wind.y;
     measured[4] -= wind.x;
-    if let Some(previous) = previous.filter(|p| is_fresh(now, p.at, reset.age_s)) {
+    if let Some(previous) = previous.filter(|p| rule(reset.age_s).is_fresh(now, p.at)) {
         let (then, _) = previous.sample(drone.header.at, mpc); // compared at the odometry's time
         let gap: State = core::array::from_fn(|i| measured[i] - then[i]);
         let near = gap[0].hypot(gap[1]) <= reset.horizontal_m

@@ -16,7 +16,7 @@ pub(super) mod approach;
 #[path = "../../benches/naive/mod.rs"]
 mod naive;
 
-use approach::{ABOVE, Approach, MODERATE, Sea, naive_data};
+use approach::{ABOVE, Approach, Follower, MODERATE, Sea, naive_data};
 
 /// The paper's planner without attitude alignment.
 #[derive(Debug)]
@@ -224,12 +224,10 @@ fn sparse_form_equals_the_condensed_form() {
     }
 }
 
-/// One planner, its clock and its sequence, for tests that talk to it directly.
+/// One planner and its follower, for tests that drive it directly.
 struct Bench {
     planner: Planner,
-    tick: i64,
-    drone: DroneState,
-    plan: Option<Plan>,
+    follower: Follower,
 }
 
 impl Bench {
@@ -237,52 +235,25 @@ impl Bench {
         Bench::of(PlannerKind::MpcFaa, position)
     }
     fn of(kind: PlannerKind, position: [f64; 3]) -> Self {
+        let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
         Bench {
-            planner: Planner::new(
-                &config(kind),
-                &DroneGeometry::default(),
-                &DeckGeometry::default(),
-                7,
-            ),
-            tick: 0,
-            drone: DroneState {
-                position,
-                ..DroneState::default()
-            },
-            plan: None,
+            planner: Planner::new(&config(kind), &drone, &deck, 7),
+            follower: Follower::new(position),
         }
-    }
-    fn now(&self) -> Time<DroneClock> {
-        Time::from_nanos(self.tick * 10_000_000)
-    }
-    fn header(&self) -> Header<DroneClock> {
-        Header::new(1, 1, 1, self.tick as u32 + 1, self.now())
     }
     /// One tick of an ideal follower.
     fn tick(&mut self, mission: MissionState, sea: Option<&Sea>) -> Option<Plan> {
-        let now = self.now();
-        if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(now)) {
-            self.drone.position = s.position;
-            self.drone.velocity = s.velocity;
-            let q = nalgebra::UnitQuaternion::from_euler_angles(s.euler[0], s.euler[1], s.euler[2]);
-            self.drone.attitude = [q.w, q.i, q.j, q.k];
-        }
-        self.drone.header = self.header();
+        self.follower.follow();
+        let (now, header) = (self.follower.now(), self.follower.header());
         let input = PlannerIn {
-            forecast: sea.map(|s| s.forecast(now, self.tick as u32 + 1)),
-            mission: Some(MissionState {
-                header: self.header(),
-                ..mission
-            }),
-            drone: Some(self.drone),
+            forecast: sea.map(|s| s.forecast(now, header.sequence)),
+            mission: Some(MissionState { header, ..mission }),
+            drone: Some(self.follower.drone),
             autopilot: None,
         };
-        let out = self.planner.step(now, &input).plan;
-        self.tick += 1;
-        if out.is_some() {
-            self.plan = out;
-        }
-        out
+        let plan = self.planner.step(now, &input).plan;
+        self.follower.end_tick(plan);
+        plan
     }
 }
 
@@ -310,18 +281,18 @@ fn planner_reaches_a_far_target_within_its_limits() {
                 rate = rate.max(s.euler_rates[2].abs());
             }
         }
-        let p = b.drone.position();
+        let p = b.follower.drone.position();
         if arrived.is_none() && (p - Vector3::new(40.0, -20.0, -15.0)).norm() < 0.5 {
-            arrived = Some(b.now().secs());
+            arrived = Some(b.follower.now().secs());
         }
     }
-    let overshoot = b.drone.position[0] - 40.0;
+    let overshoot = b.follower.drone.position[0] - 40.0;
     assert!(arrived.is_some_and(|t| t < 13.0), "{arrived:?}");
     assert!((5.0..8.3).contains(&speed), "{speed}");
     assert!(tilt.to_degrees() < 30.0 && rate < 1.0, "{tilt} {rate}");
-    assert!(overshoot.abs() < 0.05 && b.drone.velocity().norm() < 0.05);
+    assert!(overshoot.abs() < 0.05 && b.follower.drone.velocity().norm() < 0.05);
     // The short way round from 0 to 3 rad is through 1.5, and it gets there.
-    assert!((wrap_angle(b.drone.euler().z - 3.0)).abs() < 0.02);
+    assert!((wrap_angle(b.follower.drone.euler().z - 3.0)).abs() < 0.02);
     assert_eq!(b.planner.resets, 1);
 }
 
@@ -359,11 +330,13 @@ fn planner_does_not_follow_heave_while_tracking() {
         };
         b.tick(mission, Some(&MODERATE));
         if tick > 2000 {
-            low = low.min(b.drone.position[2]);
-            high = high.max(b.drone.position[2]);
-            let deck = MODERATE.deck(b.now().secs());
-            off = off
-                .max((b.drone.position[0] - deck.position[0]).hypot(b.drone.position[1] - deck.position[1]));
+            low = low.min(b.follower.drone.position[2]);
+            high = high.max(b.follower.drone.position[2]);
+            let deck = MODERATE.deck(b.follower.now().secs());
+            off = off.max(
+                (b.follower.drone.position[0] - deck.position[0])
+                    .hypot(b.follower.drone.position[1] - deck.position[1]),
+            );
         }
     }
     assert!(
@@ -413,28 +386,28 @@ fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
     }
     assert_eq!(b.planner.resets, 1);
     // Pushed aside by 2 m.
-    b.plan = None;
-    b.drone.position = [2.0, 0.0, -10.0];
+    b.follower.plan = None;
+    b.follower.drone.position = [2.0, 0.0, -10.0];
     let plan = (0..10)
         .find_map(|_| b.tick(hold([0.0, 0.0, -10.0]), None))
         .expect("plans");
     assert!((plan.stages[0].position[0] - 2.0).abs() < 1e-9);
     assert_eq!(b.planner.resets, 2);
     // Half a metre is the tracker's business.
-    b.plan = None;
-    b.drone.position[0] = plan.stages[1].position[0] + 0.5;
+    b.follower.plan = None;
+    b.follower.drone.position[0] = plan.stages[1].position[0] + 0.5;
     b.tick(hold([0.0, 0.0, -10.0]), None);
     for origin_resets in [0, 1] {
         let input = PlannerIn {
             autopilot: Some(AutopilotState {
-                header: b.header(),
+                header: b.follower.header(),
                 origin_resets,
                 ..AutopilotState::default()
             }),
             ..PlannerIn::default()
         };
-        b.planner.step(b.now(), &input);
-        b.tick += 1;
+        b.planner.step(b.follower.now(), &input);
+        b.follower.tick += 1;
     }
     let before = b.planner.resets;
     for _ in 0..10 {
@@ -470,7 +443,7 @@ fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
     for tick in 0..settled + 400 {
         let plan = b.tick(mission(Mode::Descent), None);
         if tick == settled {
-            stopped = Some(b.drone.position());
+            stopped = Some(b.follower.drone.position());
         }
         if tick > 60
             && let Some(plan) = plan
@@ -478,8 +451,8 @@ fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
             assert_eq!(plan.touchdown_at, None);
         }
     }
-    let moved = (b.drone.position() - stopped.expect("ticked")).norm();
-    let still = b.drone.velocity().norm() < 0.02;
+    let moved = (b.follower.drone.position() - stopped.expect("ticked")).norm();
+    let still = b.follower.drone.velocity().norm() < 0.02;
     assert!(moved < 0.1 && still, "{moved} {kind:?}");
 }
 
@@ -489,7 +462,7 @@ fn planner_counts_and_ignores_messages_out_of_order() {
     for _ in 0..20 {
         b.tick(hold([0.0, 0.0, -10.0]), None);
     }
-    let (now, mut old) = (b.now(), hold([500.0, 0.0, -10.0]));
+    let (now, mut old) = (b.follower.now(), hold([500.0, 0.0, -10.0]));
     old.header = Header::new(1, 1, 1, 3, now);
     let mut early = hold([500.0, 0.0, -10.0]);
     early.header = Header::new(1, 1, 1, 900, now + Span::from_secs(1.0));
@@ -504,12 +477,12 @@ fn planner_counts_and_ignores_messages_out_of_order() {
             ..PlannerIn::default()
         };
         b.planner.step(now, &input);
-        assert_eq!(b.planner.rejected, k as u32 + 1);
+        assert_eq!(b.planner.mission.rejected(), k as u32 + 1);
     }
     for _ in 0..100 {
         b.tick(hold([0.0, 0.0, -10.0]), None);
     }
-    assert!(b.drone.position().xy().norm() < 0.01);
+    assert!(b.follower.drone.position().xy().norm() < 0.01);
 }
 
 fn number() -> impl Strategy<Value = f64> {
