@@ -99,7 +99,7 @@ config! {
         pub begin_within_m: f64 = 0.2, in 0.01..=10.0;
         /// `PLD_FAPPR_ALT`: below this height over the target it sinks on without one, m.
         pub final_approach_m: f64 = 1.0, in 0.0..=10.0;
-        /// A sighting is a measurement up to this age, s.
+        /// A detection is a measurement up to this age, s.
         pub fresh_s: f64 = 0.1, in 0.01..=5.0;
         /// `PLD_BTOUT`: without a measurement for this long the target is lost, s.
         pub timeout_s: f64 = 5.0, in 0.1..=60.0;
@@ -116,11 +116,11 @@ config! {
     /// receivers of 1 m each.
     #[derive(Copy)]
     pub struct GnssRadioConfig {
-        /// The vertical velocity dies out with this time constant, s: heave goes back, constant vertical
+        /// The vertical velocity decays with this time constant, s: heave goes back, constant vertical
         /// velocity over the whole horizon would chase it by metres.
         pub heave_memory_s: f64 = 1.0, in 0.01..=100.0;
-        /// In the flare it goes on down to this far below the believed deck, m: contact ends the descent,
-        /// not the receivers' word.
+        /// In the flare it goes on down to this far below the estimated deck, m: contact ends the descent,
+        /// not the receivers' height.
         pub below_m: f64 = 2.8, in 0.0..=10.0;
     }
 }

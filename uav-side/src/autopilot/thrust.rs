@@ -1,6 +1,6 @@
 //! Collective thrust as the autopilot commands it and as a fraction of the greatest, and the hover thrust.
 
-use alight_shared::geometry::GRAVITY;
+use crate::odometry::hover::hover_sample;
 
 /// Bounds of a plausible hover thrust.
 const BOUNDS: [f64; 2] = [0.1, 0.9];
@@ -49,14 +49,16 @@ impl HoverThrust {
     /// Learns from flight: thrust applied (fraction), specific force upwards, m/s². Shocks, free fall and
     /// low thrust hold no information about hover.
     pub(crate) fn learn(&mut self, thrust: f64, up: f64, dt: f64, time_s: f64) {
-        let calm = (0.7 * GRAVITY..=1.3 * GRAVITY).contains(&up);
-        if !calm || !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {
+        let Some(sample) = hover_sample(thrust, up, [0.7, 1.3]) else {
+            return;
+        };
+        if !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {
             return;
         }
         // At first the mean, then the exponential window: a wrong first value is soon forgotten.
         self.learned_s += dt;
         let gain = (dt / time_s.min(self.learned_s).max(dt)).min(1.0);
-        self.value += gain * (thrust * GRAVITY / up - self.value);
+        self.value += gain * (sample - self.value);
         self.value = self.value.clamp(BOUNDS[0], BOUNDS[1]);
     }
 }
@@ -64,6 +66,7 @@ impl HoverThrust {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::geometry::GRAVITY;
 
     #[test]
     fn thrust_curve_and_its_inverse_agree() {

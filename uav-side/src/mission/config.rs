@@ -1,4 +1,4 @@
-//! What the mission permits, in figures that an operator may change in flight.
+//! Parameters of the mission.
 
 use alight_shared::config;
 
@@ -27,23 +27,23 @@ config! {
         /// Source: Prototype: breaking off below 0.8 m lets the deck rise into the drone.
         pub commit_clearance_m: f64 = 0.8;
         /// Lowest height of any trajectory over the water, m.
-        /// Chosen: above the crests of a sea of 1 m amplitude.
+        /// Chosen: above the highest waves of a sea of 1 m amplitude.
         pub minimum_altitude_m: f64 = 3.0, in 0.0..=50.0;
-        /// The same while descending beside or over the deck, m.
+        /// The same while descending near or over the deck, m.
         /// Chosen: the deck's surface is 1.3 m above the water.
         pub minimum_altitude_landing_m: f64 = 0.5;
         /// Get altitude ends this close to the approach height, m.
         /// Chosen: as is everything below unless it says otherwise.
         pub height_tolerance_m: f64 = 1.0, in 0.01..=10.0;
-        /// A landing needs sight of the deck; else the radio's word counts as a sighting.
+        /// A landing needs vision of the deck; else a radio estimate counts as a detection.
         pub vision_required: bool = true;
-        /// The deck counts as seen while its newest sighting is no older than this, s.
+        /// The deck counts as detected while its newest vision measurement is no older than this, s.
         pub vision_fresh_s: f64 = 0.5, in 0.0..=120.0;
-        /// Seen for this long, visual contact is confirmed, s.
+        /// Detected for this long, visual contact is confirmed, s.
         pub contact_confirm_s: f64 = 0.3, in 0.0..=120.0;
-        /// Tracking ends after this long without a sighting, s.
+        /// Tracking ends after this long without a detection, s.
         pub vision_lost_s: f64 = 5.0, in 0.0..=120.0;
-        /// Without sight, a radio silence of this length leads to Hold, s.
+        /// Without vision, a radio silence of this length leads to Hold, s.
         pub radio_lost_s: f64 = 5.0, in 0.0..=120.0;
         /// Stably above the deck: horizontal distance, m.
         pub steady_distance_m: f64 = 1.5, in 0.01..=20.0;
@@ -66,7 +66,7 @@ config! {
         pub break_cone: f64 = 0.3, in 0.0..=5.0;
         /// A committed flare is broken off when the feet's centre is this far outside the part of the
         /// deck on which all feet stand, m.
-        /// Source: Half of the feet's span: half of the feet are beside the deck.
+        /// Source: Half of the feet's span: half of the feet are off the deck.
         pub lost_outside_m: f64 = 0.2, in 0.01..=5.0;
         /// Descent begins below this relative horizontal speed, m/s.
         pub descent_speed_mps: f64 = 1.0, in 0.01..=10.0;
@@ -102,61 +102,62 @@ config! {
         /// Chosen: 11 deg/s: a vessel in a tight turn is led sideways by its rudder as no forecast
         /// knows.
         pub deck_turn_radps: f64 = 0.2, in 0.01..=10.0;
-        /// No descent begins when the deck has been steeper than this of late, rad.
-        /// Source: Friction of 0.4 holds a drone at rest up to atan 0.4 = 0.38 rad; a steeper deck
-        /// sheds it after any landing. Rocking at 0.4 rad, 18 trials: 18 unsafe contacts without,
+        /// No descent begins when the deck was steeper than this recently, rad.
+        /// Source: Friction of 0.4 holds a drone at rest up to atan 0.4 = 0.38 rad; on a
+        /// steeper deck it slides after any landing. Rocking at 0.4 rad, 18 trials: 18 unsafe contacts without,
         /// none with.
         pub recent_tilt_rad: f64 = 0.38, in 0.01..=1.5;
-        /// No descent begins when the wind's push to be expected on the deck is larger, and no flare in a
-        /// larger one, m/s².
+        /// No descent begins when the wind's acceleration to be expected on the deck is larger, and no
+        /// flare in a larger one, m/s².
         /// Source: Friction of 0.4 holds a stopped drone against 3.9 m/s² on a level deck at rest.
-        /// Seeds 100-119 without this limit: 10 m/s (mean push 2.8) 13 of 20 landed and 5 slid off,
+        /// Seeds 100-119 without this limit: 10 m/s (mean 2.8) 13 of 20 landed and 5 slid off,
         /// 12 m/s 5.
         pub wind_peak_mps2: f64 = 2.8, in 0.01..=50.0;
         /// Coefficient of friction between feet and deck, wet.
         pub friction: f64 = 0.4, in 0.01..=2.0;
-        /// No descent begins when the deck is foretold to feel steeper than this before the drone is at rest on it
-        /// (`time_to_rest_s`): tan of the angle between the deck's normal and the specific force, over a second.
-        /// Source: Friction of 0.4, and what is foretold is wrong by 0.08 (rms) some seconds ahead.
+        /// No descent begins when the predicted apparent slope exceeds this before the drone is at rest
+        /// (`time_to_rest_s`): tan of the angle between the deck's normal and the specific force, over a
+        /// second.
+        /// Source: Friction of 0.4, and the prediction is wrong by 0.08 (rms) some seconds ahead.
         /// 0.8 m, 5 s without sideways coupling, seeds 300-699: 400 landed and 15.5 s over the
         /// deck; 0.28 and 9.5 s ahead: 399, 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394,
         /// 11.9 s.
         pub slope_limit: f64 = 0.25, in 0.01..=100.0;
-        /// The same where the forecast reckons with crests, whatever was felt a moment ago.
+        /// The same with bound waves in the forecast, whatever was measured a moment ago.
         pub bound_wave_slope_limit: f64 = 0.34, in 0.01..=100.0;
-        /// The forecast reckons with crests from this share of the water's orbital motion on that passes under
-        /// the hull.
+        /// The forecast has bound waves from this wave-following deficit on: the fraction of the water's orbital
+        /// motion that passes under the hull.
         pub bound_wave_deficit: f64 = 0.2, in 0.01..=1.0;
-        /// No drone that goes down now stands on the deck before this, s: until then no crest sheds it.
+        /// A drone that descends now is not on the deck before this, s: until then no wave makes it slide.
         pub bound_wave_from_s: f64 = 2.5, in 0.01..=60.0;
-        /// A slope felt by what stands on the deck that sheds it: tan of the angle between the deck's normal
-        /// and the specific force, over a second.
-        /// Source: Friction of 0.4 less what a second's mean hides. As above: 0.45 lets the drone
-        /// go down where the waves have just been too steep for any forecast.
+        /// Apparent slope on which a landed drone slides: tan of the angle between the deck's normal and
+        /// the specific force, over a second.
+        /// Source: Friction of 0.4 less what a second's mean hides. As above: 0.45 permits a
+        /// descent where the waves have just been too steep for any forecast.
         pub slide_slope: f64 = 0.35, in 0.01..=100.0;
-        /// A group of waves is over when the deck has shed nothing for this long, s.
+        /// A group of waves is over when the slope has stayed below that for this long, s.
         pub slide_over_s: f64 = 4.0, in 0.01..=60.0;
         /// From the beginning of a descent to rest on the deck, s: so long before the next group it begins.
         /// Source: Down in 4 to 6 s, at rest 4 s later.
         pub time_to_rest_s: f64 = 10.0, in 0.01..=60.0;
-        /// The calm between two groups, before two were felt, s.
+        /// The calm between two groups, before two were measured, s.
         pub calm_prior_s: f64 = 20.0, in 0.01..=120.0;
-        /// No descent begins when that push is larger than the grip which the deck's motion of late leaves
-        /// and this, m/s².
+        /// No descent begins when the wind's acceleration is larger than the friction that the deck's recent motion
+        /// leaves and this, m/s².
         /// Source: Half a second of it moves the feet by 6 cm.
         pub friction_margin_mps2: f64 = 0.5, in 0.01..=50.0;
-        /// That push is the mean and this many standard deviations of its gusts.
+        /// The wind's acceleration is the mean and this many standard deviations of its gusts.
         /// Source: With two, the descents that begin in 8 and 10 m/s are those in a lull: of 80
         /// trials (seeds 4000-4039 each) 31 landed and 2 were blown off the deck afterwards.
         pub wind_gust_sds: f64 = 3.0, in 0.0..=10.0;
         /// The wind is judged over this time, s.
         pub wind_memory_s: f64 = 60.0, in 0.01..=3600.0;
-        /// Descent needs a sighting no older than this, s.
+        /// Descent needs a detection no older than this, s.
         pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
-        /// A flare that is not committed ends after this long without sighting and radio, s.
+        /// A flare that is not committed ends after this long without detection and radio, s.
         /// Source: The last 0.7 m at 0.5 m/s with the tag out of view, and a second to spare.
         pub flare_blind_s: f64 = 2.5, in 0.0..=120.0;
-        /// The same while the radio still tells where the vessel is, s.
+        /// The same while the radio still reports where the vessel is, s.
         pub flare_radio_blind_s: f64 = 5.0, in 0.0..=120.0;
         /// Radio no older than this counts as fresh, s.
         /// Source: A radio that is a second late lands as well as one in time (10 of 10, 0.06 m),
@@ -164,20 +165,20 @@ config! {
         pub radio_fresh_s: f64 = 1.5, in 0.0..=120.0;
         /// A soft condition must be violated for this long before a landing is broken off, s.
         pub violation_s: f64 = 0.3, in 0.0..=120.0;
-        /// Conditions of the flare unmet for this long at the gate: back to Tracking, s.
+        /// Conditions of the flare unmet for this long at the decision clearance: back to Tracking, s.
         pub decision_timeout_s: f64 = 8.0, in 0.0..=120.0;
-        /// Longest descent, s.
+        /// Maximum duration of the descent, s.
         pub descent_timeout_s: f64 = 30.0, in 0.0..=120.0;
-        /// Longest flare, s.
+        /// Maximum duration of the flare, s.
         pub flare_timeout_s: f64 = 8.0, in 0.0..=120.0;
         /// Feet this far below the deck without touchdown: missed, m.
         pub missed_m: f64 = 0.4, in 0.01..=5.0;
         /// Data must be fresh for this long before Hold is left, s.
         pub recover_s: f64 = 0.5, in 0.0..=120.0;
-        /// Hold resumes with Tracking within this horizontal distance of a deck in sight, m.
+        /// Hold resumes with Tracking within this horizontal distance of a detected deck, m.
         pub resume_distance_m: f64 = 10.0, in 0.01..=1e3;
-        /// No descent without the vessel's word that the deck is ours: for vessels with several drones.
-        /// Source: One drone needs nobody's leave; the file of the drone's package says true.
+        /// No descent without the vessel's grant of the deck: for vessels with several drones.
+        /// Source: One drone needs no grant; the file of the drone's package sets true.
         pub reservation_required: bool = false;
         /// Descents that may be begun.
         pub max_attempts: u32 = 10;

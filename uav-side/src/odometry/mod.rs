@@ -13,6 +13,7 @@
 //! Position 0.8 s ahead from a known position and velocity (simulated sensors, each axis):
 //! autopilot 4.7 cm, here 1.6 cm.
 
+pub(crate) mod hover;
 pub(crate) mod origin;
 pub mod wind;
 

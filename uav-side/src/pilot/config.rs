@@ -1,4 +1,4 @@
-//! How the pilot tracks, what it sends to the autopilot, and what it believes about contact.
+//! How the pilot tracks, what it sends to the autopilot, and when it accepts a contact.
 
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
@@ -60,7 +60,7 @@ config! {
         pub vertical_kv: f64 = 7.0, in 0.0..=20.0;
         /// Integral gain on position, 1/s³.
         pub ki: f64 = 0.1, in 0.0..=10.0;
-        /// Largest integral share, m/s².
+        /// Largest integral part, m/s².
         pub integral_limit_mps2: f64 = 0.8, in 0.0..=5.0;
         /// The integral moves only within this distance of the plan: a large error is on its way, not a
         /// disturbance, m.
@@ -77,7 +77,7 @@ config! {
         /// Tilt that position feedback may add in the descent, rad.
         pub descent_feedback_tilt_rad: f64 = 0.30, in 0.0..=0.8;
         /// The same in the flare above `fade_clearance_m`, rad.
-        /// Source: A flare is too short for place to be won back by leaning. 0.2 and 0.1, Moderate,
+        /// Source: A flare is too short to win back position by tilt. 0.2 and 0.1, Moderate,
         /// seeds 2000-2099 and 4000-4099: mpc-faa meets the deck within 1.66 and 1.70 deg (p95)
         /// instead of 1.20 and 1.30, and no nearer to its centre.
         pub flare_feedback_tilt_rad: f64 = 0.1;
@@ -86,13 +86,13 @@ config! {
         /// Feedback and disturbance fade below this clearance, m.
         /// Source: 0.5 m/s for 0.7 s: matching a tilt costs 0.5 to 1.5 m/s² sideways.
         pub fade_clearance_m: f64 = 0.35, in 0.01..=5.0;
-        /// Share of the disturbance's tilt that is kept at the deck, 0 to 1.
+        /// Fraction of the disturbance's tilt that is kept at the deck, 0 to 1.
         pub contact_disturbance_fraction: f64 = 0.5, in 0.0..=1.0;
         /// Time constant of the disturbance estimate, s.
         pub disturbance_time_s: f64 = 0.5, in 0.05..=60.0;
-        /// Largest disturbance believed, m/s².
+        /// Largest disturbance accepted, m/s².
         /// Source: Wind of 14 m/s, as in the plan: less and the pilot would undo what the plan
-        /// leans against.
+        /// compensates by tilt.
         pub disturbance_limit_mps2: f64 = 6.0, in 0.0..=9.0;
         /// Time constant of the hover-thrust estimate, s.
         pub hover_time_s: f64 = 2.0, in 0.1..=60.0;
@@ -100,13 +100,13 @@ config! {
         /// Source: Three lags of the thrust. Vertical drag at 4 m/s down in 10 m/s of wind is 1.2
         /// m/s².
         pub lift_time_s: f64 = 0.15, in 0.05..=60.0;
-        /// Largest such lift believed, m/s².
+        /// Largest such lift accepted, m/s².
         pub lift_limit_mps2: f64 = 2.0, in 0.0..=5.0;
         /// Lag from commanded to acting thrust, s.
         pub thrust_lag_s: f64 = 0.05, in 0.0..=0.5;
         /// Lag of the rate loop and of the way there, besides the attitude loop's, s.
         pub rate_lag_s: f64 = 0.06, in 0.0..=0.5;
-        /// Least thrust in the air as a share of hover.
+        /// Least thrust in the air as a fraction of hover.
         pub min_thrust_of_hover: f64 = 0.3, in 0.0..=0.9;
     }
     check |this, at| {
@@ -126,17 +126,17 @@ config! {
 }
 
 config! {
-    /// How the lag of the attitude loop is learnt and made up for.
+    /// How the lag of the attitude loop is learnt and compensated.
     ///
     /// Chosen: Prior: a second of 1 deg.
     pub struct LagConfig {
         /// The lag that the tracking loop's gains are laid out for, s.
         pub design_s: f64 = 0.2, in 0.02..=2.0;
-        /// Least and greatest lag believed, s.
+        /// Smallest and largest lag accepted, s.
         pub bounds_s: [f64; 2] = [0.08, 0.6], in 0.02..=2.0;
         /// Lag of the rate loop below, s.
         pub rate_loop_s: f64 = 0.06, in 0.0..=0.5;
-        /// What is heard counts for this long, s.
+        /// Observations count for this long, s.
         pub memory_s: f64 = 10.0, in 0.5..=1e4;
         /// What the nominal lag counts for: squared angle times time, rad² s.
         pub prior_rad2s: f64 = 3e-4, in 1e-6..=10.0;
@@ -160,7 +160,7 @@ config! {
     pub struct DelayConfig {
         /// Below this it is none, s.
         pub min_s: f64 = 0.005, in 0.0..=0.5;
-        /// Greatest believed, one way, s; 0: none is made up for.
+        /// Largest accepted, one way, s; 0: none is compensated.
         pub limit_s: f64 = 0.15, in 0.0..=0.25;
         /// Time constant of its estimate, s.
         pub time_s: f64 = 1.0, in 0.05..=60.0;
@@ -179,7 +179,7 @@ config! {
         pub range_release_m: f64 = 0.25;
         /// Without the rangefinder: the forecast's clearance is at most this, m.
         pub blind_clearance_m: f64 = 0.20, in 0.01..=1.0;
-        /// Beyond this forecast clearance no contact is believed, m.
+        /// Beyond this forecast clearance no contact is accepted, m.
         pub clearance_veto_m: f64 = 0.5, in 0.05..=2.0;
         /// Beyond this speed along the deck's normal no touchdown is confirmed, m/s.
         pub speed_veto_mps: f64 = 0.8, in 0.05..=5.0;
@@ -191,9 +191,9 @@ config! {
         pub impact_mps2: f64 = 6.0;
         /// So long at the feet's range while a descent is commanded makes contact suspected, s.
         pub resting_s: f64 = 0.3, in 0.01..=2.0;
-        /// Thrust on suspicion, as a share of hover.
+        /// Thrust on suspicion, as a fraction of hover.
         pub press_of_hover: f64 = 0.6, in 0.1..=0.8;
-        /// Thrust at the end of the ramp, as a share of hover.
+        /// Thrust at the end of the ramp, as a fraction of hover.
         /// Source: Low enough to unload on a deck that falls at 3.8 m/s².
         pub press_end_of_hover: f64 = 0.3;
         /// Length of the ramp, s.
@@ -238,7 +238,7 @@ config! {
         pub commit_clearance_m: f64 = 0.8, in 0.0..=5.0;
         /// Sinking relative to the deck at this speed, m/s.
         pub sink_mps: f64 = 0.5, in 0.05..=2.0;
-        /// Without word from the mission the pilot holds this long, then leaves it to the autopilot, s.
+        /// Without a message from the mission the pilot holds this long, then leaves it to the autopilot, s.
         pub hold_without_mission_s: f64 = 3.0, in 0.0..=60.0;
     }
 }

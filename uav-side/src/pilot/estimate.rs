@@ -5,6 +5,7 @@ use alight_shared::geometry::GRAVITY;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::TrackingConfig;
+use crate::odometry::hover::hover_sample;
 use crate::odometry::wind::WindObserver;
 
 /// Slow estimates of the thrust scale and of the horizontal disturbance.
@@ -93,12 +94,10 @@ impl FlightEstimator {
     }
     /// Learns from a specific force (body, m/s²) in free flight under collective `thrust`.
     pub(crate) fn learn_hover(&mut self, force: &Vector3<f64>, thrust: f64, dt: f64, c: &TrackingConfig) {
-        let up = -force.z;
-        if !(0.5 * GRAVITY..=2.0 * GRAVITY).contains(&up) || thrust.is_nan() || thrust < 0.05 {
+        if thrust.is_nan() || thrust < 0.05 {
             return;
         }
-        let sample = thrust * GRAVITY / up;
-        if self.plausible(sample) {
+        if let Some(sample) = hover_sample(thrust, -force.z, [0.5, 2.0]).filter(|s| self.plausible(*s)) {
             self.hover += (1.0 - (-dt / c.hover_time_s).exp()) * (sample - self.hover);
         }
     }

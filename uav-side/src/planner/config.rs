@@ -13,7 +13,7 @@ use super::weights::{Faa, Weights};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlannerKind {
-    /// The paper's MPC with flight-attitude alignment.
+    /// The paper's MPC with Forcing Attitude Alignment.
     MpcFaa,
     /// Ours: place, velocity and attitude meet the deck at a chosen instant.
     #[default]
@@ -31,7 +31,7 @@ impl PlannerKind {
 }
 
 config! {
-    /// Rotor limits and how the four virtual inputs share them.
+    /// Rotor limits and how they are divided among the four virtual inputs.
     ///
     /// Defaults: The paper bounds inputs and slew but publishes no value: all ours. Lowest speed
     /// from ctu-mrs `t650`: (875 rpm / 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time
@@ -47,7 +47,7 @@ config! {
         pub tilt_input: f64 = 0.3, in 0.01..=0.4;
         /// Magnitude that yaw may have, virtual input. Thrust has what then remains.
         pub yaw_input: f64 = 0.25, in 0.01..=0.4;
-        /// Shares of the slew for thrust, roll, pitch (the same) and yaw; 2 x tilt + the others <= 1.
+        /// Fractions of the slew for thrust, roll, pitch (the same) and yaw; 2 x tilt + the others <= 1.
         pub slew_fractions: [f64; 3] = [0.4, 0.25, 0.1], in 0.01..=0.9;
     }
     check |this, at| {
@@ -79,7 +79,7 @@ impl RotorLimits {
             yaw: shrink * self.yaw_input,
         }
     }
-    /// Bounds of the change per step of thrust, roll, pitch and yaw inputs: shares of the rotors'.
+    /// Bounds of the change per step of thrust, roll, pitch and yaw inputs: fractions of the rotors'.
     pub fn slew(&self, step_s: f64) -> [f64; 4] {
         let all = 2.0 * self.slew_per_s * step_s;
         let [thrust, tilt, yaw] = self.slew_fractions;
@@ -102,7 +102,7 @@ config! {
     /// Soft limits of the states.
     ///
     /// Defaults: Procházka 2024, Table 4; the costs of slack are ours: large against a metre of
-    /// position error (30), small against FAA's last word (50000 per rad²).
+    /// position error (30), small against FAA's largest weight (50000 per rad²).
     #[derive(Copy)]
     pub struct StateLimits {
         /// Roll and pitch, deg.
@@ -145,7 +145,7 @@ config! {
 }
 
 config! {
-    /// When the plan lets go of its own past and starts from the measured state.
+    /// When the plan starts from the measured state instead of the previous plan.
     ///
     /// Chosen: well above what a tracker leaves in gusts, below what would look like a jump.
     #[derive(Copy)]
@@ -222,7 +222,7 @@ config! {
         pub mean_height_s: f64 = 8.0, in 0.5..=60.0;
         /// After contact the reference goes on into the deck down to here, m.
         pub press_m: f64 = 0.3, in 0.0..=1.0;
-        /// Nearer than this the heading towards the vessel means nothing, m.
+        /// Nearer than this the heading towards the vessel is undefined, m.
         pub heading_from_m: f64 = 2.0, in 0.1..=50.0;
         /// The minimum altitude does not bind inside the deck's outline widened by this, m.
         pub outline_margin_m: f64 = 0.5, in 0.0..=10.0;

@@ -1,4 +1,4 @@
-//! Figures of the rendezvous planner.
+//! Parameters of the rendezvous planner.
 
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
@@ -17,7 +17,7 @@ pub struct WeightSchedule {
 }
 
 impl WeightSchedule {
-    /// The weight at the share `g` of contact, 0 to 1.
+    /// The weight at the fraction `g` of contact, 0 to 1.
     pub fn at(&self, g: f64) -> f64 {
         self.far + self.contact * g
     }
@@ -51,7 +51,7 @@ config! {
         pub press_m: f64 = 0.5, in 0.01..=1.0;
         /// Higher than this above the deck its heave is not followed, m ...
         pub mean_above_m: f64 = 4.5;
-        /// ... lower than this it is followed wholly, m.
+        /// ... lower than this it is followed fully, m.
         pub heave_below_m: f64 = 1.5, in 0.3..=50.0;
     }
     check |this, at| {
@@ -61,7 +61,7 @@ config! {
 }
 
 config! {
-    /// Which instant is a good one.
+    /// Choice of the touchdown time.
     ///
     /// Chosen: after a prototype.
     #[derive(Copy)]
@@ -70,20 +70,20 @@ config! {
         pub window_s: f64 = 2.5, in 0.0..=4.0;
         /// Chosen no more when the contact is nearer than this, s.
         pub freeze_s: f64 = 1.3, in 0.1..=4.0;
-        /// Acceleration of the deck that an aligned drone does not share and that counts as 1, m/s².
+        /// Acceleration of the deck that an aligned drone does not have and that counts as 1, m/s².
         pub mismatch_mps2: f64 = 0.5, in 0.01..=100.0;
         /// Tilt that counts as 1/2, deg.
         pub tilt_deg: f64 = 5.0, in 0.1..=90.0;
         /// Rate of tilt that counts as 1/2, deg/s.
         pub tilt_rate_dps: f64 = 5.0, in 0.1..=1e3;
         /// Speed at which the deck rises that counts as 1/2, m/s: it meets a drone that waits for it sooner or later
-        /// than foretold, before the drone is aligned.
+        /// than predicted, before the drone is aligned.
         pub rising_mps: f64 = 0.8, in 0.01..=1e3;
         /// Cost of waiting, 1/s.
         pub waiting_per_s: f64 = 0.3, in 0.0..=100.0;
         /// Another instant is taken when it costs less by this much.
         pub hysteresis: f64 = 0.2, in 0.0..=100.0;
-        /// When late, the contact may be meant to come this much sooner than the profile has it, s.
+        /// When late, the contact may be planned this much sooner than by the profile, s.
         pub hurry_s: f64 = 0.15, in 0.0..=1.0;
         /// In the flare the contact comes at most this much later than the profile has it, s: low over the deck
         /// the tag is out of view, and a drone that waits there drifts off or is left behind.
@@ -96,19 +96,19 @@ config! {
     ///
     /// Chosen: Slower than the pilot's: the plan allows for the mean, the pilot for gusts; at most
     /// the wind of 14 m/s on the default drone. An alignment lasts about 0.3 s, so each m/s² costs
-    /// 0.3 m/s along the deck, and each that is leant against 6 deg: at 5 m/s (0.7 m/s²) aligning
-    /// is cheap, at 8 m/s (1.8 m/s²) both are shared.
+    /// 0.3 m/s along the deck, and each that is compensated by tilt 6 deg: at 5 m/s (0.7 m/s²) aligning
+    /// is cheap, at 8 m/s (1.8 m/s²) it is divided.
     #[derive(Copy)]
     pub struct WindConfig {
         /// Time constant with which it is learnt, s.
         pub time_s: f64 = 0.7, in 0.05..=60.0;
-        /// Largest acceleration believed, m/s².
+        /// Largest acceleration accepted, m/s².
         pub limit_mps2: f64 = 6.0, in 0.0..=9.0;
         /// Closer than this to the deck nothing is learnt: a contact is no wind, m.
         pub free_m: f64 = 0.5, in 0.0..=10.0;
         /// Wind up to this acceleration blows an aligned drone along, m/s² ...
         pub aligned_mps2: f64 = 1.2, in 0.0..=9.0;
-        /// ... and this share of what is beyond; for the rest it keeps leaning.
+        /// ... and this fraction of what is beyond; for the rest it keeps its tilt.
         pub aligned_fraction: f64 = 0.6, in 0.0..=1.0;
     }
 }
@@ -121,8 +121,8 @@ config! {
     /// contact cost 0.1 deg and gained 1 cm on 100 landings (0,0 and 0.8,5: 0.076 -> 0.069 m, 0.094
     /// -> 0.084), and once more 0.5 cm on 200 at 0.8,5 (1500 and 150: 0.0642 -> 0.0596 m; tilt p95
     /// 1.9 -> 2.6 deg); tilt weighs more far away so that the plan does not chase the forecast's
-    /// noise. With 9600 a drone leaned against the slope until 0.1 s before the contact, so that
-    /// one that came early met it askew: 0.8 m, 5 s without sideways coupling, 400 seeds: tilt p95
+    /// noise. With 9600 a drone tilted against the slope until 0.1 s before the contact, so that
+    /// an early contact was not aligned: 0.8 m, 5 s without sideways coupling, 400 seeds: tilt p95
     /// 4.75 -> 4.2 (13 000) and 3.6 deg (16 000), place 0.060 -> 0.062 and 0.063 m.
     #[derive(Copy)]
     pub struct RendezvousConfig {
@@ -135,7 +135,7 @@ config! {
         /// Tilt is planned as the horizontal acceleration that it causes at the planned vertical one; else
         /// as `g tilt`, the linear model's.
         pub true_tilt: bool = true;
-        /// Whose height over the deck tells how near the contact is.
+        /// Whose height over the deck measures how near the contact is.
         pub distance: FaaDistance = FaaDistance::PerStage;
         /// A landing begins from the measured state; else from the plan that was followed.
         pub start_from_measured: bool = true;
