@@ -349,15 +349,15 @@ fn corrupted_steps_of_a_recording_harm_no_node() {
         let path = program::scratch("steps.mcap");
         with_wrong_steps(&path, &all).unwrap();
         let out = program::alight(&["replay", &path.display().to_string()]);
-        let said = program::stderr(&out);
+        let output = program::stderr(&out);
         let code = out.status.code();
-        prop_assert!(matches!(code, Some(0..=2)), "{:?}: {said}", out.status);
+        prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
         // Replay contains a panic and says this of it; of what the decoder refuses it names the step.
         prop_assert!(
-            !said.contains("the recording is damaged; record it again"),
-            "{said}"
+            !output.contains("the recording is damaged; record it again"),
+            "{output}"
         );
-        prop_assert!(code != Some(2) || said.contains("the step of"), "{said}");
+        prop_assert!(code != Some(2) || output.contains("the step of"), "{output}");
         reached.fetch_add(u32::from(code != Some(2)), Ordering::Relaxed);
         Ok(())
     });

@@ -6,6 +6,7 @@
 mod commands;
 mod estimate;
 mod fuzz;
+mod layers;
 mod program;
 mod record;
 mod shipped;

@@ -74,9 +74,9 @@ fn recording_replays_bit_identically() {
     let (file, _) = recorded();
     let replay = alight(&["replay", &text(file), "--json"]);
     assert_eq!(replay.status.code(), Some(0), "{}", stderr(&replay));
-    let said = json(&replay);
-    assert_eq!(said["identical"], true, "{said}");
-    for node in said["nodes"].as_array().unwrap() {
+    let output = json(&replay);
+    assert_eq!(output["identical"], true, "{output}");
+    for node in output["nodes"].as_array().unwrap() {
         assert!(node["steps"].as_u64().unwrap() > 300, "{node}");
     }
 }
@@ -102,14 +102,14 @@ fn replay_reports_a_flipped_input_byte_at_its_node() {
             }
         });
         let replay = alight(&["replay", &text(&other)]);
-        let said = String::from_utf8_lossy(&replay.stdout).into_owned();
+        let output = String::from_utf8_lossy(&replay.stdout).into_owned();
         assert_ne!(
             replay.status.code(),
             Some(0),
-            "{node}: the change went unnoticed: {said}"
+            "{node}: the change went unnoticed: {output}"
         );
         if replay.status.code() == Some(1) {
-            assert!(said.contains(&format!("first difference: {node}")), "{said}");
+            assert!(output.contains(&format!("first difference: {node}")), "{output}");
         }
     }
 }
@@ -125,13 +125,13 @@ fn replay_reports_a_changed_output_at_its_node_and_time() {
     });
     let replay = alight(&["replay", &text(&other), "--json"]);
     assert_eq!(replay.status.code(), Some(1));
-    let said = json(&replay);
+    let output = json(&replay);
     // The drone appears at 14 s; steps are 10 ms apart.
     assert_eq!(
-        said["verdict"], "first difference: planner at 15.50 s of the recording",
-        "{said}"
+        output["verdict"], "first difference: planner at 15.50 s of the recording",
+        "{output}"
     );
-    let differing = said["nodes"].as_array().unwrap().iter();
+    let differing = output["nodes"].as_array().unwrap().iter();
     assert_eq!(differing.filter(|n| !n["differs_at_s"].is_null()).count(), 1);
 }
 
@@ -266,18 +266,18 @@ fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
         "{found}"
     );
     let lines = alight(&["calibrate", "deck", &file]);
-    let said = String::from_utf8_lossy(&lines.stdout).into_owned();
+    let output = String::from_utf8_lossy(&lines.stdout).into_owned();
     assert!(
-        said.contains("[vessel.deck]\ncentre_m = [") && said.contains("[drone.deck]"),
-        "{said}"
+        output.contains("[vessel.deck]\ncentre_m = [") && output.contains("[drone.deck]"),
+        "{output}"
     );
 
     // In waves the antenna, and nothing of the hull.
     let vessel = alight(&["calibrate", "vessel", &file]);
-    let said = String::from_utf8_lossy(&vessel.stdout).into_owned();
+    let output = String::from_utf8_lossy(&vessel.stdout).into_owned();
     assert!(
-        said.contains("roll   not observable") && said.contains("GNSS antenna"),
-        "{said}"
+        output.contains("roll   not observable") && output.contains("GNSS antenna"),
+        "{output}"
     );
     // A weight that lies in waves tells no more.
     let vessel = alight(&[
@@ -289,8 +289,11 @@ fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
         "--weight",
         "60,1.4,0.9",
     ]);
-    let said = String::from_utf8_lossy(&vessel.stdout).into_owned();
-    assert!(said.contains("roll   under the weight: heels by 0.00"), "{said}");
+    let output = String::from_utf8_lossy(&vessel.stdout).into_owned();
+    assert!(
+        output.contains("roll   under the weight: heels by 0.00"),
+        "{output}"
+    );
     for weight in ["60,1.4", "0,1,1", "60,x,1,2", "-5,1,1"] {
         let refused = alight(&[
             "calibrate",

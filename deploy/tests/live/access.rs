@@ -1,4 +1,4 @@
-//! Strangers on the radio: real zenoh clients that must not be heard, beside one that must. Nothing
+//! Access to the radio: real zenoh clients whose messages must be rejected, beside one that is admitted. Nothing
 //! here asserts a time: the bounds on waiting are only against tests that never end.
 
 use std::path::{Path, PathBuf};
@@ -11,18 +11,18 @@ use zenoh::Wait;
 
 use crate::common::{self, free_udp, publication, tls};
 
-/// A client that obeys no rule of ours: it dials `endpoint`, or is dialled there, and says what it is told on
+/// A client with rules of its own: it connects to `endpoint`, or listens there, and publishes what it is given on
 /// `key`, again and again.
-struct Stranger(zenoh::Session, String);
+struct Intruder(zenoh::Session, String);
 
-impl Stranger {
-    fn dial(endpoint: &str, files: &[(&str, PathBuf)], key: &str) -> Stranger {
-        Stranger::open(&format!("[{endpoint:?}]"), "[]", files, key)
+impl Intruder {
+    fn dial(endpoint: &str, files: &[(&str, PathBuf)], key: &str) -> Intruder {
+        Intruder::open(&format!("[{endpoint:?}]"), "[]", files, key)
     }
-    fn listen(endpoint: &str, files: &[(&str, PathBuf)], key: &str) -> Stranger {
-        Stranger::open("[]", &format!("[{endpoint:?}]"), files, key)
+    fn listen(endpoint: &str, files: &[(&str, PathBuf)], key: &str) -> Intruder {
+        Intruder::open("[]", &format!("[{endpoint:?}]"), files, key)
     }
-    fn open(connect: &str, listen: &str, files: &[(&str, PathBuf)], key: &str) -> Stranger {
+    fn open(connect: &str, listen: &str, files: &[(&str, PathBuf)], key: &str) -> Intruder {
         let mut config = zenoh::Config::default();
         let mut set = |key: &str, value: String| config.insert_json5(key, &value).expect("a setting");
         set("mode", r#""peer""#.into());
@@ -48,10 +48,10 @@ impl Stranger {
         {
             set("transport/link/tls/enable_mtls", "true".into());
         }
-        Stranger(zenoh::open(config).wait().expect("opens"), key.into())
+        Intruder(zenoh::open(config).wait().expect("opens"), key.into())
     }
-    fn says(&self, text: &[u8]) {
-        let _unheard = self.0.put(self.1.clone(), text.to_vec()).wait();
+    fn publish(&self, text: &[u8]) {
+        let _rejected = self.0.put(self.1.clone(), text.to_vec()).wait();
     }
 }
 
@@ -64,9 +64,9 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
     ]
 }
 
-/// A vessel and its drone over TLS; both hear each other while `strangers` try the vessel: true when
-/// one of them was heard by the vessel.
-fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
+/// A vessel and its drone over TLS; both hear each other while `intruders` try the vessel: true when
+/// a message of one of them was accepted.
+fn accepted(name: &str, intruders: impl Fn(&str, &Path) -> Vec<Intruder>) -> bool {
     rejections::listen();
     let directory = common::certificates(name);
     let address = free_udp();
@@ -84,22 +84,22 @@ fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
     let mut vessel =
         Radio::open(&listen, publication("alight/vessel-1/estimate"), all.clone()).expect("opens");
     let mut drone = Radio::open(&dial, publication("alight/drone-1/status"), all).expect("opens");
-    let strangers = strangers(&address, &directory);
-    let (mut friend, mut back, mut stranger) = (0, 0, false);
-    // The friends' hundred exchanges take the strangers at least as long as they took themselves.
+    let intruders = intruders(&address, &directory);
+    let (mut friend, mut back, mut intruder_accepted) = (0, 0, false);
+    // Two hundred exchanges of the peers give the intruders as much time.
     for _ in 0..2000 {
         vessel.send(0, b"estimate".to_vec());
         drone.send(0, b"friend".to_vec());
-        for s in &strangers {
-            s.says(b"stranger");
+        for s in &intruders {
+            s.publish(b"intruder");
         }
-        while let Some(heard) = vessel.receive(Duration::from_millis(5)) {
-            friend += u32::from(heard.bytes == b"friend");
-            stranger |= heard.bytes == b"stranger";
+        while let Some(message) = vessel.receive(Duration::from_millis(5)) {
+            friend += u32::from(message.bytes == b"friend");
+            intruder_accepted |= message.bytes == b"intruder";
         }
-        while let Some(heard) = drone.receive(Duration::from_millis(5)) {
-            back += u32::from(heard.bytes == b"estimate");
-            stranger |= heard.bytes == b"stranger";
+        while let Some(message) = drone.receive(Duration::from_millis(5)) {
+            back += u32::from(message.bytes == b"estimate");
+            intruder_accepted |= message.bytes == b"intruder";
         }
         if friend >= 200 && back >= 200 {
             break;
@@ -107,26 +107,26 @@ fn heard(name: &str, strangers: impl Fn(&str, &Path) -> Vec<Stranger>) -> bool {
     }
     assert!(
         friend >= 200 && back >= 200,
-        "the friend was heard {friend} times, the vessel {back}"
+        "received from the drone {friend} times, from the vessel {back} times"
     );
     std::fs::remove_dir_all(&directory).expect("removed");
-    stranger
+    intruder_accepted
 }
 
 const STATUS: &str = "alight/drone-1/status";
 
 /// The refusal was noticed, and for what it was: the operator reads it in `alight status`.
 #[track_caller]
-fn noticed(why: AccessRejection) {
+fn assert_counted(why: AccessRejection) {
     let counted = rejections::counted();
     assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
 }
 
 #[test]
 fn vessel_accepts_an_admitted_certificate_on_its_own_key() {
-    assert!(heard("right", |at, keys| {
+    assert!(accepted("right", |at, keys| {
         common::keys(keys, &["drone", "2"]);
-        vec![Stranger::dial(
+        vec![Intruder::dial(
             &format!("quic/{at}"),
             &files(&keys.join("drone-2")),
             "alight/drone-2/status",
@@ -136,57 +136,57 @@ fn vessel_accepts_an_admitted_certificate_on_its_own_key() {
 
 #[test]
 fn vessel_rejects_plain_tcp_and_a_peer_without_certificate() {
-    assert!(!heard("none", |at, keys| {
+    assert!(!accepted("none", |at, keys| {
         let trust = vec![("root_ca_certificate", keys.join("authority.pem"))];
         vec![
-            Stranger::dial(&format!("tcp/{at}"), &[], STATUS),
-            Stranger::dial(&format!("quic/{at}"), &trust, STATUS),
+            Intruder::dial(&format!("tcp/{at}"), &[], STATUS),
+            Intruder::dial(&format!("quic/{at}"), &trust, STATUS),
         ]
     }));
-    noticed(AccessRejection::NotTls);
-    noticed(AccessRejection::NoCertificate);
+    assert_counted(AccessRejection::NotTls);
+    assert_counted(AccessRejection::NoCertificate);
 }
 
 #[test]
 fn vessel_rejects_a_certificate_of_another_authority() {
-    assert!(!heard("other", |at, keys| {
+    assert!(!accepted("other", |at, keys| {
         let other = keys.join("other");
         common::keys(&other, &["init"]);
         common::keys(&other, &["drone", "1"]);
         let mut files = files(&other.join("drone-1"));
         // It trusts the vessel; the vessel does not trust it.
         files[0].1 = keys.join("authority.pem");
-        vec![Stranger::dial(&format!("quic/{at}"), &files, STATUS)]
+        vec![Intruder::dial(&format!("quic/{at}"), &files, STATUS)]
     }));
-    noticed(AccessRejection::OtherAuthority);
+    assert_counted(AccessRejection::OtherAuthority);
 }
 
 #[test]
 fn vessel_rejects_a_name_that_is_not_admitted() {
-    assert!(!heard("name", |at, keys| {
+    assert!(!accepted("name", |at, keys| {
         common::keys(keys, &["drone", "9"]);
         vec![
-            Stranger::dial(&format!("quic/{at}"), &files(&keys.join("drone-9")), STATUS),
-            Stranger::dial(
+            Intruder::dial(&format!("quic/{at}"), &files(&keys.join("drone-9")), STATUS),
+            Intruder::dial(
                 &format!("quic/{at}"),
                 &files(&keys.join("drone-9")),
                 "alight/drone-9/status",
             ),
         ]
     }));
-    noticed(AccessRejection::Name);
+    assert_counted(AccessRejection::Name);
 }
 
 #[test]
 fn vessel_rejects_an_admitted_name_on_the_key_of_another_drone() {
-    assert!(!heard("key", |at, keys| {
+    assert!(!accepted("key", |at, keys| {
         common::keys(keys, &["drone", "2"]);
         let own = files(&keys.join("drone-2"));
         [STATUS, "alight/vessel-1/estimate"]
-            .map(|key| Stranger::dial(&format!("quic/{at}"), &own, key))
+            .map(|key| Intruder::dial(&format!("quic/{at}"), &own, key))
             .into()
     }));
-    noticed(AccessRejection::Key);
+    assert_counted(AccessRejection::Key);
 }
 
 #[test]
@@ -200,8 +200,8 @@ fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
         ("listen_private_key", own.join("key.pem")),
     ];
     let address = free_udp();
-    // Whoever holds the vessel's key may say the vessel's words, and no others.
-    let mut vessel = Stranger::listen(&format!("quic/{address}"), &files, "alight/vessel-1/estimate");
+    // The vessel's certificate admits the vessel's keys and no others.
+    let mut vessel = Intruder::listen(&format!("quic/{address}"), &files, "alight/vessel-1/estimate");
     let dial = RadioConfig {
         connect: vec![format!("quic/{address}")],
         tls: tls(&keys.join("drone-1"), &["vessel-1"]),
@@ -216,26 +216,26 @@ fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
             "alight/estimate",
         ] {
             vessel.1 = key.into();
-            vessel.says(b"stranger");
+            vessel.publish(b"intruder");
         }
         vessel.1 = "alight/vessel-1/estimate".into();
-        vessel.says(b"friend");
-        while let Some(heard) = drone.receive(Duration::from_millis(5)) {
-            assert_eq!(heard.bytes, b"friend");
+        vessel.publish(b"friend");
+        while let Some(message) = drone.receive(Duration::from_millis(5)) {
+            assert_eq!(message.bytes, b"friend");
             friend += 1;
         }
         if friend >= 200 {
             break;
         }
     }
-    assert!(friend >= 200, "the vessel's own word was heard {friend} times");
-    noticed(AccessRejection::Key);
+    assert!(friend >= 200, "the vessel's own key was received {friend} times");
+    assert_counted(AccessRejection::Key);
     std::fs::remove_dir_all(&keys).expect("removed");
 }
 
 #[test]
 fn vessel_rejects_an_expired_certificate() {
-    assert!(!heard("expired", |at, keys| {
+    assert!(!accepted("expired", |at, keys| {
         let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
         let key = KeyPair::from_pem(&key).expect("a key");
         let named = |name: &str| {
@@ -258,7 +258,7 @@ fn vessel_rejects_an_expired_certificate() {
         std::fs::write(directory.join("certificate.pem"), signed.pem()).expect("written");
         std::fs::write(directory.join("key.pem"), own.serialize_pem()).expect("written");
         std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
-        vec![Stranger::dial(&format!("quic/{at}"), &files(&directory), STATUS)]
+        vec![Intruder::dial(&format!("quic/{at}"), &files(&directory), STATUS)]
     }));
-    noticed(AccessRejection::Expired);
+    assert_counted(AccessRejection::Expired);
 }

@@ -35,7 +35,7 @@ struct Scene {
     mission: State,
     newest: Option<DroneState>,
     state: AutopilotState,
-    heard: u32,
+    received: u32,
 }
 
 impl Drop for Scene {
@@ -86,7 +86,7 @@ impl Scene {
             mission: State::Idle,
             newest: None,
             state: AutopilotState::default(),
-            heard: 0,
+            received: 0,
         }
     }
 
@@ -103,7 +103,7 @@ impl Scene {
         }
         let now: Time<DroneClock> = ProcessClock::default().now();
         for m in self.odometry.all(now.nanos()) {
-            self.heard += 1;
+            self.received += 1;
             self.newest = Some(m);
         }
         self.state = self.states.newest(now.nanos()).unwrap_or(self.state);
@@ -143,7 +143,7 @@ impl Scene {
 fn pilot_on_the_ground_hands_the_drone_over_and_takes_it_back_over_udp() {
     for firmware in [Firmware::Px4, Firmware::ArduCopter] {
         let mut s = Scene::begin(firmware);
-        s.until("odometry", |s| s.heard > 100);
+        s.until("odometry", |s| s.received > 100);
         // PX4 refuses until set-points were offered long enough: a person tries again.
         for _ in 0..MOST_ROUNDS {
             if s.autopilot.choose(FakeAutopilot::offboard_mode(firmware)) {
@@ -178,9 +178,9 @@ fn autopilot_process_refuses_a_malformed_address() {
             .arg(&config)
             .output()
             .unwrap();
-        let said = String::from_utf8_lossy(&out.stderr);
-        assert_eq!(out.status.code(), Some(2), "{url}: {said}");
-        assert!(said.contains("serial:///dev/ttyACM0:921600"), "{said}");
+        let errors = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{url}: {errors}");
+        assert!(errors.contains("serial:///dev/ttyACM0:921600"), "{errors}");
     }
     let _removed = std::fs::remove_file(config);
 }

@@ -143,8 +143,8 @@ fn camera_process_refuses_impossible_sources_with_advice() {
         ("uvdar", "[uvdar]\nsource = \"/nowhere\"\n", "/nowhere"),
     ] {
         let out = run(verb, &directory.configuration(text), &["--print"]);
-        let said = String::from_utf8_lossy(&out.stderr).to_string();
-        assert_eq!(out.status.code(), Some(2), "{verb} {text:?}: {said}");
-        assert!(said.contains(advice), "{verb} {text:?}: {said}");
+        let errors = String::from_utf8_lossy(&out.stderr).to_string();
+        assert_eq!(out.status.code(), Some(2), "{verb} {text:?}: {errors}");
+        assert!(errors.contains(advice), "{verb} {text:?}: {errors}");
     }
 }

@@ -57,7 +57,7 @@ enum Link {
 }
 
 impl Link {
-    fn hear(&mut self) -> Vec<Vec<u8>> {
+    fn receive(&mut self) -> Vec<Vec<u8>> {
         let mut buffer = [0_u8; 4096];
         let got = match self {
             Link::Tcp(door, stream) => {
@@ -75,7 +75,7 @@ impl Link {
         };
         got.map(|n| buffer[..n].to_vec()).into_iter().collect()
     }
-    fn say(&mut self, bytes: &[u8]) {
+    fn send(&mut self, bytes: &[u8]) {
         // Nobody may be there yet.
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
@@ -84,8 +84,8 @@ impl Link {
     }
 }
 
-/// What the plant said of the drone's motion, in this firmware's own NED.
-struct Felt {
+/// The drone's motion by the plant, in this firmware's own NED.
+struct Sensed {
     t_s: f64,
     position: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -115,7 +115,7 @@ impl Flown {
         }
     }
     /// One slice: rotor outputs.
-    fn step(&mut self, f: &Felt) -> [f64; 4] {
+    fn step(&mut self, f: &Sensed) -> [f64; 4] {
         let a = &mut self.a;
         a.set_motion(f.position, f.velocity, f.attitude, f.rates, f.force);
         // The person: arms, takes off, and gives the drone once it is up.
@@ -130,9 +130,9 @@ impl Flown {
             // PX4 refuses until an offer has lasted: a person tries again.
             let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
         }
-        let heard = self.link.hear();
-        for bytes in a.step(f.t_s + 1000.0, &heard) {
-            self.link.say(&bytes);
+        let received = self.link.receive();
+        for bytes in a.step(f.t_s + 1000.0, &received) {
+            self.link.send(&bytes);
         }
         a.motors()
     }
@@ -160,7 +160,7 @@ fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
         let line = String::from_utf8_lossy(&buffer[..n]).into_owned();
         let stamp = line.split("\"timestamp\":").nth(1).unwrap();
         let q = list(&line, "\"quaternion\":");
-        let u = flown.step(&Felt {
+        let u = flown.step(&Sensed {
             t_s: stamp.split(',').next().unwrap().parse().unwrap(),
             position: three(&line, "\"position\":") + local,
             velocity: three(&line, "\"velocity\":"),
@@ -177,7 +177,7 @@ fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
 
 /// PX4's simulator API, until `end`: with an estimator of its own, because there are sensors only.
 fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
-    let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<Felt>);
+    let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<Sensed>);
     let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
     while !end.load(Ordering::Relaxed) {
         let Some(link) = &mut stream else {
@@ -206,7 +206,7 @@ fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
                         b.position += (place - b.position) * 0.2;
                         b.velocity += (Vector3::from(g.velocity) - b.velocity) * 0.2;
                     }
-                    believed.get_or_insert(Felt {
+                    believed.get_or_insert(Sensed {
                         t_s: 0.0,
                         position: place,
                         velocity: Vector3::zeros(),
@@ -319,7 +319,7 @@ fn land(firmware: Firmware, scenario: &str) {
     end.store(true, Ordering::Relaxed);
     let a = flown.join().unwrap();
     let _removed = [config, scene].map(std::fs::remove_file);
-    let said = String::from_utf8_lossy(&out.stderr);
+    let errors = String::from_utf8_lossy(&out.stderr);
     let text = String::from_utf8_lossy(&out.stdout);
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
     // For a person, with --nocapture.
@@ -333,13 +333,13 @@ fn land(firmware: Firmware, scenario: &str) {
         "the mode was changed"
     );
     if !landed {
-        assert_eq!(disarms, 0, "disarmed without a landing\n{said}");
+        assert_eq!(disarms, 0, "disarmed without a landing\n{errors}");
     }
-    assert!(landed, "{text}\n{said}");
-    assert!(!a.armed, "it was not disarmed\n{said}");
+    assert!(landed, "{text}\n{errors}");
+    assert!(!a.armed, "it was not disarmed\n{errors}");
     // Motors off by one command or two, and by nothing else than the forced disarm.
-    assert!((1..=2).contains(&disarms), "{disarms}\n{said}");
-    assert_eq!(outcome["outcome"], "success", "{text}\n{said}");
+    assert!((1..=2).contains(&disarms), "{disarms}\n{errors}");
+    assert_eq!(outcome["outcome"], "success", "{text}\n{errors}");
 }
 
 #[test]

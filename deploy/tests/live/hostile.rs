@@ -1,4 +1,4 @@
-//! A client that means ill, connected to the vessel's radio for a whole landing: whatever it
+//! A hostile client, connected to the vessel's radio for a whole landing: whatever it
 //! publishes on the keys that vessel and drone read is counted and shown, and the landing goes on.
 
 use std::collections::BTreeMap;
@@ -93,7 +93,7 @@ fn forged(key: &str, bytes: &[u8], how: usize) -> Vec<u8> {
             DroneClock,
         >| m.header.vessel =
             98),
-        // The drone's word; the vessel's has neither version nor vessel and is left as it is.
+        // The drone's status; the vessel's report has neither version nor vessel and is left as it is.
         _ if key.contains("drone") => forged!(bytes, DroneStatus, how, |m: &mut DroneStatus| {
             m.header.sequence += 1;
             m.battery = f64::NAN;
@@ -137,13 +137,13 @@ fn client(endpoint: &str) -> zenoh::Session {
 
 /// First and newest genuine sample per key, as the client overhears them.
 struct Overheard {
-    heard: Receiver<(String, Vec<u8>)>,
+    received: Receiver<(String, Vec<u8>)>,
     samples: BTreeMap<String, [Vec<u8>; 2]>,
 }
 
 impl Overheard {
     fn listen(session: &zenoh::Session) -> Overheard {
-        let (sender, heard) = channel();
+        let (sender, received) = channel();
         session
             .declare_subscriber("alight/**")
             .callback(move |sample| {
@@ -157,14 +157,14 @@ impl Overheard {
             .wait()
             .expect("subscribed");
         Overheard {
-            heard,
+            received,
             samples: BTreeMap::new(),
         }
     }
     fn until_all_keys(&mut self) {
         while KEYS.iter().any(|k| !self.samples.contains_key(*k)) {
             let (key, bytes) = self
-                .heard
+                .received
                 .recv_timeout(Duration::from_secs(30))
                 .expect("vessel and drone talk");
             let [_, newest] = self.samples.entry(key).or_insert([bytes.clone(), Vec::new()]);
@@ -180,7 +180,7 @@ fn count(status: &Value, process: &str, figure: &str) -> f64 {
 #[test]
 fn landing_continues_while_hostile_packets_are_counted_and_shown() {
     let name = instance("hostile");
-    // Without certificates, so that a stranger is heard at all.
+    // Without certificates, so that the hostile client is admitted at all.
     let child = land(&name, &["--warm-up", "30", "--seed", "5", "--transport", "udp"]);
     status_when(&name, |s| s["link"]["age_s"].as_f64().is_some());
     let session = client(&endpoint(&name));

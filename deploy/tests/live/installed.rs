@@ -169,7 +169,7 @@ impl Installed {
     fn start_world(&mut self) {
         self.start("world", &words("ALIGHT_WORLD"));
     }
-    /// Until a service says that it is ready.
+    /// Until a service reports that it is ready.
     fn await_ready(&self) {
         self.notified
             .set_read_timeout(Some(Duration::from_secs(60)))
@@ -200,16 +200,16 @@ impl Installed {
             .map(|name| std::fs::read_to_string(self.file(&format!("{name}.err"))).unwrap_or_default())
             .concat()
     }
-    fn said(&self, verb: &[&str]) -> Output {
+    fn run(&self, verb: &[&str]) -> Output {
         command(&words("ALIGHT_DRONE")).args(verb).output().expect("runs")
     }
     fn order(&self, order: &str) -> Output {
-        self.said(&["command", order, "--json", "--config", &self.file("drone.toml")])
+        self.run(&["command", order, "--json", "--config", &self.file("drone.toml")])
     }
-    /// An operator's word from ashore, with the certificate in `keys`.
+    /// An operator's command from ashore, with the certificate in `keys`.
     fn order_from_ashore(&self, order: &str, keys: &str) -> Output {
         let keys = self.file(keys);
-        self.said(&[
+        self.run(&[
             "command",
             order,
             "--json",
@@ -220,10 +220,10 @@ impl Installed {
         ])
     }
     fn status(&self) -> Value {
-        let out = self.said(&["status", "--json", "--instance", &self.instance]);
+        let out = self.run(&["status", "--json", "--instance", &self.instance]);
         serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
     }
-    /// What `status` says on the vessel.
+    /// What `status` prints on the vessel.
     fn vessel_status(&self) -> Value {
         let out = command(&words("ALIGHT_VESSEL"))
             .args(["status", "--json", "--config", &self.file("vessel.toml")])
@@ -231,7 +231,7 @@ impl Installed {
             .expect("runs");
         serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {out:?}"))
     }
-    /// What `status` says once it says what `wanted` waits for.
+    /// What `status` prints once `wanted` is true.
     fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         for _ in 0..200 {
             let now = self.status();
@@ -246,9 +246,9 @@ impl Installed {
             self.complaints()
         );
     }
-    /// Commands a landing once the estimator has warmed up and the vessel is heard.
+    /// Commands a landing once the estimator has warmed up and the vessel is received.
     fn land(&self) {
-        self.status_when("the vessel is heard and the drone flies", |s| {
+        self.status_when("the vessel is received and the drone flies", |s| {
             let t = self.time_s(s);
             t.is_some_and(|t| t > 0.0) && fresh(s)
         });
@@ -263,7 +263,7 @@ impl Installed {
         let status = self.status();
         status["mission"]["state"].as_str().unwrap_or_default().to_owned()
     }
-    /// The world's last word.
+    /// The outcome that the world reports.
     fn outcome(&mut self) -> Value {
         let (_, world) = self
             .children
@@ -272,8 +272,8 @@ impl Installed {
             .expect("it runs");
         let output = BufReader::new(world.stdout.take().expect("its output"));
         for line in output.lines().map_while(Result::ok) {
-            if let Ok(word) = serde_json::from_str::<Value>(&line) {
-                return word["landed"]["outcome"].clone();
+            if let Ok(report) = serde_json::from_str::<Value>(&line) {
+                return report["landed"]["outcome"].clone();
             }
         }
         panic!("no outcome: {}", self.complaints());
@@ -326,11 +326,11 @@ fn shipped_configurations_land_in_a_moderate_sea_over_mutual_tls() {
     all.land();
     all.status_when("lands", |s| s["mission"]["state"] == "Descent");
     let vessel = all.vessel_status();
-    let word = &vessel["status"];
-    assert_eq!(word["drones"][0]["drone"], 1, "{vessel}");
-    assert_eq!(word["certificate"]["Held"]["name"], "vessel-1", "{vessel}");
+    let status = &vessel["status"];
+    assert_eq!(status["drones"][0]["drone"], 1, "{vessel}");
+    assert_eq!(status["certificate"]["Held"]["name"], "vessel-1", "{vessel}");
     assert!(
-        word["estimator"]["estimate_age_s"].as_f64() < Some(2.0),
+        status["estimator"]["estimate_age_s"].as_f64() < Some(2.0),
         "{vessel}"
     );
     let outcome = all.outcome();
@@ -395,7 +395,7 @@ fn landed_drone_calibrates_the_deck_under_it() {
     all.land();
     all.status_when("has landed", |s| s["mission"]["state"] == "Landed");
     std::thread::sleep(Duration::from_secs(4));
-    let out = all.said(&[
+    let out = all.run(&[
         "calibrate",
         "deck",
         "--json",
@@ -432,9 +432,9 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
     all.start_world();
     all.land();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
-    let out = all.said(&["calibrate", "deck", "--config", &all.file("drone.toml")]);
-    let said = String::from_utf8_lossy(&out.stderr);
-    assert!(said.contains("the drone is armed"), "{said}");
+    let out = all.run(&["calibrate", "deck", "--config", &all.file("drone.toml")]);
+    let errors = String::from_utf8_lossy(&out.stderr);
+    assert!(errors.contains("the drone is armed"), "{errors}");
     // Neither a stranger nor the drone itself commands through the vessel.
     for keys in ["other/operator-1", "drone-1"] {
         let out = all.order_from_ashore("abort", keys);

@@ -66,11 +66,11 @@ pub fn status(instance: &str) -> Value {
         .args(["status", "--json", "--instance", instance])
         .output()
         .expect("runs");
-    let said = String::from_utf8_lossy(&out.stderr);
-    serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}; status said: {said}"))
+    let errors = String::from_utf8_lossy(&out.stderr);
+    serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {errors}"))
 }
 
-/// What `status` says once it says what `wanted` waits for; at most about a minute.
+/// What `status` prints once `wanted` is true; at most about a minute.
 pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     for _ in 0..40 {
         let now = status(instance);
@@ -206,7 +206,7 @@ fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
     let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
     assert_eq!(pids.len(), PROCESSES.len());
 
-    // A vessel that stood still for longer than a link's lease is started anew and heard again.
+    // A vessel that was frozen for longer than a session's lease is restarted and received again.
     let vessel = pid(&seen, "vessel").expect("it runs");
     signal(vessel, "-STOP");
     std::thread::sleep(Duration::from_millis(6000));
@@ -270,9 +270,9 @@ fn fifty_starts_and_stops_leave_nothing_behind() {
         std::thread::sleep(Duration::from_millis(37 * k % 900));
         signal(child.id(), "-TERM");
         let out = child.output();
-        let said = String::from_utf8_lossy(&out.stderr);
+        let errors = String::from_utf8_lossy(&out.stderr);
         // Before its handler is in place a signal ends it at once, and there is nothing to clean.
-        assert!(matches!(out.status.code(), Some(1) | None), "start {k}: {said}");
+        assert!(matches!(out.status.code(), Some(1) | None), "start {k}: {errors}");
         if out.status.code().is_some() {
             assert_gone(&name, &[]);
         }

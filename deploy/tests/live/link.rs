@@ -63,11 +63,11 @@ fn landing_over_the_emulated_storm_leaves_nothing_behind() {
         &name,
     ]);
     let out = child.wait_with_output().expect("ends");
-    let (said, errors) = (
+    let (output, errors) = (
         String::from_utf8_lossy(&out.stdout),
         String::from_utf8_lossy(&out.stderr),
     );
-    let outcome: Value = serde_json::from_str(said.lines().last().unwrap_or_default()).expect("an outcome");
+    let outcome: Value = serde_json::from_str(output.lines().last().unwrap_or_default()).expect("an outcome");
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{errors}");
     // More than a thousand packets at 30 %: the standard error is 1.5 %.
     let line = errors

@@ -52,30 +52,30 @@ fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
     .expect("opens")
 }
 
-/// Both sides speak until both have heard the other's newest message.
-fn they_talk(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
+/// Both sides send until both have received the other's newest message.
+fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
     let (mut at_vessel, mut at_drone) = (false, false);
     for _ in 0..600 {
         vessel.send(0, vec![mark; 300]);
         drone.send(0, vec![mark; 30]);
-        while let Some(heard) = vessel.receive(Duration::from_millis(20)) {
-            at_vessel |= heard.bytes == vec![mark; 30];
+        while let Some(message) = vessel.receive(Duration::from_millis(20)) {
+            at_vessel |= message.bytes == vec![mark; 30];
         }
-        while let Some(heard) = drone.receive(Duration::from_millis(20)) {
-            at_drone |= heard.bytes == vec![mark; 300];
+        while let Some(message) = drone.receive(Duration::from_millis(20)) {
+            at_drone |= message.bytes == vec![mark; 300];
         }
         if at_vessel && at_drone {
             return;
         }
         drone.watch(0.0);
     }
-    panic!("not heard: by the vessel {at_vessel}, by the drone {at_drone}");
+    panic!("not received: by the vessel {at_vessel}, by the drone {at_drone}");
 }
 
 fn over(transport: &str, certificates: Option<&Path>) {
     let endpoint = endpoint(transport);
     let (mut vessel, mut drone) = (vessel(&endpoint, certificates), drone(&endpoint, certificates));
-    they_talk(&mut vessel, &mut drone, 1);
+    assert_exchange(&mut vessel, &mut drone, 1);
     let flow = vessel.flows()[0];
     assert_eq!(flow.bytes, flow.messages * 348, "payload and headers");
 }
@@ -101,7 +101,7 @@ fn radio_carries_messages_both_ways_over_quic() {
 fn check_of_a_drone_finds_a_listening_vessel_and_misses_an_absent_one() {
     let directory = common::certificates("check");
     let endpoint = endpoint("quic");
-    let says = || {
+    let check = || {
         let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("drone/drone.toml");
         let text = std::fs::read_to_string(shipped).expect("the shipped configuration");
         assert!(text.contains("quic/192.168.7.1:7447"));
@@ -115,10 +115,10 @@ fn check_of_a_drone_finds_a_listening_vessel_and_misses_an_absent_one() {
         String::from_utf8_lossy(&run.stdout).into_owned()
     };
     let found = format!("{endpoint} answers");
-    assert!(!says().contains(&found));
+    assert!(!check().contains(&found));
     let vessel = vessel(&endpoint, Some(&directory));
-    let said = says();
-    assert!(said.contains(&found), "{said}");
+    let output = check();
+    assert!(output.contains(&found), "{output}");
     drop(vessel);
     std::fs::remove_dir_all(&directory).expect("removed");
 }
@@ -140,8 +140,8 @@ fn radio_reopens_a_session_that_went_silent() {
     let endpoint = endpoint("udp");
     let mut first = vessel(&endpoint, None);
     let mut drone = drone(&endpoint, None);
-    they_talk(&mut first, &mut drone, 1);
-    // A vessel's computer that stops without a word: its session lives, but says nothing.
+    assert_exchange(&mut first, &mut drone, 1);
+    // A vessel's computer that freezes: its session lives, but sends nothing.
     for _ in 0..600 {
         if drone.counts().reopened > 0 {
             break;
@@ -150,7 +150,7 @@ fn radio_reopens_a_session_that_went_silent() {
         std::thread::sleep(Duration::from_millis(20));
     }
     assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
-    they_talk(&mut first, &mut drone, 2);
+    assert_exchange(&mut first, &mut drone, 2);
 }
 
 #[test]
@@ -166,5 +166,5 @@ fn radio_reopens_a_session_that_never_received() {
     }
     assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
     let mut late = vessel(&endpoint, None);
-    they_talk(&mut late, &mut drone, 3);
+    assert_exchange(&mut late, &mut drone, 3);
 }

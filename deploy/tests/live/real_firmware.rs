@@ -47,7 +47,7 @@ enum Link {
 }
 
 impl Link {
-    fn hear(&mut self) -> Vec<u8> {
+    fn receive(&mut self) -> Vec<u8> {
         let mut buffer = [0_u8; 4096];
         let got = match self {
             Link::Tcp(port, stream) => {
@@ -66,7 +66,7 @@ impl Link {
         };
         buffer[..n].to_vec()
     }
-    fn say(&mut self, bytes: &[u8]) {
+    fn send(&mut self, bytes: &[u8]) {
         // It may not be there yet.
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
@@ -105,16 +105,16 @@ impl Person {
             texts: Vec::new(),
         }
     }
-    fn say(&mut self, message: &Message) {
+    fn send(&mut self, message: &Message) {
         self.sequence = self.sequence.wrapping_add(1);
-        self.link.say(&encode(PERSON, self.sequence, message).unwrap());
+        self.link.send(&encode(PERSON, self.sequence, message).unwrap());
     }
     fn command(&mut self, command: u16, parameters: [f64; 7]) {
         let to = Address {
             system: self.system(),
             component: 1,
         };
-        self.say(&Message::Command(CommandLong {
+        self.send(&Message::Command(CommandLong {
             to,
             command,
             confirmation: 0,
@@ -136,7 +136,7 @@ impl Person {
     }
     /// What a person does next, once a heartbeat.
     fn act(&mut self) {
-        self.say(&Message::Heartbeat(Heartbeat {
+        self.send(&Message::Heartbeat(Heartbeat {
             autopilot: 8,
             vehicle: 6,
             base_mode: 0,
@@ -177,10 +177,10 @@ impl Person {
     }
     /// Until `end`.
     fn fly(mut self, end: &AtomicBool) -> Person {
-        // PX4 speaks to whom it has heard.
+        // PX4 sends to whom it has received.
         self.act();
         while !end.load(Ordering::Relaxed) {
-            let bytes = self.link.hear();
+            let bytes = self.link.receive();
             if bytes.is_empty() && self.beats == 0 {
                 self.act();
             }
@@ -325,16 +325,16 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     end.store(true, Ordering::Relaxed);
     let person = person.join().unwrap();
     drop(running);
-    let said = String::from_utf8_lossy(&out.stderr);
+    let errors = String::from_utf8_lossy(&out.stderr);
     let text = String::from_utf8_lossy(&out.stdout);
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
     // For a person, with --nocapture.
     println!("{outcome}");
     let success = outcome["outcome"] == "success";
     if !success {
-        println!("{said}\n{:#?}", person.texts);
+        println!("{errors}\n{:#?}", person.texts);
     }
-    assert!(person.aloft > 0, "it never flew: {:#?}\n{said}", person.texts);
+    assert!(person.aloft > 0, "it never flew: {:#?}\n{errors}", person.texts);
     if success {
         assert!(!person.armed, "it was not disarmed: {:#?}", person.texts);
     }

@@ -70,19 +70,19 @@ fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
         assert!(w[1].header.at >= w[0].header.at, "{w:?}");
     }
     drop(program.0.stdin.take());
-    let mut said = String::new();
+    let mut output = String::new();
     program
         .0
         .stdout
         .take()
         .unwrap()
-        .read_to_string(&mut said)
+        .read_to_string(&mut output)
         .unwrap();
     let status = |name: &str| -> serde_json::Value {
-        let line = said
+        let line = output
             .lines()
             .rfind(|l| l.contains(&format!("\"source\":\"{name}\"")));
-        serde_json::from_str(line.unwrap_or_else(|| panic!("{name} in {said}"))).unwrap()
+        serde_json::from_str(line.unwrap_or_else(|| panic!("{name} in {output}"))).unwrap()
     };
     assert!(
         status("motion")["status"]["decoded"]["corrupted"]
@@ -149,8 +149,8 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
         }
     });
     let young = |s: &Value| s["age_s"].as_f64().is_some_and(|age| age < 1.0);
-    let status = status_when(&config, "the mast's measurements are used", |word| {
-        let s = &word["sources"][0];
+    let status = status_when(&config, "the mast's measurements are used", |status| {
+        let s = &status["sources"][0];
         s["used"].as_u64() > Some(20) && s["corrupted"].as_u64() > Some(1) && young(s)
     });
     let sources = &status["status"]["sources"];
@@ -180,8 +180,8 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
     // One that stands still is killed and started again.
     let pid = status["status"]["sensors_pid"].as_u64().expect("it runs");
     signal(pid, "-STOP");
-    status_when(&config, "another process reads the mast", |word| {
-        word["sensors_pid"].as_u64().is_some_and(|now| now != pid) && young(&word["sources"][0])
+    status_when(&config, "another process reads the mast", |status| {
+        status["sensors_pid"].as_u64().is_some_and(|now| now != pid) && young(&status["sources"][0])
     });
     // With the vessel's process its sensors' ends too.
     drop(program);
@@ -228,8 +228,8 @@ fn sensor_process_without_sources_or_with_a_malformed_address_exits_with_code_2(
             "antenna_m",
         ),
     ] {
-        let (code, said) = run(name, text);
-        assert_eq!(code, Some(2), "{name}: {said}");
-        assert!(said.contains(says), "{name}: {said}");
+        let (code, output) = run(name, text);
+        assert_eq!(code, Some(2), "{name}: {output}");
+        assert!(output.contains(says), "{name}: {output}");
     }
 }
