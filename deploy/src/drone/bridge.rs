@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
-use alight_shared::admission::{RejectionReason, Rejections};
+use alight_shared::admission::Rejections;
 use alight_shared::config;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
@@ -13,21 +13,17 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::process::{MAX_METRICS, ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
-use alight_shared::transport::relay;
 use alight_shared::wire;
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::args::ProcessArgs;
 use crate::process::life::Process;
-use crate::process::link::{Impaired, STATUS, drone_key, vessel_key};
+use crate::process::radio_keys::{STATUS, drone_key, vessel_key};
 use crate::process::radio_rates::RadioRates;
-use crate::process::relay::RadioRelay;
 
 /// A process without packets wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(5);
-/// Figures before those of the relay.
-pub const RELAY_FIGURES: usize = 4 + RejectionReason::ALL.len();
 /// What arrives on each subscription; the one after them is the report of the vessel's process.
 const KINDS: [PacketKind; 6] = [
     PacketKind::Estimate,
@@ -46,14 +42,6 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         Bridge::new(&computer.bridge, boot)
     })?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, "bridge")?;
-    if let Some(relay) = &computer.relay {
-        relay::observe_memory(&relay.socket)?;
-    }
-    let relayed = computer
-        .relay
-        .as_ref()
-        .map(|r| RadioRelay::listen(r.port))
-        .transpose()?;
     let mut estimate = memory.publisher()?;
     let mut wave = memory.publisher()?;
     let mut prediction = memory.publisher()?;
@@ -90,32 +78,27 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         .map(|name| vessel_key(vessel, name))
         .collect();
     let mut radio = Radio::open(&computer.radio, publications, keys)?;
-    let mut impaired: Impaired<Packet> = computer.heard();
 
     let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
     while !process.ended() {
+        let mut packets = Vec::new();
         let mut heard = radio.receive(MAX_WAIT);
         while let Some(packet) = heard {
             heard_bytes += packet.bytes.len() as u64;
-            if let (Some(relayed), 0) = (&relayed, packet.subscription) {
-                relayed.original(relay::key(&[&packet.bytes]), packet.at_ns);
-            }
             match KINDS.get(packet.subscription) {
-                Some(kind) => impaired.take(
+                Some(kind) => packets.push((
                     packet.at_ns,
-                    packet.bytes.len(),
                     Packet {
                         kind: *kind,
                         bytes: packet.bytes,
                     },
-                ),
+                )),
                 None => refused += u64::from(!show_vessel(&mut state, &packet.bytes)),
             }
             heard = radio.receive(Duration::ZERO);
         }
         let now = process.now();
-        let packets = impaired
-            .arrived(steady_ns())
+        let packets = packets
             .into_iter()
             .map(|(at_ns, packet)| Stamped::new(process.at(at_ns).min(now), packet))
             .collect();
@@ -130,17 +113,11 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
         }
-        if let Some(mission_state) = mission.newest(now.nanos()) {
-            deck = mission_state;
-            impaired.enter(steady_ns(), mission_state.state);
-        }
+        deck = mission.newest(now.nanos()).unwrap_or(deck);
         flight = autopilot.newest(now.nanos()).unwrap_or(flight);
         let counts = radio.counts();
         process.life.figures = figures(process.node().rejections(), heard_bytes, refused, &counts);
-        if let Some(mut said) = process.state(Vec::new, counts.unsent) {
-            if let Some(relayed) = &relayed {
-                said.figures = Seq::filled(said.figures.iter().copied().chain(relayed.figures()));
-            }
+        if let Some(said) = process.state(Vec::new, counts.unsent) {
             let flows = flows.since(&radio, said.at_ns);
             state.send(&ProcessState { flows, ..said });
             radio.watch(age_s);

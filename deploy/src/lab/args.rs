@@ -1,5 +1,6 @@
 //! Flags of what is flown in the simulated world.
 
+use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -56,37 +57,40 @@ pub enum Course {
     Square,
 }
 
-/// When the radio falls silent: at the mission's first entry into a state.
-#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
-pub enum RadioLost {
-    /// It does not.
-    Never,
-    /// Rising to the approach height.
-    GetAltitude,
-    /// On the way to the vessel.
-    Approach,
-    /// Above the vessel.
-    Tracking,
-    /// The same, stably.
-    TrackingStable,
-    /// Descending.
-    Descent,
-    /// The last part.
-    Flare,
+/// Phases of the mission by their names on the command line.
+pub const PHASES: [(&str, State); 6] = [
+    ("get-altitude", State::GetAltitude),
+    ("approach", State::Approach),
+    ("tracking", State::Tracking),
+    ("tracking-stable", State::TrackingStable),
+    ("descent", State::Descent),
+    ("flare", State::Flare),
+];
+
+/// The phase of that name.
+pub fn phase(name: &str) -> Result<State, String> {
+    let found = PHASES.iter().find(|(n, _)| *n == name).map(|(_, state)| *state);
+    found.ok_or_else(|| format!("no phase of that name: {}", PHASES.map(|p| p.0).join(", ")))
 }
 
-impl RadioLost {
-    /// The state; None for never.
-    pub const fn state(self) -> Option<State> {
-        match self {
-            RadioLost::Never => None,
-            RadioLost::GetAltitude => Some(State::GetAltitude),
-            RadioLost::Approach => Some(State::Approach),
-            RadioLost::Tracking => Some(State::Tracking),
-            RadioLost::TrackingStable => Some(State::TrackingStable),
-            RadioLost::Descent => Some(State::Descent),
-            RadioLost::Flare => Some(State::Flare),
+/// When an outage of the radio begins: at the mission's first entry into a phase, or never.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutageAt(pub Option<State>);
+
+impl FromStr for OutageAt {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "never" => Ok(OutageAt(None)),
+            name => phase(name).map(|state| OutageAt(Some(state))),
         }
+    }
+}
+
+impl fmt::Display for OutageAt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let phase = PHASES.iter().find(|(_, state)| Some(*state) == self.0);
+        f.write_str(phase.map_or("never", |(name, _)| name))
     }
 }
 
@@ -127,12 +131,13 @@ pub struct SceneArgs {
     /// Mean wind with gusts, m/s [default: 0]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
     pub wind: Option<f64>,
-    /// The radio falls silent when the mission first enters this state [default: never]
-    #[arg(long, value_enum)]
-    pub radio_lost: Option<RadioLost>,
-    /// It comes back after this long, s [default: it does not]
-    #[arg(long, value_name = "S", requires = "radio_lost")]
-    pub radio_back: Option<f64>,
+    /// An outage of the radio begins when the mission first enters this phase: get-altitude, approach,
+    /// tracking, tracking-stable, descent or flare [default: never]
+    #[arg(long, alias = "radio-lost", value_name = "PHASE")]
+    pub outage_at: Option<OutageAt>,
+    /// The outage lasts this long, s [default: for good]
+    #[arg(long, alias = "radio-back", value_name = "S", requires = "outage_at")]
+    pub outage_duration: Option<f64>,
     /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
@@ -156,8 +161,8 @@ pub struct SceneArgs {
     #[arg(long, value_name = "S", requires = "deck_motion")]
     pub motion_start: Option<f64>,
     /// Render the belly camera's images and find the tag in them, in the place of its measurement model
-    #[arg(long)]
-    pub pixels: bool,
+    #[arg(long, alias = "pixels")]
+    pub render_camera: bool,
     /// Keep the recording's mean tilt instead of removing it
     #[arg(long, requires = "deck_motion")]
     pub keep_mean: bool,
@@ -248,6 +253,28 @@ pub enum Study {
     Merge,
 }
 
+/// Part `index` of `count`.
+#[derive(Clone, Copy, Debug)]
+pub struct Shard {
+    /// From 1 on.
+    pub index: u64,
+    /// How many.
+    pub count: u64,
+}
+
+impl FromStr for Shard {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("`{text}` is no shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
+        let (i, n) = text.split_once('/').ok_or_else(wrong)?;
+        let (index, count) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
+        if !(1..=100_000).contains(&count) || !(1..=count).contains(&index) {
+            return Err(wrong());
+        }
+        Ok(Shard { index, count })
+    }
+}
+
 /// A study.
 #[derive(Args, Debug)]
 pub struct StudyArgs {
@@ -286,15 +313,15 @@ pub struct StudyArgs {
     pub land: Vec<String>,
     /// Fly only part I of N of the trials, for several machines
     #[arg(long, value_name = "I/N")]
-    pub shard: Option<crate::lab::study::run::Shard>,
+    pub shard: Option<Shard>,
     /// Print the result as one JSON object, the last line
     #[arg(long)]
     pub json: bool,
 }
 
-/// The vessel's response.
+/// The vessel's response amplitude operators.
 #[derive(Args, Debug)]
-pub struct ResponseArgs {
+pub struct RaoArgs {
     /// Print as one JSON object
     #[arg(long)]
     pub json: bool,

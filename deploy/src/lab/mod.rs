@@ -15,8 +15,9 @@ pub mod trials;
 use clap::Subcommand;
 
 use crate::exit::{CliError, Exit};
-use args::{ResponseArgs, StudyArgs, TrialArgs, TrialsArgs};
+use args::{RaoArgs, StudyArgs, TrialArgs, TrialsArgs};
 use live::args::{FaultsArgs, LandArgs, LandsArgs, WorldArgs};
+use live::attach::AttachArgs;
 use live::emulator::LinkArgs;
 use live::latency::LatencyArgs;
 
@@ -29,13 +30,17 @@ pub enum LabCommand {
     Trials(TrialsArgs),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
-    /// Print the simulated vessel's response in surge, heave and pitch against wave length.
-    Response(ResponseArgs),
+    /// Print the simulated vessel's response amplitude operators in surge, heave and pitch against wave length.
+    #[command(alias = "response")]
+    Rao(RaoArgs),
     /// Land once in real time: all processes of vessel and drone, simulated vehicles.
     Land(Box<LandArgs>),
     /// The former name of `land --trials N`.
     #[command(hide = true)]
     Lands(LandsArgs),
+    /// A process of vessel or drone with what a bench puts between it and its messages.
+    #[command(hide = true)]
+    Attach(AttachArgs),
     /// Kill and freeze every process in every phase of a live landing, and say what came of it.
     Faults(FaultsArgs),
     /// Process of the simulation: both vehicles, in real time.
@@ -53,8 +58,12 @@ impl LabCommand {
             LabCommand::Trial(a) => trial::run(a),
             LabCommand::Trials(a) => trials::run(a),
             LabCommand::Study(a) => study::run(a),
-            LabCommand::Response(a) => study::response(a),
-            LabCommand::Land(a) => live::land::run(a),
+            LabCommand::Rao(a) => study::rao(a),
+            LabCommand::Land(a) => match a.trials {
+                Some(trials) => live::pairs::run(a, trials),
+                None => live::land::run(a),
+            },
+            LabCommand::Attach(a) => live::attach::run(a),
             LabCommand::Lands(a) => live::pairs::run_lands(a),
             LabCommand::Faults(a) => live::faults::run(a),
             LabCommand::World(a) => live::world::run(a),

@@ -111,10 +111,6 @@ fn names(kind: ProcessKind) -> Vec<(String, Unit)> {
                     .iter()
                     .map(|r| (format!("refused: {}", r.name()), Unit::Count)),
             );
-            // Only in a trial with plain relays.
-            for name in ["zenoh p50", "zenoh p99", "plain UDP p50", "plain UDP p99"] {
-                all.push((name.into(), Unit::Time));
-            }
             all
         }
         ProcessKind::Predictor

@@ -11,7 +11,7 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Instance, Listener, Memory};
 use alight_shared::transport::process::{InputState, ProcessKind};
-use alight_shared::transport::{relay, wake};
+use alight_shared::transport::wake;
 use serde::Serialize;
 
 use crate::config::DroneComputer;
@@ -134,9 +134,6 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.config)?;
     let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;
     let memory = Memory::join(&Instance::new(&computer.instance)?, S::KIND.name())?;
-    if let Some(relay) = &computer.relay {
-        relay::observe_memory(&relay.socket)?;
-    }
     let mut reads = S::Reads::join(&memory)?;
     let mut shell = S::join(&memory)?;
     let mut state = memory.publisher()?;

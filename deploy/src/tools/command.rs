@@ -22,7 +22,7 @@ use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::process::life::draw_boot;
-use crate::process::link::vessel_key;
+use crate::process::radio_keys::vessel_key;
 use crate::terminal;
 
 /// The mission has this long to show that it took the command: its state comes at 50 Hz ...

@@ -17,7 +17,6 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, Urgency};
 use alight_shared::transport::rejections::{self, AccessRejections};
-use alight_shared::transport::relay;
 use alight_shared::transport::statistics::Quantiles;
 use alight_shared::wire;
 use alight_usv::deck::{ArbiterIn, ArbiterOut, DeckArbiter, OperatorIn, OperatorRelay};
@@ -30,10 +29,10 @@ use crate::exit::{CliError, Exit};
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::args::ProcessArgs;
 use crate::process::life::{LoggedNode, Process};
-use crate::process::link::{
-    Impaired, STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key,
-};
 use crate::process::notify::Notify;
+use crate::process::radio_keys::{
+    STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key,
+};
 use crate::process::radio_rates::RadioRates;
 use crate::vessel::drone_monitor::DroneMonitor;
 use crate::vessel::sensor_supervisor::SensorSupervisor;
@@ -97,17 +96,12 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         publication(topics::OPERATOR.name, Urgency::State),
         publication(topics::DRONES.name, Urgency::Status),
     ];
-    if let Some(to) = &computer.relay {
-        relay::observe_radio(&vessel_key(id, topics::ESTIMATE.name), to)?;
-    }
     let mut radio = Radio::open(
         &computer.radio,
         publications,
         vec![any_time_request(), any_operator_command(), any_drone_status()],
     )?;
     let mut said_after = Quantiles::default();
-    let mut impaired: Impaired<TimeRequest<DroneClock>> = computer.heard();
-    let mut statuses: Impaired<DroneStatus> = computer.heard();
     let mut drone = DroneMonitor::new(id);
     let secured = !computer.radio.tls.authority.is_empty();
     let operators = computer
@@ -145,10 +139,12 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
         let readings = sensors.read(MAX_WAIT);
         let mut commands = Vec::new();
+        let mut time_requests: Vec<(i64, TimeRequest<DroneClock>)> = Vec::new();
+        let mut statuses: Vec<(i64, DroneStatus)> = Vec::new();
         while let Some(heard) = radio.receive(Duration::ZERO) {
             match heard.subscription {
                 TIME_REQUESTS => match wire::decode(&heard.bytes) {
-                    Ok(request) => impaired.take(heard.at_ns, heard.bytes.len(), request),
+                    Ok(request) => time_requests.push((heard.at_ns, request)),
                     Err(_) => undecoded += 1,
                 },
                 // Without certificates any peer in reach could command.
@@ -158,21 +154,20 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                     Err(_) => undecoded += 1,
                 },
                 _ => match wire::decode(&heard.bytes) {
-                    Ok(status) => statuses.take(heard.at_ns, heard.bytes.len(), status),
+                    Ok(status) => statuses.push((heard.at_ns, status)),
                     Err(_) => drone.reject(),
                 },
             }
         }
-        let heard: Vec<(i64, DroneStatus)> = statuses.arrived(steady_ns());
-        for (at_ns, status) in &heard {
+        for (at_ns, status) in &statuses {
             if let Some(line) = drone.receive(*at_ns, status) {
                 info!("{line}");
             }
         }
-        status_file.observe_drones(&computer, &heard);
+        status_file.observe_drones(&computer, &statuses);
         let now = process.now();
         let former_owner = arbiter.node().owner();
-        let drone_statuses: Vec<DroneStatus> = heard.iter().map(|(_, status)| *status).collect();
+        let drone_statuses: Vec<DroneStatus> = statuses.iter().map(|(_, status)| *status).collect();
         let input = ArbiterIn {
             statuses: drone_statuses.clone(),
         };
@@ -193,7 +188,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         for command in &relayed.commands {
             publish(&mut radio, OPERATOR, Some(command));
         }
-        for (_, status) in heard.iter().filter(|_| operators) {
+        for (_, status) in statuses.iter().filter(|_| operators) {
             publish(&mut radio, DRONES, Some(status));
         }
         if arbiter.node().owner() != former_owner {
@@ -202,8 +197,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 None => info!("the deck is free"),
             }
         }
-        let time_requests = impaired
-            .arrived(steady_ns())
+        let time_requests = time_requests
             .into_iter()
             .map(|(at_ns, request)| Stamped::new(process.at(at_ns).min(now), request))
             .collect();

@@ -15,7 +15,6 @@ pub mod plain;
 pub mod process;
 pub mod radio;
 pub mod rejections;
-pub mod relay;
 pub mod statistics;
 pub mod wake;
 

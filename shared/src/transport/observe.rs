@@ -1,6 +1,8 @@
-//! A look at every send from outside, for measurements. A process that flies sets none.
+//! What a test bench puts between a process and its messages, from outside. A process that flies sets none.
 
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use crate::transport::radio::Received;
 
 /// Stands around the sends of a process.
 pub trait SendObserver: Send + Sync {
@@ -24,4 +26,23 @@ pub fn observe(observer: Box<dyn SendObserver>) -> bool {
 
 pub(super) fn observer() -> Option<&'static dyn SendObserver> {
     OBSERVER.get().map(Box::as_ref)
+}
+
+/// Stands between the radio and a process.
+pub trait ReceiveChannel: Send {
+    /// A packet came.
+    fn take(&mut self, packet: Received);
+    /// The next packet that the process may read by `now_ns` of the steady clock.
+    fn ready(&mut self, now_ns: i64) -> Option<Received>;
+}
+
+static CHANNEL: Mutex<Option<Box<dyn ReceiveChannel>>> = Mutex::new(None);
+
+/// Sets the channel of the radio that this process opens next.
+pub fn receive_through(channel: Box<dyn ReceiveChannel>) {
+    *CHANNEL.lock().unwrap_or_else(PoisonError::into_inner) = Some(channel);
+}
+
+pub(super) fn receive_channel() -> Option<Box<dyn ReceiveChannel>> {
+    CHANNEL.lock().unwrap_or_else(PoisonError::into_inner).take()
 }

@@ -17,7 +17,7 @@ use zenoh::qos::{CongestionControl, Priority, Reliability};
 use crate::config;
 use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
-use crate::transport::observe::observer;
+use crate::transport::observe::{ReceiveChannel, observer, receive_channel};
 use crate::transport::rejections::PlaintextAttempts;
 use crate::transport::{TransportError, access};
 use crate::wire::MAX_WIRE_BYTES;
@@ -285,6 +285,8 @@ pub struct Radio {
     last_fresh_ns: i64,
     /// Strangers that knock without TLS.
     plaintext_attempts: Option<PlaintextAttempts>,
+    /// What a test bench put between the session and the process.
+    channel: Option<Box<dyn ReceiveChannel>>,
 }
 
 struct Open {
@@ -335,6 +337,7 @@ impl Radio {
             last_received_ns: None,
             last_fresh_ns: steady_ns(),
             plaintext_attempts: None,
+            channel: receive_channel(),
         };
         radio.open = Some(radio.session()?);
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
@@ -424,15 +427,22 @@ impl Radio {
         if let Some(plaintext_attempts) = &self.plaintext_attempts {
             plaintext_attempts.poll();
         }
-        let received = if timeout.is_zero() {
+        let mut next = if timeout.is_zero() {
             self.inbox.try_recv().ok()
         } else {
             // We hold a sender ourselves: the only error is that the time is up.
             self.inbox.recv_timeout(timeout).ok()
-        }?;
-        self.counts.received += 1;
-        self.last_received_ns = Some(received.at_ns);
-        Some(received)
+        };
+        while let Some(received) = next {
+            self.counts.received += 1;
+            self.last_received_ns = Some(received.at_ns);
+            let Some(channel) = &mut self.channel else {
+                return Some(received);
+            };
+            channel.take(received);
+            next = self.inbox.try_recv().ok();
+        }
+        self.channel.as_mut()?.ready(steady_ns())
     }
 
     /// The watchdog of the side that dials: opens the session anew when it went silent, or when it has

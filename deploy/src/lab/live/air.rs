@@ -12,15 +12,16 @@ use alight_sim::radio::{ChannelCounts, Congestion};
 use serde::{Deserialize, Serialize};
 
 use crate::certificates;
-use crate::config::LinkImpairment;
 use crate::exit::CliError;
 use crate::lab::live::args::{Emulate, LandArgs};
+use crate::lab::live::config::AutopilotKind;
+use crate::lab::live::config::LinkImpairment;
+use crate::lab::live::config::{free_port, write};
 use crate::lab::live::emulator::{Emulation, EmulatorReport, Order};
-use crate::lab::live::land::{free_port, write};
 use crate::lab::live::namespaces::{ADDRESSES, OwnSpaces};
 use crate::lab::live::packets::{OnAir, Recent};
-use crate::lab::live::plant::AutopilotKind;
 use crate::lab::live::profile;
+use crate::lab::live::times::Times;
 use crate::lab::scene::Scene;
 use crate::process::instance::OwnedInstance;
 use crate::process::snapshot::{Snapshot, time};
@@ -28,9 +29,6 @@ use crate::process::supervisor::{Supervisor, arguments};
 
 /// The vessel's port in its own namespace, zenoh's usual one.
 const PORT: u16 = 7447;
-
-/// Ages that are kept: an hour of ten a second.
-const MAX_AGES: usize = 36_000;
 
 /// Ages of the first five seconds, while clocks and session settle.
 const WARM_UP_AGES: usize = 50;
@@ -97,6 +95,7 @@ impl RadioPath {
         let tls = certificates(scene, args, owned)?;
         let outage = scene.scenario.radio_outage;
         let link = LinkImpairment {
+            epoch_ns,
             seed: args.seed,
             outage,
             profile,
@@ -105,7 +104,6 @@ impl RadioPath {
         Ok(if spaces.is_some() {
             let emulation = Emulation {
                 name: args.instance.clone(),
-                epoch_ns,
                 link,
             };
             RadioPath {
@@ -202,11 +200,11 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
     ])
 }
 
-/// What is seen of the link while it is flown.
+/// What is observed of the link while it is flown.
 pub struct RadioWatch {
     packets: Option<[ChannelCounts; 2]>,
     recent: Recent,
-    ages_s: Vec<f64>,
+    ages: Times,
     /// Ages yet to come while clocks and session settle, which are not kept.
     unsettled: usize,
     outage_announced: bool,
@@ -217,7 +215,7 @@ impl Default for RadioWatch {
         RadioWatch {
             packets: None,
             recent: Recent::default(),
-            ages_s: Vec::new(),
+            ages: Times::default(),
             unsettled: WARM_UP_AGES,
             outage_announced: false,
         }
@@ -225,38 +223,39 @@ impl Default for RadioWatch {
 }
 
 impl RadioWatch {
-    /// Takes in what the emulator said, and the age of the vessel's newest state; tells the emulator
-    /// when the outage begins.
-    pub fn look(
+    /// Takes in the processes' lines and the ages of the vessel's newest state; orders the outage of the
+    /// emulator when the mission enters its state.
+    pub fn observe(
         &mut self,
         air: &RadioPath,
-        said: &[String],
+        lines: &[String],
         ages_s: &[f64],
         state: Option<State>,
         supervisor: &mut Supervisor,
     ) {
-        let counts = |line: &String| match serde_json::from_str(line) {
-            Ok(EmulatorReport::Packets(to_drone, to_vessel)) => Some([to_drone, to_vessel]),
-            Ok(EmulatorReport::Flows(_)) | Err(_) => None,
-        };
-        for line in said {
-            if let Ok(EmulatorReport::Flows(flows)) = serde_json::from_str(line) {
-                self.recent.observe(steady_ns(), flows);
+        for line in lines {
+            match serde_json::from_str(line) {
+                Ok(EmulatorReport::Flows(flows)) => self.recent.observe(steady_ns(), flows),
+                Ok(EmulatorReport::Packets(to_drone, to_vessel)) => {
+                    self.packets = Some([to_drone, to_vessel])
+                }
+                // Other processes report in other words.
+                Err(_) => {}
             }
         }
-        self.packets = said.iter().rev().find_map(counts).or(self.packets);
-        let room = MAX_AGES.saturating_sub(self.ages_s.len());
-        let mut known: Vec<f64> = ages_s.iter().copied().filter(|a| a.is_finite()).collect();
-        let early = known.len().min(self.unsettled);
-        self.unsettled -= early;
-        known.drain(..early);
-        self.ages_s.extend(known.into_iter().take(room));
+        for age_s in ages_s.iter().filter(|a| a.is_finite()) {
+            if self.unsettled > 0 {
+                self.unsettled -= 1;
+            } else {
+                self.ages.add_ns((age_s * 1e9) as i64);
+            }
+        }
         if !self.outage_announced && air.outage.is_some_and(|o| Some(o.state) == state) {
             self.outage_announced = true;
             supervisor.write_line(ProcessKind::Link, Order::Outage.line());
         }
     }
-    /// The figures at the end, `seconds` after the profile's time zero.
+    /// The metrics at the end, `seconds` after the profile's time zero.
     pub fn report(&self, seconds: f64, snapshot: &Snapshot) -> RadioReport {
         let way = |c: ChannelCounts| WayReport {
             packets: c.sent,
@@ -264,11 +263,12 @@ impl RadioWatch {
             lost: c.lost as f64 / c.sent.max(1) as f64,
             overflowed: c.overflowed,
         };
-        let mut sorted = self.ages_s.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
         let age = |q: f64| {
-            let rank = ((q * sorted.len() as f64).ceil() as usize).max(1) - 1;
-            sorted.get(rank).copied().unwrap_or(0.0)
+            if self.ages.count == 0 {
+                0.0
+            } else {
+                self.ages.quantile(q)
+            }
         };
         RadioReport {
             age_p50_s: age(0.5),
@@ -302,24 +302,24 @@ pub struct WayReport {
     pub packets: u64,
     /// Bytes per second, IP headers included.
     pub bytes_per_s: f64,
-    /// Share that was lost on the way.
+    /// Fraction that was lost on the way.
     pub lost: f64,
-    /// Packets that a full queue refused.
+    /// Packets that a full queue rejected.
     pub overflowed: u64,
 }
 
 impl RadioReport {
-    /// In words.
+    /// For people.
     pub fn text(&self) -> String {
         let mut out = format!(
-            "  age of the vessel's newest state at the drone: {} (p50), {} (p95), {} (longest)\n",
+            "  age of the vessel's newest state at the drone: {} (p50), {} (p95), {} (max)\n",
             time(self.age_p50_s),
             time(self.age_p95_s),
             time(self.age_max_s)
         );
         for (way, c) in ["drone", "vessel"].iter().zip(self.emulated.iter().flatten()) {
             out.push_str(&format!(
-                "  radio to the {way}: {} packets, {:.2} kB/s with IP headers, {:.1} % lost, {} too many for its \
+                "  radio to the {way}: {} packets, {:.2} kB/s with IP headers, {:.1} % lost, {} beyond its \
                  rate\n",
                 c.packets,
                 c.bytes_per_s / 1e3,

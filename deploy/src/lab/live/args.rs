@@ -7,9 +7,9 @@ use clap::{Args, Parser, ValueEnum};
 
 use crate::exit::CliError;
 use crate::lab::args::SceneArgs;
+use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
 use crate::lab::live::follow::MAX_FOLLOW_S;
-use crate::lab::live::plant::AutopilotKind;
 use crate::process::args::ProcessArgs;
 
 /// One landing, live.

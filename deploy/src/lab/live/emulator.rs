@@ -21,8 +21,8 @@ use clap::Args;
 use serde::{Deserialize, Serialize};
 use tun_rs::SyncDevice;
 
-use crate::config::LinkImpairment;
 use crate::exit::{CliError, Exit};
+use crate::lab::live::config::LinkImpairment;
 use crate::lab::live::namespaces::{ADDRESSES, Namespaces};
 use crate::lab::live::packets::{FlowCount, Flows};
 use crate::lab::live::profile;
@@ -61,8 +61,6 @@ pub struct LinkArgs {
 pub struct Emulation {
     /// Name of the namespaces.
     pub name: String,
-    /// The steady clock's reading at the profile's time zero, ns.
-    pub epoch_ns: i64,
     /// What happens to the packets.
     pub link: LinkImpairment,
 }
@@ -105,8 +103,8 @@ pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
         Some(file) => config::load::<Emulation>(file).map_err(|e| CliError(e.to_string()))?,
         None => Emulation {
             name: args.name.clone(),
-            epoch_ns: steady_ns(),
             link: LinkImpairment {
+                epoch_ns: steady_ns(),
                 seed: args.seed,
                 outage: None,
                 profile: profile::load(&args.profile)?,
@@ -242,7 +240,7 @@ impl Link {
         Link {
             radios: [radio(Direction::ToDrone), radio(Direction::ToVessel)],
             flows: Flows::default(),
-            epoch_ns: emulation.epoch_ns,
+            epoch_ns: emulation.link.epoch_ns,
             outage: emulation.link.outage,
         }
     }

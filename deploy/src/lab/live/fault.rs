@@ -10,6 +10,7 @@ use alight_sim::sensors::noise::Noise;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::CliError;
+use crate::lab::args::{PHASES, phase};
 use crate::process::snapshot::Snapshot;
 
 /// How long a frozen process stays frozen, ns.
@@ -59,16 +60,17 @@ pub const PROCESSES: [ProcessKind; 6] = [
     ProcessKind::Pilot,
 ];
 
-/// States in which a fault can happen, by their names on the command line, with the longest time
-/// that it waits after the state was entered, s: less than the state usually lasts.
-pub const STATES: [(&str, State, f64); 6] = [
-    ("get-altitude", State::GetAltitude, 0.5),
-    ("approach", State::Approach, 2.0),
-    ("tracking", State::Tracking, 0.5),
-    ("tracking-stable", State::TrackingStable, 0.1),
-    ("descent", State::Descent, 2.5),
-    ("flare", State::Flare, 0.8),
-];
+/// The longest time that a fault waits after its phase was entered, s: less than the phase usually lasts.
+fn max_delay_s(state: State) -> f64 {
+    match state {
+        State::Approach => 2.0,
+        State::GetAltitude | State::Tracking => 0.5,
+        State::TrackingStable => 0.1,
+        State::Descent => 2.5,
+        State::Flare => 0.8,
+        State::Idle | State::Hold | State::Landed | State::GaveUp => 0.0,
+    }
+}
 
 impl FromStr for FaultSpec {
     type Err = String;
@@ -91,17 +93,14 @@ impl FromStr for FaultSpec {
             .iter()
             .find(|k| k.name() == kind)
             .ok_or_else(form)?;
-        let (_, state, _) = STATES
-            .into_iter()
-            .find(|(name, _, _)| *name == state)
-            .ok_or_else(|| named(STATES.iter().map(|s| s.0).collect(), "phase"))?;
+        let state = phase(state)?;
         Ok(FaultSpec { process, kind, state })
     }
 }
 
 impl fmt::Display for FaultSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let state = STATES.iter().find(|s| s.1 == self.state).map_or("?", |s| s.0);
+        let state = PHASES.iter().find(|p| p.1 == self.state).map_or("?", |p| p.0);
         write!(f, "{}:{}:{state}", self.process.name(), self.kind.name())
     }
 }
@@ -148,8 +147,7 @@ pub struct Fault {
 impl Fault {
     /// The fault, with its delay after the state's beginning drawn from the seed.
     pub fn new(spec: FaultSpec, seed: u64) -> Fault {
-        let longest = STATES.iter().find(|s| s.1 == spec.state).map_or(0.0, |s| s.2);
-        let delay_s = longest * Noise::new(&Streams::new(seed), "fault").uniform();
+        let delay_s = max_delay_s(spec.state) * Noise::new(&Streams::new(seed), "fault").uniform();
         Fault {
             spec,
             delay_ns: (delay_s * 1e9) as i64,
@@ -250,7 +248,7 @@ mod tests {
     fn fault_spec_round_trips_and_rejects_others() {
         for process in PROCESSES {
             for kind in FaultKind::ALL {
-                for (_, state, _) in STATES {
+                for (_, state) in PHASES {
                     let spec = FaultSpec { process, kind, state };
                     assert_eq!(spec.to_string().parse(), Ok(spec));
                 }

@@ -2,7 +2,6 @@
 //! vehicles, one landing in real time.
 
 use std::io::{IsTerminal, Write};
-use std::net::UdpSocket;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,19 +21,20 @@ use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::clocks::{ClockModel, Clocks};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_usv::DeckConfig;
-use serde::Serialize;
 
 use crate::config::camera::{CameraSource, UltravioletSource};
 use crate::config::supervision::Supervision;
-use crate::config::{DroneComputer, SimulatedWorld, VesselComputer};
+use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
 use crate::lab::live::air::{RadioPath, RadioWatch};
 use crate::lab::live::args::LandArgs;
+use crate::lab::live::config::{
+    Attachments, AutopilotKind, RelayConfig, SimulatedWorld, attached, free_port, write,
+};
 use crate::lab::live::fault::Fault;
 use crate::lab::live::follow;
-use crate::lab::live::pairs;
-use crate::lab::live::plant::AutopilotKind;
 use crate::lab::live::recording;
+use crate::lab::live::relay::Tap;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::usage::UsageLog;
 use crate::lab::live::world::WorldReport;
@@ -44,7 +44,6 @@ use crate::lab::{outcome_table, plot};
 use crate::process::instance::OwnedInstance;
 use crate::process::life::{draw_boot, end_with_supervisor};
 use crate::process::observer::Observer;
-use crate::process::relay::{DroneRelay, Tap};
 use crate::process::scheduling;
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{Event, Supervisor, arguments};
@@ -105,9 +104,6 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
             args.seed,
             i64::MAX
         )));
-    }
-    if let Some(trials) = args.trials {
-        return pairs::run(args, trials);
     }
     // The first question puts the handler in place: a signal from here on stops the processes instead
     // of leaving them to find out.
@@ -221,6 +217,8 @@ struct LandingSetup {
     vessel_file: PathBuf,
     drone_file: PathBuf,
     world: PathBuf,
+    attachments: Attachments,
+    attachments_file: PathBuf,
     log: Option<PathBuf>,
     clock: ProcessClock,
     warm_up_s: f64,
@@ -240,13 +238,17 @@ impl LandingSetup {
         let air = RadioPath::of(scene, args, owned, epoch_ns)?;
         let [vessel_tls, drone_tls] = air.tls.clone();
         let sensors = format!("127.0.0.1:{}", free_port()?);
-        let relay = if args.relay {
-            Some(DroneRelay {
-                port: free_port()?,
-                socket: owned.file("relay"),
-            })
-        } else {
-            None
+        let attachments = Attachments {
+            impairment: air.impairment.clone(),
+            relay: if args.relay {
+                Some(RelayConfig {
+                    radio: format!("{}:{}", air.drone_host(), free_port()?),
+                    socket: owned.file("relay"),
+                })
+            } else {
+                None
+            },
+            baseline: scene.nodes.baseline,
         };
         let vessel = VesselComputer {
             vessel_id: scene.nodes.bridge.vessel_id,
@@ -257,8 +259,6 @@ impl LandingSetup {
                 tls: vessel_tls,
                 ..RadioConfig::default()
             },
-            impairment: air.impairment.clone(),
-            relay: relay.as_ref().map(|r| format!("{}:{}", air.drone_host(), r.port)),
             deck: DeckConfig::default(),
             vessel: scene.nodes.vessel.clone(),
             ..VesselComputer::default()
@@ -271,8 +271,6 @@ impl LandingSetup {
                 tls: drone_tls,
                 ..RadioConfig::default()
             },
-            impairment: air.impairment.clone(),
-            relay,
             autopilot: AutopilotLinkConfig {
                 connect: args.connect.clone().unwrap_or(args.autopilot.connect().into()),
                 ..AutopilotLinkConfig::default()
@@ -281,7 +279,7 @@ impl LandingSetup {
             camera: CameraSource::of_simulation(scene.scenario.sensors.render.on),
             uvdar: UltravioletSource::default(),
             supervision: Supervision::default(),
-            drone: scene.nodes.drone.clone(),
+            drone: scene.nodes.settings(),
         };
         let world = SimulatedWorld {
             instance: args.instance.clone(),
@@ -306,6 +304,8 @@ impl LandingSetup {
             vessel_file: write(owned, "vessel.toml", &vessel)?,
             drone_file: write(owned, "drone.toml", &drone)?,
             world: write(owned, "world.toml", &world)?,
+            attachments_file: write(owned, "attachments.toml", &attachments)?,
+            attachments,
             clock: drone.clock,
             warm_up_s: scene.scenario.start.warm_up_s,
             ids: (drone.bridge.vessel_id, drone.bridge.drone_id),
@@ -319,27 +319,27 @@ impl LandingSetup {
             drone,
         })
     }
+    /// The command of a process: as it flies, or attached.
+    fn arguments(&self, kind: ProcessKind) -> Vec<String> {
+        let (config, attachable) = match kind {
+            ProcessKind::Link | ProcessKind::Sensors | ProcessKind::World => (&self.world, false),
+            ProcessKind::Vessel => (&self.vessel_file, true),
+            ProcessKind::Autopilot | ProcessKind::Camera | ProcessKind::Uvdar => (&self.drone_file, false),
+            ProcessKind::Bridge
+            | ProcessKind::Predictor
+            | ProcessKind::Mission
+            | ProcessKind::Planner
+            | ProcessKind::Pilot => (&self.drone_file, true),
+        };
+        if attachable && self.attachments != Attachments::default() {
+            attached(kind.name(), &self.attachments_file, config)
+        } else {
+            arguments(kind, config)
+        }
+    }
 }
 
-/// Writes a configuration into the instance's directory.
-pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Result<PathBuf, CliError> {
-    let path = owned.file(name);
-    let text = toml::to_string(config).map_err(|e| CliError::because(format!("writing {name}"), e))?;
-    std::fs::write(&path, text).map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
-    Ok(path)
-}
-
-/// A port of the loopback interface that is free now.
-pub fn free_port() -> Result<u16, CliError> {
-    let socket =
-        UdpSocket::bind("127.0.0.1:0").map_err(|e| CliError::because("looking for a free port", e))?;
-    Ok(socket
-        .local_addr()
-        .map_err(|e| CliError::because("looking for a free port", e))?
-        .port())
-}
-
-/// The world's last word among what it said.
+/// The world's report among the lines of the processes.
 fn verdict(lines: &[String]) -> Option<WorldReport> {
     lines.iter().find_map(|line| serde_json::from_str(line).ok())
 }
@@ -371,7 +371,8 @@ impl<'a> Landing<'a> {
         owned: &OwnedInstance,
     ) -> Result<Landing<'a>, CliError> {
         let observer = Observer::join(memory)?;
-        let tap = plan.drone.relay.as_ref().map(|r| Tap::open(owned.instance(), r));
+        let relay = plan.attachments.relay.as_ref();
+        let tap = relay.map(|r| Tap::open(owned.instance(), r));
         let tap = tap.transpose()?;
         let commands = memory.publisher()?;
         let limits = Limits {
@@ -380,30 +381,19 @@ impl<'a> Landing<'a> {
         };
         let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone(), limits)?;
         plan.air.start(&mut supervisor)?;
-        for kind in ProcessKind::ALL {
-            let config = match kind {
-                ProcessKind::Link
-                | ProcessKind::Autopilot
-                | ProcessKind::Sensors
-                | ProcessKind::Camera
-                | ProcessKind::Uvdar => continue,
-                ProcessKind::Vessel => &plan.vessel_file,
-                ProcessKind::World => &plan.world,
-                ProcessKind::Bridge
-                | ProcessKind::Predictor
-                | ProcessKind::Mission
-                | ProcessKind::Planner
-                | ProcessKind::Pilot => &plan.drone_file,
-            };
-            supervisor.start(kind, arguments(kind, config), plan.air.enter(kind))?;
-        }
-        if plan.drone.camera.is_there() {
-            let kind = ProcessKind::Camera;
-            supervisor.start(kind, arguments(kind, &plan.drone_file), plan.air.enter(kind))?;
-        }
-        if args.autopilot != AutopilotKind::Internal {
-            let kind = ProcessKind::Autopilot;
-            supervisor.start(kind, arguments(kind, &plan.drone_file), plan.air.enter(kind))?;
+        let mut kinds = vec![
+            ProcessKind::World,
+            ProcessKind::Vessel,
+            ProcessKind::Bridge,
+            ProcessKind::Predictor,
+            ProcessKind::Mission,
+            ProcessKind::Planner,
+            ProcessKind::Pilot,
+        ];
+        kinds.extend(plan.drone.camera.is_there().then_some(ProcessKind::Camera));
+        kinds.extend((args.autopilot != AutopilotKind::Internal).then_some(ProcessKind::Autopilot));
+        for kind in kinds {
+            supervisor.start(kind, plan.arguments(kind), plan.air.enter(kind))?;
         }
         Ok(Landing {
             args,
@@ -454,7 +444,10 @@ impl<'a> Landing<'a> {
             let state = self.observer.snapshot.mission.map(|m| m.state);
             let ages_s = std::mem::take(&mut self.observer.ages_s);
             let (watch, air) = (&mut self.watch, &self.plan.air);
-            watch.look(air, &said, &ages_s, state, &mut self.supervisor);
+            watch.observe(air, &said, &ages_s, state, &mut self.supervisor);
+            if let Some(tap) = &mut self.tap {
+                tap.observe(&said);
+            }
             if let Some(outcome) = verdict(&said) {
                 self.await_recovery(memory, true_s - self.plan.warm_up_s)?;
                 return Ok(Some(self.finish(outcome)));

@@ -22,9 +22,12 @@ use alight_shared::wire;
 use clap::Args;
 use serde_json::json;
 
+use crate::cells;
 use crate::exit::{CliError, Exit};
+use crate::lab::live::times::Times;
 use crate::process::instance::OwnedInstance;
 use crate::process::snapshot::time;
+use crate::table::{Cell, Table};
 use crate::terminal;
 
 /// Messages a second.
@@ -48,9 +51,6 @@ pub struct LatencyArgs {
 /// The message: the vessel's estimate, stamped with the steady clock when it is sent.
 type Message = VesselEstimate<DroneClock>;
 
-/// What a receiver measured, s.
-type Times = Vec<f64>;
-
 fn message(sequence: u32) -> Message {
     VesselEstimate {
         header: Header::new(1, 0, 1, sequence, Time::from_nanos(steady_ns())),
@@ -68,11 +68,11 @@ fn message(sequence: u32) -> Message {
 /// Takes note of a message that came just now.
 fn note(times: &mut Times, message: &Message) {
     if message.header.sequence >= WARM_UP_MESSAGES {
-        times.push((steady_ns() - message.header.at.nanos()) as f64 * 1e-9);
+        times.add_ns(steady_ns() - message.header.at.nanos());
     }
 }
 
-fn refused(doing: &'static str) -> impl Fn(std::io::Error) -> CliError {
+fn failed(doing: &'static str) -> impl Fn(std::io::Error) -> CliError {
     move |e| CliError::because(doing, e)
 }
 
@@ -89,7 +89,7 @@ fn read(
     mut receive: impl FnMut(&mut [u8]) -> std::io::Result<usize> + Send + 'static,
 ) -> std::thread::JoinHandle<Times> {
     std::thread::spawn(move || {
-        let (mut times, mut buffer) = (Times::new(), [0_u8; wire::MAX_WIRE_BYTES]);
+        let (mut times, mut buffer) = (Times::default(), [0_u8; wire::MAX_WIRE_BYTES]);
         while !end.load(Ordering::Relaxed) {
             if let Ok(length) = receive(&mut buffer)
                 && let Ok(message) = wire::decode(buffer.get(..length).unwrap_or_default())
@@ -102,7 +102,7 @@ fn read(
 }
 
 fn unix(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
-    let fail = refused("making a pair of Unix sockets");
+    let fail = failed("making a pair of Unix sockets");
     let (from, to) = UnixDatagram::pair().map_err(&fail)?;
     to.set_read_timeout(Some(MAX_WAIT)).map_err(&fail)?;
     Ok(Hop {
@@ -117,7 +117,7 @@ fn unix(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
 }
 
 fn udp(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
-    let fail = refused("making UDP sockets");
+    let fail = failed("making UDP sockets");
     let to = UdpSocket::bind("127.0.0.1:0").map_err(&fail)?;
     let from = UdpSocket::bind("127.0.0.1:0").map_err(&fail)?;
     from.connect(to.local_addr().map_err(&fail)?).map_err(&fail)?;
@@ -135,10 +135,7 @@ fn udp(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
 
 fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<Hop, CliError> {
     let port = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr());
-    let endpoint = format!(
-        "{transport}/{}",
-        port.map_err(refused("looking for a free port"))?
-    );
+    let endpoint = format!("{transport}/{}", port.map_err(failed("looking for a free port"))?);
     let listen = RadioConfig {
         listen: vec![endpoint.clone()],
         ..RadioConfig::default()
@@ -155,7 +152,7 @@ fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<H
     let mut to = Radio::open(&dial, Vec::new(), vec!["alight/latency".into()])?;
     let end = Arc::clone(end);
     let receiver = std::thread::spawn(move || {
-        let mut times = Times::new();
+        let mut times = Times::default();
         while !end.load(Ordering::Relaxed) {
             to.watch(0.0);
             if let Some(received) = to.receive(MAX_WAIT)
@@ -181,7 +178,7 @@ fn shared_memory(end: &Arc<AtomicBool>, owned: &OwnedInstance, memory: &Memory) 
     let mut publisher = memory.publisher::<Message>()?;
     let (instance, end) = (owned.instance().clone(), Arc::clone(end));
     let receiver = std::thread::spawn(move || {
-        let mut times = Times::new();
+        let mut times = Times::default();
         let run = |times: &mut Times| -> Result<(), TransportError> {
             let memory = Memory::join(&instance, "receiver")?;
             let mut subscriber = memory.subscriber::<Message>()?;
@@ -209,12 +206,6 @@ fn shared_memory(end: &Arc<AtomicBool>, owned: &OwnedInstance, memory: &Memory) 
     })
 }
 
-/// The `q` quantile of sorted times, s.
-fn quantile(sorted: &[f64], q: f64) -> f64 {
-    let rank = ((q * sorted.len() as f64).ceil() as usize).clamp(1, sorted.len().max(1)) - 1;
-    sorted.get(rank).copied().unwrap_or(f64::NAN)
-}
-
 /// Measures and shows the table.
 pub fn run(args: &LatencyArgs) -> Result<Exit, CliError> {
     let owned = OwnedInstance::take(&format!("latency-{}", std::process::id()))?;
@@ -239,37 +230,28 @@ pub fn run(args: &LatencyArgs) -> Result<Exit, CliError> {
         }
     }
     // What is under way has this long to come.
-    let _told_to_end = memory.wait(2 * MAX_WAIT);
+    let _stop_requested = memory.wait(2 * MAX_WAIT);
     end.store(true, Ordering::Relaxed);
     let mut rows = Vec::new();
-    if !args.json {
-        terminal::line(format_args!(
-            "one hop of the vessel's estimate (246 B) at {RATE_HZ} Hz, {} s, one after the other\n\n  {:<24}{:>10}{:>12}{:>12}{:>12}",
-            args.seconds, "hop", "came", "p50", "p99", "longest"
-        ));
-    }
+    let mut table = Table::new(1.., ["hop", "received %", "p50", "p99", "max"]);
     for hop in hops {
-        let mut times = hop.receiver.join().unwrap_or_default();
-        times.sort_by(f64::total_cmp);
-        let (p50, p99) = (quantile(&times, 0.5), quantile(&times, 0.99));
-        let longest = times.last().copied().unwrap_or(f64::NAN);
-        if !args.json {
-            terminal::line(format_args!(
-                "  {:<24}{:>9.1}%{:>12}{:>12}{:>12}",
-                hop.name,
-                100.0 * times.len() as f64 / f64::from(count),
-                time(p50),
-                time(p99),
-                time(longest)
-            ));
-        }
+        let times = hop.receiver.join().unwrap_or_default();
+        let [p50, p99, max] = [0.5, 0.99, 1.0].map(|q| times.quantile(q));
+        let received = Cell::number(100.0 * times.count as f64 / f64::from(count), 1);
+        table.row(cells![hop.name, received, time(p50), time(p99), time(max)]);
         rows.push(
-            json!({ "hop": hop.name, "came": times.len(), "p50_s": p50, "p99_s": p99, "longest_s": longest }),
+            json!({ "hop": hop.name, "received": times.count, "p50_s": p50, "p99_s": p99, "max_s": max }),
         );
     }
     drop(services);
     if args.json {
         terminal::line(json!({ "rate_hz": RATE_HZ, "sent": count, "hops": rows }));
+    } else {
+        terminal::line(format_args!(
+            "one hop of the vessel's estimate (246 B) at {RATE_HZ} Hz, {} s, one after the other\n\n{}",
+            args.seconds,
+            table.text()
+        ));
     }
     Ok(Exit::Success)
 }

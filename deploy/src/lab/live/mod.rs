@@ -3,12 +3,15 @@
 
 pub mod air;
 pub mod args;
+pub mod attach;
 pub mod compare;
+pub mod config;
 pub mod emulator;
 pub mod fault;
 pub mod faults;
 pub mod fleet;
 pub mod follow;
+pub mod impairment;
 pub mod land;
 pub mod latency;
 pub mod namespaces;
@@ -17,9 +20,11 @@ pub mod pairs;
 pub mod plant;
 pub mod profile;
 pub mod recording;
+pub mod relay;
 pub mod render_thread;
 pub mod report;
 pub mod simulated_autopilot;
+pub mod times;
 pub mod truth;
 pub mod usage;
 pub mod world;

@@ -8,11 +8,13 @@ use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::radio::HEADER_BYTES;
 use serde::{Deserialize, Serialize};
 
+use crate::cells;
 use crate::process::snapshot::Snapshot;
+use crate::table::{Cell, Table};
 
-/// Flows that are told apart; what comes beyond counts with the last.
+/// Flows that are counted apart; packets of more flows are not counted.
 const MAX_FLOWS: usize = 16;
-/// Words of the emulator over which rates are taken, one a second.
+/// Reports of the emulator over which rates are taken, one a second.
 const KEPT: usize = 11;
 
 /// Packets of one flow one way, as the TUN devices see them.
@@ -81,7 +83,7 @@ pub struct TopicRate {
     pub rate_hz: f64,
     /// Bytes per second of the messages themselves.
     pub payload_bytes_per_s: f64,
-    /// Bytes per second on the air, IP headers included: its share by payload of what was measured.
+    /// Bytes per second on the air, IP headers included: its fraction by payload of what was measured.
     pub bytes_per_s: f64,
 }
 
@@ -112,7 +114,7 @@ pub struct OnAir {
 pub struct Recent(VecDeque<(i64, Vec<FlowCount>)>);
 
 impl Recent {
-    /// Counts that were said at `at_ns`.
+    /// Counts as they were reported at `at_ns`.
     pub fn observe(&mut self, at_ns: i64, counts: Vec<FlowCount>) {
         if self.0.len() == KEPT {
             self.0.pop_front();
@@ -180,34 +182,48 @@ impl Recent {
 }
 
 impl OnAir {
-    /// In words.
+    /// For people.
     pub fn text(&self) -> String {
-        let mut out = format!(
-            "  {:<34}{:>10}{:>12}{:>12}\n",
-            "on the air, counted at the devices", "packets/s", "bytes/s", "of headers"
+        let mut flows = Table::new(
+            1..,
+            [
+                "on the air, counted at the devices",
+                "packets/s",
+                "bytes/s",
+                "of headers",
+            ],
         );
         for f in &self.flows {
-            out.push_str(&format!(
-                "  {:<34}{:>10.1}{:>12.0}{:>12.0}\n",
-                f.flow, f.packets_per_s, f.bytes_per_s, f.header_bytes_per_s
-            ));
+            let rates = [
+                (f.packets_per_s, 1),
+                (f.bytes_per_s, 0),
+                (f.header_bytes_per_s, 0),
+            ];
+            let rates = rates.map(|(rate, digits)| Cell::number(rate, digits));
+            flows.row(core::iter::once(Cell::from(&f.flow)).chain(rates));
         }
-        out.push_str(&format!(
-            "  {:<10}{:<24}{:>10}{:>12}{:>12}\n",
-            "sender", "topic, by share of payload", "Hz", "payload", "bytes/s"
-        ));
+        let mut topics = Table::new(
+            2..,
+            [
+                "sender",
+                "topic",
+                "Hz",
+                "payload bytes/s",
+                "bytes/s with IP headers",
+            ],
+        );
         for t in &self.topics {
-            out.push_str(&format!(
-                "  {:<10}{:<24}{:>10.1}{:>12.0}{:>12.0}\n",
-                t.sender, t.topic, t.rate_hz, t.payload_bytes_per_s, t.bytes_per_s
-            ));
+            topics.row(cells![
+                t.sender,
+                t.topic,
+                format_args!("{:.1}", t.rate_hz),
+                format_args!("{:.0}", t.payload_bytes_per_s),
+                format_args!("{:.0}", t.bytes_per_s),
+            ]);
         }
         let total: f64 = self.topics.iter().map(|t| t.bytes_per_s).sum();
-        out.push_str(&format!(
-            "  {:<34}{:>10}{:>12}{total:>12.0}  IP headers included\n",
-            "all topics", "", ""
-        ));
-        out
+        topics.row(cells!["all", "", "", "", format_args!("{total:.0}")]);
+        format!("{}{}", flows.text(), topics.text())
     }
 }
 

@@ -6,41 +6,17 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::time::Duration;
 
+use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::Memory;
 use alight_sim::autopilots::px4::Px4Plant;
 use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
 use alight_sim::physics::drone::ROTORS;
 use alight_sim::physics::{Physics, PlantState, TICK};
-use clap::ValueEnum;
-use serde::{Deserialize, Serialize};
 
 use crate::exit::CliError;
-use crate::lab::live::world::wait_until;
+use crate::lab::live::config::AutopilotKind;
 use crate::terminal;
-
-/// Who flies the simulated drone.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-pub enum AutopilotKind {
-    /// The simulated autopilot.
-    #[default]
-    Internal,
-    /// PX4, over its simulator API (TCP 4560).
-    Px4,
-    /// ArduPilot, over its JSON backend (UDP 9002).
-    Ardupilot,
-}
-
-impl AutopilotKind {
-    /// Where its MAVLink is found when it runs on this computer.
-    pub const fn connect(self) -> &'static str {
-        match self {
-            AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://0.0.0.0:14540",
-            AutopilotKind::Ardupilot => "tcpout://127.0.0.1:5760",
-        }
-    }
-}
 
 /// A read waits this long at a time.
 const READ: Duration = Duration::from_millis(2);
@@ -48,6 +24,12 @@ const READ: Duration = Duration::from_millis(2);
 const GONE_NS: i64 = 1_000_000_000;
 /// Reads in one slice, at most.
 const MAX_READS: u32 = 64;
+
+/// Waits until the clock reads `t`, but no longer than a tick.
+pub fn wait_until(memory: &Memory, clock: &ProcessClock, t: Time<TrueTime>) {
+    let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
+    let _stop_requested = memory.wait(Duration::from_nanos(left.unsigned_abs()));
+}
 
 /// The link to one firmware.
 enum Link {
@@ -267,7 +249,6 @@ fn ardupilot_turn(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::time::Time;
     use alight_sim::physics::streams::Streams;
     use alight_uav::autopilot::message::{Address, Message};
     use alight_uav::autopilot::wire::{Decoder, encode};
@@ -310,7 +291,7 @@ mod tests {
 
     #[test]
     fn px4_connects_is_answered_in_lock_step_and_its_end_stops_the_motors() {
-        let port = crate::lab::live::land::free_port().unwrap();
+        let port = crate::lab::live::config::free_port().unwrap();
         let mut plant = open(AutopilotKind::Px4, port);
         // Nobody is there: the drone stands, and nothing waits.
         assert!(plant.exchange(&sensed(0)).is_none() && plant.late() == 0);
@@ -348,7 +329,7 @@ mod tests {
 
     #[test]
     fn ardupilot_asks_and_each_packet_is_answered_once_also_when_it_comes_again() {
-        let port = crate::lab::live::land::free_port().unwrap();
+        let port = crate::lab::live::config::free_port().unwrap();
         let mut plant = open(AutopilotKind::Ardupilot, port);
         let firmware = std::thread::spawn(move || {
             let socket = UdpSocket::bind("127.0.0.1:0").unwrap();

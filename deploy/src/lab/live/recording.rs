@@ -15,7 +15,6 @@ use serde::de::DeserializeOwned;
 use crate::config::{DroneComputer, VesselComputer};
 use crate::drone::mission::MissionShell;
 use crate::drone::pilot::PilotShell;
-use crate::drone::planner::PlannerShell;
 use crate::drone::predictor::PredictorShell;
 use crate::exit::CliError;
 use crate::lab::live::truth::Truth;
@@ -160,7 +159,7 @@ pub fn write(
     play!(bridge, drone.clock, |boot| Bridge::new(&drone.bridge, boot));
     play!(predictor, drone.clock, |boot| PredictorShell::node(drone, boot));
     play!(mission, drone.clock, |boot| MissionShell::node(drone, boot));
-    play!(planner, drone.clock, |boot| PlannerShell::node(drone, boot));
+    play!(planner, drone.clock, |boot| subject.nodes.planner(boot));
     play!(pilot, drone.clock, |boot| PilotShell::node(drone, boot));
 
     for (to, boot) in subject.boots.iter_mut().zip(boots) {

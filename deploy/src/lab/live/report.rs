@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::lab::live::air::RadioReport;
 use crate::lab::live::fault::FaultReport;
-use crate::process::relay;
+use crate::lab::live::relay;
 use crate::process::snapshot::{Snapshot, time};
 
 /// What one process used.

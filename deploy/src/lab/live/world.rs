@@ -17,12 +17,12 @@ use alight_sim::harness::trace::Trace;
 use alight_sim::physics::{Physics, TICK};
 use serde::{Deserialize, Serialize};
 
-use crate::config::SimulatedWorld;
 use crate::exit::{CliError, Exit};
 use crate::io::sensor_socket::{Readings, SensorSender};
 use crate::lab::live::args::WorldArgs;
+use crate::lab::live::config::SimulatedWorld;
 use crate::lab::live::follow::Followed;
-use crate::lab::live::plant::Plant;
+use crate::lab::live::plant::{Plant, wait_until};
 use crate::lab::live::render_thread::RenderThread;
 use crate::lab::live::simulated_autopilot::SimulatedAutopilot;
 use crate::lab::live::truth::Truth;
@@ -303,10 +303,4 @@ impl History {
             trace.points.push(physics.trace_point());
         }
     }
-}
-
-/// Waits until the clock reads `t`, but no longer than a tick.
-pub fn wait_until(memory: &Memory, clock: &ProcessClock, t: alight_shared::time::Time<TrueTime>) {
-    let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
-    let _told_to_end = memory.wait(Duration::from_nanos(left.unsigned_abs()));
 }

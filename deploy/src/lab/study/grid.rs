@@ -1,7 +1,7 @@
 //! The rows of each study: which scenes are flown.
 
 use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::deck_motion::rocking::RockingConfig;
 use alight_sim::physics::sea::{SeaConfig, SeaKind};
@@ -10,21 +10,10 @@ use serde::Serialize;
 
 use super::ablation;
 use super::link;
-use super::variant::PlannerVariant;
+use super::variant::{MakeScene, PlannerVariant, StudyScene};
 use crate::exit::CliError;
 use crate::lab::args::Study;
 use crate::lab::scene::Scene;
-
-/// One scene of a study.
-#[derive(Clone)]
-pub struct StudyScene {
-    /// Its name in tables.
-    pub name: String,
-    /// The world.
-    pub world: Scenario,
-    /// The nodes.
-    pub nodes: NodeConfigs,
-}
 
 /// What is published of a scenario.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -150,9 +139,6 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
     };
     Ok(rows)
 }
-
-/// Makes a row: its name, and what it changes in the scene.
-pub type MakeScene<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> StudyScene;
 
 fn moving(
     row: MakeScene<'_>,

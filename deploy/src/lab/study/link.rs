@@ -5,8 +5,7 @@ use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::StateOutage;
 use alight_sim::studies::statistics::SampleStatistics;
 
-use super::grid::{MakeScene, StudyScene};
-use super::variant::PlannerVariant;
+use super::variant::{MakeScene, PlannerVariant, StudyScene};
 use crate::cells;
 use crate::lab::report::chart::{self, Curve};
 use crate::lab::report::document::Chart;

@@ -14,12 +14,12 @@ mod variant;
 
 use alight_sim::baselines::{Baseline, BenchPlanner};
 use alight_sim::physics::vessel::VesselConfig;
-use alight_sim::studies::rao::{self, RaoConfig};
+use alight_sim::studies::rao::{RaoConfig, rao as compute_rao};
 use alight_uav::planner::PlannerKind;
 use clap::ValueEnum;
 use serde_json::Value;
 
-use super::args::{ResponseArgs, Study, StudyArgs};
+use super::args::{RaoArgs, Study, StudyArgs};
 use super::live::compare;
 use super::report::chart;
 use super::report::document::write_files;
@@ -135,8 +135,8 @@ fn merge(args: &StudyArgs) -> Result<Value, CliError> {
 }
 
 /// The response amplitude operators of the simulated vessel.
-pub fn response(args: &ResponseArgs) -> Result<Exit, CliError> {
-    let table = rao::rao(&VesselConfig::default(), &RaoConfig::default());
+pub fn rao(args: &RaoArgs) -> Result<Exit, CliError> {
+    let table = compute_rao(&VesselConfig::default(), &RaoConfig::default());
     if args.json {
         terminal::json(&table)?;
     } else {

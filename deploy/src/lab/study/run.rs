@@ -10,9 +10,8 @@ use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::trial::Watch;
 use alight_uav::planner::PlannerKind;
 
-use super::grid::StudyScene;
-use super::variant::PlannerVariant;
-use crate::config::DroneFile;
+use super::variant::{PlannerVariant, StudyScene};
+use crate::config::{DroneFile, VesselComputer};
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
 use crate::lab::record::{self, LOCK_STEP_BOOTS, Subject};
@@ -34,28 +33,6 @@ pub fn configuration_hash(nodes: &NodeConfigs) -> String {
         (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3)
     });
     format!("{hash:016x}")
-}
-
-/// Part `index` of `count`.
-#[derive(Clone, Copy, Debug)]
-pub struct Shard {
-    /// From 1 on.
-    pub index: u64,
-    /// How many.
-    pub count: u64,
-}
-
-impl std::str::FromStr for Shard {
-    type Err = String;
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("`{text}` is no shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
-        let (i, n) = text.split_once('/').ok_or_else(wrong)?;
-        let (index, count) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
-        if !(1..=100_000).contains(&count) || !(1..=count).contains(&index) {
-            return Err(wrong());
-        }
-        Ok(Shard { index, count })
-    }
 }
 
 fn rows_file(out: &Path) -> PathBuf {
@@ -147,7 +124,11 @@ fn prepare(out: &Path, rows: &[StudyScene], flown: &[PlannerVariant]) -> Result<
         let nodes = f.nodes(&row.nodes);
         let [vessel, drone] = config_files(out, &row.name, &f.name);
         if nodes.vessel != NodeConfigs::default().vessel {
-            files.push((vessel, toml::to_string(&nodes.vessel).map_err(|e| because(&e))?));
+            let computer = VesselComputer {
+                vessel: nodes.vessel,
+                ..VesselComputer::default()
+            };
+            files.push((vessel, toml::to_string(&computer).map_err(|e| because(&e))?));
         }
         let file = DroneFile {
             bridge: nodes.bridge,

@@ -1,7 +1,21 @@
-//! What is compared within a study: planners, or one planner with something left out.
+//! What a study flies: scenes, and planners or one planner with something left out.
 
 use alight_sim::baselines::BenchPlanner;
-use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+
+/// One scene of a study.
+#[derive(Clone)]
+pub struct StudyScene {
+    /// Its name in tables.
+    pub name: String,
+    /// The world.
+    pub world: Scenario,
+    /// The nodes.
+    pub nodes: NodeConfigs,
+}
+
+/// Makes a row: its name, and what it changes in the scene.
+pub type MakeScene<'a> = &'a dyn Fn(&str, &dyn Fn(&mut Scenario)) -> StudyScene;
 
 /// A change of the nodes' configurations.
 pub type Change = fn(&mut NodeConfigs);

@@ -1,0 +1,157 @@
+//! `alight attach`: a process of vessel or drone as it flies, with what a bench puts between it and its
+//! messages: an impaired radio, plain sockets beside the middlewares, a baseline as the planner.
+
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use alight_shared::config;
+use alight_shared::topics;
+use alight_shared::transport::TransportError;
+use alight_shared::transport::memory::{Instance, Listener, Memory};
+use alight_shared::transport::observe::{observe, receive_through};
+use alight_shared::transport::process::ProcessKind;
+use alight_sim::baselines::Baseline;
+use alight_sim::radio::Direction;
+use alight_uav::planner::{Planner, PlannerOut};
+use clap::{Args, ValueEnum};
+
+use super::config::{Attachments, RelayConfig};
+use super::impairment::{Impaired, Inbound};
+use super::relay::{Copies, RadioHop};
+use crate::config::{DroneComputer, VesselComputer};
+use crate::drone::planner::{Inputs, PlannerShell};
+use crate::drone::{bridge, mission, pilot, predictor};
+use crate::exit::{CliError, Exit};
+use crate::process::args::ProcessArgs;
+use crate::process::radio_keys::vessel_key;
+use crate::process::shell::{self, Shell};
+use crate::vessel;
+
+/// Processes with attachments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum AttachedProcess {
+    /// The vessel's.
+    Vessel,
+    /// The drone's end of the radio.
+    Bridge,
+    /// The deck's forecast.
+    Predictor,
+    /// The state machine.
+    Mission,
+    /// The trajectory.
+    Planner,
+    /// The set-points.
+    Pilot,
+}
+
+/// A process and its attachments.
+#[derive(Args, Debug)]
+pub struct AttachArgs {
+    /// Which process
+    #[arg(value_enum)]
+    pub process: AttachedProcess,
+    /// The attachments (TOML)
+    #[arg(long, value_name = "FILE")]
+    pub attachments: PathBuf,
+    /// What every process has
+    #[command(flatten)]
+    pub args: ProcessArgs,
+}
+
+/// Attaches, then runs the process.
+pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
+    let Attachments {
+        impairment,
+        relay,
+        baseline,
+    } = config::load(&attach.attachments)?;
+    let args = &attach.args;
+    let impaired = |direction| impairment.as_ref().map(|i| Impaired::new(i, direction));
+    match attach.process {
+        AttachedProcess::Vessel => {
+            let computer: VesselComputer = config::load(&args.config)?;
+            if let Some(relay) = &relay {
+                let key = vessel_key(computer.vessel_id, topics::ESTIMATE.name);
+                observe(Box::new(Copies::over_udp(&key, &relay.radio)?));
+            }
+            if let Some(impaired) = impaired(Direction::ToVessel) {
+                receive_through(Box::new(Inbound::new(Some(impaired), None)));
+            }
+            vessel::run(args)
+        }
+        AttachedProcess::Bridge => {
+            let computer: DroneComputer = config::load(&args.config)?;
+            copy_memory(relay.as_ref())?;
+            let hop = relay.as_ref().map(|r| RadioHop::listen(&r.radio)).transpose()?;
+            let mut impaired = impaired(Direction::ToDrone);
+            if let Some(impaired) = &mut impaired {
+                impaired.follow_mission(Instance::new(&computer.instance)?);
+            }
+            receive_through(Box::new(Inbound::new(impaired, hop)));
+            bridge::run(args)
+        }
+        AttachedProcess::Predictor => {
+            copy_memory(relay.as_ref())?;
+            shell::run::<predictor::PredictorShell>(args)
+        }
+        AttachedProcess::Mission => shell::run::<mission::MissionShell>(args),
+        AttachedProcess::Planner => {
+            copy_memory(relay.as_ref())?;
+            match baseline {
+                None => shell::run::<PlannerShell>(args),
+                Some(baseline) => {
+                    let _first = BASELINE.set(baseline);
+                    shell::run::<BaselineShell>(args)
+                }
+            }
+        }
+        AttachedProcess::Pilot => {
+            copy_memory(relay.as_ref())?;
+            shell::run::<pilot::PilotShell>(args)
+        }
+    }
+}
+
+/// The baseline that this process flies.
+static BASELINE: OnceLock<Baseline> = OnceLock::new();
+
+/// The planner's process with a baseline in the drone's planner's place.
+struct BaselineShell(PlannerShell);
+
+impl Shell for BaselineShell {
+    type Node = Planner;
+    type Reads = Inputs;
+    const KIND: ProcessKind = ProcessKind::Planner;
+
+    fn node(computer: &DroneComputer, boot: u32) -> Planner {
+        let (planner, airframe, deck) = (
+            &computer.drone.planner,
+            &computer.drone.airframe,
+            &computer.drone.deck,
+        );
+        match BASELINE.get() {
+            None => PlannerShell::node(computer, boot),
+            Some(b) => Planner::with_law(b.law(planner, airframe), planner, airframe, deck, boot),
+        }
+    }
+    fn join(memory: &Memory) -> Result<Self, TransportError> {
+        PlannerShell::join(memory).map(BaselineShell)
+    }
+    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
+        PlannerShell::wakes(memory)
+    }
+    fn send(&mut self, out: &PlannerOut) -> bool {
+        self.0.send(out)
+    }
+    fn unsent(&self) -> u64 {
+        self.0.unsent()
+    }
+}
+
+/// Copies of what goes through shared memory, where there is a relay.
+fn copy_memory(relay: Option<&RelayConfig>) -> Result<(), CliError> {
+    if let Some(relay) = relay {
+        observe(Box::new(Copies::over_unix(&relay.socket)?));
+    }
+    Ok(())
+}

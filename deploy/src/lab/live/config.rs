@@ -1,0 +1,172 @@
+//! What the processes of a live landing read beside the computers' configurations.
+
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+
+use alight_shared::config::{Check, ConfigError, Keys};
+use alight_sim::autopilots::FirmwareConfig;
+use alight_sim::baselines::Baseline;
+use alight_sim::harness::scenario::{Scenario, StateOutage};
+use alight_sim::radio::RadioConfig;
+use alight_uav::odometry::OdometryConfig;
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+
+use crate::exit::CliError;
+use crate::process::instance::OwnedInstance;
+
+/// Who flies the simulated drone.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum AutopilotKind {
+    /// The simulated autopilot.
+    #[default]
+    Internal,
+    /// PX4, over its simulator API (TCP 4560).
+    Px4,
+    /// ArduPilot, over its JSON backend (UDP 9002).
+    Ardupilot,
+}
+
+impl AutopilotKind {
+    /// Where its MAVLink is found when it runs on this computer.
+    pub const fn connect(self) -> &'static str {
+        match self {
+            AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://0.0.0.0:14540",
+            AutopilotKind::Ardupilot => "tcpout://127.0.0.1:5760",
+        }
+    }
+}
+
+/// An impairment of the radio.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkImpairment {
+    /// The steady clock's reading at the profile's time zero, ns.
+    pub epoch_ns: i64,
+    /// Seed of its losses and delays.
+    pub seed: u64,
+    /// Its outage at a state of the mission.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outage: Option<StateOutage>,
+    /// Delay, loss, outages.
+    pub profile: RadioConfig,
+}
+
+/// Where plain sockets carry the messages beside the middlewares.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RelayConfig {
+    /// The drone's UDP address, where copies of the vessel's estimates go.
+    pub radio: String,
+    /// The Unix socket that takes the copies of what goes through shared memory.
+    pub socket: PathBuf,
+}
+
+/// What stands between a process and its messages.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Attachments {
+    /// Impairment of what comes by radio.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub impairment: Option<LinkImpairment>,
+    /// Copies through plain sockets.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub relay: Option<RelayConfig>,
+    /// A planner that the drone does not carry.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub baseline: Option<Baseline>,
+}
+
+impl Check for Attachments {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        let impairment = self.impairment.as_ref();
+        impairment.map_or(Ok(()), |i| {
+            i.profile.check(&at.table("impairment").table("profile"))
+        })
+    }
+}
+
+/// The simulated vehicles.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulatedWorld {
+    /// Name of the set of processes that share the drone's memory.
+    pub instance: String,
+    /// Where the vessel's process takes its sensors' datagrams.
+    pub sensors: String,
+    /// The steady clock's reading at the true time zero, ns.
+    pub epoch_ns: i64,
+    /// Seed of sea, noise and start.
+    pub seed: u64,
+    /// The sea as the person named it.
+    pub sea: String,
+    /// The planner, for the outcome.
+    pub planner: String,
+    /// The drone only follows, for this long after the start, s.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub follow_s: Option<f64>,
+    /// The truth is logged beside what the processes log.
+    pub truth: bool,
+    /// A picture of the landing is drawn there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plot: Option<PathBuf>,
+    /// Who flies the drone.
+    pub autopilot: AutopilotKind,
+    /// The plant of a firmware.
+    pub firmware: FirmwareConfig,
+    /// How the autopilot's odometry is made smooth.
+    pub odometry: OdometryConfig,
+    /// What is simulated.
+    pub scenario: Scenario,
+}
+
+impl Check for SimulatedWorld {
+    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
+        self.firmware.check(&at.table("firmware"))?;
+        self.odometry.check(&at.table("odometry"))?;
+        self.scenario.check(&at.table("scenario"))
+    }
+}
+
+/// Writes a configuration into the instance's directory.
+pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Result<PathBuf, CliError> {
+    let path = owned.file(name);
+    let text = toml::to_string(config).map_err(|e| CliError::because(format!("writing {name}"), e))?;
+    std::fs::write(&path, text).map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
+    Ok(path)
+}
+
+/// A port of the loopback interface that is free now.
+pub fn free_port() -> Result<u16, CliError> {
+    let bound = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+    let address = bound.map_err(|e| CliError::because("looking for a free port", e))?;
+    Ok(address.port())
+}
+
+/// The flags of the process `name` with these attachments.
+pub fn attached(name: &str, attachments: &Path, config: &Path) -> Vec<String> {
+    let path = |p: &Path| p.display().to_string();
+    ["attach".into(), name.into()]
+        .into_iter()
+        .chain([
+            "--attachments".into(),
+            path(attachments),
+            "--config".into(),
+            path(config),
+        ])
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::config;
+
+    #[test]
+    fn simulated_world_round_trips_through_toml() {
+        let text = toml::to_string(&SimulatedWorld::default()).unwrap();
+        let read = config::parse::<SimulatedWorld>(&text, "world").unwrap();
+        assert_eq!(read, SimulatedWorld::default());
+    }
+}
