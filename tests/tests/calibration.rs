@@ -70,22 +70,22 @@ fn press(
         stands: false,
     };
     let mut world = World::new(scenario, nodes, seed).unwrap();
-    world.warm_up_with(&mut tap);
+    world.warm_up(&mut tap);
     world.command(CommandKind::Land);
     let mut landed = None;
     for _ in 0..60_000 {
-        world.tick_with(&mut tap);
+        world.tick(&mut tap);
         if world.mission_state().state == State::Landed && landed.is_none() {
-            landed = Some(world.now().secs() + 3.0);
+            landed = Some(world.physics().now().secs() + 3.0);
         }
-        tap.stands = landed.is_some_and(|t| world.now().secs() >= t);
-        if landed.is_some_and(|t| world.now().secs() >= t + seconds) {
+        tap.stands = landed.is_some_and(|t| world.physics().now().secs() >= t);
+        if landed.is_some_and(|t| world.physics().now().secs() >= t + seconds) {
             break;
         }
     }
     assert!(landed.is_some(), "seed {seed} did not land");
-    let deck = world.deck();
-    let drone = world.drone().unwrap();
+    let deck = world.physics().deck();
+    let drone = world.physics().drone(0).unwrap();
     let at = deck.attitude.0.inverse() * (drone.position.0 - deck.position.0);
     (tap.calibration.result(), [at.x, at.y])
 }
@@ -161,8 +161,8 @@ fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibra
     let nodes = NodeConfigs::default();
     let mut recorder = Recorder::default();
     let mut world = World::new(&scenario, &nodes, seed).unwrap();
-    while world.now().secs() < seconds {
-        world.tick_with(&mut recorder);
+    while world.physics().now().secs() < seconds {
+        world.tick(&mut recorder);
     }
     recorder.0.identify(&nodes.vessel)
 }

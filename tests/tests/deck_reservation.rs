@@ -1,243 +1,160 @@
-//! Two drones and one deck: the missions of both and the vessel's keeper, on one clock.
+//! The deck's reservation in the whole world: drones ask the vessel's arbiter over the radio before they
+//! descend.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use alight_shared::msg::{CommandKind, ReasonCode, State};
+use alight_sim::harness::physics::TICK;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::tap::NoTap;
+use alight_sim::harness::world::{DroneComputer, World};
 
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::Seq;
-use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DeckStage, DroneState,
-    DroneStatus, Header, LandedState, MissionState, Motors, Phase, Plan, ReasonCode, SetPoint, Source, State,
-};
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time, VesselClock};
-use alight_uav::mission::{Mission, MissionConfig, MissionIn};
-use alight_usv::deck::{ArbiterIn, DeckArbiter, DeckConfig};
-use nalgebra::Vector3;
-
-/// Height of the deck, NED z, m.
-const DECK_Z: f64 = -1.3;
-
-/// An obedient drone: it goes at once where its mission wants it.
-struct Drone {
-    id: u32,
-    mission: Mission,
-    at: Vector3<f64>,
-    state: MissionState,
-    landed: bool,
-    sequence: u32,
-    /// Its radio works.
-    radio: bool,
-}
-
-impl Drone {
-    fn new(id: u32, north_m: f64) -> Drone {
-        let config = MissionConfig {
-            reservation_required: true,
-            ..MissionConfig::default()
-        };
-        Drone {
-            id,
-            mission: Mission::new(
-                &config,
-                &DroneGeometry::default(),
-                &DeckGeometry::default(),
-                id,
-                id,
-            ),
-            at: Vector3::new(north_m, 0.0, -12.0),
-            state: MissionState::default(),
-            landed: false,
-            sequence: 0,
-            radio: true,
-        }
-    }
-    fn step(
-        &mut self,
-        t: Time<DroneClock>,
-        command: Option<CommandKind>,
-        grant: Option<DeckGrant<DroneClock>>,
-    ) {
-        self.sequence += 1;
-        let header = Header::new(1, self.id, 1, self.sequence, t);
-        let stage = DeckStage {
-            position: [0.0, 0.0, DECK_Z],
-            ..DeckStage::default()
-        };
-        let input = MissionIn {
-            forecast: Some(DeckForecast {
-                header,
-                step: Span::from_millis(100),
-                source: Source::Both,
-                radio_age_s: 0.05,
-                vision_age_s: 0.05,
-                tag_age_s: 0.05,
-                wave_confidence: 1.0,
-                wave_following_deficit: 0.0,
-                mean_heading: 0.0,
-                stages: Seq::filled((0..41).map(|_| stage)),
-                slopes: Seq::new(),
-                predicted_slopes: Seq::new(),
-            }),
-            drone: Some(DroneState {
-                header,
-                position: self.at.into(),
-                ..DroneState::default()
-            }),
-            autopilot: Some(AutopilotState {
-                header,
-                armed: true,
-                mode: AutopilotMode::Offboard,
-                landed: self.landed_state(),
-                battery: 0.8,
-                thrust: 0.34,
-                hover_thrust: 0.34,
-                ..AutopilotState::default()
-            }),
-            plan: Some(Plan {
-                header,
-                step: Span::from_millis(100),
-                ..Plan::default()
-            }),
-            set_point: self.landed.then(|| SetPoint {
-                header,
-                motors: Motors::Stop,
-                ..SetPoint::default()
-            }),
-            command: command.map(|kind| Command { header, kind }),
-            deck: grant,
-        };
-        self.state = self.mission.step(t, &input).state.unwrap_or(self.state);
-        let goal = match self.state.state.phase() {
-            Phase::Navigation if self.state.state != State::Approach => self.state.hold_position(),
-            Phase::Navigation | Phase::Follow => Vector3::new(0.0, 0.0, DECK_Z - self.state.height_m),
-            Phase::Landing => Vector3::new(0.0, 0.0, self.at.z + self.state.descent_mps),
-            Phase::None => self.at,
-        };
-        let max_step = if self.state.state.phase() == Phase::Landing {
-            0.02 * self.state.descent_mps
-        } else {
-            0.08
-        };
-        let step = goal - self.at;
-        self.at += step * (max_step / step.norm().max(max_step));
-        self.landed |= self.at.z > DECK_Z - 0.3;
-    }
-    fn landed_state(&self) -> LandedState {
-        if self.landed {
-            LandedState::OnGround
-        } else {
-            LandedState::InAir
-        }
-    }
-    fn status(&self, t: Time<DroneClock>) -> DroneStatus {
-        DroneStatus {
-            header: Header::new(1, self.id, 1, self.sequence, t),
-            state: self.state.state,
-            entered: self.state.entered,
-            waiting: self.state.waiting,
-            attempts: self.state.attempts,
-            battery: 0.8,
-            landed: self.landed_state(),
-        }
-    }
-    fn descends(&self) -> bool {
-        matches!(self.state.state, State::Descent | State::Flare)
-    }
-}
-
-/// Drones and their deck; every state in which a drone was seen.
+/// Drones above one deck in a slight sea, each commanded to land; every state in which one was.
 struct Fleet {
-    drones: [Drone; 2],
-    arbiter: DeckArbiter,
-    k: u32,
-    visited: [Vec<State>; 2],
+    world: World,
+    scenario: Scenario,
+    visited: Vec<Vec<State>>,
 }
 
 impl Fleet {
-    fn new() -> Fleet {
+    fn new(drones: u32, nodes: &NodeConfigs, seed: u64) -> Fleet {
+        let scenario = Scenario {
+            sea: "slight".parse().unwrap(),
+            drones,
+            ..Scenario::default()
+        };
+        let mut world = World::new(&scenario, nodes, seed).unwrap();
+        world.warm_up(&mut NoTap);
+        world.command(CommandKind::Land);
+        let visited = vec![Vec::new(); drones as usize];
         Fleet {
-            drones: [Drone::new(1, 20.0), Drone::new(2, -22.0)],
-            arbiter: DeckArbiter::new(&DeckConfig::default(), 1, 1),
-            k: 0,
-            visited: Default::default(),
+            world,
+            scenario,
+            visited,
         }
     }
-    /// For `secs`; on the way no two drones descend, and none where another stands.
-    fn fly(&mut self, secs: f64) {
-        for _ in 0..(secs * 100.0) as u32 {
-            self.k += 1;
-            let t_s = 10.0 + f64::from(self.k) * 0.01;
-            let (t, vessel_t) = (
-                Time::<DroneClock>::from_secs(t_s),
-                Time::<VesselClock>::from_secs(t_s),
-            );
-            let speak = self.k.is_multiple_of(50);
-            let statuses: Vec<DroneStatus> = self
-                .drones
-                .iter()
-                .filter(|d| speak && d.radio)
-                .map(|d| d.status(t))
-                .collect();
-            let out = self.arbiter.step(vessel_t, &ArbiterIn { statuses });
-            let grant = out.grant.map(|g| g.restamped(t));
-            let command = (self.k == 5).then_some(CommandKind::Land);
-            for (d, visited) in self.drones.iter_mut().zip(&mut self.visited) {
-                let received = grant.filter(|_| d.radio);
-                d.step(t, command, received);
-                if visited.last() != Some(&d.state.state) {
-                    visited.push(d.state.state);
+    fn drone(&self, k: usize) -> &DroneComputer {
+        &self.world.drones()[k]
+    }
+    fn state(&self, k: usize) -> State {
+        self.drone(k).mission_state.state
+    }
+    /// The drones that are on the way down or stand on the deck.
+    fn using_the_deck(&self) -> Vec<usize> {
+        let uses = |k: &usize| matches!(self.state(*k), State::Descent | State::Flare | State::Landed);
+        (0..self.visited.len()).filter(uses).collect()
+    }
+    /// Until `done`, `limit_s` at most; on the way no two drones use the deck.
+    fn fly(&mut self, limit_s: f64, done: impl Fn(&Fleet) -> bool) {
+        for _ in 0..(limit_s / TICK.secs()) as u32 {
+            if done(self) {
+                return;
+            }
+            self.world.tick(&mut NoTap);
+            for k in 0..self.visited.len() {
+                let state = self.state(k);
+                if self.visited[k].last() != Some(&state) {
+                    self.visited[k].push(state);
                 }
             }
-            let descend = self.drones.iter().filter(|d| d.descends() && !d.landed).count();
-            let stand = self.drones.iter().filter(|d| d.landed).count();
-            assert!(
-                descend + stand <= 1,
-                "{t_s} s: {descend} descend, {stand} stand on the deck"
-            );
+            assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
         }
     }
-}
-
-#[test]
-fn arbiter_lets_one_of_two_drones_descend_and_tells_the_other_why_it_waits() {
-    let mut fleet = Fleet::new();
-    fleet.fly(40.0);
-    let [first, second] = &fleet.drones;
-    assert_eq!(first.state.state, State::Landed, "{:?}", fleet.visited);
-    assert_eq!(second.state.state, State::TrackingStable, "{:?}", fleet.visited);
-    assert_eq!(second.state.waiting.code, ReasonCode::DeckReserved);
-    assert_eq!(second.state.waiting.to_string(), "the deck is drone 1's");
-    // The first is lifted off, by a person.
-    let first = &mut fleet.drones[0];
-    first.mission = Drone::new(1, 0.0).mission;
-    first.state = MissionState::default();
-    (first.landed, first.at) = (false, Vector3::new(30.0, 0.0, -20.0));
-    fleet.fly(20.0);
-    assert_eq!(fleet.drones[1].state.state, State::Landed, "{:?}", fleet.visited);
-}
-
-#[test]
-fn arbiter_restarted_during_a_descent_keeps_the_other_drone_away() {
-    let mut fleet = Fleet::new();
-    while !fleet.drones[0].descends() {
-        fleet.fly(0.1);
+    /// Until one descends: who does, and who waits.
+    fn first_descent(&mut self) -> (usize, usize) {
+        self.fly(120.0, |f| !f.using_the_deck().is_empty());
+        let first = self.using_the_deck()[0];
+        (first, 1 - first)
     }
-    fleet.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
-    fleet.fly(30.0);
-    assert_eq!(fleet.drones[0].state.state, State::Landed, "{:?}", fleet.visited);
-    assert!(!fleet.visited[1].contains(&State::Descent), "{:?}", fleet.visited);
+}
+
+#[test]
+fn arbiter_lets_one_of_two_drones_descend_and_the_other_after_it_has_left() {
+    let nodes = NodeConfigs::default();
+    let mut fleet = Fleet::new(2, &nodes, 21);
+    let (first, second) = fleet.first_descent();
+    fleet.fly(60.0, |f| f.state(first) == State::Landed);
+    fleet.fly(30.0, |_| false);
+    assert_eq!(fleet.state(first), State::Landed, "{:?}", fleet.visited);
+    assert_eq!(fleet.state(second), State::TrackingStable, "{:?}", fleet.visited);
+    let waiting = fleet.drone(second).mission_state.waiting;
+    assert_eq!(waiting.code, ReasonCode::DeckReserved);
+    assert!(
+        waiting.to_string().contains(&format!("drone {}", first + 1)),
+        "{waiting}"
+    );
+    // A person takes the first away.
+    let scenario = fleet.scenario.clone();
+    fleet.world.restart_drone(first, &scenario, &nodes);
+    fleet.fly(60.0, |f| f.state(second) == State::Landed);
+    assert_eq!(fleet.state(second), State::Landed, "{:?}", fleet.visited);
+    let on_deck = fleet
+        .world
+        .physics()
+        .observation(second, &fleet.drone(second).mission_state);
+    assert!(
+        on_deck.horizontal_m < 0.8,
+        "{} m from the deck's centre",
+        on_deck.horizontal_m
+    );
+}
+
+#[test]
+fn arbiter_restarted_with_its_vessel_during_a_descent_keeps_the_other_drone_away() {
+    let nodes = NodeConfigs::default();
+    let mut fleet = Fleet::new(2, &nodes, 22);
+    let (first, second) = fleet.first_descent();
+    fleet.world.restart_vessel(&nodes);
+    fleet.fly(40.0, |_| false);
+    assert_eq!(fleet.state(first), State::Landed, "{:?}", fleet.visited);
+    assert!(
+        !fleet.visited[second].contains(&State::Descent),
+        "{:?}",
+        fleet.visited
+    );
 }
 
 #[test]
 fn drone_without_radio_begins_no_descent_but_completes_one_under_way() {
-    let mut fleet = Fleet::new();
-    fleet.drones[1].radio = false;
-    while !fleet.drones[0].descends() {
-        fleet.fly(0.1);
-    }
-    fleet.drones[0].radio = false;
-    fleet.fly(30.0);
-    assert_eq!(fleet.drones[0].state.state, State::Landed, "{:?}", fleet.visited);
-    assert_eq!(fleet.drones[1].state.state, State::TrackingStable);
-    assert_eq!(fleet.drones[1].state.waiting.code, ReasonCode::DeckGrantStale);
+    let nodes = NodeConfigs::default();
+    let mut fleet = Fleet::new(2, &nodes, 23);
+    let (first, second) = fleet.first_descent();
+    fleet.fly(60.0, |f| {
+        f.state(second) == State::TrackingStable || f.state(first) == State::Landed
+    });
+    let for_good = StateOutage {
+        state: State::Descent,
+        after_s: 0.0,
+        duration_s: f64::INFINITY,
+    };
+    (0..2).for_each(|k| fleet.world.radio_outage(k, &for_good));
+    fleet.fly(40.0, |_| false);
+    assert_eq!(fleet.state(first), State::Landed, "{:?}", fleet.visited);
+    assert!(
+        !fleet.visited[second].contains(&State::Descent),
+        "{:?}",
+        fleet.visited
+    );
+    let waiting = fleet.drone(second).mission_state.waiting.code;
+    assert_eq!(waiting, ReasonCode::DeckGrantStale);
+}
+
+#[test]
+fn lone_drone_that_must_reserve_is_granted_the_deck_and_lands() {
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.reservation_required = true;
+    let mut fleet = Fleet::new(1, &nodes, 24);
+    fleet.fly(120.0, |f| f.state(0) == State::Landed);
+    assert_eq!(fleet.state(0), State::Landed, "{:?}", fleet.visited);
+}
+
+#[test]
+fn operators_abort_reaches_the_drone_through_the_vessel() {
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.reservation_required = true;
+    let mut fleet = Fleet::new(1, &nodes, 25);
+    fleet.fly(120.0, |f| f.state(0) == State::Descent);
+    fleet.world.operator_command(0, CommandKind::Abort);
+    fleet.fly(2.0, |f| f.state(0) != State::Descent);
+    assert_eq!(fleet.state(0), State::Hold, "{:?}", fleet.visited);
 }

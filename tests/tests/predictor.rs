@@ -3,178 +3,92 @@
 
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
-use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
-use alight_shared::frames::{Deck, wrap_angle};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{DeckForecast, Header, Motors, SetPoint, SetPointKind};
-use alight_shared::node::Node;
-use alight_shared::time::{Span, Stamped, Time, TrueTime};
-use alight_shared::wire;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
+use alight_shared::geometry::DeckGeometry;
+use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, State};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::tap::Tap;
+use alight_sim::harness::world::World;
 use alight_sim::physics::body::RigidState;
-use alight_sim::physics::deck_motion::DeckCarrier;
-use alight_sim::physics::drone::{DroneStart, SimulatedDrone};
-use alight_sim::physics::sea::Sea;
-use alight_sim::physics::streams::Streams;
-use alight_sim::radio::{Direction, Radio, on_air};
-use alight_sim::sensors::Sensors;
-use alight_uav::odometry::{Odometry, OdometryConfig};
-use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
-use alight_usv::{VesselIn, VesselNode};
+use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
 
-/// A forecast beside the truth at its time.
+/// A forecast and its tick.
 struct Sample {
     t: usize,
     forecast: DeckForecast,
 }
 
+/// What a tap collects from the warm-up on.
+#[derive(Default)]
 struct PredictorFlight {
     /// Error of the drone's odometry at each tick: the forecast is where the drone will believe the deck.
     frames: Vec<Vector3<f64>>,
     /// Deck, per tick.
     truth: Vec<RigidState<Deck>>,
     samples: Vec<Sample>,
-    /// Ticks at which the drone appeared.
-    appeared: usize,
+    /// Tick at which the test begins to fly.
+    began: usize,
+    /// True position of the drone.
+    drone: Vector3<f64>,
 }
 
-/// When the radio falls silent, ticks after the drone's appearance.
-#[derive(Clone, Copy)]
-struct FlightPlan {
-    seconds: f64,
-    cut_s: f64,
-    /// Height of the drone above the mean deck, by time since its appearance.
-    height: fn(f64) -> f64,
+impl Tap for PredictorFlight {
+    fn truth(
+        &mut self,
+        _: Time<TrueTime>,
+        vessel: &RigidState<VesselBody>,
+        drone: Option<&RigidState<DroneBody>>,
+    ) {
+        self.truth.push(vessel.at(DeckGeometry::default().centre()));
+        self.frames.push(self.frames.last().copied().unwrap_or_default());
+        self.drone = drone.map_or(self.drone, |d| d.position.0);
+    }
+    fn predictor(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
+        if let (Some(odometry), Some(frame)) = (i.drone, self.frames.last_mut()) {
+            *frame = odometry.position() - self.drone;
+        }
+        let t = self.truth.len() - 1;
+        self.samples
+            .extend(o.forecast.map(|forecast| Sample { t, forecast }));
+    }
 }
 
-fn fly(scenario: &Scenario, plan: &FlightPlan, config: &PredictorConfig, seed: u64) -> PredictorFlight {
-    let nodes = NodeConfigs::default();
-    let streams = Streams::new(seed);
-    let sea = Sea::new(&scenario.sea, &streams);
-    let (deck_geometry, airframe) = (DeckGeometry::default(), DroneGeometry::default());
-    let mut carrier = DeckCarrier::new(&scenario.vessel, None, &deck_geometry, &sea, &streams).unwrap();
-    let mut sensors = Sensors::new(&scenario.sensors, &airframe, &deck_geometry, &streams);
-    let mut vessel_node = VesselNode::new(&nodes.vessel, 1, 1);
-    let mut to_drone: Radio<Packet> = Radio::new(&scenario.radio, Direction::ToDrone, &streams);
-    let mut to_vessel = Radio::new(&scenario.radio, Direction::ToVessel, &streams);
-    let mut bridge = Bridge::new(&BridgeConfig::default(), 1);
-    let mut predictor = Predictor::new(config, 1);
-    let mut steady = Odometry::new(&OdometryConfig::default());
-    let mut drone: Option<SimulatedDrone> = None;
-    let appeared = 6000;
-    let (mut truth, mut samples, mut frames) = (Vec::new(), Vec::new(), Vec::new());
-    let mut smooth = Vector3::zeros();
-    let mut t: Time<TrueTime> = Time::EPOCH;
-    for tick in 0..appeared + (plan.seconds * 100.0) as usize {
-        let vessel_now = sensors.clocks.vessel_time(t);
-        let now = sensors.clocks.drone_time(t);
-        let readings = sensors.vessel(t, &carrier.state());
-        let time_requests = to_vessel
-            .receive(t)
-            .into_iter()
-            .map(|(at, q)| Stamped::new(sensors.clocks.vessel_time(at), q))
-            .collect();
-        let output = vessel_node.step(
-            vessel_now,
-            &VesselIn {
-                imu: readings.imu,
-                gnss: readings.gnss,
-                heading: readings.heading,
-                attitude: Vec::new(),
-                time_requests,
-            },
-        );
-        let mut send = |kind, bytes: Option<Vec<u8>>| {
-            if let Some(bytes) = bytes {
-                to_drone.send(t, on_air(bytes.len()), Packet { kind, bytes });
-            }
-        };
-        send(
-            PacketKind::Estimate,
-            output.estimate.map(|m| wire::encode(&m).unwrap()),
-        );
-        send(PacketKind::Wave, output.wave.map(|m| wire::encode(&m).unwrap()));
-        for r in &output.time_replies {
-            send(PacketKind::TimeReply, Some(wire::encode(r).unwrap()));
-        }
-        let packets = to_drone
-            .receive(t)
-            .into_iter()
-            .map(|(at, p)| Stamped::new(sensors.clocks.drone_time(at), p))
-            .collect();
-        let received = bridge.step(now, &BridgeIn { packets });
-        if let Some(q) = received.time_request {
-            to_vessel.send(t, on_air(64), q);
-        }
-        let deck: RigidState<Deck> = carrier.state().at(deck_geometry.centre());
-        truth.push(deck);
-        frames.push(Vector3::zeros());
-        smooth += (deck.position.0 - smooth) * if tick == 0 { 1.0 } else { 0.003 };
-        if tick == appeared {
-            drone = Some(SimulatedDrone::new(
-                &scenario.drone,
-                &airframe,
-                &deck_geometry,
-                &streams,
-                DroneStart {
-                    position: Vector3::new(smooth.x, smooth.y, -9.0),
-                    yaw: deck.euler().z,
-                },
-            ));
-        }
-        let since = (tick as f64 - appeared as f64) * 0.01;
-        if since >= plan.cut_s && since < plan.cut_s + 0.01 {
-            let for_good = [t, Time::from_secs(1e6)];
-            to_drone.set_outage(for_good);
-            to_vessel.set_outage(for_good);
-        }
-        let before = deck;
-        let mut d = drone.take();
-        if let Some(drone) = &mut d {
-            let header = Header::new(1, 1, 1, tick as u32, now);
-            let odometry = steady.step(&drone.odometry(header));
-            if let Some(frame) = frames.last_mut() {
-                *frame = odometry.position() - drone.truth().position.0;
-            }
-            let readings = sensors.drone(t, &drone.truth(), &deck, |n, e| sea.surface(t, n, e).surface_z());
-            let input = PredictorIn {
-                estimate: received.estimate,
-                wave: received.wave,
-                prediction: received.prediction,
-                link: received.link,
-                drone: Some(odometry),
-                tags: readings.tags,
-                uvdar: readings.uvdar,
-                ranges: readings.ranges,
+/// 40 s above the deck by truth, [`landing`] over its mean place; the radio is cut after `cut_s`.
+fn fly(cut_s: f64, seed: u64) -> PredictorFlight {
+    let mut scenario = Scenario::default();
+    scenario.start.distance_m = [0.0; 2];
+    scenario.start.height_m = [9.0; 2];
+    let mut world = World::new(&scenario, &NodeConfigs::default(), seed).unwrap();
+    let mut flight = PredictorFlight::default();
+    world.warm_up(&mut flight);
+    flight.began = flight.truth.len();
+    let mut mean = world.physics().deck().position.0;
+    for tick in 0..4000 {
+        let since = f64::from(tick) * 0.01;
+        if since >= cut_s && since < cut_s + 0.01 {
+            let for_good = StateOutage {
+                state: State::Idle,
+                after_s: 0.0,
+                duration_s: f64::INFINITY,
             };
-            if let Some(forecast) = predictor.step(now, &input).forecast {
-                samples.push(Sample { t: tick, forecast });
-            }
-            let target = Vector3::new(smooth.x, smooth.y, -1.3 - (plan.height)(since)) + drone.frame_offset();
-            drone.apply(&SetPoint {
-                header,
-                kind: SetPointKind::Trajectory,
-                motors: Motors::Run,
-                position: target.into(),
-                yaw: carrier.state().euler().z,
-                ..Default::default()
-            });
+            world.radio_outage(0, &for_good);
         }
-        carrier.step(t, 0.01, &sea);
-        if let Some(d) = &mut d {
-            let after: RigidState<Deck> = carrier.state().at(deck_geometry.centre());
-            d.step(t.secs(), 0.01, &before, &after, 10.0);
-        }
-        drone = d;
-        t += Span::from_millis(10);
+        let deck = world.physics().deck();
+        mean += (deck.position.0 - mean) * 0.003;
+        let above = Vector3::new(mean.x, mean.y, -1.3 - landing(since));
+        let set_point = SetPoint {
+            kind: SetPointKind::Trajectory,
+            motors: Motors::Run,
+            position: (above + flight.frames[flight.frames.len() - 1]).into(),
+            yaw: deck.euler().z,
+            ..SetPoint::default()
+        };
+        world.fly_by_set_point(0, set_point);
+        world.tick(&mut flight);
     }
-    PredictorFlight {
-        truth,
-        frames,
-        samples,
-        appeared,
-    }
+    flight
 }
 
 /// Root mean squares (m, rad) and mean normalised squared errors of a horizon.
@@ -191,7 +105,7 @@ struct HorizonErrors {
 impl HorizonErrors {
     fn add(&mut self, f: &PredictorFlight, from_s: f64, to_s: f64, ahead: f64) {
         for s in &f.samples {
-            let since = (s.t - f.appeared) as f64 * 0.01;
+            let since = (s.t as f64 - f.began as f64) * 0.01;
             let then = s.t + (ahead * 100.0).round() as usize;
             let (Some(deck), Some(frame)) = (f.truth.get(then), f.frames.get(then)) else {
                 continue;
@@ -255,14 +169,7 @@ fn landing(since: f64) -> f64 {
 
 /// Flights of three seeds at Moderate, the radio cut after `cut_s`.
 fn flights(cut_s: f64) -> Vec<PredictorFlight> {
-    let plan = FlightPlan {
-        seconds: 40.0,
-        cut_s,
-        height: landing,
-    };
-    (100..103)
-        .map(|seed| fly(&Scenario::default(), &plan, &PredictorConfig::default(), seed))
-        .collect()
+    (100..103).map(|seed| fly(cut_s, seed)).collect()
 }
 
 #[test]

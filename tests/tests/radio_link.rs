@@ -5,6 +5,7 @@
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
+use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::trial::{Watch, fly};
 use alight_sim::harness::world::World;
 use alight_sim::physics::sea::SeaConfig;
@@ -34,9 +35,9 @@ fn load(scenario: &Scenario) -> (f64, f64) {
     let mut counts = Vec::new();
     for _ in 0..2 {
         for _ in 0..3000 {
-            world.tick();
+            world.tick(&mut NoTap);
         }
-        counts.push(world.radio_counts()[0]);
+        counts.push(world.drones()[0].radio_counts()[0]);
     }
     let (a, b) = (counts[0], counts[1]);
     let sent = (b.sent - a.sent) as f64;

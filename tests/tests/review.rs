@@ -6,13 +6,8 @@ use std::path::Path;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD};
-use alight_shared::time::{Time, TrueTime};
+use alight_sim::harness::physics::Physics;
 use alight_sim::harness::scenario::Scenario;
-use alight_sim::harness::world::TICK;
-use alight_sim::physics::deck_motion::DeckCarrier;
-use alight_sim::physics::sea::Sea;
-use alight_sim::physics::streams::Streams;
-use alight_sim::sensors::Sensors;
 use alight_usv::VesselNodeConfig;
 use alight_usv::estimator::Channel;
 use alight_usv::log::{self, Recording};
@@ -26,16 +21,12 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recording, Recording, [f64
         sea: sea.parse().unwrap(),
         ..Scenario::default()
     };
-    let streams = Streams::new(seed);
-    let sea = Sea::new(&scenario.sea, &streams);
-    let mut carrier = DeckCarrier::new(&scenario.vessel, None, &scenario.deck, &sea, &streams).unwrap();
-    let mut sensors = Sensors::new(&scenario.sensors, &scenario.airframe, &scenario.deck, &streams);
+    let mut physics = Physics::new(&scenario, seed).unwrap();
     let (mut real, mut motion) = (Recording::default(), Recording::default());
     let mut truth = Vec::new();
     for k in 0..100 * seconds {
-        let t = Time::<TrueTime>::EPOCH + TICK * k as i64;
-        let state = carrier.state();
-        let readings = sensors.vessel(t, &state);
+        let state = physics.vessel();
+        let readings = physics.vessel_readings();
         let all = &mut real.measurements;
         all.extend(readings.imu.into_iter().map(Measurement::Imu));
         all.extend(readings.gnss.into_iter().map(Measurement::Gnss));
@@ -43,7 +34,7 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recording, Recording, [f64
         let (roll, pitch, yaw) = state.attitude.euler();
         truth.push([state.position.0.z, roll, pitch]);
         if k % 10 == 0 {
-            let header = Header::new(1, 0, 1, k as u32, sensors.clocks.vessel_time(t));
+            let header = Header::new(1, 0, 1, k as u32, physics.vessel_now());
             // A repeatable error of the size that the sensor is told to have.
             let error = |n: f64| (0.7 * n * k as f64).sin() * 2.0_f64.sqrt();
             let sd = 0.003;
@@ -70,14 +61,15 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recording, Recording, [f64
                 ..HeadingFix::default()
             }));
         }
-        carrier.step(t, TICK.secs(), &sea);
+        physics.advance();
     }
     let n = truth.len() as f64;
     let sd = [0, 1, 2].map(|c| {
         let mean = truth.iter().map(|v| v[c]).sum::<f64>() / n;
         (truth.iter().map(|v| (v[c] - mean).powi(2)).sum::<f64>() / n).sqrt()
     });
-    let highest = sea
+    let highest = physics
+        .sea()
         .components()
         .iter()
         .max_by(|a, b| a.amplitude_m.total_cmp(&b.amplitude_m))

@@ -69,6 +69,7 @@ impl Scene {
         let drone: DroneComputer = drone_file.map(config::load).transpose()?.unwrap_or_default();
         let mut nodes = NodeConfigs {
             vessel: vessel.vessel,
+            deck: vessel.deck,
             bridge: drone.bridge,
             drone: drone.drone,
             baseline: None,

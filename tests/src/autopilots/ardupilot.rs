@@ -4,7 +4,7 @@
 use std::fmt::Write;
 
 use super::{FirmwareConfig, motors};
-use crate::physics::PlantState;
+use crate::physics::drone::PlantState;
 use crate::physics::drone::ROTORS;
 
 /// Where ArduPilot looks for a simulator.

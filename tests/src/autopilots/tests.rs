@@ -10,10 +10,10 @@ use proptest::prelude::*;
 use super::ardupilot;
 use super::px4::Px4Plant;
 use super::{FirmwareConfig, FirmwareSensors, motors};
+use crate::harness::physics::{EXCHANGES_PER_TICK, Physics, TICK};
 use crate::harness::scenario::Scenario;
 use crate::physics::drone::NavigationConfig;
 use crate::physics::sea::SeaConfig;
-use crate::physics::{EXCHANGES_PER_TICK, Physics, TICK};
 
 /// Exchanges a second.
 const RATE_HZ: f64 = 400.0;
@@ -89,21 +89,26 @@ fn calm() -> Scenario {
 /// Flies the plan; `exchange` is one slice of the protocol with the firmware behind it.
 fn fly(
     mut physics: Physics,
-    mut exchange: impl FnMut(&crate::physics::PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; 4]>,
+    mut exchange: impl FnMut(
+        &crate::physics::drone::PlantState,
+        f64,
+        &Vector3<f64>,
+        &Vector3<f64>,
+    ) -> Option<[f64; 4]>,
 ) -> (f64, f64, f64) {
-    physics.place_drone_on_pad();
-    let start = physics.drone().unwrap_or_default().position.0;
+    physics.place_drone_on_pad(0);
+    let start = physics.drone(0).unwrap_or_default().position.0;
     let (mut hover, mut impact, mut touched) = (0.0_f64, 0.0_f64, false);
     for tick in 0..3500_u32 {
         let t_s = TICK.secs() * f64::from(tick);
         let deck = physics.deck().position.0;
-        physics.advance_with_firmware(EXCHANGES_PER_TICK, |truth| exchange(truth, t_s, &start, &deck));
-        let drone = physics.drone().unwrap_or_default().position.0;
+        physics.advance_with_firmware(EXCHANGES_PER_TICK, |_, truth| exchange(truth, t_s, &start, &deck));
+        let drone = physics.drone(0).unwrap_or_default().position.0;
         if (14.0..18.0).contains(&t_s) {
             hover = hover.max((drone - (deck - Vector3::z() * 4.0)).norm());
         }
         for touch in physics
-            .observation(&alight_shared::msg::MissionState::default())
+            .observation(0, &alight_shared::msg::MissionState::default())
             .contacts
         {
             touched = true;
@@ -111,7 +116,7 @@ fn fly(
         }
     }
     assert!(touched, "it never met the deck");
-    let off = physics.drone().unwrap_or_default().position.0 - physics.deck().position.0;
+    let off = physics.drone(0).unwrap_or_default().position.0 - physics.deck().position.0;
     (hover, impact, off.xy().norm())
 }
 
@@ -244,11 +249,11 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
 #[test]
 fn drone_without_a_firmware_stands_on_its_pad_while_the_sea_goes_on() {
     let mut physics = Physics::new(&calm(), 5).expect("a world");
-    physics.place_drone_on_pad();
-    let before = physics.drone().unwrap_or_default().position.0;
+    physics.place_drone_on_pad(0);
+    let before = physics.drone(0).unwrap_or_default().position.0;
     let mut exchanges = 0;
     for _ in 0..500 {
-        physics.advance_with_firmware(EXCHANGES_PER_TICK, |truth| {
+        physics.advance_with_firmware(EXCHANGES_PER_TICK, |_, truth| {
             exchanges += 1;
             assert!((truth.specific_force - Vector3::new(0.0, 0.0, -GRAVITY)).norm() < 1e-6);
             None
@@ -257,8 +262,8 @@ fn drone_without_a_firmware_stands_on_its_pad_while_the_sea_goes_on() {
     assert_eq!(exchanges, 500 * EXCHANGES_PER_TICK);
     // It was not flown, which is not to say that its motors were stopped above the deck.
     let mission = alight_shared::msg::MissionState::default();
-    assert!(physics.observation(&mission).motors_on);
-    assert!((physics.drone().unwrap_or_default().position.0 - before).norm() < 1e-9);
+    assert!(physics.observation(0, &mission).motors_on);
+    assert!((physics.drone(0).unwrap_or_default().position.0 - before).norm() < 1e-9);
     assert!((physics.now().secs() - 5.0).abs() < 1e-9);
 }
 
@@ -274,11 +279,11 @@ fn px4_plant_waits_for_the_samples_that_px4_answers() {
     );
     let mut plant = Px4Plant::new(&config, sensors);
     let mut physics = Physics::new(&calm(), 4).expect("a world");
-    physics.place_drone_on_pad();
+    physics.place_drone_on_pad(0);
     // As seen of PX4: at first each sample, then, where its rate loop runs half as often, every second.
     let (mut slice, mut waits) = (0_u32, Vec::new());
     for _ in 0..100 {
-        physics.advance_with_firmware(EXCHANGES_PER_TICK, |truth| {
+        physics.advance_with_firmware(EXCHANGES_PER_TICK, |_, truth| {
             plant.encode_sensors(truth, RATE_HZ);
             let every = if slice < 200 { 1 } else { 2 };
             slice += 1;

@@ -8,11 +8,12 @@ use alight_shared::msg::State;
 use alight_shared::time::{Clock, Span, Time};
 use alight_uav::planner::{Planner, PlannerKind};
 use alight_uav::settings::DroneSettings;
-use alight_usv::VesselNodeConfig;
+use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
 
 use crate::baselines::{Baseline, BenchPlanner};
-use crate::physics::deck_motion::DeckMotionConfig;
+use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
 use crate::physics::sea::SeaConfig;
 use crate::physics::vessel::VesselConfig;
@@ -53,32 +54,29 @@ impl Check for StateOutage {
     }
 }
 
-/// Where the drone starts, relative to the vessel at the start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct StartConfig {
-    /// Horizontal distance, drawn uniformly between these, m.
-    pub distance_m: [f64; 2],
-    /// Height above the still water, drawn uniformly between these, m.
-    pub height_m: [f64; 2],
-    /// The vessel's estimator runs this long before the landing is commanded, s.
-    pub warm_up_s: f64,
-    /// The drone hovers this long before the landing is commanded, s.
-    pub hover_s: f64,
-}
-
-impl Default for StartConfig {
-    fn default() -> Self {
-        StartConfig {
-            // At least 40 m away at a random place and heading (Procházka 2024); upper bound ours.
-            distance_m: [40.0, 60.0],
-            // Ours: below and above the approach height of 15 m.
-            height_m: [8.0, 20.0],
-            // The estimator works from an unknown sea within 60 s.
-            warm_up_s: 60.0,
-            // Ours: the autopilot's own estimator has settled.
-            hover_s: 3.0,
-        }
+config! {
+    /// Where a drone starts, relative to the vessel at the start.
+    pub struct StartConfig {
+        /// Horizontal distance, drawn uniformly between these, m.
+        /// Source: at least 40 m away at a random place and heading (Procházka 2024); upper bound ours.
+        pub distance_m: [f64; 2] = [40.0, 60.0], in 0.0..=500.0;
+        /// Height above the still water, drawn uniformly between these, m.
+        /// Source: ours, below and above the approach height of 15 m.
+        pub height_m: [f64; 2] = [8.0, 20.0], in 2.0..=120.0;
+        /// The vessel's estimator runs this long before the landing is commanded, s.
+        /// Source: it works from an unknown sea within 60 s.
+        pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
+        /// The drone hovers this long before the landing is commanded, s.
+        /// Source: ours, the autopilot's own estimator has settled.
+        pub hover_s: f64 = 3.0, in 1.0..=60.0;
+    }
+    check |this, at| {
+        at.require(
+            this.distance_m[0] <= this.distance_m[1] && this.height_m[0] <= this.height_m[1],
+            "distance_m, height_m",
+            format!("{:?}, {:?}", this.distance_m, this.height_m),
+            "lower bound first",
+        )?;
     }
 }
 
@@ -99,7 +97,9 @@ config! {
         /// The drone's physics and autopilot.
         pub drone: DroneConfig;
         /// Where the drone starts.
-        pub start: StartConfig = StartConfig::default();
+        pub start: StartConfig;
+        /// Drones, each with its own computer. With several, each asks for a reservation of the deck.
+        pub drones: u32 = 1, in 1.0..=4.0;
         /// Sensors and clocks.
         pub sensors: SensorConfig;
         /// The radio.
@@ -121,32 +121,31 @@ config! {
         if let Some(motion) = &this.deck_motion {
             motion.check(&at.table("deck_motion"))?;
         }
-        if let Some(outage) = &this.radio_outage {
-            outage.check(&at.table("radio_outage"))?;
+        for (key, outage) in [("radio_outage", this.radio_outage), ("pilot_outage", this.pilot_outage)] {
+            outage.map_or(Ok(()), |o| o.check(&at.table(key)))?;
         }
-        if let Some(outage) = &this.pilot_outage {
-            outage.check(&at.table("pilot_outage"))?;
-        }
-        let start = at.table("start");
-        start.ranges("distance_m", &this.start.distance_m, 0.0, 500.0)?;
-        start.ranges("height_m", &this.start.height_m, 2.0, 120.0)?;
-        start.require(
-            this.start.distance_m[0] <= this.start.distance_m[1]
-                && this.start.height_m[0] <= this.start.height_m[1],
-            "distance_m, height_m",
-            format!("{:?}, {:?}", this.start.distance_m, this.start.height_m),
-            "lower bound first",
-        )?;
-        start.range("warm_up_s", this.start.warm_up_s, 0.0, 600.0)?;
-        start.range("hover_s", this.start.hover_s, 1.0, 60.0)?;
     }
 }
 
-/// The configurations of all nodes, as a vessel and a drone install them, and the planner that flies in the trial.
+/// Why a world could not be set up.
+#[derive(Debug, Error)]
+pub enum SetupError {
+    /// A configuration is out of range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The recorded motion cannot be used.
+    #[error(transparent)]
+    DeckMotion(#[from] DeckMotionError),
+}
+
+/// The configurations of all nodes, as a vessel and a drone install them, and the planner that flies in
+/// the trial.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeConfigs {
     /// The vessel's process.
     pub vessel: VesselNodeConfig,
+    /// The vessel's deck arbiter.
+    pub deck: DeckConfig,
     /// The drone's bridge.
     pub bridge: BridgeConfig,
     /// The drone's other processes.

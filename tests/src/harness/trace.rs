@@ -17,9 +17,6 @@ pub struct TracePoint {
     pub drone_euler: [f64; 3],
     /// Deck's roll, pitch, yaw, rad.
     pub deck_euler: [f64; 3],
-    /// Deck as the forecast has it for now, in true NED by the true offset of the drone's frame:
-    /// centre (m) and roll, pitch, yaw (rad).
-    pub forecast: Option<([f64; 3], [f64; 3])>,
     /// Clearance of the lowest foot above the deck plane, m.
     pub clearance_m: f64,
 }

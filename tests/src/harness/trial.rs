@@ -1,26 +1,14 @@
 //! One landing: `fly(&Scenario, &NodeConfigs, seed)` to an [`Outcome`].
 
-use alight_shared::config::ConfigError;
 use alight_shared::msg::{CommandKind, Reason, State};
 use alight_shared::time::Span;
-use thiserror::Error;
 
 use crate::harness::outcome::{Judge, Outcome, TIME_LIMIT_S};
-use crate::harness::scenario::{NodeConfigs, Scenario};
+use crate::harness::physics::TICK;
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::{NoTap, Tap};
 use crate::harness::trace::Trace;
-use crate::harness::world::{TICK, World};
-
-/// Why a trial could not be set up.
-#[derive(Debug, Error)]
-pub enum SetupError {
-    /// A configuration is out of range.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The recorded motion cannot be used.
-    #[error(transparent)]
-    DeckMotion(#[from] crate::physics::deck_motion::DeckMotionError),
-}
+use crate::harness::world::World;
 
 /// Something that a person wants to see as it happens.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,7 +74,7 @@ pub fn land(
     watch: Watch<'_>,
     tap: &mut impl Tap,
 ) -> FlownTrial {
-    world.warm_up_with(tap);
+    world.warm_up(tap);
     world.command(CommandKind::Land);
 
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
@@ -100,8 +88,8 @@ pub fn land(
     let mut ages: Option<[f64; 2]> = None;
     // Bounded by the judge's time limit; the loop's own bound is that limit in ticks.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
-        world.tick_with(tap);
-        let t_s = world.time_since_start().secs();
+        world.tick(tap);
+        let t_s = world.physics().time_since_start().secs();
         let mission = world.mission_state();
         if mission.state != state {
             state = mission.state;
@@ -111,7 +99,7 @@ pub fn land(
                 trace.phases.push((t_s, name, reason.to_string()));
             }
             if let Some(outage) = scenario.radio_outage.filter(|o| o.state == state) {
-                world.radio_outage(&outage);
+                world.radio_outage(0, &outage);
             }
             if let Some(outage) = scenario.pilot_outage.filter(|o| o.state == state) {
                 world.pilot_outage(&outage);
@@ -121,7 +109,7 @@ pub fn land(
             && t_s + 1e-9 >= next_point
         {
             next_point += trace.step_s;
-            trace.points.push(world.trace_point());
+            trace.points.push(world.physics().trace_point(0));
         }
         let over = judge.observe(&world.observation(), half_deck);
         if let (Some(trace), Some(t)) = (trace.as_mut(), judge.first_contact_s()) {
@@ -129,7 +117,7 @@ pub fn land(
         }
         if judge.first_contact_s().is_some()
             && ages.is_none()
-            && let Some(forecast) = world.forecast()
+            && let Some(forecast) = world.drones()[0].forecast
         {
             ages = Some([forecast.radio_age_s, forecast.vision_age_s]);
         }
@@ -137,13 +125,14 @@ pub fn land(
             break;
         }
     }
-    let sim_time_s = world.time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
+    let sim_time_s =
+        world.physics().time_since_start().secs() + Span::from_secs(scenario.start.warm_up_s).secs();
     let mut outcome = judge.outcome(seed, sea, nodes.bench_planner().name(), sim_time_s);
     [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
-    outcome.digest = format!("{:016x}", world.digest());
+    outcome.digest = format!("{:016x}", world.physics().digest());
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {
-        world.tick_with(tap);
+        world.tick(tap);
     }
     FlownTrial { outcome, trace }
 }

@@ -1,56 +1,53 @@
 //! The simulated world in lock-step with the nodes. [`World::tick`] is the architecture diagram:
-//! sensors, estimator, radio, bridge, predictor, mission, planner, pilot, autopilot, physics, in
-//! the order data flow.
+//! sensors, estimator, deck arbiter, radio; then on each drone's computer ([`DroneComputer`]) bridge,
+//! predictor, mission, planner, pilot; autopilots and physics at last, in the order data flow.
 //!
 //! Delays belong here (radio, clocks, solve time, attitude lag), not to the nodes.
 
-use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
-use alight_shared::frames::{Deck, DroneBody, VesselBody};
+use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DroneState, Header, MissionState, Plan, SetPoint,
-    TimeRequest,
+    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionState,
+    OperatorCommand, Plan, SetPoint, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::camera::node::CameraIdentity;
-use alight_uav::mission::{Mission, MissionIn};
+use alight_uav::mission::{Mission, MissionConfig, MissionIn};
 use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn};
 use alight_uav::predictor::{Predictor, PredictorIn};
+use alight_usv::deck::{ArbiterIn, DeckArbiter, OperatorIn, OperatorRelay};
 use alight_usv::{VesselIn, VesselNode};
 use serde::Serialize;
 
-use crate::harness::cameras::SimulatedCameras;
-use crate::harness::outcome::Observation;
-use crate::harness::scenario::{NodeConfigs, Scenario, StateOutage};
-use crate::harness::tap::{NoTap, Tap};
-use crate::harness::trace::TracePoint;
-use crate::harness::trial::SetupError;
-pub use crate::physics::TICK;
-use crate::physics::body::RigidState;
-use crate::physics::drone::ROTORS;
-pub use crate::physics::{BOOT, DRONE_ID, VESSEL_ID};
-use crate::physics::{DroneMeasurements, EXCHANGES_PER_TICK, Physics, PlantState};
+use super::cameras::SimulatedCameras;
+use super::outcome::Observation;
+use super::physics::{BOOT, DRONE_ID, DroneMeasurements, EXCHANGES_PER_TICK, Physics, VESSEL_ID};
+use super::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
+use super::tap::{NoTap, Tap};
+use crate::physics::drone::{PlantState, ROTORS};
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::delay::DelayLine;
 
 /// Plans under way at a time.
 const MAX_PLANS: usize = 64;
+/// Time between two of a drone's status messages (the bridge's process sends them so).
+const STATUS_PERIOD: Span = Span::from_millis(500);
 
 /// A firmware and the link to it, in the place of the simulated autopilot.
 pub trait FirmwareLink {
-    /// Rotor outputs for what the drone feels, [`EXCHANGES_PER_TICK`] times a tick; None: all off.
+    /// Rotor outputs for the drone's true state, [`EXCHANGES_PER_TICK`] times a tick; None: all off.
     fn motors(&mut self, truth: &PlantState) -> Option<[f64; ROTORS]>;
     /// Once a tick: what came over the link until now, as the drone's computer has it.
     fn receive(&mut self, now: Time<DroneClock>) -> FirmwareOutputs;
-    /// What the drone's nodes said in this tick.
+    /// What the drone's nodes published in this tick.
     fn send(&mut self, now: Time<DroneClock>, outputs: &NodeOutputs);
 }
 
-/// What a link says to the drone's nodes.
+/// What a link gives to the drone's nodes.
 #[derive(Clone, Debug, Default)]
 pub struct FirmwareOutputs {
     /// Odometry, smooth; None: nothing new.
@@ -59,7 +56,7 @@ pub struct FirmwareOutputs {
     pub state: Option<AutopilotState>,
 }
 
-/// What the drone's nodes say to a link.
+/// What the drone's nodes give to a link.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NodeOutputs {
     /// The pilot's set-point.
@@ -70,15 +67,233 @@ pub struct NodeOutputs {
     pub forecast: Option<DeckForecast>,
 }
 
+/// From a drone to the vessel.
+#[derive(Clone, Debug)]
+enum Uplink {
+    TimeRequest(TimeRequest<DroneClock>),
+    Status(DroneStatus),
+}
+
+/// Deck arbiter and operator relay, where a trial has several drones or asks for a reservation.
+struct DeckServices {
+    arbiter: DeckArbiter,
+    relay: OperatorRelay,
+    /// What the operator has given since the last tick.
+    commands: Vec<OperatorCommand<VesselClock>>,
+    operator_sequence: u32,
+}
+
+impl DeckServices {
+    fn new(nodes: &NodeConfigs, boot: u32) -> DeckServices {
+        DeckServices {
+            arbiter: DeckArbiter::new(&nodes.deck, VESSEL_ID, boot),
+            relay: OperatorRelay::new(VESSEL_ID, boot),
+            commands: Vec::new(),
+            operator_sequence: 0,
+        }
+    }
+}
+
 /// Truth, nodes and what connects them.
 pub struct World {
     physics: Physics,
-    firmware: Option<Box<dyn FirmwareLink>>,
     // The vessel's computer.
-    vessel_node: VesselNode,
-    // The radio.
-    radio: Session<Packet, TimeRequest<DroneClock>>,
-    // The drone's computer.
+    vessel_boot: u32,
+    vessel: VesselNode,
+    deck: Option<DeckServices>,
+    // The drones' radios and computers.
+    drones: Vec<DroneComputer>,
+}
+
+impl World {
+    /// The world of `seed` before the warm-up.
+    pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
+        let physics = Physics::new(scenario, seed)?;
+        let reserves = scenario.drones > 1 || nodes.drone.mission.reservation_required;
+        Ok(World {
+            vessel: VesselNode::new(&nodes.vessel, VESSEL_ID, BOOT),
+            vessel_boot: BOOT,
+            deck: reserves.then(|| DeckServices::new(nodes, BOOT)),
+            drones: (0..scenario.drones as usize)
+                .map(|k| DroneComputer::new(k, scenario, nodes, &physics, BOOT))
+                .collect(),
+            physics,
+        })
+    }
+    /// A drone is flown by a firmware from now on.
+    pub fn attach_firmware(&mut self, k: usize, firmware: Box<dyn FirmwareLink>) {
+        self.physics.fly_by_firmware(k);
+        self.drones[k].firmware = Some(firmware);
+    }
+
+    /// Runs the vessel's side until the start; the drones appear in the air a little before.
+    pub fn warm_up(&mut self, tap: &mut impl Tap) {
+        while self.physics.now() < self.physics.hover_from() {
+            self.tick(tap);
+        }
+        (0..self.drones.len()).for_each(|k| self.physics.place_drone(k));
+        while self.physics.now() < self.physics.started() {
+            self.tick(tap);
+        }
+    }
+
+    /// Gives every mission a command.
+    pub fn command(&mut self, kind: CommandKind) {
+        for (k, drone) in self.drones.iter_mut().enumerate() {
+            let header = self.physics.header(k);
+            drone.command = Some(Command { header, kind });
+        }
+    }
+    /// The vessel's operator gives a drone a command; nothing happens where the vessel relays none.
+    pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
+        let now = self.physics.vessel_now();
+        if let Some(deck) = &mut self.deck {
+            deck.operator_sequence += 1;
+            let header = Header::new(VESSEL_ID, DRONE_ID + k as u32, BOOT, deck.operator_sequence, now);
+            deck.commands.push(OperatorCommand { header, kind });
+        }
+    }
+    /// A person takes a drone away and starts it anew, its computer too: it appears in the air where it began.
+    pub fn restart_drone(&mut self, k: usize, scenario: &Scenario, nodes: &NodeConfigs) {
+        self.physics.place_drone(k);
+        let before = &self.drones[k];
+        let radio = before.radio.clone();
+        let boot = before.boot + 1;
+        self.drones[k] = DroneComputer {
+            radio,
+            ..DroneComputer::new(k, scenario, nodes, &self.physics, boot)
+        };
+    }
+
+    /// A test flies a drone from now on: this set-point stands in place of the pilot's.
+    pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
+        self.drones[k].external = Some(set_point);
+    }
+    /// The vessel's computer starts anew.
+    pub fn restart_vessel(&mut self, nodes: &NodeConfigs) {
+        self.vessel_boot += 1;
+        self.vessel = VesselNode::new(&nodes.vessel, VESSEL_ID, self.vessel_boot);
+        self.deck = self
+            .deck
+            .take()
+            .map(|_| DeckServices::new(nodes, self.vessel_boot));
+    }
+
+    /// The outage of a drone's radio that a mission's new state brings about.
+    pub fn radio_outage(&mut self, k: usize, outage: &StateOutage) {
+        let window = outage.window(self.physics.now());
+        self.drones[k].radio.set_outage(window);
+    }
+    /// The standstill of the pilots that a mission's new state brings about; the first stays.
+    pub fn pilot_outage(&mut self, outage: &StateOutage) {
+        let window = outage.window(self.physics.now());
+        self.drones.iter_mut().for_each(|d| {
+            d.pilot_outage_window.get_or_insert(window);
+        });
+    }
+
+    /// Ten milliseconds of everything, shown to a tap, which sees the first drone's nodes.
+    pub fn tick(&mut self, tap: &mut impl Tap) {
+        let t = self.physics.now();
+        tap.truth(t, &self.physics.vessel(), self.physics.drone(0).as_ref());
+
+        // The vessel: sensors -> estimator -> broadcast.
+        let (now, readings) = (self.physics.vessel_now(), self.physics.vessel_readings());
+        let (time_requests, statuses) = self.received_at_vessel(t);
+        let input = VesselIn {
+            time_requests,
+            ..readings.input()
+        };
+        let output = self.vessel.step(now, &input);
+        tap.vessel(t, now, &input, &output);
+        self.broadcast(t, PacketKind::Estimate, &output.estimate);
+        self.broadcast(t, PacketKind::Wave, &output.wave);
+        self.broadcast(t, PacketKind::Prediction, &output.prediction);
+        self.broadcast(t, PacketKind::TimeReply, &output.time_replies);
+
+        // The vessel: status of the drones -> deck arbiter and operator relay -> broadcast.
+        if let Some(deck) = &mut self.deck {
+            let input = ArbiterIn {
+                statuses: statuses.clone(),
+            };
+            let granted = deck.arbiter.step(now, &input);
+            let commands = core::mem::take(&mut deck.commands);
+            let relayed = deck.relay.step(now, &OperatorIn { commands, statuses });
+            self.broadcast(t, PacketKind::Deck, &granted.grant);
+            self.broadcast(t, PacketKind::Command, &relayed.commands);
+        }
+
+        // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> autopilot.
+        for (k, drone) in self.drones.iter_mut().enumerate() {
+            match k {
+                0 => drone.tick(&mut self.physics, self.deck.is_some(), tap),
+                _ => drone.tick(&mut self.physics, self.deck.is_some(), &mut NoTap),
+            }
+        }
+
+        // Sea, vessel, autopilots, drones, contact.
+        self.physics
+            .advance_with_firmware(EXCHANGES_PER_TICK, |k, truth| {
+                self.drones[k].firmware.as_mut().and_then(|f| f.motors(truth))
+            });
+    }
+
+    fn received_at_vessel(
+        &mut self,
+        t: Time<TrueTime>,
+    ) -> (
+        Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
+        Vec<DroneStatus>,
+    ) {
+        let clock = self.physics.vessel_clock();
+        let (mut requests, mut statuses) = (Vec::new(), Vec::new());
+        for (arrival, message) in self.drones.iter_mut().flat_map(|d| d.radio.at_vessel(t)) {
+            match message {
+                Uplink::TimeRequest(request) => requests.push(Stamped::new(clock.read(arrival), request)),
+                Uplink::Status(status) => statuses.push(status),
+            }
+        }
+        (requests, statuses)
+    }
+
+    fn broadcast<'a, M: Serialize + 'a>(
+        &mut self,
+        t: Time<TrueTime>,
+        kind: PacketKind,
+        messages: impl IntoIterator<Item = &'a M>,
+    ) {
+        // A message that does not encode is a message that is not sent: the receiver sees the gap.
+        for bytes in messages.into_iter().filter_map(|m| wire::encode(m).ok()) {
+            for drone in &mut self.drones {
+                let bytes = bytes.clone();
+                drone.radio.send_to_drone(t, bytes.len(), Packet { kind, bytes });
+            }
+        }
+    }
+
+    /// The truth.
+    pub fn physics(&self) -> &Physics {
+        &self.physics
+    }
+    /// The drones' computers.
+    pub fn drones(&self) -> &[DroneComputer] {
+        &self.drones
+    }
+    /// The first drone's mission, its newest state.
+    pub fn mission_state(&self) -> &MissionState {
+        &self.drones[0].mission_state
+    }
+    /// What the judge of the first drone looks at.
+    pub fn observation(&self) -> Observation<'_> {
+        self.physics.observation(0, self.mission_state())
+    }
+}
+
+/// A drone's end of the radio, its computer and what it flies.
+pub struct DroneComputer {
+    k: usize,
+    boot: u32,
+    radio: Session<Packet, Uplink>,
     bridge: Bridge,
     cameras: Option<SimulatedCameras>,
     odometry: Odometry,
@@ -88,162 +303,105 @@ pub struct World {
     pilot: Pilot,
     plans: DelayLine<Plan>,
     solve_delay: Span,
+    firmware: Option<Box<dyn FirmwareLink>>,
     command: Option<Command>,
-    // What the judge and a plot look at.
-    mission_state: MissionState,
-    forecast: Option<DeckForecast>,
-    last_set_point: Option<SetPoint>,
+    /// A test's set-point in place of the pilot's.
+    external: Option<SetPoint>,
+    /// When the next status is due.
+    status_due: Time<TrueTime>,
     /// When the pilot stands still.
     pilot_outage_window: Option<[Time<TrueTime>; 2]>,
+    /// The mission's newest state.
+    pub mission_state: MissionState,
+    /// The newest forecast.
+    pub forecast: Option<DeckForecast>,
+    autopilot_state: AutopilotState,
+    last_set_point: Option<SetPoint>,
 }
 
-impl World {
-    /// The world of `seed` before the warm-up.
-    pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
-        let physics = Physics::new(scenario, seed)?;
-        let streams = physics.streams();
-        let drone = &nodes.settings();
-        let names = CameraIdentity {
-            vessel: VESSEL_ID,
-            drone: DRONE_ID,
-            boot: BOOT,
+impl DroneComputer {
+    fn new(k: usize, scenario: &Scenario, nodes: &NodeConfigs, physics: &Physics, boot: u32) -> Self {
+        let (drone, id) = (&nodes.settings(), DRONE_ID + k as u32);
+        let streams = physics.streams().of_drone(k);
+        let bridge = BridgeConfig {
+            drone_id: id,
+            ..nodes.bridge.clone()
         };
-        Ok(World {
-            vessel_node: VesselNode::new(&nodes.vessel, VESSEL_ID, BOOT),
-            radio: Session::new(&scenario.radio, streams),
-            bridge: Bridge::new(&nodes.bridge, BOOT),
-            cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.deck, names, streams),
+        let mission = drone.mission();
+        let mission = MissionConfig {
+            reservation_required: mission.reservation_required || scenario.drones > 1,
+            ..mission
+        };
+        let identity = CameraIdentity {
+            vessel: VESSEL_ID,
+            drone: id,
+            boot,
+        };
+        DroneComputer {
+            k,
+            boot,
+            radio: Session::new(&scenario.radio, &streams),
+            bridge: Bridge::new(&bridge, boot),
+            cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.deck, identity, &streams),
             odometry: Odometry::new(&drone.odometry),
-            predictor: Predictor::new(&drone.predictor(), BOOT),
-            mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, DRONE_ID, BOOT),
-            planner: nodes.planner(BOOT),
-            pilot: Pilot::new(&drone.pilot, &drone.airframe, DRONE_ID, BOOT),
+            predictor: Predictor::new(&drone.predictor(), boot),
+            mission: Mission::new(&mission, &drone.airframe, &drone.deck, id, boot),
+            planner: nodes.planner(boot),
+            pilot: Pilot::new(&drone.pilot, &drone.airframe, id, boot),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
-            command: None,
-            physics,
             firmware: None,
+            command: None,
+            external: None,
+            status_due: Time::EPOCH,
+            pilot_outage_window: None,
             mission_state: MissionState::default(),
             forecast: None,
+            autopilot_state: AutopilotState::default(),
             last_set_point: None,
-            pilot_outage_window: None,
-        })
-    }
-
-    /// The drone is flown by a firmware from now on.
-    pub fn attach_firmware(&mut self, firmware: Box<dyn FirmwareLink>) {
-        self.firmware = Some(firmware);
-    }
-
-    /// Runs the vessel's side until the start; the drone appears in the air a little before.
-    pub fn warm_up(&mut self) {
-        self.warm_up_with(&mut NoTap);
-    }
-
-    /// The same, shown to a tap.
-    pub fn warm_up_with(&mut self, tap: &mut impl Tap) {
-        while self.physics.now() < self.physics.hover_from() {
-            self.tick_with(tap);
         }
-        self.physics.place_drone();
-        while self.physics.now() < self.physics.started() {
-            self.tick_with(tap);
-        }
-    }
-
-    /// Gives the mission a command.
-    pub fn command(&mut self, kind: CommandKind) {
-        let sequence = self.physics.next_sequence();
-        let header = Header::new(VESSEL_ID, DRONE_ID, BOOT, sequence, self.physics.drone_now());
-        self.command = Some(Command { header, kind });
-    }
-
-    /// The outage that the mission's new state brings about.
-    pub fn radio_outage(&mut self, outage: &StateOutage) {
-        let window = outage.window(self.physics.now());
-        self.radio.set_outage(window);
-    }
-
-    /// The standstill of the pilot that the mission's new state brings about; the first stays.
-    pub fn pilot_outage(&mut self, outage: &StateOutage) {
-        let window = outage.window(self.physics.now());
-        self.pilot_outage_window = Some(self.pilot_outage_window.unwrap_or(window));
     }
 
     /// What the radio carried and lost: to the drone, to the vessel.
-    pub fn radio_counts(&mut self) -> [ChannelCounts; 2] {
+    pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
     }
 
-    /// Ten milliseconds of everything.
-    pub fn tick(&mut self) {
-        self.tick_with(&mut NoTap);
-    }
+    /// The nodes in data-flow order; the set-point at last to who flies.
+    fn tick(&mut self, physics: &mut Physics, reports_status: bool, tap: &mut impl Tap) {
+        let (k, t, clock) = (self.k, physics.now(), physics.drone_clock(self.k));
+        let now = clock.read(t);
 
-    /// Ten milliseconds of everything, shown to a tap.
-    pub fn tick_with(&mut self, tap: &mut impl Tap) {
-        let t = self.physics.now();
-        let clocks = *self.physics.clocks();
-        tap.truth(t, &self.vessel(), self.drone().as_ref());
-        let (vessel_now, drone_now) = (self.physics.vessel_now(), self.physics.drone_now());
-
-        // The vessel: sensors -> estimator -> broadcast.
-        let readings = self.physics.vessel_readings();
-        let time_requests = self
-            .radio
-            .at_vessel(t)
-            .into_iter()
-            .map(|(arrival, request)| Stamped::<VesselClock, _>::new(clocks.vessel_time(arrival), request))
-            .collect();
-        let input = VesselIn {
-            imu: readings.imu,
-            gnss: readings.gnss,
-            heading: readings.heading,
-            attitude: Vec::new(),
-            time_requests,
-        };
-        let output = self.vessel_node.step(vessel_now, &input);
-        tap.vessel(t, vessel_now, &input, &output);
-        self.broadcast(t, PacketKind::Estimate, output.estimate.as_ref());
-        self.broadcast(t, PacketKind::Wave, output.wave.as_ref());
-        self.broadcast(t, PacketKind::Prediction, output.prediction.as_ref());
-        for reply in &output.time_replies {
-            self.broadcast(t, PacketKind::TimeReply, Some(reply));
-        }
-
-        // The radio, then the drone's bridge.
-        let packets = self
-            .radio
-            .at_drone(t)
-            .into_iter()
-            .map(|(arrival, packet)| Stamped::new(clocks.drone_time(arrival), packet))
-            .collect();
+        // The radio, then the bridge.
+        let stamped = |(arrival, packet)| Stamped::new(clock.read(arrival), packet);
+        let packets = self.radio.at_drone(t).into_iter().map(stamped).collect();
         let input = BridgeIn { packets };
-        let received = self.bridge.step(drone_now, &input);
-        tap.bridge(t, drone_now, &input, &received);
+        let received = self.bridge.step(now, &input);
+        tap.bridge(t, now, &input, &received);
         if let Some(request) = received.time_request {
-            self.radio.send_to_vessel(t, TIME_REQUEST.bytes, request);
+            self.radio
+                .send_to_vessel(t, TIME_REQUEST.bytes, Uplink::TimeRequest(request));
         }
 
-        // The drone: odometry made smooth, camera, rangefinder -> predictor -> mission -> planner -> pilot.
+        // Odometry made smooth, cameras, rangefinder -> predictor.
         let Some(DroneMeasurements {
             odometry,
             autopilot,
             mut readings,
-        }) = self.physics.drone_measurements()
+        }) = physics.drone_measurements(k)
         else {
-            self.physics.advance();
             return;
         };
         let (odometry, autopilot) = match &mut self.firmware {
             None => (Some(self.odometry.step(&odometry)), autopilot),
             Some(firmware) => {
-                let report = firmware.receive(drone_now);
-                (report.odometry, report.state)
+                let outputs = firmware.receive(now);
+                (outputs.odometry, outputs.state)
             }
         };
+        self.autopilot_state = autopilot.unwrap_or(self.autopilot_state);
         if let Some(cameras) = &mut self.cameras {
-            cameras.step(t, drone_now, &mut readings);
+            cameras.step(t, now, &mut readings);
         }
         let input = PredictorIn {
             estimate: received.estimate,
@@ -255,11 +413,12 @@ impl World {
             uvdar: readings.uvdar,
             ranges: readings.ranges.clone(),
         };
-        let predicted = self.predictor.step(drone_now, &input);
-        tap.predictor(t, drone_now, &input, &predicted);
+        let predicted = self.predictor.step(now, &input);
+        tap.predictor(t, now, &input, &predicted);
         let forecast = predicted.forecast;
         self.forecast = forecast.or(self.forecast);
 
+        // Mission -> planner.
         let plan = self.plans.arrived(t).pop();
         let input = MissionIn {
             forecast,
@@ -267,14 +426,17 @@ impl World {
             autopilot,
             plan,
             set_point: self.last_set_point,
-            command: self.command.take(),
-            // One drone, whose mission asks for no reservation.
-            deck: None,
+            command: self.command.take().or(received.command),
+            deck: received.deck,
         };
-        let decided = self.mission.step(drone_now, &input);
-        tap.mission(t, drone_now, &input, &decided);
+        let decided = self.mission.step(now, &input);
+        tap.mission(t, now, &input, &decided);
         let mission = decided.state;
         self.mission_state = mission.unwrap_or(self.mission_state);
+        if reports_status && t >= self.status_due {
+            self.status_due = t + STATUS_PERIOD;
+            self.send_status(t, physics.header(k));
+        }
 
         let input = PlannerIn {
             forecast,
@@ -282,103 +444,57 @@ impl World {
             drone: odometry,
             autopilot,
         };
-        let solved = self.planner.step(drone_now, &input);
-        tap.planner(t, drone_now, &input, &solved);
+        let solved = self.planner.step(now, &input);
+        tap.planner(t, now, &input, &solved);
         if let Some(plan) = solved.plan {
             // A full line means plans that nobody fetches: the oldest state is lost, no more.
             let _full = self.plans.push(t + self.solve_delay, plan);
         }
 
-        if self
+        // Pilot -> autopilot.
+        let stands_still = self
             .pilot_outage_window
-            .is_some_and(|[from, until]| from <= t && t < until)
-        {
-            self.advance(drone_now, NodeOutputs::default());
-            return;
+            .is_some_and(|[from, until]| from <= t && t < until);
+        let mut outputs = NodeOutputs::default();
+        if !stands_still {
+            let input = PilotIn {
+                plan,
+                mission,
+                forecast,
+                drone: odometry,
+                autopilot,
+                ranges: readings.ranges,
+            };
+            let flown = self.pilot.step(now, &input);
+            tap.pilot(t, now, &input, &flown);
+            let set_point = self.external.or(flown.set_point);
+            self.last_set_point = set_point.or(self.last_set_point);
+            outputs = NodeOutputs {
+                set_point,
+                mission,
+                forecast,
+            };
         }
-        let input = PilotIn {
-            plan,
-            mission,
-            forecast,
-            drone: odometry,
-            autopilot,
-            ranges: readings.ranges,
+        match (&mut self.firmware, &outputs.set_point) {
+            (Some(firmware), _) => firmware.send(now, &outputs),
+            (None, Some(set_point)) => physics.apply(k, &self.odometry.for_autopilot(set_point)),
+            (None, None) => {}
+        }
+    }
+
+    fn send_status(&mut self, t: Time<TrueTime>, header: Header<DroneClock>) {
+        let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
+        let status = DroneStatus {
+            header,
+            state: mission.state,
+            entered: mission.entered,
+            waiting: mission.waiting,
+            attempts: mission.attempts,
+            battery: autopilot.battery,
+            landed: autopilot.landed,
         };
-        let flown = self.pilot.step(drone_now, &input);
-        tap.pilot(t, drone_now, &input, &flown);
-        let set_point = flown.set_point;
-        self.last_set_point = set_point.or(self.last_set_point);
-        let outputs = NodeOutputs {
-            set_point,
-            mission,
-            forecast,
-        };
-        self.advance(drone_now, outputs);
-    }
-
-    /// The set-point to who flies, and a tick of the physics under it.
-    fn advance(&mut self, drone_now: Time<DroneClock>, outputs: NodeOutputs) {
-        if let Some(firmware) = &mut self.firmware {
-            firmware.send(drone_now, &outputs);
-            self.physics
-                .advance_with_firmware(EXCHANGES_PER_TICK, |truth| firmware.motors(truth));
-            return;
+        if let Ok(bytes) = wire::encode(&status) {
+            self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
         }
-        if let Some(set_point) = &outputs.set_point {
-            self.physics.apply(&self.odometry.for_autopilot(set_point));
-        }
-        self.physics.advance();
-    }
-
-    fn broadcast<M: Serialize>(&mut self, t: Time<TrueTime>, kind: PacketKind, message: Option<&M>) {
-        // A message that does not encode is a message that is not sent: the receiver sees the gap.
-        if let Some(Ok(bytes)) = message.map(wire::encode) {
-            self.radio.send_to_drone(t, bytes.len(), Packet { kind, bytes });
-        }
-    }
-
-    /// The truth.
-    pub fn physics(&self) -> &Physics {
-        &self.physics
-    }
-    /// The deck, truth.
-    pub fn deck(&self) -> RigidState<Deck> {
-        self.physics.deck()
-    }
-    /// The vessel's reference point, truth.
-    pub fn vessel(&self) -> RigidState<VesselBody> {
-        self.physics.vessel()
-    }
-    /// The drone, truth; None before it appears.
-    pub fn drone(&self) -> Option<RigidState<DroneBody>> {
-        self.physics.drone()
-    }
-    /// Time since the landing was commanded.
-    pub fn time_since_start(&self) -> Span {
-        self.physics.time_since_start()
-    }
-    /// True time.
-    pub fn now(&self) -> Time<TrueTime> {
-        self.physics.now()
-    }
-    /// The mission's newest state.
-    pub fn mission_state(&self) -> &MissionState {
-        &self.mission_state
-    }
-    /// The newest forecast.
-    pub fn forecast(&self) -> Option<&DeckForecast> {
-        self.forecast.as_ref()
-    }
-    /// Hash of all true states and set-points so far.
-    pub fn digest(&self) -> u64 {
-        self.physics.digest()
-    }
-    /// What the judge looks at.
-    pub fn observation(&self) -> Observation<'_> {
-        self.physics.observation(&self.mission_state)
-    }
-    /// One point of a trace.
-    pub fn trace_point(&self) -> TracePoint {
-        self.physics.trace_point()
     }
 }

@@ -8,21 +8,39 @@ use rand_chacha::rand_core::SeedableRng;
 #[derive(Clone, Copy, Debug)]
 pub struct Streams {
     seed: u64,
+    /// FNV-1a hash of what stands before every name.
+    prefix: u64,
+}
+
+/// FNV-1a (Fowler, Noll, Vo) of a name that goes on from `hash`.
+fn fnv(hash: u64, name: &str) -> u64 {
+    name.bytes().fold(hash, |h, b| {
+        (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
 }
 
 impl Streams {
     /// The streams of `seed`.
     pub const fn new(seed: u64) -> Self {
-        Streams { seed }
+        Streams {
+            seed,
+            prefix: 0xcbf2_9ce4_8422_2325,
+        }
+    }
+    /// The streams of drone `k`, counted from 0: those of the first are the plain ones.
+    pub fn of_drone(&self, k: usize) -> Self {
+        let prefix = if k == 0 {
+            self.prefix
+        } else {
+            fnv(self.prefix, &format!("drone {k}: "))
+        };
+        Streams { prefix, ..*self }
     }
     /// The stream called `name`: the same for the same seed and name, independent of all others.
     pub fn stream(&self, name: &str) -> ChaCha8Rng {
-        // FNV-1a (Fowler, Noll, Vo) of the name selects the ChaCha stream.
-        let hash = name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
-            (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01b3)
-        });
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
-        rng.set_stream(hash);
+        // The hash selects the ChaCha stream.
+        rng.set_stream(fnv(self.prefix, name));
         rng
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::RadioConfig;
 use crate::physics::streams::Streams;
-use crate::sensors::noise::{Noise, covers};
+use crate::sensors::noise::Noise;
 
 /// Between two packets of the vessel at its full rates, s.
 const BURST_STEP_S: f64 = 0.025;
@@ -123,7 +123,7 @@ impl Channel {
             return [None, None];
         };
         let outage = self.outage.is_some_and(|[from, until]| from <= t && t < until);
-        if lost || in_burst || outage || covers(&self.config.outages_s, t) {
+        if lost || in_burst || outage || self.config.outages_s.cover(t) {
             self.counts.lost += 1;
             return [None, None];
         }

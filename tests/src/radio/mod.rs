@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::physics::streams::Streams;
 use crate::sensors::delay::DelayLine;
-use crate::sensors::noise::check_windows;
+use crate::sensors::noise::Windows;
 pub use channel::{Channel, ChannelCounts, Direction};
 pub use session::Session;
 
@@ -124,21 +124,16 @@ config! {
         /// How a stream answers a loss.
         pub congestion: Congestion = Congestion::Bbr;
         /// Bytes that wait in a stream's socket at most; what comes on top is dropped.
-        /// Source: What was under way at most on a running kernel whose socket was asked for the 16
-        /// kB of `alight_shared::transport::radio`: 46 segments of 290 B.
-        pub stream_buffer_bytes: u32 = 14_000;
+        /// Source: What was under way at most on a running kernel whose socket was asked for the 16 kB of
+        /// `alight_shared::transport::radio`: 46 segments of 290 B.
+        pub stream_buffer_bytes: u32 = 14_000, in 2048.0..=1e8;
         /// A session over datagrams that hears nothing for this long is closed and opened anew, s.
         /// Source: `alight_shared::transport::radio`.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
         /// The same of a session over a stream, s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
         /// Windows `[start, end)` in which everything sent is lost, s of true time.
-        pub outages_s: Vec<[f64; 2]> = Vec::new();
-    }
-    check |this, at| {
-        let buffer = f64::from(this.stream_buffer_bytes);
-        at.range("stream_buffer_bytes", buffer, 2048.0, 1e8)?;
-        check_windows(at, "outages_s", &this.outages_s)?;
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
@@ -170,10 +165,6 @@ impl<T: Clone> Radio<T> {
             channel,
             line: DelayLine::new(QUEUE),
         }
-    }
-    /// Its channel.
-    pub fn channel(&mut self) -> &mut Channel {
-        &mut self.channel
     }
     /// Sends a packet of `bytes`, headers included, at `t`.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
@@ -250,7 +241,7 @@ mod tests {
         let config = RadioConfig {
             to_vessel_extra_s: 0.1,
             duplicate: 0.25,
-            outages_s: vec![[1.0, 2.0]],
+            outages_s: Windows(vec![[1.0, 2.0]]),
             ..RadioConfig::default()
         };
         let mean = |d| {
@@ -284,7 +275,7 @@ mod tests {
     fn radio_outage_leaves_the_other_packets_unchanged() {
         let clear = run(&RadioConfig::default(), Direction::ToDrone, 500);
         let config = RadioConfig {
-            outages_s: vec![[1.0, 2.0]],
+            outages_s: Windows(vec![[1.0, 2.0]]),
             ..RadioConfig::default()
         };
         let cut = run(&config, Direction::ToDrone, 500);

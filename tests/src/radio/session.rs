@@ -52,13 +52,10 @@ impl<T: Clone> OneWayLink<T> {
             OneWayLink::Stream(stream) => stream.receive(t),
         }
     }
-    fn channel(&mut self) -> &mut Channel {
+    fn counts(&self) -> ChannelCounts {
         match self {
-            OneWayLink::Datagrams(radio) => radio.channel(),
-            OneWayLink::Stream(stream) => {
-                let [there, _back] = stream.channels();
-                there
-            }
+            OneWayLink::Datagrams(radio) => radio.counts(),
+            OneWayLink::Stream(stream) => stream.counts(),
         }
     }
     fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
@@ -140,11 +137,8 @@ impl<A: Clone, B: Clone> Session<A, B> {
         self.probes.iter_mut().for_each(|c| c.set_outage(window));
     }
     /// Packets of both ways: to the drone, to the vessel.
-    pub fn counts(&mut self) -> [ChannelCounts; 2] {
-        [
-            self.to_drone.channel().counts(),
-            self.to_vessel.channel().counts(),
-        ]
+    pub fn counts(&self) -> [ChannelCounts; 2] {
+        [self.to_drone.counts(), self.to_vessel.counts()]
     }
     /// How often it was opened anew.
     pub const fn reopened(&self) -> u32 {
@@ -261,7 +255,7 @@ mod tests {
     fn session_delivers_fresh_data_after_an_outage_longer_than_its_lease() {
         for transport in [Transport::Udp, Transport::Tcp, Transport::Quic] {
             let config = RadioConfig {
-                outages_s: vec![[20.0, 25.0]],
+                outages_s: crate::sensors::noise::Windows(vec![[20.0, 25.0]]),
                 ..config(transport)
             };
             let (ages, reopened) = ages(&config, 60);

@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 
 use alight_shared::time::{Span, Time, TrueTime};
 
-use super::{Channel, Congestion, RadioConfig};
+use super::{Channel, ChannelCounts, Congestion, RadioConfig};
 use crate::sensors::delay::DelayLine;
 
 /// Largest payload of a segment, bytes: 1500 without IP and TCP headers and time stamps.
@@ -168,6 +168,10 @@ impl<T: Clone> Stream<T> {
     /// Both channels.
     pub fn channels(&mut self) -> [&mut Channel; 2] {
         [&mut self.there, &mut self.back]
+    }
+    /// What happened to the packets that carry it.
+    pub const fn counts(&self) -> ChannelCounts {
+        self.there.counts()
     }
     /// Messages that did not fit into the buffer or were lost with the connection.
     pub const fn dropped(&self) -> u64 {

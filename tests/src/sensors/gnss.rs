@@ -2,14 +2,12 @@
 
 use alight_shared::config;
 use alight_shared::frames::{Datum, VesselBody};
-use alight_shared::msg::{GnssFix, Header};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::msg::GnssFix;
+use alight_shared::time::{Time, TrueTime, VesselClock};
 use nalgebra::Vector3;
 
-use super::clocks::Clocks;
-use super::delay::DelayLine;
-use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
-use super::{Identity, QUEUE};
+use super::noise::{GaussMarkov, Noise, Windows};
+use super::outlet::{Identity, Outlet};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -88,14 +86,13 @@ config! {
         /// Probability that a fix is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
-        pub outages_s: Vec<[f64; 2]> = Vec::new();
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
         /// Origin of the NED plane that fixes are expressed in.
         pub datum: Datum = Datum::default();
         /// Its errors.
         pub error: GnssErrorConfig;
     }
     check |this, at| {
-        check_windows(at, "outages_s", &this.outages_s)?;
         at.table("datum")
             .range("latitude_deg", this.datum.latitude_deg, -90.0, 90.0)?;
         at.table("datum")
@@ -112,54 +109,43 @@ pub(super) struct VesselGnss {
     antenna: Vector3<f64>,
     error: GnssError,
     dropout: Noise,
-    schedule: Schedule,
-    sequence: u32,
-    line: DelayLine<GnssFix>,
+    outlet: Outlet<GnssFix, VesselClock>,
 }
 
 impl VesselGnss {
-    pub(super) fn new(config: &VesselGnssConfig, streams: &Streams) -> Self {
+    pub(super) fn new(config: &VesselGnssConfig, identity: Identity, streams: &Streams) -> Self {
         let mut mount = Noise::new(streams, "vessel.gnss.mount");
         VesselGnss {
             antenna: Vector3::from(config.antenna_m) + mount.normal3() * config.antenna_error_sd_m,
             error: GnssError::new(&config.error, streams, "vessel"),
             dropout: Noise::new(streams, "vessel.gnss.dropout"),
-            schedule: Schedule::new(config.rate_hz),
-            sequence: 0,
-            line: DelayLine::new(QUEUE),
+            outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
             config: config.clone(),
         }
     }
     pub(super) fn bias(&self) -> Vector3<f64> {
         self.error.bias()
     }
-    pub(super) fn step(
-        &mut self,
-        t: Time<TrueTime>,
-        vessel: &RigidState<VesselBody>,
-        id: &Identity,
-        clocks: &Clocks,
-    ) -> Vec<GnssFix> {
-        if let Some(dt) = self.schedule.due(t) {
+    pub(super) fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Vec<GnssFix> {
+        if let Some(dt) = self.outlet.due(t) {
             self.error.advance(dt);
             // Drawn even when the fix is lost, so that an outage does not shift the noise.
             let (dp, dv) = (self.error.position(), self.error.velocity());
             let lost = self.dropout.chance(self.config.dropout);
-            if !lost && !covers(&self.config.outages_s, t) {
+            let config = &self.config;
+            self.outlet.send(t, lost, |header| {
                 let antenna = vessel.at::<VesselBody>(self.antenna);
-                let fix = GnssFix {
-                    header: Header::new(id.vessel, 0, id.boot, self.sequence, clocks.vessel_time(t)),
-                    datum: self.config.datum,
+                Some(GnssFix {
+                    header,
+                    datum: config.datum,
                     position: (antenna.position.0 + dp).into(),
                     velocity: (antenna.velocity.0 + dv).into(),
-                    position_sd: [self.config.error.white_sd_m.max(1e-3); 3],
-                    velocity_sd: [self.config.error.velocity_sd_mps.max(1e-3); 3],
+                    position_sd: [config.error.white_sd_m.max(1e-3); 3],
+                    velocity_sd: [config.error.velocity_sd_mps.max(1e-3); 3],
                     ..GnssFix::default()
-                };
-                self.sequence = self.sequence.wrapping_add(1);
-                self.line.push(t + Span::from_secs(self.config.latency_s), fix);
-            }
+                })
+            });
         }
-        self.line.arrived(t)
+        self.outlet.arrived(t)
     }
 }

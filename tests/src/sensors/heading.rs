@@ -2,13 +2,11 @@
 
 use alight_shared::config;
 use alight_shared::frames::{VesselBody, wrap_angle};
-use alight_shared::msg::{Header, HeadingFix};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::msg::HeadingFix;
+use alight_shared::time::{Time, TrueTime, VesselClock};
 
-use super::clocks::Clocks;
-use super::delay::DelayLine;
-use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
-use super::{Identity, QUEUE};
+use super::noise::{GaussMarkov, Noise, Windows};
+use super::outlet::{Identity, Outlet};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -29,10 +27,7 @@ config! {
         /// Probability that a measurement is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without measurements, s of true time.
-        pub outages_s: Vec<[f64; 2]> = Vec::new();
-    }
-    check |this, at| {
-        check_windows(at, "outages_s", &this.outages_s)?;
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
@@ -43,13 +38,11 @@ pub(super) struct VesselHeading {
     bias: GaussMarkov,
     white: Noise,
     dropout: Noise,
-    schedule: Schedule,
-    sequence: u32,
-    line: DelayLine<HeadingFix>,
+    outlet: Outlet<HeadingFix, VesselClock>,
 }
 
 impl VesselHeading {
-    pub(super) fn new(config: &VesselHeadingConfig, streams: &Streams) -> Self {
+    pub(super) fn new(config: &VesselHeadingConfig, identity: Identity, streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("vessel.heading.{what}"));
         VesselHeading {
             bias: GaussMarkov::new(
@@ -59,35 +52,26 @@ impl VesselHeading {
             ),
             white: noise("white"),
             dropout: noise("dropout"),
-            schedule: Schedule::new(config.rate_hz),
-            sequence: 0,
-            line: DelayLine::new(QUEUE),
+            outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
             config: config.clone(),
         }
     }
-    pub(super) fn step(
-        &mut self,
-        t: Time<TrueTime>,
-        vessel: &RigidState<VesselBody>,
-        id: &Identity,
-        clocks: &Clocks,
-    ) -> Vec<HeadingFix> {
-        if let Some(dt) = self.schedule.due(t) {
+    pub(super) fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Vec<HeadingFix> {
+        if let Some(dt) = self.outlet.due(t) {
             let white = self.config.white_sd_deg.to_radians();
             let error = self.bias.step(dt).x + self.white.normal() * white;
             let lost = self.dropout.chance(self.config.dropout);
-            if !lost && !covers(&self.config.outages_s, t) {
-                let fix = HeadingFix {
-                    header: Header::new(id.vessel, 0, id.boot, self.sequence, clocks.vessel_time(t)),
+            let stated = white.hypot(self.config.bias_sd_deg.to_radians()).max(1e-4);
+            self.outlet.send(t, lost, |header| {
+                Some(HeadingFix {
+                    header,
                     heading: wrap_angle(vessel.euler().z + error),
-                    // As its data sheet says: the whole error.
-                    heading_sd: white.hypot(self.config.bias_sd_deg.to_radians()).max(1e-4),
+                    // As its data sheet states it: the whole error.
+                    heading_sd: stated,
                     ..HeadingFix::default()
-                };
-                self.sequence = self.sequence.wrapping_add(1);
-                self.line.push(t + Span::from_secs(self.config.latency_s), fix);
-            }
+                })
+            });
         }
-        self.line.arrived(t)
+        self.outlet.arrived(t)
     }
 }

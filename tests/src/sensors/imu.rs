@@ -3,14 +3,12 @@
 use alight_shared::config;
 use alight_shared::frames::{TrueNed, Vector, VesselBody};
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{Header, ImuSample};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::msg::ImuSample;
+use alight_shared::time::{Time, TrueTime, VesselClock};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::clocks::Clocks;
-use super::delay::DelayLine;
-use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
-use super::{Identity, QUEUE};
+use super::noise::{GaussMarkov, Noise, Windows};
+use super::outlet::{Identity, Outlet};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -46,10 +44,7 @@ config! {
         /// Probability that a sample is missing.
         pub dropout: f64 = 0.0, in 0.0..=1.0;
         /// Windows `[start, end)` without samples, s of true time.
-        pub outages_s: Vec<[f64; 2]> = Vec::new();
-    }
-    check |this, at| {
-        check_windows(at, "outages_s", &this.outages_s)?;
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
@@ -74,13 +69,11 @@ pub(super) struct VesselImu {
     gyro_white: Noise,
     accelerometer_white: Noise,
     dropout: Noise,
-    schedule: Schedule,
-    sequence: u32,
-    line: DelayLine<ImuSample>,
+    outlet: Outlet<ImuSample, VesselClock>,
 }
 
 impl VesselImu {
-    pub(super) fn new(config: &VesselImuConfig, streams: &Streams) -> Self {
+    pub(super) fn new(config: &VesselImuConfig, identity: Identity, streams: &Streams) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("vessel.imu.{what}"));
         let mut mount = noise("mount");
         let tau = config.bias_correlation_s;
@@ -98,20 +91,12 @@ impl VesselImu {
             gyro_white: noise("gyro.white"),
             accelerometer_white: noise("accelerometer.white"),
             dropout: noise("dropout"),
-            schedule: Schedule::new(config.rate_hz),
-            sequence: 0,
-            line: DelayLine::new(QUEUE),
+            outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
             config: config.clone(),
         }
     }
-    pub(super) fn step(
-        &mut self,
-        t: Time<TrueTime>,
-        vessel: &RigidState<VesselBody>,
-        id: &Identity,
-        clocks: &Clocks,
-    ) -> Vec<ImuSample> {
-        if let Some(dt) = self.schedule.due(t) {
+    pub(super) fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Vec<ImuSample> {
+        if let Some(dt) = self.outlet.due(t) {
             let (rate, force) = inertial(&vessel.at::<VesselBody>(self.lever_arm));
             let gyro = self.alignment * rate
                 + self.gyro_bias.step(dt)
@@ -120,17 +105,15 @@ impl VesselImu {
                 + self.accelerometer_bias.step(dt)
                 + self.accelerometer_white.normal3() * self.config.accelerometer_white_sd_mps2;
             let lost = self.dropout.chance(self.config.dropout);
-            if !lost && !covers(&self.config.outages_s, t) {
-                let sample = ImuSample {
-                    header: Header::new(id.vessel, 0, id.boot, self.sequence, clocks.vessel_time(t)),
+            self.outlet.send(t, lost, |header| {
+                Some(ImuSample {
+                    header,
                     gyro: gyro.into(),
                     accelerometer: accelerometer.into(),
                     ..ImuSample::default()
-                };
-                self.sequence = self.sequence.wrapping_add(1);
-                self.line.push(t + Span::from_secs(self.config.latency_s), sample);
-            }
+                })
+            });
         }
-        self.line.arrived(t)
+        self.outlet.arrived(t)
     }
 }

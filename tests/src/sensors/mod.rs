@@ -13,6 +13,7 @@ pub mod gnss;
 pub mod heading;
 pub mod imu;
 pub mod noise;
+pub mod outlet;
 pub mod rangefinder;
 pub mod render;
 pub mod square_pose;
@@ -23,16 +24,14 @@ use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, RangeSample, TagPose, UvdarFix};
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_usv::VesselIn;
 use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use camera::CameraMount;
-use clocks::Clocks;
-
-/// Most measurements of one sensor under way at a time.
-const QUEUE: usize = 256;
+use outlet::{Identity, Outlet};
 
 config! {
     /// All sensors of both craft.
@@ -58,27 +57,6 @@ config! {
     }
 }
 
-/// What the sensors write into their headers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Identity {
-    /// The vessel.
-    pub vessel: u32,
-    /// The drone.
-    pub drone: u32,
-    /// The start of the sensors' senders.
-    pub boot: u32,
-}
-
-impl Default for Identity {
-    fn default() -> Self {
-        Identity {
-            vessel: 1,
-            drone: 1,
-            boot: 1,
-        }
-    }
-}
-
 /// What the vessel's sensors delivered in one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct VesselReadings {
@@ -88,6 +66,18 @@ pub struct VesselReadings {
     pub gnss: Vec<GnssFix>,
     /// Headings.
     pub heading: Vec<HeadingFix>,
+}
+
+impl VesselReadings {
+    /// As the vessel's node takes them.
+    pub fn input(self) -> VesselIn {
+        VesselIn {
+            imu: self.imu,
+            gnss: self.gnss,
+            heading: self.heading,
+            ..VesselIn::default()
+        }
+    }
 }
 
 /// What the drone's deck sensors delivered in one tick.
@@ -105,96 +95,108 @@ pub struct DroneReadings {
     pub ranges: Vec<RangeSample>,
 }
 
-/// The sensors of both craft at work. Both calls are made once per tick of 10 ms with the truth
-/// at that tick; what they return has arrived by then, stamped with the time it was measured.
+/// The vessel's sensors at work. [`VesselSensors::step`] is called once per tick of 10 ms with the truth at
+/// that tick; what it returns has arrived by then, stamped with the time of measurement.
 #[derive(Clone, Debug)]
-pub struct Sensors {
-    /// The clocks that stamp.
-    pub clocks: Clocks,
-    identity: Identity,
-    mount: CameraMount,
+pub struct VesselSensors {
     imu: imu::VesselImu,
     gnss: gnss::VesselGnss,
     heading: heading::VesselHeading,
+}
+
+impl VesselSensors {
+    /// The sensors of this seed.
+    pub fn new(config: &SensorConfig, identity: Identity, streams: &Streams) -> Self {
+        VesselSensors {
+            imu: imu::VesselImu::new(&config.vessel_imu, identity, streams),
+            gnss: gnss::VesselGnss::new(&config.vessel_gnss, identity, streams),
+            heading: heading::VesselHeading::new(&config.vessel_heading, identity, streams),
+        }
+    }
+    /// What the GNSS bias displaces the vessel's NED plane by now, m (truth): positions in the vessel's
+    /// NED are true positions plus this.
+    pub fn gnss_bias(&self) -> Vector3<f64> {
+        self.gnss.bias()
+    }
+    /// The measurements that have arrived by `t`.
+    pub fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> VesselReadings {
+        VesselReadings {
+            imu: self.imu.step(t, vessel),
+            gnss: self.gnss.step(t, vessel),
+            heading: self.heading.step(t, vessel),
+        }
+    }
+}
+
+/// A drone's deck sensors at work, called like [`VesselSensors`].
+#[derive(Clone, Debug)]
+pub struct DroneSensors {
+    mount: CameraMount,
     tag: tag::TagDetector,
+    tag_outlet: Outlet<TagPose, DroneClock>,
     shutter: Option<render::Shutter>,
     uv_shutter: Option<render::Shutter>,
     uvdar: uvdar::Uvdar,
     rangefinder: rangefinder::Rangefinder,
 }
 
-impl Sensors {
-    /// The sensors of this seed, with the default [`Identity`].
-    pub fn new(config: &SensorConfig, drone: &DroneGeometry, deck: &DeckGeometry, streams: &Streams) -> Self {
+impl DroneSensors {
+    /// The sensors of this seed.
+    pub fn new(
+        config: &SensorConfig,
+        drone: &DroneGeometry,
+        deck: &DeckGeometry,
+        identity: Identity,
+        streams: &Streams,
+    ) -> Self {
         let mount = CameraMount::new(&config.camera_mount, drone, streams);
-        Sensors {
-            clocks: Clocks::new(&config.clocks, streams),
-            identity: Identity::default(),
+        let shutter = |on: bool, rate_hz: f64| {
+            on.then(|| render::Shutter::new(rate_hz, config.tag.exposure_s, identity.clock))
+        };
+        DroneSensors {
             mount,
-            imu: imu::VesselImu::new(&config.vessel_imu, streams),
-            gnss: gnss::VesselGnss::new(&config.vessel_gnss, streams),
-            heading: heading::VesselHeading::new(&config.vessel_heading, streams),
             tag: tag::TagDetector::new(&config.tag, deck, streams),
-            shutter: config
-                .render
-                .on
-                .then(|| render::Shutter::new(config.tag.rate_hz, config.tag.exposure_s)),
-            uv_shutter: config
-                .render
-                .markers
-                .then(|| render::Shutter::new(config.uvdar.rate_hz, config.tag.exposure_s)),
-            uvdar: uvdar::Uvdar::new(&config.uvdar, &mount, streams),
-            rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, streams),
+            tag_outlet: Outlet::new(
+                config.tag.rate_hz,
+                config.tag.latency_s,
+                &config.tag.outages_s,
+                identity,
+            ),
+            shutter: shutter(config.render.on, config.tag.rate_hz),
+            uv_shutter: shutter(config.render.markers, config.uvdar.rate_hz),
+            uvdar: uvdar::Uvdar::new(&config.uvdar, &mount, identity, streams),
+            rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, identity, streams),
         }
     }
-    /// The same sensors, with other names in their headers.
-    pub fn identified(mut self, identity: Identity) -> Self {
-        self.identity = identity;
-        self
-    }
-    /// Where the camera really sits (truth).
-    pub fn camera_mount(&self) -> &CameraMount {
-        &self.mount
-    }
-    /// What the vessel's GNSS bias displaces the vessel's NED plane by now, m (truth): positions
-    /// in the vessel's NED are true positions plus this.
-    pub fn vessel_gnss_bias(&self) -> Vector3<f64> {
-        self.gnss.bias()
-    }
-    /// The vessel's sensors at `t`.
-    pub fn vessel(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> VesselReadings {
-        let (id, clocks) = (&self.identity, &self.clocks);
-        VesselReadings {
-            imu: self.imu.step(t, vessel, id, clocks),
-            gnss: self.gnss.step(t, vessel, id, clocks),
-            heading: self.heading.step(t, vessel, id, clocks),
-        }
-    }
-    /// The drone's deck sensors at `t`; `water(north, east)` is the surface's NED z, m.
-    pub fn drone(
+    /// The measurements that have arrived by `t`; `water(north, east)` is the surface's NED z, m.
+    pub fn step(
         &mut self,
         t: Time<TrueTime>,
         drone: &RigidState<DroneBody>,
         deck: &RigidState<Deck>,
         water: impl Fn(f64, f64) -> f64,
     ) -> DroneReadings {
-        let (id, clocks) = (&self.identity, &self.clocks);
         let view = self.mount.view(drone);
-        let (tags, shots) = match &mut self.shutter {
-            None => (self.tag.step(t, &view, deck, id, clocks), Vec::new()),
-            Some(shutter) => (Vec::new(), shutter.step(t, &view, deck, clocks)),
+        let mut readings = DroneReadings {
+            ranges: self.rangefinder.step(t, drone, deck, water),
+            ..DroneReadings::default()
         };
-        let (uvdar, uv_shots) = match &mut self.uv_shutter {
-            None => (self.uvdar.step(t, &view, deck, id, clocks), Vec::new()),
-            Some(shutter) => (Vec::new(), shutter.step(t, &view, deck, clocks)),
-        };
-        DroneReadings {
-            tags,
-            shots,
-            uvdar,
-            uv_shots,
-            ranges: self.rangefinder.step(t, drone, deck, water, id, clocks),
+        match &mut self.shutter {
+            None => {
+                if self.tag_outlet.due(t).is_some() {
+                    let pose = self.tag.detect(&view, deck);
+                    self.tag_outlet
+                        .send(t, false, |header| pose.map(|pose| TagPose { header, ..pose }));
+                }
+                readings.tags = self.tag_outlet.arrived(t);
+            }
+            Some(shutter) => readings.shots = shutter.step(t, &view, deck),
         }
+        match &mut self.uv_shutter {
+            None => readings.uvdar = self.uvdar.step(t, &view, deck),
+            Some(shutter) => readings.uv_shots = shutter.step(t, &view, deck),
+        }
+        readings
     }
 }
 

@@ -1,11 +1,14 @@
 //! Where all sensor errors come from: white noise and first-order Gauss-Markov processes.
 
-use alight_shared::config::{ConfigError, Keys};
+use core::ops::RangeInclusive;
+
+use alight_shared::config::{ConfigError, InRange, Keys};
 use alight_shared::time::{Time, TrueTime};
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
+use serde::{Deserialize, Serialize};
 
 use crate::physics::streams::Streams;
 
@@ -104,23 +107,31 @@ impl Schedule {
     }
 }
 
-/// Whether one of the windows `[start, end)` (s, true time) covers `t`.
-pub fn covers(windows_s: &[[f64; 2]], t: Time<TrueTime>) -> bool {
-    let s = t.secs();
-    windows_s.iter().any(|[start, end]| (*start..*end).contains(&s))
-}
+/// Windows `[start, end)` of true time, s, in which something is missing.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Windows(pub Vec<[f64; 2]>);
 
-/// Checks the windows of an outage list.
-pub fn check_windows(at: &Keys<'_>, key: &str, windows_s: &[[f64; 2]]) -> Result<(), ConfigError> {
-    for (i, [start, end]) in windows_s.iter().enumerate() {
-        at.require(
-            start.is_finite() && end.is_finite() && start <= end,
-            &format!("{key}[{i}]"),
-            format!("{start} to {end}"),
-            "a start and a later end, s",
-        )?;
+impl Windows {
+    /// Whether one of them covers `t`.
+    pub fn cover(&self, t: Time<TrueTime>) -> bool {
+        let s = t.secs();
+        self.0.iter().any(|[start, end]| (*start..*end).contains(&s))
     }
-    Ok(())
+}
+impl InRange for Windows {
+    fn in_range(&self, at: &Keys<'_>, key: &str, range: &RangeInclusive<f64>) -> Result<(), ConfigError> {
+        self.0.in_range(at, key, range)?;
+        self.0.iter().enumerate().try_for_each(|(i, [start, end])| {
+            let value = format!("{start} to {end}");
+            at.require(
+                start <= end,
+                &format!("{key}[{i}]"),
+                value,
+                "a start and a later end, s",
+            )
+        })
+    }
 }
 
 #[cfg(test)]

@@ -3,14 +3,12 @@
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{Header, RangeSample};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::msg::RangeSample;
+use alight_shared::time::{DroneClock, Time, TrueTime};
 use nalgebra::Vector3;
 
-use super::clocks::Clocks;
-use super::delay::DelayLine;
-use super::noise::{Noise, Schedule, check_windows, covers};
-use super::{Identity, QUEUE};
+use super::noise::{Noise, Windows};
+use super::outlet::{Identity, Outlet};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -33,11 +31,10 @@ config! {
         /// Probability that a reading from the water is missing: water mirrors the beam away.
         pub water_miss: f64 = 0.2, in 0.0..=1.0;
         /// Windows `[start, end)` without readings, s of true time.
-        pub outages_s: Vec<[f64; 2]> = Vec::new();
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
     check |this, at| {
         at.range("min_range_m", this.min_range_m, 0.0, this.max_range_m)?;
-        check_windows(at, "outages_s", &this.outages_s)?;
     }
 }
 
@@ -58,9 +55,7 @@ pub(super) struct Rangefinder {
     half: [f64; 2],
     white: Noise,
     miss: Noise,
-    schedule: Schedule,
-    sequence: u32,
-    line: DelayLine<RangeSample>,
+    outlet: Outlet<RangeSample, DroneClock>,
 }
 
 impl Rangefinder {
@@ -68,6 +63,7 @@ impl Rangefinder {
         config: &RangefinderConfig,
         drone: &DroneGeometry,
         deck: &DeckGeometry,
+        identity: Identity,
         streams: &Streams,
     ) -> Self {
         Rangefinder {
@@ -75,9 +71,7 @@ impl Rangefinder {
             half: [0.5 * deck.length_m, 0.5 * deck.width_m],
             white: Noise::new(streams, "drone.rangefinder.white"),
             miss: Noise::new(streams, "drone.rangefinder.miss"),
-            schedule: Schedule::new(config.rate_hz),
-            sequence: 0,
-            line: DelayLine::new(QUEUE),
+            outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
             config: config.clone(),
         }
     }
@@ -87,10 +81,8 @@ impl Rangefinder {
         drone: &RigidState<DroneBody>,
         deck: &RigidState<Deck>,
         water: impl Fn(f64, f64) -> f64,
-        id: &Identity,
-        clocks: &Clocks,
     ) -> Vec<RangeSample> {
-        if self.schedule.due(t).is_some() {
+        if self.outlet.due(t).is_some() {
             let (white, luck) = (self.white.normal(), self.miss.uniform());
             let met = match self.echo(drone, deck, water) {
                 Echo::Deck(r) if luck >= self.config.deck_miss => Some(r),
@@ -100,17 +92,16 @@ impl Rangefinder {
             let range = met
                 .map(|r| r + white * self.config.white_sd_m)
                 .filter(|r| (self.config.min_range_m..=self.config.max_range_m).contains(r));
-            if let (Some(range_m), false) = (range, covers(&self.config.outages_s, t)) {
-                let sample = RangeSample {
-                    header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
+            let variance = self.config.white_sd_m.max(1e-3).powi(2);
+            self.outlet.send(t, false, |header| {
+                range.map(|range_m| RangeSample {
+                    header,
                     range_m,
-                    variance: self.config.white_sd_m.max(1e-3).powi(2),
-                };
-                self.sequence = self.sequence.wrapping_add(1);
-                self.line.push(t + Span::from_secs(self.config.latency_s), sample);
-            }
+                    variance,
+                })
+            });
         }
-        self.line.arrived(t)
+        self.outlet.arrived(t)
     }
     /// Follows the beam to the deck's rectangle or the water.
     fn echo(

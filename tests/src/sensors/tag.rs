@@ -17,16 +17,12 @@
 use alight_shared::config;
 use alight_shared::frames::{Deck, Tag};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{Header, TagPose};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::msg::TagPose;
 use nalgebra::{Vector2, Vector3};
 
 use super::camera::{Lens, View};
-use super::clocks::Clocks;
-use super::delay::DelayLine;
-use super::noise::{Noise, Schedule, check_windows, covers};
+use super::noise::{Noise, Windows};
 use super::square_pose::{corners, solve};
-use super::{Identity, QUEUE};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -80,10 +76,7 @@ config! {
         /// Probability that a frame is missed for no reason that is modelled (glare, spray, shadow).
         pub miss: f64 = 0.03, in 0.0..=1.0;
         /// Windows `[start, end)` without detections, s of true time.
-        pub outages_s: Vec<[f64; 2]> = Vec::new();
-    }
-    check |this, at| {
-        check_windows(at, "outages_s", &this.outages_s)?;
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
@@ -97,9 +90,6 @@ pub(crate) struct TagDetector {
     corner: Noise,
     miss: Noise,
     read: Noise,
-    schedule: Schedule,
-    sequence: u32,
-    line: DelayLine<TagPose>,
 }
 
 impl TagDetector {
@@ -111,51 +101,21 @@ impl TagDetector {
             corner: Noise::new(streams, "drone.tag.corner"),
             miss: Noise::new(streams, "drone.tag.miss"),
             read: Noise::new(streams, "drone.tag.read"),
-            schedule: Schedule::new(config.rate_hz),
-            sequence: 0,
-            line: DelayLine::new(QUEUE),
             config: config.clone(),
         }
     }
-    pub(super) fn step(
-        &mut self,
-        t: Time<TrueTime>,
-        view: &View,
-        deck: &RigidState<Deck>,
-        id: &Identity,
-        clocks: &Clocks,
-    ) -> Vec<TagPose> {
-        if self.schedule.due(t).is_some()
-            && let Some(pose) = self.detect(t, view, deck)
-        {
-            let detection = TagPose {
-                header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
-                ..pose
-            };
-            self.sequence = self.sequence.wrapping_add(1);
-            self.line
-                .push(t + Span::from_secs(self.config.latency_s), detection);
-        }
-        self.line.arrived(t)
-    }
     /// One image's sighting.
-    pub(crate) fn detect(
-        &mut self,
-        t: Time<TrueTime>,
-        view: &View,
-        deck: &RigidState<Deck>,
-    ) -> Option<TagPose> {
-        // The noise of a frame is drawn whether the tag is seen or not: two planners meet the same
+    pub(crate) fn detect(&mut self, view: &View, deck: &RigidState<Deck>) -> Option<TagPose> {
+        // The noise of a frame is drawn whether the tag is detected or not: two planners meet the same
         // noise at the same time.
         let noise: [Vector2<f64>; 4] =
             core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
         let missed = self.miss.chance(self.config.miss);
         let luck = self.read.uniform();
-        if missed || covers(&self.config.outages_s, t) {
-            return None;
-        }
-        let image = self.image(view, deck)?;
-        (luck < image.chance).then(|| self.measure(&image, &noise))?
+        let image = self
+            .image(view, deck)
+            .filter(|image| !missed && luck < image.chance)?;
+        self.measure(&image, &noise)
     }
     /// The tag in an image; None when it cannot be decoded at all.
     pub(crate) fn image(&self, view: &View, deck: &RigidState<Deck>) -> Option<TagImage> {

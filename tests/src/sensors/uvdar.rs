@@ -14,15 +14,13 @@
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, Vector};
-use alight_shared::msg::{Header, UvdarFix};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::msg::UvdarFix;
+use alight_shared::time::{DroneClock, Time, TrueTime};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::camera::{CameraMount, View};
-use super::clocks::Clocks;
-use super::delay::DelayLine;
-use super::noise::{GaussMarkov, Noise, Schedule, check_windows, covers};
-use super::{Identity, QUEUE};
+use super::noise::{GaussMarkov, Noise, Windows};
+use super::outlet::{Identity, Outlet};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
@@ -64,10 +62,7 @@ config! {
         /// Source: Rendered markers: in the other images some marker is dark.
         pub miss: f64 = 0.42, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
-        pub outages_s: Vec<[f64; 2]> = Vec::new();
-    }
-    check |this, at| {
-        check_windows(at, "outages_s", &this.outages_s)?;
+        pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
 
@@ -80,13 +75,16 @@ pub(super) struct Uvdar {
     distance: GaussMarkov,
     bearing: Noise,
     miss: Noise,
-    schedule: Schedule,
-    sequence: u32,
-    line: DelayLine<UvdarFix>,
+    outlet: Outlet<UvdarFix, DroneClock>,
 }
 
 impl Uvdar {
-    pub(super) fn new(config: &UvdarConfig, mount: &CameraMount, streams: &Streams) -> Self {
+    pub(super) fn new(
+        config: &UvdarConfig,
+        mount: &CameraMount,
+        identity: Identity,
+        streams: &Streams,
+    ) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("drone.uvdar.{what}"));
         let (down, forward) = config.tilt_down_deg.to_radians().sin_cos();
         let axis = mount.attitude.inverse() * Vector::<DroneBody>::new(forward, 0.0, down);
@@ -95,41 +93,32 @@ impl Uvdar {
             distance: GaussMarkov::new(noise("distance"), 1.0, config.distance_correlation_s),
             bearing: noise("bearing"),
             miss: noise("miss"),
-            schedule: Schedule::new(config.rate_hz),
-            sequence: 0,
-            line: DelayLine::new(QUEUE),
+            outlet: Outlet::new(config.rate_hz, config.latency_s, &config.outages_s, identity),
             config: config.clone(),
         }
     }
-    pub(super) fn step(
-        &mut self,
-        t: Time<TrueTime>,
-        view: &View,
-        deck: &RigidState<Deck>,
-        id: &Identity,
-        clocks: &Clocks,
-    ) -> Vec<UvdarFix> {
-        if let Some(dt) = self.schedule.due(t) {
+    pub(super) fn step(&mut self, t: Time<TrueTime>, view: &View, deck: &RigidState<Deck>) -> Vec<UvdarFix> {
+        if let Some(dt) = self.outlet.due(t) {
             let stretch = self.distance.step(dt).x;
             let turn = self.bearing.normal3();
             let missed = self.miss.chance(self.config.miss);
             let in_camera = view.to_camera_frame(deck.position);
             let [bearing, far] = self.config.sd(in_camera.norm());
-            let below = deck.position.0.z > view.centre.0.z;
-            if !missed && below && self.visible(in_camera) && !covers(&self.config.outages_s, t) {
-                // The part of the turn along the line of sight does nothing.
-                let turn = UnitQuaternion::from_scaled_axis(turn * bearing);
-                let measured = turn * in_camera * (1.0 + far * stretch).max(0.1);
-                let fix = UvdarFix {
-                    header: Header::new(id.vessel, id.drone, id.boot, self.sequence, clocks.drone_time(t)),
+            let above = deck.position.0.z > view.centre.0.z;
+            let missed = missed || !above || !self.visible(in_camera);
+            // The part of the turn along the line of sight does nothing.
+            let turn = UnitQuaternion::from_scaled_axis(turn * bearing);
+            let measured = turn * in_camera * (1.0 + far * stretch).max(0.1);
+            let variance = self.variance(measured);
+            self.outlet.send(t, missed, |header| {
+                Some(UvdarFix {
+                    header,
                     position: measured.into(),
-                    variance: self.variance(measured).into(),
-                };
-                self.sequence = self.sequence.wrapping_add(1);
-                self.line.push(t + Span::from_secs(self.config.latency_s), fix);
-            }
+                    variance: variance.into(),
+                })
+            });
         }
-        self.line.arrived(t)
+        self.outlet.arrived(t)
     }
     fn visible(&self, in_camera: Vector3<f64>) -> bool {
         let range = in_camera.norm();

@@ -4,9 +4,10 @@
 use alight_shared::msg::{CommandKind, State};
 use serde::Serialize;
 
-use crate::harness::scenario::{NodeConfigs, Scenario};
-use crate::harness::trial::SetupError;
-use crate::harness::world::{TICK, World};
+use crate::harness::physics::TICK;
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
+use crate::harness::tap::NoTap;
+use crate::harness::world::World;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
@@ -49,7 +50,7 @@ pub fn fly_session(
     duration_s: f64,
 ) -> Result<AirborneReport, SetupError> {
     let mut world = World::new(scenario, nodes, seed)?;
-    world.warm_up();
+    world.warm_up(&mut NoTap);
     let mut draw = Noise::new(&Streams::new(seed), "airborne.commands");
     let mut report = AirborneReport {
         lowest_m: f64::INFINITY,
@@ -94,7 +95,7 @@ pub fn fly_session(
             command_at = t + 2.0 + 20.0 * draw.uniform();
             call_off_below = 0.3 + 5.0 * draw.uniform();
         }
-        world.tick();
+        world.tick(&mut NoTap);
         report.hours += TICK.secs() / 3600.0;
     }
     Ok(report)

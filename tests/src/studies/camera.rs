@@ -285,7 +285,7 @@ impl CameraBench {
                 expected += modelled_image.chance * modelled_image.sd_px.powi(2);
                 chance += modelled_image.chance;
             }
-            let modelled = self.model.detect(shot.t, &shot.view, &shot.deck);
+            let modelled = self.model.detect(&shot.view, &shot.deck);
             model.add(modelled.as_ref(), &truth);
         }
         CameraRow {

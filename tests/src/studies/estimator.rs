@@ -4,16 +4,13 @@
 use alight_shared::frames::{euler_rates, wrap_angle};
 use alight_shared::msg::{VesselEstimate, VesselPrediction};
 use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, TrueTime, VesselClock};
-use alight_usv::{VesselIn, VesselNode, VesselNodeConfig};
+use alight_shared::time::{Span, VesselClock};
+use alight_usv::{VesselNode, VesselNodeConfig};
 use serde::Serialize;
 
-use crate::harness::scenario::Scenario;
-use crate::harness::world::TICK;
-use crate::physics::deck_motion::{DeckCarrier, DeckMotionError};
-use crate::physics::sea::{Component, Sea};
-use crate::physics::streams::Streams;
-use crate::sensors::Sensors;
+use crate::harness::physics::{Physics, TICK};
+use crate::harness::scenario::{Scenario, SetupError};
+use crate::physics::sea::Component;
 
 /// `eta` and its derivative in the order of [`VesselEstimate`].
 #[derive(Clone, Copy, Debug)]
@@ -45,12 +42,7 @@ pub struct Run {
 }
 
 /// Runs vessel, sensors and node of `scenario` for its warm-up and `span_s` more seconds.
-pub fn run(
-    scenario: &Scenario,
-    node: &VesselNodeConfig,
-    seed: u64,
-    span_s: f64,
-) -> Result<Run, DeckMotionError> {
+pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64, span_s: f64) -> Result<Run, SetupError> {
     run_with(scenario, node, seed, span_s, false)
 }
 
@@ -62,20 +54,11 @@ pub fn run_with(
     seed: u64,
     span_s: f64,
     with_known_waves: bool,
-) -> Result<Run, DeckMotionError> {
-    let streams = Streams::new(seed);
-    let sea = Sea::new(&scenario.sea, &streams);
-    let mut carrier = DeckCarrier::new(
-        &scenario.vessel,
-        scenario.deck_motion.as_ref(),
-        &scenario.deck,
-        &sea,
-        &streams,
-    )?;
-    let mut sensors = Sensors::new(&scenario.sensors, &scenario.airframe, &scenario.deck, &streams);
+) -> Result<Run, SetupError> {
+    let mut physics = Physics::new(scenario, seed)?;
     let mut node = if with_known_waves {
         let wave = |c: &Component| (c.frequency, c.direction.y.atan2(c.direction.x));
-        let waves: Vec<(f64, f64)> = sea.components().iter().map(wave).collect();
+        let waves: Vec<(f64, f64)> = physics.sea().components().iter().map(wave).collect();
         VesselNode::with_known_waves(node, 1, 1, &waves)
     } else {
         VesselNode::new(node, 1, 1)
@@ -96,11 +79,9 @@ pub fn run_with(
     let (mut heading, mut leg, mut start) = (None::<f64>, 0, 0.0);
     // Three seconds more, so that the last predictions have a truth.
     for k in 0..last + 300 {
-        let t = Time::<TrueTime>::EPOCH + TICK * k as i64;
-        let state = carrier.state();
-        let readings = sensors.vessel(t, &state);
-        let now = sensors.clocks.vessel_time(t);
-        let p = state.position.0 + sensors.vessel_gnss_bias();
+        let (now, state) = (physics.vessel_now(), physics.vessel());
+        let readings = physics.vessel_readings();
+        let p = state.position.0 + physics.vessel_gnss_bias();
         let (roll, pitch, yaw) = state.attitude.euler();
         let rates = euler_rates(roll, pitch, state.rates.0);
         let v = state.velocity.0;
@@ -120,13 +101,7 @@ pub fn run_with(
             leg = now_leg;
             out.turns.push(k);
         }
-        let input = VesselIn {
-            imu: readings.imu,
-            gnss: readings.gnss,
-            heading: readings.heading,
-            ..VesselIn::default()
-        };
-        let predicted = node.step(now, &input);
+        let predicted = node.step(now, &readings.input());
         if (first..last).contains(&k) {
             out.estimates.extend(predicted.estimate.map(|e| (k, e)));
             if let Some(p) = predicted.prediction {
@@ -139,7 +114,7 @@ pub fn run_with(
             }
             out.confidence = predicted.wave.map_or(out.confidence, |w| w.confidence);
         }
-        carrier.step(t, TICK.secs(), &sea);
+        physics.advance();
     }
     Ok(out)
 }

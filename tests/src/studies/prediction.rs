@@ -16,9 +16,10 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::estimator::{Run, difference, predicted, run_with};
-use crate::harness::scenario::{NodeConfigs, Scenario};
-use crate::harness::trial::SetupError;
-use crate::harness::world::{TICK, World};
+use crate::harness::physics::TICK;
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
+use crate::harness::tap::NoTap;
+use crate::harness::world::World;
 
 /// Times ahead, s.
 pub const HORIZONS_S: [f64; 8] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0];
@@ -264,7 +265,7 @@ pub fn drone(
         nodes.drone.mission.vertical_sd_m = 0.01;
     }
     let mut world = World::new(scenario, &nodes, seed)?;
-    world.warm_up();
+    world.warm_up(&mut NoTap);
     world.command(CommandKind::Land);
     let (mut decks, mut drones, mut predicted) = (Vec::new(), Vec::new(), Vec::new());
     let mut last = None;
@@ -273,7 +274,7 @@ pub fn drone(
     let mut left = ticks(MAX_WAIT_S);
     while left > 0 {
         left -= 1;
-        let (deck, drone) = (world.deck(), world.drone());
+        let (deck, drone) = (world.physics().deck(), world.physics().drone(0));
         let (roll, pitch, _) = deck.attitude.euler();
         decks.push(Deck {
             position: deck.position.0,
@@ -282,7 +283,7 @@ pub fn drone(
         });
         drones.push(drone.map(|d| d.position.0));
         let mut frame = Frame::default();
-        world.tick_with(&mut frame);
+        world.tick(&mut frame);
         let tick = decks.len() - 1;
         if touched.is_none() && !world.observation().contacts.is_empty() {
             touched = Some(tick);

@@ -8,7 +8,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::trial::{Watch, land};
 use alight_sim::harness::world::{FirmwareLink, FirmwareOutputs, NodeOutputs, World};
-use alight_sim::physics::PlantState;
+use alight_sim::physics::drone::PlantState;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::config::AutopilotLinkConfig;
 use alight_uav::autopilot::modes::Firmware;
@@ -90,7 +90,7 @@ fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
     scenario.start.hover_s = 8.0;
     let nodes = NodeConfigs::default();
     let mut world = World::new(&scenario, &nodes, seed).unwrap();
-    world.attach_firmware(Box::new(Linked::new(firmware, wire_s, &nodes)));
+    world.attach_firmware(0, Box::new(Linked::new(firmware, wire_s, &nodes)));
     let watch = Watch {
         on_event: &mut |_| {},
         trace_step_s: None,

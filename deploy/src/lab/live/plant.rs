@@ -11,8 +11,8 @@ use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::Memory;
 use alight_sim::autopilots::px4::Px4Plant;
 use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
-use alight_sim::physics::drone::ROTORS;
-use alight_sim::physics::{Physics, PlantState, TICK};
+use alight_sim::harness::physics::{Physics, TICK};
+use alight_sim::physics::drone::{PlantState, ROTORS};
 
 use crate::exit::CliError;
 use crate::lab::live::config::AutopilotKind;
@@ -117,7 +117,7 @@ impl Plant {
     }
     /// Moves the world on by one tick, each slice when the clock has come to it.
     pub fn advance(&mut self, physics: &mut Physics, memory: &Memory, clock: &ProcessClock) {
-        physics.advance_with_firmware(self.exchanges, |sensed| {
+        physics.advance_with_firmware(self.exchanges, |_, sensed| {
             wait_until(memory, clock, sensed.at);
             self.exchange(sensed)
         });

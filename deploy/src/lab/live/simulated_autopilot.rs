@@ -5,7 +5,7 @@
 use alight_shared::msg::{AutopilotState, DroneState, RangeSample, SetPoint, TagPose, UvdarFix};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Memory, Publisher, Subscriber};
-use alight_sim::physics::DroneMeasurements;
+use alight_sim::harness::physics::DroneMeasurements;
 use alight_sim::sensors::DroneReadings;
 use alight_uav::odometry::{Odometry, OdometryConfig};
 

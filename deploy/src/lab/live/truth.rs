@@ -1,7 +1,7 @@
 //! The truth as the world's process logs it: both bodies at the beginning of every tick.
 
 use alight_shared::frames::{DroneBody, Point, Rotation, Vector, VesselBody};
-use alight_sim::physics::Physics;
+use alight_sim::harness::physics::Physics;
 use alight_sim::physics::body::RigidState;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,7 @@ impl Truth {
     pub fn of(physics: &Physics) -> Truth {
         Truth {
             vessel: Body::of(&physics.vessel()),
-            drone: physics.drone().as_ref().map(Body::of),
+            drone: physics.drone(0).as_ref().map(Body::of),
         }
     }
     /// The vessel's reference point.

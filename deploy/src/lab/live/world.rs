@@ -13,8 +13,8 @@ use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_sim::autopilots::FirmwareSensors;
 use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::trace::Trace;
-use alight_sim::physics::{Physics, TICK};
 use serde::{Deserialize, Serialize};
 
 use crate::exit::{CliError, Exit};
@@ -118,12 +118,12 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         late_ticks += u32::from(late_s > TICK.secs());
         let before = steady_ns();
 
-        if physics.drone().is_none() {
+        if physics.drone(0).is_none() {
             if plant.is_some() {
                 // A firmware wakes up on the ground, and is flown from there by a person.
-                physics.place_drone_on_pad();
+                physics.place_drone_on_pad(0);
             } else if physics.now() >= physics.hover_from() {
-                physics.place_drone();
+                physics.place_drone(0);
             }
         }
         if let Some(log) = &mut truth {
@@ -136,7 +136,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             heading: readings.heading,
             ..Readings::default()
         });
-        if let Some(flight) = physics.drone_measurements() {
+        if let Some(flight) = physics.drone_measurements(0) {
             autopilot.publish_detections(&flight.readings);
             if let Some(render_thread) = render_thread {
                 render_thread.take(&flight.readings.shots);
@@ -147,14 +147,14 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         }
         // Set-points have until the next tick to arrive: what the vehicle does in between follows
         // from what it was told before.
-        let drone_ns = physics.drone_now().nanos();
+        let drone_ns = physics.drone_now(0).nanos();
         life.stepped(Some((steady_ns() - before) as f64 * 1e-9));
         if let Some(plant) = &mut plant {
             plant.advance(&mut physics, memory, &clock);
         } else {
             wait_until(memory, &clock, physics.now() + TICK);
             if let Some(set_point) = autopilot.set_point(drone_ns + TICK.nanos()) {
-                physics.apply(&set_point);
+                physics.apply(0, &set_point);
             }
             physics.advance();
         }
@@ -169,7 +169,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         if world.follow_s.is_some_and(|f| t_s >= f) {
             break;
         }
-        let mut seen = physics.observation(&phase);
+        let mut seen = physics.observation(0, &phase);
         if world.follow_s.is_some() {
             // The judge's limit is on landings.
             seen.t_s = seen.t_s.min(TIME_LIMIT_S / 2.0);
@@ -300,7 +300,7 @@ impl History {
         }
         if t_s >= self.next_s {
             self.next_s += Self::STEP_S;
-            trace.points.push(physics.trace_point());
+            trace.points.push(physics.trace_point(0));
         }
     }
 }

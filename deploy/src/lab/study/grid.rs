@@ -6,6 +6,7 @@ use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::deck_motion::rocking::RockingConfig;
 use alight_sim::physics::sea::{SeaConfig, SeaKind};
 use alight_sim::physics::vessel::Course;
+use alight_sim::sensors::noise::Windows;
 use serde::Serialize;
 
 use super::ablation;
@@ -249,7 +250,7 @@ fn seas(row: MakeScene<'_>) -> Result<Vec<StudyScene>, CliError> {
 }
 
 fn sensors(row: MakeScene<'_>) -> Vec<StudyScene> {
-    let always = || vec![[0.0, 1.0e6]];
+    let always = || Windows(vec![[0.0, 1.0e6]]);
     let mut rows = vec![
         row("default", &|_| {}),
         row("RTK on both", &|w| {

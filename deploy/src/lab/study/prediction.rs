@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::harness::trial::SetupError;
+use alight_sim::harness::scenario::{Scenario, SetupError};
 use alight_sim::studies::prediction::{self as pred, HORIZONS_S, Quantity, Scores, Source, Tally};
 use alight_sim::studies::statistics::bootstrap_ratio;
 use serde::Serialize;

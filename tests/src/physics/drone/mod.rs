@@ -19,7 +19,7 @@ mod tests;
 use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{AutopilotMode, AutopilotState, DroneState, Header, SetPoint};
-use alight_shared::time::DroneClock;
+use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::physics::body::RigidState;
@@ -87,12 +87,47 @@ pub struct SimulatedDrone {
     specific_force: Vector3<f64>,
 }
 
+/// What the sensors of a firmware are moved by: the true state of the drone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlantState {
+    /// When.
+    pub at: Time<TrueTime>,
+    /// Centre of mass, NED, m.
+    pub position: Vector3<f64>,
+    /// NED, m/s.
+    pub velocity: Vector3<f64>,
+    /// NED from body.
+    pub attitude: UnitQuaternion<f64>,
+    /// Body, rad/s.
+    pub rates: Vector3<f64>,
+    /// Body, m/s².
+    pub specific_force: Vector3<f64>,
+}
+
+/// The deck the fraction `s` of `h` seconds after `a`: cubic in position, turned at a constant rate.
+fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
+    let (p, q) = (a.position.0, b.position.0);
+    let (v, w) = (a.velocity.0 * h, b.velocity.0 * h);
+    let (c2, c3) = ((q - p) * 3.0 - v * 2.0 - w, (p - q) * 2.0 + v + w);
+    RigidState {
+        position: Point::from(p + (v + (c2 + c3 * s) * s) * s),
+        velocity: Vector::from((v + (c2 * 2.0 + c3 * (3.0 * s)) * s) / h),
+        attitude: Rotation::from(a.attitude.0.slerp(&b.attitude.0, s)),
+        ..*a
+    }
+}
+
+/// Direction that the mean wind of this seed blows to where none is given, deg from north towards east.
+pub fn wind_to_deg(streams: &Streams) -> f64 {
+    wind::drawn_direction(&mut streams.stream("wind")).to_degrees()
+}
+
 /// Who turns the rotors.
 enum FlownBy<'a> {
     /// The simulated autopilot.
     Autopilot,
     /// A firmware: shares of a rotor's greatest thrust; None with the motors off.
-    Firmware(Option<&'a [f64; airframe::ROTORS]>),
+    Firmware(Option<&'a [f64; ROTORS]>),
 }
 
 impl SimulatedDrone {
@@ -137,9 +172,15 @@ impl SimulatedDrone {
         self.pad = Some(self.motion.position.z);
         self.airframe.stand_still();
     }
-    /// Specific force over the last step, body, m/s².
-    pub fn specific_force(&self) -> Vector3<f64> {
-        self.specific_force
+    fn plant_state(&self, at: Time<TrueTime>) -> PlantState {
+        PlantState {
+            at,
+            position: self.motion.position,
+            velocity: self.motion.velocity,
+            attitude: self.motion.attitude,
+            rates: self.motion.rates,
+            specific_force: self.specific_force,
+        }
     }
 
     /// A set-point reaches the autopilot.
@@ -165,16 +206,28 @@ impl SimulatedDrone {
         self.integrate(t_s, dt_s, deck_start, deck_end, water_z, &FlownBy::Autopilot)
     }
 
-    /// The same under a firmware's motors: shares of a rotor's greatest thrust, None with all off.
-    pub fn step_with_motors(
+    /// The same under a firmware that exchanges so many times on the way: `motors` is given the state at the
+    /// beginning of each part and gives fractions of a rotor's maximum thrust; None with all off.
+    pub fn step_with_firmware(
         &mut self,
-        t_s: f64,
-        dt_s: f64,
-        deck: [&RigidState<Deck>; 2],
+        t: Time<TrueTime>,
+        dt: Span,
+        deck: &[RigidState<Deck>; 2],
         water_z: f64,
-        motors: Option<&[f64; airframe::ROTORS]>,
-    ) -> StepReport {
-        self.integrate(t_s, dt_s, deck[0], deck[1], water_z, &FlownBy::Firmware(motors))
+        exchanges: u32,
+        mut motors: impl FnMut(&PlantState) -> Option<[f64; ROTORS]>,
+    ) -> Vec<StepReport> {
+        let length = dt / i64::from(exchanges);
+        (0..exchanges)
+            .map(|k| {
+                let at = t + length * i64::from(k);
+                let command = motors(&self.plant_state(at));
+                let fraction = |k: u32| f64::from(k) / f64::from(exchanges);
+                let [from, to] = [fraction(k), fraction(k + 1)].map(|s| between(deck, dt.secs(), s));
+                let flown = FlownBy::Firmware(command.as_ref());
+                self.integrate(at.secs(), length.secs(), &from, &to, water_z, &flown)
+            })
+            .collect()
     }
 
     fn integrate(
@@ -261,7 +314,7 @@ impl SimulatedDrone {
 
     fn sub_step(
         &mut self,
-        command: Option<&[f64; airframe::ROTORS]>,
+        command: Option<&[f64; ROTORS]>,
         deck: &DeckSpan,
         dt: f64,
         impacts: &mut Vec<Impact>,

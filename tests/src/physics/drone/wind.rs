@@ -22,9 +22,14 @@ pub(crate) struct Wind {
     now: Vector3<f64>,
 }
 
+/// The first draw of the wind's stream: where the mean wind blows to, rad.
+pub(crate) fn drawn_direction(rng: &mut ChaCha8Rng) -> f64 {
+    rng.random_range(0.0..core::f64::consts::TAU)
+}
+
 impl Wind {
     pub(crate) fn new(config: &WindConfig, mut rng: ChaCha8Rng) -> Self {
-        let drawn: f64 = rng.random_range(0.0..core::f64::consts::TAU);
+        let drawn = drawn_direction(&mut rng);
         let to = config.to_deg.map_or(drawn, f64::to_radians);
         let mean = Vector3::new(to.cos(), to.sin(), 0.0) * config.mean_mps;
         Wind {

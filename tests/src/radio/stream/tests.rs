@@ -115,7 +115,7 @@ fn stream_with_loss_delivers_everything_once_in_order() {
 #[test]
 fn stream_buffer_bounds_what_waits_over_an_outage() {
     let config = RadioConfig {
-        outages_s: vec![[5.0, 8.0]],
+        outages_s: crate::sensors::noise::Windows(vec![[5.0, 8.0]]),
         stream_buffer_bytes: 6000,
         ..config(0.0)
     };

@@ -17,7 +17,7 @@ use alight_uav::camera::{GreyImage, Lens};
 use nalgebra::{Rotation3, Vector3};
 
 use super::camera::View;
-use super::clocks::Clocks;
+use super::clocks::ClockModel;
 use super::noise::{Noise, Schedule};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
@@ -85,25 +85,21 @@ impl core::fmt::Debug for Shot {
 pub(super) struct Shutter {
     schedule: Schedule,
     exposure_s: f64,
+    clock: ClockModel,
 }
 
 impl Shutter {
-    pub(super) fn new(rate_hz: f64, exposure_s: f64) -> Shutter {
+    pub(super) fn new(rate_hz: f64, exposure_s: f64, clock: ClockModel) -> Shutter {
         Shutter {
             schedule: Schedule::new(rate_hz),
             exposure_s,
+            clock,
         }
     }
-    pub(super) fn step(
-        &mut self,
-        t: Time<TrueTime>,
-        view: &View,
-        deck: &RigidState<Deck>,
-        clocks: &Clocks,
-    ) -> Vec<Shot> {
+    pub(super) fn step(&mut self, t: Time<TrueTime>, view: &View, deck: &RigidState<Deck>) -> Vec<Shot> {
         let shot = |_| Shot {
             t,
-            at: clocks.drone_time(t),
+            at: self.clock.read(t),
             exposure_s: self.exposure_s,
             view: *view,
             deck: *deck,

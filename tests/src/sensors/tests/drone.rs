@@ -21,7 +21,7 @@ fn watch(
     let mut s = sensors(config, 1);
     let mut all = DroneReadings::default();
     for k in 0..ticks {
-        let r = s.drone(tick(k), drone, deck, FLAT);
+        let r = s.drone.step(tick(k), drone, deck, FLAT);
         all.tags.extend(r.tags);
         all.uvdar.extend(r.uvdar);
         all.ranges.extend(r.ranges);
@@ -55,7 +55,7 @@ fn ideal_tag_detection_recovers_the_deck_and_arrives_late_with_its_exposure_stam
     };
     for k in 0..300 {
         let t = tick(k);
-        for m in s.drone(t, &drone(t.secs()), &rocking(t.secs()), FLAT).tags {
+        for m in s.drone.step(t, &drone(t.secs()), &rocking(t.secs()), FLAT).tags {
             assert_eq!(m.check(), Ok(()));
             let at = s.clocks.drone.true_time(m.header.at);
             assert!(((t - at).secs() - 0.05).abs() < 1e-8);
@@ -224,9 +224,9 @@ fn camera_mount_errors_have_the_configured_size_and_move_the_detection() {
     let (mut turns, mut shifts) = (vec![], vec![]);
     for seed in 0..300 {
         let s = sensors(&config, seed);
-        let error = camera::body_from_camera().inverse() * s.camera_mount().attitude;
+        let error = camera::body_from_camera().inverse() * s.drone.mount.attitude;
         turns.extend(error.0.scaled_axis().iter().map(|r| r.to_degrees()));
-        let shift = s.camera_mount().position - Vector3::from(DroneGeometry::default().camera_m);
+        let shift = s.drone.mount.position - Vector3::from(DroneGeometry::default().camera_m);
         shifts.extend(shift.iter().copied());
     }
     assert!((moments(&turns).1 - 1.0).abs() < 0.08, "{:?}", moments(&turns));
@@ -322,8 +322,8 @@ fn rangefinder_beam_ends_on_the_wave_surface() {
     for k in 0..400 {
         let a = k as f64 * 0.1;
         let drone = still::<DroneBody>([3.0 * a, 2.0 * a, -9.0], [0.25 * a.sin(), 0.25 * a.cos(), a]);
-        let mut at = s.drone(tick(2 * k), &drone, &far, surface).ranges;
-        at.extend(s.drone(tick(2 * k + 1), &drone, &far, surface).ranges);
+        let mut at = s.drone.step(tick(2 * k), &drone, &far, surface).ranges;
+        at.extend(s.drone.step(tick(2 * k + 1), &drone, &far, surface).ranges);
         for m in at {
             let eye = drone.at::<DroneBody>(Vector3::new(0.10, 0.0, 0.08)).position.0;
             let end = eye + drone.attitude.down().0 * m.range_m;
@@ -340,7 +340,7 @@ fn rangefinder_noise_misses_and_latency_match_the_configuration() {
     let mut s = sensors(&SensorConfig::default(), 3);
     let (mut error, mut over_deck) = (vec![], 0);
     for k in 0..10_000 {
-        for m in s.drone(tick(k), &drone, &deck(), FLAT).ranges {
+        for m in s.drone.step(tick(k), &drone, &deck(), FLAT).ranges {
             assert_eq!(m.check(), Ok(()));
             let at = s.clocks.drone.true_time(m.header.at);
             assert!(((tick(k) - at).secs() - 0.01).abs() < 1e-8);

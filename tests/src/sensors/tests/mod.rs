@@ -12,9 +12,31 @@ fn tick(k: usize) -> Time<TrueTime> {
     Time::from_nanos(k as i64 * 10_000_000)
 }
 
-fn sensors(config: &SensorConfig, seed: u64) -> Sensors {
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    Sensors::new(config, &drone, &deck, &Streams::new(seed))
+/// The sensors of both craft and their clocks.
+struct Rig {
+    clocks: clocks::Clocks,
+    vessel: VesselSensors,
+    drone: DroneSensors,
+}
+
+fn sensors(config: &SensorConfig, seed: u64) -> Rig {
+    let (geometry, deck, streams) = (
+        DroneGeometry::default(),
+        DeckGeometry::default(),
+        Streams::new(seed),
+    );
+    let clocks = clocks::Clocks::new(&config.clocks, &streams);
+    let id = |drone, clock| Identity {
+        vessel: 1,
+        drone,
+        boot: 1,
+        clock,
+    };
+    Rig {
+        clocks,
+        vessel: VesselSensors::new(config, id(0, clocks.vessel), &streams),
+        drone: DroneSensors::new(config, &geometry, &deck, id(1, clocks.drone), &streams),
+    }
 }
 
 /// Every error and every failure switched off; latencies stay.
@@ -114,7 +136,10 @@ fn sensors_are_bit_identical_for_a_seed_and_differ_between_seeds() {
             let deck = vessel.at::<Deck>(DeckGeometry::default().centre());
             let mut over = still::<DroneBody>([0.0; 3], [0.02, -0.03, 0.4]);
             over.position = deck.position + Vector::<TrueNed>::new(0.3, -0.2, -5.0);
-            log.push((s.vessel(t, &vessel), s.drone(t, &over, &deck, |_, _| 0.0)));
+            log.push((
+                s.vessel.step(t, &vessel),
+                s.drone.step(t, &over, &deck, |_, _| 0.0),
+            ));
         }
         log
     };

@@ -17,7 +17,7 @@ fn ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
     let mut k = 0;
     while (k as f64) * dt <= seconds + 1e-9 {
         let t = tick(k);
-        for m in s.vessel(t, &rocking(t.secs())).imu {
+        for m in s.vessel.step(t, &rocking(t.secs())).imu {
             assert_eq!(m.check(), Ok(()));
             assert_eq!(m.header.at, s.clocks.vessel_time(t));
             if let Some(l) = last {
@@ -49,11 +49,11 @@ fn ideal_imu_integrates_to_the_motion_of_its_lever_arm() {
 #[test]
 fn level_imu_at_rest_measures_gravity_upwards() {
     let mut s = sensors(&ideal(), 1);
-    let m = s.vessel(tick(0), &still([0.0; 3], [0.0; 3])).imu;
+    let m = s.vessel.step(tick(0), &still([0.0; 3], [0.0; 3])).imu;
     assert_eq!(m.len(), 1);
     assert!((Vector3::from(m[0].accelerometer) - Vector3::new(0.0, 0.0, -9.806_65)).norm() < 1e-12);
     // Bow up: the forward axis feels the reaction.
-    let m = s.vessel(tick(1), &still([0.0; 3], [0.0, 0.1, 0.0])).imu;
+    let m = s.vessel.step(tick(1), &still([0.0; 3], [0.0, 0.1, 0.0])).imu;
     assert!((m[0].accelerometer[0] - 9.806_65 * 0.1_f64.sin()).abs() < 1e-12);
 }
 
@@ -68,7 +68,7 @@ fn imu_noise_and_bias_have_the_configured_size() {
         let mut s = sensors(&config, seed);
         let (mut g, mut f) = (vec![], vec![]);
         for k in 0..200 {
-            for m in s.vessel(tick(k), &still([0.0; 3], [0.0; 3])).imu {
+            for m in s.vessel.step(tick(k), &still([0.0; 3], [0.0; 3])).imu {
                 g.push(m.gyro[1]);
                 f.push(m.accelerometer[0]);
             }
@@ -94,7 +94,7 @@ fn ideal_gnss_fix_is_the_antenna_at_its_stamp_and_arrives_late() {
     let mut n = 0;
     for k in 0..1000 {
         let t = tick(k);
-        for fix in s.vessel(t, &rocking(t.secs())).gnss {
+        for fix in s.vessel.step(t, &rocking(t.secs())).gnss {
             assert_eq!(fix.check(), Ok(()));
             let at = s.clocks.vessel.true_time(fix.header.at);
             // To the nanosecond that the clock's drift rounds to.
@@ -119,7 +119,7 @@ fn gnss_errors_have_the_configured_size() {
         let mut s = sensors(&config, seed);
         let mut north = vec![];
         for k in 0..600 {
-            for fix in s.vessel(tick(k), &still([0.0; 3], [0.0; 3])).gnss {
+            for fix in s.vessel.step(tick(k), &still([0.0; 3], [0.0; 3])).gnss {
                 assert_eq!(fix.position_sd, [0.3; 3]);
                 north.push(fix.position);
                 speed.extend(fix.velocity);
@@ -134,7 +134,7 @@ fn gnss_errors_have_the_configured_size() {
         let mean = Vector3::from(core::array::from_fn::<f64, 3, _>(|a| {
             north.iter().map(|p| p[a]).sum::<f64>() / north.len() as f64
         }));
-        assert!((mean - s.vessel_gnss_bias()).norm() < 0.8);
+        assert!((mean - s.vessel.gnss_bias()).norm() < 0.8);
     }
     let sd = moments(&white).1;
     assert!((sd / 0.3 - 1.0).abs() < 0.03, "white {sd}");
@@ -167,7 +167,11 @@ fn heading_errors_have_the_configured_size() {
         let mut s = sensors(&SensorConfig::default(), seed);
         let mut errors = vec![];
         for k in 0..600 {
-            for fix in s.vessel(tick(k), &still([0.0; 3], [0.2, -0.1, truth])).heading {
+            for fix in s
+                .vessel
+                .step(tick(k), &still([0.0; 3], [0.2, -0.1, truth]))
+                .heading
+            {
                 assert_eq!(fix.check(), Ok(()));
                 assert!(fix.heading.abs() <= core::f64::consts::PI);
                 errors.push(alight_shared::frames::wrap_angle(fix.heading - truth).to_degrees());
@@ -184,11 +188,11 @@ fn heading_errors_have_the_configured_size() {
 fn gnss_outages_and_dropouts_leave_the_other_fixes_unchanged() {
     let run = |outages: Vec<[f64; 2]>, dropout| {
         let mut config = SensorConfig::default();
-        config.vessel_gnss.outages_s = outages;
+        config.vessel_gnss.outages_s = noise::Windows(outages);
         config.vessel_gnss.dropout = dropout;
         let mut s = sensors(&config, 4);
         (0..6000)
-            .flat_map(|k| s.vessel(tick(k), &still([0.0; 3], [0.0; 3])).gnss)
+            .flat_map(|k| s.vessel.step(tick(k), &still([0.0; 3], [0.0; 3])).gnss)
             .map(|f| (f.header.at, f.position))
             .collect::<Vec<_>>()
     };

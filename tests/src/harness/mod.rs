@@ -1,0 +1,11 @@
+//! The world in lock-step with the nodes, one landing in it, its judge, and what observers may see.
+
+pub mod age;
+pub mod cameras;
+pub mod outcome;
+pub mod physics;
+pub mod scenario;
+pub mod tap;
+pub mod trace;
+pub mod trial;
+pub mod world;

@@ -1,0 +1,400 @@
+//! The simulated world without any of Alight's nodes: sea, vessel, drones with their autopilots, the
+//! sensors of all. The lock-step [`super::world::World`] and the process of the simulated vehicles share it.
+//!
+//! Drones do not touch each other: each meets the deck and the water alone.
+
+use core::f64::consts::TAU;
+
+use alight_shared::config::{Check, Keys};
+use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
+use alight_shared::msg::{AutopilotState, DroneState, Header, MissionState, SetPoint, State};
+use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
+use nalgebra::Vector3;
+
+use super::outcome::{ContactEvent, Observation};
+use super::scenario::{Scenario, SetupError};
+use super::trace::TracePoint;
+use crate::physics::body::RigidState;
+use crate::physics::deck_motion::DeckCarrier;
+use crate::physics::drone::{DroneStart, Part, PlantState, ROTORS, SimulatedDrone, wind_to_deg};
+use crate::physics::sea::Sea;
+use crate::physics::streams::Streams;
+use crate::sensors::clocks::{ClockModel, Clocks};
+use crate::sensors::noise::Noise;
+use crate::sensors::outlet::Identity;
+use crate::sensors::{DroneReadings, DroneSensors, VesselReadings, VesselSensors};
+
+/// The world's tick.
+pub const TICK: Span = Span::from_millis(10);
+/// The autopilot publishes its state every so many ticks.
+const AUTOPILOT_TICKS: u64 = 10;
+/// A firmware and the drone under it exchange this often in a tick, if it wants no other rate: 400 Hz.
+pub const EXCHANGES_PER_TICK: u32 = 4;
+/// Identity of the simulated vessel.
+pub const VESSEL_ID: u32 = 1;
+/// Identity of the first simulated drone; the others count on.
+pub const DRONE_ID: u32 = 1;
+/// Boot id of the simulated vehicles' own computers.
+pub const BOOT: u32 = 1;
+/// A contact further below the deck's surface than this is with its side, m.
+const BELOW_SURFACE_M: f64 = 0.05;
+
+/// What autopilot, camera and rangefinder of a drone measure in one tick.
+#[derive(Clone, Debug)]
+pub struct DroneMeasurements {
+    /// The autopilot's odometry.
+    pub odometry: DroneState,
+    /// The autopilot's state, when due.
+    pub autopilot: Option<AutopilotState>,
+    /// Camera and rangefinder.
+    pub readings: DroneReadings,
+}
+
+/// One drone: its body with the autopilot once it has appeared, its sensors, what it has met.
+struct Plant {
+    identity: Identity,
+    streams: Streams,
+    sensors: DroneSensors,
+    drone: Option<SimulatedDrone>,
+    /// A firmware turns its rotors in place of the simulated autopilot.
+    under_firmware: bool,
+    sequence: u32,
+    contacts: Vec<ContactEvent>,
+    in_water: bool,
+    motors_on: bool,
+}
+
+impl Plant {
+    fn new(k: usize, scenario: &Scenario, streams: &Streams) -> Plant {
+        let streams = streams.of_drone(k);
+        let identity = Identity {
+            vessel: VESSEL_ID,
+            drone: DRONE_ID + k as u32,
+            boot: BOOT,
+            clock: Clocks::new(&scenario.sensors.clocks, &streams).drone,
+        };
+        let (drone, deck) = (&scenario.airframe, &scenario.deck);
+        Plant {
+            identity,
+            sensors: DroneSensors::new(&scenario.sensors, drone, deck, identity, &streams),
+            streams,
+            drone: None,
+            under_firmware: false,
+            sequence: 0,
+            contacts: Vec::new(),
+            in_water: false,
+            motors_on: true,
+        }
+    }
+    fn header(&mut self, t: Time<TrueTime>) -> Header<DroneClock> {
+        self.sequence += 1;
+        self.identity.header(self.sequence, t)
+    }
+    /// Moves on by a tick from `t` while the deck goes from `deck[0]` to `deck[1]`.
+    fn advance(
+        &mut self,
+        t: Time<TrueTime>,
+        exchanges: u32,
+        deck: &[RigidState<Deck>; 2],
+        sea: &Sea,
+        motors: impl FnMut(&PlantState) -> Option<[f64; ROTORS]>,
+    ) {
+        self.contacts.clear();
+        let Some(drone) = &mut self.drone else { return };
+        let at = drone.truth().position.0;
+        let water_z = sea.surface(t, at.x, at.y).surface_z();
+        let reports = if self.under_firmware {
+            drone.step_with_firmware(t, TICK, deck, water_z, exchanges.max(1), motors)
+        } else {
+            vec![drone.step(t.secs(), TICK.secs(), &deck[0], &deck[1], water_z)]
+        };
+        for report in reports {
+            self.in_water |= report.in_water;
+            self.motors_on = report.armed;
+            self.contacts.extend(report.impacts.iter().map(|i| ContactEvent {
+                foot: matches!(i.part, Part::Foot(_)),
+                on_deck: i.position.0.z < BELOW_SURFACE_M,
+                normal_mps: i.normal_mps,
+                tangential_mps: i.tangential_mps,
+            }));
+        }
+    }
+    fn truth(&self) -> Option<RigidState<DroneBody>> {
+        self.drone.as_ref().map(SimulatedDrone::truth)
+    }
+}
+
+/// Truth, and what measures it. Drones are counted from 0; what belongs to one of them asks for its number
+/// and gives nothing for a number that no drone has.
+pub struct Physics {
+    t: Time<TrueTime>,
+    ticks: u64,
+    started: Time<TrueTime>,
+    sea: Sea,
+    carrier: DeckCarrier,
+    vessel_clock: ClockModel,
+    vessel_sensors: VesselSensors,
+    drones: Vec<Plant>,
+    scenario: Scenario,
+    streams: Streams,
+    digest: u64,
+}
+
+impl Physics {
+    /// The truth of `seed` before the warm-up.
+    pub fn new(scenario: &Scenario, seed: u64) -> Result<Physics, SetupError> {
+        scenario.check(&Keys::ROOT)?;
+        let streams = Streams::new(seed);
+        let sea = Sea::new(&scenario.sea, &streams);
+        let motion = scenario.deck_motion.as_ref();
+        let carrier = DeckCarrier::new(&scenario.vessel, motion, &scenario.deck, &sea, &streams)?;
+        let vessel_clock = Clocks::new(&scenario.sensors.clocks, &streams).vessel;
+        let identity = Identity {
+            vessel: VESSEL_ID,
+            drone: 0,
+            boot: BOOT,
+            clock: vessel_clock,
+        };
+        Ok(Physics {
+            t: Time::EPOCH,
+            ticks: 0,
+            started: Time::EPOCH + Span::from_secs(scenario.start.warm_up_s),
+            sea,
+            carrier,
+            vessel_clock,
+            vessel_sensors: VesselSensors::new(&scenario.sensors, identity, &streams),
+            drones: (0..scenario.drones as usize)
+                .map(|k| Plant::new(k, scenario, &streams))
+                .collect(),
+            scenario: scenario.clone(),
+            streams,
+            digest: 0xcbf2_9ce4_8422_2325,
+        })
+    }
+
+    /// A drone appears in the air, at a place of the scenario.
+    pub fn place_drone(&mut self, k: usize) {
+        let Some(plant) = self.drones.get_mut(k) else {
+            return;
+        };
+        let start = &self.scenario.start;
+        let mut draw = Noise::new(&plant.streams, "drone.start");
+        let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
+        let distance = between(start.distance_m);
+        let height = between(start.height_m);
+        let bearing = between([0.0, TAU]);
+        let yaw = wrap_angle(between([0.0, TAU]));
+        let vessel = self.carrier.state().position.0;
+        let position = Vector3::new(
+            vessel.x + distance * bearing.cos(),
+            vessel.y + distance * bearing.sin(),
+            -height,
+        );
+        let mut config = self.scenario.drone.clone();
+        if k > 0 {
+            // All drones fly in the mean wind of the first.
+            let to_deg = wind_to_deg(&self.streams);
+            config.wind.to_deg.get_or_insert(to_deg);
+        }
+        let (drone, deck) = (&self.scenario.airframe, &self.scenario.deck);
+        let start = DroneStart { position, yaw };
+        plant.drone = Some(SimulatedDrone::new(&config, drone, deck, &plant.streams, start));
+        (plant.in_water, plant.motors_on) = (false, true);
+    }
+    /// A drone stands on a pad where the scenario places it, to be flown by a firmware.
+    pub fn place_drone_on_pad(&mut self, k: usize) {
+        self.place_drone(k);
+        self.fly_by_firmware(k);
+        if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
+            drone.stand();
+        }
+    }
+    /// A firmware turns a drone's rotors from now on.
+    pub fn fly_by_firmware(&mut self, k: usize) {
+        if let Some(plant) = self.drones.get_mut(k) {
+            plant.under_firmware = true;
+        }
+    }
+
+    /// The vessel's sensors, now.
+    pub fn vessel_readings(&mut self) -> VesselReadings {
+        self.vessel_sensors.step(self.t, &self.carrier.state())
+    }
+    /// What a drone's instruments measure now; None before it is in the air.
+    pub fn drone_measurements(&mut self, k: usize) -> Option<DroneMeasurements> {
+        let (t, deck, sea) = (self.t, self.deck(), &self.sea);
+        let plant = self.drones.get_mut(k)?;
+        plant.drone.as_ref()?;
+        let header = plant.header(t);
+        let drone = plant.drone.as_ref()?;
+        Some(DroneMeasurements {
+            odometry: drone.odometry(header),
+            autopilot: (self.ticks.is_multiple_of(AUTOPILOT_TICKS)).then(|| drone.autopilot_state(header)),
+            readings: plant.sensors.step(t, &drone.truth(), &deck, |north, east| {
+                sea.surface(t, north, east).surface_z()
+            }),
+        })
+    }
+    /// A drone's autopilot takes a set-point.
+    pub fn apply(&mut self, k: usize, set_point: &SetPoint) {
+        let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) else {
+            return;
+        };
+        drone.apply(set_point);
+        self.hash(&set_point.attitude);
+        self.hash(&[set_point.thrust, set_point.position[0], set_point.position[2]]);
+    }
+
+    /// Vessel, autopilots, drones and contacts move on by one tick.
+    pub fn advance(&mut self) {
+        self.advance_with_firmware(EXCHANGES_PER_TICK, |_, _| None);
+    }
+    /// The same where firmwares turn rotors: `motors` is given the number and the state of a drone under a
+    /// firmware, so many times a tick ([`EXCHANGES_PER_TICK`]), and gives its motors as fractions of a rotor's
+    /// maximum thrust; None with all off.
+    pub fn advance_with_firmware(
+        &mut self,
+        exchanges: u32,
+        mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; ROTORS]>,
+    ) {
+        let (t, before) = (self.t, self.deck());
+        self.carrier.step(t, TICK.secs(), &self.sea);
+        let deck = [before, self.deck()];
+        for k in 0..self.drones.len() {
+            let Some(plant) = self.drones.get_mut(k) else {
+                continue;
+            };
+            plant.advance(t, exchanges, &deck, &self.sea, |state| motors(k, state));
+            if let Some(truth) = plant.truth() {
+                self.hash(truth.position.0.as_slice());
+                self.hash(truth.attitude.0.coords.as_slice());
+            }
+        }
+        self.hash(self.carrier.state().position.0.as_slice());
+        self.t += TICK;
+        self.ticks += 1;
+    }
+
+    fn hash(&mut self, values: &[f64]) {
+        for v in values {
+            self.digest = (self.digest ^ v.to_bits())
+                .wrapping_mul(0x0000_0100_0000_01b3)
+                .rotate_left(17);
+        }
+    }
+
+    /// The header of the next message of a drone's own computer or its operator.
+    pub fn header(&mut self, k: usize) -> Header<DroneClock> {
+        let t = self.t;
+        self.drones.get_mut(k).map(|p| p.header(t)).unwrap_or_default()
+    }
+    /// When the drones appear.
+    pub fn hover_from(&self) -> Time<TrueTime> {
+        self.started - Span::from_secs(self.scenario.start.hover_s)
+    }
+    /// When the landing is commanded.
+    pub fn started(&self) -> Time<TrueTime> {
+        self.started
+    }
+    /// Time since the landing was commanded.
+    pub fn time_since_start(&self) -> Span {
+        self.t - self.started
+    }
+    /// True time.
+    pub fn now(&self) -> Time<TrueTime> {
+        self.t
+    }
+    /// The vessel's clock (truth).
+    pub fn vessel_clock(&self) -> ClockModel {
+        self.vessel_clock
+    }
+    /// What the vessel's clock reads.
+    pub fn vessel_now(&self) -> Time<VesselClock> {
+        self.vessel_clock.read(self.t)
+    }
+    /// A drone's clock (truth).
+    pub fn drone_clock(&self, k: usize) -> ClockModel {
+        self.drones.get(k).map_or(self.vessel_clock, |p| p.identity.clock)
+    }
+    /// What a drone's clock reads.
+    pub fn drone_now(&self, k: usize) -> Time<DroneClock> {
+        self.drone_clock(k).read(self.t)
+    }
+    /// The named random streams of this seed.
+    pub fn streams(&self) -> &Streams {
+        &self.streams
+    }
+    /// The sea.
+    pub fn sea(&self) -> &Sea {
+        &self.sea
+    }
+    /// What the vessel's GNSS displaces its NED plane by now, m.
+    pub fn vessel_gnss_bias(&self) -> Vector3<f64> {
+        self.vessel_sensors.gnss_bias()
+    }
+    /// The deck.
+    pub fn deck(&self) -> RigidState<Deck> {
+        self.carrier.state().at(self.scenario.deck.centre())
+    }
+    /// The vessel's reference point.
+    pub fn vessel(&self) -> RigidState<VesselBody> {
+        self.carrier.state()
+    }
+    /// A drone; None before it appears.
+    pub fn drone(&self, k: usize) -> Option<RigidState<DroneBody>> {
+        self.drones.get(k).and_then(Plant::truth)
+    }
+    /// Hash of all true states and set-points so far.
+    pub fn digest(&self) -> u64 {
+        self.digest
+    }
+
+    fn feet(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> [[f64; 3]; 4] {
+        let g = &self.scenario.airframe;
+        let (x, y) = (g.feet_span_m[0] / 2.0, g.feet_span_m[1] / 2.0);
+        [[x, y], [x, -y], [-x, y], [-x, -y]].map(|[x, y]| {
+            let foot = drone.at::<DroneBody>(Vector3::new(x, y, g.feet_below_m)).position;
+            let d = deck.attitude.inverse() * (foot - deck.position);
+            [d.0.x, d.0.y, -d.0.z]
+        })
+    }
+
+    /// What the judge of a drone's landing looks at, beside its mission's newest state.
+    pub fn observation(&self, k: usize, mission: &MissionState) -> Observation<'_> {
+        let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
+        let plant = self.drones.get(k);
+        let (roll, pitch, yaw) = (deck.attitude.inverse() * drone.attitude).euler();
+        let cos_tilt = deck.attitude.down().dot(&drone.attitude.down());
+        Observation {
+            t_s: self.time_since_start().secs(),
+            contacts: plant.map_or(&[], |p| &p.contacts),
+            feet: self.feet(&drone, &deck),
+            relative_euler: [roll, pitch, yaw],
+            tilt_error: cos_tilt.clamp(-1.0, 1.0).acos(),
+            horizontal_m: (drone.position.0 - deck.position.0).xy().norm(),
+            // Motors that were never started were not stopped.
+            motors_on: plant
+                .is_none_or(|p| p.motors_on || p.drone.as_ref().is_some_and(SimulatedDrone::on_pad)),
+            descending: matches!(mission.state, State::Descent | State::Flare),
+            attempts: mission.attempts,
+            gave_up: mission.state == State::GaveUp,
+            in_water: plant.is_some_and(|p| p.in_water),
+        }
+    }
+
+    /// One point of a drone's trace.
+    pub fn trace_point(&self, k: usize) -> TracePoint {
+        let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
+        let feet = self.feet(&drone, &deck);
+        TracePoint {
+            t_s: self.time_since_start().secs(),
+            drone: drone.position.0.into(),
+            deck: deck.position.0.into(),
+            drone_velocity: drone.velocity.0.into(),
+            deck_velocity: deck.velocity.0.into(),
+            drone_euler: drone.euler().into(),
+            deck_euler: deck.euler().into(),
+            clearance_m: feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min),
+        }
+    }
+}
