@@ -149,7 +149,7 @@ fn review_counts_repeated_reordered_and_far_dated_measurements_and_changes_littl
         bad.measurements.swap(k, k + 1);
     }
     let r = review(&config, &bad);
-    let counted: u64 = r.sources.iter().map(|s| s.out_of_order).sum();
+    let counted: u64 = r.sources.iter().map(|s| s.counts.out_of_order).sum();
     assert!(counted as usize >= real.measurements.len() / 50, "{counted}");
     assert!(
         r.outliers_in_time as usize >= real.measurements.len() / 400 - 2,

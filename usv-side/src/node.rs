@@ -1,4 +1,4 @@
-//! The vessel's process: admission of its sensors, the estimator, broadcast, time replies.
+//! The vessel's node: admission of measurements, the estimator, broadcast, time replies.
 
 use alight_shared::admission::{InOrder, Periodic, RejectionReason, Rejections, Rule};
 use alight_shared::msg::{
@@ -13,16 +13,19 @@ use crate::VesselNodeConfig;
 use crate::apparent_slope::{self, ApparentSlope};
 use crate::estimator::{Estimator, Gated};
 use crate::rate_control::RateControl;
+use crate::sensors::Measurement;
 
-/// Most measurements of one sensor that one step takes; the rest is counted as refused.
+/// Most inputs of one kind in a step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
 /// A measurement may lie this far in the future of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
-/// Of several inertial (or attitude) sensors one is used until it has been silent for this long, s:
-/// two at a time would be taken for one with the noise of a single sample.
+/// Of several inertial (or attitude) sensors one is used until it has been silent for this long, s: the filter would
+/// take the samples of two for those of one sensor.
 const SOURCE_TIMEOUT_S: f64 = 0.5;
-/// An attitude that is older is refused, s: it carries the filter, as an inertial sample does.
+/// An older attitude is rejected, s: it carries the filter, as an inertial sample does.
 const MAX_ATTITUDE_AGE_S: f64 = 0.5;
+/// An older inertial sample is rejected, s.
+const MAX_IMU_AGE_S: f64 = 0.5;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -35,11 +38,11 @@ pub struct VesselIn {
     pub heading: Vec<HeadingFix>,
     /// Attitudes.
     pub attitude: Vec<AttitudeFix>,
-    /// Drones' questions for the time, stamped with their arrival.
+    /// Time requests of drones, stamped with their arrival.
     pub time_requests: Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
 }
 
-/// What the vessel says.
+/// What the vessel publishes.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselOut {
     /// State estimate, when due.
@@ -59,22 +62,22 @@ const GNSS: usize = 1;
 const HEADING: usize = 2;
 const ATTITUDE: usize = 3;
 
-/// What became of the measurements of one source.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Statistics of the measurements of one source.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct SourceCounts {
     /// Given to the filter.
     pub taken: u64,
-    /// Of those, with a component that the filter's gate refused; of inertial samples in pairs.
+    /// Of those, with a component that the filter's gate rejected; inertial samples count in pairs.
     pub gated: u64,
-    /// Not newer than the last one of the source.
-    pub order: u64,
-    /// Too old, from the future, or absurd.
+    /// Not newer than the last one of the source: out of order or repeated.
+    pub out_of_order: u64,
+    /// Too old, from the future, or out of range.
     pub rejected: u64,
     /// Not needed: another source of the kind, or an inertial sensor, is in use.
     pub spare: u64,
 }
 
-/// A source, as the node knows it.
+/// State of a source.
 #[derive(Clone, Copy, Debug, Default)]
 struct SourceState {
     newest: Option<Header<VesselClock>>,
@@ -86,7 +89,7 @@ struct SourceState {
 struct SelectedSource(Option<(u8, Time<VesselClock>)>);
 
 impl SelectedSource {
-    /// A sample of `source` at `at` is to be used.
+    /// Whether a sample of `source` at `at` is to be used.
     fn accepts(&mut self, source: u8, at: Time<VesselClock>) -> bool {
         let accepts = self
             .0
@@ -117,7 +120,7 @@ pub struct VesselNode {
 }
 
 impl VesselNode {
-    /// A node that has heard nothing. `boot` is drawn anew at each start.
+    /// A node without measurements. `boot` is drawn anew at each start.
     pub fn new(config: &VesselNodeConfig, vessel_id: u32, boot: u32) -> Self {
         VesselNode {
             config: config.clone(),
@@ -135,7 +138,7 @@ impl VesselNode {
             rate_control: RateControl::new(&config.broadcast.rate_control),
         }
     }
-    /// A node that is told the waves' angular frequencies (rad/s) and directions (rad), for studies.
+    /// A node with known angular frequencies (rad/s) and directions (rad) of the waves, for studies.
     pub fn with_known_waves(
         config: &VesselNodeConfig,
         vessel_id: u32,
@@ -147,20 +150,20 @@ impl VesselNode {
             ..Self::new(config, vessel_id, boot)
         }
     }
-    /// Inputs refused at the door.
+    /// Inputs that were not admitted, by reason.
     pub fn rejected(&self) -> Rejections {
         self.rejected
     }
-    /// Measurements refused by the filter's gates.
+    /// Measurements rejected by the filter's gates.
     pub fn gated(&self) -> Gated {
         self.estimator.gated()
     }
-    /// What became of the measurements of source `source` of kind `kind` of [`KINDS`].
+    /// Statistics of source `source` of kind `kind` of [`KINDS`].
     pub fn source(&self, kind: usize, source: usize) -> SourceCounts {
         let source = self.sources.get(kind).and_then(|k| k.get(source));
         source.map(|k| k.counts).unwrap_or_default()
     }
-    /// The share of its full rates that it uses.
+    /// The fraction of the full rates that is used.
     pub fn rate_fraction(&self) -> f64 {
         self.rate_control.rate_fraction()
     }
@@ -169,85 +172,72 @@ impl VesselNode {
         &self.estimator
     }
 
-    fn admit<M: Message<Clock = VesselClock>>(
-        rejected: &mut Rejections,
-        source: &mut SourceState,
+    /// Admits measurements of one kind, counts them by source, and gives them to `fuse`, which returns whether a
+    /// component was gated, or None when the measurement is not needed.
+    fn take<M: Message<Clock = VesselClock> + Copy + Into<Measurement>>(
+        &mut self,
         now: Time<VesselClock>,
-        max_age_s: f64,
-        m: &M,
-    ) -> bool {
+        (kind, max_age_s): (usize, f64),
+        measurements: &[M],
+        fuse: impl Fn(&mut Self, &M) -> Option<bool>,
+    ) {
         let rule = Rule {
             lead: Span::from_secs(FUTURE_S),
             max_age: Span::from_secs(max_age_s),
             order: InOrder::ByTime,
         };
-        match rule.admit(now, m, source.newest.as_ref()) {
-            Ok(()) => {
-                source.newest = Some(*m.header());
-                true
-            }
-            Err(reason) => {
-                rejected.count(reason);
-                let out_of_order = reason == RejectionReason::OutOfOrder;
-                source.counts.order += u64::from(out_of_order);
-                source.counts.rejected += u64::from(!out_of_order);
-                false
-            }
-        }
-    }
-
-    fn take_measurements(&mut self, now: Time<VesselClock>, input: &VesselIn) {
-        let (rejected, config, estimator) = (&mut self.rejected, &self.config, &mut self.estimator);
-        // A source beyond the last is absurd, and counted with the last.
-        let place = |source: u8| usize::from(source).min(MAX_SOURCES - 1);
-        let [imu_in_use, attitude_in_use] = &mut self.in_use;
-        // Oldest first within a step: inertial samples bring the state to the others' time.
-        for m in input.imu.iter().take(MAX_PER_STEP) {
-            let source = &mut self.sources[IMU][place(m.source)];
-            if Self::admit(rejected, source, now, 0.5, m) {
-                if imu_in_use.accepts(m.source, m.header.at) {
-                    let gated = estimator.gated().imu;
-                    estimator.imu(m);
-                    source.counts.taken += 1;
-                    source.counts.gated += u64::from(estimator.gated().imu > gated);
-                } else {
-                    source.counts.spare += 1;
+        for m in measurements.iter().take(MAX_PER_STEP) {
+            // A source beyond the last is invalid, and counted with the last.
+            let source = usize::from((*m).into().source()).min(MAX_SOURCES - 1);
+            let state = &mut self.sources[kind][source];
+            match rule.admit(now, m, state.newest.as_ref()) {
+                Ok(()) => {
+                    state.newest = Some(*m.header());
+                    let fused = fuse(self, m);
+                    let counts = &mut self.sources[kind][source].counts;
+                    counts.taken += u64::from(fused.is_some());
+                    counts.spare += u64::from(fused.is_none());
+                    counts.gated += u64::from(fused == Some(true));
+                }
+                Err(reason) => {
+                    let out_of_order = reason == RejectionReason::OutOfOrder;
+                    state.counts.out_of_order += u64::from(out_of_order);
+                    state.counts.rejected += u64::from(!out_of_order);
+                    self.rejected.count(reason);
                 }
             }
         }
-        for m in input.attitude.iter().take(MAX_PER_STEP) {
-            let source = &mut self.sources[ATTITUDE][place(m.source)];
-            if Self::admit(rejected, source, now, MAX_ATTITUDE_AGE_S, m) {
-                let used = attitude_in_use.accepts(m.source, m.header.at);
-                let (used, gated) = if used { estimator.attitude(m) } else { (false, 0) };
-                source.counts.taken += u64::from(used);
-                source.counts.spare += u64::from(!used);
-                source.counts.gated += u64::from(gated > 0);
+        self.count_flood(measurements.len());
+    }
+
+    fn count_flood(&mut self, inputs: usize) {
+        self.rejected
+            .count_many(RejectionReason::Flood, inputs.saturating_sub(MAX_PER_STEP));
+    }
+
+    fn take_measurements(&mut self, now: Time<VesselClock>, input: &VesselIn) {
+        let ages = (self.config.gnss.max_age_s, self.config.heading.max_age_s);
+        // Inertial samples bring the state to the others' time, so they come first.
+        self.take(now, (IMU, MAX_IMU_AGE_S), &input.imu, |node, m| {
+            let gated = node.estimator.gated().imu;
+            let used = node.in_use[0].accepts(m.source, m.header.at);
+            if used {
+                node.estimator.imu(m);
             }
-        }
-        for m in input.gnss.iter().take(MAX_PER_STEP) {
-            let source = &mut self.sources[GNSS][place(m.source)];
-            if Self::admit(rejected, source, now, config.gnss.max_age_s, m) {
-                source.counts.taken += 1;
-                source.counts.gated += u64::from(estimator.gnss(m) > 0);
-            }
-        }
-        for m in input.heading.iter().take(MAX_PER_STEP) {
-            let source = &mut self.sources[HEADING][place(m.source)];
-            if Self::admit(rejected, source, now, config.heading.max_age_s, m) {
-                source.counts.taken += 1;
-                source.counts.gated += u64::from(!estimator.heading(m));
-            }
-        }
-        for n in [
-            input.imu.len(),
-            input.gnss.len(),
-            input.heading.len(),
-            input.attitude.len(),
-            input.time_requests.len(),
-        ] {
-            rejected.count_many(RejectionReason::Flood, n.saturating_sub(MAX_PER_STEP));
-        }
+            used.then_some(node.estimator.gated().imu > gated)
+        });
+        self.take(now, (ATTITUDE, MAX_ATTITUDE_AGE_S), &input.attitude, |node, m| {
+            let accepted = node.in_use[1].accepts(m.source, m.header.at);
+            let (used, gated) = accepted.then(|| node.estimator.attitude(m))?;
+            used.then_some(gated > 0)
+        });
+        self.take(now, (GNSS, ages.0), &input.gnss, |node, m| {
+            Some(node.estimator.gnss(m) > 0)
+        });
+        self.take(now, (HEADING, ages.1), &input.heading, |node, m| {
+            Some(!node.estimator.heading(m))
+        });
+        self.count_flood(input.time_requests.len());
     }
 
     fn reply(&mut self, now: Time<VesselClock>, input: &VesselIn) -> Vec<TimeReply<VesselClock, DroneClock>> {
@@ -260,7 +250,8 @@ impl VesselNode {
                 self.rejected.count(RejectionReason::Vessel);
             } else {
                 let period_s = 1.0 / (self.config.broadcast.estimate_hz * self.rate_control.rate_fraction());
-                if asked_boot(&request.value) == Some(self.boot) {
+                // Boot 0: the drone has received no estimate yet.
+                if request.value.newest_boot != 0 && request.value.newest_boot == self.boot {
                     let newest = request.value.newest_at;
                     self.rate_control
                         .observe(request.at, asked.drone, newest, period_s);
@@ -277,12 +268,7 @@ impl VesselNode {
     }
 }
 
-/// The boot of the vessel whose estimate the drone heard last, if it heard any.
-fn asked_boot(request: &TimeRequest<DroneClock>) -> Option<u32> {
-    (request.newest_boot != 0).then_some(request.newest_boot)
-}
-
-/// Gives a message its sequence number and lets it out only when it passes its own check.
+/// Counts the sequence number of a message on; None when the message fails its own check.
 fn checked<M: Message<Clock = VesselClock>>(
     message: M,
     sequence: &mut u32,

@@ -291,7 +291,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                     if c != SourceCounts::default() {
                         info!(
                             "{name} {source}: {} used, {} of them gated, {} out of order, {} rejected, {} spare",
-                            c.taken, c.gated, c.order, c.rejected, c.spare
+                            c.taken, c.gated, c.out_of_order, c.rejected, c.spare
                         );
                     }
                 }

@@ -122,7 +122,7 @@ impl SourceHealth {
         for kind in 0..KINDS.len() {
             for number in [2 * status.number, 2 * status.number + 1] {
                 let c = node.source(kind, number);
-                health.out_of_order += c.order;
+                health.out_of_order += c.out_of_order;
                 health.used += c.taken;
                 health.gated += c.gated;
                 health.rejected += c.rejected;

@@ -151,10 +151,6 @@ impl Estimator {
     pub fn gated(&self) -> Gated {
         self.gated
     }
-    /// The running filter's belief, once it runs.
-    pub fn belief(&self) -> Option<&Belief> {
-        self.filter.as_ref().map(|f| &f.belief)
-    }
     /// Mean water level in the GNSS frame, m down in the vessel's NED, and standard deviation of heave about it at
     /// stage `k` of a prediction made now, m: the two parts of the published height. For studies.
     pub fn level_and_heave_sd(&self, k: usize) -> Option<(f64, f64)> {

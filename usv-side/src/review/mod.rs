@@ -53,16 +53,9 @@ pub struct SourceReview {
     pub gaps: u64,
     /// The longest silence, s.
     pub longest_gap_s: f64,
-    /// Given to the filter.
-    pub taken: u64,
-    /// Of those, with a component that the gate rejected.
-    pub gated: u64,
-    /// Not newer than the one before: out of order or repeated.
-    pub out_of_order: u64,
-    /// Too old, from the future or absurd.
-    pub rejected: u64,
-    /// Not needed: another source is in use.
-    pub spare: u64,
+    /// What the node made of them.
+    #[serde(flatten)]
+    pub counts: SourceCounts,
 }
 
 /// The sea.
@@ -429,7 +422,6 @@ fn sources(all: &[&Measurement], node: &VesselNode) -> Vec<SourceReview> {
                 .filter(|d| *d > 0.0)
                 .collect();
             let usual = median(&steps).unwrap_or_default();
-            let counts: SourceCounts = node.source(kind, source);
             out.push(SourceReview {
                 kind: name,
                 source,
@@ -440,11 +432,7 @@ fn sources(all: &[&Measurement], node: &VesselNode) -> Vec<SourceReview> {
                     .filter(|d| **d > (GAP_STEPS * usual).max(GAP_S))
                     .count() as u64,
                 longest_gap_s: steps.iter().copied().fold(0.0, f64::max),
-                taken: counts.taken,
-                gated: counts.gated,
-                out_of_order: counts.order,
-                rejected: counts.rejected,
-                spare: counts.spare,
+                counts: node.source(kind, source),
             });
         }
     }

@@ -61,8 +61,6 @@ pub struct MotionSample {
 pub struct SeaComponent {
     /// Earth-frame angular frequency, rad/s.
     pub omega: f64,
-    /// Its standard deviation, rad/s.
-    pub omega_sd: f64,
     /// Direction the component travels to, from north towards east, rad.
     pub direction: f64,
     /// Its standard deviation, rad; pi when unknown.
@@ -108,8 +106,6 @@ pub struct SeaState {
     pub significant_height_m: f64,
     /// 0 to 1: explained fraction of the motion, times the maturity of the record.
     pub confidence: f64,
-    /// Fraction of the motion's variance that the components leave unexplained, 0 to 1.
-    pub residual_fraction: f64,
 }
 
 impl SeaComponent {

@@ -507,7 +507,6 @@ impl Tracker {
         let [north, east] = self.fitter.rows.end();
         let u = self.fitter.rows.velocity_at_end();
         let deviations = self.fitter.deviations(s, priors);
-        let colour = self.colour().sqrt();
         let fresh = self.priors(s);
         let k = s.waves.len();
         let mut components: Vec<SeaComponent> = Vec::with_capacity(k);
@@ -524,10 +523,6 @@ impl Tracker {
             (component.heave, component.normal) = self.phasors(s, (j, w), turn, u);
             component.amplitude_heave_m = component.heave.norm();
             component.amplitude_tilt_rad = component.normal[0].norm().hypot(component.normal[1].norm());
-            component.omega_sd = deviations
-                .as_ref()
-                .and_then(|d| d.get(j))
-                .map_or(w.omega, |d| (d * colour).min(w.omega));
             component.direction_sd = deviations
                 .as_ref()
                 .and_then(|d| d.get(k + j))
@@ -540,11 +535,10 @@ impl Tracker {
             (b.amplitude_tilt_rad + 0.1 * b.amplitude_heave_m)
                 .total_cmp(&(a.amplitude_tilt_rad + 0.1 * a.amplitude_heave_m))
         });
-        let residual_fraction = self.unexplained(s);
         let maturity = ((self.fitter.rows.span_s - 10.0) / 30.0).clamp(0.0, 1.0);
-        // A hull that slams leaves half of its vertical acceleration unexplained while its tilt comes as
-        // foretold: what has come true counts as much as what has been explained.
-        let doubt = residual_fraction.min(self.long_prediction_error);
+        // A slamming hull leaves half of its vertical acceleration unexplained while its tilt is predicted well: the
+        // prediction error counts as much as the unexplained fraction.
+        let doubt = self.unexplained(s).min(self.long_prediction_error);
         let confidence = maturity * (1.0 - doubt / 0.6).clamp(0.0, 1.0);
         let heave_variance: f64 = components.iter().map(|c| 0.5 * c.amplitude_heave_m.powi(2)).sum();
         SeaState {
@@ -560,10 +554,6 @@ impl Tracker {
             confidence: match verdict {
                 Verdict::Calm => maturity,
                 Verdict::Broad | Verdict::Identified => confidence,
-            },
-            residual_fraction: match verdict {
-                Verdict::Calm => 0.0,
-                Verdict::Broad | Verdict::Identified => residual_fraction,
             },
         }
     }

@@ -35,11 +35,11 @@ pub fn table(origin: &str, r: &Review) -> String {
             s.rate_hz,
             s.gaps,
             s.longest_gap_s,
-            s.taken,
-            s.gated,
-            s.out_of_order,
-            s.rejected,
-            s.spare
+            s.counts.taken,
+            s.counts.gated,
+            s.counts.out_of_order,
+            s.counts.rejected,
+            s.counts.spare
         ));
     }
     line(String::new());
