@@ -84,7 +84,7 @@ config! {
 config! {
     /// Configuration of the vessel's node.
     pub struct VesselNodeConfig {
-        /// Figures of the wave-augmented model.
+        /// Parameters of the wave-augmented model.
         pub model: VesselModelConfig;
         /// The landing deck.
         pub deck: DeckGeometry;

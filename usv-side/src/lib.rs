@@ -5,7 +5,7 @@
 //! | [`sensors`] | bytes of the vessel's sensors to measurements with their time |
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
 //! | [`estimator`], [`sea_state`] | the Kalman filter; the wave components in its model |
-//! | [`apparent_slope`] | how steep the deck was of late for what stands on it |
+//! | [`apparent_slope`] | the deck's slope for a drone that stands on it |
 //! | [`rate_control`] | the rates that the radio carries |
 //! | [`deck`] | the deck arbiter and the operator relay |
 //! | [`calibrate`], [`log`], [`review`] | offline: nothing of them runs in flight |

@@ -324,7 +324,7 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
             1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)
         })
     };
-    // One that somebody held, or of another motion, does not spoil the rest.
+    // Pushes that somebody held, or of another degree of freedom, are left out.
     let good: Vec<&Push> = all
         .iter()
         .filter(|push| explained(p, push) >= EXPLAINED)

@@ -14,7 +14,7 @@ use alight_shared::geometry::GRAVITY;
 
 use super::decay::{Decay, Signal, ValueWithSd, median};
 
-/// The level at rest is the median of the medians of so long pieces, s (ours: longer than a push and its decay).
+/// The level at rest is the median of the medians of pieces of this length, s (ours: longer than a push and its decay).
 const PIECE_S: f64 = 5.0;
 /// Fewest of them.
 const MIN_PIECES: usize = 4;
@@ -36,7 +36,7 @@ pub type Level = [Option<ValueWithSd>; 2];
 /// Stiffness in roll and pitch, Nm/rad, or the tilt that is too small: rad, None where it was not measured.
 pub type Stiffness = [Result<ValueWithSd, Option<ValueWithSd>>; 2];
 
-/// Level of a signal at rest: what pushes it now and then shifts it by a part of the sensor's noise.
+/// Level of a signal at rest: occasional pushes shift it by a fraction of the sensor's noise.
 pub fn level(signal: &Signal) -> Option<ValueWithSd> {
     let first = *signal.t_s.first()?;
     let mut pieces: Vec<Vec<f64>> = Vec::new();

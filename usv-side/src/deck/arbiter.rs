@@ -5,10 +5,11 @@
 //! deck until it goes elsewhere, its status times out, or it has taken off again. A drone on the deck owns it
 //! without a timeout: it may have been switched off there.
 
+use alight_shared::admission::check_message;
 use alight_shared::config;
-use alight_shared::msg::{DeckGrant, DroneStatus, Header, LandedState, MESSAGE_VERSION, Message, State};
+use alight_shared::msg::{DeckGrant, DroneStatus, Header, LandedState, State};
 use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
@@ -50,9 +51,8 @@ enum Claim {
 
 #[derive(Clone, Copy, Debug)]
 struct Drone {
-    id: u32,
-    boot: u32,
-    sequence: u32,
+    /// Of its newest status.
+    header: Header<DroneClock>,
     received: Time<VesselClock>,
     claim: Claim,
     /// Since when it has requested the deck without owning it, or has owned it without descending.
@@ -127,12 +127,12 @@ impl DeckArbiter {
 
     fn observe(&mut self, now: Time<VesselClock>, status: &DroneStatus) {
         let h = &status.header;
-        let index = self.drones.iter().position(|d| d.id == h.drone);
+        let index = self.drones.iter().position(|d| d.header.drone == h.drone);
         let before = index.and_then(|k| self.drones.get(k)).copied();
-        let old = before.is_some_and(|d| d.boot == h.boot && h.sequence <= d.sequence);
-        let valid = h.version == MESSAGE_VERSION && h.vessel == self.vessel && h.drone != 0;
+        let old = before.is_some_and(|d| !h.follows(&d.header));
+        let valid = check_message(status).is_ok() && h.vessel == self.vessel && h.drone != 0;
         let full = before.is_none() && self.drones.len() >= MAX_DRONES;
-        if !valid || old || full || status.check().is_err() {
+        if !valid || old || full {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
@@ -140,9 +140,7 @@ impl DeckArbiter {
         let same = before.filter(|d| d.claim == claim || d.claim.max(claim) <= Claim::Requesting);
         let new_request = claim == Claim::Requesting && before.is_none_or(|d| d.claim == Claim::Away);
         let drone = Drone {
-            id: h.drone,
-            boot: h.boot,
-            sequence: h.sequence,
+            header: *h,
             received: now,
             claim,
             since: same.filter(|_| !new_request).map_or(now, |d| d.since),
@@ -162,18 +160,20 @@ impl DeckArbiter {
         // Facts before permissions: who is on the deck or descends owns it, the owner before another.
         let fact = drones()
             .filter(|d| d.claim >= Claim::Landing)
-            .max_by_key(|d| (d.claim, self.owner == Some(d.id)));
+            .max_by_key(|d| (d.claim, self.owner == Some(d.header.drone)));
         if let Some(d) = fact {
-            return Some(d.id);
+            return Some(d.header.drone);
         }
-        let current = drones().find(|d| self.owner == Some(d.id) && d.claim > Claim::Away);
+        let current = drones().find(|d| self.owner == Some(d.header.drone) && d.claim > Claim::Away);
         let next = drones()
-            .filter(|d| d.claim == Claim::Requesting && self.owner != Some(d.id))
+            .filter(|d| d.claim == Claim::Requesting && self.owner != Some(d.header.drone))
             .min_by_key(|d| d.since);
         match (current, next) {
-            (Some(d), Some(other)) if (now - d.since).secs() > c.idle_timeout_s => Some(other.id),
-            (Some(d), _) => Some(d.id),
-            (None, Some(d)) if self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) => Some(d.id),
+            (Some(d), Some(other)) if (now - d.since).secs() > c.idle_timeout_s => Some(other.header.drone),
+            (Some(d), _) => Some(d.header.drone),
+            (None, Some(d)) if self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) => {
+                Some(d.header.drone)
+            }
             (None, _) => None,
         }
     }
@@ -194,7 +194,7 @@ impl Node for DeckArbiter {
         if changed {
             // The new owner's idle time begins; the former owner joins the end of the queue.
             for d in &mut self.drones {
-                if Some(d.id) == owner || Some(d.id) == self.owner {
+                if Some(d.header.drone) == owner || Some(d.header.drone) == self.owner {
                     d.since = now;
                 }
             }
@@ -218,7 +218,6 @@ impl Node for DeckArbiter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::time::DroneClock;
 
     struct Rig {
         arbiter: DeckArbiter,

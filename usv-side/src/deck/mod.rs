@@ -1,4 +1,4 @@
-//! Who may use the deck, and what operators say to drones: the vessel's nodes that speak with drones.
+//! The deck arbiter and the operator relay: the vessel's nodes that exchange messages with drones.
 
 pub mod arbiter;
 pub mod operator;

@@ -1,20 +1,19 @@
-//! Motion that the wave components do not explain, by covariance matching (Mehra 1972): the
-//! normalised innovation squared of the inertial channels is 1 on average when the filter's figures
-//! are right. Where it stays above that, the vessel moves in a way the model has no word for (a
-//! platform that turns about its deck, wash, people on board), and the disturbance of that degree of
-//! freedom is given more spread and less memory until the innovations fit again.
+//! Adaptive process noise by covariance matching (Mehra 1972): in a consistent filter the normalised innovation
+//! squared of the inertial channels is 1 on average. Where it stays above, the vessel moves in a way that the waves
+//! do not explain (a platform that turns about its deck, wash, people on board), and the disturbance of that degree
+//! of freedom gets a larger spread and a shorter memory until the innovations are consistent again.
 //!
-//! An accelerometer that feels such motion says less about tilt: more disturbance in surge and sway
-//! is exactly that, so the tilt then rests on the gyroscope.
+//! An accelerometer that measures such motion holds less information on tilt; a larger disturbance in surge and sway
+//! has that effect, so the gyroscope then determines the tilt.
 
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::VesselModelConfig;
 
 /// Time constant of the mean innovation, s (ours: several periods of a fast platform).
 const MEMORY_S: f64 = 2.0;
-/// Time between two judgements, s.
+/// Time between two updates, s.
 const PERIOD: Span = Span::from_millis(500);
-/// Share of the discrepancy (logarithm of the spread) that a judgement takes out.
+/// Fraction of the discrepancy (logarithm of the spread) that an update removes.
 const GAIN: f64 = 0.4;
 /// Mean normalised innovation squared of a consistent filter: the noise parameters are tuned to a little more than 1
 /// for a hull in waves.
@@ -23,13 +22,12 @@ const CONSISTENT: f64 = 2.0;
 const MAX_FACTOR: f64 = 150.0;
 /// Shortest memory that a disturbance is given, s.
 const MIN_TIME_S: f64 = 0.1;
-/// Change of a factor that is worth another model (logarithm).
+/// Change of a factor that makes a new model (logarithm).
 const REBUILD_CHANGE: f64 = 0.2;
 
-/// By what factor more than 1 the disturbance of a degree of freedom is wide where all of the orbital motion
-/// passes under the hull: what crests are made of is known to a tenth, and its springs turn a centimetre into
-/// 0.8 m/s² (ours: seeds 300-319 at 0.8 m, 5 s: with 0 for heave its rate is off by 0.09 m/s, with 9 by
-/// 0.04, with 30 by 0.06; roll and pitch are off by 0.77 deg with 9, by 0.70 with 30).
+/// Factor above 1 on the disturbance of a degree of freedom at a wave-following deficit of 1: bound waves are known to
+/// a tenth, and the stiffness in heave turns a centimetre into 0.8 m/s² (ours; seeds 300-319 at 0.8 m, 5 s: heave
+/// rate wrong by 0.09 m/s with 0, 0.04 with 9, 0.06 with 30; roll and pitch by 0.77 deg with 9, 0.70 with 30).
 const CREST_FACTORS: [f64; 6] = [0.0, 0.0, 9.0, 30.0, 30.0, 0.0];
 
 /// Factors on the disturbances of the model.
@@ -64,8 +62,8 @@ impl AdaptiveNoise {
         }
     }
 
-    /// Judges when it is time; true when the model should be rebuilt with [`AdaptiveNoise::adapted`]. `wave_following_deficit` is
-    /// the share of the orbital motion that passes under the hull, whose crests are reckoned with.
+    /// Updates the factors when due; true when the model is to be rebuilt with [`AdaptiveNoise::adapted`]. The
+    /// wave-following deficit is that of a hull whose bound waves are modelled, else 0.
     pub(crate) fn is_rebuild_due(&mut self, at: Time<VesselClock>, wave_following_deficit: f64) -> bool {
         if at < self.next {
             return false;
@@ -99,8 +97,8 @@ impl AdaptiveNoise {
         (self.factor(dof) - 1.0) * model.disturbance_sd_mps2_m_rad_radps2[dof]
     }
 
-    /// The model's figures with these disturbances: the spread times the factor, the memory divided
-    /// by it, so that what is slow grows least.
+    /// The model's parameters with these disturbances: the spread times the factor, the memory divided by it, so
+    /// that slow motion grows least.
     pub(crate) fn adapted(&self, model: &VesselModelConfig) -> VesselModelConfig {
         let mut adapted = model.clone();
         for dof in 0..6 {

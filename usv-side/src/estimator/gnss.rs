@@ -62,7 +62,7 @@ impl Filter {
             }
             let innovation = position[axis] - p;
             let r = fix.position_sd[axis].powi(2);
-            let gate = self.gate_after(axis, ETA, MAX_REJECTED, innovation);
+            let gate = self.gate(axis, ETA, MAX_REJECTED, innovation);
             let update = self.belief.update(&row, innovation, r, gate);
             self.count(axis, ETA, update.fused());
             // Components that are not measured do not count.
@@ -79,7 +79,7 @@ impl Filter {
             }
             let innovation = velocity[axis] - v;
             let r = fix.velocity_sd[axis].powi(2);
-            let gate = self.gate_after(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
+            let gate = self.gate(axis, NU, MAX_REJECTED_VELOCITIES, innovation);
             let update = self.belief.update(&row, innovation, r, gate);
             self.count(axis, NU, update.fused());
             if fix.velocity_sd[axis] < NOT_MEASURED_SD {
@@ -111,11 +111,11 @@ impl Filter {
         rejected
     }
 
-    /// The gate of an axis' place ([`ETA`]) or velocity ([`NU`]): open when it was refused `gate_after` times in
-    /// a row, and the state then known no better than it is off. A height that jumps is the receiver's, not the
-    /// hull's, which the water holds.
-    fn gate_after(&mut self, axis: usize, slot: usize, gate_after: u32, innovation: f64) -> f64 {
-        if self.rejected_rows[slot][axis] < gate_after {
+    /// The gate of an axis' position ([`ETA`]) or velocity ([`NU`]): open after `max_rejected` consecutive rejections,
+    /// with the state's variance raised to the squared innovation. A jump in height is the receiver's bias, because
+    /// the water holds the hull.
+    fn gate(&mut self, axis: usize, slot: usize, max_rejected: u32, innovation: f64) -> f64 {
+        if self.rejected_rows[slot][axis] < max_rejected {
             return GATE;
         }
         let state = if (axis, slot) == (HEAVE, ETA) {

@@ -18,13 +18,13 @@ const FORCE_MODEL_SD: f64 = 0.03;
 
 /// Largest innovation that counts as possibly true, rad/s, m/s².
 const MAX_MISSED: f64 = 50.0;
-/// Largest fluctuation of the specific force along the vertical that is used to tell tilt from bias, m/s².
+/// Largest fluctuation of the vertical specific force that is used to separate tilt from bias, m/s².
 const MAX_LIFT: f64 = 1.0;
 /// Standard deviation of an impulse's velocity, as a fraction of it.
 const IMPULSE_SD_FRACTION: f64 = 0.3;
 /// Largest innovation of a rate and of a specific force that a hull that slams explains, rad/s, m/s².
 const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
-/// The same where the model's rest has jumped a step ago.
+/// The same in the step after a change of the model.
 const MAX_MODEL_STEP: [f64; 2] = [10.0, 200.0];
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
@@ -62,9 +62,9 @@ impl Filter {
         }
     }
 
-    /// 1 when the channel was refused, not fused. What was refused may have been true: the rate (by `doubt` per
-    /// unit of innovation) is that much less certain, or a real jolt that is refused by halves leaves a velocity
-    /// that GNSS is not believed about.
+    /// 1 when the channel was rejected, 0 when it was fused. A rejected innovation may have been motion, so the rate
+    /// loses certainty by `doubt` per unit of innovation; otherwise the gate of GNSS would reject the velocity after
+    /// an impulse of which only a part was fused.
     fn reject(&mut self, dof: usize, update: Update, innovation: f64, doubt: f64) -> u64 {
         match update {
             Update::Fused { .. } => return 0,
@@ -77,9 +77,9 @@ impl Filter {
         1
     }
 
-    /// Takes an acceleration that the model lacked over the last step for a disturbance, with what it did to
-    /// place and velocity since: no spread of disturbances that lets a hull leave the water tells the waves
-    /// of one that does not.
+    /// Adds an impulsive disturbance: an acceleration over the last step that the model lacked, with its effect on
+    /// position and velocity. Process noise wide enough for a hull that leaves the water would hide the waves of one
+    /// that does not.
     fn impulse(&mut self, dof: usize, acceleration: f64, eta: f64, nu: f64) {
         let gain = self.model.acceleration_row(dof, dof)[DISTURBANCE];
         if gain > 0.0 {
@@ -98,7 +98,7 @@ impl Filter {
     }
 
     /// Fuses the mean of `n` samples, taken `offset` seconds after the state's time. Returns the
-    /// number of channels refused.
+    /// number of rejected channels.
     pub(super) fn fuse_inertial(
         &mut self,
         config: &VesselNodeConfig,
@@ -147,11 +147,10 @@ impl Filter {
             let spin = rotation * tilt.body_rates();
             let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
             let lever = turning.cross(&arm) + spin.cross(&spin.cross(&arm));
-            // Specific force along the vertical, which a tilt error leaks into the horizontal. Its
-            // fluctuation tells tilt from bias, as long as the horizontal force has no fluctuation
-            // of its own that goes with it: on a platform that turns about a point away from the
-            // sensor it has, and led the tilt 0.1 rad astray. What a hull feels that leaves the water and
-            // slams goes with such a force, too (0.02 rad).
+            // Specific force along the vertical, of which a tilt error shows a part in the horizontal. Its
+            // fluctuation separates tilt from bias as long as the horizontal force has no correlated fluctuation of
+            // its own. On a platform that turns about a point away from the sensor it has (tilt error of 0.1 rad),
+            // and on a slamming hull (0.02 rad).
             let known = self
                 .adaptive_noise
                 .factor(SURGE)
@@ -183,7 +182,7 @@ impl Filter {
             self.record_innovation(Channel::Accelerometer, axis, update);
             let gated = matches!(update, Update::Gated { .. });
             if gated && self.model_changed && z.abs() < MAX_MODEL_STEP[1] {
-                // Not the hull has jumped but what the model takes for its rest, a step ago.
+                // The equilibrium of the changed model has jumped, not the hull.
                 self.impulse(axis, z, 0.5 * z * STEP_S * STEP_S, z * STEP_S);
             } else if gated && is_impulse(z, (rotation * apart.1)[axis], MAX_IMPULSE[1]) {
                 // It has grown over the step.
@@ -210,8 +209,8 @@ impl Filter {
         (f, turning.cross(&arm) + spin.cross(&spin.cross(&arm)))
     }
 
-    /// The motion for the identification: tilt as the gyroscope carries it, vertical acceleration
-    /// as measured. Tells the crests what the hull does on its slopes.
+    /// The motion for the identification: tilt from the gyroscope, vertical acceleration as measured. Updates the
+    /// wave following of the hull.
     pub(super) fn motion_sample(&mut self, force: Vector3<f64>) -> MotionSample {
         let (f, lever) = self.measured(force);
         let tilt = self.tilt();

@@ -1,14 +1,13 @@
 //! The scale of the prediction covariance: the filter predicts heave, roll and pitch [`AHEAD_S`] ahead and compares
-//! the prediction with the later estimate. For a consistent filter the
-//! difference between prediction and later estimate has the variance `P(h) - P(0)`, because the error
-//! of the later estimate does not depend on it (Bar-Shalom, Li and Kirubarajan 2001, section 5.4); what
-//! does not change, such as the sensor's misalignment, drops out. Where the waves keep their phase
-//! better than their process noise lets them, or worse (harmonics of a steep sea), the growth is scaled
-//! until it fits (covariance matching, Mehra 1972).
+//! the prediction with the later estimate. In a consistent filter their difference has the variance `P(h) - P(0)`,
+//! because it is independent of the later estimate's error (Bar-Shalom, Li and Kirubarajan 2001, section 5.4);
+//! constant errors, such as the sensor's misalignment, cancel. Where the waves keep their phase better than their
+//! process noise implies, or worse (harmonics of a steep sea), the growth of the variance is scaled to match
+//! (covariance matching, Mehra 1972).
 //!
-//! Only what is said of a prediction is scaled. The filter's own noise stays: it is what lets it
-//! follow a sea that changes. The disturbance's part stays too: where there are no waves it is all there
-//! is, and a deck that has been still for a minute may be stepped upon.
+//! Only the published covariance is scaled. The filter's own noise stays, because it lets the filter follow a changing
+//! sea. The disturbance's part stays too: without waves it is the only one, and somebody may step on a deck that
+//! has been still for a minute.
 
 use std::collections::VecDeque;
 
@@ -51,7 +50,7 @@ struct Pending {
     predicted: [Predicted; 3],
 }
 
-/// What the variances have grown by of late.
+/// The observed growth of the variances.
 #[derive(Clone, Debug)]
 pub(crate) struct PredictionScale {
     pending: VecDeque<Pending>,
@@ -101,8 +100,8 @@ impl PredictionScale {
         });
     }
 
-    /// Compares what is due at `at`, whose values are `now`. What was foretold in another frame (a
-    /// turn has begun) is dropped, and so is what came more than `late` too late.
+    /// Compares the predictions that are due at `at` with the values `now`. Predictions in another frame (after a
+    /// turn) and those that are due by more than `late` are dropped.
     pub(crate) fn compare(&mut self, at: Time<VesselClock>, reference: f64, now: [f64; 3], late: Span) {
         while let Some(p) = self.pending.front().copied().filter(|p| p.due <= at) {
             self.pending.pop_front();
@@ -111,18 +110,18 @@ impl PredictionScale {
                 continue;
             }
             self.count = self.count.saturating_add(1);
-            let share = (1.0 / f64::from(PRIOR + self.count)).max(PERIOD.secs() / MEMORY_S);
+            let gain = (1.0 / f64::from(PRIOR + self.count)).max(PERIOD.secs() / MEMORY_S);
             for ((came, f), now) in came.iter_mut().zip(p.predicted).zip(now) {
                 let difference = (now - f.mean).powi(2) - f.disturbance;
                 if difference.is_finite() {
-                    *came += share * (difference - *came);
+                    *came += gain * (difference - *came);
                 }
             }
         }
     }
 
-    /// Factor on the waves' part of the growth in a degree of freedom where the model says that it is
-    /// `waves` (m², rad²) at [`AHEAD_S`]; 1 for those not compared and before anything was.
+    /// Factor on the waves' part of the growth in a degree of freedom where the model has `waves` (m², rad²) at
+    /// [`AHEAD_S`]; 1 for those not compared and before the first comparison.
     pub(crate) fn factor(&self, dof: usize, waves: f64) -> f64 {
         let (Some(i), Some(came)) = (COMPARED.iter().position(|d| *d == dof), self.came) else {
             return 1.0;

@@ -94,8 +94,8 @@ fn component(sea: &SeaComponent, damping: f64, reference: f64, mean_velocity: [f
 
 /// The second harmonic of a steep sea: crests are sharper than troughs, so the deck's tilt holds
 /// twice and summed frequencies of the components (Stokes 1847), bound to them. One broad oscillator
-/// at twice their mean frequency of encounter stands for all, where a place is free and the
-/// identification has not found any itself.
+/// at twice their mean frequency of encounter represents all, where a slot is free and the identification has not
+/// found any itself.
 fn harmonic(waves: &[Component], config: &VesselNodeConfig) -> Option<Component> {
     let tilt = |c: &Component| c.stationary_sd(PITCH).hypot(c.stationary_sd(ROLL));
     let power: f64 = waves.iter().map(|c| tilt(c).powi(2)).sum();
@@ -231,9 +231,9 @@ impl Filter {
         (known + change * most).into()
     }
 
-    /// After a turn the filter's phases are in doubt, but those of the identification are not: it
-    /// fits the last minute along the vessel's path in the earth frame. Its phasors are fused like
-    /// measurements, a fifth of the amplitude wrong (ours).
+    /// After a turn the filter's phases are uncertain, those of the identification are not: it fits the last minute
+    /// along the vessel's path in the earth frame. Its phasors are fused as measurements with a standard deviation of
+    /// a fifth of the amplitude (ours).
     fn reinitialise_phases(&mut self, state: &SeaState) {
         let layout = self.belief.layout().clone();
         for c in state.components.iter() {

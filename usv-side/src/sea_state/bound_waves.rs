@@ -1,5 +1,5 @@
-//! A record of crests that are sharper than the waves' sum (`alight_shared::vessel_model::bound_waves`), and the
-//! waves that would make them: fitted to what the record leaves when the crests of the last fit are taken out.
+//! Bound waves in the record (`alight_shared::vessel_model::bound_waves`): the free waves are fitted to the record less
+//! the bound waves of the last fit.
 
 use alight_shared::vessel_model::{WaveResponse, bound_motion};
 use nalgebra::Complex;
@@ -9,7 +9,7 @@ use super::fit::{Solution, Wave};
 use super::record::{CHANNELS, smoothing};
 use super::tracker::Tracker;
 
-/// Rounds of taking the crests out; the next update goes on from there.
+/// Rounds of removal; the next update continues from there.
 const PASSES: usize = 2;
 
 /// Frequency of encounter of a wave at a velocity north, east (m/s), rad/s.
@@ -23,7 +23,7 @@ fn encounter(w: &Wave, velocity: [f64; 2]) -> f64 {
 }
 
 impl Tracker {
-    /// Fits the known waves again to what their crests leave of the record, which stays what is fitted.
+    /// Fits the known waves again to the record less their bound waves, and keeps that record for later fits.
     pub(super) fn remove_bound_waves(&mut self, best: &mut Solution) {
         if self.nonlinearity.is_linear() || best.waves.is_empty() {
             return;
@@ -38,7 +38,7 @@ impl Tracker {
         }
     }
 
-    /// What the waves of `s` do to the channels in every row beyond their sum.
+    /// Bound waves of `s` in the channels of every row.
     fn bound(&self, s: &Solution) -> Vec<[f64; CHANNELS]> {
         let rows = &self.fitter.rows;
         let u = rows.velocity_at_end();
@@ -48,13 +48,13 @@ impl Tracker {
             .enumerate()
             .map(|(j, w)| {
                 let (heave, normal) = self.phasors(s, (j, w), Complex::new(1.0, 0.0), u);
-                let felt = WaveResponse::new(
+                let response = WaveResponse::new(
                     [-heave, normal[1], -normal[0]],
                     (w.omega, encounter(w, u)),
                     (w.direction, 0.0),
                     u,
                 );
-                (*w, felt)
+                (*w, response)
             })
             .collect();
         (0..rows.len())

@@ -7,8 +7,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Distance of the knots, s. Ours: close enough for a corner of a square course (3 s and 5 s foretell
-/// worse after a turn); waves that the spline could follow are taken out by their phases.
+/// Distance of the knots, s. Ours: close enough for a corner of a square course (3 s and 5 s predict worse after a
+/// turn); waves that the spline could follow are removed by their phases.
 const KNOT_S: f64 = 1.0;
 /// Weight of the penalty, in samples per knot.
 const PENALTY: f64 = 0.3;

@@ -134,10 +134,10 @@ impl Rows {
         let (sin, cos) = w.direction.sin_cos();
         w.omega * self.t[i] - w.omega * w.omega / GRAVITY * (cos * self.path[0][i] + sin * self.path[1][i])
     }
-    /// On a vessel that drifts straight on at constant speed a wave has one frequency of encounter,
-    /// and nothing in its phase tells frequency from direction: what bends the path is orbital
-    /// motion that the smoothing has left. The straight line is taken, and directions are those of
-    /// the amplitudes. Returns how far the path reaches from its middle, m.
+    /// On a vessel that drifts straight at constant speed a wave has one frequency of encounter, whose phase does not
+    /// separate frequency from direction; the path is bent only by orbital motion that the smoothing has left. The
+    /// straight line is used, and the directions are those of the amplitudes. Returns the largest distance of the
+    /// path from its middle, m.
     fn straighten(&mut self) -> f64 {
         let n = self.t.len().max(1) as f64;
         let square: f64 = self.t.iter().map(|t| t * t).sum::<f64>().max(1e-9);

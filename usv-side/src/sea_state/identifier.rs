@@ -53,8 +53,8 @@ impl Identifier {
         }
     }
 
-    /// Takes a sample; a sample that is not finite, absurd, repeated or older than the newest is
-    /// counted and dropped.
+    /// Takes a sample; one that is not finite, implausible, repeated or older than the newest is counted and
+    /// dropped.
     pub fn push(&mut self, sample: &MotionSample) {
         self.record.push(sample);
     }

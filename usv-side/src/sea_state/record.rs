@@ -8,11 +8,11 @@ use super::MotionSample;
 
 /// Channels: acceleration upwards, normal north, normal east.
 pub(super) const CHANNELS: usize = 3;
-/// A gap after which the record starts anew: the path across it is not known well enough.
+/// Longest gap within a record, s: the path across a longer one is not known well enough.
 const MAX_GAP_S: f64 = 5.0;
 /// Samples in a row that are older than the record after which the clock is taken to have jumped.
 const CLOCK_JUMP: u32 = 100;
-/// Beyond these a sample is absurd.
+/// Beyond these a sample is implausible.
 const MAX_ACCELERATION_MPS2: f64 = 50.0;
 const MAX_MEAN_SPEED_MPS: f64 = 30.0;
 

@@ -27,7 +27,7 @@ const TRIALS: u64 = 2;
 const SHORT_MEMORY_S: f64 = 4.0;
 /// Memory of the prediction error by which two trackers are compared, s.
 const MEMORY_S: f64 = 10.0;
-/// Components that leave more of the motion unexplained are doubted as a whole.
+/// Unexplained fraction of the motion above which all components are searched again.
 const STUCK: f64 = 0.25;
 /// Half the way in the record from which a vessel is under way, m.
 const UNDER_WAY_M: f64 = 15.0;
@@ -145,8 +145,8 @@ impl Tracker {
         self.rounds += 1;
     }
 
-    /// The record that is used grows while the last state has foretold what came since, and shrinks
-    /// when it has not: a changed or a broad sea is described by its newest part only.
+    /// The used part of the record grows while the last state predicts the motion since, and shrinks when it does
+    /// not: only the newest part describes a changed or a broad sea.
     fn adapt_window(&mut self, record: &Record) {
         let Some(state) = &self.state else {
             self.window_s = self.config.window_s;
@@ -411,9 +411,9 @@ impl Tracker {
         true
     }
 
-    /// Components that were found one after the other in a short record may be none of the sea's, and no
-    /// single step leads away from them. While much is left unexplained all are looked for anew, the
-    /// strongest first, and taken when they explain more.
+    /// Components found one after the other in a short record may be none of the sea's, and no single step leads away
+    /// from them. While much of the motion is unexplained, all are searched again, the strongest first, and accepted
+    /// when they explain more.
     fn start_anew(&mut self, best: &mut Solution, priors: &mut Vec<DirectionPrior>) {
         if self.unexplained(best) < STUCK {
             return;
