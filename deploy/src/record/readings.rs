@@ -55,13 +55,7 @@ fn read_sound(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
         measurements.extend(heading.into_iter().map(Measurement::Heading));
         Ok(())
     })?;
-    let whole = |message: String| {
-        let error = LogError::Whole {
-            origin: origin.into(),
-            message,
-        };
-        CliError(error.to_string())
-    };
+    let whole = |message: String| CliError(LogError::new(origin, message).to_string());
     if measurements.is_empty() {
         return Err(whole("holds no measurement of a vessel".into()));
     }

@@ -81,11 +81,11 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
     let (rows, decoded, first_bad) = rows(bytes, origin)?;
     if decoded.corrupted > decoded.good {
         let (line, message) = first_bad.unwrap_or_default();
-        return Err(LogError::Line {
-            origin: origin.into(),
+        return Err(LogError::at_line(
+            origin,
             line,
-            message: format!("{message}; more than half of the rows cannot be used"),
-        });
+            format!("{message}; more than half of the rows cannot be used"),
+        ));
     }
     let mounting = Mounting::new(mount);
     // Surge and sway are along the mean heading, which is north where it was not recorded.
@@ -177,13 +177,13 @@ type Rows = (Vec<Row>, Decoded, Option<(u64, String)>);
 
 /// Header and rows; rows that cannot be used are counted, and the first is named.
 fn rows(bytes: &[u8], origin: &str) -> Result<Rows, LogError> {
-    let header = |message: String| LogError::Line {
-        origin: origin.into(),
-        line: 1,
-        message: format!(
-            "{message}; the columns are t_s and any of {}",
-            COLUMNS[1..].iter().map(|c| c.0).collect::<Vec<_>>().join(", ")
-        ),
+    let header = |message: String| {
+        let columns = COLUMNS[1..].iter().map(|c| c.0).collect::<Vec<_>>().join(", ");
+        LogError::at_line(
+            origin,
+            1,
+            format!("{message}; the columns are t_s and any of {columns}"),
+        )
     };
     let mut reader = ReaderBuilder::new()
         .trim(Trim::All)
@@ -235,10 +235,8 @@ fn rows(bytes: &[u8], origin: &str) -> Result<Rows, LogError> {
             Ok(row) => {
                 decoded.good += 1;
                 if rows.len() >= MAX_MEASUREMENTS {
-                    return Err(LogError::Whole {
-                        origin: origin.into(),
-                        message: format!("more than {MAX_MEASUREMENTS} rows; cut the table into parts"),
-                    });
+                    let message = format!("more than {MAX_MEASUREMENTS} rows; cut the table into parts");
+                    return Err(LogError::new(origin, message));
                 }
                 rows.push(row);
             }

@@ -12,40 +12,40 @@ use crate::sensors::{
     Average, Decoded, Decoder, Measurement, Mount, Mounting, NmeaDecoder, SourceMeasurement,
 };
 
+/// The formats that are read, for errors.
+const FORMATS: &str =
+    "NMEA 0183 text, CSV (a first line of columns), PX4 ULog and Alight's own MCAP are read";
 /// Most measurements that a recording may hold.
 pub const MAX_MEASUREMENTS: usize = 2_000_000;
 
 /// Why a recording was rejected.
 #[derive(Debug, Error)]
-pub enum LogError {
-    /// Not a recording of a known format.
-    #[error(
-        "{origin}: {message}; NMEA 0183 text, CSV (a first line of columns), PX4 ULog and Alight's own MCAP are read"
-    )]
-    Kind {
-        /// The file.
-        origin: String,
-        /// What was found.
-        message: String,
-    },
-    /// A line that makes the recording unusable.
-    #[error("{origin}, line {line}: {message}")]
-    Line {
-        /// The file.
-        origin: String,
-        /// Its line, counted from 1.
-        line: u64,
-        /// What is wrong, and what to do.
-        message: String,
-    },
-    /// Readable, but unusable as a whole.
-    #[error("{origin}: {message}")]
-    Whole {
-        /// The file.
-        origin: String,
-        /// What is wrong, and what to do.
-        message: String,
-    },
+#[error("{origin}{}: {message}", .line.map(|n| format!(", line {n}")).unwrap_or_default())]
+pub struct LogError {
+    /// The file.
+    pub origin: String,
+    /// The line that makes it unusable, counted from 1.
+    pub line: Option<u64>,
+    /// What is wrong, and what to do.
+    pub message: String,
+}
+
+impl LogError {
+    /// The file is unusable as a whole.
+    pub fn new(origin: &str, message: impl Into<String>) -> Self {
+        LogError {
+            origin: origin.into(),
+            line: None,
+            message: message.into(),
+        }
+    }
+    /// A line makes the file unusable.
+    fn at_line(origin: &str, line: u64, message: impl Into<String>) -> Self {
+        LogError {
+            line: Some(line),
+            ..LogError::new(origin, message)
+        }
+    }
 }
 
 /// The content of a recording.
@@ -106,10 +106,7 @@ impl Gather {
                 self.add(at_ns.saturating_sub(first), Measurement::Imu(m), source);
             }
         }
-        let whole = |message: String| LogError::Whole {
-            origin: origin.into(),
-            message,
-        };
+        let whole = |message: String| LogError::new(origin, message);
         if self.overflowed {
             return Err(whole(format!(
                 "more than {MAX_MEASUREMENTS} measurements; cut the recording into parts"
@@ -136,10 +133,7 @@ impl Gather {
 
 /// Reads a recording; `origin` names it in errors, `mount` is the mounting of its sensors.
 pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recording, LogError> {
-    let kind = |message: &str| LogError::Kind {
-        origin: origin.into(),
-        message: message.into(),
-    };
+    let kind = |message: &str| LogError::new(origin, format!("{message}; {FORMATS}"));
     if bytes.is_empty() {
         return Err(kind("the file is empty"));
     }

@@ -177,10 +177,9 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<Recordin
             continue;
         };
         at += 3 + payload.len();
-        reader.take(kind, payload).map_err(|message| LogError::Whole {
-            origin: origin.into(),
-            message,
-        })?;
+        reader
+            .take(kind, payload)
+            .map_err(|message| LogError::new(origin, message))?;
     }
     let Reader {
         gather,

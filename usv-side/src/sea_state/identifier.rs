@@ -1,9 +1,10 @@
 //! Which part of the record describes the sea best.
 //!
 //! One tracker shortens its record while its prediction error is large, as in a sea that changes or is broad. But a
-//! short record does not resolve waves of nearly one frequency, predicts badly for that reason too, and stays short: on a hull that a steep sea lifts out of the water, where the harmonics of tilt are
-//! large, it ended there half of the time, with frequencies up to 7 % off. A second tracker therefore keeps
-//! the whole record whenever the first does not, and the state of the one that has predicted better is published.
+//! short record does not resolve waves of nearly one frequency, predicts badly for that reason too, and stays short:
+//! on a hull that a steep sea lifts out of the water, where the harmonics of tilt are large, it did so half of the
+//! time, with frequencies wrong by up to 7 %. A second tracker therefore keeps the whole record whenever the first
+//! does not, and the state of the one that has predicted better is published.
 
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::vessel_model::WaveNonlinearity;
