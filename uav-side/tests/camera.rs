@@ -137,7 +137,7 @@ thread_local! {
     static NODE: RefCell<CameraNode> = RefCell::new(node(320, 240));
 }
 
-/// What is said is sound.
+/// A detected pose is valid.
 fn detects(node: &mut CameraNode, image: &GreyImage) -> bool {
     let Some(pose) = node.detect(image) else {
         return false;
@@ -203,7 +203,7 @@ fn camera_detects_a_drawn_tag_and_none_in_noise() {
     ));
 }
 
-/// Resident memory of this process, pages; None where the system does not say.
+/// Resident memory of this process, pages; None where the system does not report it.
 fn resident() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     text.split_whitespace().nth(1)?.parse().ok()
@@ -228,7 +228,7 @@ fn camera_memory_is_bounded_over_a_thousand_images() {
         resident()
     };
     if let (Some(early), Some(late)) = (after(100), after(900)) {
-        // Other tests run beside: 40 MB of pages is what they may take, a leak of an image each is 70 MB.
+        // Other tests run at the same time: 40 MB of pages is what they may take, a leak of an image each is 70 MB.
         assert!(late < early + 10_000, "{early} to {late} pages");
     }
 }

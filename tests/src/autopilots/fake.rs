@@ -278,7 +278,7 @@ impl FakeAutopilot {
                 match (self.firmware, p[0] as u32) {
                     (Firmware::Px4, id::SCALED_IMU) => return CommandResult::Failed,
                     (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
-                    // Its heartbeats have a rate of their own, and it says so to nobody.
+                    // Its heartbeats keep their own rate although it accepts.
                     (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
                     (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }

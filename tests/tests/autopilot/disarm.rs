@@ -9,7 +9,7 @@ use crate::pair::{Pair, press, stop};
 use crate::{BOTH, config};
 use alight_sim::autopilots::fake::FakeAutopilot;
 
-/// Down on the deck under the pilot's press, until it would believe in a touchdown.
+/// Pressed on the deck by the pilot until it would detect a touchdown.
 fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
     let mut p = Pair::commanding(firmware, 1.0, config);
     p.run(4.0);
@@ -27,15 +27,15 @@ fn disarm_on_the_deck_does_not_wait_for_a_land_detector() {
         p.pilot = Some(stop);
         let at = p.t_s;
         p.run(1.0);
-        let told = p.commands_of(command::ARM_DISARM);
+        let disarms = p.commands_of(command::ARM_DISARM);
         assert!(!p.wired.autopilot.armed, "{firmware:?}");
-        assert!((told[0].parameters[1] - 21196.0).abs() < 0.1 && told.len() <= 2);
+        assert!((disarms[0].parameters[1] - 21196.0).abs() < 0.1 && disarms.len() <= 2);
         let mut arrived = p.wired.autopilot.commands.iter();
         let disarm = arrived.find(|(_, c)| c.command == command::ARM_DISARM);
         let (when, _) = disarm.unwrap();
         assert!(when - at < 0.1, "{}", when - at);
         assert!(p.states.iter().any(|s| !s.armed));
-        let n = told.len();
+        let n = disarms.len();
         p.run(10.0);
         assert_eq!(
             p.commands_of(command::ARM_DISARM).len(),

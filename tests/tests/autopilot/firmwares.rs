@@ -76,8 +76,8 @@ fn tilted_drone_gets_the_thrust_that_the_pilot_commands() {
             "{firmware:?}: {}",
             p.wired.autopilot.thrust
         );
-        // And it is told of the thrust that is applied.
-        let told = p.state().thrust;
-        assert!((told - HOVER).abs() < 0.01, "{firmware:?}: {told}");
+        // The thrust that is applied is reported.
+        let reported = p.state().thrust;
+        assert!((reported - HOVER).abs() < 0.01, "{firmware:?}: {reported}");
     }
 }

@@ -201,7 +201,7 @@ fn link_without_heartbeats_sends_no_set_points_and_reports_no_state() {
         let reported = p.states.len();
         p.run(2.0);
         assert_eq!(p.states.len(), reported, "a state without a heartbeat");
-        // The mission waits anew, as it does when the drone is not ours.
+        // The mission waits again, as it does when the drone is not ours.
         p.mission = State::Idle;
         p.wired.autopilot.silent = false;
         p.run(4.0);
@@ -258,7 +258,7 @@ fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
     p.wired.autopilot.choose(4);
     p.run(2.0);
     assert!(p.sent.is_empty());
-    // The mission is not to believe that it has the drone.
+    // The mission does not have the drone.
     assert_eq!(p.state().mode, AutopilotMode::Other);
     // The person sets it.
     p.wired.autopilot.options = 8;
@@ -312,13 +312,13 @@ fn link_arms_only_when_configured() {
         p.wired.autopilot.answer = denied.then_some(CommandResult::Denied);
         p.wired.autopilot.choose(4);
         p.run(20.0);
-        let told = p.commands_of(command::ARM_DISARM).len();
+        let sent = p.commands_of(command::ARM_DISARM).len();
         let expected = match (may_arm, denied) {
             (false, _) => 0,
             (true, false) => 1,
             (true, true) => 3,
         };
-        assert_eq!(told, expected);
+        assert_eq!(sent, expected);
         assert_eq!(p.wired.autopilot.armed, may_arm && !denied);
         // A person disarms: it is not armed again.
         p.wired.autopilot.armed = false;
@@ -449,10 +449,10 @@ fn positions_and_set_points_are_converted_to_the_datum_and_back() {
         assert!(p.odometry.is_empty());
         (p.wired.autopilot.answer, p.wired.autopilot.no_origin) = (None, false);
         p.run(65.0);
-        let told = p.odometry.last().unwrap().1;
+        let reported = p.odometry.last().unwrap().1;
         assert!(
-            (told.position() - p.wired.autopilot.position - shift).norm() < 0.02,
-            "{told:?}"
+            (reported.position() - p.wired.autopilot.position - shift).norm() < 0.02,
+            "{reported:?}"
         );
         p.give_the_mode();
         let before = p.wired.autopilot.position;

@@ -4,7 +4,7 @@
 //! pilot's confirmed touchdown is followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an
 //! autopilot obeys in the air too. So the pilot's touchdown detection is not enough: in addition the drone
 //! has to be near the deck, slow relative to it, and carried by something other than its rotors. Each
-//! command needs all of this evidence anew; their number is bounded.
+//! command needs all of this evidence again; their number is bounded.
 
 use core::fmt;
 

@@ -17,7 +17,7 @@ pub const MAX_PIXELS: usize = 12 * 1024 * 1024;
 pub enum ImageError {
     /// Too small, too large, or another number of pixels than its size implies.
     #[error(
-        "an image of {width} x {height} px with {pixels} bytes is refused: allowed are 32 to 8192 px a side, \
+        "an image of {width} x {height} px with {pixels} bytes is rejected: allowed are 32 to 8192 px a side, \
          12.6 million in all, one byte for each"
     )]
     Size {
@@ -51,7 +51,7 @@ pub struct GreyImage {
     pixels: Vec<u8>,
 }
 
-/// Refuses figures of a lens of any kind for an image that is not taken: its size (width and height, px), its
+/// Rejects a lens whose image is not accepted: its size (width and height, px), its
 /// scale and its principal point.
 pub(super) fn check_image(
     at: &Keys<'_>,

@@ -27,7 +27,7 @@ config! {
         /// Its mount as it is against the designed one (optical axis down, upper edge of the image forward):
         /// roll, pitch and yaw of the camera about its own x (right in the image), y (down in it) and z, deg.
         pub mount_rotation_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
-        /// Its lens, as a calibration says.
+        /// Its lens, from its calibration.
         pub lens: Lens;
         /// The tag and its detector.
         pub tag: TagSettings;

@@ -51,7 +51,7 @@ pub enum MeasurementRow {
     Rate,
 }
 
-/// The figures of one degree of freedom that do not depend on the waves.
+/// The noise parameters of one degree of freedom that do not depend on the waves.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisNoise {
     /// Spread and correlation time of the radio's slow error.

@@ -157,7 +157,7 @@ impl Filter {
     pub fn set_radio_available(&mut self, radio_available: bool) {
         self.radio_available = radio_available;
     }
-    /// Noise figures in state `s`: under way a helmsman and the waves change the mean velocity, in
+    /// Noise parameters in state `s`: under way a helmsman and the waves change the mean velocity, in
     /// a turn by more than it turns, because a hull slips sideways and slows down. In silence the
     /// course is taken to go on: vision cannot distinguish a new mean velocity from waves.
     pub fn noise(&self, s: &State) -> [AxisNoise; AXES] {
@@ -294,10 +294,10 @@ impl Filter {
             return;
         }
         *count = 0;
-        let doubt = [2.0, 2.0, 2.0, 0.1, 0.1, 0.5];
+        let reset_sd = [2.0, 2.0, 2.0, 0.1, 0.1, 0.5];
         if let Some(e) = self.entries.back_mut() {
             for (i, a) in e.after.iter_mut().enumerate() {
-                a.p[slow][slow] += f64::powi(doubt[i], 2);
+                a.p[slow][slow] += f64::powi(reset_sd[i], 2);
                 for k in HEAD..a.n {
                     a.p[k][k] *= 4.0;
                 }

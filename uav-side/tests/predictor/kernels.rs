@@ -1,4 +1,4 @@
-//! The filter of one axis and the geometry of sights, against closed forms.
+//! The filter of one axis and the geometry of vision, against closed forms.
 
 use alight_shared::msg::{RangeSample, TagPose};
 use alight_shared::time::{DroneClock, Time};
@@ -104,7 +104,7 @@ fn tag_and_rangefinder_observations_locate_the_deck() {
     };
     let o = observation::range(&sample, &drone, &plane, &c).unwrap();
     assert!((o.value[2].unwrap().0 - centre.z).abs() < 1e-6);
-    // Beside the deck it says nothing.
+    // Outside the deck there is no observation.
     let away = Plane {
         centre: centre + Vector3::new(0.0, 1.5, 0.0),
         ..plane

@@ -1,5 +1,5 @@
 //! The predictor against a deck made of sinusoids: given a motion, messages as vessel and camera
-//! would send them, then what it says of now and of a second ahead.
+//! would send them, then its forecast for now and for a second ahead.
 
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
@@ -72,7 +72,7 @@ fn predictor_predicts_the_apparent_slope_ten_seconds_ahead() {
         // The mission leaves 0.15 between what it permits and what holds by friction.
         assert!(rms < 0.05, "sway {sway}: wrong by {rms}");
     }
-    // A deck that is carried along by the water feels level, however it tilts.
+    // A deck that is carried along by the water has no apparent slope, however it tilts.
     assert!(
         steepest[0] > 0.15 && steepest[1] < 0.4 * steepest[0],
         "{steepest:?}"
@@ -149,7 +149,7 @@ fn predictor_without_any_radio_gives_a_usable_deck_by_vision() {
 #[test]
 fn clock_error_within_its_sd_stays_within_the_forecast_covariance() {
     let v = Vessel::moderate();
-    // 100 ms of asymmetry: an offset that is 50 ms wrong, of which the bridge says 58 ms.
+    // 100 ms of asymmetry: an offset that is 50 ms wrong, for which the bridge states 58 ms.
     let set = Setup {
         clock_error: 0.05,
         clock_sd: 0.058,

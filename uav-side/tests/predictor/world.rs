@@ -40,7 +40,7 @@ pub struct Vessel {
     pub sway: f64,
     pub speed: f64,
     pub heading: f64,
-    /// Share of the orbital motion that passes under it: its crests are sharp.
+    /// Wave-following deficit: fraction of the orbital motion that passes under it.
     pub wave_following_deficit: f64,
 }
 
@@ -134,7 +134,7 @@ impl Vessel {
         let (a, b) = (self.rates(t - h), self.rates(t + h));
         ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
     }
-    /// The slope that something standing on the deck feels over the second about `t`: tan of the angle
+    /// The apparent slope over the second about `t`: tan of the angle
     /// between the deck's normal and the mean specific force.
     pub fn apparent_slope(&self, t: f64) -> f64 {
         let h = 1e-2;
@@ -186,7 +186,7 @@ pub struct Setup {
     pub seed: u64,
     /// Radio is there before this time, s.
     pub radio_until: f64,
-    /// Sight is there from this time to that, s.
+    /// Vision is there from this time to that, s.
     pub vision: (f64, f64),
     /// Extra age of what the radio claims, s.
     pub clock_error: f64,
@@ -194,7 +194,7 @@ pub struct Setup {
     /// Radio latency: least and spread, s.
     pub latency: (f64, f64),
     pub height: f64,
-    /// The vessel tells how much of the orbital motion passes under it.
+    /// The vessel reports its wave-following deficit.
     pub deficit_reported: bool,
 }
 impl Default for Setup {
@@ -376,13 +376,13 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
     Run { samples, predictor }
 }
 
-/// The wave model; `set_slip` where the vessel tells that the orbital motion passes under it.
-pub fn waves(v: &Vessel, k: u32, now: f64, set_slip: bool) -> WaveModel<DroneClock> {
+/// The wave model; `deficit_reported` where the vessel reports its wave-following deficit.
+pub fn waves(v: &Vessel, k: u32, now: f64, deficit_reported: bool) -> WaveModel<DroneClock> {
     WaveModel {
         header: header(k, now),
         significant_height_m: 2.0,
         confidence: 0.9,
-        wave_following_deficit: if set_slip {
+        wave_following_deficit: if deficit_reported {
             v.wave_following_deficit as f32
         } else {
             0.0

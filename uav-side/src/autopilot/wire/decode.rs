@@ -161,7 +161,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
 
 fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport> {
     use m::MavFrame as F;
-    // Another frame of the position is not NED: a camera's odometry, say.
+    // Another frame of the position is not NED: a camera's odometry, for example.
     if d.frame_id != F::MAV_FRAME_LOCAL_NED {
         return None;
     }

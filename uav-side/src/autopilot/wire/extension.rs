@@ -5,7 +5,7 @@ use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 use super::super::message::{Message, OdometryReport, VelocityFrame};
 use super::chars;
 
-/// Name of the list of figures that is the deck.
+/// Name of the float array that holds the deck.
 const DECK: &str = "deck";
 
 /// Little-endian fields in a row.

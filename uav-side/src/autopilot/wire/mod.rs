@@ -48,7 +48,7 @@ impl Decoder {
     }
 }
 
-/// A frame's bytes; `sequence` counts frames of this sender. None for a message that only others say
+/// A frame's bytes; `sequence` counts frames of this sender. None for a message that only others send
 /// and for a number that the dialect does not know.
 pub fn encode(from: Address, sequence: u8, message: &Message) -> Option<Vec<u8>> {
     let from = Sender {
