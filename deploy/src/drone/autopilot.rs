@@ -10,6 +10,7 @@ use alight_shared::msg::Seq;
 use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, MissionState, RangeSample, SetPoint};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, MAX_FRAMES};
@@ -104,13 +105,13 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
             info!("autopilot: {text}");
         }
         let f = process.node().metrics(now);
-        process.life.figures = Seq::filled([
-            f.clock_uncertainty_s,
-            f64::from(f.rejected),
-            f64::from(f.restarts),
-            f.hover_thrust,
-            f64::from(f.set_points),
-            f64::from(link.opened()),
+        process.life.metrics = Seq::filled([
+            MetricName::ClockUncertainty.seconds(f.clock_uncertainty_s),
+            MetricName::SamplesRejected.count(f.rejected),
+            MetricName::ClockRestarts.count(f.restarts),
+            MetricName::HoverThrust.fraction(f.hover_thrust),
+            MetricName::SetPointsSent.count(f.set_points),
+            MetricName::LinkReopened.count(link.opened()),
         ]);
         let inputs = || {
             vec![

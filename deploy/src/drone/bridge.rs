@@ -11,7 +11,8 @@ use alight_shared::time::Stamped;
 use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
-use alight_shared::transport::process::{MAX_METRICS, ProcessKind, ProcessState};
+use alight_shared::transport::metrics::{MetricName, Metrics};
+use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
 use alight_shared::wire;
 
@@ -116,7 +117,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         deck = mission.newest(now.nanos()).unwrap_or(deck);
         flight = autopilot.newest(now.nanos()).unwrap_or(flight);
         let counts = radio.counts();
-        process.life.figures = figures(process.node().rejections(), heard_bytes, refused, &counts);
+        process.life.metrics = metrics(process.node().rejections(), heard_bytes, refused, &counts);
         if let Some(said) = process.state(Vec::new, counts.unsent) {
             let flows = flows.since(&radio, said.at_ns);
             state.send(&ProcessState { flows, ..said });
@@ -145,21 +146,24 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// The bridge's figures, in the order of [`crate::process::metrics`].
-fn figures(
+/// The bridge's metrics.
+fn metrics(
     rejections: &Rejections,
-    heard_bytes: u64,
-    refused: u64,
+    received_bytes: u64,
+    status_rejected: u64,
     counts: &RadioCounts,
-) -> Seq<f64, MAX_METRICS> {
+) -> Metrics {
     let own = [
-        heard_bytes as f64,
-        counts.dropped as f64,
-        counts.reopened as f64,
-        refused as f64,
+        MetricName::BytesReceived.count(received_bytes),
+        MetricName::PacketsDropped.count(counts.dropped),
+        MetricName::SessionsReopened.count(counts.reopened),
+        MetricName::VesselStatusRejected.count(status_rejected),
     ];
-    let of = rejections.iter().map(|(_, n)| f64::from(n));
-    Seq::filled(own.into_iter().chain(of))
+    let reasons = rejections
+        .iter()
+        .filter(|(_, n)| *n > 0)
+        .map(|(reason, n)| MetricName::Rejected(reason).count(n));
+    Seq::filled(own.into_iter().chain(reasons))
 }
 
 /// Passes the report of the vessel's process on to observers; false when it is no such report.

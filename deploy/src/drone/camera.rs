@@ -16,6 +16,7 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::images::ImageSubscriber;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
+use alight_shared::transport::metrics::{Metric, MetricName};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::statistics::Quantiles;
 use alight_uav::camera::node::CameraIdentity;
@@ -128,24 +129,31 @@ impl Detector {
             Detector::Markers(_, port) => port.as_ref().map_or(0, Publisher::unsent),
         }
     }
-    /// What became of images, in the order of the figures.
-    fn figures(&self) -> Vec<u64> {
+    /// What became of images.
+    fn metrics(&self) -> Vec<Metric> {
         match self {
             Detector::Tag(node, _) => {
                 let c = node.counts();
                 vec![
-                    c.images,
-                    c.detected,
-                    c.other_tags,
-                    c.faint,
-                    c.misshapen,
-                    c.misfit,
-                    c.wrong_size,
+                    MetricName::Images.count(c.images),
+                    MetricName::TagDetections.count(c.detected),
+                    MetricName::OtherTags.count(c.other_tags),
+                    MetricName::FaintTags.count(c.faint),
+                    MetricName::MisshapenTags.count(c.misshapen),
+                    MetricName::WithoutPose.count(c.misfit),
+                    MetricName::WrongSize.count(c.wrong_size),
                 ]
             }
             Detector::Markers(node, _) => {
                 let c = &node.counts;
-                vec![c.images, c.fixes, c.markers, c.single, c.misfit, c.wrong_size]
+                vec![
+                    MetricName::Images.count(c.images),
+                    MetricName::DeckFixes.count(c.fixes),
+                    MetricName::Markers.count(c.markers),
+                    MetricName::SingleMarkers.count(c.single),
+                    MetricName::WithoutPose.count(c.misfit),
+                    MetricName::WrongSize.count(c.wrong_size),
+                ]
             }
         }
     }
@@ -268,9 +276,12 @@ pub fn run(args: &CameraArgs, kind: ProcessKind) -> Result<Exit, CliError> {
         {
             break;
         }
-        let figures = detector.figures().into_iter().map(|n| n as f64);
-        let times = [ages.quantile(0.5), ages.quantile(0.99), f64::from(opened)];
-        life.figures = Seq::filled(figures.chain(times));
+        let own = [
+            MetricName::ExposureToFixP50.seconds(ages.quantile(0.5)),
+            MetricName::ExposureToFixP99.seconds(ages.quantile(0.99)),
+            MetricName::SourceReopened.count(opened),
+        ];
+        life.metrics = Seq::filled(detector.metrics().into_iter().chain(own));
         if let Some(shared) = &mut shared
             && let Some(report) = life.state(Vec::new, detector.unsent())
         {

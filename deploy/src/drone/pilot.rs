@@ -1,6 +1,5 @@
 //! The drone's pilot as a process: wakes with the autopilot's odometry, answers each with a
-//! set-point. Its figures: age of the vessel's newest measurement behind the set-point (median, 99th
-//! percentile), age of the odometry behind it (the same), s.
+//! set-point. Its metrics: age of the vessel's newest measurement and of the odometry behind the set-point.
 
 use alight_shared::msg::{
     AutopilotState, DeckForecast, DroneState, MissionState, Plan, RangeSample, SetPoint,
@@ -8,6 +7,7 @@ use alight_shared::msg::{
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Listener, Memory, Publisher};
+use alight_shared::transport::metrics::{Metric, MetricName};
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::statistics::Quantiles;
 use alight_uav::pilot::{Pilot, PilotIn, PilotOut};
@@ -63,7 +63,7 @@ impl Shell for PilotShell {
     fn unsent(&self) -> u64 {
         self.set_point.unsent()
     }
-    fn figures(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<f64> {
+    fn metrics(&mut self, input: &PilotIn, out: &PilotOut, sent: Time<DroneClock>) -> Vec<Metric> {
         let newest = input.forecast.as_ref().map(|f| (f.header.at, f.radio_age_s));
         self.newest = newest.or(self.newest);
         if let (Some((at, radio_age_s)), true) = (self.newest, out.set_point.is_some())
@@ -75,10 +75,10 @@ impl Shell for PilotShell {
             self.from_odometry.add((sent - d.header.at).secs());
         }
         vec![
-            self.from_vessel.quantile(0.5),
-            self.from_vessel.quantile(0.99),
-            self.from_odometry.quantile(0.5),
-            self.from_odometry.quantile(0.99),
+            MetricName::VesselToSetPointP50.seconds(self.from_vessel.quantile(0.5)),
+            MetricName::VesselToSetPointP99.seconds(self.from_vessel.quantile(0.99)),
+            MetricName::OdometryToSetPointP50.seconds(self.from_odometry.quantile(0.5)),
+            MetricName::OdometryToSetPointP99.seconds(self.from_odometry.quantile(0.99)),
         ]
     }
 }

@@ -10,7 +10,8 @@ use alight_shared::msg::Seq;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
-use alight_shared::transport::process::{InputState, MAX_METRICS, ProcessKind, ProcessState};
+use alight_shared::transport::metrics::Metrics;
+use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
 use alight_shared::transport::statistics::Quantiles;
 use alight_shared::transport::wake::end_requested;
 use serde::Serialize;
@@ -31,8 +32,8 @@ pub struct Life {
     began_ns: i64,
     next_state_ns: i64,
     end: Arc<AtomicBool>,
-    /// Figures of the process's own, shown by `alight status`.
-    pub figures: Seq<f64, MAX_METRICS>,
+    /// Metrics of the process's own, shown by `alight status`.
+    pub metrics: Metrics,
 }
 
 impl Life {
@@ -47,7 +48,7 @@ impl Life {
             began_ns,
             next_state_ns: began_ns,
             end: end_with_supervisor(supervised),
-            figures: Seq::new(),
+            metrics: Metrics::default(),
         }
     }
     /// Drawn anew at each start.
@@ -85,7 +86,7 @@ impl Life {
             step_p50_s: self.step_times.quantile(0.5),
             step_p99_s: self.step_times.quantile(0.99),
             unsent,
-            figures: self.figures,
+            metrics: self.metrics,
             inputs: Seq::filled(inputs()),
             flows: Seq::new(),
         })

@@ -10,6 +10,7 @@ use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Instance, Listener, Memory};
+use alight_shared::transport::metrics::Metric;
 use alight_shared::transport::process::{InputState, ProcessKind};
 use alight_shared::transport::wake;
 use serde::Serialize;
@@ -117,14 +118,13 @@ pub trait Shell: Sized {
     fn send(&mut self, out: &<Self::Node as Node>::Out) -> bool;
     /// Messages that could not be published.
     fn unsent(&self) -> u64;
-    /// Figures of its own after a step whose output was sent at `sent`; see the process for their
-    /// meaning.
-    fn figures(
+    /// Metrics of its own after a step whose output was sent at `sent`.
+    fn metrics(
         &mut self,
         _input: &<Self::Node as Node>::In,
         _out: &<Self::Node as Node>::Out,
         _sent: Time<DroneClock>,
-    ) -> Vec<f64> {
+    ) -> Vec<Metric> {
         Vec::new()
     }
 }
@@ -147,7 +147,7 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
         let t = now.nanos();
         let out = process.step(now, &input, |out| shell.send(out));
         let sent = process.now();
-        process.life.figures = Seq::filled(shell.figures(&input, &out, sent));
+        process.life.metrics = Seq::filled(shell.metrics(&input, &out, sent));
         let report = process.state(|| reads.states(t), shell.unsent());
         state.send_any(report.as_ref());
         if process.ended() {

@@ -114,28 +114,21 @@ fn join(instance: &Instance) -> Result<(Memory, Observer), CliError> {
     Ok((memory, observer))
 }
 
-/// The figures of all processes by their names.
-fn named(snapshot: &Snapshot) -> serde_json::Map<String, serde_json::Value> {
-    snapshot
-        .processes
-        .values()
-        .map(|p| {
-            let of: serde_json::Map<String, serde_json::Value> = metrics::named(p)
-                .into_iter()
-                .map(|(name, value)| (name, json!(value)))
-                .collect();
-            (p.kind.name().into(), of.into())
-        })
-        .collect()
-}
-
 fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliError> {
     if args.json {
+        let metrics: serde_json::Map<String, serde_json::Value> = snapshot
+            .processes
+            .values()
+            .map(|p| {
+                let of = p.metrics.iter().map(|m| (m.key(), m.json())).collect();
+                (p.kind.name().into(), serde_json::Value::Object(of))
+            })
+            .collect();
         let object = json!({
             "instance": name,
             "running": true,
             "processes": snapshot.processes.values().collect::<Vec<_>>(),
-            "figures": named(snapshot),
+            "metrics": metrics,
             "mission": snapshot.mission,
             "link": snapshot.link,
         });

@@ -1,6 +1,8 @@
 //! The drone as the vessel receives it, for the deck's operator.
 
-use alight_shared::msg::{DroneStatus, MESSAGE_VERSION, Message, State};
+use alight_shared::admission::check_message;
+use alight_shared::msg::DroneStatus;
+use alight_shared::transport::metrics::{Metric, MetricName, MetricValue};
 
 /// The newest status of the drone.
 pub struct DroneMonitor {
@@ -29,16 +31,8 @@ impl DroneMonitor {
     pub fn receive(&mut self, at_ns: i64, status: &DroneStatus) -> Option<String> {
         let header = &status.header;
         let before = self.newest.as_ref().map(|(_, w)| w);
-        let repeated = before.is_some_and(|w| {
-            w.header.drone == header.drone
-                && w.header.boot == header.boot
-                && w.header.sequence >= header.sequence
-        });
-        if header.version != MESSAGE_VERSION
-            || header.vessel != self.vessel
-            || status.check().is_err()
-            || repeated
-        {
+        let repeated = before.is_some_and(|w| w.header.drone == header.drone && !header.follows(&w.header));
+        if check_message(status).is_err() || header.vessel != self.vessel || repeated {
             self.rejected += 1;
             return None;
         }
@@ -55,43 +49,32 @@ impl DroneMonitor {
             )
         })
     }
-    /// Statuses received and rejected; of the newest: age (s), state, descents begun, battery.
-    pub fn figures(&self, now_ns: i64) -> [f64; 6] {
-        let newest = self.newest.as_ref();
-        let of = |f: fn(&DroneStatus) -> f64| newest.map_or(f64::NAN, |(_, w)| f(w));
-        [
-            self.received as f64,
-            self.rejected as f64,
-            newest.map_or(f64::INFINITY, |(at, _)| (now_ns - at) as f64 * 1e-9),
-            of(|w| f64::from(w.state as u8)),
-            of(|w| f64::from(w.attempts)),
-            of(|w| w.battery),
-        ]
+    /// Messages received.
+    pub fn received(&self) -> u64 {
+        self.received
     }
-}
-
-/// The state of that number.
-pub fn state(number: f64) -> Option<State> {
-    [
-        State::Idle,
-        State::GetAltitude,
-        State::Approach,
-        State::Tracking,
-        State::TrackingStable,
-        State::Descent,
-        State::Flare,
-        State::Landed,
-        State::Hold,
-        State::GaveUp,
-    ]
-    .into_iter()
-    .find(|s| f64::from(*s as u8) == number)
+    /// Messages received and rejected, and what the newest says.
+    pub fn metrics(&self, now_ns: i64) -> Vec<Metric> {
+        let mut metrics = vec![
+            MetricName::DroneMessages.count(self.received),
+            MetricName::DroneMessagesRejected.count(self.rejected),
+        ];
+        if let Some((at_ns, status)) = &self.newest {
+            metrics.extend([
+                MetricName::DroneMessageAge.seconds((now_ns - at_ns) as f64 * 1e-9),
+                MetricName::DroneState.with(MetricValue::State(Some(status.state))),
+                MetricName::DroneDescents.count(status.attempts),
+                MetricName::DroneBattery.fraction(status.battery),
+            ]);
+        }
+        metrics
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
+    use alight_shared::msg::{Header, MESSAGE_VERSION, State};
     use alight_shared::time::Time;
 
     fn status(vessel: u32, sequence: u32, state: State) -> DroneStatus {
@@ -136,8 +119,14 @@ mod tests {
                 .receive(1_000_000_000, &status(1, 3, State::Landed))
                 .is_some()
         );
-        let [received, rejected, age_s, number, _, battery] = received.figures(3_000_000_000);
-        assert_eq!((received, rejected, age_s, battery), (3.0, 4.0, 2.0, 0.5));
-        assert_eq!(state(number), Some(State::Landed));
+        let expected = [
+            MetricName::DroneMessages.count(3_u32),
+            MetricName::DroneMessagesRejected.count(4_u32),
+            MetricName::DroneMessageAge.seconds(2.0),
+            MetricName::DroneState.with(MetricValue::State(Some(State::Landed))),
+            MetricName::DroneDescents.count(0_u32),
+            MetricName::DroneBattery.fraction(0.5),
+        ];
+        assert_eq!(received.metrics(3_000_000_000), expected);
     }
 }

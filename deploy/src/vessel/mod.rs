@@ -14,6 +14,7 @@ use alight_shared::msg::{DroneStatus, MAX_SOURCES, TimeRequest};
 use alight_shared::time::{DroneClock, Stamped};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
+use alight_shared::transport::metrics::{MetricName, MetricValue};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, Urgency};
 use alight_shared::transport::rejections::{self, AccessRejections};
@@ -221,42 +222,33 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
         let counts = radio.counts();
         let node = process.node().rejected();
-        let requests: f64 = [
+        let requests: u32 = [
             RejectionReason::Version,
             RejectionReason::Vessel,
             RejectionReason::Flood,
         ]
-        .map(|reason| f64::from(node.of(reason)))
+        .map(|reason| node.of(reason))
         .iter()
         .sum();
+        let peers = rejections::counted();
+        if peers.last != reported.last {
+            let why = peers.last.map_or("nobody", |r| r.name());
+            warn!("rejected at the radio: {why} ({} so far)", peers.count);
+            reported = peers;
+        }
         let own = [
-            sensors.rejected() as f64,
-            counts.sent_bytes as f64,
-            counts.dropped as f64,
-            (undecoded + operator_relay.node().rejected()) as f64 + requests,
+            MetricName::SensorDatagramsRejected.count(sensors.rejected()),
+            MetricName::BytesSent.count(counts.sent_bytes),
+            MetricName::PacketsDropped.count(counts.dropped),
+            MetricName::TimeRequestsRejected
+                .count(undecoded + operator_relay.node().rejected() + u64::from(requests)),
+            MetricName::RateFraction.fraction(process.node().rate_fraction()),
+            MetricName::PeersRejected.count(peers.count),
+            MetricName::LastPeerRejection.with(MetricValue::AccessRejection(peers.last)),
+            MetricName::MeasurementToEstimateP50.seconds(said_after.quantile(0.5)),
+            MetricName::MeasurementToEstimateP99.seconds(said_after.quantile(0.99)),
         ];
-        process.life.figures = {
-            let rate_fraction = process.node().rate_fraction();
-            let after = [0.5, 0.99].map(|q| said_after.quantile(q));
-            let heard = drone.figures(steady_ns());
-            let rejected = rejections::counted();
-            if rejected.last != reported.last {
-                let why = rejected.last.map_or("nobody", |r| r.name());
-                warn!("rejected at the radio: {why} ({} so far)", rejected.count);
-                reported = rejected;
-            }
-            let strangers = [
-                rejected.count as f64,
-                rejected.last.map_or(0.0, |r| f64::from(r as u8)),
-            ];
-            Seq::filled(
-                own.into_iter()
-                    .chain(heard)
-                    .chain([rate_fraction])
-                    .chain(strangers)
-                    .chain(after),
-            )
-        };
+        process.life.metrics = Seq::filled(own.into_iter().chain(drone.metrics(steady_ns())));
         let said = process.state(Vec::new, counts.unsent).map(|said| ProcessState {
             flows: flows.since(&radio, said.at_ns),
             ..said
@@ -277,10 +269,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             );
         }
         notify.alive(steady_ns(), || {
-            let statuses = drone.figures(steady_ns());
             format!(
                 "{} messages sent, {} drone statuses received",
-                counts.sent, statuses[0]
+                counts.sent,
+                drone.received()
             )
         });
         if !computer.sensor.sources.is_empty() && steady_ns() >= next_count_ns {

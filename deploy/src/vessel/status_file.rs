@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::msg::{DeckGrant, DroneStatus, MESSAGE_VERSION, Message};
 use alight_shared::time::VesselClock;
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
 use alight_usv::{KINDS, VesselIn, VesselNode, VesselOut};
@@ -309,8 +310,8 @@ impl StatusFile {
                 step_s: [process.step_p50_s, process.step_p99_s].map(finite),
                 cpu_s: finite(process.cpu_s),
                 resident_bytes: process.resident_bytes,
-                sent_bytes: process.figure(1) as u64,
-                dropped: process.figure(2) as u64,
+                sent_bytes: process.count(MetricName::BytesSent),
+                dropped: process.count(MetricName::PacketsDropped),
             },
             listen: computer.radio.listen.clone(),
             peers: computer.radio.tls.peers.clone(),

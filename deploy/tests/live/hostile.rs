@@ -173,8 +173,8 @@ impl Overheard {
     }
 }
 
-fn count(status: &Value, process: &str, figure: &str) -> f64 {
-    status["figures"][process][figure].as_f64().unwrap_or(0.0)
+fn count(status: &Value, process: &str, metric: &str) -> f64 {
+    status["metrics"][process][metric].as_f64().unwrap_or(0.0)
 }
 
 #[test]
@@ -202,23 +202,23 @@ fn landing_continues_while_hostile_packets_are_counted_and_shown() {
         })
     };
     let wanted = [
-        ("bridge", "refused: malformed"),
-        ("bridge", "refused: of another version"),
-        ("bridge", "refused: of another vessel"),
-        ("bridge", "refused: absurd"),
-        ("bridge", "refused: unasked replies"),
-        ("bridge", "packets dropped"),
-        ("bridge", "vessel's words refused"),
-        ("vessel", "time requests refused"),
-        ("vessel", "drone's words refused"),
-        ("vessel", "packets dropped"),
+        ("bridge", "rejected_malformed"),
+        ("bridge", "rejected_of_another_version"),
+        ("bridge", "rejected_of_another_vessel"),
+        ("bridge", "rejected_out_of_range"),
+        ("bridge", "rejected_unsolicited_replies"),
+        ("bridge", "packets_dropped"),
+        ("bridge", "vessel_status_rejected"),
+        ("vessel", "time_requests_rejected"),
+        ("vessel", "drone_messages_rejected"),
+        ("vessel", "packets_dropped"),
     ];
     status_when(&name, |s| wanted.iter().all(|(p, f)| count(s, p, f) > 0.0));
     // Old samples: the sequence was seen, or a newer one was, or its time has passed.
     status_when(&name, |s| {
-        ["repeated", "overtaken", "stale"]
+        ["repeated", "out_of_order", "stale"]
             .iter()
-            .any(|r| count(s, "bridge", &format!("refused: {r}")) > 0.0)
+            .any(|r| count(s, "bridge", &format!("rejected_{r}")) > 0.0)
     });
 
     let out = child.output();

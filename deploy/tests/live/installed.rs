@@ -257,7 +257,7 @@ impl Installed {
     }
     /// The simulated time since the start, s.
     fn time_s(&self, status: &Value) -> Option<f64> {
-        status["figures"]["world"]["time since the start"].as_f64()
+        status["metrics"]["world"]["time_since_start_s"].as_f64()
     }
     fn state(&self) -> String {
         let status = self.status();
@@ -442,12 +442,12 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
         assert_ne!(all.state(), "GaveUp");
     }
     let status = all.status_when("the stranger is noticed", |s| {
-        s["figures"]["vessel"]["strangers refused"]
+        s["metrics"]["vessel"]["unauthorised_peers_rejected"]
             .as_f64()
             .is_some_and(|n| n > 0.0)
     });
     assert!(
-        status["figures"]["vessel"]["the last for"].as_f64() > Some(0.0),
+        status["metrics"]["vessel"]["last_peer_rejected_for"].is_string(),
         "{status}"
     );
     let vessel = all.vessel_status();

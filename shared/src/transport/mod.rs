@@ -10,6 +10,7 @@ pub mod clock;
 pub mod images;
 mod instance;
 pub mod memory;
+pub mod metrics;
 pub mod observe;
 pub mod plain;
 pub mod process;

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::msg::Seq;
 use crate::transport::TransportError;
+use crate::transport::metrics::{self, MetricName, MetricValue, Metrics};
 
 /// What a test of faults sends to a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,8 +40,6 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
 
 /// Topics that one process reads, at most.
 pub const MAX_INPUTS: usize = 12;
-/// Figures of its own that one process shows, at most.
-pub const MAX_METRICS: usize = 32;
 
 /// The processes of a vessel and its drone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -170,8 +169,9 @@ pub struct ProcessState {
     pub step_p99_s: f64,
     /// Messages that it could not send.
     pub unsent: u64,
-    /// What a process counts and measures beside; see the process for the meaning.
-    pub figures: Seq<f64, MAX_METRICS>,
+    /// What it counts and measures beside.
+    #[serde(serialize_with = "metrics::serialize")]
+    pub metrics: Metrics,
     /// What it reads.
     pub inputs: Seq<InputState, MAX_INPUTS>,
     /// What it sends over the radio.
@@ -179,8 +179,22 @@ pub struct ProcessState {
 }
 
 impl ProcessState {
-    /// Its figure number `k`; NaN when it has none of that number.
-    pub fn figure(&self, k: usize) -> f64 {
-        self.figures.get(k).copied().unwrap_or(f64::NAN)
+    /// The metric of that name, if it has one.
+    pub fn metric(&self, name: MetricName) -> Option<MetricValue> {
+        self.metrics.iter().find(|m| m.name == name).map(|m| m.value)
+    }
+    /// A time among its metrics, s; NaN when it has none of that name.
+    pub fn seconds(&self, name: MetricName) -> f64 {
+        match self.metric(name) {
+            Some(MetricValue::Seconds(s)) => s,
+            Some(_) | None => f64::NAN,
+        }
+    }
+    /// A count among its metrics; 0 when it has none of that name.
+    pub fn count(&self, name: MetricName) -> u64 {
+        match self.metric(name) {
+            Some(MetricValue::Count(n)) => n,
+            Some(_) | None => 0,
+        }
     }
 }

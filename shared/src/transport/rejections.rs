@@ -15,6 +15,7 @@ use std::fmt::{Debug, Write};
 use std::net::TcpListener;
 use std::sync::{Mutex, Once, PoisonError};
 
+use serde::{Deserialize, Serialize};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Metadata, Subscriber};
 use tracing_subscriber::Layer;
@@ -23,7 +24,7 @@ use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::registry::LookupSpan;
 
 /// Why somebody was refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AccessRejection {
     /// A session without a certificate.
@@ -64,12 +65,6 @@ impl AccessRejection {
             AccessRejection::Name => "a name that is not admitted",
             AccessRejection::Key => "a key that is not the speaker's",
         }
-    }
-    /// That of this number.
-    pub fn numbered(number: f64) -> Option<AccessRejection> {
-        AccessRejection::ALL
-            .into_iter()
-            .find(|r| f64::from(*r as u8) == number)
     }
 }
 
@@ -249,7 +244,5 @@ mod tests {
             of(RULES, "abc on drone-1 is authorized to Put (ingress) on x"),
             None
         );
-        assert_eq!(AccessRejection::numbered(7.0), Some(AccessRejection::Key));
-        assert_eq!(AccessRejection::numbered(f64::NAN), None);
     }
 }

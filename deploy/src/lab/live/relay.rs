@@ -16,6 +16,7 @@ use alight_shared::topics::{self, Topic};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Subscriber};
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::observe::SendObserver;
 use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::ProcessKind;
@@ -29,7 +30,6 @@ use super::config::RelayConfig;
 use super::times::Times;
 use crate::cells;
 use crate::exit::CliError;
-use crate::process::metrics::VESSEL_FIGURES;
 use crate::process::snapshot::{Snapshot, time};
 use crate::table::Table;
 use crate::terminal;
@@ -380,15 +380,31 @@ impl Tap {
                 plain_s: Some(plain_s),
             }
         };
-        let figure = |kind, k| snapshot.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
+        let seconds = |kind, names: [MetricName; 2]| {
+            names.map(|name| {
+                snapshot
+                    .processes
+                    .get(&kind)
+                    .map_or(f64::NAN, |p| p.seconds(name))
+            })
+        };
         let [middleware_s, plain_s] = self.radio;
         let radio = Stage {
             stage: "radio: zenoh | UDP socket".into(),
             middleware_s,
             plain_s: Some(plain_s),
         };
-        let vessel = [0, 1].map(|k| figure(ProcessKind::Vessel, VESSEL_FIGURES - 2 + k));
-        let all = [0, 1].map(|k| figure(ProcessKind::Pilot, k));
+        let vessel = seconds(
+            ProcessKind::Vessel,
+            [
+                MetricName::MeasurementToEstimateP50,
+                MetricName::MeasurementToEstimateP99,
+            ],
+        );
+        let all = seconds(
+            ProcessKind::Pilot,
+            [MetricName::VesselToSetPointP50, MetricName::VesselToSetPointP99],
+        );
         let mut rows = vec![
             Stage::computed("vessel: measurement to estimate sent", vessel),
             radio,

@@ -1,6 +1,7 @@
 //! What a live landing says beside its outcome: what the processes used, how late things were, what
 //! a fault did.
 
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessKind;
 use alight_sim::harness::outcome::Outcome;
 use serde::{Deserialize, Serialize};
@@ -77,8 +78,8 @@ pub struct LiveOutcome {
 impl LiveReport {
     /// From what the processes said last.
     pub fn of(snapshot: &Snapshot, restarts: u32) -> LiveReport {
-        let figure = |kind, k| snapshot.processes.get(&kind).map_or(f64::NAN, |p| p.figure(k));
-        let pilot = |k| figure(ProcessKind::Pilot, k);
+        let [pilot, world] = [ProcessKind::Pilot, ProcessKind::World]
+            .map(|kind| snapshot.processes.get(&kind).copied().unwrap_or_default());
         LiveReport {
             restarts,
             processes: snapshot
@@ -92,10 +93,15 @@ impl LiveReport {
                     step_p99_s: p.step_p99_s,
                 })
                 .collect(),
-            vessel_to_set_point_s: [pilot(0), pilot(1)],
-            odometry_to_set_point_s: [pilot(2), pilot(3)],
-            world_late_s: figure(ProcessKind::World, 0),
-            world_late_ticks: figure(ProcessKind::World, 1) as u64,
+            vessel_to_set_point_s: [MetricName::VesselToSetPointP50, MetricName::VesselToSetPointP99]
+                .map(|m| pilot.seconds(m)),
+            odometry_to_set_point_s: [
+                MetricName::OdometryToSetPointP50,
+                MetricName::OdometryToSetPointP99,
+            ]
+            .map(|m| pilot.seconds(m)),
+            world_late_s: world.seconds(MetricName::LatestTick),
+            world_late_ticks: world.count(MetricName::LateTicks),
             ..LiveReport::default()
         }
     }

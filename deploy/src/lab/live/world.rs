@@ -10,6 +10,7 @@ use alight_shared::msg::{DeckForecast, MissionState, State};
 use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
+use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_sim::autopilots::FirmwareSensors;
 use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
@@ -160,10 +161,16 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         }
 
         phase = mission.newest(drone_ns).unwrap_or(phase);
-        let unanswered = plant.as_ref().map_or(0, Plant::late) as f64;
+        let unanswered = plant.as_ref().map_or(0, Plant::late);
         let t_s = physics.time_since_start().secs();
-        let lost = render_thread.as_ref().map_or(0, RenderThread::lost) as f64;
-        life.figures = Seq::filled([latest_s, f64::from(late_ticks), t_s, unanswered, lost]);
+        let lost = render_thread.as_ref().map_or(0, RenderThread::lost);
+        life.metrics = Seq::filled([
+            MetricName::LatestTick.seconds(latest_s),
+            MetricName::LateTicks.count(late_ticks),
+            MetricName::TimeSinceStart.seconds(t_s),
+            MetricName::SlicesUnanswered.count(unanswered),
+            MetricName::ImagesDropped.count(lost),
+        ]);
         history.update(&physics, t_s, &phase);
         followed.update(t_s, TICK.secs(), phase.state);
         if world.follow_s.is_some_and(|f| t_s >= f) {
