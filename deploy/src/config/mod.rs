@@ -5,64 +5,38 @@ pub mod supervision;
 
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
-use alight_shared::config::{Check, ConfigError, Keys};
 use alight_shared::transport::clock::ProcessClock;
 use alight_shared::transport::radio::RadioConfig;
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::settings::DroneSettings;
 use alight_usv::sensors::SourcesConfig;
 use alight_usv::{DeckConfig, VesselNodeConfig};
-use serde::{Deserialize, Serialize};
 
 use crate::config::camera::{CameraSource, UltravioletSource};
 use crate::config::supervision::Supervision;
 
-/// The vessel's computer.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct VesselComputer {
-    /// Number of this vessel.
-    pub vessel_id: u32,
-    /// Where the sensors' datagrams come in.
-    pub sensors: String,
-    /// Its real sensors; where there are some, the vessel's process starts `alight sensors`.
-    pub sensor: SourcesConfig,
-    /// Its clock.
-    pub clock: ProcessClock,
-    /// Its radio.
-    pub radio: RadioConfig,
-    /// How the deck is given to drones.
-    pub deck: DeckConfig,
-    /// Its node.
-    pub vessel: VesselNodeConfig,
-}
-
-impl Default for VesselComputer {
-    fn default() -> Self {
-        VesselComputer {
-            vessel_id: 1,
-            // Ours.
-            sensors: "127.0.0.1:7440".into(),
-            sensor: SourcesConfig::default(),
-            clock: ProcessClock::default(),
-            // Zenoh's usual port.
-            radio: RadioConfig {
-                listen: vec!["udp/0.0.0.0:7447".into()],
-                ..RadioConfig::default()
-            },
-            deck: DeckConfig::default(),
-            vessel: VesselNodeConfig::default(),
-        }
-    }
-}
-
-impl Check for VesselComputer {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.sensor.check(&at.table("sensor"))?;
-        self.clock.check(&at.table("clock"))?;
-        self.radio.check(&at.table("radio"))?;
-        self.deck.check(&at.table("deck"))?;
-        self.vessel.check(&at.table("vessel"))
+config! {
+    /// The vessel's computer.
+    pub struct VesselComputer {
+        /// Number of this vessel.
+        pub vessel_id: u32 = 1;
+        /// Address that takes the sensors' datagrams.
+        /// Source: Ours.
+        pub sensors: String = "127.0.0.1:7440".into();
+        /// Its real sensors; where there are some, the vessel's process starts `alight sensors`.
+        pub sensor: SourcesConfig;
+        /// Its clock.
+        pub clock: ProcessClock;
+        /// Its radio; it listens.
+        /// Source: Zenoh's usual port.
+        pub radio: RadioConfig = RadioConfig {
+            listen: vec!["udp/0.0.0.0:7447".into()],
+            ..RadioConfig::default()
+        }, table;
+        /// How the deck is reserved for drones.
+        pub deck: DeckConfig;
+        /// Its node.
+        pub vessel: VesselNodeConfig;
     }
 }
 
@@ -76,47 +50,31 @@ config! {
     }
 }
 
-/// The drone's computer. Its own number and its vessel's are the bridge's.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DroneComputer {
-    /// Name of the set of processes that share memory.
-    pub instance: String,
-    /// Its clock.
-    pub clock: ProcessClock,
-    /// Its radio.
-    pub radio: RadioConfig,
-    /// Its link to a real autopilot.
-    pub autopilot: AutopilotLinkConfig,
-    /// Its bridge.
-    pub bridge: BridgeConfig,
-    /// Where its camera's images come from.
-    pub camera: CameraSource,
-    /// Where its ultraviolet camera's images come from.
-    pub uvdar: UltravioletSource,
-    /// How its processes are run.
-    pub supervision: Supervision,
-    /// Its other nodes.
-    pub drone: DroneSettings,
-}
-
-impl Default for DroneComputer {
-    fn default() -> Self {
-        DroneComputer {
-            instance: "drone".into(),
-            clock: ProcessClock::default(),
-            // Ours: the vessel's address on its own network.
-            radio: RadioConfig {
-                connect: vec!["udp/192.168.7.1:7447".into()],
-                ..RadioConfig::default()
-            },
-            autopilot: AutopilotLinkConfig::default(),
-            bridge: BridgeConfig::default(),
-            camera: CameraSource::default(),
-            uvdar: UltravioletSource::default(),
-            supervision: Supervision::default(),
-            drone: DroneSettings::default(),
-        }
+config! {
+    /// The drone's computer. Its own number and its vessel's are the bridge's.
+    pub struct DroneComputer {
+        /// Name of the set of processes that share memory.
+        pub instance: String = "drone".into();
+        /// Its clock.
+        pub clock: ProcessClock;
+        /// Its radio; it connects.
+        /// Source: Ours, the vessel's address on its own network.
+        pub radio: RadioConfig = RadioConfig {
+            connect: vec!["udp/192.168.7.1:7447".into()],
+            ..RadioConfig::default()
+        }, table;
+        /// Its link to a real autopilot.
+        pub autopilot: AutopilotLinkConfig;
+        /// Its bridge.
+        pub bridge: BridgeConfig;
+        /// Source of its camera's images.
+        pub camera: CameraSource;
+        /// Source of its ultraviolet camera's images.
+        pub uvdar: UltravioletSource;
+        /// How its processes are run.
+        pub supervision: Supervision;
+        /// Its other nodes.
+        pub drone: DroneSettings;
     }
 }
 
@@ -127,31 +85,19 @@ impl DroneComputer {
     }
 }
 
-impl Check for DroneComputer {
-    fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
-        self.clock.check(&at.table("clock"))?;
-        self.radio.check(&at.table("radio"))?;
-        self.autopilot.check(&at.table("autopilot"))?;
-        self.bridge.check(&at.table("bridge"))?;
-        self.camera.check(&at.table("camera"))?;
-        self.uvdar.check(&at.table("uvdar"))?;
-        self.supervision.check(&at.table("supervision"))?;
-        self.drone.check(&at.table("drone"))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::config::{Check, Keys, commented};
 
     #[test]
     fn computer_configurations_round_trip_through_toml() {
-        let text = toml::to_string(&VesselComputer::default()).unwrap();
+        let text = commented(&VesselComputer::default()).unwrap();
         assert_eq!(
             config::parse::<VesselComputer>(&text, "vessel").unwrap(),
             VesselComputer::default()
         );
-        let text = toml::to_string(&DroneComputer::default()).unwrap();
+        let text = commented(&DroneComputer::default()).unwrap();
         assert_eq!(
             config::parse::<DroneComputer>(&text, "drone").unwrap(),
             DroneComputer::default()
