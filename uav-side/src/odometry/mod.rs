@@ -23,17 +23,17 @@ use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
-/// After a longer silence the autopilot's word is taken anew, s.
+/// After a longer gap the smoothing starts again from the autopilot's odometry, s.
 const MAX_STEP_S: f64 = 0.1;
 /// A position that is further than this from where the velocity would have brought it is a reset of
 /// the autopilot's origin, m.
 const JUMP_M: f64 = 0.4;
 /// Further from the autopilot's position (m) or velocity (m/s) than this, one of the two is wrong:
-/// the autopilot's word is taken anew.
+/// the smoothing starts again from the autopilot's odometry.
 const MAX_DIFFERENCE: f64 = 1.5;
 /// Further from the autopilot's position than this, m, the smooth frame is drawn after it ...
 const LAG_M: f64 = 0.6;
-/// ... at this rate, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, lays it 0.5 m further.
+/// ... at this rate, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, moves it 0.5 m further.
 const DRIFT_GAIN: f64 = 0.1;
 
 config! {
@@ -51,7 +51,7 @@ config! {
         pub position_gain: f64 = 0.2, in 0.0..=20.0;
         /// Gain of the accelerometers' bias on the difference of velocity, 1/s².
         pub bias_gain: f64 = 0.3, in 0.0..=20.0;
-        /// Largest bias believed, tilt error included, m/s².
+        /// Largest bias accepted, tilt error included, m/s².
         pub bias_limit_mps2: f64 = 1.0, in 0.0..=9.0;
     }
 }
@@ -62,7 +62,7 @@ struct SmoothState {
     position: Vector3<f64>,
     velocity: Vector3<f64>,
     bias: Vector3<f64>,
-    /// The autopilot's last word.
+    /// The autopilot's last odometry.
     reported: DroneState,
 }
 
@@ -74,7 +74,7 @@ pub struct Odometry {
 }
 
 impl Odometry {
-    /// Begins with the autopilot's first word.
+    /// Begins with the autopilot's first odometry.
     pub fn new(config: &OdometryConfig) -> Self {
         Odometry {
             config: *config,
@@ -107,7 +107,7 @@ impl Odometry {
         let dt = (reported.header.at - h.at).secs();
         let force = reported.attitude() * Vector3::from(reported.specific_force) + Vector3::z() * GRAVITY;
         if !(dt > 0.0) {
-            // Out of order: those who read it will refuse it.
+            // Out of order: the readers reject it.
             return *reported;
         }
         if dt > MAX_STEP_S || !force.norm().is_finite() {
@@ -145,7 +145,7 @@ impl Odometry {
     }
 
     /// A set-point of the smooth frame in the autopilot's own, for a loop that the autopilot closes:
-    /// `p + p_a - p_s`, `v + v_a - v_s`. Else the drone would stay beside its plan by as much as the
+    /// `p + p_a - p_s`, `v + v_a - v_s`. Else the drone would stay off its plan by as much as the
     /// frames are apart, and a plan that begins anew at the drone would run away from it.
     pub fn for_autopilot(&self, set_point: &SetPoint) -> SetPoint {
         match (set_point.kind, &self.smoothed) {
@@ -179,7 +179,7 @@ mod tests {
         let mut o = Odometry::new(&OdometryConfig::default());
         let (mut last, mut largest) = (None::<DroneState>, 0.0_f64);
         for k in 0..3000_u32 {
-            // A drone at rest whose position is told 2 cm further, then back, ten times a second.
+            // A drone at rest whose reported position moves by 2 cm and back, ten times a second.
             let reported = state(k, if (k / 10) % 2 == 0 { 0.02 } else { -0.02 }, 0.0, 0.0);
             let s = o.step(&reported);
             if let Some(l) = last {

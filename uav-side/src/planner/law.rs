@@ -8,15 +8,7 @@ use nalgebra::Vector2;
 use super::model::State;
 use super::mpc_faa::Problem;
 use super::reference::{Reference, ReferenceGenerator};
-
-/// Permission and deck that the references are made for.
-#[derive(Clone, Debug, PartialEq)]
-pub struct View {
-    /// What the mission permits.
-    pub mission: MissionState,
-    /// The predicted deck.
-    pub forecast: Option<DeckForecast>,
-}
+pub use super::view::View;
 
 /// Where the plans of a landing begin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -23,6 +23,7 @@ pub mod qp;
 pub mod reference;
 pub mod rendezvous;
 mod start;
+pub mod view;
 pub mod weights;
 
 #[cfg(test)]

@@ -10,10 +10,10 @@ use nalgebra::{Vector2, Vector3};
 
 use super::config::{PlannerConfig, Shaping};
 use super::governor::{Motion, Pace, ReferenceGovernor};
-use super::law::View;
 use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
 use super::mpc_faa::Problem;
 use super::qp::NO_CEILING;
+use super::view::View;
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 
 /// An aborted descent is braked by this, m/s².

@@ -1,0 +1,12 @@
+//! What a planner's references are made for.
+
+use alight_shared::msg::{DeckForecast, MissionState};
+
+/// Permission and deck that the references are made for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// What the mission permits.
+    pub mission: MissionState,
+    /// The predicted deck.
+    pub forecast: Option<DeckForecast>,
+}
