@@ -303,7 +303,7 @@ fn blow() -> impl Strategy<Value = Blow> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
     #[test]
-    fn random_input_never_panics_nor_permits_an_unsafe_descent(blows in prop::collection::vec(blow(), 1..60)) {
+    fn mission_never_permits_an_unsafe_descent_on_random_input(blows in prop::collection::vec(blow(), 1..60)) {
         let mut m = node();
         let mut now = at(1.0);
         let mut n = 0_u32;

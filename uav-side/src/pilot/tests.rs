@@ -12,7 +12,7 @@ use super::*;
 
 proptest! {
     #[test]
-    fn flatness_inverts(roll in -1.0..1.0_f64, pitch in -1.0..1.0_f64, yaw in -3.1..3.1_f64, down in -5.0..5.0_f64) {
+    fn attitude_of_thrust_inverts_thrust_of_attitude(roll in -1.0..1.0_f64, pitch in -1.0..1.0_f64, yaw in -3.1..3.1_f64, down in -5.0..5.0_f64) {
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let t = thrust_of_attitude(&q, down, GRAVITY);
         // The vertical acceleration is the one asked for.
@@ -23,7 +23,7 @@ proptest! {
     }
 
     #[test]
-    fn a_slewed_attitude_turns_no_further_than_allowed(a in -1.0..1.0_f64, b in -1.0..1.0_f64, max in 0.0..0.5_f64) {
+    fn slewed_attitude_turns_no_further_than_allowed(a in -1.0..1.0_f64, b in -1.0..1.0_f64, max in 0.0..0.5_f64) {
         let (p, q) = (UnitQuaternion::from_euler_angles(a, b, 0.0), UnitQuaternion::from_euler_angles(b, 0.2, a));
         let r = slewed(&p, &q, max);
         prop_assert!(p.angle_to(&r) <= max + 1e-6);
@@ -239,7 +239,7 @@ fn wild() -> impl Strategy<Value = f64> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
     #[test]
-    fn random_input_never_panics_nor_stops_the_motors_in_the_air(
+    fn pilot_never_stops_the_motors_in_the_air_on_random_input(
         blows in prop::collection::vec(
             (any::<u8>(), 0..10_u8, prop::array::uniform6(wild()), -200..900_i64, 0.0..3.0_f64, 1..40_u32), 1..40),
         landing in any::<bool>(),

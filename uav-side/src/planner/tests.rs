@@ -531,7 +531,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_it_hears_its_plans_are_sane(
+    fn planner_plans_are_valid_whatever_it_receives(
         steps in prop::collection::vec(
             (prop::array::uniform12(number()), 0..10_usize, 0..8_u32, -3..3_i64, prop::bool::weighted(0.7)), 1..40
         ),

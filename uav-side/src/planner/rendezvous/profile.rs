@@ -70,7 +70,7 @@ impl Profile {
         c.soft_s + (-v + (v * v + 2.0 * a * d).sqrt()) / a
     }
 
-    /// The least time from `clearance`, sinking at `speed` now, s: the profile's, and what getting
+    /// The shortest time from `clearance`, sinking at `speed` now, s: the profile's, and what getting
     /// up to its speed costs at its own deceleration.
     pub fn min_time(&self, clearance: f64, speed: f64) -> f64 {
         let left = self.left(clearance);
