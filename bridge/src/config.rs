@@ -7,7 +7,7 @@ config! {
     pub struct BridgeConfig {
         /// The only vessel that is listened to.
         pub vessel_id: u32 = 1;
-        /// Our own identity: messages to other drones are refused.
+        /// Our own identity: messages to other drones are rejected.
         pub drone_id: u32 = 1;
         /// Rate of the link's state, Hz.
         /// Source: `topics::LINK`.
@@ -29,7 +29,7 @@ config! {
         /// Rate of time requests, Hz.
         /// Source: `topics::TIME_REQUEST`.
         pub request_rate_hz: f64 = 2.0, in 0.1..=20.0;
-        /// A reply after a longer round trip is refused, s.
+        /// A reply after a longer round trip is rejected, s.
         /// Chosen: forty times the default one-way delay of 50 ms.
         pub max_round_trip_s: f64 = 2.0, in 0.05..=10.0;
         /// Exchanges older than this are forgotten, s.

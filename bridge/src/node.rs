@@ -102,7 +102,7 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// A bridge that has heard nothing yet; `boot` is drawn anew at each start.
+    /// A bridge that has received nothing yet; `boot` is drawn anew at each start.
     pub fn new(config: &BridgeConfig, boot: u32) -> Self {
         Bridge {
             config: config.clone(),
@@ -177,7 +177,7 @@ impl Bridge {
                 let abort = m.kind == CommandKind::Abort;
                 let at = match self.admit(arrival, &m, kind, &topics::OPERATOR, 0.0) {
                     Ok((at, _)) => at,
-                    // An abort counts however old it is and whatever the clocks say.
+                    // An abort counts however old it is and whatever the clocks show.
                     Err(RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock)
                         if abort =>
                     {

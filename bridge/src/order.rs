@@ -19,9 +19,9 @@ pub struct Boots {
 pub enum Boot {
     /// The one that is listened to.
     Current,
-    /// The first that was ever heard.
+    /// The first that was ever received.
     First,
-    /// Never heard before: a restart, or a message from before we began to listen.
+    /// Never received before: a restart, or a message from before we began to listen.
     Unknown,
     /// Superseded.
     Retired,
@@ -57,7 +57,7 @@ pub struct SequenceOrder {
 }
 
 impl SequenceOrder {
-    /// Sequence numbers since the newest admitted (1 without loss); refuses repeated and late ones.
+    /// Sequence numbers since the newest admitted (1 without loss); rejects repeated and late ones.
     pub fn advance(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match self.newest {
             None => Ok(1),

@@ -1,4 +1,4 @@
-//! Typed configuration: TOML, units in key names, unknown keys refused, values checked against
+//! Typed configuration: TOML, units in key names, unknown keys rejected, values checked against
 //! their allowed range with an error that names key, value and range.
 
 use std::collections::BTreeMap;
@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use thiserror::Error;
 use toml::{Table, Value};
 
-/// Why a configuration was refused.
+/// Why a configuration was rejected.
 #[derive(Debug, Error)]
 pub enum ConfigError {
     /// The file could not be read.
@@ -18,7 +18,7 @@ pub enum ConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// Not TOML, an unknown key, or a value of the wrong type.
@@ -26,7 +26,7 @@ pub enum ConfigError {
     Parse {
         /// The file, or what else the text came from.
         origin: String,
-        /// What the parser says, with line and column.
+        /// Error of the parser, with line and column.
         message: String,
     },
     /// A value outside its range.
@@ -94,7 +94,7 @@ impl<T: InRange> InRange for Option<T> {
 
 /// Declares a table of the configuration in one place: for each key its meaning, unit and source (the
 /// doc comment), its type, its default and its range. Makes the struct, `Default`, [`Check`] and serde's
-/// traits; a key that is not declared is refused.
+/// traits; a key that is not declared is rejected.
 ///
 /// ```
 /// alight_shared::config! {

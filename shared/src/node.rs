@@ -10,7 +10,7 @@ pub trait Node {
     /// What arrived since the last step. State streams are `Option` (the newest, if any arrived),
     /// event streams are `Vec`.
     type In;
-    /// What it says.
+    /// What it outputs.
     type Out;
 
     /// Consumes what arrived, at the node's own time `now`. `now` never goes back.

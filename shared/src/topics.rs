@@ -14,7 +14,7 @@ pub enum Medium {
     Memory,
 }
 
-/// What the processes say about themselves; declared beside the table because its type belongs to
+/// What the processes report about themselves; declared beside the table because its type belongs to
 /// the transport.
 #[cfg(feature = "transport")]
 pub const PROCESS: Topic = Topic {
@@ -81,17 +81,17 @@ topics! {
     DECK: "deck", msg::DeckGrant<VesselClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// An operator's command, from the operator to the vessel and from the vessel to a drone.
     OPERATOR: "command", msg::OperatorCommand<VesselClock>, Radio, 0.1 Hz, 64, 5000 ms, 2 deep;
-    /// What drones say about themselves, as the vessel heard it, for operators.
+    /// Statuses of drones as the vessel received them, for operators.
     DRONES: "drones", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
-    /// The drone's word about itself, for the vessel's deck.
+    /// The drone's status, for the vessel's deck.
     DRONE_STATUS: "status", msg::DroneStatus, Radio, 2.0 Hz, 128, 2000 ms, 2 deep;
     /// The autopilot's odometry.
     DRONE_STATE: "drone/state", msg::DroneState, Memory, 100.0 Hz, size_of::<msg::DroneState>(), 200 ms, 2 deep;
     /// The autopilot's state.
     AUTOPILOT: "drone/autopilot", msg::AutopilotState, Memory, 10.0 Hz, size_of::<msg::AutopilotState>(), 1000 ms, 2 deep;
-    /// Tag sightings.
+    /// Tag detections.
     TAG: "camera/tag", msg::TagPose, Memory, 30.0 Hz, size_of::<msg::TagPose>(), 500 ms, 16 deep;
-    /// UV marker sightings.
+    /// UV marker detections.
     UVDAR: "camera/uvdar", msg::UvdarFix, Memory, 20.0 Hz, size_of::<msg::UvdarFix>(), 500 ms, 16 deep;
     /// Rangefinder.
     RANGE: "drone/range", msg::RangeSample, Memory, 50.0 Hz, size_of::<msg::RangeSample>(), 200 ms, 16 deep;

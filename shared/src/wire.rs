@@ -7,7 +7,7 @@ use thiserror::Error;
 /// No message of Alight is longer on the wire.
 pub const MAX_WIRE_BYTES: usize = 4096;
 
-/// Why bytes were refused.
+/// Why bytes were rejected.
 #[derive(Debug, Error)]
 pub enum WireError {
     /// More bytes than any message has.
@@ -25,7 +25,7 @@ pub enum WireError {
         name: &'static str,
         /// Bytes received.
         got: usize,
-        /// What bincode says.
+        /// Error of bincode.
         source: bincode::error::DecodeError,
     },
     /// Bytes were left over.
@@ -43,7 +43,7 @@ pub enum WireError {
     Encode {
         /// Message type.
         name: &'static str,
-        /// What bincode says.
+        /// Error of bincode.
         source: bincode::error::EncodeError,
     },
 }

@@ -57,7 +57,7 @@ pub enum Update {
         /// Normalised innovation squared.
         nis: f64,
     },
-    /// The gate refused it: state and covariance are untouched.
+    /// The gate rejected it: state and covariance are untouched.
     Gated {
         /// Normalised innovation squared.
         nis: f64,

@@ -1,4 +1,4 @@
-//! What the drone knows of the deck: sightings, link, forecast.
+//! What the drone knows of the deck: detections, link, forecast.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ pub const PREDICTED_SLOPES: usize = 48;
 /// Time between two of them, s; together twelve seconds.
 pub const PREDICTED_SLOPE_STEP_S: f64 = 0.25;
 
-/// A 6-DOF sighting of the deck's fiducial tag.
+/// A 6-DOF detection of the deck's fiducial tag.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub struct TagPose {
@@ -32,7 +32,7 @@ pub struct TagPose {
     pub variance: [f64; 6],
 }
 
-/// A sighting of the deck's blinking UV markers: coarser, from further away.
+/// A detection of the deck's blinking UV markers: coarser, from further away.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub struct UvdarFix {
@@ -76,7 +76,7 @@ pub struct LinkState {
     pub latency_p50_s: f64,
     /// 99th percentile of the latency, s.
     pub latency_p99_s: f64,
-    /// Vessel messages refused since start.
+    /// Vessel messages rejected since start.
     pub rejected: u32,
 }
 
@@ -89,7 +89,7 @@ pub enum Source {
     None,
     /// The vessel's messages only.
     Radio,
-    /// The drone's own sight only.
+    /// The drone's own vision only.
     Vision,
     /// Both.
     Both,
@@ -160,9 +160,9 @@ pub struct DeckForecast {
     pub source: Source,
     /// Age of the newest vessel estimate that was used, s; infinite when there was none.
     pub radio_age_s: f64,
-    /// Age of the newest sighting (tag or UVDAR) that was used, s; infinite when there was none.
+    /// Age of the newest vision measurement (tag or UVDAR) that was used, s; infinite when there was none.
     pub vision_age_s: f64,
-    /// Age of the newest tag sighting that was used, s; infinite when there was none.
+    /// Age of the newest tag detection that was used, s; infinite when there was none.
     pub tag_age_s: f64,
     /// Confidence in the wave model, 0 (broad default) to 1.
     pub wave_confidence: f64,
@@ -173,7 +173,7 @@ pub struct DeckForecast {
     pub mean_heading: f64,
     /// The trajectory.
     pub stages: Seq<DeckStage, FORECAST_STAGES>,
-    /// How steep the deck felt of late, as the vessel told it ([`super::WaveModel::slopes`]); empty while
+    /// Apparent slope of the deck of late, as the vessel reported it ([`super::WaveModel::slopes`]); empty while
     /// nothing recent is known.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// How steep the deck is predicted_slopes to feel, every [`PREDICTED_SLOPE_STEP_S`] from now on, in steps of

@@ -5,13 +5,13 @@ use serde::{Deserialize, Serialize};
 use super::Header;
 use crate::time::{Clock, Time};
 
-/// The vessel says which drone may descend to its deck. Repeated while it runs: a drone descends only
-/// on a young word that names it, and breaks a descent off on one that names another.
+/// The vessel announces which drone may descend to its deck. Repeated while it runs: a drone descends only
+/// on a fresh grant that names it, and breaks a descent off on one that names another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct DeckGrant<C: Clock> {
-    /// Identity; `at` is when it was said.
+    /// Identity; `at` is when it was granted.
     pub header: Header<C>,
     /// The drone that has the deck; 0 when nobody has.
     pub owner: u32,

@@ -81,7 +81,7 @@ impl State {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum ReasonCode {
-    /// Nothing to say.
+    /// No reason.
     #[default]
     None,
     /// A landing was commanded.
@@ -126,7 +126,7 @@ pub enum ReasonCode {
     BatteryLow,
     /// Attempts used up.
     OutOfRetries,
-    /// An operator said so.
+    /// An operator commanded it.
     Operator,
     /// Below the minimum altitude, m.
     TooLow,
@@ -136,9 +136,9 @@ pub enum ReasonCode {
     TooWindy,
     /// The vessel's deck is another drone's: its number.
     DeckReserved,
-    /// The vessel has not said lately whose its deck is, s.
+    /// The newest deck grant is too old, s.
     DeckGrantStale,
-    /// Waves that would shed a landed drone were felt that long ago, s: too lately, or so long ago that the
+    /// Deck motion that would make a landed drone slide was observed that long ago, s: too recently, or so long ago that the
     /// next are due.
     SlideObserved,
     /// The deck is predicted_slopes to feel this steep before the drone would be at rest, tan of the angle.
@@ -214,20 +214,23 @@ impl fmt::Display for Reason {
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
             ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
-            ReasonCode::DeckReserved if v == 0.0 => write!(f, "the deck is nobody's yet"),
+            ReasonCode::DeckReserved if v == 0.0 => write!(f, "the deck is not reserved yet"),
             ReasonCode::DeckReserved => write!(f, "the deck is drone {v:.0}'s"),
-            ReasonCode::DeckGrantStale => write!(f, "whose the deck is was said {v:.1} s ago (limit {l:.1})"),
+            ReasonCode::DeckGrantStale => write!(f, "newest deck grant {v:.1} s old (limit {l:.1})"),
             ReasonCode::SlideObserved if v < l => {
-                write!(f, "waves that shed a drone {v:.0} s ago (calm after {l:.0})")
+                write!(
+                    f,
+                    "deck motion that makes a drone slide {v:.0} s ago (calm after {l:.0})"
+                )
             }
             ReasonCode::SlideObserved => {
                 write!(
                     f,
-                    "waves that shed a drone {v:.0} s ago, the next are due (limit {l:.0})"
+                    "deck motion that makes a drone slide {v:.0} s ago, the next is due (limit {l:.0})"
                 )
             }
             ReasonCode::SlidePredicted => {
-                write!(f, "waves to come tilt the deck by {v:.2} (limit {l:.2})")
+                write!(f, "predicted apparent slope of the deck {v:.2} (limit {l:.2})")
             }
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
@@ -312,7 +315,7 @@ impl CommandKind {
     /// Whether a mission that stands so, and waits for this, has done what was commanded.
     pub fn is_met(self, state: State, waiting: ReasonCode) -> bool {
         match self {
-            // A mission that was commanded and waits for something else has heard it.
+            // A mission that was commanded and waits for something else has received it.
             CommandKind::Land => match state {
                 State::Idle => waiting != ReasonCode::NotCommanded,
                 State::Hold => waiting != ReasonCode::Operator,
@@ -353,7 +356,7 @@ pub struct DroneStatus {
     pub waiting: Reason,
     /// Descents begun so far.
     pub attempts: u32,
-    /// Remaining battery, 0 to 1; 0 when the autopilot does not say.
+    /// Remaining battery, 0 to 1; 0 when the autopilot does not report it.
     pub battery: f64,
     /// The autopilot's own opinion of where it is.
     pub landed: LandedState,

@@ -64,7 +64,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::time::{Clock, Time};
 
-/// Version of every message's layout; a receiver refuses any other.
+/// Version of every message's layout; a receiver rejects any other.
 pub const MESSAGE_VERSION: u16 = 6;
 
 /// Identity, order and time of validity of a message.

@@ -61,7 +61,7 @@ pub struct HeadingFix {
     pub heading: f64,
     /// Standard deviation, rad.
     pub heading_sd: f64,
-    /// Rate of turn, rad/s, where it is told.
+    /// Rate of turn, rad/s, where it is reported.
     pub rate: Option<f64>,
     /// Which of the vessel's heading sensors.
     pub source: u8,

@@ -1,4 +1,4 @@
-//! What the vessel says over the radio.
+//! What the vessel broadcasts.
 //!
 //! # Byte layout on the wire
 //!
@@ -37,7 +37,7 @@
 //! | + 68..140 | its covariance block (6 x 3 x f32) |
 //! | + 140..164 | spectral density of its drive (6 x f32) |
 //! | then 0..8 | m (u64) |
-//! | + 0..1 | steepest felt slope, newest first, 0.01 (u8) |
+//! | + 0..1 | steepest apparent slope, newest first, 0.01 (u8) |
 //!
 //! | bytes | prediction (62 + 72 n B, n <= 15 stages, 2 Hz, bound 1200 B) |
 //! |---|---|
@@ -140,7 +140,7 @@ pub struct WaveModel<C: Clock> {
     pub crest_steepening: f32,
     /// Components, strongest first.
     pub components: Seq<WaveComponent, MAX_COMPONENTS>,
-    /// The steepest slope that something standing on the deck felt in each span of [`SLOPE_WINDOW_S`], the
+    /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the
     /// present one first, in steps of [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second.
     /// Above the coefficient of friction it slides. What no sum of waves foretells (a hull that leaves the
     /// water over a steep crest) comes again as it came before.

@@ -1,8 +1,8 @@
-//! Who may say what over the radio: rules by the name in a certificate, checked by zenoh on both sides.
+//! Who may publish what over the radio: rules by the name in a certificate, checked by zenoh on both sides.
 //!
 //! Keys are `alight/NAME/TOPIC`, and NAME is the common name of the speaker's certificate. Everything
 //! is denied but this: we publish our own keys, a peer publishes keys under its own name, and
-//! either may subscribe. zenoh does not tell a publisher that it was refused.
+//! either may subscribe. zenoh does not report a rejection to the publisher.
 
 use serde_json::{Value, json};
 

@@ -28,7 +28,7 @@ const PORTS: usize = 4;
 pub struct ImageBytes {
     /// Middle of the exposure on the drone's clock, ns.
     pub at_ns: i64,
-    /// Width and height, px, as its sender says.
+    /// Width and height, px, as its sender states.
     pub size: [u32; 2],
     /// Grey levels.
     pub pixels: Vec<u8>,
@@ -86,7 +86,7 @@ impl ImagePublisher {
             unsent: 0,
         })
     }
-    /// Sends an image; one that is larger than was said is counted as not sent.
+    /// Sends an image; one that is larger than agreed is counted as not sent.
     pub fn send(&mut self, at_ns: i64, size: [u32; 2], pixels: &[u8]) {
         let length = HEADER_BYTES + pixels.len();
         let sent = length <= self.max_bytes

@@ -43,7 +43,7 @@ pub struct Memory {
 impl Memory {
     /// Joins `instance` under the name of a process.
     pub fn join(instance: &Instance, process: &str) -> Result<Memory, TransportError> {
-        // What the middleware has to say reaches a person through the errors it returns.
+        // Messages of the middleware reach a person through the errors it returns.
         set_log_level(LogLevel::Fatal);
         let doing = || format!("joining the shared memory of instance {}", instance.name());
         std::fs::create_dir_all(instance.middleware()).doing(doing)?;

@@ -27,7 +27,7 @@ use thiserror::Error;
 pub struct TransportError {
     /// What was being done.
     pub doing: String,
-    /// What the middleware says.
+    /// Error of the middleware.
     pub what: String,
 }
 

@@ -78,7 +78,7 @@ unsafe impl ZeroCopySend for ProcessState {}
 impl Plain for ProcessState {
     const TOPIC: &'static Topic = &topics::PROCESS;
     fn order(&self) -> Option<(u32, u32)> {
-        // Many processes share the topic: a gap says nothing.
+        // Many processes share the topic: a gap means nothing.
         None
     }
     fn at_ns(&self) -> i64 {

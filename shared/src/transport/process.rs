@@ -1,4 +1,4 @@
-//! What a process says about itself, for a person who looks on; and the signals that a test of
+//! What a process reports about itself, for a person who looks on; and the signals that a test of
 //! faults sends it.
 
 use iceoryx2_bb_posix::process::{Process, ProcessId};
@@ -135,7 +135,7 @@ pub const MAX_FLOWS: usize = 8;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub struct RadioFlow {
-    /// Index of the topic in [`crate::topics::ALL`]; beyond it: what it says about itself.
+    /// Index of the topic in [`crate::topics::ALL`]; beyond it: its own report.
     pub topic: u32,
     /// Messages over the last seconds, Hz.
     pub rate_hz: f32,
@@ -143,7 +143,7 @@ pub struct RadioFlow {
     pub bytes_per_s: f32,
 }
 
-/// What a process says about itself, twice a second.
+/// What a process reports about itself, twice a second.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ProcessState {

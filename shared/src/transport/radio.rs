@@ -200,7 +200,7 @@ impl RadioConfig {
     }
 }
 
-/// The endpoint as the middleware is told it.
+/// The endpoint as the middleware is given it.
 fn completed(endpoint: &str) -> String {
     if endpoint.starts_with("quic/") && !endpoint.contains(['?', '#']) {
         format!("{endpoint}{QUIC_METADATA}")
@@ -319,7 +319,7 @@ impl Radio {
         publications: Vec<Publication>,
         subscriptions: Vec<String>,
     ) -> Result<Radio, TransportError> {
-        // Whoever opens it, also an operator's command: what cannot work is told before it is tried.
+        // Whoever opens it, also an operator's command: what cannot work is reported before it is tried.
         config
             .check(&Keys::ROOT)
             .map_err(|e| TransportError::because("checking the radio's configuration", e))?;
@@ -341,7 +341,7 @@ impl Radio {
         };
         radio.open = Some(radio.session()?);
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
-        // A session that never says anything is silent too: an opening that stalled half way
+        // A session that never receives anything is silent too: an opening that stalled half way
         // (seen once, over UDP on a computer under load) ends there.
         radio.last_received_ns = Some(steady_ns());
         Ok(radio)

@@ -60,7 +60,7 @@ impl InputStatistics {
     }
 }
 
-/// Longest time that is told apart, us.
+/// Longest time that is distinguished, us.
 const MAX_US: u64 = 67_000_000;
 
 /// Quantiles of positive times to two digits, in bounded memory.
