@@ -21,6 +21,17 @@ pub mod wake;
 
 use thiserror::Error;
 
+/// A message that came over the radio.
+#[derive(Clone, Debug)]
+pub struct Received {
+    /// Index of its subscription.
+    pub subscription: usize,
+    /// The steady clock at its arrival, ns.
+    pub at_ns: i64,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
 /// What a transport could not do.
 #[derive(Debug, Error)]
 #[error("{doing}: {what}")]

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use crate::transport::radio::Received;
+use crate::transport::Received;
 
 /// Stands around the sends of a process.
 pub trait SendObserver: Send + Sync {

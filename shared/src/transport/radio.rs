@@ -19,7 +19,7 @@ use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
 use crate::transport::observe::{ReceiveChannel, observer, receive_channel};
 use crate::transport::rejections::PlaintextAttempts;
-use crate::transport::{TransportError, access};
+use crate::transport::{Received, TransportError, access};
 use crate::wire::MAX_WIRE_BYTES;
 
 /// An attempt to open a session is given up after this long, ms. Over datagrams nothing is repeated
@@ -227,17 +227,6 @@ pub struct Publication {
     pub key: String,
     /// How urgent.
     pub urgency: Urgency,
-}
-
-/// A message that came.
-#[derive(Clone, Debug)]
-pub struct Received {
-    /// Index of its subscription.
-    pub subscription: usize,
-    /// The steady clock at its arrival, ns.
-    pub at_ns: i64,
-    /// Its content.
-    pub bytes: Vec<u8>,
 }
 
 /// UDP's and IP's header, 28 bytes, and about 20 of the middleware's framing of a message.
