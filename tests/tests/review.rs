@@ -169,12 +169,9 @@ fn review_counts_repeated_reordered_and_far_dated_measurements_and_changes_littl
 }
 
 #[test]
+#[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
 fn review_follows_a_recorded_platform_and_states_its_prediction_error() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
-    if !file.exists() {
-        eprintln!("skipped: {} is missing", file.display());
-        return;
-    }
     let bytes = std::fs::read(&file).unwrap();
     let recorded = log::read(&bytes, "tank", &Mount::default()).unwrap();
     assert_eq!((recorded.decoded.good, recorded.decoded.corrupted), (6461, 0));

@@ -315,19 +315,16 @@ fn recording_with_a_bad_header_or_too_few_rows_is_rejected() {
     assert!(e.contains("no/such/file.csv"), "{e}");
 }
 
-/// The real recording beside the project, where it is there.
-fn tank() -> Option<Recording> {
+/// The real recording beside the project.
+fn tank() -> Recording {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(Recording::load(&path).unwrap())
+    Recording::load(&path).unwrap()
 }
 
 #[test]
+#[ignore = "needs ../shared/data/tank-platform.csv beside the project"]
 fn tank_recording_plays_at_twice_its_size_without_a_mean_tilt() {
-    let Some(recording) = tank() else { return };
+    let recording = tank();
     assert_eq!(recording.gaps, 0);
     assert!(
         (recording.mean[ROLL].to_degrees() - 4.08).abs() < 0.02,
