@@ -156,5 +156,5 @@ fn operators_abort_reaches_the_drone_through_the_vessel() {
     fleet.fly(120.0, |f| f.state(0) == State::Descent);
     fleet.world.operator_command(0, CommandKind::Abort);
     fleet.fly(2.0, |f| f.state(0) != State::Descent);
-    assert_eq!(fleet.state(0), State::Hold, "{:?}", fleet.visited);
+    assert_eq!(fleet.state(0), State::GaveUp, "{:?}", fleet.visited);
 }
