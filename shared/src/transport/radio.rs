@@ -65,7 +65,7 @@ config! {
         /// Chosen: a lease, the slowest retry, and as much again.
         pub reopen_after_s: f64 = 5.0, in 1.0..=600.0;
         /// Certificates, for endpoints that begin with `quic/`.
-        pub tls: TlsConfig = TlsConfig::default();
+        pub tls: TlsConfig;
     }
     check |this, at| {
         at.require(
@@ -100,19 +100,19 @@ config! {
     }
 }
 
-/// Certificate files (PEM); empty for endpoints without TLS, which is part of QUIC (RFC 9001).
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TlsConfig {
-    /// The authority that signed both sides' certificates.
-    pub authority: String,
-    /// Our certificate.
-    pub certificate: String,
-    /// Its key.
-    pub key: String,
-    /// Names in the certificates of those whom we hear, `vessel-N` or `drone-N`: each under its own
-    /// keys only.
-    pub peers: Vec<String>,
+config! {
+    /// Certificate files (PEM); empty for endpoints without TLS, which is part of QUIC (RFC 9001).
+    pub struct TlsConfig {
+        /// The authority that signed both sides' certificates.
+        pub authority: String = String::new();
+        /// Our certificate.
+        pub certificate: String = String::new();
+        /// Its private key.
+        pub key: String = String::new();
+        /// Names in the certificates of admitted peers, `vessel-N` or `drone-N`: each under its own key
+        /// expressions only.
+        pub peers: Vec<String> = Vec::new();
+    }
 }
 
 impl RadioConfig {

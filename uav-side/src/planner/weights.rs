@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use std::collections::BTreeMap;
+
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
 
@@ -71,6 +73,13 @@ impl Check for Growth {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.range("gain", self.gain, 0.0, 1e7)?;
         at.range("decay_per_m", self.decay_per_m, 0.1, 1000.0)
+    }
+    fn describe(at: &Keys<'_>, keys: &mut BTreeMap<String, String>) {
+        keys.insert(
+            at.key("gain"),
+            " Added at contact, in the weight's own unit.".into(),
+        );
+        keys.insert(at.key("decay_per_m"), " Decay with clearance, 1/m.".into());
     }
 }
 

@@ -1,5 +1,7 @@
 //! Parameters of the rendezvous planner.
 
+use std::collections::BTreeMap;
+
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
 use serde::{Deserialize, Serialize};
@@ -26,6 +28,10 @@ impl Check for WeightSchedule {
     fn check(&self, at: &Keys<'_>) -> Result<(), ConfigError> {
         at.range("far", self.far, 0.0, 1e6)?;
         at.range("contact", self.contact, 0.0, 1e7)
+    }
+    fn describe(at: &Keys<'_>, keys: &mut BTreeMap<String, String>) {
+        keys.insert(at.key("far"), " Far from the contact.".into());
+        keys.insert(at.key("contact"), " Added at the contact.".into());
     }
 }
 
