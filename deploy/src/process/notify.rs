@@ -1,7 +1,11 @@
-//! What a service tells its manager (systemd): that it is ready, that it is alive, what it does; nothing
-//! where no manager asked for it (sd_notify(3)).
+//! What a service reports to its manager (systemd): that it is ready, that it is alive, what it does. One
+//! datagram each to the socket named in NOTIFY_SOCKET (sd_notify(3)); nothing without that name.
+//!
+//! The crate sd-notify is not used: its send blocks once a manager that stands still has ten datagrams waiting,
+//! and with it the process that flies.
 
-use sd_notify::NotifyState;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 /// Time between two signs of life, ns: several within any watchdog's timeout.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;
@@ -9,43 +13,60 @@ const ALIVE_PERIOD_NS: i64 = 500_000_000;
 const MAX_STATUS: usize = 200;
 
 /// The way to the service's manager.
-#[derive(Default)]
 pub struct Notify {
+    to: Option<(UnixDatagram, SocketAddr)>,
     ready: bool,
     next_ns: i64,
 }
 
-impl Notify {
-    fn send(states: &[NotifyState<'_>]) {
-        // A manager that does not listen has nothing to miss.
-        let _unheard = sd_notify::notify(states);
+impl Default for Notify {
+    /// As the manager asked for it.
+    fn default() -> Self {
+        Notify::to(&std::env::var("NOTIFY_SOCKET").unwrap_or_default())
     }
-    /// Everything is there; said once.
+}
+
+impl Notify {
+    /// To the socket `name`: a path, or `@` and an abstract name.
+    fn to(name: &str) -> Notify {
+        let address = match name.strip_prefix('@') {
+            Some(name) => SocketAddr::from_abstract_name(name),
+            None => SocketAddr::from_pathname(name),
+        };
+        let socket = UnixDatagram::unbound()
+            .ok()
+            .filter(|s| s.set_nonblocking(true).is_ok());
+        Notify {
+            to: socket.zip(address.ok()).filter(|_| !name.is_empty()),
+            ready: false,
+            next_ns: i64::MIN,
+        }
+    }
+    fn send(&self, text: &str) {
+        if let Some((socket, to)) = &self.to {
+            // A manager that does not read misses nothing that a later datagram does not repeat.
+            let _full = socket.send_to_addr(text.as_bytes(), to);
+        }
+    }
+    /// Everything is there; sent once.
     pub fn ready(&mut self) {
         if !std::mem::replace(&mut self.ready, true) {
-            Notify::send(&[NotifyState::Ready]);
+            self.send("READY=1");
         }
-    }
-    /// Whether a sign of life is due; the next is after its period.
-    fn is_due(&mut self, now_ns: i64) -> bool {
-        let due = now_ns >= self.next_ns;
-        if due {
-            self.next_ns = now_ns + ALIVE_PERIOD_NS;
-        }
-        due
     }
     /// The loop goes round; what it does, in one line.
     pub fn alive(&mut self, now_ns: i64, status: impl FnOnce() -> String) {
-        if std::env::var_os("NOTIFY_SOCKET").is_none() || !self.is_due(now_ns) {
+        if now_ns < self.next_ns || self.to.is_none() {
             return;
         }
+        self.next_ns = now_ns + ALIVE_PERIOD_NS;
         let plain = |c: char| if c.is_control() { ' ' } else { c };
         let line: String = status().chars().map(plain).take(MAX_STATUS).collect();
-        Notify::send(&[NotifyState::Watchdog, NotifyState::Status(&line)]);
+        self.send(&format!("WATCHDOG=1\nSTATUS={line}"));
     }
-    /// It ends because it was told to.
+    /// It ends because it was asked to.
     pub fn stopping(&self) {
-        Notify::send(&[NotifyState::Stopping]);
+        self.send("STOPPING=1");
     }
 }
 
@@ -53,10 +74,57 @@ impl Notify {
 mod tests {
     use super::*;
 
+    fn received(socket: &UnixDatagram) -> String {
+        let mut buffer = [0; 512];
+        let n = socket.recv(&mut buffer).unwrap();
+        String::from_utf8_lossy(&buffer[..n]).into_owned()
+    }
+
     #[test]
-    fn service_reports_life_no_more_often_than_its_period() {
-        let mut notify = Notify::default();
-        let due = (0..10).filter(|k| notify.is_due(k * ALIVE_PERIOD_NS / 5));
-        assert_eq!(due.collect::<Vec<_>>(), [0, 5]);
+    fn service_reports_ready_once_and_life_no_more_often_than_its_period() {
+        let path = std::env::temp_dir().join(format!("alight-notify-{}", std::process::id()));
+        let _none = std::fs::remove_file(&path);
+        let by_path = UnixDatagram::bind(&path).unwrap();
+        let name = format!("alight-notify-{}", std::process::id());
+        let address = SocketAddr::from_abstract_name(&name).unwrap();
+        let by_name = UnixDatagram::bind_addr(&address).unwrap();
+        for (socket, name) in [
+            (by_path, path.display().to_string()),
+            (by_name, format!("@{name}")),
+        ] {
+            socket.set_nonblocking(true).unwrap();
+            let mut notify = Notify::to(&name);
+            notify.ready();
+            notify.ready();
+            for k in 0..10 {
+                notify.alive(k * ALIVE_PERIOD_NS / 5, || "Tracking:\nfine".into());
+            }
+            notify.stopping();
+            assert_eq!(received(&socket), "READY=1");
+            assert_eq!(received(&socket), "WATCHDOG=1\nSTATUS=Tracking: fine");
+            assert_eq!(received(&socket), "WATCHDOG=1\nSTATUS=Tracking: fine");
+            assert_eq!(received(&socket), "STOPPING=1");
+            assert!(socket.recv(&mut [0]).is_err());
+        }
+        std::fs::remove_file(&path).unwrap();
+        let mut nobody = Notify::to("");
+        nobody.ready();
+        nobody.alive(0, || panic!("nobody listens"));
+    }
+
+    #[test]
+    fn service_goes_on_when_its_manager_reads_nothing() {
+        let name = format!("alight-notify-full-{}", std::process::id());
+        let address = SocketAddr::from_abstract_name(&name).unwrap();
+        let _unread = UnixDatagram::bind_addr(&address).unwrap();
+        let mut notify = Notify::to(&format!("@{name}"));
+        let mut sent = 0;
+        for k in 0..10_000 {
+            notify.alive(k * ALIVE_PERIOD_NS, || {
+                sent += 1;
+                "Tracking".into()
+            });
+        }
+        assert_eq!(sent, 10_000);
     }
 }
