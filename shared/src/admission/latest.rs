@@ -150,12 +150,12 @@ mod tests {
         assert_eq!((latest.rejected(), latest.age_s(now)), (3, -0.05));
         assert!(
             latest
-                .fresh(now + Span::from_millis(150), Span::from_millis(200))
+                .fresh(now + Span::from_millis(250), Span::from_millis(200))
                 .is_some()
         );
         assert!(
             latest
-                .fresh(now + Span::from_millis(151), Span::from_millis(200))
+                .fresh(now + Span::from_millis(251), Span::from_millis(200))
                 .is_none()
         );
     }
