@@ -30,7 +30,7 @@ pub enum LabCommand {
     Trials(TrialsArgs),
     /// Measure one thing over many seeds.
     Study(StudyArgs),
-    /// Print the simulated vessel's response (RAO) in surge, heave and pitch against wave length.
+    /// Print the simulated vessel's response (RAO) in surge, heave and pitch by wave length.
     #[command(alias = "response")]
     Rao(RaoArgs),
     /// Land once in real time: all processes of vessel and drone, simulated vehicles.

@@ -97,7 +97,8 @@ fn config_all_explains_every_key() {
     for side in ["vessel", "drone"] {
         let text = alight(&["config", side, "--all"]);
         assert_explained(side, &text);
-        assert!(keys(&text).len() > 100, "{side}");
+        let shipped = keys(&alight(&["config", side]));
+        assert!(keys(&text).len() > shipped.len(), "{side}");
     }
 }
 
