@@ -70,7 +70,7 @@ fn prediction_beats_constant_state_and_constant_velocity() {
 
 /// Not pushed sideways by the waves, the hull leaves the water on the crests of the steepest sea and slams;
 /// harmonics of tilt made the identification hold on to the last half minute only, in which waves this near
-/// each other cannot be told apart.
+/// each other cannot be distinguished.
 #[test]
 fn estimator_identifies_waves_and_follows_motion_where_the_hull_slams() {
     let mut scenario = Scenario {
@@ -134,7 +134,7 @@ fn heave_prediction_at_1_s_is_near_that_from_the_true_frequencies() {
     let [found, known_waves] = sum.map(|t| t.rmse());
     assert!(
         found < 0.05 && found < 1.5 * known_waves,
-        "{found} m, told {known_waves} m"
+        "{found} m, known {known_waves} m"
     );
     assert!(sum[0].inside() > 0.9, "{}", sum[0].inside());
 }

@@ -83,8 +83,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut flows = RadioRates::of(&[Some(&topics::TIME_REQUEST), Some(&topics::DRONE_STATUS)]);
     while !process.ended() {
         let mut packets = Vec::new();
-        let mut heard = radio.receive(MAX_WAIT);
-        while let Some(packet) = heard {
+        let mut received = radio.receive(MAX_WAIT);
+        while let Some(packet) = received {
             heard_bytes += packet.bytes.len() as u64;
             match KINDS.get(packet.subscription) {
                 Some(kind) => packets.push((
@@ -96,7 +96,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 )),
                 None => refused += u64::from(!show_vessel(&mut state, &packet.bytes)),
             }
-            heard = radio.receive(Duration::ZERO);
+            received = radio.receive(Duration::ZERO);
         }
         let now = process.now();
         let packets = packets

@@ -245,7 +245,7 @@ pub enum Study {
     Camera,
     /// The vessel's estimator against the truth: state errors, consistency, prediction.
     Estimator,
-    /// The deck's prediction against horizon and sea: error, consistency, against told waves.
+    /// The deck's prediction against horizon and sea: error, consistency, against known waves.
     Prediction,
     /// Hover, tracking and aborted approaches in all seas: motor stops in the air.
     Airborne,

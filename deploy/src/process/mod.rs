@@ -1,5 +1,5 @@
 //! What every process does around its node: it wakes with messages, steps, publishes, logs, reports itself
-//! twice a second, and ends when it is told to. And what starts processes and starts them again.
+//! twice a second, and ends when it is asked to. And what starts processes and starts them again.
 
 pub mod args;
 pub mod instance;

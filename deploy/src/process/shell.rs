@@ -129,7 +129,7 @@ pub trait Shell: Sized {
     }
 }
 
-/// Runs until told to end.
+/// Runs until asked to end.
 pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
     let computer: DroneComputer = config::load(&args.config)?;
     let mut process = Process::start(S::KIND, args, computer.clock, |boot| S::node(&computer, boot))?;

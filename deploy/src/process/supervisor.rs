@@ -25,7 +25,7 @@ use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
 
 /// The name of its log.
 pub const SUPERVISOR: &str = "supervisor";
-/// Processes that were told to end have this long.
+/// Processes that were asked to end have this long.
 const GRACE_NS: i64 = 800_000_000;
 
 /// One process under supervision.

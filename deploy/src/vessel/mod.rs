@@ -142,20 +142,20 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let mut commands = Vec::new();
         let mut time_requests: Vec<(i64, TimeRequest<DroneClock>)> = Vec::new();
         let mut statuses: Vec<(i64, DroneStatus)> = Vec::new();
-        while let Some(heard) = radio.receive(Duration::ZERO) {
-            match heard.subscription {
-                TIME_REQUESTS => match wire::decode(&heard.bytes) {
-                    Ok(request) => time_requests.push((heard.at_ns, request)),
+        while let Some(packet) = radio.receive(Duration::ZERO) {
+            match packet.subscription {
+                TIME_REQUESTS => match wire::decode(&packet.bytes) {
+                    Ok(request) => time_requests.push((packet.at_ns, request)),
                     Err(_) => undecoded += 1,
                 },
                 // Without certificates any peer in reach could command.
                 COMMANDS if !secured => undecoded += 1,
-                COMMANDS => match wire::decode(&heard.bytes) {
+                COMMANDS => match wire::decode(&packet.bytes) {
                     Ok(command) => commands.push(command),
                     Err(_) => undecoded += 1,
                 },
-                _ => match wire::decode(&heard.bytes) {
-                    Ok(status) => statuses.push((heard.at_ns, status)),
+                _ => match wire::decode(&packet.bytes) {
+                    Ok(status) => statuses.push((packet.at_ns, status)),
                     Err(_) => drone.reject(),
                 },
             }

@@ -94,11 +94,10 @@ fn shipped_configurations_are_short_and_explained_and_hold_defaults() {
 
 #[test]
 fn config_all_explains_every_key() {
-    for side in ["vessel", "drone"] {
+    for (side, least) in [("vessel", 70), ("drone", 400)] {
         let text = alight(&["config", side, "--all"]);
         assert_explained(side, &text);
-        let shipped = keys(&alight(&["config", side]));
-        assert!(keys(&text).len() > shipped.len(), "{side}");
+        assert!(keys(&text).len() >= least, "{side}");
     }
 }
 

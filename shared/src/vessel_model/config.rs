@@ -61,7 +61,7 @@ config! {
         pub disturbance_time_s: [f64; 6] = [2.0, 2.0, 0.5, 0.5, 0.5, 1.0], in 0.05..=1e3;
         /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
         /// Chosen: Small for the stiff ones: the hull follows at once, and accelerometers would
-        /// have felt it. The wander of a GNSS height is no motion and no business of this model:
+        /// have measured it. The wander of a GNSS height is no motion and no business of this model:
         /// heave is reckoned from the mean water level, to which a hull of constant load returns.
         pub slow_walk_mps_m_rad_radps: [f64; 6] = [0.05, 0.05, 5e-4, 5e-4, 5e-4, 0.01], in 0.0..=10.0;
         /// Initial standard deviation of the slow state, same units.

@@ -77,7 +77,7 @@ config! {
         /// From measurement to arrival at the estimator, s.
         /// Chosen: usual for a receiver over a serial line.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
-        /// Antenna in the vessel's body frame, as the estimator is told, m.
+        /// Antenna in the vessel's body frame, as the estimator has it, m.
         /// Chosen: on a mast behind and above the deck.
         pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
         /// Standard deviation of what `antenna_m` is wrong by, each axis, drawn per seed, m.

@@ -21,7 +21,7 @@ config! {
         /// From measurement to arrival at the estimator, s.
         /// Chosen: within one step of the estimator.
         pub latency_s: f64 = 0.0, in 0.0..=2.0;
-        /// Place in the vessel's body frame, as the estimator is told, m.
+        /// Place in the vessel's body frame, as the estimator has it, m.
         /// Chosen: in the payload tray, off the middle.
         pub lever_arm_m: [f64; 3] = [0.3, 0.1, -0.3], in -50.0..=50.0;
         /// Standard deviation of what `lever_arm_m` is wrong by, each axis, drawn per seed, m.

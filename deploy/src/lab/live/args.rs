@@ -150,7 +150,7 @@ pub struct FaultsArgs {
     pub land: Vec<String>,
 }
 
-/// Times that the drone can be told to follow: up to what a mission may take.
+/// Times that the drone can be commanded to follow: up to what a mission may take.
 fn follow_s(text: &str) -> Result<f64, String> {
     let s: f64 = text.parse().map_err(|e| format!("{e}"))?;
     if (1.0..=MAX_FOLLOW_S).contains(&s) {

@@ -91,7 +91,7 @@ impl Case {
             _ => format!(": {}", self.reason),
         };
         format!(
-            "{} seed {} in {}: {}, {} s until it was heard again  {}{reason}",
+            "{} seed {} in {}: {}, {} s until it reported again  {}{reason}",
             self.fault,
             self.seed,
             self.state.map_or("no phase", State::name),

@@ -11,7 +11,7 @@ fn deck() -> RigidState<Deck> {
 }
 const FLAT: fn(f64, f64) -> f64 = |_, _| 1.3;
 
-/// All that a drone that stays there is told in `ticks` ticks.
+/// All that a drone that stays there receives in `ticks` ticks.
 fn watch(
     config: &SensorConfig,
     drone: &RigidState<DroneBody>,
@@ -71,11 +71,11 @@ fn ideal_tag_detection_recovers_the_deck_and_arrives_late_with_its_exposure_stam
             );
             let [w, i, j, k] = m.attitude;
             let q = UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k));
-            let told = d.attitude.0 * camera::body_from_camera().0 * q;
+            let measured = d.attitude.0 * camera::body_from_camera().0 * q;
             assert!(
-                told.angle_to(&deck.attitude.0) < 1e-4,
+                measured.angle_to(&deck.attitude.0) < 1e-4,
                 "{}",
-                told.angle_to(&deck.attitude.0)
+                measured.angle_to(&deck.attitude.0)
             );
             n += 1;
         }
