@@ -4,9 +4,11 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::path::Path;
 
+use alight_shared::config::{self, Check};
 use alight_shared::wire::WireError;
 use mcap::read::Options;
 use mcap::{MessageStream, Summary};
+use serde::de::DeserializeOwned;
 
 use crate::exit::CliError;
 use crate::record::entry::{ENCODING, FORMAT};
@@ -113,6 +115,13 @@ impl Recording {
             })?;
         }
         Ok(())
+    }
+    /// The configuration attached as `name`.
+    pub fn configuration<C: Check + DeserializeOwned>(&self, name: &str) -> Result<C, CliError> {
+        Ok(config::parse(
+            &self.text(name)?,
+            &format!("{}, {name}", self.origin),
+        )?)
     }
     fn foreign(&self, what: &str) -> CliError {
         CliError(format!(

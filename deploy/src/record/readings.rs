@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use alight_shared::config;
 use alight_shared::wire;
 use alight_usv::log::{LogError, MAX_MEASUREMENTS, Recording};
 use alight_usv::sensors::{Decoded, Measurement};
@@ -10,8 +9,7 @@ use alight_usv::{VesselIn, VesselNodeConfig};
 
 use crate::exit::CliError;
 use crate::record::entry::Entry;
-use crate::record::reading;
-use crate::record::reading::contained;
+use crate::record::reading::{self, contained};
 use crate::record::{NODES, VESSEL_FILE};
 
 /// The first bytes of the format.
@@ -31,9 +29,7 @@ fn read_sound(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
     let recording = reading::Recording::open(path)?;
     let origin = recording.origin();
     let vessel = NODES.iter().position(|n| *n == "vessel");
-    let text = recording.text(VESSEL_FILE)?;
-    let config =
-        config::parse(&text, &format!("{origin}, {VESSEL_FILE}")).map_err(|e| CliError(e.to_string()))?;
+    let config = recording.configuration(VESSEL_FILE)?;
     let mut measurements = Vec::new();
     let mut decoded = Decoded::default();
     recording.steps(|node, _, bytes| {

@@ -13,7 +13,7 @@ use alight_usv::{VesselIn, VesselOut};
 use mcap::McapError;
 use serde::Serialize;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::record::entry::{ENCODING, Entry, FORMAT, MissionEntry, Newest, PilotEntry, PlannerEntry};
 use crate::record::sink::{Channel, Opening, Sink};
 use crate::record::views::{Views, stamp};
@@ -104,12 +104,10 @@ impl Recorder {
 
     /// Ends the recording with what came out of the flight.
     pub fn finish(self, path: &Path, outcome: &[(&str, String)]) -> Result<(), CliError> {
-        let doing = || format!("recording to {}", path.display());
-        self.sink
-            .finish("outcome", outcome)
-            .map_err(|e| CliError::because(doing(), e))?;
+        let doing = format_args!("recording to {}", path.display());
+        self.sink.finish("outcome", outcome).doing(doing)?;
         match self.failed {
-            Some(e) => Err(CliError::because(doing(), e)),
+            Some(e) => Err(CliError::because(doing, e)),
             None => Ok(()),
         }
     }

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use alight_bridge::Bridge;
-use alight_shared::config;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_shared::wire::{self, WireError};
@@ -81,7 +80,6 @@ struct Nodes {
 impl Nodes {
     /// From the recorded configurations.
     fn of(recording: &Recording, law: ForeignLaw) -> Result<Nodes, CliError> {
-        let origin = recording.origin();
         let number = |name: &str| recording.number(name);
         let (vessel_id, id) = (number("vessel_id")?, number("drone_id")?);
         let mut boots = [0; NODES.len()];
@@ -89,13 +87,8 @@ impl Nodes {
             *boot = number(&crate::record::boot(node))?;
         }
         let [v, b, p, m, l, t] = boots;
-        let refused = |e: config::ConfigError| CliError(e.to_string());
-        let vessel: VesselNodeConfig =
-            config::parse(&recording.text(VESSEL_FILE)?, &format!("{origin}, {VESSEL_FILE}"))
-                .map_err(refused)?;
-        let DroneFile { bridge, drone } =
-            config::parse(&recording.text(DRONE_FILE)?, &format!("{origin}, {DRONE_FILE}"))
-                .map_err(refused)?;
+        let vessel: VesselNodeConfig = recording.configuration(VESSEL_FILE)?;
+        let DroneFile { bridge, drone } = recording.configuration(DRONE_FILE)?;
         let (planner, airframe, deck) = (&drone.planner, &drone.airframe, &drone.deck);
         let planner = match law(recording, &drone)? {
             None => Planner::new(planner, airframe, deck, l),

@@ -17,6 +17,7 @@ pub mod regression;
 #[cfg(test)]
 mod tests;
 
+pub use alight_shared::estimation::ValueWithSd;
 use alight_shared::frames::DroneNed;
 use alight_shared::msg::{DroneState, MAX_POSITION_M, Message, TagPose, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
@@ -127,23 +128,9 @@ pub enum DeckCalibrationError {
     Spread,
 }
 
-/// A figure and its standard error.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ValueWithSd {
-    /// Its value.
-    pub value: f64,
-    /// Its standard error.
-    pub sd: f64,
-}
-
-impl ValueWithSd {
-    fn new(value: f64, sd: f64) -> ValueWithSd {
-        ValueWithSd { value, sd }
-    }
-    /// Whether the configured value is to be replaced by it.
-    pub fn replaces(&self, configured: f64) -> bool {
-        self.sd <= USABLE_M && (self.value - configured).abs() > AGREEMENT_SDS * self.sd
-    }
+/// Whether the configured value is to be replaced by the one found.
+pub fn replaces(found: &ValueWithSd, configured: f64) -> bool {
+    found.sd <= USABLE_M && (found.value - configured).abs() > AGREEMENT_SDS * found.sd
 }
 
 /// The camera's mount, by a tag that it detects from the deck.

@@ -11,6 +11,7 @@
 //! eliminated (variable projection, Golub and Pereyra 1973); Levenberg and Marquardt's method finds the
 //! rest.
 
+use alight_shared::estimation::ValueWithSd;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 /// A push stands out from rest by this many standard deviations of rest (ours: noise alone reaches four
@@ -48,15 +49,6 @@ pub struct Signal {
     pub t_s: Vec<f64>,
     /// Values.
     pub y: Vec<f64>,
-}
-
-/// A value and its standard error.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ValueWithSd {
-    /// Its value.
-    pub value: f64,
-    /// Its standard error.
-    pub sd: f64,
 }
 
 /// Parameters of one degree of freedom.
@@ -353,10 +345,7 @@ pub fn identify(order: Order, signal: &Signal) -> Result<Decay, NotObservable> {
     if !known {
         return Err(NotObservable::Vague);
     }
-    let figure = |log: f64, sd: f64| ValueWithSd {
-        value: log.exp(),
-        sd: log.exp() * sd,
-    };
+    let figure = |log: f64, sd: f64| ValueWithSd::relative(log.exp(), sd);
     Ok(Decay {
         damping: figure(p.x, sd.x),
         stiffness: match order {

@@ -12,7 +12,9 @@
 
 use alight_shared::geometry::GRAVITY;
 
-use super::decay::{Decay, Signal, ValueWithSd, median};
+use alight_shared::estimation::ValueWithSd;
+
+use super::decay::{Decay, Signal, median};
 
 /// The level at rest is the median of the medians of pieces of this length, s (ours: longer than a push and its decay).
 const PIECE_S: f64 = 5.0;
@@ -56,11 +58,9 @@ pub fn level(signal: &Signal) -> Option<ValueWithSd> {
     }
     let value = median(levels.iter().copied());
     let spread = 1.4826 * median(levels.iter().map(|v| (v - value).abs()));
-    Some(ValueWithSd {
-        value,
-        // Of a median: by sqrt(pi / 2) more than of a mean.
-        sd: 1.2533 * spread / (levels.len() as f64).sqrt(),
-    })
+    // Of a median: by sqrt(pi / 2) more than of a mean.
+    let sd = 1.2533 * spread / (levels.len() as f64).sqrt();
+    Some(ValueWithSd::new(value, sd))
 }
 
 /// Stiffness from the tilt under `weight`.
@@ -72,17 +72,11 @@ pub fn stiffness(weight: &Weight, without: &Level, with: &Level) -> Stiffness {
         let (Some(a), Some(b)) = (without[i], with[i]) else {
             return Err(None);
         };
-        let heel = ValueWithSd {
-            value: b.value - a.value,
-            sd: a.sd.hypot(b.sd),
-        };
+        let heel = ValueWithSd::new(b.value - a.value, a.sd.hypot(b.sd));
         let value = states[i] / heel.value;
         let share = heel.sd / heel.value.abs();
         if value.is_finite() && value > 0.0 && share <= KNOWN {
-            Ok(ValueWithSd {
-                value,
-                sd: value * share,
-            })
+            Ok(ValueWithSd::relative(value, share))
         } else {
             Err(Some(heel))
         }
@@ -93,10 +87,7 @@ pub fn stiffness(weight: &Weight, without: &Level, with: &Level) -> Stiffness {
 pub fn inertia(stiffness: &ValueWithSd, decay: &Decay) -> Option<ValueWithSd> {
     let value = stiffness.value / decay.stiffness.value;
     let share = (stiffness.sd / stiffness.value).hypot(decay.stiffness.sd / decay.stiffness.value);
-    (value.is_finite() && value > 0.0).then_some(ValueWithSd {
-        value,
-        sd: value * share,
-    })
+    (value.is_finite() && value > 0.0).then_some(ValueWithSd::relative(value, share))
 }
 
 #[cfg(test)]
@@ -132,7 +123,7 @@ mod tests {
             mass_kg: 50.0,
             at_m: [1.5, 0.8],
         };
-        let known = |value: f64| Some(ValueWithSd { value, sd: 1e-4 });
+        let known = |value: f64| Some(ValueWithSd::new(value, 1e-4));
         let heel = [392.266 / 35e3, -735.499 / 38e3];
         let found = stiffness(
             &weight,
@@ -156,10 +147,7 @@ mod tests {
 
     #[test]
     fn inertia_combines_the_errors_of_stiffness_and_decay() {
-        let of = |value: f64, share: f64| ValueWithSd {
-            value,
-            sd: value * share,
-        };
+        let of = ValueWithSd::relative;
         let decay = Decay {
             damping: of(6.0, 0.1),
             stiffness: of(243.0, 0.03),

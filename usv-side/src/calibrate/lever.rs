@@ -8,10 +8,9 @@
 //! unknown and each window's own; they are projected out (Frisch, Waugh and Lovell), and what is left is
 //! linear in `r`.
 
+use alight_shared::estimation::ValueWithSd;
 use alight_shared::msg::GnssFix;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
-
-use super::decay::ValueWithSd;
 
 /// Length of a window, s (ours: a wave period, over which a bias is a bias).
 const WINDOW_S: f64 = 5.0;
@@ -162,12 +161,9 @@ impl Lever {
             .sum();
         let n = self.windows.len() as f64;
         let shared = bread * meat * bread * (n / (n - 1.0));
-        Some(core::array::from_fn(|i| ValueWithSd {
-            value: r[i],
-            sd: white[(i, i)]
-                .max(shared[(i, i)])
-                .sqrt()
-                .hypot(FLOOR_M.hypot(FLOOR_SHARE * r.norm())),
+        let floor = FLOOR_M.hypot(FLOOR_SHARE * r.norm());
+        Some(core::array::from_fn(|i| {
+            ValueWithSd::new(r[i], white[(i, i)].max(shared[(i, i)]).sqrt().hypot(floor))
         }))
     }
 }

@@ -20,7 +20,8 @@ use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::VesselNodeConfig;
-pub use decay::{Decay, NotObservable, Order, Signal, ValueWithSd};
+pub use alight_shared::estimation::ValueWithSd;
+pub use decay::{Decay, NotObservable, Order, Signal};
 pub use incline::{Level, Stiffness, Weight};
 use lever::{InertialState, Lever};
 

@@ -10,22 +10,19 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Subscriber};
 use alight_shared::wire;
 use alight_uav::calibrate::{
-    DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd,
+    DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd, replaces,
 };
-use alight_uav::predictor::PredictorConfig;
-use alight_uav::predictor::PredictorIn;
+use alight_uav::predictor::{PredictorConfig, PredictorIn};
 use clap::Args;
 use serde_json::{Value, json};
 
-use crate::config::DroneComputer;
-use crate::config::DroneFile;
+use crate::config::{DroneComputer, DroneFile};
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::record::entry::{Entry, MissionEntry};
 use crate::record::reading::{Recording, contained};
 use crate::record::{DRONE_FILE, NODES};
-use crate::terminal;
-use crate::terminal::note;
+use crate::terminal::{self, note};
 use crate::tools::calibrate::list;
 
 /// Live topics are read this often.
@@ -107,17 +104,13 @@ fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<DronePlacement, Cl
     Ok(stand)
 }
 
-fn computer(path: &Path) -> Result<DroneComputer, CliError> {
-    config::load(path).map_err(|e| CliError(e.to_string()))
-}
-
 /// From the running processes.
 fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError> {
     let path = args
         .config
         .clone()
         .unwrap_or_else(|| "/etc/alight/drone.toml".into());
-    let computer = computer(&path)?;
+    let computer: DroneComputer = config::load(&path)?;
     let predictor = computer.drone.predictor();
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
     let instance = Instance::new(name)?;
@@ -176,13 +169,8 @@ fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibr
     contained(path, || {
         let recording = Recording::open(path)?;
         let settings = match &args.config {
-            Some(file) => computer(file)?.drone,
-            None => {
-                let origin = format!("{}, {DRONE_FILE}", recording.origin());
-                config::parse::<DroneFile>(&recording.text(DRONE_FILE)?, &origin)
-                    .map_err(|e| CliError(e.to_string()))?
-                    .drone
-            }
+            Some(file) => config::load::<DroneComputer>(file)?.drone,
+            None => recording.configuration::<DroneFile>(DRONE_FILE)?.drone,
         };
         let predictor = settings.predictor();
         let mut calibration = DeckCalibration::new(&predictor, stand(args, &predictor)?);
@@ -209,21 +197,19 @@ fn recorded(args: &DeckArgs, path: &Path) -> Result<(PredictorConfig, DeckCalibr
 }
 
 fn object(found: &DeckCalibrationResult) -> Value {
-    let figure = |f: &ValueWithSd| json!({ "value": f.value, "sd": f.sd });
-    let figures = |all: &[ValueWithSd]| all.iter().map(figure).collect::<Vec<_>>();
     json!({
         "estimates": found.estimates,
         "seconds": found.seconds,
         "rocking_rad": found.rocking_rad,
-        "centre_m": figures(&found.centre),
-        "stood_at_m": figures(&found.stood_at),
-        "tilt_rad": figures(&found.tilt),
-        "heading_rad": figure(&found.heading),
+        "centre_m": found.centre,
+        "stood_at_m": found.stood_at,
+        "tilt_rad": found.tilt,
+        "heading_rad": found.heading,
         "mount": found.mount.map(|m| json!({
             "tags": m.tags,
-            "tilt_rad": figures(&m.tilt),
-            "turn_rad": figure(&m.turn),
-            "height_m": figure(&m.height),
+            "tilt_rad": m.tilt,
+            "turn_rad": m.turn,
+            "height_m": m.height,
         })),
     })
 }
@@ -245,7 +231,7 @@ fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
     {
         let note = if f.sd > USABLE_M {
             "  not observable, left: measure by tape, or with RTK (--receivers)"
-        } else if f.replaces(old) {
+        } else if replaces(f, old) {
             ""
         } else {
             "  agrees, left"
@@ -273,7 +259,7 @@ fn print(found: &DeckCalibrationResult, config: &PredictorConfig) {
         .centre
         .iter()
         .zip(config.deck.centre_m)
-        .map(|(f, old)| if f.replaces(old) { f.value } else { old })
+        .map(|(f, old)| if replaces(f, old) { f.value } else { old })
         .collect();
     let line = list("centre_m", &centre, 3);
     terminal::line(format_args!(

@@ -15,7 +15,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::config::VesselComputer;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::process::log::LogReader;
 use crate::record::entry::Entry;
 use crate::record::reading::{Recording, contained};
@@ -73,13 +73,11 @@ type LoadedStiffness = Option<Stiffness>;
 
 /// Identifies and prints.
 pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
-    let named = match &args.config {
-        Some(path) => {
-            let computer: VesselComputer = config::load(path)?;
-            Some(computer.vessel)
-        }
-        None => None,
-    };
+    let named = args
+        .config
+        .as_ref()
+        .map(|path| config::load::<VesselComputer>(path));
+    let named = named.transpose()?.map(|computer| computer.vessel);
     let (config, found) = read(&args.recording, named.clone())?;
     let loaded = match (&args.loaded_log, &args.weight) {
         (Some(path), Some(weight)) => {
@@ -97,10 +95,10 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     Ok(if some { Exit::Success } else { Exit::Failed })
 }
 
-fn read(
-    path: &Path,
-    named: Option<VesselNodeConfig>,
-) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
+/// A calibration and the configuration that it is measured against.
+type Configured = (VesselNodeConfig, VesselCalibration);
+
+fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("mcap") => recorded(path, named),
         Some("csv") => table(path, named.unwrap_or_default()),
@@ -119,12 +117,9 @@ fn take(record: &mut Record, input: &VesselIn) {
 }
 
 /// What the vessel's process logged.
-fn logged(
-    path: &Path,
-    named: Option<VesselNodeConfig>,
-) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
-    let doing = || format!("reading {}", path.display());
-    let (mut log, head) = LogReader::open(path).map_err(|e| CliError::because(doing(), e))?;
+fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
+    let doing = format_args!("reading {}", path.display());
+    let (mut log, head) = LogReader::open(path).doing(doing)?;
     if head.process != "vessel" {
         return Err(CliError(format!(
             "{}: the log of the process `{}`; the vessel's is vessel-*.log",
@@ -135,34 +130,24 @@ fn logged(
     let config = match named {
         Some(config) => config,
         None => {
-            config::parse::<VesselComputer>(&head.config, &format!("{}, its configuration", path.display()))
-                .map_err(|e| CliError(e.to_string()))?
+            config::parse::<VesselComputer>(&head.config, &format!("{}, its configuration", path.display()))?
                 .vessel
         }
     };
     let mut record = Record::default();
-    while let Some((_, input, _)) = log
-        .step::<VesselIn>()
-        .map_err(|e| CliError::because(doing(), e))?
-    {
+    while let Some((_, input, _)) = log.step::<VesselIn>().doing(doing)? {
         take(&mut record, &input);
     }
     let found = record.identify(&config);
     Ok((config, found))
 }
 
-fn recorded(
-    path: &Path,
-    named: Option<VesselNodeConfig>,
-) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
+fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
     contained(path, || {
         let recording = Recording::open(path)?;
         let config = match named {
             Some(config) => config,
-            None => {
-                let origin = format!("{}, {VESSEL_FILE}", recording.origin());
-                config::parse(&recording.text(VESSEL_FILE)?, &origin).map_err(|e| CliError(e.to_string()))?
-            }
+            None => recording.configuration(VESSEL_FILE)?,
         };
         let mut record = Record::default();
         recording.steps(|k, _, bytes| {
@@ -178,24 +163,22 @@ fn recorded(
 }
 
 /// A table of poses: each column decays as its degree of freedom does.
-fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, VesselCalibration), CliError> {
-    let doing = || format!("reading {}", path.display());
-    let size = std::fs::metadata(path)
-        .map_err(|e| CliError::because(doing(), e))?
-        .len();
+fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> {
+    let doing = format_args!("reading {}", path.display());
+    let size = std::fs::metadata(path).doing(doing)?.len();
     if size > MAX_TABLE_BYTES {
         return Err(CliError(format!(
             "{}: {size} bytes; at most {MAX_TABLE_BYTES}",
-            doing()
+            doing
         )));
     }
-    let text = std::fs::read_to_string(path).map_err(|e| CliError::because(doing(), e))?;
+    let text = std::fs::read_to_string(path).doing(doing)?;
     let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
     let (_, head) = lines
         .next()
-        .ok_or_else(|| CliError(format!("{}: an empty file", doing())))?;
+        .ok_or_else(|| CliError(format!("{}: an empty file", doing)))?;
     let column = |name: &str| head.split(',').position(|c| c.trim() == name);
-    let time = column("t_s").ok_or_else(|| CliError(format!("{}: no column t_s", doing())))?;
+    let time = column("t_s").ok_or_else(|| CliError(format!("{}: no column t_s", doing)))?;
     let columns: [(usize, &str, f64); DOFS] = [
         (SURGE, "surge_m", 1.0),
         (SWAY, "sway_m", 1.0),
@@ -209,7 +192,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Ves
         .filter_map(|(dof, name, unit)| column(name).map(|c| (*dof, c, *unit)))
         .collect();
     if there.is_empty() {
-        return Err(CliError(format!("{}: no column of a pose: {head}", doing())));
+        return Err(CliError(format!("{}: no column of a pose: {head}", doing)));
     }
     let mut signals: [Signal; DOFS] = Default::default();
     let mut seconds = [f64::NAN; 2];
@@ -220,7 +203,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Ves
             value.filter(|v| v.abs() < 1e9).ok_or_else(|| {
                 CliError(format!(
                     "{}: line {}: no number in column {}",
-                    doing(),
+                    doing,
                     k + 1,
                     c + 1
                 ))
@@ -228,11 +211,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<(VesselNodeConfig, Ves
         };
         let t = cell(time)?;
         if seconds[1] >= t {
-            return Err(CliError(format!(
-                "{}: line {}: time does not rise",
-                doing(),
-                k + 1
-            )));
+            return Err(CliError(format!("{}: line {}: time does not rise", doing, k + 1)));
         }
         seconds = [if seconds[0].is_nan() { t } else { seconds[0] }, t];
         for (dof, c, unit) in &there {
@@ -287,16 +266,7 @@ fn mass(dof: usize, decay: &Decay, loaded: &LoadedStiffness) -> Option<ValueWith
     inertia(of.as_ref().ok()?, decay)
 }
 
-/// Damping and stiffness as the model has them, with their errors: M as configured or found.
-fn scaled(m: f64, decay: &Decay) -> [ValueWithSd; 2] {
-    [decay.damping, decay.stiffness].map(|f| ValueWithSd {
-        value: m * f.value,
-        sd: m * f.sd,
-    })
-}
-
 fn object(found: &VesselCalibration, loaded: &LoadedStiffness) -> Value {
-    let figure = |f: &ValueWithSd| json!({ "value": f.value, "sd": f.sd });
     let decays: serde_json::Map<String, Value> = DOF_NAMES
         .iter()
         .zip(&found.decays)
@@ -304,10 +274,10 @@ fn object(found: &VesselCalibration, loaded: &LoadedStiffness) -> Value {
         .map(|(dof, (name, decay))| {
             let of = match decay {
                 Ok(d) => json!({
-                    "damping_per_mass": figure(&d.damping),
-                    "stiffness_per_mass": figure(&d.stiffness),
+                    "damping_per_mass": d.damping,
+                    "stiffness_per_mass": d.stiffness,
                     "pushes": d.pushes,
-                    "mass": mass(dof, d, loaded).as_ref().map(figure),
+                    "mass": mass(dof, d, loaded),
                 }),
                 Err(unknown) => json!({ "not_observable": why(unknown) }),
             };
@@ -317,7 +287,7 @@ fn object(found: &VesselCalibration, loaded: &LoadedStiffness) -> Value {
     json!({
         "seconds": found.seconds,
         "decays": decays,
-        "antenna_m": found.antenna_m.map(|a| a.iter().map(figure).collect::<Vec<_>>()),
+        "antenna_m": found.antenna_m,
     })
 }
 
@@ -355,7 +325,7 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
                     ));
                     inertia[dof] = m.value;
                 }
-                let [dd, gg] = scaled(inertia[dof], d);
+                let [dd, gg] = [d.damping, d.stiffness].map(|f| f.scaled(inertia[dof]));
                 terminal::line(format_args!(
                     "{name:<6} D {:.0} +- {:.0} (configured {:.0}), G {:.0} +- {:.0} (configured {:.0}), {} pushes",
                     dd.value, dd.sd, damping[dof], gg.value, gg.sd, stiffness[dof], d.pushes
