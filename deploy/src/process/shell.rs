@@ -1,7 +1,6 @@
 //! The shell around a node of the drone: wakes with messages, steps the node with what arrived, publishes
 //! its output. The processes differ in what they read and publish, nothing else.
 
-use core::ops::ControlFlow;
 use std::time::Duration;
 
 use alight_shared::config;
@@ -150,11 +149,7 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
         process.life.metrics = Seq::filled(shell.metrics(&input, &out, sent));
         let report = process.state(|| reads.states(t), shell.unsent());
         state.send_any(report.as_ref());
-        if process.ended() {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
+        !process.ended()
     })?;
     Ok(Exit::Success)
 }

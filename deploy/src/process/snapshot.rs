@@ -6,6 +6,9 @@ use alight_shared::msg::{LinkState, MissionState, Plan};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
 
+use crate::cells;
+use crate::table::{Cell, Table};
+
 /// Times from microseconds to seconds in four digits.
 pub fn time(s: f64) -> String {
     if !s.is_finite() {
@@ -60,140 +63,120 @@ impl Snapshot {
 
     /// A table of the processes: what they use, how long a step takes.
     pub fn usage(&self, now_ns: i64) -> String {
-        let mut out = format!(
-            "  {:<10}{:>8}{:>8}{:>9}{:>10}{:>12}{:>12}{:>9}\n",
-            "process", "pid", "CPU %", "MB", "steps", "step p50", "step p99", "up"
-        );
+        let heads = [
+            "process", "pid", "CPU %", "MB", "steps", "step p50", "step p99", "up",
+        ];
+        let mut table = Table::new(1.., heads);
         // The link to a real autopilot and the cameras' images stand beside those of a trial.
         let real = [ProcessKind::Autopilot, ProcessKind::Camera, ProcessKind::Uvdar]
             .into_iter()
             .filter(|kind| self.processes.contains_key(kind));
         for kind in ProcessKind::ALL.into_iter().chain(real) {
             let Some(p) = self.processes.get(&kind) else {
-                out.push_str(&format!("  {:<10}  no report\n", kind.name()));
+                table.row(cells![kind.name(), "no report"]);
                 continue;
             };
             let up_s = (p.at_ns - p.began_ns) as f64 * 1e-9;
-            let cpu = if up_s > 0.0 {
-                100.0 * p.cpu_s / up_s
-            } else {
-                f64::NAN
-            };
             let old_s = (now_ns - p.at_ns) as f64 * 1e-9;
-            let note = if old_s > topics::PROCESS.stale_after.secs() {
-                "  silent"
-            } else {
-                ""
-            };
-            out.push_str(&format!(
-                "  {:<10}{:>8}{:>8.1}{:>9.1}{:>10}{:>12}{:>12}{:>9}{note}\n",
-                p.kind.name(),
+            let silent = old_s > topics::PROCESS.stale_after.secs();
+            table.row(cells![
+                kind.name(),
                 p.pid,
-                cpu,
-                p.resident_bytes as f64 / 1e6,
+                Cell::number(100.0 * p.cpu_s / up_s, 1),
+                Cell::number(p.resident_bytes as f64 / 1e6, 1),
                 p.steps,
                 time(p.step_p50_s),
                 time(p.step_p99_s),
-                time(up_s),
-            ));
+                Cell::from(time(up_s)).note(if silent { "silent" } else { "" }),
+            ]);
         }
-        out
+        table.text()
     }
 
     /// Where the time goes between a measurement on the vessel and the set-point: the age of each
     /// message when it is read, and what a step takes.
     pub fn stages(&self) -> String {
-        const STAGES: [(ProcessKind, &Topic, &str); 6] = [
-            (
-                ProcessKind::Predictor,
-                &topics::BRIDGE_ESTIMATE,
-                "vessel's estimate at the predictor",
-            ),
-            (
-                ProcessKind::Predictor,
-                &topics::DRONE_STATE,
-                "odometry at the predictor",
-            ),
-            (ProcessKind::Mission, &topics::FORECAST, "forecast at the mission"),
-            (ProcessKind::Planner, &topics::FORECAST, "forecast at the planner"),
-            (ProcessKind::Pilot, &topics::PLAN, "plan at the pilot"),
-            (
-                ProcessKind::World,
-                &topics::SET_POINT,
-                "set-point at the autopilot",
-            ),
+        const STAGES: [(ProcessKind, &Topic); 6] = [
+            (ProcessKind::Predictor, &topics::BRIDGE_ESTIMATE),
+            (ProcessKind::Predictor, &topics::DRONE_STATE),
+            (ProcessKind::Mission, &topics::FORECAST),
+            (ProcessKind::Planner, &topics::FORECAST),
+            (ProcessKind::Pilot, &topics::PLAN),
+            (ProcessKind::World, &topics::SET_POINT),
         ];
-        let mut out = format!("  {:<36}{:>12}{:>12}\n", "age when read", "p50", "p99");
-        let mut row = |name: &str, p50_s: f64, p99_s: f64| {
-            out.push_str(&format!("  {name:<36}{:>12}{:>12}\n", time(p50_s), time(p99_s)));
-        };
-        for (reader, topic, name) in STAGES {
+        let mut table = Table::new(1.., ["age when read", "p50", "p99"]);
+        for (reader, topic) in STAGES {
             let inputs = self.processes.get(&reader).map(|p| p.inputs);
-            let is_it = |i: &&InputState| {
-                topics::ALL
-                    .get(i.topic as usize)
-                    .is_some_and(|t| t.name == topic.name)
-            };
+            let is_it = |i: &&InputState| topic_name(i.topic) == Some(topic.name);
             if let Some(i) = inputs.as_ref().and_then(|inputs| inputs.iter().find(is_it)) {
-                row(name, i.read_age_p50_s, i.read_age_p99_s);
+                let name = format!("{} at the {}", topic.name, reader.name());
+                table.row(cells![name, time(i.read_age_p50_s), time(i.read_age_p99_s)]);
             }
         }
         if let Some(p) = self.processes.get(&ProcessKind::Planner) {
-            row("(a step of the planner takes)", p.step_p50_s, p.step_p99_s);
+            let name = "(a step of the planner takes)";
+            table.row(cells![name, time(p.step_p50_s), time(p.step_p99_s)]);
         }
-        out
+        table.text()
     }
 
     /// A table of what goes over the radio.
     pub fn radio(&self) -> String {
-        let mut out = format!(
-            "  {:<10}{:<20}{:>8}{:>10}\n",
-            "sender", "over the radio", "Hz", "bytes/s"
-        );
+        let mut table = Table::new(2.., ["sender", "over the radio", "Hz", "bytes/s"]);
         let mut total = 0.0;
         for p in self.processes.values() {
             for f in p.flows.iter() {
-                let name = topics::ALL.get(f.topic as usize).map_or("status", |t| t.name);
-                total += f.bytes_per_s;
-                let who = p.kind.name();
-                out.push_str(&format!(
-                    "  {who:<10}{name:<20}{:>8.1}{:>10.0}\n",
-                    f.rate_hz, f.bytes_per_s
-                ));
+                total += f64::from(f.bytes_per_s);
+                let rates = [(f.rate_hz, 1), (f.bytes_per_s, 0)];
+                let [hz, bytes] = rates.map(|(rate, digits)| Cell::number(f64::from(rate), digits));
+                table.row(cells![
+                    p.kind.name(),
+                    topic_name(f.topic).unwrap_or("status"),
+                    hz,
+                    bytes
+                ]);
             }
         }
-        out.push_str(&format!(
-            "  {:<10}{:<20}{:>8}{total:>10.0}  computed: 48 bytes of headers a message\n",
-            "all", "", ""
-        ));
-        out
+        let note = "computed: 48 bytes of headers a message";
+        table.row(cells!["all", "", "", Cell::number(total, 0).note(note)]);
+        table.text()
     }
 
     /// A table of the topics as each process reads them.
     pub fn topics(&self) -> String {
-        let mut out = format!(
-            "  {:<10}{:<20}{:>10}{:>8}{:>8}{:>12}{:>13}{:>13}\n",
-            "reader", "topic", "messages", "Hz", "missed", "age", "read at p50", "p99"
-        );
+        let heads = [
+            "reader",
+            "topic",
+            "messages",
+            "Hz",
+            "missed",
+            "age",
+            "read at p50",
+            "p99",
+        ];
+        let mut table = Table::new(2.., heads);
         for p in self.processes.values() {
             let up_s = ((p.at_ns - p.began_ns) as f64 * 1e-9).max(1e-3);
             for i in p.inputs.iter() {
-                let name = topics::ALL.get(i.topic as usize).map_or("?", |t| t.name);
-                out.push_str(&format!(
-                    "  {:<10}{:<20}{:>10}{:>8.1}{:>8}{:>12}{:>13}{:>13}\n",
+                table.row(cells![
                     p.kind.name(),
-                    name,
+                    topic_name(i.topic).unwrap_or("?"),
                     i.received,
-                    i.received as f64 / up_s,
+                    Cell::number(i.received as f64 / up_s, 1),
                     i.missed,
                     time(i.age_s),
                     time(i.read_age_p50_s),
                     time(i.read_age_p99_s),
-                ));
+                ]);
             }
         }
-        out
+        table.text()
     }
+}
+
+/// The topic of that number.
+fn topic_name(number: u32) -> Option<&'static str> {
+    topics::ALL.get(number as usize).map(|t| t.name)
 }
 
 #[cfg(test)]

@@ -277,7 +277,6 @@ mod tests {
     use crate::msg::{Header, RangeSample, SetPoint};
     use crate::time::{DroneClock, Time};
     use crate::topics::Medium;
-    use core::ops::ControlFlow;
 
     fn at(sequence: u32) -> Header<DroneClock> {
         Header::new(
@@ -338,11 +337,7 @@ mod tests {
         let mut steps = 0;
         crate::transport::wake::run(&[&wake], Duration::from_millis(1), || {
             steps += 1;
-            if steps == 3 {
-                ControlFlow::Break(())
-            } else {
-                ControlFlow::Continue(())
-            }
+            steps < 3
         })
         .unwrap();
         assert_eq!(steps, 3, "a drained listener does not spin, the timeout wakes");

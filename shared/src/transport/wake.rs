@@ -1,14 +1,15 @@
 //! Waiting for messages without burning a core: an iceoryx2 wait set over listeners.
 
-use core::ops::ControlFlow;
 use std::time::Duration;
 
 use iceoryx2::prelude::*;
 use iceoryx2::waitset::WaitSetRunResult;
 use iceoryx2_bb_posix::signal::SignalHandler;
 
+use crate::transport::clock::steady_ns;
 use crate::transport::instance::Ipc;
-use crate::transport::memory::Listener;
+use crate::transport::memory::{Instance, Listener, Memory};
+use crate::transport::plain::Plain;
 use crate::transport::{Doing, TransportError};
 
 /// Whether the process was asked to end (SIGTERM or SIGINT).
@@ -17,11 +18,11 @@ pub fn end_requested() -> bool {
 }
 
 /// Calls `step` whenever one of `listeners` was woken, and at the latest `timeout` after the last
-/// time, until `step` breaks or the process is asked to end.
+/// time, as long as `step` says so and until the process is asked to end.
 pub fn run(
     listeners: &[&Listener],
     timeout: Duration,
-    mut step: impl FnMut() -> ControlFlow<()>,
+    mut step: impl FnMut() -> bool,
 ) -> Result<(), TransportError> {
     let doing = || "waiting for messages".to_owned();
     let waits = WaitSetBuilder::new().create::<Ipc>().doing(doing)?;
@@ -43,8 +44,22 @@ pub fn run(
         for listener in listeners {
             let _drained = listener.port.try_wait(|_| {});
         }
-        if step().is_break() {
+        if !step() {
             return Ok(());
         }
     }
+}
+
+/// Joins the instance as `name` and calls `each` with the messages of one topic as they come, at the latest
+/// `timeout` after the last time, as long as `each` says so.
+pub fn follow<T: Plain>(
+    instance: &Instance,
+    name: &str,
+    timeout: Duration,
+    mut each: impl FnMut(Vec<T>) -> bool,
+) -> Result<(), TransportError> {
+    let memory = Memory::join(instance, name)?;
+    let mut subscriber = memory.subscriber::<T>()?;
+    let listener = memory.listener::<T>()?;
+    run(&[&listener], timeout, || each(subscriber.all(steady_ns())))
 }

@@ -1,6 +1,5 @@
 //! The impairment of the radio inside a process, where no link emulator is permitted.
 
-use core::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
@@ -8,9 +7,8 @@ use std::time::Duration;
 use alight_shared::msg::MissionState;
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::transport::Received;
-use alight_shared::transport::TransportError;
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::memory::{Instance, Memory};
+use alight_shared::transport::memory::Instance;
 use alight_shared::transport::observe::ReceiveChannel;
 use alight_shared::transport::wake;
 use alight_sim::harness::scenario::StateOutage;
@@ -47,19 +45,19 @@ impl<T: Clone> Impaired<T> {
         let Some(outage) = self.outage else { return };
         let entered_ns = Arc::clone(&self.entered_ns);
         std::thread::spawn(move || {
-            let watch = || -> Result<(), TransportError> {
-                let memory = Memory::join(&instance, "impairment")?;
-                let mut missions = memory.subscriber::<MissionState>()?;
-                let listener = memory.listener::<MissionState>()?;
-                wake::run(&[&listener], MAX_WAIT, || {
-                    if missions.all(steady_ns()).iter().any(|m| m.state == outage.state) {
+            let followed = wake::follow(
+                &instance,
+                "impairment",
+                MAX_WAIT,
+                |missions: Vec<MissionState>| {
+                    let entered = missions.iter().any(|m| m.state == outage.state);
+                    if entered {
                         entered_ns.store(steady_ns(), Ordering::Relaxed);
-                        return ControlFlow::Break(());
                     }
-                    ControlFlow::Continue(())
-                })
-            };
-            if let Err(e) = watch() {
+                    !entered
+                },
+            );
+            if let Err(e) = followed {
                 eprintln!("alight: the outage does not follow the mission: {e}");
             }
         });

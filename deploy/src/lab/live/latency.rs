@@ -4,7 +4,6 @@
 //! Every receiver is a thread that sleeps until something comes, as the processes do. The middlewares
 //! go through the same code as the processes (`alight_shared::transport`).
 
-use core::ops::ControlFlow;
 use std::net::UdpSocket;
 use std::os::unix::net::UnixDatagram;
 use std::sync::Arc;
@@ -13,7 +12,6 @@ use std::time::Duration;
 
 use alight_shared::msg::{Header, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::transport::TransportError;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Services};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
@@ -23,7 +21,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cells;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::times::Times;
 use crate::process::instance::OwnedInstance;
 use crate::process::snapshot::time;
@@ -72,10 +70,6 @@ fn note(times: &mut Times, message: &Message) {
     }
 }
 
-fn failed(doing: &'static str) -> impl Fn(std::io::Error) -> CliError {
-    move |e| CliError::because(doing, e)
-}
-
 /// Something that carries the message: how to send it, and the thread that receives it.
 struct Hop {
     name: &'static str,
@@ -102,9 +96,9 @@ fn read(
 }
 
 fn unix(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
-    let fail = failed("making a pair of Unix sockets");
-    let (from, to) = UnixDatagram::pair().map_err(&fail)?;
-    to.set_read_timeout(Some(MAX_WAIT)).map_err(&fail)?;
+    let doing = "making a pair of Unix sockets";
+    let (from, to) = UnixDatagram::pair().doing(doing)?;
+    to.set_read_timeout(Some(MAX_WAIT)).doing(doing)?;
     Ok(Hop {
         name: "Unix datagram socket",
         send: Box::new(move |m| {
@@ -117,11 +111,11 @@ fn unix(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
 }
 
 fn udp(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
-    let fail = failed("making UDP sockets");
-    let to = UdpSocket::bind("127.0.0.1:0").map_err(&fail)?;
-    let from = UdpSocket::bind("127.0.0.1:0").map_err(&fail)?;
-    from.connect(to.local_addr().map_err(&fail)?).map_err(&fail)?;
-    to.set_read_timeout(Some(MAX_WAIT)).map_err(&fail)?;
+    let doing = "making UDP sockets";
+    let to = UdpSocket::bind("127.0.0.1:0").doing(doing)?;
+    let from = UdpSocket::bind("127.0.0.1:0").doing(doing)?;
+    from.connect(to.local_addr().doing(doing)?).doing(doing)?;
+    to.set_read_timeout(Some(MAX_WAIT)).doing(doing)?;
     Ok(Hop {
         name: "plain UDP",
         send: Box::new(move |m| {
@@ -135,7 +129,7 @@ fn udp(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
 
 fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<Hop, CliError> {
     let port = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr());
-    let endpoint = format!("{transport}/{}", port.map_err(failed("looking for a free port"))?);
+    let endpoint = format!("{transport}/{}", port.doing("looking for a free port")?);
     let listen = RadioConfig {
         listen: vec![endpoint.clone()],
         ..RadioConfig::default()
@@ -179,22 +173,11 @@ fn shared_memory(end: &Arc<AtomicBool>, owned: &OwnedInstance, memory: &Memory) 
     let (instance, end) = (owned.instance().clone(), Arc::clone(end));
     let receiver = std::thread::spawn(move || {
         let mut times = Times::default();
-        let run = |times: &mut Times| -> Result<(), TransportError> {
-            let memory = Memory::join(&instance, "receiver")?;
-            let mut subscriber = memory.subscriber::<Message>()?;
-            let listener = memory.listener::<Message>()?;
-            wake::run(&[&listener], MAX_WAIT, || {
-                for message in subscriber.all(steady_ns()) {
-                    note(times, &message);
-                }
-                if end.load(Ordering::Relaxed) {
-                    ControlFlow::Break(())
-                } else {
-                    ControlFlow::Continue(())
-                }
-            })
-        };
-        if let Err(e) = run(&mut times) {
+        let ended = wake::follow(&instance, "receiver", MAX_WAIT, |came: Vec<Message>| {
+            came.iter().for_each(|message| note(&mut times, message));
+            !end.load(Ordering::Relaxed)
+        });
+        if let Err(e) = ended {
             eprintln!("alight: the hop through shared memory: {e}");
         }
         times

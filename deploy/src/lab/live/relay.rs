@@ -1,7 +1,6 @@
 //! `alight land --relay`: plain Unix and UDP sockets carry the messages of one landing beside the
 //! middlewares, and one table says what each hop took. Both ends read the steady clock of one computer.
 
-use core::ops::ControlFlow;
 use std::collections::BTreeMap;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::unix::net::UnixDatagram;
@@ -13,15 +12,14 @@ use std::time::Duration;
 use alight_shared::msg::{DeckForecast, Plan, SetPoint, VesselEstimate};
 use alight_shared::time::DroneClock;
 use alight_shared::topics::{self, Topic};
-use alight_shared::transport::Received;
-use alight_shared::transport::TransportError;
 use alight_shared::transport::clock::steady_ns;
-use alight_shared::transport::memory::{Instance, Memory, Subscriber};
+use alight_shared::transport::memory::Instance;
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::observe::SendObserver;
 use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::ProcessKind;
 use alight_shared::transport::wake;
+use alight_shared::transport::{Received, TransportError};
 use alight_shared::wire;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -29,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use super::config::RelayConfig;
 use super::times::Times;
 use crate::cells;
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::process::snapshot::{Snapshot, time};
 use crate::table::Table;
 use crate::terminal;
@@ -92,21 +90,18 @@ impl Copier {
     }
     /// Copies go to the Unix datagram socket at `path`.
     fn unix(path: &Path) -> Result<Copier, CliError> {
-        let fail = |e| CliError::because(format!("relaying to {}", path.display()), e);
-        let socket = UnixDatagram::unbound().map_err(fail)?;
-        socket.set_nonblocking(true).map_err(fail)?;
-        socket.connect(path).map_err(fail)?;
+        let doing = format_args!("relaying to {}", path.display());
+        let socket = UnixDatagram::unbound().doing(doing)?;
+        socket.set_nonblocking(true).doing(doing)?;
+        socket.connect(path).doing(doing)?;
         Ok(Copier::new(Socket::Unix(socket)))
     }
     /// Copies go to the UDP address `to`.
     fn udp(to: &str) -> Result<Copier, CliError> {
-        let fail = |e| CliError::because(format!("relaying to {to}"), e);
-        let socket = UdpSocket::bind("0.0.0.0:0").map_err(fail)?;
-        socket.set_nonblocking(true).map_err(fail)?;
-        let to = to
-            .parse()
-            .map_err(|e| CliError::because(format!("relaying to {to}"), e))?;
-        Ok(Copier::new(Socket::Udp(socket, to)))
+        let doing = format_args!("relaying to {to}");
+        let socket = UdpSocket::bind("0.0.0.0:0").doing(doing)?;
+        socket.set_nonblocking(true).doing(doing)?;
+        Ok(Copier::new(Socket::Udp(socket, to.parse().doing(doing)?)))
     }
     /// Sends the original by `send` and the copy `bytes`, in turns one and the other first: who wakes
     /// first takes the processor.
@@ -277,10 +272,9 @@ pub struct RadioHop {
 impl RadioHop {
     /// Listens at the port of `address`, on every address: the drone's may come up later.
     pub fn listen(address: &str) -> Result<RadioHop, CliError> {
-        let doing = || format!("listening for the plain relay at {address}");
-        let address: SocketAddr = address.parse().map_err(|e| CliError::because(doing(), e))?;
-        let socket =
-            UdpSocket::bind(("0.0.0.0", address.port())).map_err(|e| CliError::because(doing(), e))?;
+        let doing = format_args!("listening for the plain relay at {address}");
+        let address: SocketAddr = address.parse().doing(doing)?;
+        let socket = UdpSocket::bind(("0.0.0.0", address.port())).doing(doing)?;
         let hop = Shared::<Hop>::default();
         let own = Arc::clone(&hop);
         // It ends with the process.
@@ -332,9 +326,9 @@ impl Drop for Tap {
 impl Tap {
     /// Opens both ends; to be called before the processes that send start.
     pub fn open(instance: &Instance, relay: &RelayConfig) -> Result<Tap, CliError> {
-        let fail = |e| CliError::because(format!("listening at {}", relay.socket.display()), e);
-        let socket = UnixDatagram::bind(&relay.socket).map_err(fail)?;
-        socket.set_read_timeout(Some(MAX_WAIT)).map_err(fail)?;
+        let doing = format_args!("listening at {}", relay.socket.display());
+        let socket = UnixDatagram::bind(&relay.socket).doing(doing)?;
+        socket.set_read_timeout(Some(MAX_WAIT)).doing(doing)?;
         let tap = Tap {
             hops: Shared::default(),
             radio: [[f64::NAN; 2]; 2],
@@ -467,22 +461,14 @@ fn originals<T: Plain>(
     hops: &Shared<[Hop; RELAYED.len()]>,
     end: &AtomicBool,
 ) -> Result<(), TransportError> {
-    let memory = Memory::join(instance, "relay")?;
-    let mut subscriber: Subscriber<T> = memory.subscriber()?;
-    let listener = memory.listener::<T>()?;
-    wake::run(&[&listener], MAX_WAIT, || {
-        let came = subscriber.all(steady_ns());
+    wake::follow(instance, "relay", MAX_WAIT, |came: Vec<T>| {
         let at_ns = steady_ns();
         if let Some(hop) = lock(hops).get_mut(k) {
             for order in came.iter().filter_map(Plain::order) {
                 hop.original(key_in_memory(T::TOPIC, order), at_ns);
             }
         }
-        if end.load(Ordering::Relaxed) {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
+        !end.load(Ordering::Relaxed)
     })
 }
 
