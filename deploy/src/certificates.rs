@@ -17,7 +17,7 @@ use time::{Duration, OffsetDateTime};
 use x509_parser::extensions::ParsedExtension;
 use x509_parser::pem::parse_x509_pem;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 
 /// The authority's name: its certificate and every signature carry it.
 const AUTHORITY: &str = "Alight private authority";
@@ -51,15 +51,13 @@ fn params(name: &str, days: u32) -> CertificateParams {
 
 /// Makes the authority in `dir`; one that is there is left alone.
 pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
-    let doing = || format!("making an authority in {}", dir.display());
-    fs::create_dir_all(dir).map_err(|e| CliError::because(doing(), e))?;
+    let doing = format_args!("making an authority in {}", dir.display());
+    fs::create_dir_all(dir).doing(doing)?;
     let mut params = params(AUTHORITY, days);
     params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
     params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
-    let key = KeyPair::generate().map_err(|e| CliError::because(doing(), e))?;
-    let certificate = params
-        .self_signed(&key)
-        .map_err(|e| CliError::because(doing(), e))?;
+    let key = KeyPair::generate().doing(doing)?;
+    let certificate = params.self_signed(&key).doing(doing)?;
     write(&dir.join(AUTHORITY_KEY), &key.serialize_pem())?;
     write(&dir.join(AUTHORITY_FILE), &certificate.pem())
 }
@@ -73,7 +71,7 @@ pub fn issue(
     days: u32,
 ) -> Result<PathBuf, CliError> {
     let name = common_name(kind, number);
-    let doing = || format!("making the certificate of {name}");
+    let doing = format_args!("making the certificate of {name}");
     if addresses.len() > MAX_ADDRESSES {
         return Err(CliError(format!(
             "{} addresses for {name}: a certificate names at most {MAX_ADDRESSES}",
@@ -85,7 +83,7 @@ pub fn issue(
         "make an authority first: alight keys init",
     )?;
     let key = read(&dir.join(AUTHORITY_KEY), "it is needed to sign")?;
-    let key = KeyPair::from_pem(&key).map_err(|e| CliError::because(doing(), e))?;
+    let key = KeyPair::from_pem(&key).doing(doing)?;
     let until = expiry(&authority, &dir.join(AUTHORITY_FILE))?;
     let mut params = params(&name, days);
     if params.not_after > until {
@@ -96,9 +94,7 @@ pub fn issue(
     } else {
         addresses.to_vec()
     };
-    params.subject_alt_names = CertificateParams::new(own)
-        .map_err(|e| CliError::because(doing(), e))?
-        .subject_alt_names;
+    params.subject_alt_names = CertificateParams::new(own).doing(doing)?.subject_alt_names;
     // Either side may listen: both are server and client.
     params.extended_key_usages = vec![
         ExtendedKeyUsagePurpose::ServerAuth,
@@ -109,12 +105,10 @@ pub fn issue(
     // The signature needs the authority's name and key only, both are known.
     let signer = self::params(AUTHORITY, 1);
     let issuer = Issuer::from_params(&signer, &key);
-    let own_key = KeyPair::generate().map_err(|e| CliError::because(doing(), e))?;
-    let certificate = params
-        .signed_by(&own_key, &issuer)
-        .map_err(|e| CliError::because(doing(), e))?;
+    let own_key = KeyPair::generate().doing(doing)?;
+    let certificate = params.signed_by(&own_key, &issuer).doing(doing)?;
     let directory = dir.join(&name);
-    fs::create_dir_all(&directory).map_err(|e| CliError::because(doing(), e))?;
+    fs::create_dir_all(&directory).doing(doing)?;
     write(&directory.join(KEY_FILE), &own_key.serialize_pem())?;
     write(&directory.join(CERTIFICATE_FILE), &certificate.pem())?;
     write(&directory.join(AUTHORITY_FILE), &authority)?;
@@ -148,19 +142,14 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
     let written = options
         .open(path)
         .and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|e| {
-        CliError::because(
-            format!(
-                "writing {} (a file that is there is never replaced)",
-                path.display()
-            ),
-            e,
-        )
-    })
+    written.doing(format_args!(
+        "writing {} (a file that is there is never replaced)",
+        path.display()
+    ))
 }
 
 pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
-    fs::read_to_string(path).map_err(|e| CliError::because(format!("reading {} ({hint})", path.display()), e))
+    fs::read_to_string(path).doing(format_args!("reading {} ({hint})", path.display()))
 }
 
 /// A certificate's file.
@@ -191,9 +180,9 @@ pub struct CertificateDetails {
 /// Reads a certificate's file.
 pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
     let pem = read(path, "alight keys makes it")?;
-    let doing = || format!("{} is not a certificate", path.display());
-    let (_rest, found) = parse_x509_pem(pem.as_bytes()).map_err(|e| CliError::because(doing(), e))?;
-    let certificate = found.parse_x509().map_err(|e| CliError::because(doing(), e))?;
+    let doing = format_args!("{} is not a certificate", path.display());
+    let (_rest, found) = parse_x509_pem(pem.as_bytes()).doing(doing)?;
+    let certificate = found.parse_x509().doing(doing)?;
     let (mut key_id, mut signed_with) = (None, None);
     for extension in certificate.extensions() {
         match extension.parsed_extension() {
@@ -238,10 +227,10 @@ pub fn today_s() -> i64 {
 
 /// When a certificate expires.
 pub fn expiry(pem: &str, path: &Path) -> Result<OffsetDateTime, CliError> {
-    let (_rest, found) = parse_x509_pem(pem.as_bytes())
-        .map_err(|e| CliError::because(format!("{} is not a certificate", path.display()), e))?;
+    let (_rest, found) =
+        parse_x509_pem(pem.as_bytes()).doing(format_args!("{} is not a certificate", path.display()))?;
     let certificate = found
         .parse_x509()
-        .map_err(|e| CliError::because(format!("{} is not a certificate", path.display()), e))?;
+        .doing(format_args!("{} is not a certificate", path.display()))?;
     Ok(certificate.validity().not_after.to_datetime())
 }

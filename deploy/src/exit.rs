@@ -40,6 +40,18 @@ impl CliError {
     }
 }
 
+/// Says what was being done when something failed.
+pub trait Doing<T> {
+    /// The error with what was being done.
+    fn doing(self, what: impl fmt::Display) -> Result<T, CliError>;
+}
+
+impl<T, E: fmt::Display> Doing<T> for Result<T, E> {
+    fn doing(self, what: impl fmt::Display) -> Result<T, CliError> {
+        self.map_err(|e| CliError::because(what, e))
+    }
+}
+
 impl From<TransportError> for CliError {
     fn from(e: TransportError) -> Self {
         CliError(e.to_string())

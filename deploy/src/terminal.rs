@@ -6,7 +6,7 @@ use std::io::{ErrorKind, Write};
 
 use serde::Serialize;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 
 /// A line on standard output.
 pub fn line(text: impl Display) {
@@ -22,7 +22,7 @@ pub fn line(text: impl Display) {
 
 /// A value on standard output, as JSON on one line.
 pub fn json(value: &impl Serialize) -> Result<(), CliError> {
-    line(serde_json::to_string(value).map_err(|e| CliError::because("writing JSON", e))?);
+    line(serde_json::to_string(value).doing("writing JSON")?);
     Ok(())
 }
 

@@ -9,7 +9,7 @@ use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::{Frame, GreyImage};
 
 use crate::config::camera::CameraSource;
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 
 /// Most files of a directory.
 const MAX_FILES: usize = 100_000;
@@ -32,11 +32,11 @@ impl Images {
     /// Opens what `config` names, for images of `size` (width, height), px.
     pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, CliError> {
         let path = Path::new(&config.source);
-        let doing = || format!("opening the camera's source {}", config.source);
+        let doing = format_args!("opening the camera's source {}", config.source);
         let meta = std::fs::metadata(path).map_err(|e| {
             CliError(format!(
                 "{}: {e}; a camera's source is a V4L2 device, a PGM file or a directory of them, or a named pipe",
-                doing()
+                doing
             ))
         })?;
         if meta.is_dir() || meta.is_file() {
@@ -46,7 +46,7 @@ impl Images {
         if meta.file_type().is_fifo() {
             // For writing too: so it opens without waiting for a writer, and stays open when one ends.
             let file = File::options().read(true).write(true).open(path);
-            let file = file.map_err(|e| CliError::because(doing(), e))?;
+            let file = file.doing(doing)?;
             return Ok(Images::Pipe(Pipe {
                 file,
                 delay: Span::from_secs(config.delay_s),
@@ -76,8 +76,8 @@ impl Files {
     fn open(path: &Path, rate_hz: f64) -> Result<Files, CliError> {
         let mut paths = Vec::new();
         if path.is_dir() {
-            let entries = std::fs::read_dir(path)
-                .map_err(|e| CliError::because(format!("reading the directory {}", path.display()), e))?;
+            let entries =
+                std::fs::read_dir(path).doing(format_args!("reading the directory {}", path.display()))?;
             for entry in entries.flatten().take(MAX_FILES) {
                 let path = entry.path();
                 if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pgm")) {
@@ -118,12 +118,12 @@ impl Files {
 
 /// A PGM file of bounded size.
 fn read_pgm(path: &Path) -> Result<GreyImage, CliError> {
-    let doing = || format!("reading the image {}", path.display());
+    let doing = format_args!("reading the image {}", path.display());
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(|e| CliError::because(doing(), e))?;
+    let file = File::open(path).doing(doing)?;
     let read = file.take(MAX_BYTES).read_to_end(&mut bytes);
-    read.map_err(|e| CliError::because(doing(), e))?;
-    GreyImage::from_pgm(&bytes).map_err(|e| CliError::because(doing(), e))
+    read.doing(doing)?;
+    GreyImage::from_pgm(&bytes).doing(doing)
 }
 
 /// Raw grey images one after the other, each as many bytes as the lens has pixels.
@@ -142,8 +142,7 @@ impl Pipe {
             Err(e) => return Err(CliError::because("reading images from a pipe", e)),
         }
         let now: Time<DroneClock> = clock.now();
-        let image =
-            GreyImage::new(width, height, pixels).map_err(|e| CliError::because("reading a pipe", e))?;
+        let image = GreyImage::new(width, height, pixels).doing("reading a pipe")?;
         Ok(Some(Frame {
             at: now - self.delay,
             image,
@@ -164,8 +163,8 @@ pub struct Device {
 impl Device {
     fn open(config: &CameraSource, size: [usize; 2]) -> Result<Device, CliError> {
         let [width, height] = size.map(|s| s as u32);
-        let doing = || format!("opening the camera {}", config.source);
-        let mut camera = rscam::new(&config.source).map_err(|e| CliError::because(doing(), e))?;
+        let doing = format_args!("opening the camera {}", config.source);
+        let mut camera = rscam::new(&config.source).doing(doing)?;
         let rate = (config.rate_hz.round() as u32).max(1);
         camera
             .start(&rscam::Config {
@@ -177,7 +176,7 @@ impl Device {
             .map_err(|e| {
                 CliError(format!(
                     "{} with {width} x {height} px, {}, {rate} Hz: {e}; v4l2-ctl --list-formats-ext says what it has",
-                    doing(),
+                    doing,
                     config.format
                 ))
             })?;
@@ -191,9 +190,9 @@ impl Device {
         })
     }
     fn next_frame(&mut self, clock: &ProcessClock) -> Result<Frame, CliError> {
-        let doing = || format!("reading the camera {}", self.name);
+        let doing = format_args!("reading the camera {}", self.name);
         let [width, height] = self.size;
-        let frame = self.camera.capture().map_err(|e| CliError::because(doing(), e))?;
+        let frame = self.camera.capture().doing(doing)?;
         // The driver stamps with the system's steady clock; one that does not is dated by its arrival.
         let now_ns = steady_ns();
         let stamped_ns = i64::try_from(frame.get_timestamp())
@@ -208,7 +207,7 @@ impl Device {
             .take(width * height)
             .copied()
             .collect();
-        let image = GreyImage::new(width, height, pixels).map_err(|e| CliError::because(doing(), e))?;
+        let image = GreyImage::new(width, height, pixels).doing(doing)?;
         Ok(Frame {
             at: at - self.delay,
             image,

@@ -11,7 +11,7 @@ use std::time::Duration;
 use rustix::fs::OFlags;
 use rustix::termios::{ControlModes, OptionalActions, tcgetattr, tcsetattr};
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::io::link_url::LinkUrl;
 
 /// First pause before a link is opened again, ns; doubles with each failure.
@@ -65,13 +65,10 @@ impl ByteLink {
         };
         match link.url {
             LinkUrl::UdpIn(_) | LinkUrl::UdpOut(_) | LinkUrl::TcpIn(_) => {
-                link.open = Some(
-                    link.connect()
-                        .map_err(|e| CliError::because(format!("opening {}", link.url), e))?,
-                );
+                link.open = Some(link.connect().doing(format_args!("opening {}", link.url))?);
             }
             LinkUrl::TcpOut(ref host) => {
-                resolve(host).map_err(|e| CliError::because(format!("opening {}", link.url), e))?;
+                resolve(host).doing(format_args!("opening {}", link.url))?;
             }
             LinkUrl::Serial(_, _) => {}
         }

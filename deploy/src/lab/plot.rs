@@ -9,7 +9,7 @@ use alight_sim::harness::trace::{Trace, TracePoint};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 
 const DRONE: RGBColor = RGBColor(31, 111, 180);
 const DECK: RGBColor = RGBColor(214, 96, 32);
@@ -40,8 +40,7 @@ pub fn landing(trace: &Trace, outcome: &Outcome, path: &Path) -> Result<(), CliE
         outcome.planner,
         outcome.outcome.name()
     );
-    draw(trace, &title, path)
-        .map_err(|e| CliError::because(format!("writing the plot {}", path.display()), e))
+    draw(trace, &title, path).doing(format_args!("writing the plot {}", path.display()))
 }
 
 /// Draws `trace` to `path`; `title` is the first line.

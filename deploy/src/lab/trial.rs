@@ -2,7 +2,7 @@
 
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::lab::args::TrialArgs;
 use crate::lab::scene::{Scene, stopwatch};
 use crate::lab::{outcome_table, plot, record};
@@ -57,6 +57,5 @@ fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial
         };
         return record::fly(path, &subject, watch);
     }
-    fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch)
-        .map_err(|e| CliError::because("setting up the trial", e))
+    fly(&scene.scenario, &scene.nodes, args.seed, &scene.sea, watch).doing("setting up the trial")
 }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::args::TrialsArgs;
 use super::outcome_table;
 use super::scene::{Scene, stopwatch};
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::terminal::{self, note};
 
 /// Maps `items` by `run` on `jobs` threads (all cores when None) behind a progress bar, which is hidden where
@@ -30,7 +30,7 @@ pub fn in_parallel<T: Sync, R: Send>(
     let results = rayon::ThreadPoolBuilder::new()
         .num_threads(jobs.map_or(0, usize::from))
         .build()
-        .map_err(|e| CliError::because("starting the worker threads", e))?
+        .doing("starting the worker threads")?
         .install(|| {
             let items = items.par_iter().progress_with(progress.clone());
             items.map(run).collect()
@@ -47,7 +47,7 @@ pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) 
         trace_step_s: None,
     };
     let flown = fly(scenario, nodes, seed, sea, watch)
-        .map_err(|e| CliError::because(format!("setting up the trial of seed {seed} at sea {sea}"), e))?;
+        .doing(format_args!("setting up the trial of seed {seed} at sea {sea}"))?;
     Ok(Outcome {
         wall_time_s: elapsed(),
         ..flown.outcome
@@ -83,7 +83,7 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     if let Some(mut rows) = rows {
         let mut written = outcomes.iter().map(|o| rows.serialize(o));
         let written = written.try_for_each(|r| r);
-        written.map_err(|e| CliError::because("writing the rows", e))?;
+        written.doing("writing the rows")?;
     }
     let summary = Summary::of(&outcomes);
     for o in outcomes.iter().filter(|o| !o.success) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::transport::memory::Instance;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::process::supervisor::pause;
 
 /// The lock file's name in the instance's directory.
@@ -29,8 +29,8 @@ impl OwnedInstance {
     pub fn take(name: &str) -> Result<OwnedInstance, CliError> {
         let instance = Instance::new(name)?;
         let directory = instance.directory();
-        let doing = || format!("preparing {}", directory.display());
-        std::fs::create_dir_all(&directory).map_err(|e| CliError::because(doing(), e))?;
+        let doing = format_args!("preparing {}", directory.display());
+        std::fs::create_dir_all(&directory).doing(doing)?;
         // Its files are going to be removed, and not those that a link leads to.
         if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
             return Err(CliError(format!(
@@ -38,7 +38,7 @@ impl OwnedInstance {
                 directory.display()
             )));
         }
-        let lock = File::create(directory.join(LOCK_FILE)).map_err(|e| CliError::because(doing(), e))?;
+        let lock = File::create(directory.join(LOCK_FILE)).doing(doing)?;
         // A former owner's child that is just being born holds the lock for some milliseconds more.
         let mut tries = 0;
         let taken = loop {
@@ -57,12 +57,12 @@ impl OwnedInstance {
                     "an instance named {name} runs already; stop it, or choose another --instance"
                 )));
             }
-            Err(TryLockError::Error(e)) => return Err(CliError::because(doing(), e)),
+            Err(TryLockError::Error(e)) => return Err(CliError::because(doing, e)),
         }
         // A former owner that was killed left its files: this one first, so that no observer joins.
         let _none = std::fs::remove_file(directory.join(READY_FILE));
-        remove_contents(&directory).map_err(|e| CliError::because(doing(), e))?;
-        instance.wipe().map_err(|e| CliError::because(doing(), e))?;
+        remove_contents(&directory).doing(doing)?;
+        instance.wipe().doing(doing)?;
         Ok(OwnedInstance {
             instance,
             _lock: lock,
@@ -76,7 +76,7 @@ impl OwnedInstance {
     pub fn ready(&self) -> Result<(), CliError> {
         let path = self.file(READY_FILE);
         std::fs::write(&path, std::process::id().to_string())
-            .map_err(|e| CliError::because(format!("writing {}", path.display()), e))
+            .doing(format_args!("writing {}", path.display()))
     }
     /// A file of the instance.
     pub fn file(&self, name: &str) -> PathBuf {

@@ -16,7 +16,7 @@ use alight_shared::transport::statistics::Quantiles;
 use alight_shared::transport::wake::end_requested;
 use serde::Serialize;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::process::args::ProcessArgs;
 use crate::process::log::{LogHeader, LogWriter};
 
@@ -220,8 +220,7 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
 
 /// The log of the node `name` in `directory`.
 pub fn log_writer(directory: &Path, name: &str, boot: u32, config: &Path) -> Result<LogWriter, CliError> {
-    let config = std::fs::read_to_string(config)
-        .map_err(|e| CliError::because(format!("reading {}", config.display()), e))?;
+    let config = std::fs::read_to_string(config).doing(format_args!("reading {}", config.display()))?;
     let process = name.into();
     LogWriter::create(
         directory,

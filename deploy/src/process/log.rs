@@ -12,7 +12,7 @@ use alight_shared::wire::{self, MAX_RECORD_BYTES};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 
 /// A log grows no longer than this, bytes: about ten minutes of the busiest process.
 const MAX_LOG_BYTES: u64 = 256 << 20;
@@ -46,8 +46,7 @@ pub struct LogWriter {
 impl LogWriter {
     /// Begins a log in `directory`, named after process and boot id.
     pub fn create(directory: &Path, head: &LogHeader) -> Result<LogWriter, CliError> {
-        LogWriter::begin(directory, head)
-            .map_err(|e| CliError::because(format!("writing a log into {}", directory.display()), e))
+        LogWriter::begin(directory, head).doing(format_args!("writing a log into {}", directory.display()))
     }
     fn begin(directory: &Path, head: &LogHeader) -> std::io::Result<LogWriter> {
         std::fs::create_dir_all(directory)?;

@@ -18,7 +18,7 @@ use alight_shared::time::Time;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::process::ProcessKind;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
 use crate::process::log::{LogHeader, LogWriter};
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
@@ -84,7 +84,7 @@ impl Supervisor {
                 let header = LogHeader {
                     process: SUPERVISOR.into(),
                     boot: draw_boot(),
-                    config: toml::to_string(&limits).map_err(|e| CliError::because("writing limits", e))?,
+                    config: toml::to_string(&limits).doing("writing limits")?,
                 };
                 Some(LogWriter::create(log, &header)?)
             }

@@ -4,7 +4,7 @@ use alight_shared::config::commented;
 use clap::Args;
 
 use crate::config::{DroneComputer, VesselComputer};
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::terminal;
 
 /// A configuration of a computer.
@@ -35,7 +35,7 @@ fn print(
     all: impl FnOnce() -> Result<String, toml::ser::Error>,
 ) -> Result<Exit, CliError> {
     let text = if args.all {
-        all().map_err(|e| CliError::because("writing the configuration as TOML", e))?
+        all().doing("writing the configuration as TOML")?
     } else {
         shipped.into()
     };

@@ -10,7 +10,7 @@ use time::OffsetDateTime;
 use crate::certificates::{
     AUTHORITY_FILE, AUTHORITY_KEY, CERTIFICATE_FILE, RENEWAL_DAYS, expiry, init, issue, read,
 };
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::terminal;
 
 /// Certificates of one directory that are shown at most.
@@ -101,13 +101,10 @@ fn issue_and_report(side: &SideArgs, kind: &str) -> Result<Exit, CliError> {
 }
 
 fn show(dir: &Path, as_json: bool) -> Result<Exit, CliError> {
-    let doing = || format!("looking into {}", dir.display());
+    let doing = format_args!("looking into {}", dir.display());
     let mut found = vec![dir.join(AUTHORITY_FILE), dir.join(CERTIFICATE_FILE)];
-    for entry in fs::read_dir(dir)
-        .map_err(|e| CliError::because(doing(), e))?
-        .take(MAX_SHOWN)
-    {
-        let entry = entry.map_err(|e| CliError::because(doing(), e))?;
+    for entry in fs::read_dir(dir).doing(doing)?.take(MAX_SHOWN) {
+        let entry = entry.doing(doing)?;
         found.push(entry.path().join(CERTIFICATE_FILE));
     }
     found.retain(|path| path.exists());

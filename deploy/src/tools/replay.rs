@@ -20,7 +20,7 @@ use crate::drone::mission::MissionShell;
 use crate::drone::pilot::PilotShell;
 use crate::drone::planner::PlannerShell;
 use crate::drone::predictor::PredictorShell;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::process::log::{LogError, LogHeader, LogReader};
 use crate::process::shell::Shell;
 use crate::process::supervision::SupervisorNode;
@@ -89,8 +89,7 @@ fn logs(path: &Path) -> Result<Vec<PathBuf>, CliError> {
     if path.is_file() {
         return Ok(vec![path.into()]);
     }
-    let entries = std::fs::read_dir(path)
-        .map_err(|e| CliError::because(format!("reading the logs in {}", path.display()), e))?;
+    let entries = std::fs::read_dir(path).doing(format_args!("reading the logs in {}", path.display()))?;
     let mut logs: Vec<PathBuf> = entries
         .flatten()
         .map(|e| e.path())
@@ -134,7 +133,7 @@ fn replay_log(path: &Path) -> Result<NodeReplay, CliError> {
         }
         OPERATOR_RELAY => through(log, OperatorRelay::new(vessel()?.vessel_id, boot)),
         SUPERVISOR => {
-            let limits = toml::from_str(&config).map_err(|e| CliError::because(&origin, e))?;
+            let limits = toml::from_str(&config).doing(&origin)?;
             through(log, SupervisorNode::new(limits))
         }
         "bridge" => through(log, Bridge::new(&drone()?.bridge, boot)),

@@ -26,7 +26,7 @@ use serde::Serialize;
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::args::ProcessArgs;
 use crate::process::life::{LoggedNode, Process};
@@ -82,7 +82,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         VesselNode::new(&computer.vessel, id, boot)
     })?;
     let mut sensors = SensorSocket::listen(&computer.sensors)
-        .map_err(|e| CliError::because(format!("listening for sensors on {}", computer.sensors), e))?;
+        .doing(format_args!("listening for sensors on {}", computer.sensors))?;
     let publication = |name: &str, urgency| Publication {
         key: vessel_key(id, name),
         urgency,

@@ -13,7 +13,7 @@ use serde_json::json;
 use tracing::{info, warn};
 
 use crate::config::VesselComputer;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSender;
@@ -48,8 +48,7 @@ pub fn run(args: &SensorsArgs) -> Result<Exit, CliError> {
         info!("{}: {url}", source.name);
         links.push(ByteLink::new(url, steady_ns())?);
     }
-    let to = SensorSender::to(&computer.sensors)
-        .map_err(|e| CliError::because(format!("sending to {}", computer.sensors), e))?;
+    let to = SensorSender::to(&computer.sensors).doing(format_args!("sending to {}", computer.sensors))?;
     let mut node = SensorNode::new(&computer.sensor, computer.vessel_id, draw_boot());
     let end = end_with_supervisor(args.supervised);
     let report_period_ns = if args.supervised {

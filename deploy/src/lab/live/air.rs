@@ -12,7 +12,7 @@ use alight_sim::radio::{ChannelCounts, Congestion};
 use serde::{Deserialize, Serialize};
 
 use crate::certificates;
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::lab::live::args::{Emulate, LandArgs};
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::config::LinkImpairment;
@@ -183,7 +183,7 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
             if directory.exists() {
                 // Of a landing that was killed.
                 std::fs::remove_dir_all(&directory)
-                    .map_err(|e| CliError::because(format!("removing {}", directory.display()), e))?;
+                    .doing(format_args!("removing {}", directory.display()))?;
             }
             certificates::init(&directory, 1)?;
             let hosts = ["127.0.0.1", ADDRESSES[0], ADDRESSES[1]].map(String::from);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use alight_sim::radio::Transport;
 use clap::{Args, Parser, ValueEnum};
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::lab::args::SceneArgs;
 use crate::lab::live::config::AutopilotKind;
 use crate::lab::live::fault::FaultSpec;
@@ -103,7 +103,7 @@ pub fn land_flags(flags: &[String]) -> Result<LandArgs, CliError> {
     let words = core::iter::once("alight land").chain(flags.iter().map(String::as_str));
     LandFlags::try_parse_from(words)
         .map(|f| f.args)
-        .map_err(|e| CliError::because("the flags of `alight land`", e))
+        .doing("the flags of `alight land`")
 }
 
 /// The former name of `alight land --trials N`.

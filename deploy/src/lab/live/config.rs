@@ -12,7 +12,7 @@ use alight_uav::odometry::OdometryConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::process::instance::OwnedInstance;
 
 /// Who flies the simulated drone.
@@ -132,15 +132,15 @@ impl Check for SimulatedWorld {
 /// Writes a configuration into the instance's directory.
 pub fn write<C: Serialize>(owned: &OwnedInstance, name: &str, config: &C) -> Result<PathBuf, CliError> {
     let path = owned.file(name);
-    let text = toml::to_string(config).map_err(|e| CliError::because(format!("writing {name}"), e))?;
-    std::fs::write(&path, text).map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
+    let text = toml::to_string(config).doing(format_args!("writing {name}"))?;
+    std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
     Ok(path)
 }
 
 /// A port of the loopback interface that is free now.
 pub fn free_port() -> Result<u16, CliError> {
     let bound = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
-    let address = bound.map_err(|e| CliError::because("looking for a free port", e))?;
+    let address = bound.doing("looking for a free port")?;
     Ok(address.port())
 }
 

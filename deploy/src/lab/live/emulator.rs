@@ -21,7 +21,7 @@ use clap::Args;
 use serde::{Deserialize, Serialize};
 use tun_rs::SyncDevice;
 
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::config::LinkImpairment;
 use crate::lab::live::namespaces::{ADDRESSES, Namespaces};
 use crate::lab::live::packets::{FlowCount, Flows};
@@ -100,7 +100,7 @@ impl Order {
 /// Runs until told to end.
 pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
     let emulation = match &args.config {
-        Some(file) => config::load::<Emulation>(file).map_err(|e| CliError(e.to_string()))?,
+        Some(file) => config::load::<Emulation>(file)?,
         None => Emulation {
             name: args.name.clone(),
             link: LinkImpairment {
@@ -212,9 +212,7 @@ fn report_counts(link: &Link) -> Result<(), CliError> {
     let [to_drone, to_vessel] = &link.radios;
     let packets = EmulatorReport::Packets(to_drone.counts(), to_vessel.counts());
     for report in [packets, EmulatorReport::Flows(link.flows.counts())] {
-        terminal::line(
-            serde_json::to_string(&report).map_err(|e| CliError::because("writing the counts", e))?,
-        );
+        terminal::line(serde_json::to_string(&report).doing("writing the counts")?);
     }
     Ok(())
 }

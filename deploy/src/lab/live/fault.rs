@@ -9,7 +9,7 @@ use alight_sim::physics::streams::Streams;
 use alight_sim::sensors::noise::Noise;
 use serde::{Deserialize, Serialize};
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::lab::args::{PHASES, phase};
 use crate::process::snapshot::Snapshot;
 
@@ -236,7 +236,7 @@ impl Fault {
     }
 
     fn send(&self, pid: u32, what: Signal) -> Result<(), CliError> {
-        signal(pid, what).map_err(|e| CliError::because(format!("the fault {}", self.spec), e))
+        signal(pid, what).doing(format_args!("the fault {}", self.spec))
     }
 }
 

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 
 use alight_shared::transport::memory::Instance;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::lab::live::report::LiveOutcome;
 
 /// One landing to fly.
@@ -64,8 +64,8 @@ pub fn fly(
 }
 
 fn one(job: &Job) -> Result<Done, CliError> {
-    let doing = || format!("starting the landing {}", job.instance);
-    let program = std::env::current_exe().map_err(|e| CliError::because(doing(), e))?;
+    let doing = format_args!("starting the landing {}", job.instance);
+    let program = std::env::current_exe().doing(doing)?;
     let mut child = Command::new(program)
         .args(["land", "--json", "--supervised", "--instance", &job.instance])
         .args(&job.flags)
@@ -74,11 +74,9 @@ fn one(job: &Job) -> Result<Done, CliError> {
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .map_err(|e| CliError::because(doing(), e))?;
+        .doing(doing)?;
     let lifeline = child.stdin.take();
-    let out = child
-        .wait_with_output()
-        .map_err(|e| CliError::because(doing(), e))?;
+    let out = child.wait_with_output().doing(doing)?;
     drop(lifeline);
     let output = String::from_utf8_lossy(&out.stderr).into_owned();
     if out.status.code() == Some(2) {

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use tun_rs::{DeviceBuilder, SyncDevice};
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 
 /// The vessel's address, and the drone's.
 pub const ADDRESSES: [&str; 2] = ["10.77.0.1", "10.77.0.2"];
@@ -20,17 +20,17 @@ pub struct Namespaces {
 }
 
 fn ip(arguments: &[&str]) -> Result<(), CliError> {
-    let doing = || format!("running ip {}", arguments.join(" "));
+    let doing = format_args!("running ip {}", arguments.join(" "));
     let out = Command::new("ip")
         .args(arguments)
         .stdin(Stdio::null())
         .output()
-        .map_err(|e| CliError::because(doing(), e))?;
+        .doing(doing)?;
     if out.status.success() {
         return Ok(());
     }
     let error = String::from_utf8_lossy(&out.stderr);
-    Err(CliError::because(doing(), error.trim()))
+    Err(CliError::because(doing, error.trim()))
 }
 
 impl Namespaces {
@@ -73,7 +73,7 @@ impl Namespaces {
             .name(&born)
             .mtu(MTU)
             .build_sync()
-            .map_err(|e| CliError::because(format!("making the TUN device {born}"), e))?;
+            .doing(format_args!("making the TUN device {born}"))?;
         ip(&["link", "set", &born, "netns", &space, "name", "radio"])?;
         let address = format!("{}/24", ADDRESSES[side.min(1)]);
         ip(&["-n", &space, "addr", "add", &address, "dev", "radio"])?;

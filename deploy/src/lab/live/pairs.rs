@@ -10,7 +10,7 @@ use super::fleet::{self, Job, median};
 use super::report::{LiveReport, ProcessUsage};
 use super::{air, land, profile};
 use crate::cells;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::lab::study::link::aborts;
 use crate::process::snapshot::time;
 use crate::table::{Cell, Table};
@@ -188,7 +188,7 @@ fn fly_lock_step(args: &LandArgs, seed: u64) -> Result<(Outcome, [f64; 2]), CliE
     let mut ages = AgeTap::from(WARM_UP_S);
     fly_with(&scene.scenario, &scene.nodes, seed, &scene.sea, watch, &mut ages)
         .map(|flown| (flown.outcome, [0.5, 0.95].map(|q| ages.quantile(q))))
-        .map_err(|e| CliError::because(format!("setting up the trial of seed {seed}"), e))
+        .doing(format_args!("setting up the trial of seed {seed}"))
 }
 
 impl PairedSummary {

@@ -14,7 +14,7 @@ use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::physics::drone::{PlantState, ROTORS};
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::lab::live::config::AutopilotKind;
 use crate::terminal;
 
@@ -79,13 +79,13 @@ impl Plant {
             AutopilotKind::Ardupilot => (ardupilot::PORT, ardupilot::EXCHANGE_HZ),
         };
         let port = if config.port == 0 { usual } else { config.port };
-        let doing = || format!("listening for the firmware on port {port}");
+        let doing = format_args!("listening for the firmware on port {port}");
         let link = match kind {
             AutopilotKind::Internal => return Ok(None),
             AutopilotKind::Px4 => {
                 let door = TcpListener::bind(("0.0.0.0", port))
                     .and_then(|door| door.set_nonblocking(true).map(|()| door))
-                    .map_err(|e| CliError::because(doing(), e))?;
+                    .doing(doing)?;
                 Link::Px4 {
                     door,
                     stream: None,
@@ -95,7 +95,7 @@ impl Plant {
             AutopilotKind::Ardupilot => {
                 let socket = UdpSocket::bind(("0.0.0.0", port))
                     .and_then(|s| s.set_read_timeout(Some(READ)).map(|()| s))
-                    .map_err(|e| CliError::because(doing(), e))?;
+                    .doing(doing)?;
                 Link::Ardupilot {
                     socket,
                     asker: None,

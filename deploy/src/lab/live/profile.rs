@@ -21,7 +21,7 @@ const PROFILES: [(&str, &str); 7] = [
 /// The profile called `name`, or the one in the TOML file of that name.
 pub fn load(name: &str) -> Result<RadioConfig, CliError> {
     if let Some((_, text)) = PROFILES.iter().find(|(n, _)| *n == name) {
-        return config::parse(text, name).map_err(|e| CliError(e.to_string()));
+        return Ok(config::parse(text, name)?);
     }
     if !Path::new(name).exists() {
         let known: Vec<&str> = PROFILES.iter().map(|(n, _)| *n).collect();
@@ -30,7 +30,7 @@ pub fn load(name: &str) -> Result<RadioConfig, CliError> {
             known.join(", ")
         )));
     }
-    config::load(Path::new(name)).map_err(|e| CliError(e.to_string()))
+    Ok(config::load(Path::new(name))?)
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use crate::config::{DroneComputer, VesselComputer};
 use crate::drone::mission::MissionShell;
 use crate::drone::pilot::PilotShell;
 use crate::drone::predictor::PredictorShell;
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::lab::live::truth::Truth;
 use crate::lab::record::{FlightRecorder, Subject};
 use crate::process::log::LogReader;
@@ -42,7 +42,7 @@ impl<I: DeserializeOwned> LogStream<I> {
     }
     fn advance(&mut self) -> Result<(), CliError> {
         let step = self.log.step();
-        let step = step.map_err(|e| CliError::because(format!("reading {}", self.path.display()), e))?;
+        let step = step.doing(format_args!("reading {}", self.path.display()))?;
         self.next = step.map(|(now_ns, input, _)| (now_ns, input));
         Ok(())
     }
@@ -103,8 +103,8 @@ fn true_time(clock: &ProcessClock, now_ns: i64) -> Time<TrueTime> {
 
 /// The logs of a process in `directory`, the first start's first.
 fn logs(directory: &Path, process: &str) -> Result<Vec<PathBuf>, CliError> {
-    let entries = std::fs::read_dir(directory)
-        .map_err(|e| CliError::because(format!("reading the logs in {}", directory.display()), e))?;
+    let entries =
+        std::fs::read_dir(directory).doing(format_args!("reading the logs in {}", directory.display()))?;
     let mut found: Vec<_> = entries
         .flatten()
         .filter(|e| {
@@ -122,8 +122,7 @@ fn logs(directory: &Path, process: &str) -> Result<Vec<PathBuf>, CliError> {
 fn open(directory: &Path, process: &str) -> Result<(LogReader, u32, PathBuf), CliError> {
     let first = logs(directory, process)?.into_iter().next();
     let path = first.ok_or_else(|| CliError(format!("the {process} has logged nothing to record")))?;
-    let (log, head) =
-        LogReader::open(&path).map_err(|e| CliError::because(format!("reading {}", path.display()), e))?;
+    let (log, head) = LogReader::open(&path).doing(format_args!("reading {}", path.display()))?;
     Ok((log, head.boot, path))
 }
 

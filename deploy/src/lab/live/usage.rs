@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use alight_shared::transport::memory::Instance;
 use alight_shared::transport::process::ProcessKind;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::process::life::usage;
 use crate::process::snapshot::Snapshot;
 
@@ -26,14 +26,14 @@ pub struct UsageLog {
 impl UsageLog {
     /// Begins the file with the names of its columns.
     pub fn create(path: &Path, instance: &Instance) -> Result<UsageLog, CliError> {
-        let doing = || format!("writing the usage to {}", path.display());
-        let mut file = File::create(path).map_err(|e| CliError::because(doing(), e))?;
+        let doing = format_args!("writing the usage to {}", path.display());
+        let mut file = File::create(path).doing(doing)?;
         let mut head = String::from("t_s,supervisor_kb,supervisor_cpu_s");
         for kind in ProcessKind::ALL {
             head.push_str(&format!(",{0}_kb,{0}_cpu_s", kind.name()));
         }
         head.push_str(",shm_files,shm_kb,own_files,own_kb");
-        writeln!(file, "{head}").map_err(|e| CliError::because(doing(), e))?;
+        writeln!(file, "{head}").doing(doing)?;
         Ok(UsageLog {
             file,
             path: path.into(),
@@ -72,8 +72,7 @@ impl UsageLog {
             own.0,
             own.1 / 1000
         ));
-        writeln!(self.file, "{line}")
-            .map_err(|e| CliError::because(format!("writing the usage to {}", self.path.display()), e))
+        writeln!(self.file, "{line}").doing(format_args!("writing the usage to {}", self.path.display()))
     }
 }
 

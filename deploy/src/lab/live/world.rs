@@ -18,7 +18,7 @@ use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::trace::Trace;
 use serde::{Deserialize, Serialize};
 
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::io::sensor_socket::{Readings, SensorSender};
 use crate::lab::live::args::WorldArgs;
 use crate::lab::live::config::SimulatedWorld;
@@ -57,8 +57,7 @@ pub struct Landed {
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
     let world: SimulatedWorld = config::load(&args.config)?;
-    let mut physics = Physics::new(&world.scenario, world.seed)
-        .map_err(|e| CliError::because("setting up the simulated world", e))?;
+    let mut physics = Physics::new(&world.scenario, world.seed).doing("setting up the simulated world")?;
     let mut plant = {
         let (scenario, firmware) = (&world.scenario, &world.firmware);
         let (navigation, datum) = (&scenario.drone.navigation, scenario.sensors.vessel_gnss.datum);
@@ -67,8 +66,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     };
     let instance = Instance::new(&world.instance)?;
     let mut computer = DroneSide::join(&instance, &world)?;
-    let sensors = SensorSender::to(&world.sensors)
-        .map_err(|e| CliError::because(format!("sending sensors to {}", world.sensors), e))?;
+    let sensors =
+        SensorSender::to(&world.sensors).doing(format_args!("sending sensors to {}", world.sensors))?;
     let (mut forecast, mut ages): (Option<DeckForecast>, Option<[f64; 2]>) = (None, None);
     let mut life = Life::begin(ProcessKind::World, draw_boot(), args.supervised);
     let clock = ProcessClock {
@@ -220,7 +219,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             first_contact_s: judge.first_contact_s(),
         }))
     };
-    let report = serde_json::to_string(&report).map_err(|e| CliError::because("writing the outcome", e))?;
+    let report = serde_json::to_string(&report).doing("writing the outcome")?;
     terminal::line(report);
     Ok(Exit::Success)
 }

@@ -25,7 +25,7 @@ use alight_usv::{VesselIn, VesselOut};
 use serde::{Deserialize, Serialize};
 
 use crate::config::DroneFile;
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::record::reading::Recording;
 use crate::record::{DRONE_FILE, NODES, Recorder, VESSEL_FILE};
 use truth::TruthViews;
@@ -46,8 +46,7 @@ struct BaselineFile {
 pub fn law(recording: &Recording, drone: &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError> {
     // A recording of a live flight has none.
     let text = recording.text(BASELINE_FILE).unwrap_or_default();
-    let BaselineFile { baseline } =
-        toml::from_str(&text).map_err(|e| CliError::because(format!("reading {BASELINE_FILE}"), e))?;
+    let BaselineFile { baseline } = toml::from_str(&text).doing(format_args!("reading {BASELINE_FILE}"))?;
     Ok(baseline.map(|b| b.law(&drone.planner, &drone.airframe)))
 }
 
@@ -82,8 +81,7 @@ pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Flown
         sea,
         boots: _,
     } = *subject;
-    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut recorder)
-        .map_err(|e| CliError::because("setting up the trial", e))?;
+    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut recorder).doing("setting up the trial")?;
     recorder.finish(path, &flown.outcome)?;
     Ok(flown)
 }

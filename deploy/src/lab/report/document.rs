@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::table::{Table, escape};
 
 /// A part of a document.
@@ -99,11 +99,10 @@ impl Document {
 
 /// Writes files into the directory `out`, which is made when it is not there.
 pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
-    std::fs::create_dir_all(out).map_err(|e| CliError::because(format!("making {}", out.display()), e))?;
+    std::fs::create_dir_all(out).doing(format_args!("making {}", out.display()))?;
     for (name, text) in files {
         let path = out.join(name);
-        std::fs::write(&path, text)
-            .map_err(|e| CliError::because(format!("writing {}", path.display()), e))?;
+        std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
     }
     Ok(())
 }

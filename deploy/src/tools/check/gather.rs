@@ -16,7 +16,7 @@ use alight_uav::camera::uvdar::Fisheye;
 
 use crate::certificates;
 use crate::config::{DroneComputer, VesselComputer};
-use crate::exit::CliError;
+use crate::exit::{CliError, Doing};
 use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::{instance, scheduling};
@@ -133,15 +133,11 @@ fn readable(name: &str) -> Result<(), String> {
 
 /// Reads a vessel's or a drone's configuration, distinguished by the keys that only one of them has.
 pub fn computer(path: &Path) -> Result<Computer, CliError> {
-    let text = fs::read_to_string(path).map_err(|e| {
-        CliError::because(
-            format!("reading {} (check the path and its permissions)", path.display()),
-            e,
-        )
-    })?;
-    let table: toml::Table = text
-        .parse()
-        .map_err(|e| CliError::because(format!("parsing {}", path.display()), e))?;
+    let text = fs::read_to_string(path).doing(format_args!(
+        "reading {} (check the path and its permissions)",
+        path.display()
+    ))?;
+    let table: toml::Table = text.parse().doing(format_args!("parsing {}", path.display()))?;
     let has = |keys: &[&str]| keys.iter().any(|k| table.contains_key(*k));
     let origin = path.display().to_string();
     match (

@@ -14,7 +14,7 @@ use alight_usv::sensors::Mount;
 use clap::Args;
 
 use crate::config::VesselComputer;
-use crate::exit::{CliError, Exit};
+use crate::exit::{CliError, Doing, Exit};
 use crate::record::readings;
 use crate::terminal;
 use crate::terminal::note;
@@ -65,8 +65,7 @@ pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
     }
     note(args.json, show::table(&origin, &review).trim_end());
     if args.json {
-        let object =
-            serde_json::to_string(&review).map_err(|e| CliError::because("writing the report", e))?;
+        let object = serde_json::to_string(&review).doing("writing the report")?;
         terminal::line(object);
     }
     Ok(Exit::Success)
