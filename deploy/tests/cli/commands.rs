@@ -1,83 +1,48 @@
 //! The program as a person meets it: exit codes, errors that help, JSON, determinism.
-use std::path::PathBuf;
-
-use crate::program::{alight, json, scratch, stderr};
+use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 #[test]
 fn bad_input_exits_with_code_2_and_names_the_input() {
-    let bad_key = scratch("bad-key.toml");
-    std::fs::write(&bad_key, "[sea]\nheight = 3\n").unwrap();
-    let bad_range = scratch("bad-range.toml");
-    std::fs::write(&bad_range, "solve_delay_s = 7.5\n").unwrap();
-    let not_finite = scratch("not-finite.toml");
-    std::fs::write(&not_finite, "solve_delay_s = nan\n").unwrap();
-    let bad_row = scratch("bad-row.csv");
-    std::fs::write(&bad_row, "t_s,roll_deg,pitch_deg\n0.0,1,1\n0.1,x,1\n").unwrap();
-    let path = |p: &PathBuf| p.to_string_lossy().into_owned();
-    let cases: &[(&[&str], &str)] = &[
-        (&["trial", "--no-such-flag"], "--no-such-flag"),
-        (&["trial", "--sea", "stormy"], "stormy"),
-        (&["trial", "--sea", "-1,5"], "amplitude_m"),
-        (&["trial", "--sea", "nan,5"], "nan"),
-        (&["trial", "--seed", "-3"], "-3"),
-        (&["trial", "--wind", "nan"], "NaN"),
-        (&["trial", "--wind", "300"], "300"),
-        (&["trial", "--speed", "-2", "--vessel", "straight"], "-2"),
-        (&["trial", "--planner", "magic"], "magic"),
+    let bad_key = file("bad-key.toml", "[sea]\nheight = 3\n");
+    let bad_range = file("bad-range.toml", "solve_delay_s = 7.5\n");
+    let not_finite = file("not-finite.toml", "solve_delay_s = nan\n");
+    let bad_row = file("bad-row.csv", "t_s,roll_deg,pitch_deg\n0.0,1,1\n0.1,x,1\n");
+    let no_file = "/nonexistent/scene.toml";
+    assert_rejected(&[
+        ("trial --no-such-flag".into(), "--no-such-flag"),
+        ("trial --sea stormy".into(), "stormy"),
+        ("trial --sea -1,5".into(), "amplitude_m"),
+        ("trial --sea nan,5".into(), "nan"),
+        ("trial --seed -3".into(), "-3"),
+        ("trial --wind nan".into(), "NaN"),
+        ("trial --wind 300".into(), "300"),
+        ("trial --speed -2 --vessel straight".into(), "-2"),
+        ("trial --planner magic".into(), "magic"),
+        (format!("trial --scenario {no_file}"), no_file),
+        (format!("trial --scenario {bad_key}"), "height"),
+        (format!("trial --scenario {bad_range}"), "solve_delay_s"),
+        (format!("trial --scenario {not_finite}"), "solve_delay_s"),
+        (format!("trial --drone-config {bad_key}"), "sea"),
+        (format!("trial --deck-motion {no_file}"), no_file),
+        (format!("trial --deck-motion {bad_row}"), "line 3"),
+        ("trial --motion-scale 2".into(), "--deck-motion"),
+        (format!("trial --plot {no_file}"), no_file),
+        ("trials --trials 0".into(), "0"),
+        ("trials --jobs 0".into(), "0"),
         (
-            &["trial", "--scenario", "/nonexistent/scene.toml"],
-            "/nonexistent/scene.toml",
-        ),
-        (&["trial", "--scenario", &path(&bad_key)], "height"),
-        (&["trial", "--scenario", &path(&bad_range)], "solve_delay_s"),
-        (&["trial", "--scenario", &path(&not_finite)], "solve_delay_s"),
-        (&["trial", "--drone-config", &path(&bad_key)], "sea"),
-        (
-            &["trial", "--deck-motion", "/nonexistent/motion.csv"],
-            "/nonexistent/motion.csv",
-        ),
-        (&["trial", "--deck-motion", &path(&bad_row)], "line 3"),
-        (&["trial", "--motion-scale", "2"], "--deck-motion"),
-        (
-            &["trial", "--plot", "/nonexistent/landing.svg"],
-            "/nonexistent/landing.svg",
-        ),
-        (&["trials", "--trials", "0"], "0"),
-        (&["trials", "--jobs", "0"], "0"),
-        (
-            &["trials", "--seed0", "18446744073709551615", "--trials", "2"],
+            "trials --seed0 18446744073709551615 --trials 2".into(),
             "18446744073709551615",
         ),
-        (
-            &["trials", "--rows", "/nonexistent/rows.csv"],
-            "/nonexistent/rows.csv",
-        ),
-    ];
-    for (args, names) in cases {
-        let o = alight(args);
-        assert_eq!(o.status.code(), Some(2), "{args:?}: {}", stderr(&o));
-        assert!(
-            stderr(&o).contains(names),
-            "{args:?} does not name {names}: {}",
-            stderr(&o)
-        );
-        assert!(!stderr(&o).contains("panicked"), "{args:?}");
-    }
+        (format!("trials --rows {no_file}"), no_file),
+    ]);
 }
 
 #[test]
 fn trial_prints_one_json_object_and_writes_a_plot() {
     let plot = scratch("landing.svg");
-    let o = alight(&[
-        "trial",
-        "--seed",
-        "3",
-        "--json",
-        "--plot",
-        &plot.to_string_lossy(),
-    ]);
+    let o = alight(format!("trial --seed 3 --json --plot {}", plot.display()));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
-    assert_eq!(String::from_utf8_lossy(&o.stdout).lines().count(), 1);
+    assert_eq!(stdout(&o).lines().count(), 1);
     let v = json(&o);
     for key in [
         "outcome",
@@ -112,18 +77,10 @@ fn trial_prints_one_json_object_and_writes_a_plot() {
 fn trials_are_bit_identical_for_one_or_two_jobs_and_across_processes() {
     let digests = |jobs: &str, name: &str| {
         let rows = scratch(name);
-        let o = alight(&[
-            "trials",
-            "--trials",
-            "3",
-            "--seed0",
-            "40",
-            "--jobs",
-            jobs,
-            "--json",
-            "--rows",
-            &rows.to_string_lossy(),
-        ]);
+        let o = alight(format!(
+            "trials --trials 3 --seed0 40 --jobs {jobs} --json --rows {}",
+            rows.display()
+        ));
         assert!(o.status.code() != Some(2), "{}", stderr(&o));
         assert_eq!(json(&o)["trials"], 3);
         let text = std::fs::read_to_string(rows).unwrap();
@@ -138,27 +95,18 @@ fn trials_are_bit_identical_for_one_or_two_jobs_and_across_processes() {
 
 #[test]
 fn config_prints_configurations_that_are_accepted() {
-    let drone = scratch("drone.toml");
-    std::fs::write(&drone, alight(&["config", "drone", "--all"]).stdout).unwrap();
-    let scenario = scratch("scenario.toml");
-    std::fs::write(&scenario, alight(&["config", "scenario"]).stdout).unwrap();
-    let o = alight(&[
-        "trial",
-        "--drone-config",
-        &drone.to_string_lossy(),
-        "--scenario",
-        &scenario.to_string_lossy(),
-        "--json",
-        "--seed",
-        "5",
-    ]);
+    let drone = file("drone.toml", alight("config drone --all").stdout);
+    let scenario = file("scenario.toml", alight("config scenario").stdout);
+    let o = alight(format!(
+        "trial --drone-config {drone} --scenario {scenario} --json --seed 5"
+    ));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
 }
 
 #[test]
 fn help_names_the_first_commands() {
-    let o = alight(&["--help"]);
-    let text = String::from_utf8_lossy(&o.stdout).into_owned();
+    let o = alight("--help");
+    let text = stdout(&o);
     assert!(text.contains("alight trial") && text.contains("Exit codes"));
     assert!(
         text.lines().all(|l| l.chars().count() <= 100),
@@ -170,26 +118,21 @@ fn help_names_the_first_commands() {
 fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
     let dir = |name: &str| scratch(name).to_string_lossy().into_owned();
     let (whole, one, two, all) = (dir("whole"), dir("shard-1"), dir("shard-2"), dir("all"));
-    let study = |out: &str, more: &[&str]| {
-        let mut args = vec![
-            "study", "table1", "--trials", "3", "--seed0", "60", "--json", "--out", out,
-        ];
-        args.extend(more);
-        let o = alight(&args);
+    let study = |out: &str, more: &str| {
+        let o = alight(format!(
+            "study table1 --trials 3 --seed0 60 --json --out {out} {more}"
+        ));
         assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
         json(&o)
     };
-    let at_once = study(&whole, &[]);
-    study(&one, &["--shard", "1/2"]);
-    study(&two, &["--shard", "2/2"]);
-    let o = alight(&["study", "merge", "--json", "--out", &all, &one, &two]);
+    let at_once = study(&whole, "");
+    study(&one, "--shard 1/2");
+    study(&two, "--shard 2/2");
+    let o = alight(format!("study merge --json --out {all} {one} {two}"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     assert_eq!(json(&o)[0]["position_error_m"], at_once[0]["position_error_m"]);
     // A shard's directory holds a part; without --shard the rest is flown and nothing twice.
-    assert_eq!(
-        study(&one, &[])[0]["tilt_error_deg"],
-        at_once[0]["tilt_error_deg"]
-    );
+    assert_eq!(study(&one, "")[0]["tilt_error_deg"], at_once[0]["tilt_error_deg"]);
     let rows = std::fs::read_to_string(scratch("shard-1").join("rows.csv")).unwrap();
     assert_eq!(rows.lines().count(), 1 + 3);
     assert!(
@@ -197,34 +140,17 @@ fn study_shards_merge_to_the_same_rows_and_an_interrupted_study_resumes() {
             .unwrap()
             .contains("<svg")
     );
-    assert_eq!(
-        alight(&["study", "table1", "--shard", "3/2"]).status.code(),
-        Some(2)
-    );
+    assert_eq!(alight("study table1 --shard 3/2").status.code(), Some(2));
 }
 
 #[test]
 fn study_pairs_two_planners_and_prints_replays_of_the_worst_seeds() {
     let out = scratch("paired");
-    let dir = out.to_string_lossy().into_owned();
-    let study = |seed0: &str, more: &[&str]| {
-        let mut args = vec![
-            "study",
-            "table2",
-            "--trials",
-            "1",
-            "--seed0",
-            seed0,
-            "--planners",
-            "alight,mpc",
-            "--json",
-            "--out",
-            &dir,
-        ];
-        args.extend(more);
-        alight(&args)
+    let study = |more: &str| {
+        let words = "study table2 --trials 1 --seed0 70 --planners alight,mpc --json --out";
+        alight(format!("{words} {} {more}", out.display()))
     };
-    let rows = json(&study("70", &[]));
+    let rows = json(&study(""));
     let rows = rows.as_array().unwrap();
     assert_eq!(rows.len(), 20);
     for row in rows {
@@ -249,7 +175,7 @@ fn study_pairs_two_planners_and_prints_replays_of_the_worst_seeds() {
     // Rows of another configuration do not mix with these.
     let other = out.join("other.toml");
     std::fs::write(&other, "[drone.planner]\npress_m = 0.2\n").unwrap();
-    let o = study("70", &["--drone-config", &other.to_string_lossy()]);
+    let o = study(&format!("--drone-config {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));
 }

@@ -1,6 +1,6 @@
 //! `alight estimate` as a person meets it: reports of what is read, exit code 2 and a reason for what is
 //! not.
-use crate::program::{alight, json, scratch, stderr};
+use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 /// Two minutes of a boat in a swell of 5 s as a motion sensor and a receiver tell it at 5 Hz.
 fn nmea() -> String {
@@ -30,17 +30,15 @@ fn nmea() -> String {
 
 #[test]
 fn estimate_reports_an_nmea_log_as_text_and_json() {
-    let log = scratch("boat.nmea");
-    std::fs::write(&log, nmea() + "$GPGGA,12").unwrap();
-    let name = log.display().to_string();
-    let o = alight(&["estimate", &name]);
+    let name = file("boat.nmea", nmea() + "$GPGGA,12");
+    let o = alight(format!("estimate {name}"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
-    let text = String::from_utf8_lossy(&o.stdout).into_owned();
+    let text = stdout(&o);
     for says in ["NMEA 0183, 179.8 s", "attitude 0", "Hs", "mean NIS", "at 0.5 s"] {
         assert!(text.contains(says), "{says} is missing in:\n{text}");
     }
     assert!(text.lines().all(|l| l.chars().count() <= 100), "{text}");
-    let o = alight(&["estimate", &name, "--json"]);
+    let o = alight(format!("estimate {name} --json"));
     let v = json(&o);
     assert_eq!(
         (&v["decoded"]["good"], &v["decoded"]["corrupted"]),
@@ -64,21 +62,13 @@ fn estimate_reports_an_nmea_log_as_text_and_json() {
 
 #[test]
 fn estimate_of_an_alight_recording_uses_its_own_configuration() {
-    let (file, scenario) = (scratch("own.mcap"), scratch("own.toml"));
-    std::fs::write(&scenario, "[start]\nwarm_up_s = 40.0\n").unwrap();
-    let name = file.display().to_string();
-    let o = alight(&[
-        "trial",
-        "--seed",
-        "104",
-        "--json",
-        "--scenario",
-        &scenario.display().to_string(),
-        "--record",
-        &name,
-    ]);
+    let scenario = file("own.toml", "[start]\nwarm_up_s = 40.0\n");
+    let name = scratch("own.mcap").display().to_string();
+    let o = alight(format!(
+        "trial --seed 104 --json --scenario {scenario} --record {name}"
+    ));
     assert!(o.status.code().is_some_and(|c| c < 2), "{}", stderr(&o));
-    let o = alight(&["estimate", &name, "--json"]);
+    let o = alight(format!("estimate {name} --json"));
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let v = json(&o);
     assert_eq!((&v["format"], &v["restarts"]), (&"MCAP".into(), &0.into()));
@@ -88,47 +78,33 @@ fn estimate_of_an_alight_recording_uses_its_own_configuration() {
 
 #[test]
 fn estimate_of_an_unreadable_file_exits_with_code_2_and_a_reason() {
-    let write = |name: &str, bytes: &[u8]| {
-        let path = scratch(name);
-        std::fs::write(&path, bytes).unwrap();
-        path.display().to_string()
-    };
     let half = nmea().into_bytes();
-    let config = write("bad-vessel.toml", b"[sensor]\nsauces = []\n");
-    let good = write("good.nmea", &half);
-    let sources = write("sources.toml", b"[[sensor.sources]]\nname = \"mast\"\n");
-    let cases: &[(&[&str], &str)] = &[
-        (&["/nonexistent/boat.csv"], "/nonexistent/boat.csv"),
-        (&[&write("empty.log", b"")], "empty"),
-        (&[&write("noise.bin", &[7; 5000])], "no known recording format"),
-        (&[&write("bad-column.csv", b"t_s,rol_deg\n0,1\n")], "rol_deg"),
+    let good = file("good.nmea", &half);
+    let config = file("bad-vessel.toml", "[sensor]\nsauces = []\n");
+    let sources = file("sources.toml", "[[sensor.sources]]\nname = \"mast\"\n");
+    let rows: String = (0..=10).map(|t| format!("{t},1\n")).collect();
+    let logs: [(&str, &[u8], &str); 8] = [
+        ("empty.log", b"", "empty"),
+        ("noise.bin", &[7; 5000], "no known recording format"),
+        ("bad-column.csv", b"t_s,rol_deg\n0,1\n", "rol_deg"),
+        ("bad-rows.csv", b"t_s,roll_deg,pitch_deg\n0,x,1\n", "line 2"),
+        ("short.nmea", &half[..2000], "too few"),
+        ("cut.ulg", b"ULog\x01\x12\x35\x01", "too few"),
+        ("cut-off.mcap", b"\x89MCAP0\r\n\x01", "cut off"),
         (
-            &[&write("bad-rows.csv", b"t_s,roll_deg,pitch_deg\n0,x,1\n")],
-            "line 2",
-        ),
-        (&[&write("short.nmea", &half[..2000])], "too few"),
-        (&[&write("cut.ulg", b"ULog\x01\x12\x35\x01")], "too few"),
-        (&[&write("cut-off.mcap", b"\x89MCAP0\r\n\x01")], "cut off"),
-        (&[&good, "--config", &config], "sauces"),
-        (&[&good, "--config", &sources, "--source", "keel"], "mast"),
-        (
-            &[&write(
-                "still.csv",
-                b"t_s,heading_deg\n0,1\n1,1\n2,1\n3,1\n4,1\n5,1\n6,1\n7,1\n8,1\n9,1\n10,1\n",
-            )],
+            "still.csv",
+            &[b"t_s,heading_deg\n", rows.as_bytes()].concat(),
             "never started",
         ),
     ];
-    for (args, says) in cases {
-        let mut all = vec!["estimate"];
-        all.extend(*args);
-        let o = alight(&all);
-        assert_eq!(o.status.code(), Some(2), "{args:?}: {}", stderr(&o));
-        assert!(
-            stderr(&o).contains(says),
-            "{args:?} does not say {says}: {}",
-            stderr(&o)
-        );
-        assert!(!stderr(&o).contains("panicked"), "{args:?}");
-    }
+    let of_log = |(name, bytes, says): (&str, &[u8], _)| (format!("estimate {}", file(name, bytes)), says);
+    assert_rejected(&logs.map(of_log));
+    assert_rejected(&[
+        ("estimate /nonexistent/boat.csv".into(), "/nonexistent/boat.csv"),
+        (format!("estimate {good} --config {config}"), "sauces"),
+        (
+            format!("estimate {good} --config {sources} --source keel"),
+            "mast",
+        ),
+    ]);
 }

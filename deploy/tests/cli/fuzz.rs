@@ -76,38 +76,26 @@ fn damaged(mut bytes: Vec<u8>, all: &[Damage]) -> Vec<u8> {
     bytes
 }
 
-/// What decodes is said again in as many bytes as any message may have, and its check does not panic.
-fn hears<M: DeserializeOwned + Serialize>(bytes: &[u8], check: impl Fn(&M)) {
-    if let Ok(message) = wire::decode::<M>(bytes) {
-        assert!(bytes.len() <= MAX_WIRE_BYTES);
-        check(&message);
-        let again = wire::encode(&message).expect("what was decoded is encoded");
-        assert!(wire::decode::<M>(&again).is_ok());
-    }
+/// A message of one kind, read from what came: it is refused, or it is sound enough to be checked and sent again.
+fn hears<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
+    let message = wire::decode::<M>(bytes).ok()?;
+    assert!(bytes.len() <= MAX_WIRE_BYTES);
+    let again = wire::encode(&message).expect("what was decoded is encoded");
+    assert!(wire::decode::<M>(&again).is_ok());
+    Some(message)
 }
 
+/// All that listens on the radio hears it.
 fn all_hear(bytes: &[u8]) {
-    hears::<VesselEstimate<VesselClock>>(bytes, |m| {
-        let _sound = m.check();
-    });
-    hears::<WaveModel<VesselClock>>(bytes, |m| {
-        let _sound = m.check();
-    });
-    hears::<VesselPrediction<VesselClock>>(bytes, |m| {
-        let _sound = m.check();
-    });
-    hears::<TimeRequest<DroneClock>>(bytes, |_| ());
-    hears::<TimeReply<VesselClock, DroneClock>>(bytes, |_| ());
-    hears::<DeckGrant<VesselClock>>(bytes, |m| {
-        let _sound = m.check();
-    });
-    hears::<OperatorCommand<VesselClock>>(bytes, |m| {
-        let _sound = m.check();
-    });
-    hears::<DroneStatus>(bytes, |m| {
-        let _sound = m.check();
-    });
-    hears::<ProcessState>(bytes, |_| ());
+    let _sound = hears::<VesselEstimate<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = hears::<WaveModel<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = hears::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = hears::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = hears::<OperatorCommand<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = hears::<DroneStatus>(bytes).map(|m| m.check());
+    hears::<TimeRequest<DroneClock>>(bytes);
+    hears::<TimeReply<VesselClock, DroneClock>>(bytes);
+    hears::<ProcessState>(bytes);
 }
 
 /// One sound message of each kind.
@@ -239,11 +227,11 @@ fn recorded() -> &'static [u8] {
     static RECORDED: OnceLock<Vec<u8>> = OnceLock::new();
     RECORDED.get_or_init(|| {
         let path = program::scratch("fuzz.mcap");
-        let scenario = program::scratch("fuzz.toml");
-        std::fs::write(&scenario, "[start]\nwarm_up_s = 2.0\nhover_s = 1.0\n").unwrap();
-        let name = path.display().to_string();
-        let scenario = scenario.display().to_string();
-        let out = program::alight(&["trial", "--json", "--scenario", &scenario, "--record", &name]);
+        let scenario = program::file("fuzz.toml", "[start]\nwarm_up_s = 2.0\nhover_s = 1.0\n");
+        let out = program::alight(format!(
+            "trial --json --scenario {scenario} --record {}",
+            path.display()
+        ));
         assert!(
             out.status.code().is_some_and(|c| c < 2),
             "{}",
@@ -348,7 +336,7 @@ fn corrupted_steps_of_a_recording_harm_no_node() {
     let done = TestRunner::new(config).run(&wrongs, |all| {
         let path = program::scratch("steps.mcap");
         with_wrong_steps(&path, &all).unwrap();
-        let out = program::alight(&["replay", &path.display().to_string()]);
+        let out = program::alight(format!("replay {}", path.display()));
         let output = program::stderr(&out);
         let code = out.status.code();
         prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
@@ -375,7 +363,7 @@ proptest! {
     fn damaged_recordings_are_replayed_or_refused(all in prop::collection::vec(damage(), 1..4)) {
         let path = program::scratch("damaged.mcap");
         std::fs::write(&path, damaged(recorded().to_vec(), &all)).unwrap();
-        let out = program::alight(&["replay", &path.display().to_string()]);
+        let out = program::alight(format!("replay {}", path.display()));
         prop_assert!(matches!(out.status.code(), Some(0..=2)), "{:?}: {}", out.status, program::stderr(&out));
     }
 }

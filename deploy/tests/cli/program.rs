@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-/// `alight ARGS`, to its end.
-pub fn alight(args: &[&str]) -> Output {
+/// `alight WORDS`, to its end.
+pub fn alight(words: impl AsRef<str>) -> Output {
     Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args(args)
+        .args(words.as_ref().split_whitespace())
         .output()
         .expect("the program runs")
 }
@@ -18,6 +18,18 @@ pub fn scratch(name: &str) -> PathBuf {
     dir.join(name)
 }
 
+/// A file of this test process with that content; its name.
+pub fn file(name: &str, content: impl AsRef<[u8]>) -> String {
+    let path = scratch(name);
+    std::fs::write(&path, content).expect("written");
+    path.display().to_string()
+}
+
+/// What it printed.
+pub fn stdout(o: &Output) -> String {
+    String::from_utf8_lossy(&o.stdout).into_owned()
+}
+
 /// What it said to a person.
 pub fn stderr(o: &Output) -> String {
     String::from_utf8_lossy(&o.stderr).into_owned()
@@ -25,6 +37,16 @@ pub fn stderr(o: &Output) -> String {
 
 /// The JSON object of its last line.
 pub fn json(o: &Output) -> serde_json::Value {
-    let text = String::from_utf8_lossy(&o.stdout);
-    serde_json::from_str(text.lines().last().expect("a line")).expect("JSON")
+    serde_json::from_str(stdout(o).lines().last().expect("a line")).expect("JSON")
+}
+
+/// Each of these commands exits with code 2, names what is wrong with it, and does not panic.
+pub fn assert_rejected(cases: &[(String, &str)]) {
+    for (words, names) in cases {
+        let o = alight(words);
+        let errors = stderr(&o);
+        assert_eq!(o.status.code(), Some(2), "{words}: {errors}");
+        assert!(errors.contains(names), "{words} does not name {names}: {errors}");
+        assert!(!errors.contains("panicked"), "{words}");
+    }
 }

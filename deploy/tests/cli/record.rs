@@ -3,41 +3,24 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use crate::program::{alight, json, scratch, stderr};
+use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 use mcap::{Compression, MessageStream, Summary, WriteOptions};
-
-fn text(path: &Path) -> String {
-    path.to_string_lossy().into_owned()
-}
 
 /// A recorded landing after a short warm-up, and its outcome; flown once.
 fn recorded() -> &'static (PathBuf, serde_json::Value) {
     static FLOWN: OnceLock<(PathBuf, serde_json::Value)> = OnceLock::new();
     FLOWN.get_or_init(|| {
-        let (scene, file) = (scratch("short.toml"), scratch("flight.mcap"));
-        std::fs::write(
-            &scene,
-            "[start]\nwarm_up_s = 15.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n",
-        )
-        .unwrap();
-        let flown = alight(&[
-            "trial",
-            "--scenario",
-            &text(&scene),
-            "--seed",
-            "5",
-            "--json",
-            "--record",
-            &text(&file),
-        ]);
+        let start = "[start]\nwarm_up_s = 15.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
+        let trial = format!("trial --scenario {} --seed 5 --json", file("short.toml", start));
+        let recording = scratch("flight.mcap");
+        let flown = alight(format!("{trial} --record {}", recording.display()));
         let outcome = json(&flown);
-        let unrecorded = alight(&["trial", "--scenario", &text(&scene), "--seed", "5", "--json"]);
         assert_eq!(
             outcome["digest"],
-            json(&unrecorded)["digest"],
+            json(&alight(trial))["digest"],
             "recording changed the flight"
         );
-        (file, outcome)
+        (recording, outcome)
     })
 }
 
@@ -72,7 +55,7 @@ fn changed(from: &Path, to: &Path, change: impl Fn(&str, u32, &mut Vec<u8>)) {
 #[test]
 fn recording_replays_bit_identically() {
     let (file, _) = recorded();
-    let replay = alight(&["replay", &text(file), "--json"]);
+    let replay = alight(format!("replay {} --json", file.display()));
     assert_eq!(replay.status.code(), Some(0), "{}", stderr(&replay));
     let output = json(&replay);
     assert_eq!(output["identical"], true, "{output}");
@@ -101,8 +84,8 @@ fn replay_reports_a_flipped_input_byte_at_its_node() {
                 bytes[i] ^= 1;
             }
         });
-        let replay = alight(&["replay", &text(&other)]);
-        let output = String::from_utf8_lossy(&replay.stdout).into_owned();
+        let replay = alight(format!("replay {}", other.display()));
+        let output = stdout(&replay);
         assert_ne!(
             replay.status.code(),
             Some(0),
@@ -123,7 +106,7 @@ fn replay_reports_a_changed_output_at_its_node_and_time() {
             *bytes.last_mut().unwrap() ^= 0x10;
         }
     });
-    let replay = alight(&["replay", &text(&other), "--json"]);
+    let replay = alight(format!("replay {} --json", other.display()));
     assert_eq!(replay.status.code(), Some(1));
     let output = json(&replay);
     // The drone appears at 14 s; steps are 10 ms apart.
@@ -137,8 +120,7 @@ fn replay_reports_a_changed_output_at_its_node_and_time() {
 
 #[test]
 fn replay_rejects_damaged_foreign_and_missing_files_with_code_2() {
-    let (file, _) = recorded();
-    let good = std::fs::read(file).unwrap();
+    let good = std::fs::read(&recorded().0).unwrap();
     // One byte in every 4 kB of the middle: some of them lie in chunks, which have check sums, and not
     // only in the index records between them, which a replay does not need.
     let mut flipped = good.clone();
@@ -151,33 +133,17 @@ fn replay_rejects_damaged_foreign_and_missing_files_with_code_2() {
         ("empty.mcap", Vec::new()),
         ("text.mcap", b"not a recording".repeat(100)),
     ];
-    for (name, bytes) in cases {
-        let path = scratch(name);
-        std::fs::write(&path, bytes).unwrap();
-        let replay = alight(&["replay", &text(&path)]);
-        assert_eq!(replay.status.code(), Some(2), "{name}: {}", stderr(&replay));
-        assert!(stderr(&replay).contains(name), "{}", stderr(&replay));
-    }
+    assert_rejected(&cases.map(|(name, bytes)| (format!("replay {}", file(name, bytes)), name)));
     let foreign = scratch("foreign.mcap");
     let writer = std::io::BufWriter::new(std::fs::File::create(&foreign).unwrap());
-    WriteOptions::new()
-        .compression(None)
-        .create(writer)
-        .unwrap()
-        .finish()
-        .unwrap();
-    for path in [text(&foreign), "/nonexistent/flight.mcap".into()] {
-        let replay = alight(&["replay", &path]);
-        assert_eq!(replay.status.code(), Some(2), "{path}: {}", stderr(&replay));
-        assert!(stderr(&replay).contains(&path), "{}", stderr(&replay));
-    }
-    let nowhere = alight(&["trial", "--record", "/nonexistent/flight.mcap"]);
-    assert_eq!(nowhere.status.code(), Some(2));
-    assert!(
-        stderr(&nowhere).contains("/nonexistent/flight.mcap"),
-        "{}",
-        stderr(&nowhere)
-    );
+    let mut writer = WriteOptions::new().compression(None).create(writer).unwrap();
+    writer.finish().unwrap();
+    let (foreign, none) = (foreign.display().to_string(), "/nonexistent/flight.mcap");
+    assert_rejected(&[
+        (format!("replay {foreign}"), &foreign),
+        (format!("replay {none}"), none),
+        (format!("trial --record {none}"), none),
+    ]);
 }
 
 #[test]
@@ -227,33 +193,18 @@ fn recording_contains_every_displayed_topic() {
 
 #[test]
 fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
-    let refused = alight(&["calibrate", "deck", &text(&recorded().0)]);
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(
-        stderr(&refused).contains("leave the drone on the deck"),
-        "{}",
-        stderr(&refused)
+    let refused = format!("calibrate deck {}", recorded().0.display());
+    assert_rejected(&[(refused, "leave the drone on the deck")]);
+    let stays = "stay_s = 40.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
+    let (scene, recording) = (
+        file("stays.toml", stays),
+        scratch("stays.mcap").display().to_string(),
     );
-    let (scene, file) = (scratch("stays.toml"), scratch("stays.mcap"));
-    std::fs::write(
-        &scene,
-        "stay_s = 40.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n",
-    )
-    .unwrap();
-    let [scene, file] = [text(&scene), text(&file)];
-    let flown = alight(&[
-        "trial",
-        "--sea",
-        "slight",
-        "--scenario",
-        &scene,
-        "--seed",
-        "5",
-        "--record",
-        &file,
-    ]);
+    let flown = alight(format!(
+        "trial --sea slight --scenario {scene} --seed 5 --record {recording}"
+    ));
     assert!(flown.status.success(), "{}", stderr(&flown));
-    let deck = alight(&["calibrate", "deck", &file, "--json"]);
+    let deck = alight(format!("calibrate deck {recording} --json"));
     let found = json(&deck);
     let centre = found["centre_m"].as_array().unwrap();
     for (axis, truth) in centre.iter().zip([0.0, 0.0, -1.3]) {
@@ -265,55 +216,32 @@ fn deck_calibration_accepts_only_a_recording_that_ends_on_the_deck() {
         found["mount"].is_null() && found["seconds"].as_f64() > Some(30.0),
         "{found}"
     );
-    let lines = alight(&["calibrate", "deck", &file]);
-    let output = String::from_utf8_lossy(&lines.stdout).into_owned();
+    let lines = alight(format!("calibrate deck {recording}"));
+    let output = stdout(&lines);
     assert!(
         output.contains("[vessel.deck]\ncentre_m = [") && output.contains("[drone.deck]"),
         "{output}"
     );
 
     // In waves the antenna, and nothing of the hull.
-    let vessel = alight(&["calibrate", "vessel", &file]);
-    let output = String::from_utf8_lossy(&vessel.stdout).into_owned();
+    let vessel = alight(format!("calibrate vessel {recording}"));
+    let output = stdout(&vessel);
     assert!(
         output.contains("roll   not observable") && output.contains("GNSS antenna"),
         "{output}"
     );
     // A weight that lies in waves tells no more.
-    let vessel = alight(&[
-        "calibrate",
-        "vessel",
-        &file,
-        "--loaded-log",
-        &file,
-        "--weight",
-        "60,1.4,0.9",
-    ]);
-    let output = String::from_utf8_lossy(&vessel.stdout).into_owned();
+    let loaded = format!("calibrate vessel {recording} --loaded-log {recording} --weight");
+    let vessel = alight(format!("{loaded} 60,1.4,0.9"));
+    let output = stdout(&vessel);
     assert!(
         output.contains("roll   under the weight: heels by 0.00"),
         "{output}"
     );
-    for weight in ["60,1.4", "0,1,1", "60,x,1,2", "-5,1,1"] {
-        let refused = alight(&[
-            "calibrate",
-            "vessel",
-            &file,
-            "--loaded-log",
-            &file,
-            "--weight",
-            weight,
-        ]);
-        assert_eq!(refused.status.code(), Some(2), "{weight}");
-    }
-    let nothing = scratch("poses.csv");
-    std::fs::write(&nothing, "t_s,roll_deg\n0,1\n1,x\n").unwrap();
-    for (what, why) in [
-        (text(&nothing), "line 3: no number"),
-        ("poses.txt".into(), "neither FILE.mcap"),
-    ] {
-        let refused = alight(&["calibrate", "vessel", &what]);
-        assert_eq!(refused.status.code(), Some(2), "{what}");
-        assert!(stderr(&refused).contains(why), "{}", stderr(&refused));
-    }
+    assert_rejected(&["60,1.4", "0,1,1", "60,x,1,2", "-5,1,1"].map(|w| (format!("{loaded} {w}"), w)));
+    let nothing = file("poses.csv", "t_s,roll_deg\n0,1\n1,x\n");
+    assert_rejected(&[
+        (format!("calibrate vessel {nothing}"), "line 3: no number"),
+        ("calibrate vessel poses.txt".into(), "neither FILE.mcap"),
+    ]);
 }

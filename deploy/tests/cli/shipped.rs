@@ -6,6 +6,8 @@ use std::process::Command;
 
 use toml::{Table, Value};
 
+use crate::program::{alight, stdout};
+
 /// Keys that the shipped files set otherwise than the program's defaults, and why.
 const OTHERWISE: [(&str, &str); 7] = [
     (
@@ -27,13 +29,11 @@ fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
 }
 
-fn alight(args: &[&str]) -> String {
-    let out = Command::new(env!("CARGO_BIN_EXE_alight"))
-        .args(args)
-        .output()
-        .expect("the program runs");
-    assert!(out.status.success(), "{args:?}: {out:?}");
-    String::from_utf8(out.stdout).expect("text")
+/// What `alight WORDS` prints.
+fn printed(words: &str) -> String {
+    let out = alight(words);
+    assert!(out.status.success(), "{words}: {out:?}");
+    stdout(&out)
 }
 
 /// Every key with its dotted name.
@@ -71,7 +71,7 @@ fn assert_explained(side: &str, text: &str) {
 #[test]
 fn shipped_configurations_are_short_and_explained_and_hold_defaults() {
     for side in ["vessel", "drone"] {
-        let text = alight(&["config", side]);
+        let text = printed(&format!("config {side}"));
         let file = std::fs::read_to_string(shipped(&format!("{side}/{side}.toml")));
         assert_eq!(text.trim_end(), file.expect("the shipped file").trim_end());
         assert_explained(side, &text);
@@ -80,7 +80,7 @@ fn shipped_configurations_are_short_and_explained_and_hold_defaults() {
             text.lines().count() <= 200 && here.len() <= 70,
             "{side}: too long"
         );
-        let all = keys(&alight(&["config", side, "--all"]));
+        let all = keys(&printed(&format!("config {side} --all")));
         for (key, value) in &here {
             let otherwise = OTHERWISE.iter().any(|(k, _)| k == key);
             let default = all.get(key);
@@ -95,7 +95,7 @@ fn shipped_configurations_are_short_and_explained_and_hold_defaults() {
 #[test]
 fn config_all_explains_every_key() {
     for (side, least) in [("vessel", 70), ("drone", 400)] {
-        let text = alight(&["config", side, "--all"]);
+        let text = printed(&format!("config {side} --all"));
         assert_explained(side, &text);
         assert!(keys(&text).len() >= least, "{side}");
     }
