@@ -157,8 +157,7 @@ fn short_name<T>() -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::Seq;
-    use crate::msg::{PredictedStage, VesselEstimate, VesselPrediction, WaveComponent, WaveModel};
+    use crate::msg::{PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveComponent, WaveModel};
     use crate::time::VesselClock;
 
     fn estimate() -> VesselEstimate<VesselClock> {

@@ -9,8 +9,7 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::Seq;
-use alight_shared::msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, VesselEstimate};
+use alight_shared::msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, Seq, VesselEstimate};
 use alight_shared::time::{Span, Time, VesselClock};
 use nalgebra::{UnitQuaternion, Vector3};
 

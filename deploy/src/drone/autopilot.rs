@@ -6,8 +6,9 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::Seq;
-use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, MissionState, RangeSample, SetPoint};
+use alight_shared::msg::{
+    AutopilotState, DeckForecast, DroneState, MissionState, RangeSample, Seq, SetPoint,
+};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use alight_shared::transport::metrics::MetricName;

@@ -4,17 +4,14 @@ use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::Rejections;
-use alight_shared::config;
-use alight_shared::msg::Seq;
-use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState};
+use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState, Seq};
 use alight_shared::time::Stamped;
-use alight_shared::topics;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::metrics::{MetricName, Metrics};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
-use alight_shared::wire;
+use alight_shared::{config, topics, wire};
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};

@@ -9,8 +9,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 
 use alight_shared::config::{self, Check as _, Keys};
-use alight_shared::msg::Seq;
-use alight_shared::msg::{TagPose, UvdarFix};
+use alight_shared::msg::{Seq, TagPose, UvdarFix};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;

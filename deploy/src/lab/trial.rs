@@ -6,8 +6,7 @@ use crate::exit::{CliError, Doing, Exit};
 use crate::lab::args::TrialArgs;
 use crate::lab::scene::{Scene, stopwatch};
 use crate::lab::{outcome_table, plot, record};
-use crate::terminal;
-use crate::terminal::note;
+use crate::terminal::{self, note};
 
 /// Flies one landing, shows its phases, ends with a table.
 pub fn run(args: &TrialArgs) -> Result<Exit, CliError> {

@@ -5,11 +5,10 @@ use std::io::stderr;
 
 use alight_shared::transport::rejections;
 use tracing::level_filters::LevelFilter;
-use tracing_subscriber::Layer;
 use tracing_subscriber::filter::Targets;
-use tracing_subscriber::fmt;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{Layer, fmt};
 
 /// Reports go there from now on; who was refused at the radio is counted besides.
 pub fn init() {

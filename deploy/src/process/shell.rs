@@ -7,11 +7,10 @@ use alight_shared::config;
 use alight_shared::msg::Seq;
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Instance, Listener, Memory};
 use alight_shared::transport::metrics::Metric;
 use alight_shared::transport::process::{InputState, ProcessKind};
-use alight_shared::transport::wake;
+use alight_shared::transport::{TransportError, wake};
 use serde::Serialize;
 
 use crate::config::DroneComputer;

@@ -9,21 +9,19 @@ use alight_shared::msg::{
     Command, CommandKind, DroneStatus, Header, MESSAGE_VERSION, MissionState, OperatorCommand, Reason, State,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
-use alight_shared::topics;
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_shared::transport::wake::end_requested;
-use alight_shared::wire;
+use alight_shared::{topics, wire};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use crate::certificates;
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::process::life::draw_boot;
 use crate::process::radio_keys::vessel_key;
-use crate::terminal;
+use crate::{certificates, terminal};
 
 /// The mission has this long to show that it took the command: its state comes at 50 Hz ...
 const MAX_POLLS: u32 = 40;

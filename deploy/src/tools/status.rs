@@ -16,10 +16,9 @@ use crate::process::observer::Observer;
 use crate::process::snapshot::{Snapshot, time};
 use crate::process::supervisor::pause;
 use crate::terminal;
-use crate::tools::check;
 use crate::tools::check::facts::Computer;
 use crate::tools::check::gather;
-use crate::tools::vessel_status;
+use crate::tools::{check, vessel_status};
 
 /// What runs.
 #[derive(Args, Debug)]

@@ -14,8 +14,7 @@ use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check;
 use crate::tools::check::rules::{Finding, Level};
-use crate::vessel::status_file;
-use crate::vessel::status_file::{CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
+use crate::vessel::status_file::{self, CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
 const STALE_S: f64 = 3.0;
@@ -281,8 +280,7 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vessel::status_file::DroneContact;
-    use crate::vessel::status_file::ProcessStatus;
+    use crate::vessel::status_file::{DroneContact, ProcessStatus};
 
     fn status() -> VesselStatus {
         VesselStatus {

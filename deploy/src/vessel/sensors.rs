@@ -21,8 +21,7 @@ use crate::process::args::SensorsArgs;
 use crate::process::life::{draw_boot, end_with_supervisor};
 use crate::process::supervisor::pause;
 use crate::terminal;
-use crate::vessel::sensor_supervisor;
-use crate::vessel::sensor_supervisor::SourceReport;
+use crate::vessel::sensor_supervisor::{self, SourceReport};
 use alight_shared::transport::wake::end_requested;
 use std::sync::atomic::Ordering;
 

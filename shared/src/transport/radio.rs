@@ -13,8 +13,7 @@ use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 
-use crate::config;
-use crate::config::{Check, Keys};
+use crate::config::{self, Check, Keys};
 use crate::transport::clock::steady_ns;
 use crate::transport::observe::{ReceiveChannel, observer, receive_channel};
 use crate::transport::rejections::PlaintextAttempts;

@@ -4,8 +4,7 @@
 use std::fmt::Write;
 
 use super::{FirmwareConfig, motors};
-use crate::physics::drone::PlantState;
-use crate::physics::drone::ROTORS;
+use crate::physics::drone::{PlantState, ROTORS};
 
 /// Where ArduPilot looks for a simulator.
 pub const PORT: u16 = 9002;

@@ -6,8 +6,7 @@ use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::wire::{Decoder, encode};
 
 use super::{FirmwareConfig, FirmwareSensors, motors};
-use crate::physics::drone::PlantState;
-use crate::physics::drone::ROTORS;
+use crate::physics::drone::{PlantState, ROTORS};
 
 /// Where PX4 looks for a simulator.
 pub const PORT: u16 = 4560;

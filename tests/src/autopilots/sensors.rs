@@ -7,9 +7,8 @@ use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 
 use super::FirmwareConfig;
-use crate::physics::drone::NavigationConfig;
-use crate::physics::drone::PlantState;
 use crate::physics::drone::noise::{GaussMarkov, normal};
+use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::streams::Streams;
 
 /// Inertial noise is configured per sample of this rate, Hz.

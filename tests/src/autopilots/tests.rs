@@ -7,9 +7,8 @@ use alight_uav::autopilot::wire::{Decoder, encode};
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
-use super::ardupilot;
 use super::px4::Px4Plant;
-use super::{FirmwareConfig, FirmwareSensors, motors};
+use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors};
 use crate::harness::physics::{EXCHANGES_PER_TICK, Physics, TICK};
 use crate::harness::scenario::Scenario;
 use crate::physics::drone::NavigationConfig;

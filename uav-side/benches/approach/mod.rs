@@ -14,8 +14,7 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::naive;
-use super::planner::model::clearance;
-use super::planner::model::{MIXER, discretise};
+use super::planner::model::{MIXER, clearance, discretise};
 use super::planner::mpc_faa::{Mpc, Problem, heading_free};
 use super::planner::qp::CEILING_SLACK_M;
 use super::planner::{Planner, PlannerConfig, PlannerIn};

@@ -1,8 +1,7 @@
 //! The node: an ideal drone lands, commands and frames are handled, random input is harmless.
 
 use alight_shared::config::parse;
-use alight_shared::msg::Seq;
-use alight_shared::msg::{AutopilotMode, DeckStage, LandedState, Message, Phase, Source};
+use alight_shared::msg::{AutopilotMode, DeckStage, LandedState, Message, Phase, Seq, Source};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 

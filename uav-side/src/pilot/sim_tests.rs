@@ -1,7 +1,6 @@
 //! The pilot in a small world of its own: a drone with lags over a heaving, tilting deck.
 
-use alight_shared::msg::Seq;
-use alight_shared::msg::{LandedState, Source};
+use alight_shared::msg::{LandedState, Seq, Source};
 use nalgebra::UnitQuaternion;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -1,8 +1,7 @@
 //! The pieces against their equations, safe action, and random input.
 
 use alight_shared::config::parse;
-use alight_shared::msg::LandedState;
-use alight_shared::msg::Seq;
+use alight_shared::msg::{LandedState, Seq};
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 

@@ -4,12 +4,11 @@
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use alight_shared::config;
-use alight_shared::topics;
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Instance, Listener, Memory};
 use alight_shared::transport::observe::{observe, receive_through};
 use alight_shared::transport::process::ProcessKind;
+use alight_shared::{config, topics};
 use alight_sim::baselines::Baseline;
 use alight_sim::radio::Direction;
 use alight_uav::planner::{Planner, PlannerOut};

@@ -5,15 +5,13 @@ use alight_shared::msg::State;
 use alight_sim::harness::outcome::Ending;
 use serde::Serialize;
 
-use crate::cells;
 use crate::exit::{CliError, Exit};
 use crate::lab::live::args::FaultsArgs;
 use crate::lab::live::fault::{FaultKind, FaultSpec, PROCESSES};
-use crate::lab::live::fleet;
-use crate::lab::live::fleet::{Done, Job};
+use crate::lab::live::fleet::{self, Done, Job};
 use crate::table::{Cell, Table, verdict};
-use crate::terminal;
 use crate::terminal::note;
+use crate::{cells, terminal};
 
 /// The phases of the table.
 const PHASES: [State; 4] = [State::Approach, State::Tracking, State::Descent, State::Flare];

@@ -6,11 +6,10 @@ use std::time::Duration;
 
 use alight_shared::msg::MissionState;
 use alight_shared::time::{Time, TrueTime};
-use alight_shared::transport::Received;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::Instance;
 use alight_shared::transport::observe::ReceiveChannel;
-use alight_shared::transport::wake;
+use alight_shared::transport::{Received, wake};
 use alight_sim::harness::scenario::StateOutage;
 use alight_sim::physics::streams::Streams;
 use alight_sim::radio::{Direction, Radio, on_air};

@@ -32,12 +32,11 @@ use crate::lab::live::config::{
     Attachments, AutopilotKind, RelayConfig, SimulatedWorld, attached, free_port, write,
 };
 use crate::lab::live::fault::Fault;
-use crate::lab::live::follow;
-use crate::lab::live::recording;
 use crate::lab::live::relay::Tap;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::usage::UsageLog;
 use crate::lab::live::world::WorldReport;
+use crate::lab::live::{follow, recording};
 use crate::lab::record::Subject;
 use crate::lab::scene::Scene;
 use crate::lab::{outcome_table, plot};
@@ -47,8 +46,7 @@ use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::supervision::Limits;
 use crate::process::supervisor::{Event, Supervisor, arguments};
-use crate::terminal;
-use crate::terminal::note;
+use crate::terminal::{self, note};
 
 /// The world's time zero lies this much in the future when the processes start, ns.
 const START_DELAY_NS: i64 = 1_500_000_000;

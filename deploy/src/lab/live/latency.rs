@@ -20,13 +20,12 @@ use alight_shared::wire;
 use clap::Args;
 use serde_json::json;
 
-use crate::cells;
 use crate::exit::{CliError, Doing, Exit};
 use crate::lab::live::times::Times;
 use crate::process::instance::OwnedInstance;
 use crate::process::snapshot::time;
 use crate::table::{Cell, Table};
-use crate::terminal;
+use crate::{cells, terminal};
 
 /// Messages a second.
 const RATE_HZ: u32 = 100;

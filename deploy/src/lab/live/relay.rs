@@ -18,19 +18,17 @@ use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::observe::SendObserver;
 use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::ProcessKind;
-use alight_shared::transport::wake;
-use alight_shared::transport::{Received, TransportError};
+use alight_shared::transport::{Received, TransportError, wake};
 use alight_shared::wire;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::config::RelayConfig;
 use super::times::Times;
-use crate::cells;
 use crate::exit::{CliError, Doing};
 use crate::process::snapshot::{Snapshot, time};
 use crate::table::Table;
-use crate::terminal;
+use crate::{cells, terminal};
 
 /// The messages that are relayed in shared memory: the chain from the vessel's estimate to the
 /// set-point.

@@ -5,8 +5,7 @@
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::msg::Seq;
-use alight_shared::msg::{DeckForecast, MissionState, State};
+use alight_shared::msg::{DeckForecast, MissionState, Seq, State};
 use alight_shared::time::TrueTime;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
 use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};

@@ -3,12 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use alight_shared::config;
 use alight_shared::msg::{AutopilotState, DroneState, TagPose, VesselEstimate};
 use alight_shared::time::DroneClock;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Subscriber};
-use alight_shared::wire;
+use alight_shared::{config, wire};
 use alight_uav::calibrate::{
     DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd, replaces,
 };

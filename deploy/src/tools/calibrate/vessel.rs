@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_shared::config;
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
-use alight_shared::wire;
+use alight_shared::{config, wire};
 use alight_usv::calibrate::incline::{inertia, level, stiffness};
 use alight_usv::calibrate::{
     DOF_NAMES, Decay, NotObservable, Record, Signal, Stiffness, ValueWithSd, VesselCalibration, Weight,

@@ -3,8 +3,7 @@
 use alight_shared::transport::radio::RadioConfig;
 use serde::Serialize;
 
-use crate::certificates::Certificate;
-use crate::certificates::{RENEWAL_DAYS, common_name};
+use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
 use crate::tools::check::facts::{
     CameraCheck, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceCheck,
 };

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 use alight_shared::transport::radio::TlsConfig;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
-use crate::certificates;
-use crate::certificates::Certificate;
+use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::tools::check::facts::{

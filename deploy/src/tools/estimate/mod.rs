@@ -16,8 +16,7 @@ use clap::Args;
 use crate::config::VesselComputer;
 use crate::exit::{CliError, Doing, Exit};
 use crate::record::readings;
-use crate::terminal;
-use crate::terminal::note;
+use crate::terminal::{self, note};
 
 /// Largest recording that is read, bytes.
 const MAX_BYTES: u64 = 512 << 20;
