@@ -212,6 +212,14 @@ pub struct Datum {
 }
 
 impl Datum {
+    /// From geodetic latitude and longitude, deg, and the height above the ellipsoid, m.
+    pub const fn new(latitude_deg: f64, longitude_deg: f64, height_m: f64) -> Self {
+        Datum {
+            latitude_deg,
+            longitude_deg,
+            height_m,
+        }
+    }
     /// NED displacement (m) of `other`'s origin seen from `self`'s, by the local radii of the
     /// WGS-84 ellipsoid (Groves 2013, eq. 2.105 and 2.106); exact to millimetres within 10 km.
     pub fn offset_to<F>(&self, other: &Datum) -> Vector<F> {
@@ -297,11 +305,7 @@ mod tests {
 
     #[test]
     fn datum_offset_of_a_millidegree_of_latitude_is_111_m() {
-        let a = Datum {
-            latitude_deg: 45.0,
-            longitude_deg: 7.0,
-            height_m: 0.0,
-        };
+        let a = Datum::new(45.0, 7.0, 0.0);
         let b = Datum {
             latitude_deg: 45.001,
             ..a

@@ -6,7 +6,7 @@ pub mod supervision;
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
 use alight_shared::transport::clock::ProcessClock;
-use alight_shared::transport::radio::RadioConfig;
+use alight_shared::transport::radio::{RadioConfig, TlsConfig};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::settings::DroneSettings;
 use alight_usv::sensors::SourcesConfig;
@@ -29,10 +29,7 @@ config! {
         pub clock: ProcessClock;
         /// Its radio; it listens.
         /// Source: Zenoh's usual port.
-        pub radio: RadioConfig = RadioConfig {
-            listen: vec!["udp/0.0.0.0:7447".into()],
-            ..RadioConfig::default()
-        }, table;
+        pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
         /// How the deck is reserved for drones.
         pub deck: DeckConfig;
         /// Its node.
@@ -59,10 +56,7 @@ config! {
         pub clock: ProcessClock;
         /// Its radio; it connects.
         /// Source: Ours, the vessel's address on its own network.
-        pub radio: RadioConfig = RadioConfig {
-            connect: vec!["udp/192.168.7.1:7447".into()],
-            ..RadioConfig::default()
-        }, table;
+        pub radio: RadioConfig = RadioConfig::dialling("udp/192.168.7.1:7447", TlsConfig::default()), table;
         /// Its link to a real autopilot.
         pub autopilot: AutopilotLinkConfig;
         /// Its bridge.

@@ -54,10 +54,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut age_s = f64::INFINITY;
     let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
 
-    let publication = |name: &str, urgency| Publication {
-        key: drone_key(&own, name),
-        urgency,
-    };
+    let publication = |name: &str, urgency| Publication::new(drone_key(&own, name), urgency);
     let publications = vec![
         publication(topics::TIME_REQUEST.name, Urgency::State),
         publication(topics::DRONE_STATUS.name, Urgency::Status),

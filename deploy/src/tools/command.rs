@@ -158,16 +158,11 @@ fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliEr
     let own = certificates::read_certificate(&keys.join("certificate.pem"))?
         .certificate
         .name;
-    let config = RadioConfig {
-        connect: vec![endpoint.into()],
-        tls: certificates::files(keys, vec![certificates::common_name("vessel", args.vessel_id)])?,
-        ..RadioConfig::default()
-    };
+    let vessel = certificates::common_name("vessel", args.vessel_id);
+    let config = RadioConfig::dialling(endpoint, certificates::files(keys, vec![vessel])?);
     config.check(&Keys::ROOT)?;
-    let publications = vec![Publication {
-        key: format!("alight/{own}/{}", topics::OPERATOR.name),
-        urgency: Urgency::State,
-    }];
+    let key = format!("alight/{own}/{}", topics::OPERATOR.name);
+    let publications = vec![Publication::new(key, Urgency::State)];
     let received = vessel_key(args.vessel_id, topics::DRONES.name);
     let mut radio = Radio::open(&config, publications, vec![received])?;
     let kind = args.order.kind();

@@ -81,10 +81,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     })?;
     let mut sensors = SensorSocket::listen(&computer.sensors)
         .doing(format_args!("listening for sensors on {}", computer.sensors))?;
-    let publication = |name: &str, urgency| Publication {
-        key: vessel_key(id, name),
-        urgency,
-    };
+    let publication = |name: &str, urgency| Publication::new(vessel_key(id, name), urgency);
     let publications = vec![
         publication(topics::ESTIMATE.name, Urgency::State),
         publication(topics::WAVE.name, Urgency::Model),

@@ -70,16 +70,14 @@ fn accepted(name: &str, intruders: impl Fn(&str, &Path) -> Vec<Intruder>) -> boo
     rejections::listen();
     let directory = common::certificates(name);
     let address = free_udp();
-    let listen = RadioConfig {
-        listen: vec![format!("quic/{address}")],
-        tls: tls(&directory.join("vessel-1"), &["drone-1", "drone-2"]),
-        ..RadioConfig::default()
-    };
-    let dial = RadioConfig {
-        connect: vec![format!("quic/{address}")],
-        tls: tls(&directory.join("drone-1"), &["vessel-1"]),
-        ..RadioConfig::default()
-    };
+    let listen = RadioConfig::listening(
+        format!("quic/{address}"),
+        tls(&directory.join("vessel-1"), &["drone-1", "drone-2"]),
+    );
+    let dial = RadioConfig::dialling(
+        format!("quic/{address}"),
+        tls(&directory.join("drone-1"), &["vessel-1"]),
+    );
     let all = vec!["alight/**".to_owned()];
     let mut vessel =
         Radio::open(&listen, publication("alight/vessel-1/estimate"), all.clone()).expect("opens");
@@ -125,7 +123,7 @@ fn assert_counted(why: AccessRejection) {
 #[test]
 fn vessel_accepts_an_admitted_certificate_on_its_own_key() {
     assert!(accepted("right", |at, keys| {
-        common::keys(keys, &["drone", "2"]);
+        common::keys(keys, "drone 2");
         vec![Intruder::dial(
             &format!("quic/{at}"),
             &files(&keys.join("drone-2")),
@@ -151,8 +149,8 @@ fn vessel_rejects_plain_tcp_and_a_peer_without_certificate() {
 fn vessel_rejects_a_certificate_of_another_authority() {
     assert!(!accepted("other", |at, keys| {
         let other = keys.join("other");
-        common::keys(&other, &["init"]);
-        common::keys(&other, &["drone", "1"]);
+        common::keys(&other, "init");
+        common::keys(&other, "drone 1");
         let mut files = files(&other.join("drone-1"));
         // It trusts the vessel; the vessel does not trust it.
         files[0].1 = keys.join("authority.pem");
@@ -164,7 +162,7 @@ fn vessel_rejects_a_certificate_of_another_authority() {
 #[test]
 fn vessel_rejects_a_name_that_is_not_admitted() {
     assert!(!accepted("name", |at, keys| {
-        common::keys(keys, &["drone", "9"]);
+        common::keys(keys, "drone 9");
         vec![
             Intruder::dial(&format!("quic/{at}"), &files(&keys.join("drone-9")), STATUS),
             Intruder::dial(
@@ -180,7 +178,7 @@ fn vessel_rejects_a_name_that_is_not_admitted() {
 #[test]
 fn vessel_rejects_an_admitted_name_on_the_key_of_another_drone() {
     assert!(!accepted("key", |at, keys| {
-        common::keys(keys, &["drone", "2"]);
+        common::keys(keys, "drone 2");
         let own = files(&keys.join("drone-2"));
         [STATUS, "alight/vessel-1/estimate"]
             .map(|key| Intruder::dial(&format!("quic/{at}"), &own, key))
@@ -202,11 +200,10 @@ fn drone_rejects_the_vessel_on_a_key_outside_its_rule() {
     let address = free_udp();
     // The vessel's certificate admits the vessel's keys and no others.
     let mut vessel = Intruder::listen(&format!("quic/{address}"), &files, "alight/vessel-1/estimate");
-    let dial = RadioConfig {
-        connect: vec![format!("quic/{address}")],
-        tls: tls(&keys.join("drone-1"), &["vessel-1"]),
-        ..RadioConfig::default()
-    };
+    let dial = RadioConfig::dialling(
+        format!("quic/{address}"),
+        tls(&keys.join("drone-1"), &["vessel-1"]),
+    );
     let mut drone = Radio::open(&dial, publication(STATUS), vec!["alight/**".to_owned()]).expect("opens");
     let mut friend = 0;
     for _ in 0..2000 {

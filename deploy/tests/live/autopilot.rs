@@ -13,7 +13,7 @@ use alight_shared::transport::memory;
 use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_uav::autopilot::modes::Firmware;
 
-use crate::common::alight;
+use crate::common::{alight, errors};
 
 /// What a round of the test waits, and how many rounds it waits for anything at most.
 const ROUND: Duration = Duration::from_millis(4);
@@ -61,11 +61,11 @@ impl Scene {
         socket.set_nonblocking(true).unwrap();
         let ours = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         socket.connect(ours).unwrap();
-        let child = alight()
-            .args(["autopilot", "--supervised", "--connect"])
-            .arg(format!("udpin://{ours}"))
-            .arg("--config")
-            .arg(&config)
+        let words = format!(
+            "autopilot --supervised --connect udpin://{ours} --config {}",
+            config.display()
+        );
+        let child = alight(words)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .spawn()
@@ -173,12 +173,12 @@ fn autopilot_process_refuses_a_malformed_address() {
     let config = std::env::temp_dir().join(format!("{name}.toml"));
     std::fs::write(&config, format!("instance = {name:?}\n")).unwrap();
     for url in ["udp://:14540", "serial:ttyACM0", "tcpout://no such host:1"] {
-        let out = alight()
-            .args(["autopilot", "--connect", url, "--config"])
+        let out = alight("autopilot --connect")
+            .args([url, "--config"])
             .arg(&config)
             .output()
             .unwrap();
-        let errors = String::from_utf8_lossy(&out.stderr);
+        let errors = errors(&out);
         assert_eq!(out.status.code(), Some(2), "{url}: {errors}");
         assert!(errors.contains("serial:///dev/ttyACM0:921600"), "{errors}");
     }

@@ -16,7 +16,7 @@ use alight_uav::camera::uvdar::UvdarSettings;
 use nalgebra::Vector3;
 use serde_json::Value;
 
-use crate::common::{alight, scratch};
+use crate::common::{self, errors, printed, scratch};
 
 /// A directory that goes with the test.
 struct Directory(PathBuf);
@@ -67,23 +67,14 @@ fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
     (shot, shot.view.to_camera_frame(deck.position))
 }
 
-fn run(verb: &str, config: &Path, more: &[&str]) -> Output {
-    alight()
-        .args([verb, "--config"])
-        .arg(config)
-        .args(more)
-        .output()
-        .unwrap()
+fn run(verb: &str, config: &Path, more: &str) -> Output {
+    common::run(format!("{verb} --config {} {more}", config.display()))
 }
 
 /// Distances of the printed places from `truth`, and the counts of the last line.
 fn places(out: &Output, truth: &Vector3<f64>) -> (Vec<f64>, Value) {
-    let text = String::from_utf8_lossy(&out.stdout);
-    assert!(
-        out.status.success(),
-        "{text}{}",
-        String::from_utf8_lossy(&out.stderr)
-    );
+    let text = printed(out);
+    assert!(out.status.success(), "{text}{}", errors(out));
     let lines: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     let off = |line: &Value| {
         let p: [f64; 3] = serde_json::from_value(line["position_m"].clone()).ok()?;
@@ -107,7 +98,7 @@ fn uvdar_process_identifies_blinking_markers_in_files() {
     }
     let source = directory.0.to_str().unwrap().to_string();
     let config = directory.configuration(&format!("[uvdar]\nsource = \"{source}\"\n"));
-    let (off, counts) = places(&run("uvdar", &config, &["--print"]), &truth);
+    let (off, counts) = places(&run("uvdar", &config, "--print"), &truth);
     assert_eq!(counts["images"], 48, "{counts}");
     // The first code is read before anything is known.
     assert!(off.len() > 12, "{counts}");
@@ -127,7 +118,10 @@ fn camera_process_finds_the_tag_in_files() {
     }
     let source = directory.0.to_str().unwrap().to_string();
     let config = directory.configuration("");
-    let (off, counts) = places(&run("camera", &config, &["--print", "--source", &source]), &truth);
+    let (off, counts) = places(
+        &run("camera", &config, &format!("--print --source {source}")),
+        &truth,
+    );
     assert_eq!((off.len(), counts["detected"].as_u64()), (6, Some(6)), "{counts}");
     assert!(off.iter().all(|e| *e < 0.03), "{off:?}");
 }
@@ -142,8 +136,8 @@ fn camera_process_refuses_impossible_sources_with_advice() {
         ("uvdar", "[uvdar]\nformat = \"MJPG\"\n", "uvdar.format"),
         ("uvdar", "[uvdar]\nsource = \"/nowhere\"\n", "/nowhere"),
     ] {
-        let out = run(verb, &directory.configuration(text), &["--print"]);
-        let errors = String::from_utf8_lossy(&out.stderr).to_string();
+        let out = run(verb, &directory.configuration(text), "--print");
+        let errors = errors(&out);
         assert_eq!(out.status.code(), Some(2), "{verb} {text:?}: {errors}");
         assert!(errors.contains(advice), "{verb} {text:?}: {errors}");
     }

@@ -2,13 +2,33 @@
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command};
+use std::process::{Child, Command, Output, Stdio};
 
 use alight_shared::transport::radio::{Publication, TlsConfig, Urgency};
 
-/// The program under test.
-pub fn alight() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_alight"))
+/// The program under test with these words.
+pub fn alight(words: impl AsRef<str>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_alight"));
+    command.args(words.as_ref().split_whitespace());
+    command
+}
+
+/// The program under test with these words, to its end.
+pub fn run(words: impl AsRef<str>) -> Output {
+    alight(words)
+        .stdin(Stdio::null())
+        .output()
+        .expect("the program runs")
+}
+
+/// What it said to a person.
+pub fn errors(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stderr).into_owned()
+}
+
+/// What it printed.
+pub fn printed(out: &Output) -> String {
+    String::from_utf8_lossy(&out.stdout).into_owned()
 }
 
 /// An instance that no other test uses.
@@ -33,8 +53,7 @@ impl Drop for Running {
 
 /// An address of the loopback interface that is free.
 pub fn free_udp() -> String {
-    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
-    socket.local_addr().expect("an address").to_string()
+    format!("127.0.0.1:{}", free_port())
 }
 
 /// A port of the loopback interface that is free.
@@ -53,18 +72,16 @@ pub fn signal(pid: u64, signal: &str) {
 pub fn certificates(name: &str) -> PathBuf {
     let directory = scratch(&format!("certificates-{name}"));
     let _none = std::fs::remove_dir_all(&directory);
-    keys(&directory, &["init", "--days", "2"]);
-    keys(&directory, &["vessel", "1", "--address", "127.0.0.1"]);
-    keys(&directory, &["drone", "1"]);
+    keys(&directory, "init --days 2");
+    keys(&directory, "vessel 1 --address 127.0.0.1");
+    keys(&directory, "drone 1");
     directory
 }
 
 /// `alight keys WHAT --dir DIRECTORY`.
-pub fn keys(directory: &Path, what: &[&str]) {
-    let mut command = alight();
-    command.arg("keys").args(what).arg("--dir").arg(directory);
-    let out = command.output().expect("the program runs");
-    assert!(out.status.success(), "alight keys {what:?}: {out:?}");
+pub fn keys(directory: &Path, what: &str) {
+    let out = run(format!("keys {what} --dir {}", directory.display()));
+    assert!(out.status.success(), "alight keys {what}: {out:?}");
 }
 
 /// The files of one side, which admits `peers`.
@@ -80,8 +97,5 @@ pub fn tls(directory: &Path, peers: &[&str]) -> TlsConfig {
 
 /// One key to publish on.
 pub fn publication(key: &str) -> Vec<Publication> {
-    vec![Publication {
-        key: key.into(),
-        urgency: Urgency::State,
-    }]
+    vec![Publication::new(key, Urgency::State)]
 }

@@ -3,7 +3,6 @@
 //! an origin of its own. Nothing here asserts a time.
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::process::Stdio;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -15,20 +14,12 @@ use alight_uav::autopilot::message::{Address, Message};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, encode};
 
-use crate::common::{alight, free_port};
+use crate::common::{errors, free_port, printed, run};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// Where `alight land` lays its sea for a firmware, and where this firmware's estimate begins.
-const SEA: Datum = Datum {
-    latitude_deg: 43.5,
-    longitude_deg: 16.3,
-    height_m: 0.0,
-};
-const ORIGIN: Datum = Datum {
-    latitude_deg: 43.4998,
-    longitude_deg: 16.3003,
-    height_m: 3.0,
-};
+const SEA: Datum = Datum::new(43.5, 16.3, 0.0);
+const ORIGIN: Datum = Datum::new(43.4998, 16.3003, 3.0);
 /// Declination of the plant's magnetic field, rad: atan2(0.019, 0.235).
 const FIELD_DECLINATION: f64 = 0.0807;
 /// ArduCopter arms when its gyroscopes are read at least this often, Hz: 1.8 times in each of its loops.
@@ -196,11 +187,7 @@ fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
         while let Some(f) = decoder.next_frame() {
             match f.message {
                 Message::HilGps(g) => {
-                    let place = Datum {
-                        latitude_deg: g.latitude.to_degrees(),
-                        longitude_deg: g.longitude.to_degrees(),
-                        height_m: g.altitude_m,
-                    };
+                    let place = Datum::new(g.latitude.to_degrees(), g.longitude.to_degrees(), g.altitude_m);
                     let place = ORIGIN.offset_to::<alight_shared::frames::TrueNed>(&place).0;
                     if let Some(b) = &mut believed {
                         b.position += (place - b.position) * 0.2;
@@ -243,10 +230,7 @@ fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
                         controls,
                         mode: if flown.a.armed { 129 } else { 1 },
                     };
-                    let px4 = Address {
-                        system: 1,
-                        component: 1,
-                    };
+                    let px4 = Address::new(1, 1);
                     let _gone = link.write_all(&encode(px4, 0, &answer).unwrap());
                 }
                 _ => {}
@@ -297,30 +281,16 @@ fn land(firmware: Firmware, scenario: &str) {
         Firmware::ArduCopter => "ardupilot",
         Firmware::Px4 => "px4",
     };
-    let out = alight()
-        .args(["land", "--autopilot", kind, "--connect", &connect, "--firmware"])
-        .arg(&config)
-        .arg("--scenario")
-        .arg(&scene)
-        .args([
-            "--sea",
-            "calm",
-            "--warm-up",
-            "20",
-            "--seed",
-            "1",
-            "--json",
-            "--instance",
-            &name,
-        ])
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
+    let out = run(format!(
+        "land --autopilot {kind} --connect {connect} --firmware {} --scenario {} --sea calm --warm-up 20 --seed 1 \
+         --json --instance {name}",
+        config.display(),
+        scene.display()
+    ));
     end.store(true, Ordering::Relaxed);
     let a = flown.join().unwrap();
     let _removed = [config, scene].map(std::fs::remove_file);
-    let errors = String::from_utf8_lossy(&out.stderr);
-    let text = String::from_utf8_lossy(&out.stdout);
+    let (errors, text) = (errors(&out), printed(&out));
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
     // For a person, with --nocapture.
     println!("{outcome}");

@@ -69,12 +69,12 @@ impl Installed {
         if host != "127.0.0.1" {
             let again = directory.join("vessel-1");
             std::fs::remove_dir_all(&again).expect("removed");
-            common::keys(&directory, &["vessel", "1", "--address", &host]);
+            common::keys(&directory, &format!("vessel 1 --address {host}"));
         }
-        common::keys(&directory, &["operator", "1"]);
+        common::keys(&directory, "operator 1");
         let other = directory.join("other");
-        common::keys(&other, &["init", "--days", "2"]);
-        common::keys(&other, &["operator", "1"]);
+        common::keys(&other, "init --days 2");
+        common::keys(&other, "operator 1");
         let endpoint = format!("quic/{host}:{}", free_port());
         let radio = |computer: &mut Table, side: &str, peers: &[&str], end: &str| {
             table(computer, "clock").insert("epoch_ns".into(), epoch_ns.into());
@@ -143,13 +143,9 @@ impl Installed {
             .append(true)
             .open(self.directory.join(format!("{name}.err")))
             .expect("a file");
+        let config = self.file(&format!("{name}.toml"));
         let child = command(words)
-            .args([
-                name,
-                "--config",
-                &self.file(&format!("{name}.toml")),
-                "--supervised",
-            ])
+            .args([name, "--config", &config, "--supervised"])
             .env("NOTIFY_SOCKET", self.directory.join("notified"))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -200,27 +196,29 @@ impl Installed {
             .map(|name| std::fs::read_to_string(self.file(&format!("{name}.err"))).unwrap_or_default())
             .concat()
     }
-    fn run(&self, verb: &[&str]) -> Output {
-        command(&words("ALIGHT_DRONE")).args(verb).output().expect("runs")
+    fn run(&self, what: impl AsRef<str>) -> Output {
+        let mut command = command(&words("ALIGHT_DRONE"));
+        command
+            .args(what.as_ref().split_whitespace())
+            .output()
+            .expect("runs")
     }
     fn order(&self, order: &str) -> Output {
-        self.run(&["command", order, "--json", "--config", &self.file("drone.toml")])
+        self.run(format!(
+            "command {order} --json --config {}",
+            self.file("drone.toml")
+        ))
     }
     /// An operator's command from ashore, with the certificate in `keys`.
     fn order_from_ashore(&self, order: &str, keys: &str) -> Output {
         let keys = self.file(keys);
-        self.run(&[
-            "command",
-            order,
-            "--json",
-            "--vessel",
-            &self.endpoint,
-            "--keys",
-            &keys,
-        ])
+        self.run(format!(
+            "command {order} --json --vessel {} --keys {keys}",
+            self.endpoint
+        ))
     }
     fn status(&self) -> Value {
-        let out = self.run(&["status", "--json", "--instance", &self.instance]);
+        let out = self.run(format!("status --json --instance {}", self.instance));
         serde_json::from_slice(&out.stdout).unwrap_or(Value::Null)
     }
     /// What `status` prints on the vessel.
@@ -395,15 +393,10 @@ fn landed_drone_calibrates_the_deck_under_it() {
     all.land();
     all.status_when("has landed", |s| s["mission"]["state"] == "Landed");
     std::thread::sleep(Duration::from_secs(4));
-    let out = all.run(&[
-        "calibrate",
-        "deck",
-        "--json",
-        "--for",
-        "30",
-        "--config",
-        &all.file("drone.toml"),
-    ]);
+    let out = all.run(format!(
+        "calibrate deck --json --for 30 --config {}",
+        all.file("drone.toml")
+    ));
     let text = String::from_utf8_lossy(&out.stdout).into_owned();
     let found: Value = serde_json::from_str(text.lines().last().unwrap_or_default())
         .unwrap_or_else(|e| panic!("{e}: {out:?}\n{}", all.complaints()));
@@ -432,7 +425,7 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
     all.start_world();
     all.land();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
-    let out = all.run(&["calibrate", "deck", "--config", &all.file("drone.toml")]);
+    let out = all.run(format!("calibrate deck --config {}", all.file("drone.toml")));
     let errors = String::from_utf8_lossy(&out.stderr);
     assert!(errors.contains("the drone is armed"), "{errors}");
     // Neither a stranger nor the drone itself commands through the vessel.

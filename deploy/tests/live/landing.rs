@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{alight, instance, signal};
+use crate::common::{alight, errors, instance, printed, run, signal};
 
 const PROCESSES: [&str; 7] = [
     "world",
@@ -49,10 +49,8 @@ impl Drop for Land {
     }
 }
 
-pub fn land(instance: &str, more: &[&str]) -> Land {
-    let child = alight()
-        .args(["land", "--json", "--sea", "calm", "--instance", instance])
-        .args(more)
+pub fn land(instance: &str, more: &str) -> Land {
+    let child = alight(format!("land --json --sea calm --instance {instance} {more}"))
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -62,12 +60,8 @@ pub fn land(instance: &str, more: &[&str]) -> Land {
 }
 
 pub fn status(instance: &str) -> Value {
-    let out = alight()
-        .args(["status", "--json", "--instance", instance])
-        .output()
-        .expect("runs");
-    let errors = String::from_utf8_lossy(&out.stderr);
-    serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {errors}"))
+    let out = run(format!("status --json --instance {instance}"));
+    serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {}", errors(&out)))
 }
 
 /// What `status` prints once `wanted` is true; at most about a minute.
@@ -89,6 +83,28 @@ fn pid(status: &Value, process: &str) -> Option<u64> {
         .iter()
         .find(|p| p["kind"] == kind)?["pid"]
         .as_u64()
+}
+
+/// The processes' ids.
+fn pids(status: &Value) -> Vec<u64> {
+    PROCESSES.iter().filter_map(|p| pid(status, p)).collect()
+}
+
+/// What `status` prints once all processes run.
+fn running(instance: &str) -> Value {
+    status_when(instance, |s| pids(s).len() == PROCESSES.len())
+}
+
+/// A log or a recording replays bit for bit; what that prints.
+fn replay(path: &Path) -> String {
+    let out = run(format!("replay {}", path.display()));
+    let text = printed(&out);
+    assert!(
+        out.status.success() && text.contains("bit-identical"),
+        "{text}{}",
+        errors(&out)
+    );
+    text
 }
 
 /// Nothing of the instance is left: no process, no file in shared memory, no directory.
@@ -114,14 +130,9 @@ fn assert_gone(instance: &str, pids: &[u64]) {
 }
 
 pub fn outcome(out: &Output) -> Value {
-    let text = String::from_utf8_lossy(&out.stdout);
+    let text = printed(out);
     let last = text.lines().last().unwrap_or_default();
-    serde_json::from_str(last).unwrap_or_else(|e| {
-        panic!(
-            "no outcome ({e}): {text}\n{}",
-            String::from_utf8_lossy(&out.stderr)
-        )
-    })
+    serde_json::from_str(last).unwrap_or_else(|e| panic!("no outcome ({e}): {text}\n{}", errors(out)))
 }
 
 fn logs(directory: &Path) -> usize {
@@ -136,24 +147,23 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
     let name = instance("lands");
     let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
     let (recording, plot) = (log.with_extension("mcap"), log.with_extension("svg"));
-    let path = |p: &Path| p.display().to_string();
-    let (to_log, to_recording, to_plot) = (path(&log), path(&recording), path(&plot));
-    let mut flags = vec!["--warm-up", "20", "--log", &to_log];
-    flags.extend(["--record", &to_recording, "--plot", &to_plot]);
-    let child = land(&name, &flags);
+    let child = land(
+        &name,
+        &format!(
+            "--warm-up 20 --log {} --record {} --plot {}",
+            log.display(),
+            recording.display(),
+            plot.display()
+        ),
+    );
     let seen = status_when(&name, |s| s["mission"]["state"] == "Approach");
-    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    let pids = pids(&seen);
     assert_eq!(pids.len(), PROCESSES.len(), "{seen}");
     assert!(seen["link"]["age_s"].as_f64().is_some(), "{seen}");
 
     let out = child.output();
     let outcome = outcome(&out);
-    assert_eq!(
-        outcome["outcome"],
-        "success",
-        "{outcome}\n{}",
-        String::from_utf8_lossy(&out.stderr)
-    );
+    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", errors(&out));
     assert_eq!(out.status.code(), Some(0));
     assert_gone(&name, &pids);
 
@@ -162,27 +172,14 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
         10,
         "vessel, its arbiter and relay, bridge, predictor, mission, planner, pilot, supervisor, the truth"
     );
-    let replay = alight().arg("replay").arg(&log).output().expect("runs");
-    let text = String::from_utf8_lossy(&replay.stdout).into_owned();
-    assert_eq!(
-        replay.status.code(),
-        Some(0),
-        "{text}{}",
-        String::from_utf8_lossy(&replay.stderr)
-    );
+    let text = replay(&log);
     for node in ["deck-arbiter", "operator-relay", "supervisor"]
         .iter()
         .chain(&PROCESSES[1..])
     {
         assert!(text.contains(node), "{node}: {text}");
     }
-    assert!(text.contains("bit-identical"), "{text}");
-    let replay = alight().arg("replay").arg(&recording).output().expect("runs");
-    let text = String::from_utf8_lossy(&replay.stdout).into_owned();
-    assert!(
-        replay.status.success() && text.contains("bit-identical"),
-        "{text}"
-    );
+    replay(&recording);
     assert!(std::fs::read_to_string(&plot).expect("a plot").contains("<svg"));
     std::fs::remove_dir_all(&log).expect("removed");
     std::fs::remove_file(&recording).expect("removed");
@@ -192,10 +189,9 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
 #[test]
 fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
     let name = instance("killed");
-    let child = land(&name, &["--warm-up", "600", "--link", "clean"]);
-    let all = |s: &Value| PROCESSES.iter().all(|p| pid(s, p).is_some());
-    let mut seen = status_when(&name, all);
-    for process in ["vessel", "bridge", "predictor", "mission", "planner", "pilot"] {
+    let child = land(&name, "--warm-up 600 --link clean");
+    let mut seen = running(&name);
+    for process in &PROCESSES[1..] {
         let old = pid(&seen, process).expect("it runs");
         signal(old, "-KILL");
         seen = status_when(&name, |s| pid(s, process).is_some_and(|new| new != old));
@@ -203,7 +199,7 @@ fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
     // The estimate still arrives: the vessel and the bridge found each other again.
     let fresh = |s: &Value| s["link"]["age_s"].as_f64().is_some_and(|age| age < 2.0);
     let seen = status_when(&name, fresh);
-    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    let pids = pids(&seen);
     assert_eq!(pids.len(), PROCESSES.len());
 
     // A vessel that was frozen for longer than a session's lease is restarted and received again.
@@ -214,12 +210,9 @@ fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
     let seen = status_when(&name, |s| {
         pid(s, "vessel").is_some_and(|new| new != vessel) && fresh(s)
     });
-    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    let pids = self::pids(&seen);
 
-    let twice = alight()
-        .args(["land", "--instance", &name])
-        .output()
-        .expect("runs");
+    let twice = run(format!("land --instance {name}"));
     assert_eq!(
         twice.status.code(),
         Some(2),
@@ -235,25 +228,22 @@ fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
 #[test]
 fn processes_end_with_a_killed_supervisor() {
     let name = instance("orphans");
-    let mut child = land(&name, &["--warm-up", "600"]);
-    let seen = status_when(&name, |s| PROCESSES.iter().all(|p| pid(s, p).is_some()));
-    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    let mut child = land(&name, "--warm-up 600");
+    let seen = running(&name);
+    let pids = pids(&seen);
     child.kill();
+    let ended = |pid: &u64| !Path::new(&format!("/proc/{pid}")).exists();
     for _ in 0..100 {
-        if pids
-            .iter()
-            .all(|pid| !Path::new(&format!("/proc/{pid}")).exists())
-        {
+        if pids.iter().all(ended) {
             break;
         }
         std::thread::sleep(Duration::from_millis(100));
     }
     // What it could not clean up, the next start does.
-    let next = land(&name, &["--warm-up", "600"]);
+    let next = land(&name, "--warm-up 600");
     status_when(&name, |s| {
-        PROCESSES
-            .iter()
-            .all(|p| pid(s, p).is_some_and(|new| !pids.contains(&new)))
+        let new = self::pids(s);
+        new.len() == PROCESSES.len() && new.iter().all(|pid| !pids.contains(pid))
     });
     signal(next.id(), "-TERM");
     next.output();
@@ -264,13 +254,13 @@ fn processes_end_with_a_killed_supervisor() {
 fn fifty_starts_and_stops_leave_nothing_behind() {
     let name = instance("fifty");
     for k in 0..50_u64 {
-        let child = land(&name, &["--warm-up", "600"]);
+        let child = land(&name, "--warm-up 600");
         // Ended everywhere from the first file to full flight. Not by SIGINT: what a shell starts in the
         // background ignores that one until its own handler is in place.
         std::thread::sleep(Duration::from_millis(37 * k % 900));
         signal(child.id(), "-TERM");
         let out = child.output();
-        let errors = String::from_utf8_lossy(&out.stderr);
+        let errors = errors(&out);
         // Before its handler is in place a signal ends it at once, and there is nothing to clean.
         assert!(matches!(out.status.code(), Some(1) | None), "start {k}: {errors}");
         if out.status.code().is_some() {
@@ -278,9 +268,9 @@ fn fifty_starts_and_stops_leave_nothing_behind() {
         }
     }
     // What an early end left, the next start removes.
-    let last = land(&name, &["--warm-up", "600"]);
-    let seen = status_when(&name, |s| PROCESSES.iter().all(|p| pid(s, p).is_some()));
-    let pids: Vec<u64> = PROCESSES.iter().filter_map(|p| pid(&seen, p)).collect();
+    let last = land(&name, "--warm-up 600");
+    let seen = running(&name);
+    let pids = pids(&seen);
     signal(last.id(), "-INT");
     last.output();
     assert_gone(&name, &pids);

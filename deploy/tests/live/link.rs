@@ -1,36 +1,31 @@
 //! The link emulator between network namespaces, and a landing over it.
 
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::common::{alight, signal};
+use crate::common::{alight, errors, printed, signal};
 
-fn ip(arguments: &[&str]) -> bool {
-    Command::new("ip")
-        .args(arguments)
-        .output()
-        .is_ok_and(|out| out.status.success())
+fn ip(words: &str) -> Output {
+    let mut command = Command::new("ip");
+    command.args(words.split_whitespace()).output().expect("ip runs")
 }
 
 fn spaces(name: &str) -> Vec<String> {
-    let out = Command::new("ip")
-        .args(["netns", "list"])
-        .output()
-        .expect("ip runs");
-    let prefix = format!("alight-{name}-");
-    let text = String::from_utf8_lossy(&out.stdout).into_owned();
+    let (prefix, text) = (format!("alight-{name}-"), printed(&ip("netns list")));
     text.lines()
         .filter(|l| l.starts_with(&prefix))
         .map(String::from)
         .collect()
 }
 
-fn start(arguments: &[&str]) -> Child {
-    let mut command = alight();
-    command.args(arguments).stdin(Stdio::null());
-    let command = command.stdout(Stdio::piped()).stderr(Stdio::piped());
+fn start(words: &str) -> Child {
+    let mut command = alight(words);
+    let command = command
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     command.spawn().expect("starts")
 }
 
@@ -48,25 +43,11 @@ fn wait_for(mut wanted: impl FnMut() -> bool) {
 #[ignore = "needs root: network namespaces and TUN devices"]
 fn landing_over_the_emulated_storm_leaves_nothing_behind() {
     let name = format!("storm-{}", std::process::id());
-    let child = start(&[
-        "land",
-        "--json",
-        "--sea",
-        "calm",
-        "--warm-up",
-        "20",
-        "--link",
-        "storm",
-        "--emulate",
-        "always",
-        "--instance",
-        &name,
-    ]);
+    let child = start(&format!(
+        "land --json --sea calm --warm-up 20 --link storm --emulate always --instance {name}"
+    ));
     let out = child.wait_with_output().expect("ends");
-    let (output, errors) = (
-        String::from_utf8_lossy(&out.stdout),
-        String::from_utf8_lossy(&out.stderr),
-    );
+    let (output, errors) = (printed(&out), errors(&out));
     let outcome: Value = serde_json::from_str(output.lines().last().unwrap_or_default()).expect("an outcome");
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{errors}");
     // More than a thousand packets at 30 %: the standard error is 1.5 %.
@@ -92,24 +73,17 @@ fn landing_over_the_emulated_storm_leaves_nothing_behind() {
 #[ignore = "needs root: network namespaces and TUN devices"]
 fn emulator_removes_the_namespaces_of_a_killed_predecessor() {
     let name = format!("left-{}", std::process::id());
-    let arguments = ["link", "--profile", "wifi-near", "--name", &name];
+    let words = format!("link --profile wifi-near --name {name}");
     let reaches = || {
-        ip(&[
-            "netns",
-            "exec",
-            &format!("alight-{name}-drone"),
-            "ip",
-            "route",
-            "get",
-            "10.77.0.1",
-        ])
+        let route = ip(&format!("netns exec alight-{name}-drone ip route get 10.77.0.1"));
+        route.status.success()
     };
-    let mut first = start(&arguments);
+    let mut first = start(&words);
     wait_for(reaches);
     signal(u64::from(first.id()), "-KILL");
     first.wait().expect("ends");
     assert_eq!(spaces(&name).len(), 2);
-    let mut second = start(&arguments);
+    let mut second = start(&words);
     std::thread::sleep(Duration::from_millis(200));
     wait_for(reaches);
     signal(u64::from(second.id()), "-INT");

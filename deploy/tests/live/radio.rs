@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use alight_shared::config;
-use alight_shared::transport::radio::{Radio, RadioConfig, TlsConfig};
+use alight_shared::transport::radio::{Radio, RadioConfig};
 
 use crate::common::{self, publication};
 
@@ -20,13 +20,8 @@ fn endpoint(transport: &str) -> String {
 }
 
 fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
-    let config = RadioConfig {
-        listen: vec![endpoint.into()],
-        tls: certificates.map_or_else(TlsConfig::default, |c| {
-            common::tls(&c.join("vessel-1"), &["drone-1"])
-        }),
-        ..RadioConfig::default()
-    };
+    let tls = certificates.map(|c| common::tls(&c.join("vessel-1"), &["drone-1"]));
+    let config = RadioConfig::listening(endpoint, tls.unwrap_or_default());
     Radio::open(
         &config,
         publication("alight/vessel-1/test"),
@@ -36,13 +31,10 @@ fn vessel(endpoint: &str, certificates: Option<&Path>) -> Radio {
 }
 
 fn drone(endpoint: &str, certificates: Option<&Path>) -> Radio {
+    let tls = certificates.map(|c| common::tls(&c.join("drone-1"), &["vessel-1"]));
     let config = RadioConfig {
-        connect: vec![endpoint.into()],
         reopen_after_s: 1.0,
-        tls: certificates.map_or_else(TlsConfig::default, |c| {
-            common::tls(&c.join("drone-1"), &["vessel-1"])
-        }),
-        ..RadioConfig::default()
+        ..RadioConfig::dialling(endpoint, tls.unwrap_or_default())
     };
     Radio::open(
         &config,
@@ -70,6 +62,17 @@ fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
         drone.watch(0.0);
     }
     panic!("not received: by the vessel {at_vessel}, by the drone {at_drone}");
+}
+
+fn assert_reopens(drone: &mut Radio) {
+    for _ in 0..600 {
+        if drone.counts().reopened > 0 {
+            break;
+        }
+        drone.watch(0.0);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
 }
 
 fn over(transport: &str, certificates: Option<&Path>) {
@@ -107,12 +110,7 @@ fn check_of_a_drone_finds_a_listening_vessel_and_misses_an_absent_one() {
         assert!(text.contains("quic/192.168.7.1:7447"));
         let file = directory.join("drone.toml");
         std::fs::write(&file, text.replace("quic/192.168.7.1:7447", &endpoint)).expect("written");
-        let run = common::alight()
-            .args(["check", "--json", "--config"])
-            .arg(file)
-            .output()
-            .expect("runs");
-        String::from_utf8_lossy(&run.stdout).into_owned()
+        common::printed(&common::run(format!("check --json --config {}", file.display())))
     };
     let found = format!("{endpoint} answers");
     assert!(!check().contains(&found));
@@ -142,14 +140,7 @@ fn radio_reopens_a_session_that_went_silent() {
     let mut drone = drone(&endpoint, None);
     assert_exchange(&mut first, &mut drone, 1);
     // A vessel's computer that freezes: its session lives, but sends nothing.
-    for _ in 0..600 {
-        if drone.counts().reopened > 0 {
-            break;
-        }
-        drone.watch(0.0);
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
+    assert_reopens(&mut drone);
     assert_exchange(&mut first, &mut drone, 2);
 }
 
@@ -157,14 +148,7 @@ fn radio_reopens_a_session_that_went_silent() {
 fn radio_reopens_a_session_that_never_received() {
     let endpoint = endpoint("udp");
     let mut drone = drone(&endpoint, None);
-    for _ in 0..600 {
-        if drone.counts().reopened > 0 {
-            break;
-        }
-        drone.watch(0.0);
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    assert!(drone.counts().reopened > 0, "the watchdog did not open it anew");
+    assert_reopens(&mut drone);
     let mut late = vessel(&endpoint, None);
     assert_exchange(&mut late, &mut drone, 3);
 }

@@ -15,13 +15,10 @@ use alight_uav::autopilot::message::{
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use alight_uav::autopilot::wire::{Decoder, encode};
 
-use crate::common::{alight, free_port};
+use crate::common::{errors, free_port, printed, run};
 
 /// A ground station, as MAVLink numbers them.
-const PERSON: Address = Address {
-    system: 255,
-    component: 190,
-};
+const PERSON: Address = Address::new(255, 190);
 /// `MAV_CMD_NAV_TAKEOFF`.
 const TAKE_OFF: u16 = 22;
 /// Height above its pad to which the person takes off, m.
@@ -110,10 +107,7 @@ impl Person {
         self.link.send(&encode(PERSON, self.sequence, message).unwrap());
     }
     fn command(&mut self, command: u16, parameters: [f64; 7]) {
-        let to = Address {
-            system: self.system(),
-            component: 1,
-        };
+        let to = Address::new(self.system(), 1);
         self.send(&Message::Command(CommandLong {
             to,
             command,
@@ -298,35 +292,15 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
         let end = Arc::clone(&end);
         std::thread::spawn(move || Person::new(firmware, link).fly(&end))
     };
-    let out = alight()
-        .args([
-            "land",
-            "--autopilot",
-            kind,
-            "--connect",
-            &connect,
-            "--sea",
-            "moderate",
-        ])
-        .args([
-            "--warm-up",
-            WARM_UP_S,
-            "--seed",
-            "1",
-            "--json",
-            "--instance",
-            &name,
-            "--firmware",
-        ])
-        .arg(&config)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
+    let out = run(format!(
+        "land --autopilot {kind} --connect {connect} --sea moderate --warm-up {WARM_UP_S} --seed 1 --json \
+         --instance {name} --firmware {}",
+        config.display()
+    ));
     end.store(true, Ordering::Relaxed);
     let person = person.join().unwrap();
     drop(running);
-    let errors = String::from_utf8_lossy(&out.stderr);
-    let text = String::from_utf8_lossy(&out.stdout);
+    let (errors, text) = (errors(&out), printed(&out));
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
     // For a person, with --nocapture.
     println!("{outcome}");

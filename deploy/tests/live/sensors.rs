@@ -11,7 +11,7 @@ use alight_shared::wire;
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 
-use crate::common::{Running, alight, free_udp, scratch, signal};
+use crate::common::{Running, alight, errors, free_udp, run, scratch, signal};
 
 fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);
@@ -30,13 +30,14 @@ fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
         tcp.local_addr().unwrap()
     );
     std::fs::write(&config, text).unwrap();
-    let child = alight()
-        .args(["sensors", "--supervised", "--json", "--config"])
-        .arg(&config)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the program runs");
+    let child = alight(format!(
+        "sensors --supervised --json --config {}",
+        config.display()
+    ))
+    .stdin(Stdio::piped())
+    .stdout(Stdio::piped())
+    .spawn()
+    .expect("the program runs");
     let mut program = Running(child);
     let (mut motion, _) = tcp.accept().unwrap();
     let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -98,11 +99,7 @@ fn sensor_process_dates_nmea_sentences_over_udp_and_tcp() {
 fn status_when(config: &Path, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     let mut last = Value::Null;
     for _ in 0..400 {
-        let out = alight()
-            .args(["status", "--json", "--config"])
-            .arg(config)
-            .output()
-            .expect("the program runs");
+        let out = run(format!("status --json --config {}", config.display()));
         last = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
         if wanted(&last["status"]) {
             return last;
@@ -121,9 +118,7 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
          connect = \"udpin://{udp}\"\n[[sensor.sources]]\nname = \"spare\"\nconnect = \"serial:///dev/none:9600\"\n"
     );
     std::fs::write(&config, text).unwrap();
-    let child = alight()
-        .args(["vessel", "--supervised", "--config"])
-        .arg(&config)
+    let child = alight(format!("vessel --supervised --config {}", config.display()))
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -199,20 +194,6 @@ fn vessel_process_runs_its_sensors_and_status_shows_each() {
 
 #[test]
 fn sensor_process_without_sources_or_with_a_malformed_address_exits_with_code_2() {
-    let run = |name: &str, text: &str| {
-        let config = scratch(&format!("sensors-{name}.toml"));
-        std::fs::write(&config, text).unwrap();
-        let out = alight()
-            .args(["sensors", "--config"])
-            .arg(&config)
-            .output()
-            .expect("the program runs");
-        std::fs::remove_file(config).unwrap();
-        (
-            out.status.code(),
-            String::from_utf8_lossy(&out.stderr).into_owned(),
-        )
-    };
     for (name, text, says) in [
         ("none", "", "[[sensor.sources]]"),
         (
@@ -228,8 +209,11 @@ fn sensor_process_without_sources_or_with_a_malformed_address_exits_with_code_2(
             "antenna_m",
         ),
     ] {
-        let (code, output) = run(name, text);
-        assert_eq!(code, Some(2), "{name}: {output}");
-        assert!(output.contains(says), "{name}: {output}");
+        let config = scratch(&format!("sensors-{name}.toml"));
+        std::fs::write(&config, text).unwrap();
+        let out = run(format!("sensors --config {}", config.display()));
+        std::fs::remove_file(config).unwrap();
+        assert_eq!(out.status.code(), Some(2), "{name}: {}", errors(&out));
+        assert!(errors(&out).contains(says), "{name}: {}", errors(&out));
     }
 }

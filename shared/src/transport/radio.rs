@@ -13,7 +13,8 @@ use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 
-use crate::config::{self, Check, Keys};
+use crate::config;
+use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
 use crate::transport::observe::{ReceiveChannel, observer, receive_channel};
 use crate::transport::rejections::PlaintextAttempts;
@@ -114,6 +115,22 @@ config! {
 }
 
 impl RadioConfig {
+    /// Listens at one endpoint, with these certificates.
+    pub fn listening(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
+        RadioConfig {
+            listen: vec![endpoint.into()],
+            tls,
+            ..RadioConfig::default()
+        }
+    }
+    /// Dials one endpoint, with these certificates.
+    pub fn dialling(endpoint: impl Into<String>, tls: TlsConfig) -> RadioConfig {
+        RadioConfig {
+            connect: vec![endpoint.into()],
+            tls,
+            ..RadioConfig::default()
+        }
+    }
     /// Whether the session is opened, and kept alive, over something that repeats what was lost.
     fn is_stream(&self) -> bool {
         let stream = |e: &String| e.starts_with("tcp/") || e.starts_with("quic/");
@@ -225,6 +242,14 @@ pub struct Publication {
     pub key: String,
     /// How urgent.
     pub urgency: Urgency,
+}
+
+impl Publication {
+    /// Of this key and urgency.
+    pub fn new(key: impl Into<String>, urgency: Urgency) -> Publication {
+        let key = key.into();
+        Publication { key, urgency }
+    }
 }
 
 /// UDP's and IP's header, 28 bytes, and about 20 of the middleware's framing of a message.

@@ -15,10 +15,7 @@ pub const EXCHANGE_HZ: u32 = 400;
 /// It answers at least every so many samples.
 const MAX_ANSWER_PERIOD: u64 = 4;
 /// What PX4's simulators call themselves.
-const US: Address = Address {
-    system: 1,
-    component: 200,
-};
+const US: Address = Address::new(1, 200);
 /// `MAV_MODE_FLAG_SAFETY_ARMED`.
 const ARMED: u8 = 128;
 

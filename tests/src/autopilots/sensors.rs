@@ -160,18 +160,14 @@ mod tests {
 
     #[test]
     fn geodetic_position_inverts_the_datum_offset() {
-        let datum = Datum {
-            latitude_deg: 43.5,
-            longitude_deg: 16.3,
-            height_m: 0.0,
-        };
+        let datum = Datum::new(43.5, 16.3, 0.0);
         let there = Vector3::new(120.0, -80.0, -15.0);
         let [latitude, longitude, height_m] = geodetic(&datum, &there);
-        let back = datum.offset_to::<TrueNed>(&Datum {
-            latitude_deg: latitude.to_degrees(),
-            longitude_deg: longitude.to_degrees(),
+        let back = datum.offset_to::<TrueNed>(&Datum::new(
+            latitude.to_degrees(),
+            longitude.to_degrees(),
             height_m,
-        });
+        ));
         assert!((back.0 - there).norm() < 1e-6, "{:?}", back.0);
     }
 

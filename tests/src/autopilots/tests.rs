@@ -175,11 +175,7 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
         accelerometer_bias_mps2: 0.0,
         ..scenario.drone.navigation.clone()
     };
-    let datum = alight_shared::frames::Datum {
-        latitude_deg: 43.5,
-        longitude_deg: 16.3,
-        height_m: 0.0,
-    };
+    let datum = alight_shared::frames::Datum::new(43.5, 16.3, 0.0);
     let c = FirmwareConfig::default();
     let mut plant = Px4Plant::new(&c, FirmwareSensors::new(&c, &navigation, datum, &streams));
     let physics = Physics::new(&scenario, 3).expect("a world");
@@ -192,11 +188,11 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
             match f.message {
                 Message::HilGps(g) => {
                     fixes += 1;
-                    let place = alight_shared::frames::Datum {
-                        latitude_deg: g.latitude.to_degrees(),
-                        longitude_deg: g.longitude.to_degrees(),
-                        height_m: g.altitude_m,
-                    };
+                    let place = alight_shared::frames::Datum::new(
+                        g.latitude.to_degrees(),
+                        g.longitude.to_degrees(),
+                        g.altitude_m,
+                    );
                     let place = datum.offset_to::<alight_shared::frames::TrueNed>(&place).0;
                     let b = belief.get_or_insert(Belief {
                         position: place,
@@ -231,10 +227,7 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
             }
         }
         if let Some(a) = answer {
-            let px4 = Address {
-                system: 1,
-                component: 1,
-            };
+            let px4 = Address::new(1, 1);
             assert!(plant.decode(&encode(px4, 0, &a).expect("bytes")));
         }
         plant.motors()
@@ -294,10 +287,7 @@ fn px4_plant_waits_for_the_samples_that_px4_answers() {
                     controls: [0.0; 16],
                     mode: 1,
                 };
-                let px4 = Address {
-                    system: 1,
-                    component: 1,
-                };
+                let px4 = Address::new(1, 1);
                 assert!(plant.decode(&encode(px4, 0, &answer).expect("bytes")));
             }
             None

@@ -418,16 +418,8 @@ fn deck_is_published_to_the_autopilot_when_configured() {
 
 #[test]
 fn positions_and_set_points_are_converted_to_the_datum_and_back() {
-    let datum = Datum {
-        latitude_deg: 43.5,
-        longitude_deg: 16.3,
-        height_m: 40.0,
-    };
-    let origin = Datum {
-        latitude_deg: 43.5005,
-        longitude_deg: 16.2993,
-        height_m: 5.0,
-    };
+    let datum = Datum::new(43.5, 16.3, 40.0);
+    let origin = Datum::new(43.5005, 16.2993, 5.0);
     // The autopilot reports heights above the sea, here 40 m above the ellipsoid.
     let c = AutopilotLinkConfig {
         geoid_m: 40.0,

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use std::collections::BTreeMap;
 
-use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_shared::config;
+use alight_shared::config::{Check, ConfigError, Keys};
 
 use super::model::{STATES, State};
 

@@ -158,11 +158,7 @@ fn measurements(row: &Row, mounting: &Mounting, mean_heading: f64) -> Vec<Measur
         let [sd, velocity_sd] = GNSS_SD;
         let velocity_sd = velocity.map_or(NOT_MEASURED_SD, |_| velocity_sd);
         // The position is the origin of its own plane.
-        let datum = Datum {
-            latitude_deg,
-            longitude_deg,
-            height_m,
-        };
+        let datum = Datum::new(latitude_deg, longitude_deg, height_m);
         let velocity = velocity.unwrap_or_default();
         let fix = mounting.fix(datum, velocity, [sd, sd, 2.0 * sd], [velocity_sd; 3]);
         out.push(fix.into());

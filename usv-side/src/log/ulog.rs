@@ -325,15 +325,15 @@ fn gps(data: &Data<'_>, mounting: &Mounting) -> Option<(Option<GnssFix>, Option<
             .map(|(name, unit)| Some(data.finite(name, 0)? * unit));
         values.find_map(|v| v)
     };
-    let datum = Datum {
-        latitude_deg: first(&[("latitude_deg", 1.0), ("lat", 1e-7)])?,
-        longitude_deg: first(&[("longitude_deg", 1.0), ("lon", 1e-7)])?,
-        height_m: first(&[
+    let datum = Datum::new(
+        first(&[("latitude_deg", 1.0), ("lat", 1e-7)])?,
+        first(&[("longitude_deg", 1.0), ("lon", 1e-7)])?,
+        first(&[
             ("altitude_ellipsoid_m", 1.0),
             ("alt_ellipsoid", 1e-3),
             ("alt", 1e-3),
         ])?,
-    };
+    );
     let stated = |name: &str, otherwise: f64| {
         let sd = data.finite(name, 0).filter(|v| *v > 0.0);
         sd.unwrap_or(otherwise).clamp(1e-3, 1e3)

@@ -88,11 +88,7 @@ impl MavlinkDecoder {
             24 => self.gps(time_us(0), p, &FIRST, 0, out),
             124 => self.gps(time_us(0), p, &SECOND, 1, out),
             49 => {
-                self.origin = Some(Datum {
-                    latitude_deg: p.i32(0) * 1e-7,
-                    longitude_deg: p.i32(4) * 1e-7,
-                    height_m: p.i32(8) * 1e-3,
-                });
+                self.origin = Some(Datum::new(p.i32(0) * 1e-7, p.i32(4) * 1e-7, p.i32(8) * 1e-3));
                 Some(())
             }
             331 => self.odometry(time_us(0), p, out),
@@ -187,11 +183,7 @@ impl MavlinkDecoder {
                 NOT_MEASURED_SD
             };
             let across = across.max(0.005);
-            let datum = Datum {
-                latitude_deg,
-                longitude_deg,
-                height_m,
-            };
+            let datum = Datum::new(latitude_deg, longitude_deg, height_m);
             let (position_sd, velocity_sd) = (
                 [across, across, down],
                 [velocity_sd, velocity_sd, NOT_MEASURED_SD],

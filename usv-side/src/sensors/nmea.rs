@@ -423,11 +423,11 @@ fn position(lat: Option<f64>, ns: Option<char>, lon: Option<f64>, ew: Option<cha
         l if l == minus => Some(-1.0),
         _ => None,
     };
-    Some(Datum {
-        latitude_deg: degrees(lat?, 90.0)? * sign(ns?, 'N', 'S')?,
-        longitude_deg: degrees(lon?, 180.0)? * sign(ew?, 'E', 'W')?,
-        height_m: 0.0,
-    })
+    Some(Datum::new(
+        degrees(lat?, 90.0)? * sign(ns?, 'N', 'S')?,
+        degrees(lon?, 180.0)? * sign(ew?, 'E', 'W')?,
+        0.0,
+    ))
 }
 
 /// North and east, m/s.

@@ -114,11 +114,7 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
                 let across = (FAST_FRACTION * p.horizontal_accuracy()).max(0.005);
                 let down = (FAST_FRACTION * p.vertical_accuracy()).max(0.005);
                 let velocity_sd = p.speed_accuracy().clamp(0.02, 100.0);
-                let datum = Datum {
-                    latitude_deg: p.latitude(),
-                    longitude_deg: p.longitude(),
-                    height_m: p.height_above_ellipsoid(),
-                };
+                let datum = Datum::new(p.latitude(), p.longitude(), p.height_above_ellipsoid());
                 let velocity = [p.vel_north(), p.vel_east(), p.vel_down()];
                 let down = if three { down } else { NOT_MEASURED_SD };
                 mounting.fix(datum, velocity, [across, across, down], [velocity_sd; 3])

@@ -61,11 +61,7 @@ const MAX_FAILURES: u32 = 8;
 /// Entries of the mission's states that are kept.
 const MAX_PHASES: usize = 1000;
 /// Where the simulated sea is for a firmware, in the Adriatic.
-const AT_SEA: Datum = Datum {
-    latitude_deg: 43.5,
-    longitude_deg: 16.3,
-    height_m: 0.0,
-};
+const AT_SEA: Datum = Datum::new(43.5, 16.3, 0.0);
 /// A command that shows no effect is repeated after this long, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
@@ -252,11 +248,7 @@ impl LandingSetup {
             vessel_id: scene.nodes.bridge.vessel_id,
             sensors: sensors.clone(),
             clock: clock(&clocks.vessel),
-            radio: RadioConfig {
-                listen: vec![air.listen.clone()],
-                tls: vessel_tls,
-                ..RadioConfig::default()
-            },
+            radio: RadioConfig::listening(&air.listen, vessel_tls),
             deck: DeckConfig::default(),
             vessel: scene.nodes.vessel.clone(),
             ..VesselComputer::default()
@@ -264,11 +256,7 @@ impl LandingSetup {
         let drone = DroneComputer {
             instance: args.instance.clone(),
             clock: clock(&clocks.drone),
-            radio: RadioConfig {
-                connect: vec![air.dial.clone()],
-                tls: drone_tls,
-                ..RadioConfig::default()
-            },
+            radio: RadioConfig::dialling(&air.dial, drone_tls),
             autopilot: AutopilotLinkConfig {
                 connect: args.connect.clone().unwrap_or(args.autopilot.connect().into()),
                 ..AutopilotLinkConfig::default()

@@ -14,7 +14,7 @@ use alight_shared::msg::{Header, VesselEstimate};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Services};
-use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
+use alight_shared::transport::radio::{Publication, Radio, RadioConfig, TlsConfig, Urgency};
 use alight_shared::transport::wake;
 use alight_shared::wire;
 use clap::Args;
@@ -129,18 +129,9 @@ fn udp(end: &Arc<AtomicBool>) -> Result<Hop, CliError> {
 fn zenoh(end: &Arc<AtomicBool>, name: &'static str, transport: &str) -> Result<Hop, CliError> {
     let port = UdpSocket::bind("127.0.0.1:0").and_then(|s| s.local_addr());
     let endpoint = format!("{transport}/{}", port.doing("looking for a free port")?);
-    let listen = RadioConfig {
-        listen: vec![endpoint.clone()],
-        ..RadioConfig::default()
-    };
-    let dial = RadioConfig {
-        connect: vec![endpoint],
-        ..RadioConfig::default()
-    };
-    let publication = Publication {
-        key: "alight/latency".into(),
-        urgency: Urgency::State,
-    };
+    let listen = RadioConfig::listening(&endpoint, TlsConfig::default());
+    let dial = RadioConfig::dialling(endpoint, TlsConfig::default());
+    let publication = Publication::new("alight/latency", Urgency::State);
     let mut from = Radio::open(&listen, vec![publication], Vec::new())?;
     let mut to = Radio::open(&dial, Vec::new(), vec!["alight/latency".into()])?;
     let end = Arc::clone(end);

@@ -310,10 +310,7 @@ mod tests {
                             controls: [0.25; 16],
                             mode: 129,
                         };
-                        let px4 = Address {
-                            system: 1,
-                            component: 1,
-                        };
+                        let px4 = Address::new(1, 1);
                         link.write_all(&encode(px4, 0, &answer).unwrap()).unwrap();
                     }
                 }

@@ -86,11 +86,11 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
             name: text(&d.param_id),
             value: d.param_value.into(),
         },
-        M::GPS_GLOBAL_ORIGIN(d) => Message::Origin(Datum {
-            latitude_deg: f64::from(d.latitude) * 1e-7,
-            longitude_deg: f64::from(d.longitude) * 1e-7,
-            height_m: f64::from(d.altitude) * 1e-3,
-        }),
+        M::GPS_GLOBAL_ORIGIN(d) => Message::Origin(Datum::new(
+            f64::from(d.latitude) * 1e-7,
+            f64::from(d.longitude) * 1e-7,
+            f64::from(d.altitude) * 1e-3,
+        )),
         M::COMMAND_LONG(d) => Message::Command(CommandLong {
             to: Address::new(d.target_system, d.target_component),
             command: d.command as u16,

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::config::{self, Check, ConfigError, Keys};
+use alight_shared::config;
+use alight_shared::config::{Check, ConfigError, Keys};
 use serde::{Deserialize, Serialize};
 
 use crate::planner::weights::FaaDistance;
