@@ -39,8 +39,7 @@ impl From<&Cell> for Cell {
 impl Cell {
     /// A number with so many decimals; `-` without one.
     pub fn number(value: impl Into<Option<f64>>, digits: usize) -> Cell {
-        let finite = value.into().filter(|v| v.is_finite());
-        finite.map_or_else(|| "-".into(), |v| format!("{v:.digits$}").into())
+        number(value, digits).into()
     }
     /// A number with its sign.
     pub fn signed(value: f64, digits: usize) -> Cell {
@@ -171,6 +170,12 @@ impl Table {
         out.push_str("</table></div>");
         out
     }
+}
+
+/// A number with so many decimals; `-` without one.
+pub fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
+    let finite = value.into().filter(|v| v.is_finite());
+    finite.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
 }
 
 /// Text that a page shows as it is.

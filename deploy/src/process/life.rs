@@ -102,10 +102,11 @@ pub struct LoggedNode<N> {
 impl<N: Node<In: Serialize, Out: Serialize>> LoggedNode<N> {
     /// The node `name` of a process that was started with `args`.
     pub fn new(name: &str, args: &ProcessArgs, boot: u32, node: N) -> Result<LoggedNode<N>, CliError> {
-        let log = match &args.log {
-            Some(directory) => Some(log_writer(directory, name, boot, &args.config)?),
-            None => None,
-        };
+        let log = args
+            .log
+            .as_ref()
+            .map(|directory| log_writer(directory, name, boot, &args.config));
+        let log = log.transpose()?;
         Ok(LoggedNode { node, log })
     }
     /// One step of the node, logged.
@@ -196,7 +197,7 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
         let out = self.node.node.step(now, input);
         let time_s = (steady_ns() - before) as f64 * 1e-9;
         // Steps without work do not count in the time that its work takes.
-        self.life.stepped(if send(&out) { Some(time_s) } else { None });
+        self.life.stepped(send(&out).then_some(time_s));
         self.node.log(now, input, &out);
         out
     }

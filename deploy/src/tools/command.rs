@@ -150,7 +150,7 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
     } else {
         print_answer(mission.state, &mission.entered, &mission.waiting, taken);
     }
-    Ok(if taken { Exit::Success } else { Exit::Failed })
+    Ok(Exit::of(taken))
 }
 
 /// Through the vessel, over the secured radio.
@@ -201,7 +201,7 @@ fn ashore(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliEr
         print_answer(status.state, &status.entered, &status.waiting, taken);
         terminal::line(format_args!("battery {:.0} %", 100.0 * status.battery));
     }
-    Ok(if taken { Exit::Success } else { Exit::Failed })
+    Ok(Exit::of(taken))
 }
 
 fn print_answer(state: State, entered: &Reason, waiting: &Reason, taken: bool) {

@@ -138,11 +138,7 @@ fn show(dir: &Path, as_json: bool) -> Result<Exit, CliError> {
             terminal::line(format_args!("{days:>6} days  {file}  {note}"));
         }
     }
-    Ok(if worst < RENEWAL_DAYS {
-        Exit::Failed
-    } else {
-        Exit::Success
-    })
+    Ok(Exit::of(worst >= RENEWAL_DAYS))
 }
 
 #[cfg(test)]

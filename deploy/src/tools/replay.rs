@@ -112,8 +112,8 @@ fn logs(path: &Path) -> Result<Vec<PathBuf>, CliError> {
 
 /// Replays one log of a process.
 fn replay_log(path: &Path) -> Result<NodeReplay, CliError> {
-    let reading = |e| CliError::because(format!("reading {}", path.display()), e);
-    let (log, head) = LogReader::open(path).map_err(reading)?;
+    let doing = format_args!("reading {}", path.display());
+    let (log, head) = LogReader::open(path).doing(doing)?;
     let LogHeader {
         process,
         boot,
@@ -148,7 +148,7 @@ fn replay_log(path: &Path) -> Result<NodeReplay, CliError> {
             )));
         }
     };
-    let (steps, differs_at_step) = replayed.map_err(reading)?;
+    let (steps, differs_at_step) = replayed.doing(doing)?;
     let name = path.file_stem().unwrap_or_default();
     Ok(NodeReplay {
         node: name.to_string_lossy().into_owned(),

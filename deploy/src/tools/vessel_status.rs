@@ -44,7 +44,7 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
             Some(Ok(status)) => status,
         };
         let findings = judge(&status, steady_ns());
-        let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
+        let worst = Level::worst(&findings);
         if as_json {
             let config: PathBuf = path.into();
             terminal::line(json!({
@@ -62,11 +62,7 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
             findings.iter().for_each(check::show);
         }
         if !watch {
-            return Ok(match worst {
-                Level::Fine => Exit::Success,
-                Level::Warning => Exit::Failed,
-                Level::Broken => Exit::Broken,
-            });
+            return Ok(worst.exit());
         }
         pause(WATCH_PERIOD);
     }

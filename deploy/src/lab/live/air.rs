@@ -199,25 +199,14 @@ fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result
 }
 
 /// What is observed of the link while it is flown.
+#[derive(Default)]
 pub struct RadioWatch {
     packets: Option<[ChannelCounts; 2]>,
     recent: Recent,
     ages: Times,
-    /// Ages yet to come while clocks and session settle, which are not kept.
-    unsettled: usize,
+    /// Ages that were left out, up to [`WARM_UP_AGES`].
+    settled: usize,
     outage_announced: bool,
-}
-
-impl Default for RadioWatch {
-    fn default() -> Self {
-        RadioWatch {
-            packets: None,
-            recent: Recent::default(),
-            ages: Times::default(),
-            unsettled: WARM_UP_AGES,
-            outage_announced: false,
-        }
-    }
 }
 
 impl RadioWatch {
@@ -242,8 +231,8 @@ impl RadioWatch {
             }
         }
         for age_s in ages_s.iter().filter(|a| a.is_finite()) {
-            if self.unsettled > 0 {
-                self.unsettled -= 1;
+            if self.settled < WARM_UP_AGES {
+                self.settled += 1;
             } else {
                 self.ages.add_ns((age_s * 1e9) as i64);
             }

@@ -15,33 +15,19 @@ use crate::table::{Cell, Table};
 use crate::terminal::note;
 
 /// The links: name, short name for a chart, and flags of `alight land`.
-const LINKS: [(&str, &str, &[&str]); 5] = [
-    ("wifi-near", "wifi-near", &["--link", "wifi-near"]),
-    ("wifi-far", "wifi-far", &["--link", "wifi-far"]),
-    ("storm", "storm", &["--link", "storm"]),
+const LINKS: [(&str, &str, &str); 5] = [
+    ("wifi-near", "wifi-near", "--link wifi-near"),
+    ("wifi-far", "wifi-far", "--link wifi-far"),
+    ("storm", "storm", "--link storm"),
     (
         "storm, 2 s of outage from the flare",
         "storm, 2 s",
-        &[
-            "--link",
-            "storm",
-            "--outage-at",
-            "flare",
-            "--outage-duration",
-            "2",
-        ],
+        "--link storm --outage-at flare --outage-duration 2",
     ),
     (
         "radio-mesh, 10 s of outage from tracking",
         "mesh, 10 s",
-        &[
-            "--link",
-            "radio-mesh",
-            "--outage-at",
-            "tracking",
-            "--outage-duration",
-            "10",
-        ],
+        "--link radio-mesh --outage-at tracking --outage-duration 10",
     ),
 ];
 
@@ -113,8 +99,8 @@ pub fn run(args: &StudyArgs, n: u32) -> Result<Value, CliError> {
     let mut rows = Vec::new();
     for (link, _, flags) in LINKS {
         for transport in TRANSPORTS {
-            let mut land: Vec<String> = flags.iter().map(|f| (*f).to_string()).collect();
-            land.extend(["--emulate", "always", "--transport", transport].map(String::from));
+            let words = format!("{flags} --emulate always --transport {transport}");
+            let mut land: Vec<String> = words.split_whitespace().map(String::from).collect();
             if let Some(directory) = &certificates {
                 land.extend(["--certificates".into(), directory.clone()]);
             }
@@ -199,7 +185,7 @@ fn charts(rows: &[LinkRow]) -> Vec<Chart> {
     let labels = LINKS.map(|(_, short, _)| short.to_string());
     let chart = |(caption, drawn): (&str, Drawn)| {
         let curve = |transport: &str, name: &str, side: fn(&PairedSummary) -> &Side| {
-            let point = |(link, ..): &(&str, &str, &[&str])| {
+            let point = |(link, ..): &(&str, &str, &str)| {
                 let row = rows
                     .iter()
                     .find(|r| r.link == *link && r.transport == transport)?;

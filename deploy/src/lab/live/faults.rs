@@ -145,11 +145,7 @@ pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
     if args.json {
         terminal::json(&cases)?;
     }
-    Ok(if held == cases.len() {
-        Exit::Success
-    } else {
-        Exit::Failed
-    })
+    Ok(Exit::of(held == cases.len()))
 }
 
 /// Process and kind by phase: landed of flown, unsafe contacts.

@@ -81,7 +81,7 @@ pub fn run(args: &DeckArgs) -> Result<Exit, CliError> {
         print(&found, &predictor);
     }
     let usable = found.centre.iter().any(|f| f.sd <= USABLE_M);
-    Ok(if usable { Exit::Success } else { Exit::Failed })
+    Ok(Exit::of(usable))
 }
 
 fn stand(args: &DeckArgs, config: &PredictorConfig) -> Result<DronePlacement, CliError> {

@@ -91,7 +91,7 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
         print(&found, &loaded, &config);
     }
     let some = found.decays.iter().any(Result::is_ok) || antenna(&found).is_some();
-    Ok(if some { Exit::Success } else { Exit::Failed })
+    Ok(Exit::of(some))
 }
 
 /// A calibration and the configuration that it is measured against.

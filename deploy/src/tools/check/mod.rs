@@ -54,17 +54,13 @@ pub fn run(args: &CheckArgs) -> Result<Exit, CliError> {
         })?,
     };
     let findings = rules::judge(&gather::gather(&path));
-    let worst = findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine);
+    let worst = Level::worst(&findings);
     if args.json {
         terminal::line(json!({ "config": path, "worst": worst, "findings": findings }));
     } else {
         findings.iter().for_each(show);
     }
-    Ok(match worst {
-        Level::Fine => Exit::Success,
-        Level::Warning => Exit::Failed,
-        Level::Broken => Exit::Broken,
-    })
+    Ok(worst.exit())
 }
 
 /// One finding, in lines.

@@ -4,6 +4,7 @@ use alight_shared::transport::radio::RadioConfig;
 use serde::Serialize;
 
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
+use crate::exit::Exit;
 use crate::tools::check::facts::{
     CameraCheck, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceCheck,
 };
@@ -30,6 +31,21 @@ pub enum Level {
     Warning,
     /// Does not work.
     Broken,
+}
+
+impl Level {
+    /// The worst of what was found.
+    pub fn worst(findings: &[Finding]) -> Level {
+        findings.iter().map(|f| f.level).max().unwrap_or(Level::Fine)
+    }
+    /// How a command ends that found nothing worse.
+    pub const fn exit(self) -> Exit {
+        match self {
+            Level::Fine => Exit::Success,
+            Level::Warning => Exit::Failed,
+            Level::Broken => Exit::Broken,
+        }
+    }
 }
 
 /// One thing that was looked at.

@@ -42,10 +42,7 @@ pub struct EstimateArgs {
 
 /// Reads, estimates, reports.
 pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
-    let named: Option<VesselComputer> = match &args.config {
-        Some(path) => Some(config::load(path)?),
-        None => None,
-    };
+    let named: Option<VesselComputer> = args.config.as_ref().map(|path| config::load(path)).transpose()?;
     let origin = args.log.display().to_string();
     let mount = mount(named.as_ref(), args.source.as_deref())?;
     let (recorded, own) = recorded(&args.log, &origin, &mount)?;
@@ -64,8 +61,7 @@ pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
     }
     note(args.json, show::table(&origin, &review).trim_end());
     if args.json {
-        let object = serde_json::to_string(&review).doing("writing the report")?;
-        terminal::line(object);
+        terminal::json(&review)?;
     }
     Ok(Exit::Success)
 }
@@ -90,18 +86,10 @@ fn mount(named: Option<&VesselComputer>, name: Option<&str>) -> Result<Mount, Cl
 
 /// The file's bytes, if it is not too large.
 fn read(path: &Path) -> Result<Vec<u8>, CliError> {
-    let reading = |e: &dyn std::fmt::Display| {
-        CliError(format!(
-            "reading {}: {e}; check the path and its permissions",
-            path.display()
-        ))
-    };
-    let file = File::open(path).map_err(|e| reading(&e))?;
+    let doing = format_args!("reading {} (check the path and its permissions)", path.display());
     let mut bytes = Vec::new();
-    // A device or a pipe has no length to ask for.
-    file.take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| reading(&e))?;
+    let file = File::open(path).doing(doing)?;
+    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).doing(doing)?;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(CliError(format!(
             "{}: more than {} MB; cut the recording into parts",

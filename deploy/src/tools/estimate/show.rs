@@ -2,9 +2,8 @@
 
 use alight_usv::review::{HORIZONS_S, Review};
 
-fn cell(value: Option<f64>, digits: usize) -> String {
-    value.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
-}
+use crate::cells;
+use crate::table::{Cell, Table, number};
 
 /// The report.
 pub fn table(origin: &str, r: &Review) -> String {
@@ -23,96 +22,107 @@ pub fn table(origin: &str, r: &Review) -> String {
         wrapped(note, &mut line);
     }
     line(String::new());
-    line(format!(
-        "{:<14}{:>9}{:>8}{:>7}{:>11}{:>9}{:>8}{:>9}{:>9}{:>8}",
-        "source", "samples", "Hz", "gaps", "longest s", "used", "gated", "order", "refused", "spare"
-    ));
+    let heads = [
+        "source",
+        "samples",
+        "Hz",
+        "gaps",
+        "longest s",
+        "used",
+        "gated",
+        "order",
+        "refused",
+        "spare",
+    ];
+    let mut sources = Table::new(1.., heads);
     for s in &r.sources {
-        line(format!(
-            "{:<14}{:>9}{:>8.2}{:>7}{:>11.3}{:>9}{:>8}{:>9}{:>9}{:>8}",
-            format!("{} {}", s.kind, s.source),
+        sources.row(cells![
+            format_args!("{} {}", s.kind, s.source),
             s.samples,
-            s.rate_hz,
+            Cell::number(s.rate_hz, 2),
             s.gaps,
-            s.longest_gap_s,
+            Cell::number(s.longest_gap_s, 3),
             s.counts.taken,
             s.counts.gated,
             s.counts.out_of_order,
             s.counts.rejected,
             s.counts.spare
-        ));
+        ]);
     }
+    line(sources.text());
     line(String::new());
     let [heave, roll, pitch] = r.motion_sd;
     line(format!(
         "motion (sd)   heave {} m   roll {} deg   pitch {} deg   {} estimates, {} restarts",
-        cell(heave, 3),
-        cell(roll, 2),
-        cell(pitch, 2),
+        number(heave, 3),
+        number(roll, 2),
+        number(pitch, 2),
         r.estimates,
         r.restarts
     ));
     let sea = &r.sea;
     line(format!(
         "sea state   Hs {} m   peak period {} s   identified {:.0} % of the time, confidence {:.2}",
-        cell(sea.significant_height_m, 2),
-        cell(sea.peak_period_s, 2),
+        number(sea.significant_height_m, 2),
+        number(sea.peak_period_s, 2),
         100.0 * sea.identified_fraction,
         sea.confidence
     ));
     line(String::new());
-    line(format!(
-        "{:<20}{:>10}{:>14}{:>16}{:>12}{:>11}",
-        "waves at the end", "period s", "encountered s", "towards deg", "heave m", "tilt deg"
-    ));
+    let heads = [
+        "waves at the end",
+        "period s",
+        "encountered s",
+        "towards deg",
+        "heave m",
+        "tilt deg",
+    ];
+    let mut waves = Table::new(1.., heads);
     for (k, c) in sea.components.iter().enumerate() {
-        line(format!(
-            "{:<20}{:>10.2}{:>14.2}{:>16}{:>12}{:>11.2}",
+        waves.row(cells![
             k + 1,
-            c.period_s,
-            c.encounter_period_s,
-            cell(c.direction_deg, 0),
-            cell(c.heave_m, 3),
-            c.tilt_deg
-        ));
+            Cell::number(c.period_s, 2),
+            Cell::number(c.encounter_period_s, 2),
+            Cell::number(c.direction_deg, 0),
+            Cell::number(c.heave_m, 3),
+            Cell::number(c.tilt_deg, 2)
+        ]);
     }
+    line(waves.text());
     if sea.components.is_empty() {
         line("none identified".into());
     }
     line(String::new());
     line(format!("from {:.0} s on:", r.evaluated_from_s));
-    line(format!(
-        "{:<20}{:>10}{:>10}{:>14}{:>16}",
-        "innovations", "fused", "gated", "mean NIS (1)", "in 95 % (95)"
-    ));
+    let mut innovations = Table::new(
+        1..,
+        ["innovations", "fused", "gated", "mean NIS (1)", "in 95 % (95)"],
+    );
     for f in &r.innovations {
-        line(format!(
-            "{:<20}{:>10}{:>10}{:>14.2}{:>14.1} %",
+        innovations.row(cells![
             f.channel.name(),
             f.fused,
             f.gated,
-            f.nis_mean,
-            100.0 * f.inside_95
-        ));
+            Cell::number(f.nis_mean, 2),
+            format_args!("{:.1} %", 100.0 * f.inside_95)
+        ]);
     }
+    line(innovations.text());
     line(String::new());
-    let heads = |what: &str| HORIZONS_S.map(|h| format!("{what} {h} s"));
-    let [a, b, c] = heads("at");
-    let [d, e, f] = heads("held");
-    line(format!(
-        "{:<14}{:>6}{:>9}{:>9}{:>9}{:>11}{:>9}{:>9}   {}",
-        "prediction", "", a, b, c, d, e, f, "in 95 % (95)"
-    ));
+    let heads = ["at", "held"].map(|what| HORIZONS_S.map(|h| format!("{what} {h} s")));
+    let heads = ["prediction", ""]
+        .map(String::from)
+        .into_iter()
+        .chain(heads.into_iter().flatten());
+    let mut predictions = Table::new(2.., heads.chain(["in 95 % (95)".into()]));
     for p in &r.predictions {
         let digits = if p.unit == "m" { 3 } else { 2 };
-        let [a, b, c] = p.rms.map(|v| format!("{v:.digits$}"));
-        let [d, e, f] = p.hold_rms.map(|v| format!("{v:.digits$}"));
-        let [x, y, z] = p.inside_95.map(|v| format!("{:.0}", 100.0 * v));
-        line(format!(
-            "{:<14}{:<6}{a:>9}{b:>9}{c:>9}{d:>11}{e:>9}{f:>9}   {x:>3} {y:>3} {z:>3} %",
-            p.what, p.unit
-        ));
+        let errors = p.rms.iter().chain(&p.hold_rms).map(|v| Cell::number(*v, digits));
+        let [x, y, z] = p.inside_95.map(|v| 100.0 * v);
+        let inside = Cell::from(format_args!("{x:.0} {y:.0} {z:.0} %"));
+        predictions.row(cells![p.what, p.unit].into_iter().chain(errors).chain([inside]));
     }
+    line(predictions.text());
     if let Some(p) = r.predictions.first() {
         line(format!(
             "  rms against the later estimate, {} predictions; held: the last estimate stands still",
