@@ -21,31 +21,27 @@ fn mission_holds_at_a_safe_height_while_data_are_stale() {
         for phase in [TRACKING, MissionPhase::TrackingStable, DESCENT, COMMITTED] {
             let mut low = s;
             low.own.as_mut().unwrap().position.z = -3.0;
-            let d = step(phase, attempt(), &low);
+            let d = step(phase, &low);
             goes(&d, State::Hold, why);
             let MissionPhase::Hold { at, .. } = d.phase else {
                 panic!()
             };
             assert!((at.z + 8.3).abs() < 1e-9, "{at:?}");
-            waits(&run(d.phase, d.progress, &s, 3.0), State::Hold, why);
-            goes(&run(d.phase, d.progress, &fair(), 1.0), State::Tracking, Reached);
+            waits(&run(&d, &s, 3.0), State::Hold, why);
+            goes(&run(&d, &fair(), 1.0), State::Tracking, Reached);
             let unseen = with_deck(|d| d.vision_age_s = 20.0);
-            goes(
-                &run(d.phase, d.progress, &unseen, 1.0),
-                State::GetAltitude,
-                Reached,
-            );
+            goes(&run(&d, &unseen, 1.0), State::GetAltitude, Reached);
         }
     }
 }
 
 #[test]
 fn operator_hold_lasts_until_the_next_landing_command() {
-    let d = decide(COMMITTED, attempt(), Some(CommandKind::Hold), &fair(), &config());
+    let d = commanded(COMMITTED, CommandKind::Hold, &fair());
     goes(&d, State::Hold, Operator);
-    waits(&run(d.phase, d.progress, &fair(), 20.0), State::Hold, Operator);
-    let d = decide(d.phase, d.progress, Some(CommandKind::Land), &fair(), &config());
-    goes(&run(d.phase, d.progress, &fair(), 1.0), State::Tracking, Reached);
+    waits(&run(&d, &fair(), 20.0), State::Hold, Operator);
+    let d = commanded(&d, CommandKind::Land, &fair());
+    goes(&run(&d, &fair(), 1.0), State::Tracking, Reached);
 }
 
 #[test]
@@ -67,7 +63,7 @@ fn abort_ends_every_flying_state() {
         spare,
     ] {
         let s = with_deck(|d| d.clearance_m = 0.2);
-        let d = decide(phase, attempt(), Some(CommandKind::Abort), &s, &config());
+        let d = commanded(phase, CommandKind::Abort, &s);
         goes(&d, State::GaveUp, Operator);
         let MissionPhase::GaveUp { at, .. } = d.phase else {
             panic!()
@@ -77,11 +73,7 @@ fn abort_ends_every_flying_state() {
             "straight up to the approach height: {at:?}"
         );
         assert!(!d.progress.landing);
-        waits(
-            &run(d.phase, d.progress, &fair(), 5.0),
-            State::GaveUp,
-            NotCommanded,
-        );
+        waits(&run(&d, &fair(), 5.0), State::GaveUp, NotCommanded);
     }
 }
 
@@ -91,11 +83,11 @@ fn mission_gives_up_after_its_last_attempt() {
     let bad = with_deck(|d| d.distance_m = 4.0);
     let c = config();
     for n in 1..=c.max_attempts {
-        let d = step(MissionPhase::TrackingStable, progress, &fair());
+        let d = step((MissionPhase::TrackingStable, progress), &fair());
         goes(&d, State::Descent, Reached);
         assert_eq!(d.progress.attempts, n);
         progress = d.progress;
-        let d = run(d.phase, d.progress, &bad, 1.0);
+        let d = run(&d, &bad, 1.0);
         if n < c.max_attempts {
             goes(&d, State::Tracking, Deviated);
         } else {
@@ -104,7 +96,7 @@ fn mission_gives_up_after_its_last_attempt() {
     }
     // However it came back above the deck, it does not begin another.
     goes(
-        &step(MissionPhase::TrackingStable, progress, &fair()),
+        &step((MissionPhase::TrackingStable, progress), &fair()),
         State::GaveUp,
         OutOfRetries,
     );
@@ -113,12 +105,12 @@ fn mission_gives_up_after_its_last_attempt() {
 #[test]
 fn mission_gives_up_on_low_battery_unless_landing_or_commanded_again() {
     let low = with(|s| s.battery = Some(0.1));
-    let d = step(TRACKING, wanted(), &low);
+    let d = step(TRACKING, &low);
     goes(&d, State::GaveUp, BatteryLow);
-    waits(&step(DESCENT, attempt(), &low), State::Descent, TooFar);
-    let d = decide(d.phase, d.progress, Some(CommandKind::Land), &low, &config());
+    waits(&step(DESCENT, &low), State::Descent, TooFar);
+    let d = commanded(&d, CommandKind::Land, &low);
     goes(&d, State::Hold, Commanded);
-    goes(&run(d.phase, d.progress, &low, 1.0), State::Tracking, Reached);
+    goes(&run(&d, &low, 1.0), State::Tracking, Reached);
 }
 
 #[test]
@@ -127,18 +119,18 @@ fn mission_gives_up_after_its_time_limit() {
         now: at(601.0),
         ..with_deck(|d| d.vision_age_s = f64::INFINITY)
     };
-    let d = step(MissionPhase::APPROACH, wanted(), &late);
+    let d = step(MissionPhase::APPROACH, &late);
     goes(&d, State::GaveUp, TooLong);
 }
 
 #[test]
 fn mission_returns_to_idle_when_control_is_lost() {
     let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Other));
-    let d = step(COMMITTED, attempt(), &s);
+    let d = step(COMMITTED, &s);
     goes(&d, State::Idle, NotFlying);
     assert!(!d.progress.landing, "a person flies: nothing resumes by itself");
     let s = with(|s| s.flight = ControlState::OtherControl(AutopilotMode::Hold));
-    assert!(step(TRACKING, wanted(), &s).progress.landing);
+    assert!(step(TRACKING, &s).progress.landing);
     let s = with(|s| s.flight = ControlState::Disarmed);
-    goes(&step(TRACKING, wanted(), &s), State::Idle, NotFlying);
+    goes(&step(TRACKING, &s), State::Idle, NotFlying);
 }

@@ -83,23 +83,48 @@ pub(super) fn with(change: impl FnOnce(&mut Situation)) -> Situation {
 pub(super) fn with_deck(change: impl FnOnce(&mut Deck)) -> Situation {
     with(|s| change(s.deck.as_mut().unwrap()))
 }
+/// Where a test begins: a phase with its usual progress (an attempt under way from the descent on), or what a
+/// decision left.
+#[derive(Clone, Copy)]
+pub(super) struct Start(MissionPhase, Progress);
+
+impl From<MissionPhase> for Start {
+    fn from(phase: MissionPhase) -> Self {
+        let landing = matches!(phase.state(), State::Descent | State::Flare | State::Landed);
+        Start(phase, if landing { attempt() } else { wanted() })
+    }
+}
+impl From<&Decision> for Start {
+    fn from(d: &Decision) -> Self {
+        Start(d.phase, d.progress)
+    }
+}
+impl From<(MissionPhase, Progress)> for Start {
+    fn from((phase, progress): (MissionPhase, Progress)) -> Self {
+        Start(phase, progress)
+    }
+}
+
 /// One step without a command.
-pub(super) fn step(phase: MissionPhase, progress: Progress, s: &Situation) -> Decision {
+pub(super) fn step(from: impl Into<Start>, s: &Situation) -> Decision {
+    let Start(phase, progress) = from.into();
     decide(phase, progress, None, s, &config())
 }
-/// Runs `phase` in the unchanging situation for `secs`; the last decision that changed the state,
-/// or the last one.
-pub(super) fn run(phase: MissionPhase, progress: Progress, s: &Situation, secs: f64) -> Decision {
+/// One step with a command.
+pub(super) fn commanded(from: impl Into<Start>, command: CommandKind, s: &Situation) -> Decision {
+    let Start(phase, progress) = from.into();
+    decide(phase, progress, Some(command), s, &config())
+}
+/// Runs in the unchanging situation for `secs`; the last decision that changed the state, or the last one.
+pub(super) fn run(from: impl Into<Start>, s: &Situation, secs: f64) -> Decision {
     let mut s = *s;
-    let (mut phase, mut progress) = (phase, progress);
-    let mut last = step(phase, progress, &s);
+    let mut last = step(from, &s);
     for _ in 0..(secs / 0.01) as usize {
         if last.entered.is_some() {
             break;
         }
-        (phase, progress) = (last.phase, last.progress);
         s.now += Span::from_millis(10);
-        last = step(phase, progress, &s);
+        last = step(&last, &s);
     }
     last
 }
@@ -135,7 +160,7 @@ pub(super) fn waits(d: &Decision, in_state: State, why: ReasonCode) {
 #[test]
 fn idle_waits_for_command_flight_and_vessel() {
     let idle = MissionPhase::Idle;
-    let d = step(idle, Progress::default(), &fair());
+    let d = step((idle, Progress::default()), &fair());
     waits(&d, State::Idle, NotCommanded);
     for flight in [
         ControlState::Unknown,
@@ -144,44 +169,38 @@ fn idle_waits_for_command_flight_and_vessel() {
         ControlState::OtherControl(AutopilotMode::Other),
     ] {
         let s = with(|s| s.flight = flight);
-        waits(&step(idle, wanted(), &s), State::Idle, NotFlying);
+        waits(&step(idle, &s), State::Idle, NotFlying);
     }
     let s = with(|s| (s.deck, s.forecast_age_s) = (None, f64::INFINITY));
-    waits(&step(idle, wanted(), &s), State::Idle, ForecastStale);
+    waits(&step(idle, &s), State::Idle, ForecastStale);
     let s = with_deck(|d| d.radio_age_s = f64::INFINITY);
-    waits(&step(idle, wanted(), &s), State::Idle, NoVessel);
-    let d = decide(
-        idle,
-        Progress::default(),
-        Some(CommandKind::Land),
-        &fair(),
-        &config(),
-    );
+    waits(&step(idle, &s), State::Idle, NoVessel);
+    let d = commanded((idle, Progress::default()), CommandKind::Land, &fair());
     goes(&d, State::GetAltitude, Commanded);
 }
 
 #[test]
 fn get_altitude_ends_at_the_approach_height() {
     let from = MissionPhase::GetAltitude { from: [1.0, 2.0] };
-    let d = step(from, wanted(), &fair());
+    let d = step(from, &fair());
     waits(&d, State::GetAltitude, TooFar);
     assert!((d.waiting.value - 8.0).abs() < 1e-9, "{d:?}");
     let mut s = fair();
     s.own.as_mut().unwrap().position.z = -1.3 - 15.0 + 0.5;
-    goes(&step(from, wanted(), &s), State::Approach, Reached);
+    goes(&step(from, &s), State::Approach, Reached);
 }
 
 #[test]
 fn approach_ends_with_confirmed_detection() {
     let approach = MissionPhase::APPROACH;
     let unseen = with_deck(|d| d.vision_age_s = f64::INFINITY);
-    waits(&run(approach, wanted(), &unseen, 5.0), State::Approach, NoVision);
+    waits(&run(approach, &unseen, 5.0), State::Approach, NoVision);
     // A single detection is not enough.
-    waits(&step(approach, wanted(), &fair()), State::Approach, NoVision);
-    goes(&run(approach, wanted(), &fair(), 1.0), State::Tracking, Reached);
+    waits(&step(approach, &fair()), State::Approach, NoVision);
+    goes(&run(approach, &fair(), 1.0), State::Tracking, Reached);
     // Neither vision nor radio.
     let blind = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (f64::INFINITY, 6.0));
-    goes(&run(approach, wanted(), &blind, 1.0), State::Hold, NoVessel);
+    goes(&run(approach, &blind, 1.0), State::Hold, NoVessel);
 }
 
 #[test]
@@ -191,32 +210,20 @@ fn tracking_becomes_stable_after_half_a_second_of_steadiness() {
         (with_deck(|d| d.relative_speed_mps = 2.0), TooFast),
         (with(|s| s.mean_deck_z = Some(3.0)), TooFar),
     ] {
-        waits(&run(TRACKING, wanted(), &s, 2.0), State::Tracking, why);
+        waits(&run(TRACKING, &s, 2.0), State::Tracking, why);
     }
-    waits(&run(TRACKING, wanted(), &fair(), 0.3), State::Tracking, NotSteady);
-    goes(
-        &run(TRACKING, wanted(), &fair(), 1.0),
-        State::TrackingStable,
-        Reached,
-    );
+    waits(&run(TRACKING, &fair(), 0.3), State::Tracking, NotSteady);
+    goes(&run(TRACKING, &fair(), 1.0), State::TrackingStable, Reached);
 }
 
 #[test]
 fn tracking_continues_without_radio_and_returns_to_approach_without_vision() {
     let silent = with_deck(|d| d.radio_age_s = f64::INFINITY);
-    goes(
-        &run(TRACKING, wanted(), &silent, 1.0),
-        State::TrackingStable,
-        Reached,
-    );
+    goes(&run(TRACKING, &silent, 1.0), State::TrackingStable, Reached);
     let unseen = with_deck(|d| d.vision_age_s = 5.5);
-    goes(
-        &run(TRACKING, wanted(), &unseen, 1.0),
-        State::Approach,
-        VisionLost,
-    );
+    goes(&run(TRACKING, &unseen, 1.0), State::Approach, VisionLost);
     let nothing = with_deck(|d| (d.vision_age_s, d.radio_age_s) = (5.5, 5.5));
-    goes(&run(TRACKING, wanted(), &nothing, 1.0), State::Hold, VisionLost);
+    goes(&run(TRACKING, &nothing, 1.0), State::Hold, VisionLost);
 }
 
 #[test]
@@ -267,22 +274,22 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
             TooWindy,
         ),
     ] {
-        let d = step(stable, wanted(), &s);
+        let d = step(stable, &s);
         waits(&d, State::TrackingStable, why);
         assert!(!d.waiting.to_string().is_empty());
     }
-    let d = step(stable, wanted(), &fair());
+    let d = step(stable, &fair());
     goes(&d, State::Descent, Reached);
     assert_eq!(d.progress.attempts, 1);
     let s = with_deck(|d| d.distance_m = 2.5);
-    goes(&step(stable, wanted(), &s), State::Tracking, TooFar);
+    goes(&step(stable, &s), State::Tracking, TooFar);
 }
 
 #[test]
 fn descent_becomes_flare_below_its_clearance() {
-    waits(&step(DESCENT, attempt(), &fair()), State::Descent, TooFar);
+    waits(&step(DESCENT, &fair()), State::Descent, TooFar);
     let low = with_deck(|d| d.clearance_m = 0.85);
-    goes(&step(DESCENT, attempt(), &low), State::Flare, Reached);
+    goes(&step(DESCENT, &low), State::Flare, Reached);
 }
 
 #[test]
@@ -295,8 +302,8 @@ fn descent_returns_to_tracking_when_a_condition_stays_violated() {
         (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
         (with(|s| s.plan_age_s = 0.6), NoPlan),
     ] {
-        waits(&run(DESCENT, attempt(), &s, 0.2), State::Descent, why);
-        goes(&run(DESCENT, attempt(), &s, 1.0), State::Tracking, why);
+        waits(&run(DESCENT, &s, 0.2), State::Descent, why);
+        goes(&run(DESCENT, &s, 1.0), State::Tracking, why);
     }
 }
 
@@ -310,10 +317,10 @@ fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
             VisionLost,
         ),
     ] {
-        let d = run(DESCENT, attempt(), &s, 2.0);
+        let d = run(DESCENT, &s, 2.0);
         waits(&d, State::Descent, why);
         assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
-        goes(&run(DESCENT, attempt(), &s, 9.0), State::Tracking, why);
+        goes(&run(DESCENT, &s, 9.0), State::Tracking, why);
     }
 }
 
@@ -328,48 +335,32 @@ fn descent_ignores_soft_violations_below_the_commit_clearance() {
             d.horizontal_sd_m = 2.0;
         })
     };
-    waits(
-        &run(COMMITTED, attempt(), &soft(0.5), 2.0),
-        State::Flare,
-        VisionLost,
-    );
-    goes(
-        &run(FREE_FLARE, attempt(), &soft(0.85), 2.0),
-        State::Tracking,
-        VisionLost,
-    );
+    waits(&run(COMMITTED, &soft(0.5), 2.0), State::Flare, VisionLost);
+    goes(&run(FREE_FLARE, &soft(0.85), 2.0), State::Tracking, VisionLost);
     // The deck fell away again: there is time to judge.
-    goes(
-        &run(COMMITTED, attempt(), &soft(1.5), 2.0),
-        State::Tracking,
-        VisionLost,
-    );
+    goes(&run(COMMITTED, &soft(1.5), 2.0), State::Tracking, VisionLost);
     // The deck rose to the descending drone: going on is the safer way.
     let near = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
-    goes(&step(DESCENT, attempt(), &near), State::Flare, Reached);
+    goes(&step(DESCENT, &near), State::Flare, Reached);
 }
 
 #[test]
 fn flare_continues_through_its_end_without_vision() {
     let blind = with_deck(|d| (d.clearance_m, d.vision_age_s) = (0.85, 2.0));
-    waits(&run(FREE_FLARE, attempt(), &blind, 1.0), State::Flare, TooFar);
+    waits(&run(FREE_FLARE, &blind, 1.0), State::Flare, TooFar);
     let silent = with_deck(|d| (d.clearance_m, d.vision_age_s, d.radio_age_s) = (0.85, 2.0, 9.0));
-    waits(&run(FREE_FLARE, attempt(), &silent, 1.0), State::Flare, TooFar);
+    waits(&run(FREE_FLARE, &silent, 1.0), State::Flare, TooFar);
 }
 
 #[test]
 fn flare_breaks_off_even_committed_when_the_deck_is_missed_or_lost() {
     let missed = with_deck(|d| d.clearance_m = -0.5);
-    goes(&run(COMMITTED, attempt(), &missed, 1.0), State::Tracking, Missed);
+    goes(&run(COMMITTED, &missed, 1.0), State::Tracking, Missed);
     let beside = Situation {
         outside_m: 0.4,
         ..with_deck(|d| d.clearance_m = 0.3)
     };
-    goes(
-        &run(COMMITTED, attempt(), &beside, 1.0),
-        State::Tracking,
-        Deviated,
-    );
+    goes(&run(COMMITTED, &beside, 1.0), State::Tracking, Deviated);
 }
 
 #[test]
@@ -378,20 +369,20 @@ fn mission_lands_when_the_pilot_stops_the_motors() {
         motors_stopped: true,
         ..with_deck(|d| d.clearance_m = 0.0)
     };
-    goes(&step(COMMITTED, attempt(), &s), State::Landed, Touchdown);
-    let d = step(MissionPhase::Idle, wanted(), &s);
+    goes(&step(COMMITTED, &s), State::Landed, Touchdown);
+    let d = step(MissionPhase::Idle, &s);
     assert_ne!(d.phase.state(), State::Landed);
 }
 
 #[test]
 fn landed_is_left_only_after_disarming_and_arming() {
     let landed = MissionPhase::Landed { disarmed: false };
-    let d = decide(landed, attempt(), Some(CommandKind::Land), &fair(), &config());
+    let d = commanded(landed, CommandKind::Land, &fair());
     assert_eq!(d.phase, landed);
     let off = with(|s| s.flight = ControlState::Disarmed);
-    let d = step(landed, d.progress, &off);
+    let d = step((landed, d.progress), &off);
     assert_eq!(d.phase, MissionPhase::Landed { disarmed: true });
-    let d = step(d.phase, d.progress, &fair());
+    let d = step(&d, &fair());
     goes(&d, State::Idle, Reached);
     assert!(!d.progress.landing);
 }
