@@ -133,7 +133,7 @@ struct Timers {
 }
 
 /// The link's node.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct AutopilotLink {
     config: AutopilotLinkConfig,
     geometry: DroneGeometry,
@@ -195,31 +195,10 @@ impl AutopilotLink {
             datum,
             drone_id,
             boot,
-            sequences: [0; 3],
-            peer: None,
-            clock: RemoteClock::default(),
-            timesync_requests: VecDeque::new(),
-            drone_state: DroneStateAssembler::default(),
             smooth: Odometry::new(odometry),
-            state: None,
             shift: datum.is_none().then(Vector3::zeros),
             hover: HoverThrust::new(config.hover_thrust),
-            force: None,
-            range: None,
-            set_point: Latest::default(),
-            mission: Latest::default(),
-            forecast: Latest::default(),
-            authority: AuthorityStateMachine::default(),
-            disarm: DisarmSequence::default(),
-            inhibited: None,
-            held: None,
-            flown: None,
-            sent_at: None,
-            set_points: 0,
-            low_since: None,
-            diversions: 0,
-            arm_tries: 0,
-            timers: Timers::default(),
+            ..AutopilotLink::default()
         }
     }
     /// Who commands, and why.

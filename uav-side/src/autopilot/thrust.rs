@@ -25,7 +25,7 @@ pub(crate) fn command(fraction: f64, curve: f64) -> f64 {
 
 /// The hover thrust, identified in flight: `T_h = T g / f`, with `f` the specific force upwards along
 /// the body's axis, smoothed.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct HoverThrust {
     value: f64,
     learned_s: f64,

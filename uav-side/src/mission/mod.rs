@@ -79,7 +79,7 @@ const TILT_TIME_S: f64 = 20.0;
 const LEVEL_STEP_M: f64 = 2.0;
 
 /// The mission node.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Mission {
     config: MissionConfig,
     drone_geometry: DroneGeometry,
@@ -127,26 +127,8 @@ impl Mission {
             deck_geometry: *deck,
             drone_id,
             boot,
-            sequence: 0,
-            forecast: Latest::default(),
-            drone: Latest::default(),
-            autopilot: Latest::default(),
-            plan: Latest::default(),
-            set_point: Latest::default(),
-            grant: Latest::default(),
-            command: None,
-            commands_rejected: 0,
-            origin: OriginResets::default(),
-            mean_deck_z: MeanDeckHeight::default(),
-            wind: WindMonitor::default(),
-            worst: None,
-            follows: false,
-            phase: MissionPhase::Idle,
-            progress: Progress::default(),
-            previous: State::Idle,
-            since: Time::EPOCH,
-            entered: Reason::default(),
             due: Time::from_nanos(i64::MIN),
+            ..Mission::default()
         }
     }
 

@@ -19,9 +19,10 @@ pub enum HoldCause {
 }
 
 /// A state with what it has to remember.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum MissionPhase {
     /// Waits.
+    #[default]
     Idle,
     /// Straight up or down.
     GetAltitude {

@@ -67,7 +67,7 @@ struct SmoothState {
 }
 
 /// The smooth odometry.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Odometry {
     config: OdometryConfig,
     smoothed: Option<SmoothState>,

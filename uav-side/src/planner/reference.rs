@@ -39,7 +39,7 @@ pub struct Reference {
 }
 
 /// Builds references; remembers its governors and the deck's mean height.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ReferenceGenerator {
     config: PlannerConfig,
     drone: DroneGeometry,
@@ -71,11 +71,7 @@ impl ReferenceGenerator {
             config: config.clone(),
             drone: *drone,
             deck: *deck,
-            horizontal: ReferenceGovernor::default(),
-            vertical: ReferenceGovernor::default(),
-            yaw: ReferenceGovernor::default(),
-            mean_height: MeanDeckHeight::default(),
-            frozen: None,
+            ..ReferenceGenerator::default()
         }
     }
 

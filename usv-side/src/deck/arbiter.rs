@@ -88,7 +88,7 @@ pub struct ArbiterOut {
 }
 
 /// The node that decides who owns the deck.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct DeckArbiter {
     config: DeckConfig,
     vessel: u32,
@@ -108,12 +108,8 @@ impl DeckArbiter {
             config: *config,
             vessel,
             boot,
-            sequence: 0,
-            drones: Vec::new(),
-            owner: None,
-            began: None,
             due: Time::from_nanos(i64::MIN),
-            rejected: 0,
+            ..DeckArbiter::default()
         }
     }
     /// The drone that owns the deck.

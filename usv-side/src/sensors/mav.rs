@@ -27,6 +27,7 @@ const COMPANION: u8 = 191;
 const AUTOPILOT: u8 = 1;
 
 /// Decodes MAVLink.
+#[derive(Default)]
 pub struct MavlinkDecoder {
     mounting: Mounting,
     frames: FrameReader,
@@ -53,14 +54,8 @@ impl MavlinkDecoder {
     pub fn new(mounting: &Mounting) -> Self {
         MavlinkDecoder {
             mounting: mounting.clone(),
-            frames: FrameReader::default(),
-            decoded: Decoded::default(),
-            system: None,
-            sequence: 0,
-            origin: None,
             heading_ns: i64::MIN,
-            gps_heading: false,
-            requests: 0,
+            ..MavlinkDecoder::default()
         }
     }
 
