@@ -3,6 +3,8 @@ pub mod autopilot;
 pub mod calibrate;
 pub mod camera;
 mod deck_height;
+#[cfg(test)]
+mod fixtures;
 pub mod mission;
 pub mod odometry;
 pub mod pilot;

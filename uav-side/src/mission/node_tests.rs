@@ -1,20 +1,14 @@
 //! The node: an ideal drone lands, commands and frames are handled, random input is harmless.
 
 use alight_shared::config::parse;
-use alight_shared::msg::{AutopilotMode, DeckStage, LandedState, Message, Phase, Seq, Source};
+use alight_shared::msg::{AutopilotMode, Message, Phase, PlanStage};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
+use super::tests::{DroneTime, at, config};
 use super::*;
+use crate::fixtures::{airborne, command, drone, forecast, header, level, plan};
 
-type DroneTime = Time<DroneClock>;
-
-fn at(s: f64) -> DroneTime {
-    Time::from_secs(s)
-}
-fn config() -> MissionConfig {
-    MissionConfig::default()
-}
 fn node() -> Mission {
     Mission::new(
         &config(),
@@ -24,54 +18,27 @@ fn node() -> Mission {
         1,
     )
 }
-fn header(n: u32, t: DroneTime) -> Header<DroneClock> {
-    Header::new(1, 1, 1, n, t)
+
+/// Everything fresh for a hovering drone over a level deck.
+fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn {
+    let header = header(n, t);
+    MissionIn {
+        forecast: Some(deck(n, t, -1.3)),
+        drone: Some(drone(header, position)),
+        autopilot: Some(airborne(header)),
+        plan: Some(plan(header, |_| PlanStage::default())),
+        ..MissionIn::default()
+    }
 }
-fn forecast(n: u32, t: DroneTime, position: [f64; 3]) -> DeckForecast {
+
+/// A level deck at that height, known to all.
+fn deck(n: u32, t: DroneTime, z: f64) -> DeckForecast {
     DeckForecast {
-        header: header(n, t),
-        step: Span::from_millis(100),
-        source: Source::Both,
         radio_age_s: 0.05,
         vision_age_s: 0.05,
         tag_age_s: 0.05,
         wave_confidence: 1.0,
-        wave_following_deficit: 0.0,
-        mean_heading: 0.0,
-        stages: Seq::filled((0..41).map(|_| DeckStage {
-            position,
-            ..DeckStage::default()
-        })),
-        slopes: Seq::new(),
-        predicted_slopes: Seq::new(),
-    }
-}
-fn fresh_input(n: u32, t: DroneTime, position: [f64; 3]) -> MissionIn {
-    MissionIn {
-        forecast: Some(forecast(n, t, [0.0, 0.0, -1.3])),
-        drone: Some(DroneState {
-            header: header(n, t),
-            position,
-            ..DroneState::default()
-        }),
-        autopilot: Some(AutopilotState {
-            header: header(n, t),
-            armed: true,
-            mode: AutopilotMode::Offboard,
-            landed: LandedState::InAir,
-            battery: 0.8,
-            thrust: 0.34,
-            hover_thrust: 0.34,
-            ..AutopilotState::default()
-        }),
-        plan: Some(Plan {
-            header: header(n, t),
-            step: Span::from_millis(100),
-            ..Plan::default()
-        }),
-        set_point: None,
-        command: None,
-        deck: None,
+        ..forecast(header(n, t), |_| level([0.0, 0.0, z]))
     }
 }
 
@@ -87,13 +54,10 @@ fn mission_keeps_the_minimum_altitude_when_a_forecast_jumps_below_the_water() {
         if k >= 500 {
             // Ever deeper, in steps.
             let depth = 4.0 + 4.0 * f64::from((k - 500) / 100);
-            input.forecast = Some(forecast(k, t, [0.0, 0.0, depth]));
+            input.forecast = Some(deck(k, t, depth));
         }
         if k == 5 {
-            input.command = Some(Command {
-                header: header(1, t),
-                kind: CommandKind::Land,
-            });
+            input.command = Some(command(header(1, t), CommandKind::Land));
         }
         if let Some(state) = m.step(t, &input).state {
             lowest.push(state.minimum_altitude_m);
@@ -115,10 +79,7 @@ fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_a
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, p.into());
         if k == 5 {
-            input.command = Some(Command {
-                header: header(1, t),
-                kind: CommandKind::Land,
-            });
+            input.command = Some(command(header(1, t), CommandKind::Land));
         }
         if touched {
             input.set_point = Some(SetPoint {
@@ -179,10 +140,7 @@ fn mission_accepts_a_command_once_and_while_it_is_fresh() {
     let mut m = node();
     let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-        input.command = Some(Command {
-            header: header(n, at(given)),
-            kind,
-        });
+        input.command = Some(command(header(n, at(given)), kind));
         m.step(at(t), &input);
         m.commands_rejected
     };
@@ -201,10 +159,7 @@ fn mission_discards_the_forecast_at_an_origin_reset() {
     for k in 0..300_u32 {
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, [0.0, 0.0, -16.3]);
-        input.command = (k == 3).then_some(Command {
-            header: header(1, t),
-            kind: CommandKind::Land,
-        });
+        input.command = (k == 3).then_some(command(header(1, t), CommandKind::Land));
         if k == 200 {
             input.autopilot.as_mut().unwrap().origin_resets = 1;
             input.forecast = None;
@@ -330,7 +285,7 @@ proptest! {
                     if b.age_ms == 0 { stop_at = Some(now) }
                 }
                 if r == 0 {
-                    input.command = b.command.map(|kind| Command { header: header(n, then), kind });
+                    input.command = b.command.map(|kind| command(header(n, then), kind));
                 }
                 let out = m.step(now, &input);
                 let state = m.phase.state();

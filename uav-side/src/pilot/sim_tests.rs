@@ -1,12 +1,12 @@
 //! The pilot in a small world of its own: a drone with lags over a heaving, tilting deck.
 
-use alight_shared::msg::{LandedState, Seq, Source};
 use nalgebra::UnitQuaternion;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
 use super::*;
+use crate::fixtures::{airborne, forecast, mission, plan};
 
 /// Feet below the centre of mass and the rangefinder's reading on the deck, m.
 const FEET: f64 = 0.30;
@@ -40,8 +40,8 @@ impl Sea {
 /// What the drone is asked to do.
 #[derive(Clone, Copy)]
 enum Task {
-    /// Clearance of `from` at `begin` less 0.5 m/s, pressing 0.3 m into the deck.
-    Land { from: f64, begin: f64 },
+    /// This clearance, from this time on less 0.5 m/s, pressing 0.3 m into the deck.
+    Land(f64, f64),
     /// Stay at this clearance over the moving deck.
     Follow(f64),
     /// Stay at this NED height of the feet.
@@ -112,7 +112,7 @@ impl World {
     fn reference(&self, t: f64) -> PlanStage {
         let d = self.sea.deck(t);
         let height = match self.task {
-            Task::Land { from, begin } => (from - 0.5 * (t - begin).max(0.0)).max(-0.3),
+            Task::Land(from, begin) => (from - 0.5 * (t - begin).max(0.0)).max(-0.3),
             Task::Follow(h) => h,
             Task::Stand(z) => {
                 return PlanStage {
@@ -122,7 +122,7 @@ impl World {
             }
         };
         let sink = match self.task {
-            Task::Land { from, begin } if t > begin && from - 0.5 * (t - begin) > -0.3 => 0.5,
+            Task::Land(from, begin) if t > begin && from - 0.5 * (t - begin) > -0.3 => 0.5,
             _ => 0.0,
         };
         // Attitude and sideways acceleration follow the deck's tilt near the contact only.
@@ -206,45 +206,27 @@ impl World {
                     variance: 9e-4,
                 });
             }
-            input.mission = Some(MissionState {
-                header,
-                state: self.state,
-                descent_mps: if self.state.phase() == Phase::Landing {
-                    0.5
-                } else {
-                    0.0
-                },
-                ..MissionState::default()
-            });
+            let sink = if self.state.phase() == Phase::Landing {
+                0.5
+            } else {
+                0.0
+            };
+            input.mission = Some(mission(header, self.state, sink));
             let error = self.noise(0.03);
-            input.forecast = Some(DeckForecast {
-                header,
-                step: Span::from_millis(100),
-                source: Source::Both,
-                stages: Seq::filled((0..41).map(|k| {
-                    let mut d = self.sea.deck(self.t + 0.1 * f64::from(k));
-                    d.position[2] += error;
-                    d
-                })),
-                ..DeckForecast::default()
-            });
-            input.plan = Some(Plan {
-                header,
-                step: Span::from_millis(100),
-                stages: Seq::filled((0..21).map(|k| self.reference(self.t + 0.1 * f64::from(k)))),
-                ..Plan::default()
-            });
+            input.forecast = Some(forecast(header, |ahead| {
+                let mut d = self.sea.deck(self.t + ahead);
+                d.position[2] += error;
+                d
+            }));
+            input.plan = Some(plan(header, |ahead| self.reference(self.t + ahead)));
         }
         if n.is_multiple_of(10) {
             input.autopilot = Some(AutopilotState {
-                header,
                 armed: self.stopped.is_none(),
                 mode: self.mode,
-                landed: LandedState::InAir,
                 thrust: self.thrust,
                 hover_thrust: self.hover * 1.02,
-                battery: 0.9,
-                ..AutopilotState::default()
+                ..airborne(header)
             });
         }
         let out = self.pilot.step(now, &input);
@@ -273,18 +255,22 @@ fn moderate(phase: f64) -> Sea {
     }
 }
 
+/// A landing on a moderate sea after `change`, and how long after its first contact the motors stopped, s.
+fn landed(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
+    let mut w = World::new(moderate(phase), Task::Land(0.9, 2.0), seed);
+    change(&mut w);
+    w.fly(9.0);
+    let (at, _, _) = w.first_contact.expect("no contact");
+    let stop = w.stopped.expect("not stopped") - at;
+    (w, stop)
+}
+
 #[test]
 fn pilot_lands_on_a_moving_deck_and_stops_the_motors() {
     let mut worst: (f64, f64, f64, f64) = (0.0, 0.0, 0.0, 0.0);
     for k in 0..24 {
-        let task = Task::Land {
-            from: 0.9,
-            begin: 2.0,
-        };
-        let mut w = World::new(moderate(f64::from(k) * 0.26), task, k as u64);
-        w.fly(9.0);
-        let (at, speed, tilt) = w.first_contact.expect("no contact");
-        let stop = w.stopped.expect("not stopped") - at;
+        let (w, stop) = landed(f64::from(k) * 0.26, k as u64, |_| ());
+        let (_, speed, tilt) = w.first_contact.expect("no contact");
         let t = w.touchdown.expect("no evidence");
         assert!(t.excess_mps2 > 2.0 && t.thrust_of_hover < 0.8, "{t:?}");
         worst = (
@@ -308,14 +294,7 @@ fn pilot_lands_on_a_moving_deck_and_stops_the_motors() {
 #[test]
 fn pilot_lands_without_a_rangefinder() {
     for k in 0..6 {
-        let task = Task::Land {
-            from: 0.9,
-            begin: 2.0,
-        };
-        let mut w = World::new(moderate(f64::from(k)), task, 100 + k as u64);
-        w.ranges = false;
-        w.fly(9.0);
-        let stop = w.stopped.expect("not stopped") - w.first_contact.unwrap().0;
+        let (_, stop) = landed(f64::from(k), 100 + k as u64, |w| w.ranges = false);
         assert!((0.0..1.0).contains(&stop), "{stop}");
     }
 }
@@ -323,15 +302,8 @@ fn pilot_lands_without_a_rangefinder() {
 #[test]
 fn pilot_lands_after_a_bounce() {
     for k in 0..6 {
-        let task = Task::Land {
-            from: 0.9,
-            begin: 2.0,
-        };
-        let mut w = World::new(moderate(f64::from(k)), task, 200 + k as u64);
         // Restitution of about 0.6.
-        w.damping = 80.0;
-        w.fly(9.0);
-        let stop = w.stopped.expect("not stopped") - w.first_contact.unwrap().0;
+        let (w, stop) = landed(f64::from(k), 200 + k as u64, |w| w.damping = 80.0);
         assert!((0.0..1.0).contains(&stop), "{stop}");
         assert!(w.hardest < 1.0, "{}", w.hardest);
     }
@@ -373,11 +345,7 @@ fn pilot_keeps_the_motors_on_outside_a_landing_or_without_the_autopilot() {
         (State::Flare, AutopilotMode::Hold),
         (State::Flare, AutopilotMode::Other),
     ] {
-        let task = Task::Land {
-            from: 0.5,
-            begin: 1.0,
-        };
-        let mut w = World::new(moderate(1.0), task, 9);
+        let mut w = World::new(moderate(1.0), Task::Land(0.5, 1.0), 9);
         (w.state, w.mode) = (state, mode);
         w.fly(8.0);
         assert!(
@@ -428,11 +396,7 @@ fn pilot_tracks_the_plan_within_centimetres() {
 
 #[test]
 fn pilot_stays_stopped_until_the_mission_is_idle_again() {
-    let task = Task::Land {
-        from: 0.5,
-        begin: 1.0,
-    };
-    let mut w = World::new(moderate(0.0), task, 13);
+    let mut w = World::new(moderate(0.0), Task::Land(0.5, 1.0), 13);
     w.fly(6.0);
     assert!(w.stopped.is_some());
     for state in [State::Landed, State::Flare, State::Tracking] {

@@ -1,13 +1,13 @@
 //! The pieces against their equations, safe action, and random input.
 
 use alight_shared::config::parse;
-use alight_shared::msg::{LandedState, Seq};
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
 use super::attitude::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited};
 use super::config::TrackingConfig;
 use super::*;
+use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
 
 proptest! {
     #[test]
@@ -94,53 +94,18 @@ fn tracker_limits_feedback_tilt_over_the_deck() {
 
 // Safe action.
 
-fn header(n: u32, now: Time<DroneClock>) -> Header<DroneClock> {
-    Header::new(1, 1, 1, n, now)
-}
 fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> PilotIn {
     let header = header(n, now);
-    let deck = DeckStage {
-        position: [0.0, 0.0, -1.3],
-        ..DeckStage::default()
-    };
     let stage = PlanStage {
         position: [1.0, 2.0, -1.6 - height],
         ..PlanStage::default()
     };
     PilotIn {
-        plan: Some(Plan {
-            header,
-            step: Span::from_millis(100),
-            stages: Seq::filled([stage; 21]),
-            ..Plan::default()
-        }),
-        mission: Some(MissionState {
-            header,
-            state,
-            descent_mps: 0.5,
-            ..MissionState::default()
-        }),
-        forecast: Some(DeckForecast {
-            header,
-            step: Span::from_millis(100),
-            stages: Seq::filled([deck; 41]),
-            ..DeckForecast::default()
-        }),
-        drone: Some(DroneState {
-            header,
-            position: [0.0, 0.0, -1.6 - height],
-            ..DroneState::default()
-        }),
-        autopilot: Some(AutopilotState {
-            header,
-            armed: true,
-            mode: AutopilotMode::Offboard,
-            landed: LandedState::InAir,
-            battery: 0.9,
-            thrust: 0.34,
-            hover_thrust: 0.34,
-            ..AutopilotState::default()
-        }),
+        plan: Some(plan(header, |_| stage)),
+        mission: Some(mission(header, state, 0.5)),
+        forecast: Some(forecast(header, |_| level([0.0, 0.0, -1.3]))),
+        drone: Some(drone(header, [0.0, 0.0, -1.6 - height])),
+        autopilot: Some(airborne(header)),
         ranges: vec![],
     }
 }

@@ -100,25 +100,19 @@ impl TouchdownTime {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
+    use crate::fixtures::{forecast, header};
 
     const STILL: Vector2<f64> = Vector2::new(0.0, 0.0);
 
     fn rocking(phase: f64) -> DeckForecast {
-        let mut f = DeckForecast {
-            header: Header::new(1, 1, 1, 0, Time::EPOCH),
-            step: Span::from_millis(100),
-            ..DeckForecast::default()
-        };
-        for k in 0..41 {
-            let (s, c) = (1.3 * 0.1 * f64::from(k) + phase).sin_cos();
-            let _ = f.stages.push(DeckStage {
+        forecast(header(0, Time::EPOCH), |t| {
+            let (s, c) = (1.3 * t + phase).sin_cos();
+            DeckStage {
                 euler: [0.15 * s, 0.0, 0.0],
                 euler_rates: [0.15 * 1.3 * c, 0.0, 0.0],
                 ..DeckStage::default()
-            });
-        }
-        f
+            }
+        })
     }
 
     #[test]

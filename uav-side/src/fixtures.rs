@@ -1,0 +1,82 @@
+//! Messages that the tests of several modules share: of vessel 1 to drone 1, in order.
+
+use alight_shared::msg::{
+    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckStage, DroneState, Header,
+    LandedState, MissionState, Plan, PlanStage, Seq, Source, State,
+};
+use alight_shared::time::{DroneClock, Span, Time};
+
+/// Step of forecasts and plans.
+const STEP: Span = Span::from_millis(100);
+
+/// The header of message `n` at `t`.
+pub(crate) fn header(n: u32, t: Time<DroneClock>) -> Header<DroneClock> {
+    Header::new(1, 1, 1, n, t)
+}
+
+/// A level deck.
+pub(crate) fn level(position: [f64; 3]) -> DeckStage {
+    DeckStage {
+        position,
+        ..DeckStage::default()
+    }
+}
+
+/// Four seconds of a deck that is known from both sources; `deck` gives it so many seconds from now.
+pub(crate) fn forecast(header: Header<DroneClock>, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
+    DeckForecast {
+        header,
+        step: STEP,
+        source: Source::Both,
+        stages: Seq::filled((0..41).map(|k| deck(STEP.secs() * f64::from(k)))),
+        ..DeckForecast::default()
+    }
+}
+
+/// Two seconds of a plan; `stage` gives it so many seconds from now.
+pub(crate) fn plan(header: Header<DroneClock>, stage: impl Fn(f64) -> PlanStage) -> Plan {
+    Plan {
+        header,
+        step: STEP,
+        stages: Seq::filled((0..21).map(|k| stage(STEP.secs() * f64::from(k)))),
+        ..Plan::default()
+    }
+}
+
+/// A mission that sinks at this speed where its state descends.
+pub(crate) fn mission(header: Header<DroneClock>, state: State, descent_mps: f64) -> MissionState {
+    MissionState {
+        header,
+        state,
+        descent_mps,
+        ..MissionState::default()
+    }
+}
+
+/// A level drone at rest.
+pub(crate) fn drone(header: Header<DroneClock>, position: [f64; 3]) -> DroneState {
+    DroneState {
+        header,
+        position,
+        ..DroneState::default()
+    }
+}
+
+/// An autopilot that hovers in the air under our control.
+pub(crate) fn airborne(header: Header<DroneClock>) -> AutopilotState {
+    AutopilotState {
+        header,
+        armed: true,
+        mode: AutopilotMode::Offboard,
+        landed: LandedState::InAir,
+        battery: 0.9,
+        thrust: 0.34,
+        hover_thrust: 0.34,
+        ..AutopilotState::default()
+    }
+}
+
+/// A command.
+pub(crate) fn command(header: Header<DroneClock>, kind: CommandKind) -> Command {
+    Command { header, kind }
+}
