@@ -59,12 +59,17 @@ fn reply(q: &TimeRequest<DroneClock>, boot: u32, at: f64) -> TimeReply<VesselClo
     }
 }
 
-/// A bridge whose clock has settled over `seconds` of exchanges with the given one-way delays.
-fn settled(there: f64, back: f64, seconds: f64) -> (Bridge, f64) {
+fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option<VesselEstimate<DroneClock>> {
+    step(b, now, vec![packet(now, PacketKind::Estimate, m)]).estimate
+}
+
+/// A bridge whose clock has settled over `seconds` of exchanges, and the time then. `delays` are there
+/// and back at each step of 10 ms.
+fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
-    let mut now = 0.0;
-    while now < seconds {
+    for k in 0..100 * seconds {
+        let now = 0.01 * f64::from(k);
         let (arrived, rest): (Vec<_>, Vec<_>) = in_flight.into_iter().partition(|(t, _)| *t <= now);
         in_flight = rest;
         let packets = arrived
@@ -72,19 +77,21 @@ fn settled(there: f64, back: f64, seconds: f64) -> (Bridge, f64) {
             .map(|(t, r)| packet(*t, PacketKind::TimeReply, r))
             .collect();
         if let Some(q) = step(&mut b, now, packets).time_request {
+            let (there, back) = delays(k);
             in_flight.push((now + there + back, reply(&q, 1, now + there)));
         }
-        now += 0.01;
     }
-    (b, now)
+    (b, f64::from(seconds))
+}
+fn settled(there: f64, back: f64, seconds: u32) -> (Bridge, f64) {
+    exchanged(seconds, |_| (there, back))
 }
 
 #[test]
 fn bridge_restamps_an_estimate_on_the_drone_clock() {
-    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let (mut b, now) = settled(0.05, 0.05, 5);
     let m = estimate(1, 0, vessel(now - 0.04));
-    let out = step(&mut b, now, vec![packet(now, PacketKind::Estimate, &m)]);
-    let e = out.estimate.unwrap();
+    let e = admitted(&mut b, now, &m).unwrap();
     assert!(
         (e.header.at.secs() - (now - 0.04)).abs() < 0.002,
         "{:?}",
@@ -96,7 +103,7 @@ fn bridge_restamps_an_estimate_on_the_drone_clock() {
 
 #[test]
 fn bridge_passes_wave_model_and_prediction() {
-    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let (mut b, now) = settled(0.05, 0.05, 5);
     let wave = WaveModel::<VesselClock> {
         header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
         significant_height_m: 1.0,
@@ -142,18 +149,14 @@ fn bridge_admits_nothing_before_the_clock_offset_is_known() {
 
 #[test]
 fn bridge_names_the_reason_of_each_rejection() {
-    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let (mut b, now) = settled(0.05, 0.05, 5);
     let good = estimate(1, 10, vessel(now - 0.05));
     let edit = |f: &dyn Fn(&mut VesselEstimate<VesselClock>)| {
         let mut m = estimate(1, 11, vessel(now - 0.02));
         f(&mut m);
         packet(now, PacketKind::Estimate, &m)
     };
-    assert!(
-        step(&mut b, now, vec![packet(now, PacketKind::Estimate, &good)])
-            .estimate
-            .is_some()
-    );
+    assert!(admitted(&mut b, now, &good).is_some());
     let mut long = packet(now, PacketKind::Estimate, &good);
     long.value.bytes.resize(wire::MAX_WIRE_BYTES + 1, 0);
     let mut short = packet(now, PacketKind::Estimate, &good);
@@ -201,33 +204,24 @@ fn bridge_names_the_reason_of_each_rejection() {
 
 #[test]
 fn bridge_accepts_a_restart_once_and_the_old_boot_never_again() {
-    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let (mut b, now) = settled(0.05, 0.05, 5);
     let old = estimate(1, 500, vessel(now - 0.2));
-    step(&mut b, now, vec![packet(now, PacketKind::Estimate, &old)]);
+    assert!(admitted(&mut b, now, &old).is_some());
     let new = estimate(2, 0, vessel(now - 0.05));
-    assert!(
-        step(&mut b, now, vec![packet(now, PacketKind::Estimate, &new)])
-            .estimate
-            .is_some()
-    );
+    assert!(admitted(&mut b, now, &new).is_some());
     let late = estimate(1, 501, vessel(now - 0.01));
-    assert!(
-        step(&mut b, now, vec![packet(now, PacketKind::Estimate, &late)])
-            .estimate
-            .is_none()
-    );
+    assert!(admitted(&mut b, now, &late).is_none());
     assert_eq!(b.rejections().of(RejectionReason::Boot), 1);
 }
 
 #[test]
 fn bridge_finds_a_restarted_vessel_whose_clock_went_back_by_its_reply() {
-    let (mut b, now) = settled(0.05, 0.05, 5.0);
+    let (mut b, now) = settled(0.05, 0.05, 5);
     // Given a vessel that restarts with its clock 100 s behind.
     let behind = |s: f64| vessel(s - 100.0);
-    let e = |seq: u32, s: f64| packet(s, PacketKind::Estimate, &estimate(2, seq, behind(s - 0.05)));
-    let known = packet(now, PacketKind::Estimate, &estimate(1, 1, vessel(now - 0.05)));
-    step(&mut b, now, vec![known]);
-    assert!(step(&mut b, now, vec![e(0, now)]).estimate.is_none());
+    let e = |seq: u32, s: f64| estimate(2, seq, behind(s - 0.05));
+    assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
+    assert!(admitted(&mut b, now, &e(0, now)).is_none());
     // When it answers a request.
     let mut t = now;
     let q = loop {
@@ -242,29 +236,23 @@ fn bridge_finds_a_restarted_vessel_whose_clock_went_back_by_its_reply() {
     t += 0.1;
     step(&mut b, t, vec![packet(t, PacketKind::TimeReply, &r)]);
     // Then its estimates are admitted at their right time.
-    let out = step(&mut b, t, vec![e(1, t)]).estimate.unwrap();
-    assert!((out.header.at.secs() - (t - 0.05)).abs() < 0.01);
+    let now_dated = admitted(&mut b, t, &e(1, t)).unwrap();
+    assert!((now_dated.header.at.secs() - (t - 0.05)).abs() < 0.01);
 }
 
 #[test]
 fn bridge_reports_loss_and_age_at_10_hz() {
-    let (mut b, start) = settled(0.05, 0.05, 5.0);
+    let (mut b, start) = settled(0.05, 0.05, 5);
     let mut links = Vec::new();
     for k in 0..300_u32 {
         let now = start + 0.01 * f64::from(k);
         // 25 Hz; every fifth is lost; silence after 2 s.
         let sent = k % 4 == 0 && now < start + 2.0;
         let seq = k / 4;
-        let packets = if sent && seq % 5 != 4 {
-            vec![packet(
-                now,
-                PacketKind::Estimate,
-                &estimate(1, seq, vessel(now - 0.06)),
-            )]
-        } else {
-            vec![]
-        };
-        links.extend(step(&mut b, now, packets).link.map(|l| (now, l)));
+        let m = estimate(1, seq, vessel(now - 0.06));
+        let received = (sent && seq % 5 != 4).then(|| packet(now, PacketKind::Estimate, &m));
+        let out = step(&mut b, now, received.into_iter().collect());
+        links.extend(out.link.map(|l| (now, l)));
     }
     assert!((28..=32).contains(&links.len()), "{}", links.len());
     let (_, mid) = links.iter().rfind(|(t, _)| *t < start + 2.0).unwrap();
@@ -283,7 +271,7 @@ fn uniform(k: u32) -> f64 {
 #[test]
 fn clock_offset_sd_covers_an_asymmetry_of_100_ms() {
     for (there, back) in [(0.05, 0.15), (0.15, 0.05), (0.01, 0.11), (0.11, 0.01), (0.0, 0.1)] {
-        let (b, now) = settled(there, back, 20.0);
+        let (b, now) = settled(there, back, 20);
         let o = b.offset(drone(now)).unwrap();
         let error = (o.offset_s - OFFSET).abs();
         assert!(
@@ -301,20 +289,9 @@ proptest! {
     fn clock_offset_stays_within_two_sd_for_any_delays(
         there in 0.0..0.2f64, back in 0.0..0.2f64, jitter in 0.0..0.1f64, seed in any::<u32>(),
     ) {
-        let mut b = Bridge::new(&BridgeConfig::default(), 9);
-        let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
-        for k in 0..1000_u32 {
-            let now = 0.01 * f64::from(k);
-            let (arrived, rest): (Vec<_>, Vec<_>) = in_flight.into_iter().partition(|(t, _)| *t <= now);
-            in_flight = rest;
-            let packets = arrived.iter().map(|(t, r)| packet(*t, PacketKind::TimeReply, r)).collect();
-            if let Some(q) = step(&mut b, now, packets).time_request {
-                let up = there + jitter * uniform(seed.wrapping_add(2 * k));
-                let down = back + jitter * uniform(seed.wrapping_add(2 * k + 1));
-                in_flight.push((now + up + down, reply(&q, 1, now + up)));
-            }
-        }
-        let o = b.offset(drone(10.0)).unwrap();
+        let noise = |k: u32| jitter * uniform(seed.wrapping_add(k));
+        let (b, now) = exchanged(10, |k| (there + noise(2 * k), back + noise(2 * k + 1)));
+        let o = b.offset(drone(now)).unwrap();
         prop_assert!((o.offset_s - OFFSET).abs() <= 2.0 * o.sd_s);
     }
 
@@ -322,7 +299,7 @@ proptest! {
     fn bridge_rejects_and_counts_random_bytes(
         bytes in prop::collection::vec(any::<u8>(), 0..600), kind in 0..4usize,
     ) {
-        let (mut b, now) = settled(0.05, 0.05, 1.0);
+        let (mut b, now) = settled(0.05, 0.05, 1);
         let kind = [PacketKind::Estimate, PacketKind::Wave, PacketKind::Prediction, PacketKind::TimeReply][kind];
         let out = step(&mut b, now, vec![Stamped::new(drone(now), Packet { kind, bytes })]);
         prop_assert!(out.estimate.is_none() && out.wave.is_none() && out.prediction.is_none());
@@ -333,7 +310,7 @@ proptest! {
     fn bridge_passes_damaged_estimates_only_within_limits(
         cut in 0..300usize, flip in 0..2000usize, which in 0..2u8,
     ) {
-        let (mut b, now) = settled(0.05, 0.05, 1.0);
+        let (mut b, now) = settled(0.05, 0.05, 1);
         let mut p = packet(now, PacketKind::Estimate, &estimate(1, 0, vessel(now - 0.05)));
         let n = p.value.bytes.len();
         if which == 0 {
@@ -350,7 +327,7 @@ proptest! {
 
     #[test]
     fn bridge_passes_only_newer_estimates_in_any_order_of_arrival(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
-        let (mut b, start) = settled(0.05, 0.05, 1.0);
+        let (mut b, start) = settled(0.05, 0.05, 1);
         let mut newest: Option<(u32, Time<DroneClock>)> = None;
         let (mut passed, mut sent) = (0, 0);
         for (k, seq) in order.iter().enumerate() {

@@ -47,13 +47,6 @@ pub struct Topic {
     pub buffer: usize,
 }
 
-impl Topic {
-    /// Whether it is a service of shared memory.
-    pub const fn is_memory(&self) -> bool {
-        matches!(self.medium, Medium::Memory)
-    }
-}
-
 macro_rules! topics {
     ($($(#[$doc:meta])* $id:ident: $name:literal, $ty:ty, $medium:ident, $rate:literal Hz, $bytes:expr, $stale:literal ms, $buffer:literal deep;)*) => {
         $($(#[$doc])* pub const $id: Topic = Topic {

@@ -6,12 +6,13 @@ use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::Rejections;
 use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState, Seq};
 use alight_shared::time::Stamped;
+use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::metrics::{MetricName, Metrics};
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
-use alight_shared::{config, topics, wire};
+use alight_shared::{config, wire};
 
 use crate::config::DroneComputer;
 use crate::exit::{CliError, Exit};
@@ -23,13 +24,13 @@ use crate::process::radio_rates::RadioRates;
 /// A process without packets wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(5);
 /// What arrives on each subscription; the one after them is the report of the vessel's process.
-const KINDS: [PacketKind; 6] = [
-    PacketKind::Estimate,
-    PacketKind::Wave,
-    PacketKind::Prediction,
-    PacketKind::TimeReply,
-    PacketKind::Deck,
-    PacketKind::Command,
+const SUBSCRIPTIONS: [(PacketKind, &Topic); 6] = [
+    (PacketKind::Estimate, &topics::ESTIMATE),
+    (PacketKind::Wave, &topics::WAVE),
+    (PacketKind::Prediction, &topics::PREDICTION),
+    (PacketKind::TimeReply, &topics::TIME_REPLY),
+    (PacketKind::Deck, &topics::DECK),
+    (PacketKind::Command, &topics::OPERATOR),
 ];
 
 /// Runs until it is asked to end. Twice a second it sends the drone's status to the vessel.
@@ -59,17 +60,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         publication(topics::TIME_REQUEST.name, Urgency::State),
         publication(topics::DRONE_STATUS.name, Urgency::Status),
     ];
-    let names = [
-        topics::ESTIMATE.name,
-        topics::WAVE.name,
-        topics::PREDICTION.name,
-        topics::TIME_REPLY.name,
-        topics::DECK.name,
-        topics::OPERATOR.name,
-    ];
-    let keys = names
+    let keys = SUBSCRIPTIONS
         .iter()
-        .chain([&STATUS])
+        .map(|(_, topic)| topic.name)
+        .chain([STATUS])
         .map(|name| vessel_key(vessel, name))
         .collect();
     let mut radio = Radio::open(&computer.radio, publications, keys)?;
@@ -80,15 +74,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let mut received = radio.receive(MAX_WAIT);
         while let Some(packet) = received {
             heard_bytes += packet.bytes.len() as u64;
-            match KINDS.get(packet.subscription) {
-                Some(kind) => packets.push((
-                    packet.at_ns,
-                    Packet {
-                        kind: *kind,
-                        bytes: packet.bytes,
-                    },
-                )),
-                None => refused += u64::from(!show_vessel(&mut state, &packet.bytes)),
+            let bytes = packet.bytes;
+            match SUBSCRIPTIONS.get(packet.subscription) {
+                Some((kind, _)) => packets.push((packet.at_ns, Packet { kind: *kind, bytes })),
+                None => refused += u64::from(!show_vessel(&mut state, &bytes)),
             }
             received = radio.receive(Duration::ZERO);
         }

@@ -52,16 +52,16 @@ const DRONES: usize = 7;
 const STATUS_DECIMATION: u32 = 4;
 /// With real sensors, time between two summaries of their measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
-/// Their topics, for observers; None is the report of the process.
-const OUTLETS: [Option<&Topic>; 8] = [
-    Some(&topics::ESTIMATE),
-    Some(&topics::WAVE),
-    Some(&topics::PREDICTION),
-    Some(&topics::TIME_REPLY),
-    None,
-    Some(&topics::DECK),
-    Some(&topics::OPERATOR),
-    Some(&topics::DRONES),
+/// Their topics and how urgent they are; None is the report of the process.
+const OUTLETS: [(Option<&Topic>, Urgency); 8] = [
+    (Some(&topics::ESTIMATE), Urgency::State),
+    (Some(&topics::WAVE), Urgency::Model),
+    (Some(&topics::PREDICTION), Urgency::Model),
+    (Some(&topics::TIME_REPLY), Urgency::State),
+    (None, Urgency::Status),
+    (Some(&topics::DECK), Urgency::State),
+    (Some(&topics::OPERATOR), Urgency::State),
+    (Some(&topics::DRONES), Urgency::Status),
 ];
 
 /// Names of the logs of the vessel's other nodes.
@@ -81,17 +81,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     })?;
     let mut sensors = SensorSocket::listen(&computer.sensors)
         .doing(format_args!("listening for sensors on {}", computer.sensors))?;
-    let publication = |name: &str, urgency| Publication::new(vessel_key(id, name), urgency);
-    let publications = vec![
-        publication(topics::ESTIMATE.name, Urgency::State),
-        publication(topics::WAVE.name, Urgency::Model),
-        publication(topics::PREDICTION.name, Urgency::Model),
-        publication(topics::TIME_REPLY.name, Urgency::State),
-        publication(STATUS, Urgency::Status),
-        publication(topics::DECK.name, Urgency::State),
-        publication(topics::OPERATOR.name, Urgency::State),
-        publication(topics::DRONES.name, Urgency::Status),
-    ];
+    let publications = OUTLETS
+        .map(|(topic, urgency)| Publication::new(vessel_key(id, topic.map_or(STATUS, |t| t.name)), urgency))
+        .to_vec();
     let mut radio = Radio::open(
         &computer.radio,
         publications,
@@ -118,7 +110,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut sensor_supervisor = SensorSupervisor::start(&computer, args, steady_ns())?;
     let mut notify = Notify::default();
     notify.ready();
-    let mut flows = RadioRates::of(&OUTLETS);
+    let mut flows = RadioRates::of(&OUTLETS.map(|(topic, _)| topic));
     let mut own_statuses = 0_u32;
     let mut reported = AccessRejections::default();
     let mut last_ns = steady_ns();
