@@ -60,6 +60,12 @@ impl Fleet {
             assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
         }
     }
+    fn assert_state(&self, k: usize, state: State) {
+        assert_eq!(self.state(k), state, "{:?}", self.visited);
+    }
+    fn assert_never_descended(&self, k: usize) {
+        assert!(!self.visited[k].contains(&State::Descent), "{:?}", self.visited);
+    }
     /// Until one descends: who does, and who waits.
     fn first_descent(&mut self) -> (usize, usize) {
         self.fly(120.0, |f| !f.using_the_deck().is_empty());
@@ -75,8 +81,8 @@ fn arbiter_lets_one_of_two_drones_descend_and_the_other_after_it_has_left() {
     let (first, second) = fleet.first_descent();
     fleet.fly(60.0, |f| f.state(first) == State::Landed);
     fleet.fly(30.0, |_| false);
-    assert_eq!(fleet.state(first), State::Landed, "{:?}", fleet.visited);
-    assert_eq!(fleet.state(second), State::TrackingStable, "{:?}", fleet.visited);
+    fleet.assert_state(first, State::Landed);
+    fleet.assert_state(second, State::TrackingStable);
     let waiting = fleet.drone(second).mission_state.waiting;
     assert_eq!(waiting.code, ReasonCode::DeckReserved);
     assert!(
@@ -87,7 +93,7 @@ fn arbiter_lets_one_of_two_drones_descend_and_the_other_after_it_has_left() {
     let scenario = fleet.scenario.clone();
     fleet.world.restart_drone(first, &scenario, &nodes);
     fleet.fly(60.0, |f| f.state(second) == State::Landed);
-    assert_eq!(fleet.state(second), State::Landed, "{:?}", fleet.visited);
+    fleet.assert_state(second, State::Landed);
     let on_deck = fleet
         .world
         .physics()
@@ -106,12 +112,8 @@ fn arbiter_restarted_with_its_vessel_during_a_descent_keeps_the_other_drone_away
     let (first, second) = fleet.first_descent();
     fleet.world.restart_vessel(&nodes);
     fleet.fly(40.0, |_| false);
-    assert_eq!(fleet.state(first), State::Landed, "{:?}", fleet.visited);
-    assert!(
-        !fleet.visited[second].contains(&State::Descent),
-        "{:?}",
-        fleet.visited
-    );
+    fleet.assert_state(first, State::Landed);
+    fleet.assert_never_descended(second);
 }
 
 #[test]
@@ -129,12 +131,8 @@ fn drone_without_radio_begins_no_descent_but_completes_one_under_way() {
     };
     (0..2).for_each(|k| fleet.world.radio_outage(k, &for_good));
     fleet.fly(40.0, |_| false);
-    assert_eq!(fleet.state(first), State::Landed, "{:?}", fleet.visited);
-    assert!(
-        !fleet.visited[second].contains(&State::Descent),
-        "{:?}",
-        fleet.visited
-    );
+    fleet.assert_state(first, State::Landed);
+    fleet.assert_never_descended(second);
     let waiting = fleet.drone(second).mission_state.waiting.code;
     assert_eq!(waiting, ReasonCode::DeckGrantStale);
 }
@@ -145,7 +143,7 @@ fn lone_drone_that_must_reserve_is_granted_the_deck_and_lands() {
     nodes.drone.mission.reservation_required = true;
     let mut fleet = Fleet::new(1, &nodes, 24);
     fleet.fly(120.0, |f| f.state(0) == State::Landed);
-    assert_eq!(fleet.state(0), State::Landed, "{:?}", fleet.visited);
+    fleet.assert_state(0, State::Landed);
 }
 
 #[test]
@@ -156,5 +154,5 @@ fn operators_abort_reaches_the_drone_through_the_vessel() {
     fleet.fly(120.0, |f| f.state(0) == State::Descent);
     fleet.world.operator_command(0, CommandKind::Abort);
     fleet.fly(2.0, |f| f.state(0) != State::Descent);
-    assert_eq!(fleet.state(0), State::GaveUp, "{:?}", fleet.visited);
+    fleet.assert_state(0, State::GaveUp);
 }

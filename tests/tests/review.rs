@@ -4,6 +4,7 @@
 
 use std::path::Path;
 
+use alight_shared::estimation::moments;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD};
 use alight_sim::harness::physics::Physics;
@@ -63,10 +64,9 @@ fn recorded(sea: &str, seed: u64, seconds: usize) -> (Recording, Recording, [f64
         }
         physics.advance();
     }
-    let n = truth.len() as f64;
     let sd = [0, 1, 2].map(|c| {
-        let mean = truth.iter().map(|v| v[c]).sum::<f64>() / n;
-        (truth.iter().map(|v| (v[c] - mean).powi(2)).sum::<f64>() / n).sqrt()
+        let of_one: Vec<f64> = truth.iter().map(|v| v[c]).collect();
+        moments(&of_one).1
     });
     let highest = physics
         .sea()

@@ -13,7 +13,7 @@ use crate::process::snapshot::time;
 use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check;
-use crate::tools::check::rules::{Finding, Level};
+use crate::tools::check::rules::{Finding, Level, Topic};
 use crate::vessel::status_file::{self, CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
@@ -83,26 +83,22 @@ fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
 fn process(status: &VesselStatus, now_ns: i64) -> Finding {
     let age_s = (now_ns - status.process.at_ns) as f64 * 1e-9;
     if age_s > STALE_S {
-        return Finding::broken(
-            "process",
+        return Topic("process").broken(
             format!("no report for {age_s:.0} s"),
             "it ended or is frozen: systemctl status alight-vessel",
         );
     }
-    Finding::fine(
-        "process",
-        format!(
-            "listens on {}, {:.1} MB sent, {} packets dropped",
-            status.listen.join(", "),
-            status.process.sent_bytes as f64 * 1e-6,
-            status.process.dropped
-        ),
-    )
+    Topic("process").fine(format!(
+        "listens on {}, {:.1} MB sent, {} packets dropped",
+        status.listen.join(", "),
+        status.process.sent_bytes as f64 * 1e-6,
+        status.process.dropped
+    ))
 }
 
 /// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
 fn source(s: &SourceHealth) -> Finding {
-    const TOPIC: &str = "source";
+    const TOPIC: Topic = Topic("source");
     let counts = format!(
         "{}: {} good, {} corrupted, {} undated, {} out of order; {} used, {} gated, {} rejected",
         s.name, s.good, s.corrupted, s.undated, s.out_of_order, s.used, s.gated, s.rejected
@@ -114,27 +110,23 @@ fn source(s: &SourceHealth) -> Finding {
         (None, None) => Some("no measurement yet".into()),
     };
     match silent {
-        Some(why) => Finding::warning(
-            TOPIC,
+        Some(why) => TOPIC.warning(
             format!("{counts}; {why}"),
             "its power, its cable, its rate and format in vessel.toml; alight check with the service stopped",
         ),
-        None if s.mismatched_pulses > 0 => Finding::warning(
-            TOPIC,
+        None if s.mismatched_pulses > 0 => TOPIC.warning(
             format!(
                 "{counts}; {} time pulses of another time base than its fixes",
                 s.mismatched_pulses
             ),
             "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
         ),
-        None => Finding::fine(
-            TOPIC,
-            format!("{counts}; {} old", time(s.age_s.unwrap_or_default())),
-        ),
+        None => TOPIC.fine(format!("{counts}; {} old", time(s.age_s.unwrap_or_default()))),
     }
 }
 
 fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("estimator");
     let mut all = Vec::new();
     for (k, name) in ["inertial or attitude sensor", "GNSS", "heading"]
         .iter()
@@ -145,37 +137,28 @@ fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
             Some(s) => format!("{name}: nothing for {s:.0} s"),
             None => format!("{name}: nothing yet"),
         };
-        all.push(Finding::broken(
-            "sensors",
-            found,
-            "see to its driver and to `sensors` in vessel.toml",
-        ));
+        all.push(Topic("sensors").broken(found, "see to its driver and to `sensors` in vessel.toml"));
     }
     let [horizontal, height, tilt, heading] = e.sd;
     all.push(match e.estimate_age_s {
-        Some(s) if s <= MISSING_S => Finding::fine(
-            "estimator",
-            format!(
-                "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; {} inputs \
-                 rejected, {:?} gated (inertial, GNSS, heading), {} restarts of the filter",
-                tilt.to_degrees(),
-                heading.to_degrees(),
-                e.waves.map_or_else(
-                    || "no waves yet".into(),
-                    |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
-                ),
-                e.rejected,
-                e.gated,
-                e.restarts,
+        Some(s) if s <= MISSING_S => TOPIC.fine(format!(
+            "position +- {horizontal:.2} m, height {height:.2} m, tilt {:.2} deg, heading {:.1} deg; {}; {} inputs \
+             rejected, {:?} gated (inertial, GNSS, heading), {} restarts of the filter",
+            tilt.to_degrees(),
+            heading.to_degrees(),
+            e.waves.map_or_else(
+                || "no waves yet".into(),
+                |[h, c]| format!("waves of {h:.1} m, trusted to {:.0} %", 100.0 * c)
             ),
-        ),
-        Some(s) => Finding::broken(
-            "estimator",
+            e.rejected,
+            e.gated,
+            e.restarts,
+        )),
+        Some(s) => TOPIC.broken(
             format!("no estimate for {s:.0} s"),
             "drones receive no estimate; see to the sensors above",
         ),
-        None => Finding::broken(
-            "estimator",
+        None => TOPIC.broken(
             "no estimate yet",
             "it needs inertial sensor, GNSS and heading for some seconds",
         ),
@@ -184,45 +167,35 @@ fn estimator(e: &EstimatorStatus) -> Vec<Finding> {
 }
 
 fn certificate(c: &CertificateStatus) -> Finding {
+    const TOPIC: Topic = Topic("certificate");
     match c {
-        CertificateStatus::None => Finding::warning(
-            "certificate",
+        CertificateStatus::None => TOPIC.warning(
             "none: any peer in reach is accepted",
             "README, \"Certificates\", unless the radio is inside WireGuard",
         ),
-        CertificateStatus::Unreadable(e) => {
-            Finding::broken("certificate", e.clone(), "alight check says what to do")
-        }
-        CertificateStatus::Held { name, days_left } if *days_left < 0 => Finding::broken(
-            "certificate",
+        CertificateStatus::Unreadable(e) => TOPIC.broken(e.clone(), "alight check says what to do"),
+        CertificateStatus::Held { name, days_left } if *days_left < 0 => TOPIC.broken(
             format!("{name}'s expired {} days ago", -days_left),
             "alight keys vessel NUMBER, copy it here, restart",
         ),
-        CertificateStatus::Held { name, days_left } if *days_left < RENEWAL_DAYS => Finding::warning(
-            "certificate",
+        CertificateStatus::Held { name, days_left } if *days_left < RENEWAL_DAYS => TOPIC.warning(
             format!("{name}'s expires in {days_left} days"),
             "alight keys vessel NUMBER, copy it here, restart",
         ),
-        CertificateStatus::Held { name, days_left } => {
-            Finding::fine("certificate", format!("{name}'s, {days_left} days left"))
-        }
+        CertificateStatus::Held { name, days_left } => TOPIC.fine(format!("{name}'s, {days_left} days left")),
     }
 }
 
 fn unauthorised_peers(status: &VesselStatus) -> Finding {
     if status.rejected.is_empty() {
-        return Finding::fine(
-            "peers",
-            format!("none rejected; admitted: {}", status.peers.join(", ")),
-        );
+        return Topic("peers").fine(format!("none rejected; admitted: {}", status.peers.join(", ")));
     }
     let each: Vec<String> = status
         .rejected
         .iter()
         .map(|(why, n)| format!("{n} for {why}"))
         .collect();
-    Finding::warning(
-        "peers",
+    Topic("peers").warning(
         format!(
             "rejected: {}; the last for {}",
             each.join(", "),
@@ -241,13 +214,13 @@ fn deck(status: &VesselStatus) -> Finding {
     } else {
         ""
     };
-    Finding::fine("deck", format!("{deck_owner}{on}"))
+    Topic("deck").fine(format!("{deck_owner}{on}"))
 }
 
 fn drones(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("drones");
     if status.drones.is_empty() {
-        return vec![Finding::warning(
-            "drones",
+        return vec![TOPIC.warning(
             "none received",
             "is one switched on, in reach, and in radio.tls.peers?",
         )];
@@ -265,9 +238,9 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
                 time(d.age_s)
             );
             if d.age_s > LOST_CONTACT_S {
-                Finding::warning("drones", found, "it is out of reach or switched off")
+                TOPIC.warning(found, "it is out of reach or switched off")
             } else {
-                Finding::fine("drones", found)
+                TOPIC.fine(found)
             }
         })
         .collect()

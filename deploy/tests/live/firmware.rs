@@ -8,14 +8,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use alight_shared::frames::Datum;
-use alight_shared::geometry::GRAVITY;
+use alight_shared::time::{Time, TrueTime};
 use alight_sim::autopilots::fake::FakeAutopilot;
-use alight_uav::autopilot::message::{Address, Message};
+use alight_sim::autopilots::stand_in;
+use alight_sim::physics::drone::PlantState;
+use alight_uav::autopilot::message::Message;
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::wire::Decoder;
 
 use crate::common::{errors, free_port, printed, run};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 /// Where `alight land` lays its sea for a firmware, and where this firmware's estimate begins.
 const SEA: Datum = Datum::new(43.5, 16.3, 0.0);
@@ -28,16 +30,6 @@ const GYROSCOPES_HZ: f64 = 1.8 * 400.0;
 const PX4_ANSWERS: u32 = 2;
 /// Height above its pad that the person takes off to, m.
 const TAKE_OFF_M: f64 = 8.0;
-
-/// The numbers of a list in the plant's line.
-fn list(line: &str, key: &str) -> Vec<f64> {
-    let text = &line[line.find(key).unwrap() + key.len()..];
-    let text = &text[text.find('[').unwrap() + 1..text.find(']').unwrap()];
-    text.split(',').map(|w| w.parse().unwrap()).collect()
-}
-fn three(line: &str, key: &str) -> Vector3<f64> {
-    Vector3::from_vec(list(line, key))
-}
 
 /// The firmware's MAVLink.
 enum Link {
@@ -75,22 +67,12 @@ impl Link {
     }
 }
 
-/// The drone's motion by the plant, in this firmware's own NED.
-struct Sensed {
-    t_s: f64,
-    position: Vector3<f64>,
-    velocity: Vector3<f64>,
-    attitude: UnitQuaternion<f64>,
-    rates: Vector3<f64>,
-    force: Vector3<f64>,
-}
-
 /// A firmware and the person at its controls.
 struct Flown {
     a: FakeAutopilot,
     link: Link,
     pad: Option<Vector3<f64>>,
-    slice_s: Option<f64>,
+    slice: Option<Time<TrueTime>>,
 }
 
 impl Flown {
@@ -102,27 +84,27 @@ impl Flown {
             a,
             link,
             pad: None,
-            slice_s: None,
+            slice: None,
         }
     }
-    /// One slice: rotor outputs.
-    fn step(&mut self, f: &Sensed) -> [f64; 4] {
-        let a = &mut self.a;
-        a.set_motion(f.position, f.velocity, f.attitude, f.rates, f.force);
+    /// One slice with the drone's motion in this firmware's own NED: rotor outputs.
+    fn step(&mut self, f: &PlantState) -> [f64; 4] {
+        let (a, t_s) = (&mut self.a, f.at.secs());
+        a.set_motion(f.position, f.velocity, f.attitude, f.rates, f.specific_force);
         // The person: arms, takes off, and gives the drone once it is up.
         let pad = *self.pad.get_or_insert(f.position);
-        let hz = 1.0 / (f.t_s - self.slice_s.replace(f.t_s).unwrap_or(0.0));
+        let hz = 1.0 / (f.at - self.slice.replace(f.at).unwrap_or_default()).secs();
         let armable = a.firmware == Firmware::Px4 || hz >= GYROSCOPES_HZ;
-        if f.t_s > 3.0 && armable && a.manual_hold_position.is_none() {
+        if t_s > 3.0 && armable && a.manual_hold_position.is_none() {
             a.armed = true;
             a.manual_hold_position = Some(pad - Vector3::z() * TAKE_OFF_M);
         }
-        if f.t_s > 12.0 && a.chosen == FakeAutopilot::manual_mode(a.firmware) {
+        if t_s > 12.0 && a.chosen == FakeAutopilot::manual_mode(a.firmware) {
             // PX4 refuses until an offer has lasted: a person tries again.
             let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
         }
         let received = self.link.receive();
-        for bytes in a.step(f.t_s + 1000.0, &received) {
+        for bytes in a.step(t_s + 1000.0, &received) {
             self.link.send(&bytes);
         }
         a.motors()
@@ -135,40 +117,25 @@ fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.connect(("127.0.0.1", plant)).unwrap();
     socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
-    let (mut frame, mut pulses, mut buffer) = (0_u32, [1000_u16; 16], [0_u8; 4096]);
+    let (mut frame, mut outputs, mut buffer) = (0_u32, [0.0; 4], [0_u8; 4096]);
     while !end.load(Ordering::Relaxed) {
-        let mut packet = 18458_u16.to_le_bytes().to_vec();
-        packet.extend(400_u16.to_le_bytes());
-        packet.extend(frame.to_le_bytes());
-        pulses.iter().for_each(|p| packet.extend(p.to_le_bytes()));
         // The world may not be there yet.
-        let _refused = socket.send(&packet);
+        let _refused = socket.send(&stand_in::servo_packet(frame, outputs));
         let Ok(n) = socket.recv(&mut buffer) else {
             std::thread::sleep(Duration::from_millis(5));
             continue;
         };
         frame += 1;
-        let line = String::from_utf8_lossy(&buffer[..n]).into_owned();
-        let stamp = line.split("\"timestamp\":").nth(1).unwrap();
-        let q = list(&line, "\"quaternion\":");
-        let u = flown.step(&Sensed {
-            t_s: stamp.split(',').next().unwrap().parse().unwrap(),
-            position: three(&line, "\"position\":") + local,
-            velocity: three(&line, "\"velocity\":"),
-            attitude: UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3])),
-            rates: three(&line, "\"gyro\":"),
-            force: three(&line, "\"accel_body\":"),
-        });
-        for (pulse, u) in pulses.iter_mut().zip(u) {
-            *pulse = (1000.0 + 1000.0 * u) as u16;
-        }
+        let mut sensed = stand_in::read_line(&String::from_utf8_lossy(&buffer[..n])).unwrap();
+        sensed.position += local;
+        outputs = flown.step(&sensed);
     }
     flown.a
 }
 
 /// PX4's simulator API, until `end`: with an estimator of its own, because there are sensors only.
 fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
-    let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<Sensed>);
+    let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<PlantState>);
     let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
     while !end.load(Ordering::Relaxed) {
         let Some(link) = &mut stream else {
@@ -187,27 +154,20 @@ fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
         while let Some(f) = decoder.next_frame() {
             match f.message {
                 Message::HilGps(g) => {
-                    let place = Datum::new(g.latitude.to_degrees(), g.longitude.to_degrees(), g.altitude_m);
-                    let place = ORIGIN.offset_to::<alight_shared::frames::TrueNed>(&place).0;
+                    let place = stand_in::place(&g, &ORIGIN);
                     if let Some(b) = &mut believed {
-                        b.position += (place - b.position) * 0.2;
-                        b.velocity += (Vector3::from(g.velocity) - b.velocity) * 0.2;
+                        stand_in::correct(b, &g, place, 0.2);
                     }
-                    believed.get_or_insert(Sensed {
-                        t_s: 0.0,
+                    believed.get_or_insert(PlantState {
                         position: place,
-                        velocity: Vector3::zeros(),
-                        attitude: UnitQuaternion::identity(),
-                        rates: Vector3::zeros(),
-                        force: Vector3::zeros(),
+                        ..PlantState::default()
                     });
                 }
                 Message::HilSensor(s) => {
                     let Some(b) = &mut believed else { continue };
-                    let t_s = s.time_us as f64 * 1e-6;
-                    let dt = t_s - b.t_s;
-                    b.t_s = t_s;
-                    (b.rates, b.force) = (s.gyro.into(), s.accelerometer.into());
+                    let at = Time::from_secs(s.time_us as f64 * 1e-6);
+                    let dt = (at - b.at).secs();
+                    b.at = at;
                     if !(0.0..0.1).contains(&dt) {
                         // On the pad: level, and the heading by the compass.
                         let m = s.magnetometer;
@@ -215,23 +175,13 @@ fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
                         b.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
                         continue;
                     }
-                    b.attitude *= UnitQuaternion::from_scaled_axis(b.rates * dt);
-                    b.velocity += (b.attitude * b.force + Vector3::z() * GRAVITY) * dt;
-                    b.position += b.velocity * dt;
+                    stand_in::advance(b, &s, dt);
                     let u = flown.step(b);
-                    let mut controls = [0.0; 16];
-                    controls.iter_mut().zip(u).for_each(|(c, u)| *c = u);
                     sample += 1;
                     if !sample.is_multiple_of(PX4_ANSWERS) {
                         continue;
                     }
-                    let answer = Message::HilActuators {
-                        time_us: s.time_us,
-                        controls,
-                        mode: if flown.a.armed { 129 } else { 1 },
-                    };
-                    let px4 = Address::new(1, 1);
-                    let _gone = link.write_all(&encode(px4, 0, &answer).unwrap());
+                    let _gone = link.write_all(&stand_in::motor_answer(s.time_us, u, flown.a.armed));
                 }
                 _ => {}
             }

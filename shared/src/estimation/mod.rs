@@ -4,4 +4,4 @@ mod kalman;
 mod statistics;
 
 pub use kalman::{Gaussian, Transition, Update, symmetrise};
-pub use statistics::ValueWithSd;
+pub use statistics::{ValueWithSd, median, moments};

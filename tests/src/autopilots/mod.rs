@@ -10,6 +10,7 @@ mod config;
 pub mod fake;
 pub mod px4;
 mod sensors;
+pub mod stand_in;
 
 pub use config::FirmwareConfig;
 pub use sensors::FirmwareSensors;

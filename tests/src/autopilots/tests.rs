@@ -2,32 +2,23 @@
 //! lands on the deck. And the protocols' bytes.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_uav::autopilot::message::{Address, Message};
-use alight_uav::autopilot::wire::{Decoder, encode};
+use alight_uav::autopilot::message::Message;
+use alight_uav::autopilot::wire::Decoder;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
 use super::px4::Px4Plant;
-use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors};
+use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors, stand_in};
 use crate::harness::physics::{EXCHANGES_PER_TICK, Physics, TICK};
 use crate::harness::scenario::Scenario;
-use crate::physics::drone::NavigationConfig;
+use crate::physics::drone::{NavigationConfig, PlantState};
 use crate::physics::sea::SeaConfig;
 
 /// Exchanges a second.
 const RATE_HZ: f64 = 400.0;
 
-/// What a firmware believes of its motion.
-#[derive(Clone, Copy, Debug, Default)]
-struct Belief {
-    position: Vector3<f64>,
-    velocity: Vector3<f64>,
-    attitude: UnitQuaternion<f64>,
-    rates: Vector3<f64>,
-}
-
 /// Rotor outputs (linear in thrust) that fly to `place`: position, attitude and rate loops in cascade.
-fn outputs(b: &Belief, place: &Vector3<f64>, descend: f64) -> [f64; 4] {
+fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; 4] {
     let g = DroneGeometry::default();
     let along = (place - b.position).map(|e| e.clamp(-2.0, 2.0));
     let mut wanted = along * 1.2 + (Vector3::z() * descend - b.velocity) * 2.0;
@@ -88,12 +79,7 @@ fn calm() -> Scenario {
 /// Flies the plan; `exchange` is one slice of the protocol with the firmware behind it.
 fn fly(
     mut physics: Physics,
-    mut exchange: impl FnMut(
-        &crate::physics::drone::PlantState,
-        f64,
-        &Vector3<f64>,
-        &Vector3<f64>,
-    ) -> Option<[f64; 4]>,
+    mut exchange: impl FnMut(&PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; 4]>,
 ) -> (f64, f64, f64) {
     physics.place_drone_on_pad(0);
     let start = physics.drone(0).unwrap_or_default().position.0;
@@ -123,37 +109,17 @@ fn fly(
 fn ardupilot_plant_carries_a_take_off_hover_and_landing() {
     let physics = Physics::new(&calm(), 3).expect("a world");
     let c = FirmwareConfig::default();
-    let (mut frame, mut belief, mut grounded) = (0_u32, Belief::default(), false);
+    let (mut frame, mut grounded) = (0_u32, false);
     let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
         // The plant's line, read as ArduPilot would.
         let line = ardupilot::answer(truth, 0.0);
         assert!(line.starts_with("\n{") && line.ends_with("}\n") && !line.contains(' '));
-        let list = |key: &str| -> Vec<f64> {
-            let from = line.find(key).expect("a key") + key.len();
-            let text = &line[from..];
-            let text = &text[text.find('[').expect("a list") + 1..text.find(']').expect("its end")];
-            text.split(',').map(|w| w.parse().expect("a number")).collect()
-        };
-        let three = |key: &str| Vector3::from_vec(list(key));
-        let q = list("\"quaternion\":");
-        belief = Belief {
-            position: three("\"position\":"),
-            velocity: three("\"velocity\":"),
-            attitude: UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q[0], q[1], q[2], q[3])),
-            rates: three("\"gyro\":"),
-        };
-        grounded |= t_s > 20.0 && belief.velocity.norm() < 0.05 && three("\"accel_body\":").norm() > 9.0;
-        let u = plan(t_s, start, deck, grounded).map_or([0.0; 4], |(p, v)| outputs(&belief, &p, v));
+        let b = stand_in::read_line(&line).expect("each key");
+        grounded |= t_s > 20.0 && b.velocity.norm() < 0.05 && b.specific_force.norm() > 9.0;
+        let u = plan(t_s, start, deck, grounded).map_or([0.0; 4], |(p, v)| outputs(&b, &p, v));
         // Its servos, as bytes.
         frame += 1;
-        let mut packet = 18458_u16.to_le_bytes().to_vec();
-        packet.extend(400_u16.to_le_bytes());
-        packet.extend(frame.to_le_bytes());
-        for k in 0..16 {
-            let pulse = 1000.0 + 1000.0 * u.get(k).copied().unwrap_or(0.0);
-            packet.extend((pulse as u16).to_le_bytes());
-        }
-        let servos = ardupilot::servos(&packet).expect("a packet");
+        let servos = ardupilot::servos(&stand_in::servo_packet(frame, u)).expect("a packet");
         assert_eq!(servos.frame, frame);
         ardupilot::rotors(&c, &servos)
     });
@@ -179,8 +145,8 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
     let c = FirmwareConfig::default();
     let mut plant = Px4Plant::new(&c, FirmwareSensors::new(&c, &navigation, datum, &streams));
     let physics = Physics::new(&scenario, 3).expect("a world");
-    let (mut decoder, mut belief) = (Decoder::default(), None::<Belief>);
-    let (mut grounded, mut fixes, mut carried) = (false, 0, 0.0);
+    let (mut decoder, mut belief) = (Decoder::default(), None::<PlantState>);
+    let (mut grounded, mut fixes) = (false, 0);
     let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
         decoder.push(&plant.encode_sensors(truth, RATE_HZ));
         let mut answer = None;
@@ -188,47 +154,28 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
             match f.message {
                 Message::HilGps(g) => {
                     fixes += 1;
-                    let place = alight_shared::frames::Datum::new(
-                        g.latitude.to_degrees(),
-                        g.longitude.to_degrees(),
-                        g.altitude_m,
-                    );
-                    let place = datum.offset_to::<alight_shared::frames::TrueNed>(&place).0;
-                    let b = belief.get_or_insert(Belief {
+                    let place = stand_in::place(&g, &datum);
+                    let b = belief.get_or_insert(PlantState {
                         position: place,
                         attitude: truth.attitude,
-                        ..Belief::default()
+                        ..PlantState::default()
                     });
-                    b.position += (place - b.position) * 0.3;
-                    b.velocity += (Vector3::from(g.velocity) - b.velocity) * 0.3;
+                    stand_in::correct(b, &g, place, 0.3);
                 }
                 Message::HilSensor(s) => {
-                    let dt = 1.0 / RATE_HZ;
                     if let Some(b) = &mut belief {
-                        b.rates = s.gyro.into();
-                        b.attitude *= UnitQuaternion::from_scaled_axis(b.rates * dt);
-                        let force = b.attitude * Vector3::from(s.accelerometer);
-                        b.velocity += (force + Vector3::z() * GRAVITY) * dt;
-                        b.position += b.velocity * dt;
-                        carried += (force.norm() - carried) * 0.02;
+                        stand_in::advance(b, &s, 1.0 / RATE_HZ);
                         grounded |= t_s > 20.0 && b.velocity.norm() < 0.1 && b.position.z > deck.z - 0.6;
                         let wanted = plan(t_s, start, deck, grounded);
                         let u = wanted.map_or([0.0; 4], |(p, v)| outputs(b, &p, v));
-                        let mut controls = [0.0; 16];
-                        controls.iter_mut().zip(u).for_each(|(c, u)| *c = u);
-                        answer = Some(Message::HilActuators {
-                            time_us: s.time_us,
-                            controls,
-                            mode: if wanted.is_some() { 129 } else { 1 },
-                        });
+                        answer = Some(stand_in::motor_answer(s.time_us, u, wanted.is_some()));
                     }
                 }
                 _ => panic!("PX4 knows no such message of a simulator"),
             }
         }
         if let Some(a) = answer {
-            let px4 = Address::new(1, 1);
-            assert!(plant.decode(&encode(px4, 0, &a).expect("bytes")));
+            assert!(plant.decode(&a));
         }
         plant.motors()
     });
@@ -282,13 +229,8 @@ fn px4_plant_waits_for_the_samples_that_px4_answers() {
             let answers = slice.is_multiple_of(every);
             waits.push((plant.due(), answers));
             if answers {
-                let answer = Message::HilActuators {
-                    time_us: 1_000_000 + (truth.at.nanos() / 1000).unsigned_abs(),
-                    controls: [0.0; 16],
-                    mode: 1,
-                };
-                let px4 = Address::new(1, 1);
-                assert!(plant.decode(&encode(px4, 0, &answer).expect("bytes")));
+                let time_us = 1_000_000 + (truth.at.nanos() / 1000).unsigned_abs();
+                assert!(plant.decode(&stand_in::motor_answer(time_us, [0.0; 4], false)));
             }
             None
         });

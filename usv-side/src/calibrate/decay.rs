@@ -11,7 +11,7 @@
 //! eliminated (variable projection, Golub and Pereyra 1973); Levenberg and Marquardt's method finds the
 //! rest.
 
-use alight_shared::estimation::ValueWithSd;
+use alight_shared::estimation::{ValueWithSd, median};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 /// A push stands out from rest by this many standard deviations of rest (ours: noise alone reaches four
@@ -90,16 +90,11 @@ struct Push {
     spread: f64,
 }
 
-pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut all: Vec<f64> = values.filter(|v| v.is_finite()).collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied().unwrap_or(0.0)
-}
-
 /// The pushes in a signal, and how far its largest value stands out.
 fn pushes(signal: &Signal, rest_s: f64) -> (Vec<Push>, f64) {
-    let rest = median(signal.y.iter().copied());
-    let spread = (1.4826 * median(signal.y.iter().map(|v| (v - rest).abs()))).max(1e-9);
+    let rest = median(signal.y.iter().copied()).unwrap_or_default();
+    let spread = median(signal.y.iter().map(|v| (v - rest).abs())).unwrap_or_default();
+    let spread = (1.4826 * spread).max(1e-9);
     let size = |k: usize| signal.y.get(k).map_or(0.0, |v| (v - rest).abs());
     let time = |k: usize| signal.t_s.get(k).copied().unwrap_or(f64::INFINITY);
     let n = signal.y.len().min(signal.t_s.len());

@@ -10,11 +10,10 @@
 //! m g h away from G, and a hull that it presses deeper is stiffer where its sides flare: simulated, 60 kg on a boat
 //! of 211 kg show 2 to 10 % too much in roll, 1 to 5 % in pitch. A lighter weight errs less and tilts less.
 
+use alight_shared::estimation::{ValueWithSd, median};
 use alight_shared::geometry::GRAVITY;
 
-use alight_shared::estimation::ValueWithSd;
-
-use super::decay::{Decay, Signal, median};
+use super::decay::{Decay, Signal};
 
 /// The level at rest is the median of the medians of pieces of this length, s (ours: longer than a push and its decay).
 const PIECE_S: f64 = 5.0;
@@ -52,12 +51,12 @@ pub fn level(signal: &Signal) -> Option<ValueWithSd> {
             piece.push(*y);
         }
     }
-    let levels: Vec<f64> = pieces.iter().map(|p| median(p.iter().copied())).collect();
+    let levels: Vec<f64> = pieces.into_iter().filter_map(median).collect();
     if levels.len() < MIN_PIECES {
         return None;
     }
-    let value = median(levels.iter().copied());
-    let spread = 1.4826 * median(levels.iter().map(|v| (v - value).abs()));
+    let value = median(levels.iter().copied())?;
+    let spread = 1.4826 * median(levels.iter().map(|v| (v - value).abs()))?;
     // Of a median: by sqrt(pi / 2) more than of a mean.
     let sd = 1.2533 * spread / (levels.len() as f64).sqrt();
     Some(ValueWithSd::new(value, sd))

@@ -5,6 +5,7 @@
 
 mod predictions;
 
+use alight_shared::estimation::median;
 use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveComponent};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
@@ -359,8 +360,8 @@ impl Evaluation {
         let identified = self.heights.len() as f64;
         let components = self.components.iter().filter(|_| self.identified);
         SeaReview {
-            significant_height_m: median(&self.heights).filter(|_| self.heave),
-            peak_period_s: median(&self.periods),
+            significant_height_m: median(self.heights.iter().copied()).filter(|_| self.heave),
+            peak_period_s: median(self.periods.iter().copied()),
             identified_fraction: identified / self.waves.max(1) as f64,
             confidence: self.confidence / identified.max(1.0),
             components: components
@@ -397,13 +398,6 @@ impl Evaluation {
     }
 }
 
-/// The middle one.
-fn median(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied()
-}
-
 /// Rates and gaps of every source, and what the node made of it.
 fn sources(all: &[&Measurement], node: &VesselNode) -> Vec<SourceReview> {
     let mut out = Vec::new();
@@ -421,7 +415,7 @@ fn sources(all: &[&Measurement], node: &VesselNode) -> Vec<SourceReview> {
                 .filter_map(|w| w.first().zip(w.last()).map(|(a, b)| b - a))
                 .filter(|d| *d > 0.0)
                 .collect();
-            let usual = median(&steps).unwrap_or_default();
+            let usual = median(steps.iter().copied()).unwrap_or_default();
             out.push(SourceReview {
                 kind: name,
                 source,

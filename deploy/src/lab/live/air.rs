@@ -150,17 +150,8 @@ impl RadioPath {
     /// What to put before a process's command: the way into its computer's namespace. The simulated
     /// vehicles are on the vessel's network, where its sensors are.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
-        let side = match kind {
-            ProcessKind::Vessel | ProcessKind::Sensors | ProcessKind::World | ProcessKind::Link => 0,
-            ProcessKind::Bridge
-            | ProcessKind::Predictor
-            | ProcessKind::Mission
-            | ProcessKind::Planner
-            | ProcessKind::Pilot
-            | ProcessKind::Autopilot
-            | ProcessKind::Camera
-            | ProcessKind::Uvdar => 1,
-        };
+        use ProcessKind::{Link, Sensors, Vessel, World};
+        let side = usize::from(!matches!(kind, Vessel | Sensors | World | Link));
         self.spaces.as_ref().map_or_else(Vec::new, |s| s.enter(side))
     }
 }

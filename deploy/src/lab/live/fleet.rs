@@ -126,18 +126,6 @@ fn command_line(process: &Path) -> String {
         .unwrap_or_default()
 }
 
-/// The median; NaN of nothing.
-pub fn median(values: impl IntoIterator<Item = f64>) -> f64 {
-    let mut all: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-    all.sort_unstable_by(f64::total_cmp);
-    let middle = all.len() / 2;
-    match (all.get(middle), middle.checked_sub(1).and_then(|i| all.get(i))) {
-        (Some(high), Some(low)) if all.len().is_multiple_of(2) => (high + low) / 2.0,
-        (Some(middle), _) => *middle,
-        (None, _) => f64::NAN,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,12 +141,5 @@ mod tests {
         std::fs::remove_file(&file).unwrap();
         std::fs::remove_dir(instance.directory()).unwrap();
         assert_eq!(found.len(), 2, "{found:?}");
-    }
-
-    #[test]
-    fn medians() {
-        assert_eq!(median([3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median([4.0, 1.0, f64::NAN, 2.0, 3.0]), 2.5);
-        assert!(median([]).is_nan());
     }
 }

@@ -367,15 +367,8 @@ impl<'a> Landing<'a> {
         };
         let mut supervisor = Supervisor::new(owned.instance().directory(), plan.log.clone(), limits)?;
         plan.air.start(&mut supervisor)?;
-        let mut kinds = vec![
-            ProcessKind::World,
-            ProcessKind::Vessel,
-            ProcessKind::Bridge,
-            ProcessKind::Predictor,
-            ProcessKind::Mission,
-            ProcessKind::Planner,
-            ProcessKind::Pilot,
-        ];
+        let mut kinds = vec![ProcessKind::World, ProcessKind::Vessel];
+        kinds.extend(ProcessKind::DRONE);
         kinds.extend(plan.drone.camera.is_there().then_some(ProcessKind::Camera));
         kinds.extend((args.autopilot != AutopilotKind::Internal).then_some(ProcessKind::Autopilot));
         for kind in kinds {

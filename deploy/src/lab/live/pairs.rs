@@ -1,12 +1,13 @@
 //! `alight land --trials N`: live landings of many seeds, beside the lock-step landings of the same seeds.
 
+use alight_shared::estimation;
 use alight_sim::harness::age::AgeTap;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::trial::{Watch, fly_with};
 use serde::Serialize;
 
 use super::args::{LandArgs, LandsArgs, land_flags};
-use super::fleet::{self, Job, median};
+use super::fleet::{self, Job};
 use super::report::{LiveReport, ProcessUsage};
 use super::{air, land, profile};
 use crate::cells;
@@ -15,6 +16,11 @@ use crate::lab::study::link::aborts;
 use crate::process::snapshot::time;
 use crate::table::{Cell, Table};
 use crate::terminal::{self, note};
+
+/// The median; no number without any.
+fn median(values: impl IntoIterator<Item = f64>) -> f64 {
+    estimation::median(values).unwrap_or(f64::NAN)
+}
 
 /// Before this time of a trial clocks and sessions settle: ages are not counted, s.
 const WARM_UP_S: f64 = 5.0;

@@ -249,10 +249,11 @@ fn ardupilot_turn(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_sim::autopilots::stand_in;
     use alight_sim::physics::streams::Streams;
-    use alight_uav::autopilot::message::{Address, Message};
-    use alight_uav::autopilot::wire::{Decoder, encode};
-    use nalgebra::{UnitQuaternion, Vector3};
+    use alight_uav::autopilot::message::Message;
+    use alight_uav::autopilot::wire::Decoder;
+    use nalgebra::Vector3;
 
     /// Slices that are exchanged at most before a test gives up.
     const MOST: i64 = 2000;
@@ -261,10 +262,8 @@ mod tests {
         PlantState {
             at: Time::from_nanos(k * 2_500_000),
             position: Vector3::new(0.0, 0.0, -1.0),
-            velocity: Vector3::zeros(),
-            attitude: UnitQuaternion::identity(),
-            rates: Vector3::zeros(),
             specific_force: Vector3::new(0.0, 0.0, -9.8),
+            ..PlantState::default()
         }
     }
     fn open(kind: AutopilotKind, port: u16) -> Plant {
@@ -305,13 +304,8 @@ mod tests {
                 while let Some(f) = decoder.next_frame() {
                     if let Message::HilSensor(s) = f.message {
                         times.push(s.time_us);
-                        let answer = Message::HilActuators {
-                            time_us: s.time_us,
-                            controls: [0.25; 16],
-                            mode: 129,
-                        };
-                        let px4 = Address::new(1, 1);
-                        link.write_all(&encode(px4, 0, &answer).unwrap()).unwrap();
+                        let answer = stand_in::motor_answer(s.time_us, [0.25; ROTORS], true);
+                        link.write_all(&answer).unwrap();
                     }
                 }
             }
@@ -334,10 +328,7 @@ mod tests {
             socket.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
             let mut stamps = Vec::new();
             for frame in 0..50_u32 {
-                let mut packet = 18458_u16.to_le_bytes().to_vec();
-                packet.extend(400_u16.to_le_bytes());
-                packet.extend(frame.to_le_bytes());
-                (0..16).for_each(|_| packet.extend(1250_u16.to_le_bytes()));
+                let packet = stand_in::servo_packet(frame, [0.25; ROTORS]);
                 socket.send(&packet).unwrap();
                 if frame == 10 {
                     // As after an answer that was lost.
@@ -347,9 +338,8 @@ mod tests {
                 }
                 let mut buffer = [0; 1024];
                 let n = socket.recv(&mut buffer).unwrap();
-                let text = String::from_utf8_lossy(&buffer[..n]).into_owned();
-                let stamp = text.split("\"timestamp\":").nth(1).unwrap();
-                stamps.push(stamp.split(',').next().unwrap().parse::<f64>().unwrap());
+                let line = String::from_utf8_lossy(&buffer[..n]);
+                stamps.push(stand_in::read_line(&line).unwrap().at);
             }
             stamps
         });

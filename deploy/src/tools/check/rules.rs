@@ -61,31 +61,30 @@ pub struct Finding {
     pub remedy: String,
 }
 
-impl Finding {
-    /// As it should be.
-    pub fn fine(topic: &'static str, found: impl Into<String>) -> Finding {
+/// What is looked at, as it is named in a finding.
+#[derive(Clone, Copy)]
+pub struct Topic(pub &'static str);
+
+impl Topic {
+    fn finding(self, level: Level, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
         Finding {
-            topic,
-            level: Level::Fine,
-            found: found.into(),
-            remedy: String::new(),
-        }
-    }
-    /// Works, but not as it should.
-    pub fn warning(topic: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
-        Finding {
-            topic,
-            level: Level::Warning,
+            topic: self.0,
+            level,
             found: found.into(),
             remedy: remedy.into(),
         }
     }
+    /// As it should be.
+    pub fn fine(self, found: impl Into<String>) -> Finding {
+        self.finding(Level::Fine, found, "")
+    }
+    /// Works, but not as it should.
+    pub fn warning(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
+        self.finding(Level::Warning, found, remedy)
+    }
     /// Does not work.
-    pub fn broken(topic: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
-        Finding {
-            level: Level::Broken,
-            ..Finding::warning(topic, found, remedy)
-        }
+    pub fn broken(self, found: impl Into<String>, remedy: impl Into<String>) -> Finding {
+        self.finding(Level::Broken, found, remedy)
     }
 }
 
@@ -95,8 +94,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     let computer = match &facts.computer {
         Ok(computer) => computer,
         Err(why) => {
-            return vec![Finding::broken(
-                "configuration",
+            return vec![Topic("configuration").broken(
                 why,
                 format!("correct {path}; the shipped file names every key with its unit and default"),
             )];
@@ -106,10 +104,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         Computer::Vessel(v) => ("vessel", v.vessel_id, &v.radio),
         Computer::Drone(d) => ("drone", d.bridge.drone_id, &d.radio),
     };
-    let mut all = vec![Finding::fine(
-        "configuration",
-        format!("{path} is a {side}'s, number {id}"),
-    )];
+    let mut all = vec![Topic("configuration").fine(format!("{path} is a {side}'s, number {id}"))];
     all.extend(clock(facts));
     all.extend(identity(facts, side, id, radio));
     if let Computer::Drone(d) = computer {
@@ -129,10 +124,9 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
 }
 
 fn clock(facts: &Facts) -> Vec<Finding> {
-    const TOPIC: &str = "clock";
+    const TOPIC: Topic = Topic("clock");
     if facts.clock_s < PLAUSIBLE_S {
-        return vec![Finding::broken(
-            TOPIC,
+        return vec![TOPIC.broken(
             "the system's clock was never set: certificates count as not yet valid",
             "connect to a time source once, or add a battery-backed clock",
         )];
@@ -140,21 +134,16 @@ fn clock(facts: &Facts) -> Vec<Finding> {
     let install = "install chrony and give it a source, the vessel's GNSS receiver for instance; flight itself \
                    does not need it, certificates and the comparison of logs do";
     vec![match &facts.sync {
-        None => Finding::warning(
-            TOPIC,
-            "no program reports whether the clock is synchronised",
-            install,
-        ),
+        None => TOPIC.warning("no program reports whether the clock is synchronised", install),
         Some(s) if !s.synchronised => {
-            Finding::warning(TOPIC, format!("{} reports: not synchronised", s.source), install)
+            TOPIC.warning(format!("{} reports: not synchronised", s.source), install)
         }
         Some(s) => match s.error_s {
-            Some(e) if e.abs() > CLOCK_ERROR_S => Finding::warning(
-                TOPIC,
+            Some(e) if e.abs() > CLOCK_ERROR_S => TOPIC.warning(
                 format!("{} reports: {:.0} ms off", s.source, e * 1e3),
                 "wait until it has settled, or look at its sources (chronyc sources)",
             ),
-            Some(_) | None => Finding::fine(TOPIC, format!("synchronised, reports {}", s.source)),
+            Some(_) | None => TOPIC.fine(format!("synchronised, reports {}", s.source)),
         },
     }]
 }
@@ -166,32 +155,26 @@ fn is_loopback(endpoint: &str) -> bool {
 }
 
 fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> Vec<Finding> {
-    const TOPIC: &str = "certificates";
+    const TOPIC: Topic = Topic("certificates");
     let endpoints = || radio.listen.iter().chain(&radio.connect);
     let Some(identity) = &facts.identity else {
         if endpoints().any(|e| e.starts_with("quic/")) {
-            return vec![Finding::broken(
-                TOPIC,
+            return vec![TOPIC.broken(
                 "the radio's endpoint is quic/ but radio.tls names no files",
                 "make them with alight keys and name them in radio.tls",
             )];
         }
         if endpoints().all(|e| is_loopback(e)) {
-            return vec![Finding::fine(
-                TOPIC,
-                "none, and the radio stays inside this computer",
-            )];
+            return vec![TOPIC.fine("none, and the radio stays inside this computer")];
         }
-        return vec![Finding::warning(
-            TOPIC,
+        return vec![TOPIC.warning(
             "the radio is not protected: any peer that reaches the port is accepted",
             "use quic/ endpoints with certificates of alight keys, or UDP on an address inside WireGuard only",
         )];
     };
     let mut all = Vec::new();
     if let Some(plain) = endpoints().find(|e| !e.starts_with("quic/")) {
-        all.push(Finding::broken(
-            TOPIC,
+        all.push(TOPIC.broken(
             format!("{plain} is not quic/, and with certificates nothing else is taken"),
             "write the endpoint as quic/HOST:PORT, or remove radio.tls",
         ));
@@ -199,8 +182,7 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
     for certificate in [&identity.authority, &identity.own] {
         all.push(match certificate {
             Ok(certificate) => dates(certificate),
-            Err(why) => Finding::broken(
-                TOPIC,
+            Err(why) => TOPIC.broken(
                 why,
                 "copy the directory that alight keys made to the path in radio.tls, readable for the user alight",
             ),
@@ -210,8 +192,7 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
     if let Ok(own) = &identity.own
         && own.name != wanted
     {
-        all.push(Finding::broken(
-            TOPIC,
+        all.push(TOPIC.broken(
             format!(
                 "the certificate is {}'s, and the configuration says {wanted}",
                 own.name
@@ -224,55 +205,45 @@ fn identity(facts: &Facts, side: &'static str, id: u32, radio: &RadioConfig) -> 
 }
 
 fn dates(certificate: &Certificate) -> Finding {
-    const TOPIC: &str = "certificates";
+    const TOPIC: Topic = Topic("certificates");
     let path = certificate.path.display();
     let renew = "make a new one with alight keys and copy it here";
     match certificate.days_left {
-        _ if certificate.in_future => Finding::broken(
-            TOPIC,
+        _ if certificate.in_future => TOPIC.broken(
             format!("{path} is not valid yet by this computer's clock"),
             "set the clock",
         ),
-        days if days < 0 => Finding::broken(TOPIC, format!("{path} expired {} days ago", -days), renew),
-        days if days < RENEWAL_DAYS => {
-            Finding::warning(TOPIC, format!("{path} expires in {days} days"), renew)
-        }
-        days => Finding::fine(TOPIC, format!("{path}: {}, {days} days left", certificate.name)),
+        days if days < 0 => TOPIC.broken(format!("{path} expired {} days ago", -days), renew),
+        days if days < RENEWAL_DAYS => TOPIC.warning(format!("{path} expires in {days} days"), renew),
+        days => TOPIC.fine(format!("{path}: {}, {days} days left", certificate.name)),
     }
 }
 
 fn key(identity: &Identity) -> Vec<Finding> {
-    const TOPIC: &str = "key";
+    const TOPIC: Topic = Topic("key");
     let mut all = Vec::new();
     match (&identity.key, identity.key_mode) {
-        (Err(why), _) => all.push(Finding::broken(
-            TOPIC,
-            why,
-            "chown it to the user alight, chmod 600",
-        )),
-        (Ok(()), Some(mode)) if mode & OTHERS & !GROUP_READS != 0 => all.push(Finding::warning(
-            TOPIC,
+        (Err(why), _) => all.push(TOPIC.broken(why, "chown it to the user alight, chmod 600")),
+        (Ok(()), Some(mode)) if mode & OTHERS & !GROUP_READS != 0 => all.push(TOPIC.warning(
             format!("others may read or change it (mode {:o})", mode & 0o777),
             "chmod 600",
         )),
         (Ok(()), _) => {}
     }
     if identity.key_fits == Some(false) {
-        all.push(Finding::broken(
-            TOPIC,
+        all.push(TOPIC.broken(
             "it does not belong to the certificate",
             "copy both from the same directory of alight keys",
         ));
     }
     if identity.of_authority == Some(false) {
-        all.push(Finding::broken(
-            TOPIC,
+        all.push(TOPIC.broken(
             "the certificate was made by another authority than the one that is trusted",
             "make all certificates with one authority and copy its authority.pem to both sides",
         ));
     }
     if all.is_empty() {
-        all.push(Finding::fine(TOPIC, "fits the certificate"));
+        all.push(TOPIC.fine("fits the certificate"));
     }
     all
 }
@@ -280,8 +251,7 @@ fn key(identity: &Identity) -> Vec<Finding> {
 fn hears_vessel(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {
     let vessel = common_name("vessel", vessel_id);
     (!radio.tls.authority.is_empty() && !radio.tls.peers.contains(&vessel)).then(|| {
-        Finding::broken(
-            "vessel",
+        Topic("vessel").broken(
             format!("{vessel} is not among radio.tls.peers: its messages are rejected"),
             format!("peers = [\"{vessel}\"], or correct bridge.vessel_id"),
         )
@@ -289,23 +259,20 @@ fn hears_vessel(radio: &RadioConfig, vessel_id: u32) -> Option<Finding> {
 }
 
 fn port(port: &Port, running: bool) -> Finding {
-    const TOPIC: &str = "ports";
+    const TOPIC: Topic = Topic("ports");
     let what = format!("{} {}", port.key, port.address);
     match &port.state {
-        PortState::Free => Finding::fine(TOPIC, format!("{what} is free")),
-        PortState::Busy if running => Finding::fine(TOPIC, format!("{what} is taken, and Alight runs")),
-        PortState::Busy => Finding::broken(
-            TOPIC,
+        PortState::Free => TOPIC.fine(format!("{what} is free")),
+        PortState::Busy if running => TOPIC.fine(format!("{what} is taken, and Alight runs")),
+        PortState::Busy => TOPIC.broken(
             format!("{what} is taken by another program"),
             "ss -lnptu shows which; stop it, or choose another port on both sides",
         ),
-        PortState::Unavailable(why) => Finding::broken(
-            TOPIC,
+        PortState::Unavailable(why) => TOPIC.broken(
             format!("{what}: {why}"),
             "name an address of this computer (ip address) and a port above 1023",
         ),
-        PortState::Untried => Finding::warning(
-            TOPIC,
+        PortState::Untried => TOPIC.warning(
             format!("{what} cannot be tried"),
             "write it as PROTOCOL/ADDRESS:PORT with udp, tcp or quic",
         ),
@@ -313,15 +280,13 @@ fn port(port: &Port, running: bool) -> Finding {
 }
 
 fn dialled(to: &str, reach: &Reach) -> Finding {
-    const TOPIC: &str = "vessel";
+    const TOPIC: Topic = Topic("vessel");
     match reach {
-        Reach::Answers => Finding::fine(TOPIC, format!("{to} answers")),
-        Reach::Routed => Finding::fine(
-            TOPIC,
-            format!("there is a route to {to}; whether it answers shows only in alight status"),
-        ),
-        Reach::Unreachable(why) => Finding::warning(
-            TOPIC,
+        Reach::Answers => TOPIC.fine(format!("{to} answers")),
+        Reach::Routed => TOPIC.fine(format!(
+            "there is a route to {to}; whether it answers shows only in alight status"
+        )),
+        Reach::Unreachable(why) => TOPIC.warning(
             format!("{to} does not answer: {why}"),
             "is the vessel's computer on, its radio within reach (ping) and alight-vessel running?",
         ),
@@ -329,59 +294,51 @@ fn dialled(to: &str, reach: &Reach) -> Finding {
 }
 
 fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> Finding {
-    const TOPIC: &str = "autopilot";
+    const TOPIC: Topic = Topic("autopilot");
     match reach {
-        Ok(Reach::Answers) => Finding::fine(TOPIC, format!("{url} is there")),
-        Ok(Reach::Routed) => Finding::fine(
-            TOPIC,
-            format!("{url} is free; whether the autopilot answers shows only in alight status"),
-        ),
+        Ok(Reach::Answers) => TOPIC.fine(format!("{url} is there")),
+        Ok(Reach::Routed) => TOPIC.fine(format!("{url} is free; whether the autopilot answers shows only in alight status")),
         Ok(Reach::Unreachable(why)) if running => {
-            Finding::fine(TOPIC, format!("{url} is taken ({why}), and Alight runs"))
+            TOPIC.fine(format!("{url} is taken ({why}), and Alight runs"))
         }
-        Ok(Reach::Unreachable(why)) => Finding::warning(
-            TOPIC,
+        Ok(Reach::Unreachable(why)) => TOPIC.warning(
             format!("{url}: {why}"),
             "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
         ),
-        Err(why) => Finding::broken(TOPIC, why, "correct autopilot.connect"),
+        Err(why) => TOPIC.broken(why, "correct autopilot.connect"),
     }
 }
 
 fn camera(found: &CameraCheck) -> Finding {
     let CameraCheck { key, source, .. } = found;
     match &found.there {
-        Err(why) => Finding::broken(
-            key,
+        Err(why) => Topic(key).broken(
             format!("{source}: {why}"),
             format!(
                 "is it plugged in (v4l2-ctl --list-devices), may the user alight open it (group video)? Else \
                  correct {key}.source"
             ),
         ),
-        Ok(()) if !found.calibrated => Finding::warning(
-            key,
+        Ok(()) if !found.calibrated => Topic(key).warning(
             format!("{source} is there, its lens is the simulated camera's"),
             format!(
                 "calibrate it and write focal_px, centre_px and distortion into [{}] (README, A camera)",
                 found.lens
             ),
         ),
-        Ok(()) => Finding::fine(key, format!("{source} is there")),
+        Ok(()) => Topic(key).fine(format!("{source} is there")),
     }
 }
 
 fn memory(memory: &SharedMemory) -> Vec<Finding> {
-    const TOPIC: &str = "shared memory";
+    const TOPIC: Topic = Topic("shared memory");
     let mut all = Vec::new();
     match (&memory.writable, memory.free_bytes) {
-        (Err(why), _) => all.push(Finding::broken(
-            TOPIC,
+        (Err(why), _) => all.push(TOPIC.broken(
             format!("no file can be made in /dev/shm: {why}"),
             "mount a tmpfs there, mode 1777",
         )),
-        (Ok(()), Some(free)) if free < MEMORY_BYTES => all.push(Finding::broken(
-            TOPIC,
+        (Ok(()), Some(free)) if free < MEMORY_BYTES => all.push(TOPIC.broken(
             format!(
                 "{} MB free in /dev/shm, {} needed",
                 free >> 20,
@@ -389,17 +346,12 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
             ),
             "remove what others left there, or mount it larger",
         )),
-        (Ok(()), Some(free)) => all.push(Finding::fine(TOPIC, format!("{} MB free", free >> 20))),
-        (Ok(()), None) => all.push(Finding::warning(
-            TOPIC,
-            "the free memory is not known",
-            "df /dev/shm",
-        )),
+        (Ok(()), Some(free)) => all.push(TOPIC.fine(format!("{} MB free", free >> 20))),
+        (Ok(()), None) => all.push(TOPIC.warning("the free memory is not known", "df /dev/shm")),
     }
     all.push(match &memory.directory {
-        Ok(path) => Finding::fine(TOPIC, format!("{} can be used", path.display())),
-        Err(why) => Finding::broken(
-            TOPIC,
+        Ok(path) => TOPIC.fine(format!("{} can be used", path.display())),
+        Err(why) => TOPIC.broken(
             why,
             "run this as the user that runs Alight (sudo -u alight), or remove what another user left",
         ),
@@ -408,7 +360,7 @@ fn memory(memory: &SharedMemory) -> Vec<Finding> {
 }
 
 fn sensors(facts: &Facts) -> Option<Finding> {
-    const TOPIC: &str = "sensors";
+    const TOPIC: Topic = Topic("sensors");
     let received = facts.sensors?;
     let missing: Vec<&str> = [
         ("inertial samples", received.imu),
@@ -420,22 +372,17 @@ fn sensors(facts: &Facts) -> Option<Finding> {
     .map(|(name, _)| name)
     .collect();
     Some(if received.invalid > 0 {
-        Finding::warning(
-            TOPIC,
+        TOPIC.warning(
             format!("{} datagrams were not measurements", received.invalid),
             "another program sends to this port, or the driver is of another version",
         )
     } else if missing.is_empty() {
-        Finding::fine(
-            TOPIC,
-            format!(
-                "{} inertial samples, {} fixes, {} headings while listening",
-                received.imu, received.gnss, received.heading
-            ),
-        )
+        TOPIC.fine(format!(
+            "{} inertial samples, {} fixes, {} headings while listening",
+            received.imu, received.gnss, received.heading
+        ))
     } else {
-        Finding::warning(
-            TOPIC,
+        TOPIC.warning(
             format!("no {} came while listening", missing.join(", no ")),
             "start the sensors' driver, and look where it sends to",
         )
@@ -443,21 +390,18 @@ fn sensors(facts: &Facts) -> Option<Finding> {
 }
 
 fn source(found: &SourceCheck) -> Finding {
-    const TOPIC: &str = "sensors";
+    const TOPIC: Topic = Topic("sensors");
     let who = format!("{} ({})", found.name, found.connect);
     match &found.received {
-        Err(why) => Finding::warning(
-            TOPIC,
+        Err(why) => TOPIC.warning(
             format!("{who}: {why}"),
             "is it powered and plugged in, may the user alight open it (group dialout), does another program hold it?",
         ),
-        Ok((0, _)) => Finding::warning(
-            TOPIC,
+        Ok((0, _)) => TOPIC.warning(
             format!("{who}: nothing came while listening"),
             "is it powered and plugged in, and does it send there?",
         ),
-        Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) => Finding::warning(
-            TOPIC,
+        Ok((bytes, s)) if s.given.iter().all(|n| *n == 0) => TOPIC.warning(
             format!(
                 "{who}: {bytes} bytes and no measurement: {} messages good, {} corrupted, {} of other kinds, {} \
                  without a time",
@@ -465,39 +409,33 @@ fn source(found: &SourceCheck) -> Finding {
             ),
             "see to its rate and format in vessel.toml, and to the messages that it is set to send",
         ),
-        Ok((_, s)) => Finding::fine(
-            TOPIC,
-            format!(
-                "{who}: {} measurements, {} messages corrupted while listening",
-                s.given.iter().sum::<u64>(),
-                s.decoded.corrupted
-            ),
-        ),
+        Ok((_, s)) => TOPIC.fine(format!(
+            "{who}: {} measurements, {} messages corrupted while listening",
+            s.given.iter().sum::<u64>(),
+            s.decoded.corrupted
+        )),
     }
 }
 
 fn processors(facts: &Facts, drone: bool) -> Vec<Finding> {
-    const TOPIC: &str = "processors";
+    const TOPIC: Topic = Topic("processors");
     let mut all = Vec::new();
     let slow: Vec<&String> = facts.governors.iter().filter(|g| *g != "performance").collect();
     all.push(match slow.first() {
-        Some(governor) => Finding::warning(
-            TOPIC,
+        Some(governor) => TOPIC.warning(
             format!("frequency chosen by {governor}: a plan may take several times longer after a rest"),
             "echo performance | tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
         ),
-        None => Finding::fine(TOPIC, "at full frequency"),
+        None => TOPIC.fine("at full frequency"),
     });
     if drone && facts.processors < 2 {
-        all.push(Finding::warning(
-            TOPIC,
+        all.push(TOPIC.warning(
             "one processor: planner and pilot wait for each other",
             "use a computer with two or more",
         ));
     }
     if drone && !facts.realtime {
-        all.push(Finding::warning(
-            TOPIC,
+        all.push(TOPIC.warning(
             "this user may not ask for real-time priority",
             "the shipped unit permits it (LimitRTPRIO); beside it: ulimit -r 40",
         ));

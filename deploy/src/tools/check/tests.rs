@@ -121,8 +121,8 @@ fn check_finds_nothing_on_computers_in_order() {
     }
 }
 
-/// One fault: the change, and a part of the finding.
-type Wrong = (fn(&mut Facts), &'static str);
+/// A computer's faults of one level: the change, and a part of the finding.
+type Wrongs<'a> = (fn() -> Facts, Level, &'a [(fn(&mut Facts), &'static str)]);
 
 #[test]
 fn check_finds_each_fault_alone_with_its_remedy() {
@@ -139,7 +139,7 @@ fn check_finds_each_fault_alone_with_its_remedy() {
             received,
         }]);
     }
-    let wrongs: [(fn() -> Facts, Level, &[Wrong]); 4] = [
+    let wrongs: [Wrongs; 4] = [
         (
             vessel,
             Level::Broken,

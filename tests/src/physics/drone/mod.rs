@@ -88,7 +88,7 @@ pub struct SimulatedDrone {
 }
 
 /// What the sensors of a firmware are moved by: the true state of the drone.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
     /// When.
     pub at: Time<TrueTime>,

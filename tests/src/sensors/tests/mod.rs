@@ -5,6 +5,7 @@ mod vessel;
 
 use super::*;
 use alight_shared::config::{Check, Keys};
+use alight_shared::estimation::moments;
 use alight_shared::frames::{Point, Rotation, TrueNed, Vector, body_rates};
 
 /// The time of tick `k`.
@@ -115,14 +116,6 @@ fn rocking<B>(t: f64) -> RigidState<B> {
         rates: Vector::from(rates(t)),
         angular_acceleration: Vector::from((rates(t + h) - rates(t - h)) / (2.0 * h)),
     }
-}
-
-/// Mean and standard deviation.
-fn moments(x: &[f64]) -> (f64, f64) {
-    let n = x.len() as f64;
-    let mean = x.iter().sum::<f64>() / n;
-    let var = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
-    (mean, var.sqrt())
 }
 
 #[test]

@@ -1,0 +1,82 @@
+//! The firmware's end of both protocols, for stand-ins of a firmware: what it sends, and what it makes of
+//! the plant's words.
+
+use alight_shared::frames::{Datum, TrueNed};
+use alight_shared::geometry::GRAVITY;
+use alight_shared::time::Time;
+use alight_uav::autopilot::message::{Address, HilGps, HilSensor, Message};
+use alight_uav::autopilot::wire::encode;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use crate::physics::drone::{PlantState, ROTORS};
+
+/// ArduPilot's packet of servo outputs, each 0 to 1.
+pub fn servo_packet(frame: u32, outputs: [f64; ROTORS]) -> Vec<u8> {
+    let mut pulses = [1000_u16; 16];
+    for (pulse, u) in pulses.iter_mut().zip(outputs) {
+        *pulse = (1000.0 + 1000.0 * u) as u16;
+    }
+    let mut packet = 18458_u16.to_le_bytes().to_vec();
+    packet.extend(400_u16.to_le_bytes());
+    packet.extend(frame.to_le_bytes());
+    packet.extend(pulses.iter().flat_map(|p| p.to_le_bytes()));
+    packet
+}
+
+/// The plant's line, read as ArduPilot does; None where a key is missing.
+pub fn read_line(line: &str) -> Option<PlantState> {
+    let after = |key: &str| line.split_once(key).map(|(_, text)| text);
+    let list = |key: &str| -> Option<Vec<f64>> {
+        let (numbers, _) = after(key)?.strip_prefix('[')?.split_once(']')?;
+        numbers.split(',').map(|w| w.parse().ok()).collect()
+    };
+    let three = |key: &str| list(key)?.try_into().ok().map(|v: [f64; 3]| v.into());
+    let (stamp, _) = after("\"timestamp\":")?.split_once(',')?;
+    let [w, i, j, k] = list("\"quaternion\":")?.try_into().ok()?;
+    Some(PlantState {
+        at: Time::from_secs(stamp.parse().ok()?),
+        position: three("\"position\":")?,
+        velocity: three("\"velocity\":")?,
+        attitude: UnitQuaternion::from_quaternion(Quaternion::new(w, i, j, k)),
+        rates: three("\"gyro\":")?,
+        specific_force: three("\"accel_body\":")?,
+    })
+}
+
+/// PX4's answer to the sample of `time_us`: its motors, each 0 to 1.
+pub fn motor_answer(time_us: u64, outputs: [f64; ROTORS], armed: bool) -> Vec<u8> {
+    let mut controls = [0.0; 16];
+    controls.iter_mut().zip(outputs).for_each(|(c, u)| *c = u);
+    let answer = Message::HilActuators {
+        time_us,
+        controls,
+        mode: if armed { 129 } else { 1 },
+    };
+    encode(Address::new(1, 1), 0, &answer).unwrap_or_default()
+}
+
+/// Where a fix is, NED about `origin`, m.
+pub fn place(fix: &HilGps, origin: &Datum) -> Vector3<f64> {
+    let at = Datum::new(
+        fix.latitude.to_degrees(),
+        fix.longitude.to_degrees(),
+        fix.altitude_m,
+    );
+    origin.offset_to::<TrueNed>(&at).0
+}
+
+/// Draws what a poor estimator believes to a fix at `place`.
+pub fn correct(believed: &mut PlantState, fix: &HilGps, place: Vector3<f64>, gain: f64) {
+    believed.position += (place - believed.position) * gain;
+    believed.velocity += (Vector3::from(fix.velocity) - believed.velocity) * gain;
+}
+
+/// Takes it a sample further, `dt` s.
+pub fn advance(believed: &mut PlantState, sample: &HilSensor, dt: f64) {
+    believed.rates = sample.gyro.into();
+    believed.specific_force = sample.accelerometer.into();
+    believed.attitude *= UnitQuaternion::from_scaled_axis(believed.rates * dt);
+    let acceleration = believed.attitude * believed.specific_force + Vector3::z() * GRAVITY;
+    believed.velocity += acceleration * dt;
+    believed.position += believed.velocity * dt;
+}
