@@ -16,6 +16,7 @@ use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::images::ImageSubscriber;
 use alight_shared::transport::memory::{Instance, Memory, Publisher};
 use alight_shared::transport::metrics::{Metric, MetricName};
+use alight_shared::transport::plain::Plain;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_shared::transport::statistics::Quantiles;
 use alight_uav::camera::node::CameraIdentity;
@@ -59,6 +60,18 @@ struct Detection {
     line: Value,
 }
 
+/// Publishes what was found; `shown` is what people read of it.
+fn publish<M: Plain>(
+    found: &[M],
+    port: &mut Option<Publisher<M>>,
+    shown: impl Fn(&M) -> Detection,
+) -> Vec<Detection> {
+    for port in port {
+        found.iter().for_each(|m| port.send(m));
+    }
+    found.iter().map(shown).collect()
+}
+
 impl Detector {
     fn new(
         kind: ProcessKind,
@@ -79,46 +92,23 @@ impl Detector {
     /// Processes images and publishes what was detected.
     fn detect(&mut self, now: Time<DroneClock>, input: &CameraIn) -> Vec<Detection> {
         match self {
-            Detector::Tag(node, port) => {
-                let tags = node.step(now, input).tags;
-                if let Some(port) = port {
-                    tags.iter().for_each(|tag| port.send(tag));
-                }
-                let line = |m: &TagPose| {
-                    json!({
-                        "at_s": m.header.at.secs(),
-                        "position_m": m.position,
-                        "attitude_wxyz": m.attitude,
-                        "sd": m.variance.map(f64::sqrt),
-                    })
-                };
-                tags.iter()
-                    .map(|m| Detection {
-                        at: m.header.at,
-                        line: line(m),
-                    })
-                    .collect()
-            }
-            Detector::Markers(node, port) => {
-                let fixes = node.step(now, input).fixes;
-                if let Some(port) = port {
-                    fixes.iter().for_each(|fix| port.send(fix));
-                }
-                let line = |m: &UvdarFix| {
-                    json!({
-                        "at_s": m.header.at.secs(),
-                        "position_m": m.position,
-                        "sd": m.variance.map(f64::sqrt),
-                    })
-                };
-                fixes
-                    .iter()
-                    .map(|m| Detection {
-                        at: m.header.at,
-                        line: line(m),
-                    })
-                    .collect()
-            }
+            Detector::Tag(node, port) => publish(&node.step(now, input).tags, port, |m| Detection {
+                at: m.header.at,
+                line: json!({
+                    "at_s": m.header.at.secs(),
+                    "position_m": m.position,
+                    "attitude_wxyz": m.attitude,
+                    "sd": m.variance.map(f64::sqrt),
+                }),
+            }),
+            Detector::Markers(node, port) => publish(&node.step(now, input).fixes, port, |m| Detection {
+                at: m.header.at,
+                line: json!({
+                    "at_s": m.header.at.secs(),
+                    "position_m": m.position,
+                    "sd": m.variance.map(f64::sqrt),
+                }),
+            }),
         }
     }
     /// Messages that could not be sent.

@@ -162,9 +162,6 @@ impl Installed {
         self.start("drone", &words("ALIGHT_DRONE"));
         self.await_ready();
     }
-    fn start_world(&mut self) {
-        self.start("world", &words("ALIGHT_WORLD"));
-    }
     /// Until a service reports that it is ready.
     fn await_ready(&self) {
         self.notified
@@ -244,13 +241,18 @@ impl Installed {
             self.complaints()
         );
     }
-    /// Commands a landing once the estimator has warmed up and the vessel is received.
-    fn land(&self) {
+    /// Starts everything, and commands a landing once the estimator has warmed up and the vessel is received.
+    fn begin_landing(&mut self) {
+        self.start_vessel();
+        self.start_drone();
+        self.start("world", &words("ALIGHT_WORLD"));
         self.status_when("the vessel is received and the drone flies", |s| {
             let t = self.time_s(s);
             t.is_some_and(|t| t > 0.0) && fresh(s)
         });
-        let out = self.order("land");
+        self.assert_accepted(&self.order("land"));
+    }
+    fn assert_accepted(&self, out: &Output) {
         assert!(out.status.success(), "{out:?}\n{}", self.complaints());
     }
     /// The simulated time since the start, s.
@@ -260,6 +262,13 @@ impl Installed {
     fn state(&self) -> String {
         let status = self.status();
         status["mission"]["state"].as_str().unwrap_or_default().to_owned()
+    }
+    /// The world reports a success.
+    fn assert_success(&mut self) {
+        let outcome = self.outcome();
+        // For a person, with --nocapture.
+        println!("{outcome}");
+        assert_eq!(outcome["outcome"], "success", "{}", self.complaints());
     }
     /// The outcome that the world reports.
     fn outcome(&mut self) -> Value {
@@ -318,10 +327,7 @@ fn open_to_all(directory: &Path) {
 #[test]
 fn shipped_configurations_land_in_a_moderate_sea_over_mutual_tls() {
     let mut all = Installed::prepare("installed", 103, |_, _| {});
-    all.start_vessel();
-    all.start_drone();
-    all.start_world();
-    all.land();
+    all.begin_landing();
     all.status_when("lands", |s| s["mission"]["state"] == "Descent");
     let vessel = all.vessel_status();
     let status = &vessel["status"];
@@ -331,37 +337,31 @@ fn shipped_configurations_land_in_a_moderate_sea_over_mutual_tls() {
         status["estimator"]["estimate_age_s"].as_f64() < Some(2.0),
         "{vessel}"
     );
-    let outcome = all.outcome();
-    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
-    println!("{outcome}");
+    all.assert_success();
 }
 
-/// A drone that follows the vessel for long enough for a restart, and does so now.
-fn following(name: &str, seed: u64) -> Installed {
+/// A drone that follows the vessel for `steady_s` before it descends, and does so now.
+fn following(name: &str, seed: u64, steady_s: f64) -> Installed {
     let mut all = Installed::prepare(name, seed, |_, drone| {
         let mission = table(table(drone, "drone"), "mission");
-        mission.insert("steady_s".into(), 6.0.into());
+        mission.insert("steady_s".into(), steady_s.into());
     });
-    all.start_vessel();
-    all.start_drone();
-    all.start_world();
-    all.land();
+    all.begin_landing();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     all
 }
 
 #[test]
 fn drone_lands_after_the_vessel_restarted_while_followed() {
-    let mut all = following("restart", 104);
+    let mut all = following("restart", 104, 6.0);
     all.stop("vessel");
     all.start_vessel();
-    let outcome = all.outcome();
-    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
+    all.assert_success();
 }
 
 #[test]
 fn drone_holds_after_its_computer_restarted_and_lands_on_a_new_command() {
-    let mut all = following("reboot", 106);
+    let mut all = following("reboot", 106, 6.0);
     let before = all.status();
     all.stop("drone");
     all.start_drone();
@@ -371,10 +371,8 @@ fn drone_holds_after_its_computer_restarted_and_lands_on_a_new_command() {
         t.is_some_and(|t| t > all.time_s(&before).unwrap_or(0.0)) && fresh(s)
     });
     assert_eq!(after["mission"]["state"], "Idle", "it waits to be told: {after}");
-    let out = all.order("land");
-    assert!(out.status.success(), "{out:?}\n{}", all.complaints());
-    let outcome = all.outcome();
-    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
+    all.assert_accepted(&all.order("land"));
+    all.assert_success();
 }
 
 #[test]
@@ -387,10 +385,7 @@ fn landed_drone_calibrates_the_deck_under_it() {
         .expect("TOML");
     table(&mut scene, "scenario").insert("stay_s".into(), 45.0.into());
     std::fs::write(&world, toml::to_string(&scene).expect("TOML")).expect("written");
-    all.start_vessel();
-    all.start_drone();
-    all.start_world();
-    all.land();
+    all.begin_landing();
     all.status_when("has landed", |s| s["mission"]["state"] == "Landed");
     std::thread::sleep(Duration::from_secs(4));
     let out = all.run(format!(
@@ -409,22 +404,13 @@ fn landed_drone_calibrates_the_deck_under_it() {
         let [value, sd] = ["value", "sd"].map(|k| axis[k].as_f64().expect("a number"));
         assert!((value - truth).abs() < 3.0 * sd + 0.15, "{found}");
     }
-    let outcome = all.outcome();
-    assert_eq!(outcome["outcome"], "success", "{outcome}\n{}", all.complaints());
+    all.assert_success();
 }
 
 #[test]
 fn abort_wins_and_a_frozen_process_is_restarted() {
-    let mut all = Installed::prepare("abort", 105, |_, drone| {
-        // It stays above the deck until it is told otherwise.
-        let mission = table(table(drone, "drone"), "mission");
-        mission.insert("steady_s".into(), 100.0.into());
-    });
-    all.start_vessel();
-    all.start_drone();
-    all.start_world();
-    all.land();
-    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    // It stays above the deck until it is told otherwise.
+    let all = following("abort", 105, 100.0);
     let out = all.run(format!("calibrate deck --config {}", all.file("drone.toml")));
     let errors = String::from_utf8_lossy(&out.stderr);
     assert!(errors.contains("the drone is armed"), "{errors}");
@@ -446,8 +432,7 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
     let vessel = all.vessel_status();
     let refused = vessel["status"]["rejected"].as_array().expect("a list");
     assert!(!refused.is_empty() && vessel["worst"] == "warning", "{vessel}");
-    let out = all.order_from_ashore("abort", "operator-1");
-    assert!(out.status.success(), "{out:?}\n{}", all.complaints());
+    all.assert_accepted(&all.order_from_ashore("abort", "operator-1"));
     assert_eq!(all.state(), "GaveUp");
     let pid = |s: &Value| {
         let processes = s["processes"].as_array().cloned().unwrap_or_default();
@@ -458,6 +443,5 @@ fn abort_wins_and_a_frozen_process_is_restarted() {
     signal(frozen, "-STOP");
     all.status_when("another planner runs", |s| pid(s).is_some_and(|p| p != frozen));
     assert_eq!(all.state(), "GaveUp", "the mission did not change its mind");
-    let out = all.order("hold");
-    assert!(out.status.success(), "{out:?}");
+    all.assert_accepted(&all.order("hold"));
 }

@@ -234,20 +234,25 @@ mod tests {
             .collect()
     }
 
-    #[test]
-    fn burst_loss_has_the_configured_fraction_and_length() {
+    /// The fraction that bursts of 8 packets, every fifth of them, take from `n`, and their mean length.
+    fn bursts(n: usize, step_s: f64) -> (f64, f64) {
         let config = RadioConfig {
             burst_loss: 0.2,
             burst_packets: 8.0,
             ..clean()
         };
-        let fates = fates(&config, 200_000, 0.01, 300);
-        let lost = fates.iter().filter(|f| f.is_none()).count();
-        let runs = fates
-            .windows(2)
-            .filter(|w| w[0].is_some() && w[1].is_none())
-            .count();
-        let (fraction, length) = (lost as f64 / 200_000.0, lost as f64 / runs as f64);
+        let fates = fates(&config, n, step_s, 300);
+        let lost = fates.iter().filter(|f| f.is_none()).count() as f64;
+        let begins = |w: &&[Option<f64>]| w[0].is_some() && w[1].is_none();
+        (
+            lost / n as f64,
+            lost / fates.windows(2).filter(begins).count() as f64,
+        )
+    }
+
+    #[test]
+    fn burst_loss_has_the_configured_fraction_and_length() {
+        let (fraction, length) = bursts(200_000, 0.01);
         // 5000 bursts: the standard error of the mean length is 8 / sqrt(5000) = 0.11.
         assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
         assert!((length - 8.0).abs() < 0.4, "{length}");
@@ -255,19 +260,8 @@ mod tests {
 
     #[test]
     fn burst_loss_ends_in_time_for_a_rare_sender() {
-        let config = RadioConfig {
-            burst_loss: 0.2,
-            burst_packets: 8.0,
-            ..clean()
-        };
         // Two a second: 20 steps apart, bursts of 8 are over.
-        let fates = fates(&config, 40_000, 0.5, 300);
-        let lost = fates.iter().filter(|f| f.is_none()).count();
-        let runs = fates
-            .windows(2)
-            .filter(|w| w[0].is_some() && w[1].is_none())
-            .count();
-        let (fraction, length) = (lost as f64 / 40_000.0, lost as f64 / runs as f64);
+        let (fraction, length) = bursts(40_000, 0.5);
         assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
         assert!((1.2..1.4).contains(&length), "{length}");
     }

@@ -126,11 +126,7 @@ fn condensed_solution_equals_the_unconstrained_optimum_of_the_paper() {
         let ceiling = problem.ceiling.clone();
         mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
         let dense = naive::unconstrained(&naive_data(&c, &mpc, &problem)).expect("positive definite");
-        for (a, b) in solution.inputs.iter().zip(&dense) {
-            for i in 0..4 {
-                assert!((a[i] - b[i]).abs() < 1e-8, "{a:?} {b:?}");
-            }
-        }
+        assert!(largest_difference(&solution.inputs, &dense) < 1e-8);
         compared += 1;
     }
     assert!(compared > 10, "{compared}");
@@ -156,11 +152,7 @@ fn qp_solution_equals_the_constrained_optimum_of_the_paper() {
         // Inputs late in the horizon hardly matter to the cost: only a tight gap pins them down.
         data.tolerance = 1e-12;
         let dense = naive::constrained(&data).expect("solved");
-        for (a, b) in solution.inputs.iter().zip(&dense) {
-            for i in 0..4 {
-                worst = worst.max((a[i] - b[i]).abs());
-            }
-        }
+        worst = worst.max(largest_difference(&solution.inputs, &dense));
         let (ours, theirs) = (naive::cost(&data, &solution.inputs), naive::cost(&data, &dense));
         assert!(ours <= theirs + 1e-5 * (1.0 + theirs), "{ours} {theirs}");
         compared += 1;
@@ -224,6 +216,12 @@ fn sparse_form_equals_the_condensed_form() {
     }
 }
 
+/// The largest difference of two series of inputs.
+fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
+    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
 /// One planner and its follower, for tests that drive it directly.
 struct Bench {
     planner: Planner,
@@ -254,6 +252,21 @@ impl Bench {
         let plan = self.planner.step(now, &input).plan;
         self.follower.end_tick(plan);
         plan
+    }
+    /// So many of them; the last plan.
+    fn ticks(&mut self, count: usize, mission: MissionState, sea: Option<&Sea>) -> Option<Plan> {
+        (0..count).filter_map(|_| self.tick(mission, sea)).last()
+    }
+}
+
+/// A mission above the deck or down to it.
+fn landing(state: Mode) -> MissionState {
+    MissionState {
+        state,
+        height_m: 7.0,
+        descent_mps: 1.0,
+        minimum_altitude_m: 2.0,
+        ..MissionState::default()
     }
 }
 
@@ -299,22 +312,21 @@ fn planner_reaches_a_far_target_within_its_limits() {
 #[test]
 fn planner_runs_at_10_hz_in_navigation_and_50_hz_in_landing() {
     let mut b = Bench::new(ABOVE);
-    let count = |b: &mut Bench, state, n| {
-        (0..n)
-            .filter(|_| {
-                let mission = MissionState {
-                    state,
-                    height_m: 7.0,
-                    ..hold(ABOVE)
-                };
-                b.tick(mission, Some(&MODERATE)).is_some()
-            })
-            .count()
-    };
-    assert_eq!(count(&mut b, Mode::Hold, 100), 10);
-    assert_eq!(count(&mut b, Mode::Tracking, 100), 50);
-    assert_eq!(count(&mut b, Mode::Landed, 100), 0);
-    assert_eq!(count(&mut b, Mode::Idle, 100), 0);
+    for (state, rate_hz) in [
+        (Mode::Hold, 10),
+        (Mode::Tracking, 50),
+        (Mode::Landed, 0),
+        (Mode::Idle, 0),
+    ] {
+        let mission = MissionState {
+            state,
+            height_m: 7.0,
+            ..hold(ABOVE)
+        };
+        // A second of 100 ticks.
+        let plans = (0..100).filter(|_| b.tick(mission, Some(&MODERATE)).is_some());
+        assert_eq!(plans.count(), rate_hz, "{state:?}");
+    }
 }
 
 #[test]
@@ -322,20 +334,15 @@ fn planner_does_not_follow_heave_while_tracking() {
     let mut b = Bench::new(ABOVE);
     let (mut low, mut high, mut off) = (f64::MAX, f64::MIN, 0.0_f64);
     for tick in 0..3000 {
-        let mission = MissionState {
-            state: Mode::Tracking,
-            height_m: 7.0,
-            minimum_altitude_m: 2.0,
-            ..MissionState::default()
-        };
-        b.tick(mission, Some(&MODERATE));
+        b.tick(landing(Mode::Tracking), Some(&MODERATE));
         if tick > 2000 {
             low = low.min(b.follower.drone.position[2]);
             high = high.max(b.follower.drone.position[2]);
             let deck = MODERATE.deck(b.follower.now().secs());
             off = off.max(
-                (b.follower.drone.position[0] - deck.position[0])
-                    .hypot(b.follower.drone.position[1] - deck.position[1]),
+                (b.follower.drone.position() - Vector3::from(deck.position))
+                    .xy()
+                    .norm(),
             );
         }
     }
@@ -351,20 +358,17 @@ fn planner_keeps_the_minimum_altitude_outside_the_deck() {
     // Commanded to land 6 m off the deck: it may descend only to the minimum altitude over the water.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
     let mut lowest = f64::MAX;
+    let mission = MissionState {
+        descent_mps: 2.0,
+        minimum_altitude_m: 2.5,
+        ..landing(Mode::Flare)
+    };
+    let sea = Sea {
+        heave: 0.0,
+        ..MODERATE
+    };
     for _ in 0..100 {
-        let mission = MissionState {
-            state: Mode::Flare,
-            descent_mps: 2.0,
-            minimum_altitude_m: 2.5,
-            ..MissionState::default()
-        };
-        if let Some(plan) = b.tick(
-            mission,
-            Some(&Sea {
-                heave: 0.0,
-                ..MODERATE
-            }),
-        ) {
+        if let Some(plan) = b.tick(mission, Some(&sea)) {
             for (i, s) in plan.stages.iter().enumerate() {
                 let t = plan.header.at + plan.step * i as i64;
                 let d = MODERATE.deck(t.secs()).position;
@@ -381,9 +385,7 @@ fn planner_keeps_the_minimum_altitude_outside_the_deck() {
 #[test]
 fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
-    for _ in 0..50 {
-        b.tick(hold([0.0, 0.0, -10.0]), None);
-    }
+    b.ticks(50, hold([0.0, 0.0, -10.0]), None);
     assert_eq!(b.planner.resets, 1);
     // Pushed aside by 2 m.
     b.follower.plan = None;
@@ -410,9 +412,7 @@ fn planner_restarts_when_far_from_its_plan_or_at_an_origin_reset() {
         b.follower.tick += 1;
     }
     let before = b.planner.resets;
-    for _ in 0..10 {
-        b.tick(hold([0.0, 0.0, -10.0]), None);
-    }
+    b.ticks(10, hold([0.0, 0.0, -10.0]), None);
     assert_eq!(b.planner.resets, before + 1);
 }
 
@@ -426,32 +426,18 @@ fn planner_holds_position_without_a_forecast() {
 
 fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
     let mut b = Bench::of(kind, ABOVE);
-    let mission = |state| MissionState {
-        state,
-        height_m: 7.0,
-        descent_mps: 1.0,
-        minimum_altitude_m: 2.0,
-        ..MissionState::default()
+    b.ticks(300, landing(Mode::Tracking), Some(&MODERATE));
+    b.ticks(100, landing(Mode::Descent), Some(&MODERATE));
+    b.ticks(61, landing(Mode::Descent), None);
+    let mut stays = |ticks| {
+        for _ in 0..ticks {
+            let plan = b.tick(landing(Mode::Descent), None);
+            assert_eq!(plan.and_then(|p| p.touchdown_at), None);
+        }
+        b.follower.drone.position()
     };
-    for _ in 0..300 {
-        b.tick(mission(Mode::Tracking), Some(&MODERATE));
-    }
-    for _ in 0..100 {
-        b.tick(mission(Mode::Descent), Some(&MODERATE));
-    }
-    let mut stopped = None;
-    for tick in 0..settled + 400 {
-        let plan = b.tick(mission(Mode::Descent), None);
-        if tick == settled {
-            stopped = Some(b.follower.drone.position());
-        }
-        if tick > 60
-            && let Some(plan) = plan
-        {
-            assert_eq!(plan.touchdown_at, None);
-        }
-    }
-    let moved = (b.follower.drone.position() - stopped.expect("ticked")).norm();
+    let stopped = stays(settled - 60);
+    let moved = (stays(399) - stopped).norm();
     let still = b.follower.drone.velocity().norm() < 0.02;
     assert!(moved < 0.1 && still, "{moved} {kind:?}");
 }
@@ -459,29 +445,26 @@ fn stays_without_forecast((kind, settled): (PlannerKind, usize)) {
 #[test]
 fn planner_counts_and_ignores_messages_out_of_order() {
     let mut b = Bench::new([0.0, 0.0, -10.0]);
-    for _ in 0..20 {
-        b.tick(hold([0.0, 0.0, -10.0]), None);
-    }
-    let (now, mut old) = (b.follower.now(), hold([500.0, 0.0, -10.0]));
-    old.header = Header::new(1, 1, 1, 3, now);
-    let mut early = hold([500.0, 0.0, -10.0]);
-    early.header = Header::new(1, 1, 1, 900, now + Span::from_secs(1.0));
-    let mut foreign = hold([500.0, 0.0, -10.0]);
-    foreign.header = Header::new(1, 1, 1, 901, now);
-    foreign.header.version += 1;
-    let mut absurd = hold([f64::NAN, 0.0, -10.0]);
-    absurd.header = Header::new(1, 1, 1, 902, now);
-    for (k, m) in [old, early, foreign, absurd].into_iter().enumerate() {
+    b.ticks(20, hold([0.0, 0.0, -10.0]), None);
+    let now = b.follower.now();
+    let mut foreign = Header::new(1, 1, 1, 901, now);
+    foreign.version += 1;
+    let wrong = [
+        (500.0, Header::new(1, 1, 1, 3, now)),
+        (500.0, Header::new(1, 1, 1, 900, now + Span::from_secs(1.0))),
+        (500.0, foreign),
+        (f64::NAN, Header::new(1, 1, 1, 902, now)),
+    ];
+    for (k, (north, header)) in wrong.into_iter().enumerate() {
+        let mission = hold([north, 0.0, -10.0]);
         let input = PlannerIn {
-            mission: Some(m),
+            mission: Some(MissionState { header, ..mission }),
             ..PlannerIn::default()
         };
         b.planner.step(now, &input);
         assert_eq!(b.planner.mission.rejected(), k as u32 + 1);
     }
-    for _ in 0..100 {
-        b.tick(hold([0.0, 0.0, -10.0]), None);
-    }
+    b.ticks(100, hold([0.0, 0.0, -10.0]), None);
     assert!(b.follower.drone.position().xy().norm() < 0.01);
 }
 

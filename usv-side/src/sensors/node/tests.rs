@@ -19,6 +19,10 @@ fn messages(k: i64) -> String {
         "GPGGA,{t},5000.0000,N,01430.0000,E,4,12,0.8,210.0,M,45.0,M,,"
     ))
 }
+fn step(n: &mut SensorNode, now: Time<VesselClock>, bytes: &[&[u8]]) -> Readings {
+    let bytes = bytes.iter().map(|b| b.to_vec()).collect();
+    n.step(now, &SensorsIn { bytes }).readings
+}
 fn at(k: i64) -> Time<VesselClock> {
     Time::from_nanos(7_000_000_000 + k * 100_000_000)
 }
@@ -30,22 +34,12 @@ fn sensor_node_keeps_numbers_and_times_of_two_sources_apart() {
     for k in 0..50 {
         // The second arrives 30 ms later, at times more.
         let late = Span::from_millis(30 + 20 * (k % 3));
-        let first = n.step(
-            at(k),
-            &SensorsIn {
-                bytes: vec![messages(k).into(), vec![]],
-            },
-        );
-        let second = n.step(
-            at(k) + late,
-            &SensorsIn {
-                bytes: vec![vec![], messages(k).into()],
-            },
-        );
-        imu += first.readings.imu.len();
-        assert!(first.readings.attitude.iter().all(|a| a.source == 0));
-        assert!(second.readings.gnss.iter().all(|g| g.source == 2));
-        times.extend(second.readings.attitude.iter().map(|a| a.header.at));
+        let first = step(&mut n, at(k), &[messages(k).as_bytes(), &[]]);
+        let second = step(&mut n, at(k) + late, &[&[], messages(k).as_bytes()]);
+        imu += first.imu.len();
+        assert!(first.attitude.iter().all(|a| a.source == 0));
+        assert!(second.gnss.iter().all(|g| g.source == 2));
+        times.extend(second.attitude.iter().map(|a| a.header.at));
     }
     assert_eq!(imu, 0);
     let steps: Vec<f64> = times.windows(2).skip(5).map(|w| (w[1] - w[0]).secs()).collect();
@@ -66,13 +60,7 @@ fn sensor_node_counts_and_drops_repeated_and_reordered_messages() {
         if k % 10 == 9 {
             text += &messages(k - 3);
         }
-        let out = n.step(
-            at(k),
-            &SensorsIn {
-                bytes: vec![text.into()],
-            },
-        );
-        given += out.readings.attitude.len();
+        given += step(&mut n, at(k), &[text.as_bytes()]).attitude.len();
     }
     let s = n.status()[0];
     assert_eq!(given, 40);
@@ -83,13 +71,7 @@ fn sensor_node_counts_and_drops_repeated_and_reordered_messages() {
 #[test]
 fn sensor_node_limits_the_bytes_of_one_step() {
     let mut n = node(1);
-    let out = n.step(
-        at(0),
-        &SensorsIn {
-            bytes: vec![vec![b'x'; 3 * MAX_STEP_BYTES]],
-        },
-    );
-    assert!(out.readings.is_empty());
+    assert!(step(&mut n, at(0), &[&[b'x'; 3 * MAX_STEP_BYTES]]).is_empty());
     assert_eq!(n.status()[0].lost_bytes, 2 * MAX_STEP_BYTES as u64);
 }
 
