@@ -66,7 +66,7 @@ fn publish<M: Plain>(
     port: &mut Option<Publisher<M>>,
     shown: impl Fn(&M) -> Detection,
 ) -> Vec<Detection> {
-    for port in port {
+    if let Some(port) = port {
         found.iter().for_each(|m| port.send(m));
     }
     found.iter().map(shown).collect()

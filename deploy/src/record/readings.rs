@@ -37,18 +37,12 @@ fn read_sound(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
             return Ok(());
         }
         let entry: Entry<VesselIn> = wire::decode_record(bytes)?;
-        let VesselIn {
-            imu,
-            gnss,
-            heading,
-            attitude,
-            time_requests: _,
-        } = entry.input;
+        let i = entry.input;
         decoded.good += 1;
-        measurements.extend(imu.into_iter().map(Measurement::Imu));
-        measurements.extend(attitude.into_iter().map(Measurement::Attitude));
-        measurements.extend(gnss.into_iter().map(Measurement::Gnss));
-        measurements.extend(heading.into_iter().map(Measurement::Heading));
+        measurements.extend(i.imu.into_iter().map(Measurement::Imu));
+        measurements.extend(i.attitude.into_iter().map(Measurement::Attitude));
+        measurements.extend(i.gnss.into_iter().map(Measurement::Gnss));
+        measurements.extend(i.heading.into_iter().map(Measurement::Heading));
         Ok(())
     })?;
     let whole = |message: String| CliError(LogError::new(origin, message).to_string());

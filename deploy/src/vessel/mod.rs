@@ -190,11 +190,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             .map(|(at_ns, request)| Stamped::new(process.at(at_ns).min(now), request))
             .collect();
         let input = VesselIn {
-            imu: readings.imu,
-            gnss: readings.gnss,
-            heading: readings.heading,
-            attitude: readings.attitude,
             time_requests,
+            ..readings.input()
         };
         let out = process.step(now, &input, |_| true);
         status_file.observe_step(steady_ns(), &input, &out);

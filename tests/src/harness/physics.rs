@@ -9,6 +9,7 @@ use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::msg::{AutopilotState, DroneState, Header, MissionState, SetPoint, State};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
+use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
 use super::outcome::{ContactEvent, Observation};
@@ -22,7 +23,7 @@ use crate::physics::streams::Streams;
 use crate::sensors::clocks::{ClockModel, Clocks};
 use crate::sensors::noise::Noise;
 use crate::sensors::outlet::Identity;
-use crate::sensors::{DroneReadings, DroneSensors, VesselReadings, VesselSensors};
+use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
 
 /// The world's tick.
 pub const TICK: Span = Span::from_millis(10);
@@ -217,7 +218,7 @@ impl Physics {
     }
 
     /// The vessel's sensors, now.
-    pub fn vessel_readings(&mut self) -> VesselReadings {
+    pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
     /// What a drone's instruments measure now; None before it is in the air.

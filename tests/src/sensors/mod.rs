@@ -23,9 +23,9 @@ pub mod uvdar;
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, RangeSample, TagPose, UvdarFix};
+use alight_shared::msg::{RangeSample, TagPose, UvdarFix};
 use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_usv::VesselIn;
+use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;
@@ -54,29 +54,6 @@ config! {
         pub camera_mount: camera::CameraMountConfig;
         /// Images of the belly camera.
         pub render: render::RenderConfig;
-    }
-}
-
-/// What the vessel's sensors delivered in one tick.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct VesselReadings {
-    /// Inertial samples.
-    pub imu: Vec<ImuSample>,
-    /// GNSS fixes.
-    pub gnss: Vec<GnssFix>,
-    /// Headings.
-    pub heading: Vec<HeadingFix>,
-}
-
-impl VesselReadings {
-    /// As the vessel's node takes them.
-    pub fn input(self) -> VesselIn {
-        VesselIn {
-            imu: self.imu,
-            gnss: self.gnss,
-            heading: self.heading,
-            ..VesselIn::default()
-        }
     }
 }
 
@@ -119,11 +96,12 @@ impl VesselSensors {
         self.gnss.bias()
     }
     /// The measurements that have arrived by `t`.
-    pub fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> VesselReadings {
-        VesselReadings {
+    pub fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Readings {
+        Readings {
             imu: self.imu.step(t, vessel),
             gnss: self.gnss.step(t, vessel),
             heading: self.heading.step(t, vessel),
+            attitude: Vec::new(),
         }
     }
 }

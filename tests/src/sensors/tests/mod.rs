@@ -139,7 +139,7 @@ fn sensors_are_bit_identical_for_a_seed_and_differ_between_seeds() {
     let (a, b, c) = (run(1), run(1), run(2));
     assert!(a == b);
     assert!(a != c);
-    let count = |f: fn(&(VesselReadings, DroneReadings)) -> usize| a.iter().map(f).sum::<usize>();
+    let count = |f: fn(&(Readings, DroneReadings)) -> usize| a.iter().map(f).sum::<usize>();
     assert_eq!(count(|r| r.0.imu.len()), 500);
     assert!(count(|r| r.0.gnss.len()) > 45 && count(|r| r.0.heading.len()) > 45);
     assert!(count(|r| r.1.tags.len()) > 130, "{}", count(|r| r.1.tags.len()));

@@ -1,7 +1,7 @@
 //! The vessel's sensors.
 
 use super::*;
-use alight_shared::msg::Message;
+use alight_shared::msg::{ImuSample, Message};
 use nalgebra::UnitQuaternion;
 
 #[test]

@@ -150,13 +150,7 @@ proptest! {
                 *due > k
             });
             let now = at(k) + Span::from_millis(20);
-            let readings = sensors.step(now, &SensorsIn { bytes: vec![bytes] }).readings;
-            let input = crate::VesselIn {
-                gnss: readings.gnss,
-                heading: readings.heading,
-                attitude: readings.attitude,
-                ..crate::VesselIn::default()
-            };
+            let input = step(&mut sensors, now, &[&bytes]).input();
             last = vessel.step(now, &input).estimate.map(|e| (k, e)).or(last);
         }
         let (k, e) = last.unwrap();
