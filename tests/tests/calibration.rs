@@ -148,9 +148,7 @@ struct Recorder(Record);
 
 impl Tap for Recorder {
     fn vessel(&mut self, _: Time<TrueTime>, _: Time<VesselClock>, i: &VesselIn, _: &VesselOut) {
-        i.imu.iter().for_each(|m| self.0.imu(m));
-        i.gnss.iter().for_each(|m| self.0.gnss(m));
-        i.heading.iter().for_each(|m| self.0.heading(m));
+        self.0.add(i);
     }
 }
 

@@ -19,7 +19,7 @@ use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message};
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::VesselNodeConfig;
+use crate::{VesselIn, VesselNodeConfig};
 pub use alight_shared::estimation::ValueWithSd;
 pub use decay::{Decay, NotObservable, Order, Signal};
 pub use incline::{Level, Stiffness, Weight};
@@ -77,17 +77,11 @@ fn push<M: Message + Copy>(to: &mut Vec<M>, m: &M) {
 }
 
 impl Record {
-    /// An inertial sample.
-    pub fn imu(&mut self, m: &ImuSample) {
-        push(&mut self.imu, m);
-    }
-    /// A fix of the antenna.
-    pub fn gnss(&mut self, m: &GnssFix) {
-        push(&mut self.gnss, m);
-    }
-    /// A heading.
-    pub fn heading(&mut self, m: &HeadingFix) {
-        push(&mut self.heading, m);
+    /// Adds what the vessel's node took in a step.
+    pub fn add(&mut self, input: &VesselIn) {
+        input.imu.iter().for_each(|m| push(&mut self.imu, m));
+        input.gnss.iter().for_each(|m| push(&mut self.gnss, m));
+        input.heading.iter().for_each(|m| push(&mut self.heading, m));
     }
 
     /// Identifies the parameters of the vessel of `config`.
@@ -283,7 +277,7 @@ mod tests {
             let acceleration = (velocity(t + h, &imu) - velocity(t - h, &imu)) / (2.0 * h);
             let force = attitude(t).inverse() * (acceleration - Vector3::z() * GRAVITY);
             let n = |c: usize| ((k * c) as f64 * 0.754_877_666_246_693).fract() - 0.5;
-            record.imu(&ImuSample {
+            record.imu.push(ImuSample {
                 header,
                 gyro: (rates + Vector3::new(n(1), n(3), n(7)) * 0.03).into(),
                 accelerometer: (force + Vector3::new(n(11), n(13), n(17)) * 0.07).into(),
@@ -291,7 +285,7 @@ mod tests {
             });
             if k % 10 == 0 {
                 let white = Vector3::new(n(19), n(23), n(29)) * 0.1 * 12.0_f64.sqrt();
-                record.gnss(&GnssFix {
+                record.gnss.push(GnssFix {
                     header,
                     datum: Datum::default(),
                     velocity: (velocity(t, &antenna) + white).into(),
@@ -299,7 +293,7 @@ mod tests {
                     velocity_sd: [0.1; 3],
                     ..GnssFix::default()
                 });
-                record.heading(&HeadingFix {
+                record.heading.push(HeadingFix {
                     header,
                     heading: turn(t).z,
                     heading_sd: 0.01,

@@ -15,7 +15,7 @@ use crate::certificates;
 use crate::exit::{CliError, Doing};
 use crate::lab::live::args::{Emulate, LandArgs};
 use crate::lab::live::config::{AutopilotKind, LinkImpairment, free_port, write};
-use crate::lab::live::emulator::{Emulation, EmulatorReport, Order};
+use crate::lab::live::emulator::{Emulation, EmulatorReport, OUTAGE};
 use crate::lab::live::namespaces::{ADDRESSES, OwnSpaces};
 use crate::lab::live::packets::{OnAir, Recent};
 use crate::lab::live::profile;
@@ -230,7 +230,7 @@ impl RadioWatch {
         }
         if !self.outage_announced && air.outage.is_some_and(|o| Some(o.state) == state) {
             self.outage_announced = true;
-            supervisor.write_line(ProcessKind::Link, Order::Outage.line());
+            supervisor.write_line(ProcessKind::Link, OUTAGE);
         }
     }
     /// The metrics at the end, `seconds` after the profile's time zero.

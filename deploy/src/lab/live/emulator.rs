@@ -81,21 +81,9 @@ pub enum EmulatorReport {
     Flows(Vec<FlowCount>),
 }
 
-/// What its supervisor may tell it, one line each on standard input.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Order {
-    /// The mission entered the state of the profile's outage: it begins.
-    Outage,
-}
-
-impl Order {
-    /// The line.
-    pub const fn line(self) -> &'static str {
-        match self {
-            Order::Outage => "outage",
-        }
-    }
-}
+/// What its supervisor may tell it by a line on standard input: the mission entered the state of the
+/// profile's outage, which begins.
+pub const OUTAGE: &str = "outage";
 
 /// Runs until told to end.
 pub fn run(args: &LinkArgs) -> Result<Exit, CliError> {
@@ -163,10 +151,10 @@ fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>
     }
 }
 
-/// The orders on standard input; the channel breaks when it closes.
-fn listen(orders: Sender<Order>) {
+/// The outages ordered on standard input; the channel breaks when it closes.
+fn listen(outages: Sender<()>) {
     for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-        if line == Order::Outage.line() && orders.send(Order::Outage).is_err() {
+        if line == OUTAGE && outages.send(()).is_err() {
             return;
         }
     }
@@ -178,24 +166,22 @@ fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool
         let (device, sender) = (Arc::clone(device), sender.clone());
         std::thread::spawn(move || read(side, device, sender));
     }
-    let orders = supervised.then(|| {
-        let (order_sender, orders) = channel();
-        std::thread::spawn(move || listen(order_sender));
-        orders
+    let outages = supervised.then(|| {
+        let (sender, outages) = channel();
+        std::thread::spawn(move || listen(sender));
+        outages
     });
     let mut link = Link::new(emulation);
     let mut next_word_ns = steady_ns() + REPORT_PERIOD_NS;
     while !end_requested() {
-        match link.turn(&inbox, orders.as_ref()) {
-            Turn::Deliver(out) => {
-                for (side, packet) in out {
-                    // A device whose other side is not up yet refuses: the packet is lost.
-                    if let Some(device) = devices.get(side) {
-                        let _lost = device.send(&packet);
-                    }
-                }
+        let Some(out) = link.turn(&inbox, outages.as_ref()) else {
+            break;
+        };
+        for (side, packet) in out {
+            // A device whose other side is not up yet refuses: the packet is lost.
+            if let Some(device) = devices.get(side) {
+                let _lost = device.send(&packet);
             }
-            Turn::End => break,
         }
         if steady_ns() >= next_word_ns {
             next_word_ns += REPORT_PERIOD_NS;
@@ -215,12 +201,6 @@ fn report_counts(link: &Link) -> Result<(), CliError> {
         terminal::line(serde_json::to_string(&report).doing("writing the counts")?);
     }
     Ok(())
-}
-
-enum Turn {
-    /// Packets for the device of a side.
-    Deliver(Vec<(usize, Vec<u8>)>),
-    End,
 }
 
 /// Both directions; index 0 carries what the vessel's side sends.
@@ -252,8 +232,13 @@ impl Link {
             Duration::from_nanos((at - now).nanos().max(0).unsigned_abs()).min(MAX_WAIT)
         })
     }
-    /// Waits for a packet or until one is due, and says what is due.
-    fn turn(&mut self, inbox: &Receiver<ReceivedPacket>, orders: Option<&Receiver<Order>>) -> Turn {
+    /// Waits for a packet or until one is due: the packets that are due, each for the device of a side; None at
+    /// the end.
+    fn turn(
+        &mut self,
+        inbox: &Receiver<ReceivedPacket>,
+        outages: Option<&Receiver<()>>,
+    ) -> Option<Vec<(usize, Vec<u8>)>> {
         match inbox.recv_timeout(self.idle(self.time(steady_ns()))) {
             Ok(first) => {
                 for received in std::iter::once(first).chain(inbox.try_iter().take(INBOX)) {
@@ -265,28 +250,24 @@ impl Link {
                 }
             }
             Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Turn::End,
+            Err(RecvTimeoutError::Disconnected) => return None,
         }
-        match orders.map(Receiver::try_recv) {
-            Some(Ok(Order::Outage)) => {
+        match outages.map(Receiver::try_recv) {
+            Some(Ok(())) => {
                 if let Some(outage) = self.outage {
                     let window = outage.window(self.time(steady_ns()));
                     self.radios.iter_mut().for_each(|r| r.set_outage(window));
                 }
             }
             None | Some(Err(TryRecvError::Empty)) => {}
-            Some(Err(TryRecvError::Disconnected)) => return Turn::End,
+            Some(Err(TryRecvError::Disconnected)) => return None,
         }
         let now = self.time(steady_ns());
         let mut due = Vec::new();
         for (side, radio) in self.radios.iter_mut().enumerate() {
-            due.extend(
-                radio
-                    .receive(now)
-                    .into_iter()
-                    .map(|(_, packet)| (1 - side, packet)),
-            );
+            let packets = radio.receive(now).into_iter();
+            due.extend(packets.map(|(_, packet)| (1 - side, packet)));
         }
-        Turn::Deliver(due)
+        Some(due)
     }
 }

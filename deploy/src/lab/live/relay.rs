@@ -58,9 +58,6 @@ fn key(parts: &[&[u8]]) -> u64 {
 }
 
 /// What a message in shared memory is known by.
-fn key_in_memory(topic: &Topic, order: (u32, u32)) -> u64 {
-    key_of(topic.name, order)
-}
 fn key_of(name: &str, (boot, sequence): (u32, u32)) -> u64 {
     key(&[name.as_bytes(), &boot.to_le_bytes(), &sequence.to_le_bytes()])
 }
@@ -365,26 +362,12 @@ impl Tap {
             Stage::computed(name, p.map_or([f64::NAN; 2], |p| [p.step_p50_s, p.step_p99_s]))
         };
         let hop = |k: usize, name: &str| {
-            let [middleware_s, plain_s] = hops.get(k).copied().unwrap_or([[f64::NAN; 2]; 2]);
-            Stage {
-                stage: name.into(),
-                middleware_s,
-                plain_s: Some(plain_s),
-            }
+            let quantiles = hops.get(k).copied();
+            Stage::carried(name, quantiles.unwrap_or([[f64::NAN; 2]; 2]))
         };
         let seconds = |kind, names: [MetricName; 2]| {
-            names.map(|name| {
-                snapshot
-                    .processes
-                    .get(&kind)
-                    .map_or(f64::NAN, |p| p.seconds(name))
-            })
-        };
-        let [middleware_s, plain_s] = self.radio;
-        let radio = Stage {
-            stage: "radio: zenoh | UDP socket".into(),
-            middleware_s,
-            plain_s: Some(plain_s),
+            let process = snapshot.processes.get(&kind);
+            names.map(|name| process.map_or(f64::NAN, |p| p.seconds(name)))
         };
         let vessel = seconds(
             ProcessKind::Vessel,
@@ -399,7 +382,7 @@ impl Tap {
         );
         let mut rows = vec![
             Stage::computed("vessel: measurement to estimate sent", vessel),
-            radio,
+            Stage::carried("radio: zenoh | UDP socket", self.radio),
             step(ProcessKind::Bridge, "bridge: a step"),
             hop(0, "estimate: iceoryx2 | Unix socket"),
             step(ProcessKind::Predictor, "predictor: a step"),
@@ -417,12 +400,11 @@ impl Tap {
                 .filter_map(|(_, s)| Some(s.plain_s?.get(q)? - s.middleware_s.get(q)?))
                 .sum()
         };
-        let whole = Stage {
-            stage: "whole: measurement on the vessel to set-point".into(),
-            middleware_s: all,
-            plain_s: Some([all[0] + gain(0), all[1] + gain(1)]),
-        };
-        rows.push(whole);
+        let whole = [all, [all[0] + gain(0), all[1] + gain(1)]];
+        rows.push(Stage::carried(
+            "whole: measurement on the vessel to set-point",
+            whole,
+        ));
         rows
     }
 }
@@ -463,7 +445,7 @@ fn originals<T: Plain>(
         let at_ns = steady_ns();
         if let Some(hop) = lock(hops).get_mut(k) {
             for order in came.iter().filter_map(Plain::order) {
-                hop.original(key_in_memory(T::TOPIC, order), at_ns);
+                hop.original(key_of(T::TOPIC.name, order), at_ns);
             }
         }
         !end.load(Ordering::Relaxed)
@@ -487,6 +469,13 @@ impl Stage {
             stage: name.into(),
             middleware_s: takes_s,
             plain_s: None,
+        }
+    }
+    fn carried(name: &str, [middleware_s, plain_s]: [[f64; 2]; 2]) -> Stage {
+        Stage {
+            stage: name.into(),
+            middleware_s,
+            plain_s: Some(plain_s),
         }
     }
 }
@@ -520,7 +509,7 @@ mod tests {
         let mut hop = Hop::default();
         let mut buffer = [0_u8; LARGEST];
         for k in 0..10_u32 {
-            let key = key_in_memory(&topics::PLAN, (7, k));
+            let key = key_of(topics::PLAN.name, (7, k));
             let mut sent = false;
             copier.beside(2, key, || Some(vec![9; 700]), || sent = true);
             assert!(sent);

@@ -109,12 +109,6 @@ fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliE
     }
 }
 
-fn take(record: &mut Record, input: &VesselIn) {
-    input.imu.iter().for_each(|m| record.imu(m));
-    input.gnss.iter().for_each(|m| record.gnss(m));
-    input.heading.iter().for_each(|m| record.heading(m));
-}
-
 /// What the vessel's process logged.
 fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
     let doing = format_args!("reading {}", path.display());
@@ -135,7 +129,7 @@ fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, Cl
     };
     let mut record = Record::default();
     while let Some((_, input, _)) = log.step::<VesselIn>().doing(doing)? {
-        take(&mut record, &input);
+        record.add(&input);
     }
     let found = record.identify(&config);
     Ok((config, found))
@@ -152,7 +146,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
         recording.steps(|k, _, bytes| {
             if NODES[k] == "vessel" {
                 let entry: Entry<VesselIn> = wire::decode_record(bytes)?;
-                take(&mut record, &entry.input);
+                record.add(&entry.input);
             }
             Ok(())
         })?;
