@@ -19,6 +19,7 @@ use crate::physics::deck_motion::DeckCarrier;
 use crate::physics::drone::{DroneStart, Part, PlantState, ROTORS, SimulatedDrone, wind_to_deg};
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
+use crate::physics::vessel::response::{HullFiles, ResponseVessel};
 use crate::sensors::clocks::{ClockModel, Clocks};
 use crate::sensors::noise::Noise;
 use crate::sensors::outlet::Identity;
@@ -145,9 +146,20 @@ impl Physics {
     pub fn new(scenario: &Scenario, seed: u64) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
         let streams = Streams::new(seed);
-        let sea = Sea::new(&scenario.sea, &streams);
-        let motion = scenario.deck_motion.as_ref();
-        let carrier = DeckCarrier::new(&scenario.vessel, motion, &scenario.deck, &sea, &streams)?;
+        let (sea, carrier) = match &scenario.hull {
+            Some(hull) => {
+                let sea = Sea::linear(&scenario.sea, &streams);
+                let files = HullFiles::load(&hull.table)?;
+                let vessel = ResponseVessel::new(&files, hull, &scenario.vessel, &sea, &streams);
+                (sea, DeckCarrier::Responding(Box::new(vessel)))
+            }
+            None => {
+                let sea = Sea::new(&scenario.sea, &streams);
+                let motion = scenario.deck_motion.as_ref();
+                let carrier = DeckCarrier::new(&scenario.vessel, motion, &scenario.deck, &sea, &streams)?;
+                (sea, carrier)
+            }
+        };
         let vessel_clock = Clocks::new(&scenario.sensors.clocks, &streams).vessel;
         let identity = Identity {
             vessel: VESSEL_ID,
@@ -191,6 +203,9 @@ impl Physics {
             -height,
         );
         let mut config = self.scenario.drone.clone();
+        if config.wind.with_waves {
+            config.wind.to_deg = Some(self.sea.mean_direction().to_degrees());
+        }
         if k > 0 {
             // All drones fly in the mean wind of the first.
             let to_deg = wind_to_deg(&self.streams);

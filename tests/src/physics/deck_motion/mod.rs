@@ -1,5 +1,5 @@
-//! What carries the deck: the simulated vessel, or prescribed motion in its place, recorded or
-//! sinusoidal ([`rocking`]).
+//! What carries the deck: the simulated vessel, one that answers waves as a response table says, or prescribed
+//! motion, recorded or sinusoidal ([`rocking`]).
 //!
 //! A recording (CSV) gives roll (starboard down positive), pitch (bow up positive) and any of heave (up
 //! positive), heading, surge and sway at any rate, with jitter, repeated stamps and gaps. Natural cubic
@@ -18,7 +18,7 @@
 
 mod recording;
 pub mod rocking;
-mod spline;
+pub(crate) mod spline;
 
 use core::f64::consts::TAU;
 use std::path::PathBuf;
@@ -37,6 +37,7 @@ use self::spline::{Jet, Splines, smooth_step};
 use crate::physics::body::RigidState;
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
+use crate::physics::vessel::response::ResponseVessel;
 use crate::physics::vessel::{Vessel, VesselConfig};
 
 /// Longest blend of the end into the beginning, s of the recording.
@@ -92,6 +93,8 @@ config! {
 pub enum DeckCarrier {
     /// The simulated vessel.
     Simulated(Box<Vessel>),
+    /// A vessel moved by a response table.
+    Responding(Box<ResponseVessel>),
     /// Prescribed motion.
     Recorded(Box<RecordedMotion>),
 }
@@ -123,6 +126,7 @@ impl DeckCarrier {
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.step(t, dt_s, sea),
+            DeckCarrier::Responding(vessel) => vessel.step(t, dt_s),
             DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
         }
     }
@@ -130,6 +134,7 @@ impl DeckCarrier {
     pub fn state(&self) -> RigidState<VesselBody> {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.state(),
+            DeckCarrier::Responding(vessel) => vessel.state(),
             DeckCarrier::Recorded(motion) => motion.state(),
         }
     }
@@ -357,7 +362,7 @@ fn drawn_heading(streams: &Streams) -> f64 {
 
 /// Body rates and angular acceleration (rad/s, rad/s²) from ZYX Euler angles with their derivatives:
 /// `w = T^-1 e'` (Fossen 2011, eq. 2.28) and its derivative.
-fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
+pub(crate) fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
     let (sr, cr) = roll.y.sin_cos();
     let (sp, cp) = pitch.y.sin_cos();
     let (r, p, y) = (roll.d, pitch.d, yaw.d);

@@ -73,6 +73,8 @@ config! {
         /// Direction it blows to, deg from north towards east; drawn per seed when missing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub to_deg: Option<f64> = None;
+        /// It blows where the waves go, whatever `to_deg` says.
+        pub with_waves: bool = false;
         /// Dryden gusts on the mean wind.
         pub gusts: bool = true;
     }
