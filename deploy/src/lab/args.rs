@@ -273,8 +273,11 @@ pub enum Study {
     Approach,
     /// A vessel under way: square path at 2 m/s, straight lines up to 8 m/s.
     Moving,
-    /// Irregular, crossing and very rough seas.
+    /// In which sea on which boat: three hulls (or --hull) in irregular and crossing seas (or --sea);
+    /// with --wind auto in the wind that raises each.
     Seas,
+    /// Irregular, crossing and very rough seas under the simulated vessel; decks that rock fast.
+    Rocking,
     /// Mean wind of 0 to 15 m/s with gusts.
     Wind,
     /// Better, worse and missing sensors, mass, thrust and attitude lag.

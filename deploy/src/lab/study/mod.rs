@@ -51,6 +51,7 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
             | Study::Moving
             | Study::Seas
             | Study::Wind
+            | Study::Rocking
             | Study::Sensors
             | Study::Link,
             _,
@@ -82,7 +83,7 @@ fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerVariant> {
 
 fn grid_study(args: &StudyArgs) -> Result<Value, CliError> {
     let base = Scene::of(&args.scene)?;
-    let scenes = grid::rows(args.name, &base)?;
+    let scenes = grid::rows(args.name, &args.scene, &base)?;
     let planners = match args.name {
         Study::Ablation if args.planners.is_empty() => ablation::planners(&base.nodes).map_err(CliError)?,
         _ => planners(args, &base),
