@@ -7,6 +7,7 @@ mod estimator;
 mod grid;
 pub mod link;
 mod prediction;
+mod reference;
 mod report;
 pub mod run;
 mod search;
@@ -50,8 +51,8 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
             | Study::Approach
             | Study::Moving
             | Study::Seas
-            | Study::Wind
             | Study::Rocking
+            | Study::Wind
             | Study::Sensors
             | Study::Link,
             _,
