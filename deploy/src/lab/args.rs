@@ -188,7 +188,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
     /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and
-    /// any of heave_m, heading_deg, surge_m, sway_m
+    /// any of heave_m, heading_deg, surge_m, sway_m; without --sea the water moves with its heave
     #[arg(long, value_name = "FILE.csv")]
     pub deck_motion: Option<PathBuf>,
     /// Factor on the recorded deviations [default: 1]

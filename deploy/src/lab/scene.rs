@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use alight_shared::config::{self, Check, Keys, commented};
+use alight_sim::harness::outcome::TIME_LIMIT_S;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
@@ -135,6 +136,24 @@ impl Scene {
                 keep_mean: flags.is_set("keep-mean", args.keep_mean) || default.keep_mean,
                 ..default
             });
+        }
+        if args.deck_motion.is_some() {
+            let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
+            if let Some(motion) = &mut scenario.deck_motion
+                && let Some(facts) = motion.facts(trial_s)?
+            {
+                let file = motion.file.display();
+                // On standard error: the result stands alone on standard output.
+                facts
+                    .remarks
+                    .iter()
+                    .for_each(|r| terminal::note(true, format_args!("{file}: {r}")));
+                if facts.heave && args.sea.is_none() && args.sea_state.is_none() && args.scenario.is_none() {
+                    motion.water_follows = true;
+                    scenario.sea = SeaConfig::paper(0.0, 5.0);
+                    sea = "with the deck".into();
+                }
+            }
         }
         scenario.sensors.render.on |= flags.is_set("render-camera", args.render_camera);
         scenario.check(&Keys::ROOT)?;

@@ -97,13 +97,13 @@ impl Plant {
         t: Time<TrueTime>,
         exchanges: u32,
         deck: &[RigidState<Deck>; 2],
-        sea: &Sea,
+        water: impl Fn(f64, f64) -> f64,
         motors: impl FnMut(&PlantState) -> Option<[f64; ROTORS]>,
     ) {
         self.contacts.clear();
         let Some(drone) = &mut self.drone else { return };
         let at = drone.truth().position.0;
-        let water_z = sea.surface(t, at.x, at.y).surface_z();
+        let water_z = water(at.x, at.y);
         let reports = if self.under_firmware {
             drone.step_with_firmware(t, TICK, deck, water_z, exchanges.max(1), motors)
         } else {
@@ -237,7 +237,7 @@ impl Physics {
     }
     /// What a drone's instruments measure now; None before it is in the air.
     pub fn drone_measurements(&mut self, k: usize) -> Option<DroneMeasurements> {
-        let (t, deck, sea) = (self.t, self.deck(), &self.sea);
+        let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
         let plant = self.drones.get_mut(k)?;
         plant.drone.as_ref()?;
         let header = plant.header(t);
@@ -246,7 +246,7 @@ impl Physics {
             odometry: drone.odometry(header),
             autopilot: (self.ticks.is_multiple_of(AUTOPILOT_TICKS)).then(|| drone.autopilot_state(header)),
             readings: plant.sensors.step(t, &drone.truth(), &deck, |north, east| {
-                sea.surface(t, north, east).surface_z()
+                sea.surface(t, north, east).surface_z() - lift
             }),
         })
     }
@@ -272,14 +272,16 @@ impl Physics {
         exchanges: u32,
         mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; ROTORS]>,
     ) {
-        let (t, before) = (self.t, self.deck());
+        let (t, before, lift) = (self.t, self.deck(), self.carrier.water_lift());
         self.carrier.step(t, TICK.secs(), &self.sea);
         let deck = [before, self.deck()];
         for k in 0..self.drones.len() {
             let Some(plant) = self.drones.get_mut(k) else {
                 continue;
             };
-            plant.advance(t, exchanges, &deck, &self.sea, |state| motors(k, state));
+            let sea = &self.sea;
+            let water = |north: f64, east: f64| sea.surface(t, north, east).surface_z() - lift;
+            plant.advance(t, exchanges, &deck, water, |state| motors(k, state));
             if let Some(truth) = plant.truth() {
                 self.hash(truth.position.0.as_slice());
                 self.hash(truth.attitude.0.coords.as_slice());

@@ -16,6 +16,7 @@
 //!   is blended into the beginning by a twice differentiable weight. Heading, surge and sway go on from
 //!   where they are instead of jumping back.
 
+mod quality;
 mod recording;
 pub mod rocking;
 pub(crate) mod spline;
@@ -67,6 +68,8 @@ config! {
         pub start_s: f64 = 0.0, in 0.0..=1e7;
         /// Keep the mean roll and pitch.
         pub keep_mean: bool = false;
+        /// The water's surface rises and falls with a recorded heave, on top of the sea.
+        pub water_follows: bool = false;
     }
     check |this, at| {
         at.require(
@@ -85,6 +88,44 @@ config! {
                 "a tilt of at most 60 deg",
             )?;
         }
+    }
+}
+
+/// What a person should know of a recording before it is flown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingFacts {
+    /// Length, s.
+    pub duration_s: f64,
+    /// It has heave.
+    pub heave: bool,
+    /// What was done to channels that carry less than their rows say, and what else is not as it seems.
+    pub remarks: Vec<String>,
+}
+
+impl DeckMotionConfig {
+    /// Facts of its file for a trial of `trial_s` seconds; None without a file.
+    pub fn facts(&self, trial_s: f64) -> Result<Option<RecordingFacts>, DeckMotionError> {
+        if self.rocking.is_some() {
+            return Ok(None);
+        }
+        let recording = Recording::load(&self.file)?;
+        let duration_s = recording.t.last().copied().unwrap_or_default();
+        let mut remarks = recording.remarks;
+        if recording.gaps > 0 {
+            remarks.push(format!("{} gaps without data are bridged", recording.gaps));
+        }
+        let end = self.start_s + self.speed * trial_s;
+        if end > duration_s && self.start_s < duration_s {
+            remarks.push(format!(
+                "it is {duration_s:.0} s long and a trial may take until {end:.0} s of it: it starts over, its end \
+                 blended into its beginning"
+            ));
+        }
+        Ok(Some(RecordingFacts {
+            duration_s,
+            heave: recording.has[HEAVE],
+            remarks,
+        }))
     }
 }
 
@@ -128,6 +169,13 @@ impl DeckCarrier {
             DeckCarrier::Simulated(vessel) => vessel.step(t, dt_s, sea),
             DeckCarrier::Responding(vessel) => vessel.step(t, dt_s),
             DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
+        }
+    }
+    /// How far the water's surface is lifted above the sea's now, m.
+    pub fn water_lift(&self) -> f64 {
+        match self {
+            DeckCarrier::Simulated(_) | DeckCarrier::Responding(_) => 0.0,
+            DeckCarrier::Recorded(motion) => motion.water_lift,
         }
     }
     /// The vessel's state now, at its reference point.
@@ -185,6 +233,9 @@ pub struct RecordedMotion {
     start: f64,
     mean_heading: f64,
     heave_recorded: bool,
+    water_follows: bool,
+    /// How far it is lifted now, m.
+    water_lift: f64,
     /// Deck centre in the body frame, m.
     deck: Vector3<f64>,
     state: RigidState<VesselBody>,
@@ -233,6 +284,12 @@ impl RecordedMotion {
         }
         let splines = Splines::through(t, y).ok_or_else(|| whole("its times do not ascend".into()))?;
         let duration = splines.range().1;
+        if config.start_s >= duration {
+            return Err(whole(format!(
+                "a start at {} s lies behind its end ({duration:.1} s); begin earlier",
+                config.start_s
+            )));
+        }
         let blend = BLEND_S.min(0.25 * duration);
         let period = duration - blend;
         let (head, tail) = (splines.at(0.5 * blend), splines.at(period + 0.5 * blend));
@@ -252,6 +309,8 @@ impl RecordedMotion {
             start: config.start_s,
             mean_heading,
             heave_recorded: has[HEAVE],
+            water_follows: config.water_follows && has[HEAVE],
+            water_lift: 0.0,
             deck: deck.centre(),
             state: RigidState::default(),
         }
@@ -273,6 +332,8 @@ impl RecordedMotion {
             start: config.start_s,
             mean_heading,
             heave_recorded: false,
+            water_follows: false,
+            water_lift: 0.0,
             deck: deck.centre(),
             state: RigidState::default(),
         }
@@ -280,13 +341,19 @@ impl RecordedMotion {
     }
 
     fn begun(mut self, sea: &Sea) -> Self {
-        self.state = self.state_at(Time::EPOCH, sea);
+        self.settle(Time::EPOCH, sea);
         self
     }
 
     /// Moves on from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
-        self.state = self.state_at(t + Span::from_secs(dt_s), sea);
+        self.settle(t + Span::from_secs(dt_s), sea);
+    }
+    fn settle(&mut self, t: Time<TrueTime>, sea: &Sea) {
+        self.state = self.state_at(t, sea);
+        if self.water_follows {
+            self.water_lift = self.channels(t.secs())[HEAVE].y;
+        }
     }
     /// The state now.
     pub fn state(&self) -> RigidState<VesselBody> {

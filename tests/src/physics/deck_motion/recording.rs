@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
+use super::quality::{self, Knots};
+
 /// Degrees of freedom of a recording, in this order.
 pub const ROLL: usize = 0;
 /// Pitch.
@@ -20,7 +22,7 @@ pub const SWAY: usize = 5;
 pub const CHANNELS: usize = 6;
 
 /// Column names with the greatest magnitude that a row may have.
-const COLUMNS: [(&str, f64); CHANNELS] = [
+pub(super) const COLUMNS: [(&str, f64); CHANNELS] = [
     ("roll_deg", 80.0),
     ("pitch_deg", 80.0),
     ("heave_m", 50.0),
@@ -89,6 +91,8 @@ pub struct Recording {
     pub mean: [f64; CHANNELS],
     /// How many stretches without data were bridged.
     pub gaps: usize,
+    /// What was done to channels that carry less than their rows say.
+    pub remarks: Vec<String>,
 }
 
 impl Recording {
@@ -126,6 +130,13 @@ impl Recording {
         }
         // A gap is where five samples or more are missing.
         let longest = 5.0 * median;
+        let knots = Knots {
+            t: &t,
+            y: &mut y,
+            step: median,
+            longest,
+        };
+        let remarks = quality::smooth(knots, &has);
         let mean = time_average(&t, &y, longest);
         let (t, y, gaps) = bridge(t, y, longest, median).ok_or_else(|| {
             whole(format!(
@@ -138,6 +149,7 @@ impl Recording {
             has,
             mean,
             gaps,
+            remarks,
         })
     }
 }
