@@ -113,6 +113,15 @@ impl FromStr for SeaArg {
     }
 }
 
+/// on or off.
+fn on_off(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("give on or off".into()),
+    }
+}
+
 /// A mean wind.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WindArg {
@@ -171,6 +180,10 @@ pub struct SceneArgs {
     /// Mean wind with gusts, m/s; auto: the wind that raises such a sea, along its waves [default: 0]
     #[arg(long, value_name = "M/S|auto", allow_negative_numbers = true)]
     pub wind: Option<WindArg>,
+    /// Draw noise, inertia, drag, lag, friction, deck and hull per seed around what the nodes know, and
+    /// start the autopilot with another hover thrust [default: on with --hull]
+    #[arg(long, value_name = "on|off", value_parser = on_off)]
+    pub draws: Option<bool>,
     /// An outage of the radio begins when the mission first enters this phase: get-altitude, approach,
     /// tracking, tracking-stable, descent or flare [default: never]
     #[arg(long, alias = "radio-lost", value_name = "PHASE")]

@@ -107,6 +107,12 @@ impl Scene {
         if let Some(speed) = flags.take("speed", args.speed) {
             scenario.vessel.speed_mps = speed;
         }
+        let draws = args.draws.map(|on| if on { "on" } else { "off" });
+        flags.take("draws", draws);
+        match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
+            true => scenario.differ_from_belief(&mut nodes),
+            false => scenario.draws.on = false,
+        }
         match flags.take("wind", args.wind) {
             None => {}
             Some(WindArg::Mean(wind)) => scenario.drone.wind.mean_mps = wind,

@@ -145,6 +145,7 @@ impl Physics {
     /// The truth of `seed` before the warm-up.
     pub fn new(scenario: &Scenario, seed: u64) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
+        let scenario = &scenario.drawn(seed);
         let streams = Streams::new(seed);
         let (sea, carrier) = match &scenario.hull {
             Some(hull) => {

@@ -12,6 +12,7 @@ use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::draws::DrawConfig;
 use crate::baselines::{Baseline, BenchPlanner};
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
@@ -100,6 +101,8 @@ config! {
         pub airframe: DroneGeometry;
         /// The drone's physics and autopilot.
         pub drone: DroneConfig;
+        /// What differs from what the nodes know.
+        pub draws: DrawConfig;
         /// Where the drone starts.
         pub start: StartConfig;
         /// Drones, each with its own computer. With several, each asks for a reservation of the deck.

@@ -297,7 +297,7 @@ impl LandingSetup {
                 None => FirmwareConfig::default(),
             },
             odometry: scene.nodes.drone.odometry,
-            scenario: scene.scenario.clone(),
+            scenario: scene.scenario.drawn(args.seed),
         };
         Ok(LandingSetup {
             air,

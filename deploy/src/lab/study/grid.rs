@@ -238,6 +238,9 @@ pub fn hulls(args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError
             world
                 .install_hull(&mut nodes, hull)
                 .map_err(|e| CliError::because("--hull", e))?;
+            if args.draws.unwrap_or(true) {
+                world.differ_from_belief(&mut nodes);
+            }
             if args.wind == Some(WindArg::Auto) {
                 world.raise_wind();
             }

@@ -174,6 +174,8 @@ config! {
         /// Time constant of the hover thrust estimate, s.
         /// Chosen: settles as PX4's hover thrust estimator does.
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
+        /// Hover thrust that it starts with, over the true one.
+        pub initial_hover_factor: f64 = 1.0, in 0.4..=2.0;
         /// Battery at the start, 0 to 1.
         pub battery: f64 = 0.9, in 0.0..=1.0;
         /// Hover time that a full battery gives, s.
