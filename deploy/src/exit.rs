@@ -4,7 +4,6 @@ use std::fmt;
 
 use alight_shared::config::ConfigError;
 use alight_shared::transport::TransportError;
-use alight_sim::physics::deck_motion::DeckMotionError;
 
 /// How a command ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,12 +42,6 @@ impl CliError {
 
 impl From<TransportError> for CliError {
     fn from(e: TransportError) -> Self {
-        CliError(e.to_string())
-    }
-}
-
-impl From<DeckMotionError> for CliError {
-    fn from(e: DeckMotionError) -> Self {
         CliError(e.to_string())
     }
 }

@@ -146,7 +146,7 @@ impl Scene {
         if args.deck_motion.is_some() {
             let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
             if let Some(motion) = &mut scenario.deck_motion
-                && let Some(facts) = motion.facts(trial_s)?
+                && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
             {
                 let file = motion.file.display();
                 // On standard error: the result stands alone on standard output.

@@ -70,7 +70,8 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let seeds = seeds(args.seed0, args.trials)?;
     let rows = args.rows.as_deref().map(rows_writer).transpose()?;
     let motion = scene.scenario.deck_motion.as_ref();
-    let facts = motion.map_or(Ok(None), |m| m.facts(0.0))?;
+    let facts = motion.map_or(Ok(None), |m| m.facts(0.0));
+    let facts = facts.map_err(|e| CliError(e.to_string()))?;
     let recording_s = facts.map(|f| f.duration_s);
     let motion_start = |seed: u64| {
         let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);

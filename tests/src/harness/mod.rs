@@ -2,7 +2,6 @@
 
 pub mod age;
 pub mod cameras;
-pub mod draws;
 pub mod outcome;
 pub mod physics;
 pub mod scenario;

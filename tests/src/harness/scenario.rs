@@ -1,5 +1,7 @@
 //! What is flown: the world's figures and the nodes' configurations.
 
+pub mod draws;
+
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
@@ -12,7 +14,7 @@ use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::draws::DrawConfig;
+use self::draws::DrawConfig;
 use crate::baselines::{Baseline, BenchPlanner};
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;

@@ -16,10 +16,8 @@
 //!   is blended into the beginning by a twice differentiable weight. Heading, surge and sway go on from
 //!   where they are instead of jumping back.
 
-mod quality;
 mod recording;
 pub mod rocking;
-pub(crate) mod spline;
 
 use core::f64::consts::TAU;
 use std::path::PathBuf;
@@ -34,9 +32,9 @@ use rand::RngExt;
 use self::recording::{CHANNELS, HEADING, HEAVE, PITCH, ROLL, SURGE, SWAY};
 pub use self::recording::{DeckMotionError, Recording};
 use self::rocking::{Rocking, RockingConfig};
-use self::spline::{Jet, Splines, smooth_step};
-use crate::physics::body::RigidState;
+use crate::physics::body::{RigidState, body_motion};
 use crate::physics::sea::Sea;
+use crate::physics::spline::{Jet, Splines, smooth_step};
 use crate::physics::streams::Streams;
 use crate::physics::vessel::response::ResponseVessel;
 use crate::physics::vessel::{Vessel, VesselConfig};
@@ -425,22 +423,6 @@ impl RecordedMotion {
 /// The heading of a motion that has none, rad.
 fn drawn_heading(streams: &Streams) -> f64 {
     streams.stream("vessel/heading").random::<f64>() * TAU
-}
-
-/// Body rates and angular acceleration (rad/s, rad/s²) from ZYX Euler angles with their derivatives:
-/// `w = T^-1 e'` (Fossen 2011, eq. 2.28) and its derivative.
-pub(crate) fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
-    let (sr, cr) = roll.y.sin_cos();
-    let (sp, cp) = pitch.y.sin_cos();
-    let (r, p, y) = (roll.d, pitch.d, yaw.d);
-    (
-        Vector3::new(r - sp * y, cr * p + sr * cp * y, -sr * p + cr * cp * y),
-        Vector3::new(
-            roll.dd - cp * p * y - sp * yaw.dd,
-            -sr * r * p + cr * pitch.dd + cr * r * cp * y - sr * sp * p * y + sr * cp * yaw.dd,
-            -cr * r * p - sr * pitch.dd - sr * r * cp * y - cr * sp * p * y + cr * cp * yaw.dd,
-        ),
-    )
 }
 
 #[cfg(test)]

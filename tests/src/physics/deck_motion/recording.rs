@@ -1,10 +1,13 @@
 //! A recording as it comes: read, checked, cleaned of repeated stamps, bridged over gaps.
 
+mod quality;
+
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-use super::quality::{self, Knots};
+use self::quality::Knots;
+use crate::physics::spline::smooth_step;
 
 /// Degrees of freedom of a recording, in this order.
 pub const ROLL: usize = 0;
@@ -355,7 +358,7 @@ fn bridge(
             };
             for k in 1..n {
                 let at = t0 + (t1 - t0) * k as f64 / n as f64;
-                let b = super::spline::smooth_step(at - t0, t1 - t0).y;
+                let b = smooth_step(at - t0, t1 - t0).y;
                 let run = |since: f64| fade * (1.0 - (-since / fade).exp());
                 let row = core::array::from_fn(|c| {
                     let left = y[i - 1][c] + slope(i.saturating_sub(2), i - 1, c) * run(at - t0);

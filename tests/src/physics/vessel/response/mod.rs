@@ -29,10 +29,9 @@ use self::path::MeanPath;
 use self::places::Places;
 use self::table::{DOFS, Response, ResponseAtFrequency, ResponseTable};
 use super::config::VesselConfig;
-use crate::physics::body::RigidState;
-use crate::physics::deck_motion::body_motion;
-use crate::physics::deck_motion::spline::Jet;
-use crate::physics::sea::Sea;
+use crate::physics::body::{RigidState, body_motion};
+use crate::physics::sea::{Component, Sea, sin_cos};
+use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
 /// Hulls that come with the program: name, table, places. Made for it by linear potential flow (panel method)
@@ -197,7 +196,7 @@ impl ResponseVessel {
     ) -> Self {
         let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
         let heading = vessel.heading_deg.map_or(drawn, f64::to_radians);
-        let wave = |c: &crate::physics::sea::Component| Wave {
+        let wave = |c: &Component| Wave {
             amplitude: c.amplitude_m,
             omega: c.frequency,
             k: c.direction * c.wave_number,
@@ -292,7 +291,7 @@ impl ResponseVessel {
         let here = self.path.at(t);
         let (mut y, mut d, mut dd) = ([0.0; DOFS], [0.0; DOFS], [0.0; DOFS]);
         for (w, r) in self.waves.iter().zip(responses) {
-            let (sin, cos) = crate::physics::sea::sin_cos(w.k.dot(&here.position) - w.omega * t + w.phase);
+            let (sin, cos) = sin_cos(w.k.dot(&here.position) - w.omega * t + w.phase);
             // Derivative of the phase: minus the frequency of encounter.
             let rate = w.k.dot(&here.velocity) - w.omega;
             for i in 0..DOFS {

@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 
 use nalgebra::Vector2;
 
-use crate::physics::deck_motion::spline::smooth_step;
+use crate::physics::spline::smooth_step;
 use crate::physics::vessel::config::{Course, VesselConfig};
 
 /// A turn by 90 deg takes so long, s (11 deg/s: a small boat that does not heel for it; ours).

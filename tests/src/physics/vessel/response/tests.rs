@@ -1,6 +1,6 @@
 use super::table::COLUMNS;
 use super::*;
-use crate::physics::sea::{Component, SeaConfig};
+use crate::physics::sea::SeaConfig;
 use crate::physics::vessel::Course;
 use alight_shared::geometry::GRAVITY;
 

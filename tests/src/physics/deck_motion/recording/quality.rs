@@ -6,7 +6,7 @@
 //! within half a window to either side (Savitzky and Golay 1964, at any spacing), whose bandwidth is 1.25 over
 //! the window (Schafer 2011, order 3). The window is the shortest that leaves [`ACCELERATION_LIMIT`].
 
-use super::recording::{CHANNELS, COLUMNS, HEADING, PITCH, ROLL};
+use super::{CHANNELS, COLUMNS, HEADING, PITCH, ROLL};
 
 /// Error of the second derivative that may be left, m/s² or rad/s².
 const ACCELERATION_LIMIT: f64 = 0.5;

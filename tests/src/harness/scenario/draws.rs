@@ -6,7 +6,7 @@
 
 use alight_shared::config;
 
-use super::scenario::{NodeConfigs, Scenario};
+use super::{NodeConfigs, Scenario};
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
