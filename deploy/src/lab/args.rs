@@ -113,12 +113,61 @@ impl FromStr for SeaArg {
     }
 }
 
+/// on or off.
+fn on_off(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err("give on or off".into()),
+    }
+}
+
+/// A mean wind.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WindArg {
+    /// That raises such a sea, along its waves.
+    Auto,
+    /// So fast, m/s.
+    Mean(f64),
+}
+
+impl FromStr for WindArg {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(WindArg::Auto);
+        }
+        let speed = text.parse().map_err(|_| "give a speed in m/s, or auto")?;
+        Ok(WindArg::Mean(speed))
+    }
+}
+
+impl fmt::Display for WindArg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            WindArg::Auto => f.write_str("auto"),
+            WindArg::Mean(speed) => write!(f, "{speed}"),
+        }
+    }
+}
+
 /// The scene of a trial.
 #[derive(Args, Debug, Clone)]
 pub struct SceneArgs {
-    /// calm, slight, moderate, rough, very-rough, or AMPLITUDE_M,PERIOD_S [default: moderate]
-    #[arg(long, value_name = "NAME|A,T", allow_hyphen_values = true)]
+    /// calm, slight, moderate, rough, very-rough, AMPLITUDE_M,PERIOD_S, or wave systems by
+    /// significant height (m), peak period (s) and direction from the mean (deg):
+    /// jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
+    #[arg(long, value_name = "NAME|A,T|SYSTEMS", allow_hyphen_values = true)]
     pub sea: Option<SeaArg>,
+    /// Fully developed sea of this state, 1 to 5 (WMO code table 3700: height in the middle of its
+    /// class; period of Pierson and Moskowitz)
+    #[arg(long, value_name = "1..5", conflicts_with = "sea",
+          value_parser = clap::value_parser!(u8).range(1..=5))]
+    pub sea_state: Option<u8>,
+    /// Hull that the sea moves by its response table, in the place of the simulated one: twin-5m,
+    /// mono-5m, work-12m or a CSV with a .toml of the same name beside it
+    #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion")]
+    pub hull: Option<String>,
     /// Planner that flies [default: what the configuration says, alight]
     #[arg(long, value_enum)]
     pub planner: Option<Planner>,
@@ -128,9 +177,13 @@ pub struct SceneArgs {
     /// Vessel's speed on a straight or square course, m/s [default: 2]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
     pub speed: Option<f64>,
-    /// Mean wind with gusts, m/s [default: 0]
-    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
-    pub wind: Option<f64>,
+    /// Mean wind with gusts, m/s; auto: the wind that raises such a sea, along its waves [default: 0]
+    #[arg(long, value_name = "M/S|auto", allow_negative_numbers = true)]
+    pub wind: Option<WindArg>,
+    /// Draw noise, inertia, drag, lag, friction, deck and hull per seed around what the nodes know, and
+    /// start the autopilot with another hover thrust [default: on with --hull]
+    #[arg(long, value_name = "on|off", value_parser = on_off)]
+    pub draws: Option<bool>,
     /// An outage of the radio begins when the mission first enters this phase: get-altitude, approach,
     /// tracking, tracking-stable, descent or flare [default: never]
     #[arg(long, alias = "radio-lost", value_name = "PHASE")]
@@ -148,7 +201,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
     /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and
-    /// any of heave_m, heading_deg, surge_m, sway_m
+    /// any of heave_m, heading_deg, surge_m, sway_m; without --sea the water moves with its heave
     #[arg(long, value_name = "FILE.csv")]
     pub deck_motion: Option<PathBuf>,
     /// Factor on the recorded deviations [default: 1]
@@ -233,8 +286,11 @@ pub enum Study {
     Approach,
     /// A vessel under way: square path at 2 m/s, straight lines up to 8 m/s.
     Moving,
-    /// Irregular, crossing and very rough seas.
+    /// In which sea on which boat: three hulls (or --hull) in irregular and crossing seas (or --sea);
+    /// with --wind auto in the wind that raises each.
     Seas,
+    /// Irregular, crossing and very rough seas under the simulated vessel; decks that rock fast.
+    Rocking,
     /// Mean wind of 0 to 15 m/s with gusts.
     Wind,
     /// Better, worse and missing sensors, mass, thrust and attitude lag.

@@ -116,6 +116,8 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("trials", json!(s.trials)),
         ("successes", json!(s.successes)),
         ("success_rate_95", json!([lo, hi])),
+        ("descents", json!(s.descents[0])),
+        ("descents_ended_badly", json!(s.descents[1])),
         ("unsafe_contacts", json!(s.unsafe_contacts)),
         ("water_contacts", json!(s.water_contacts)),
         ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),

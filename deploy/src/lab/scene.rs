@@ -4,13 +4,15 @@ use std::fmt::Display;
 use std::path::Path;
 
 use alight_shared::config::{self, Check, Keys, commented};
+use alight_sim::harness::outcome::TIME_LIMIT_S;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel;
 
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
-use crate::lab::args::{Course, SceneArgs};
+use crate::lab::args::{Course, SceneArgs, WindArg};
 use crate::terminal;
 
 /// Prints the simulated world's configuration with every default.
@@ -78,6 +80,17 @@ impl Scene {
             sea = given.text.clone();
             flags.take("sea", Some(&sea));
             scenario.sea = given.config.clone();
+        } else if let Some(state) = flags.take("sea-state", args.sea_state) {
+            sea = format!("sea state {state}");
+            scenario.sea = SeaConfig::of_sea_state(state).unwrap_or_default();
+        } else if args.hull.is_some() && args.scenario.is_none() {
+            sea = "jonswap:1,5".into();
+            scenario.sea = SeaConfig::jonswap(1.0, 5.0);
+        }
+        if let Some(hull) = &args.hull {
+            flags.path("hull", Some(Path::new(hull)));
+            let installed = scenario.install_hull(&mut nodes, hull);
+            installed.map_err(|e| CliError::because("--hull", e))?;
         }
         if let Some(planner) = args.planner {
             nodes.select(planner.kind());
@@ -94,8 +107,16 @@ impl Scene {
         if let Some(speed) = flags.take("speed", args.speed) {
             scenario.vessel.speed_mps = speed;
         }
-        if let Some(wind) = flags.take("wind", args.wind) {
-            scenario.drone.wind.mean_mps = wind;
+        let draws = args.draws.map(|on| if on { "on" } else { "off" });
+        flags.take("draws", draws);
+        match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
+            true => scenario.differ_from_belief(&mut nodes),
+            false => scenario.draws.on = false,
+        }
+        match flags.take("wind", args.wind) {
+            None => {}
+            Some(WindArg::Mean(wind)) => scenario.drone.wind.mean_mps = wind,
+            Some(WindArg::Auto) => scenario.raise_wind(),
         }
         let duration_s = flags.take("outage-duration", args.outage_duration);
         if let Some(outage) = flags.take("outage-at", args.outage_at) {
@@ -121,6 +142,24 @@ impl Scene {
                 keep_mean: flags.is_set("keep-mean", args.keep_mean) || default.keep_mean,
                 ..default
             });
+        }
+        if args.deck_motion.is_some() {
+            let trial_s = scenario.start.warm_up_s + TIME_LIMIT_S;
+            if let Some(motion) = &mut scenario.deck_motion
+                && let Some(facts) = motion.facts(trial_s).map_err(|e| CliError(e.to_string()))?
+            {
+                let file = motion.file.display();
+                // On standard error: the result stands alone on standard output.
+                facts
+                    .remarks
+                    .iter()
+                    .for_each(|r| terminal::note(true, format_args!("{file}: {r}")));
+                if facts.heave && args.sea.is_none() && args.sea_state.is_none() && args.scenario.is_none() {
+                    motion.water_follows = true;
+                    scenario.sea = SeaConfig::paper(0.0, 5.0);
+                    sea = "with the deck".into();
+                }
+            }
         }
         scenario.sensors.render.on |= flags.is_set("render-camera", args.render_camera);
         scenario.check(&Keys::ROOT)?;

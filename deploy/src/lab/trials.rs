@@ -69,9 +69,15 @@ pub fn run(args: &TrialsArgs) -> Result<Exit, CliError> {
     let scene = Scene::of(&args.scene)?;
     let seeds = seeds(args.seed0, args.trials)?;
     let rows = args.rows.as_deref().map(rows_writer).transpose()?;
+    let motion = scene.scenario.deck_motion.as_ref();
+    let facts = motion.map_or(Ok(None), |m| m.facts(0.0));
+    let facts = facts.map_err(|e| CliError(e.to_string()))?;
+    let recording_s = facts.map(|f| f.duration_s);
     let motion_start = |seed: u64| {
         let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);
-        Some(motion.start_s + stride * (seed - args.seed0) as f64)
+        let start = motion.start_s + stride * (seed - args.seed0) as f64;
+        // Beyond its end it starts over.
+        Some(start % recording_s.unwrap_or(f64::INFINITY))
     };
     let outcomes = in_parallel(args.jobs, "landings", &seeds, |seed| {
         let mut scenario = scene.scenario.clone();

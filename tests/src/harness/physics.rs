@@ -20,6 +20,7 @@ use crate::physics::deck_motion::DeckCarrier;
 use crate::physics::drone::{DroneStart, Part, PlantState, ROTORS, SimulatedDrone, wind_to_deg};
 use crate::physics::sea::Sea;
 use crate::physics::streams::Streams;
+use crate::physics::vessel::response::{HullFiles, ResponseVessel};
 use crate::sensors::clocks::{ClockModel, Clocks};
 use crate::sensors::noise::Noise;
 use crate::sensors::outlet::Identity;
@@ -97,13 +98,13 @@ impl Plant {
         t: Time<TrueTime>,
         exchanges: u32,
         deck: &[RigidState<Deck>; 2],
-        sea: &Sea,
+        water: impl Fn(f64, f64) -> f64,
         motors: impl FnMut(&PlantState) -> Option<[f64; ROTORS]>,
     ) {
         self.contacts.clear();
         let Some(drone) = &mut self.drone else { return };
         let at = drone.truth().position.0;
-        let water_z = sea.surface(t, at.x, at.y).surface_z();
+        let water_z = water(at.x, at.y);
         let reports = if self.under_firmware {
             drone.step_with_firmware(t, TICK, deck, water_z, exchanges.max(1), motors)
         } else {
@@ -145,10 +146,22 @@ impl Physics {
     /// The truth of `seed` before the warm-up.
     pub fn new(scenario: &Scenario, seed: u64) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
+        let scenario = &scenario.drawn(seed);
         let streams = Streams::new(seed);
-        let sea = Sea::new(&scenario.sea, &streams);
-        let motion = scenario.deck_motion.as_ref();
-        let carrier = DeckCarrier::new(&scenario.vessel, motion, &scenario.deck, &sea, &streams)?;
+        let (sea, carrier) = match &scenario.hull {
+            Some(hull) => {
+                let sea = Sea::linear(&scenario.sea, &streams);
+                let files = HullFiles::load(&hull.table)?;
+                let vessel = ResponseVessel::new(&files, hull, &scenario.vessel, &sea, &streams);
+                (sea, DeckCarrier::Responding(Box::new(vessel)))
+            }
+            None => {
+                let sea = Sea::new(&scenario.sea, &streams);
+                let motion = scenario.deck_motion.as_ref();
+                let carrier = DeckCarrier::new(&scenario.vessel, motion, &scenario.deck, &sea, &streams)?;
+                (sea, carrier)
+            }
+        };
         let vessel_clock = Clocks::new(&scenario.sensors.clocks, &streams).vessel;
         let identity = Identity {
             vessel: VESSEL_ID,
@@ -192,6 +205,9 @@ impl Physics {
             -height,
         );
         let mut config = self.scenario.drone.clone();
+        if config.wind.with_waves {
+            config.wind.to_deg = Some(self.sea.mean_direction().to_degrees());
+        }
         if k > 0 {
             // All drones fly in the mean wind of the first.
             let to_deg = wind_to_deg(&self.streams);
@@ -223,7 +239,7 @@ impl Physics {
     }
     /// What a drone's instruments measure now; None before it is in the air.
     pub fn drone_measurements(&mut self, k: usize) -> Option<DroneMeasurements> {
-        let (t, deck, sea) = (self.t, self.deck(), &self.sea);
+        let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
         let plant = self.drones.get_mut(k)?;
         plant.drone.as_ref()?;
         let header = plant.header(t);
@@ -232,7 +248,7 @@ impl Physics {
             odometry: drone.odometry(header),
             autopilot: (self.ticks.is_multiple_of(AUTOPILOT_TICKS)).then(|| drone.autopilot_state(header)),
             readings: plant.sensors.step(t, &drone.truth(), &deck, |north, east| {
-                sea.surface(t, north, east).surface_z()
+                sea.surface(t, north, east).surface_z() - lift
             }),
         })
     }
@@ -258,14 +274,16 @@ impl Physics {
         exchanges: u32,
         mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; ROTORS]>,
     ) {
-        let (t, before) = (self.t, self.deck());
+        let (t, before, lift) = (self.t, self.deck(), self.carrier.water_lift());
         self.carrier.step(t, TICK.secs(), &self.sea);
         let deck = [before, self.deck()];
         for k in 0..self.drones.len() {
             let Some(plant) = self.drones.get_mut(k) else {
                 continue;
             };
-            plant.advance(t, exchanges, &deck, &self.sea, |state| motors(k, state));
+            let sea = &self.sea;
+            let water = |north: f64, east: f64| sea.surface(t, north, east).surface_z() - lift;
+            plant.advance(t, exchanges, &deck, water, |state| motors(k, state));
             if let Some(truth) = plant.truth() {
                 self.hash(truth.position.0.as_slice());
                 self.hash(truth.attitude.0.coords.as_slice());

@@ -1,5 +1,7 @@
 //! What is flown: the world's figures and the nodes' configurations.
 
+pub mod draws;
+
 use alight_bridge::BridgeConfig;
 use alight_shared::config;
 use alight_shared::config::{Check, ConfigError, Keys};
@@ -12,11 +14,13 @@ use alight_usv::{DeckConfig, VesselNodeConfig};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use self::draws::DrawConfig;
 use crate::baselines::{Baseline, BenchPlanner};
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
 use crate::physics::sea::SeaConfig;
 use crate::physics::vessel::VesselConfig;
+use crate::physics::vessel::response::{HullConfig, HullError, HullFiles};
 use crate::radio::RadioConfig;
 use crate::sensors::SensorConfig;
 
@@ -87,6 +91,9 @@ config! {
         pub sea: SeaConfig;
         /// The vessel.
         pub vessel: VesselConfig;
+        /// A response table that moves it, in the place of its hull.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub hull: Option<HullConfig> = None;
         /// Recorded motion in its place.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub deck_motion: Option<DeckMotionConfig> = None;
@@ -96,6 +103,8 @@ config! {
         pub airframe: DroneGeometry;
         /// The drone's physics and autopilot.
         pub drone: DroneConfig;
+        /// What differs from what the nodes know.
+        pub draws: DrawConfig;
         /// Where the drone starts.
         pub start: StartConfig;
         /// Drones, each with its own computer. With several, each asks for a reservation of the deck.
@@ -118,6 +127,15 @@ config! {
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;
     }
     check |this, at| {
+        if let Some(hull) = &this.hull {
+            hull.check(&at.table("hull"))?;
+            at.require(
+                this.deck_motion.is_none(),
+                "hull",
+                &hull.table,
+                "nothing beside `deck_motion`: one of them moves the deck",
+            )?;
+        }
         if let Some(motion) = &this.deck_motion {
             motion.check(&at.table("deck_motion"))?;
         }
@@ -127,12 +145,42 @@ config! {
     }
 }
 
+impl Scenario {
+    /// Puts a hull into the world: twin-5m, mono-5m, work-12m, or the path of a response table. Deck and
+    /// sensors stand where its file says, and the nodes know it as an installer would have measured it.
+    pub fn install_hull(&mut self, nodes: &mut NodeConfigs, hull: &str) -> Result<(), SetupError> {
+        let places = HullFiles::load(hull)?.places;
+        self.hull = Some(HullConfig {
+            table: hull.into(),
+            ..HullConfig::default()
+        });
+        self.deck = places.deck(&self.deck);
+        nodes.vessel.deck = places.deck(&nodes.vessel.deck);
+        nodes.drone.deck = places.deck(&nodes.drone.deck);
+        let (antenna, imu) = (places.antenna.body(), places.imu.body());
+        self.sensors.vessel_gnss.antenna_m = antenna;
+        nodes.vessel.gnss.antenna_m = antenna;
+        self.sensors.vessel_imu.lever_arm_m = imu;
+        nodes.vessel.imu.lever_arm_m = imu;
+        Ok(())
+    }
+    /// Lets the wind blow that raises such a sea, along its waves.
+    pub fn raise_wind(&mut self) {
+        let wind = &mut self.drone.wind;
+        wind.mean_mps = SeaConfig::wind_of_height(self.sea.significant_height());
+        wind.with_waves = true;
+    }
+}
+
 /// Why a world could not be set up.
 #[derive(Debug, Error)]
 pub enum SetupError {
     /// A configuration is out of range.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// The hull cannot be used.
+    #[error(transparent)]
+    Hull(#[from] HullError),
     /// The recorded motion cannot be used.
     #[error(transparent)]
     DeckMotion(#[from] DeckMotionError),

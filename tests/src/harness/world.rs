@@ -108,6 +108,7 @@ pub struct World {
 impl World {
     /// The world of `seed` before the warm-up.
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
+        let scenario = &scenario.drawn(seed);
         let physics = Physics::new(scenario, seed)?;
         let reserves = scenario.drones > 1 || nodes.drone.mission.reservation_required;
         Ok(World {

@@ -3,6 +3,8 @@
 use alight_shared::frames::{Frame, Point, Rotation, TrueNed, Vector};
 use nalgebra::Vector3;
 
+use super::spline::Jet;
+
 /// Where a rigid body's reference point is and how it moves. `B` is its FRD body frame.
 #[derive(Clone, Copy)]
 pub struct RigidState<B> {
@@ -53,4 +55,20 @@ impl<B: Frame> RigidState<B> {
         let (r, p, y) = self.attitude.euler();
         Vector3::new(r, p, y)
     }
+}
+
+/// Body rates and angular acceleration (rad/s, rad/s²) from ZYX Euler angles with their derivatives:
+/// `w = T^-1 e'` (Fossen 2011, eq. 2.28) and its derivative.
+pub fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
+    let (sr, cr) = roll.y.sin_cos();
+    let (sp, cp) = pitch.y.sin_cos();
+    let (r, p, y) = (roll.d, pitch.d, yaw.d);
+    (
+        Vector3::new(r - sp * y, cr * p + sr * cp * y, -sr * p + cr * cp * y),
+        Vector3::new(
+            roll.dd - cp * p * y - sp * yaw.dd,
+            -sr * r * p + cr * pitch.dd + cr * r * cp * y - sr * sp * p * y + sr * cp * yaw.dd,
+            -cr * r * p - sr * pitch.dd - sr * r * cp * y - cr * sp * p * y + cr * cp * yaw.dd,
+        ),
+    )
 }

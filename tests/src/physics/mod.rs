@@ -4,5 +4,6 @@ pub mod body;
 pub mod deck_motion;
 pub mod drone;
 pub mod sea;
+pub mod spline;
 pub mod streams;
 pub mod vessel;

@@ -89,6 +89,8 @@ config! {
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
         /// Origin of the NED plane that fixes are expressed in.
         pub datum: Datum = Datum::default();
+        /// What it states of its white noise, over the true one.
+        pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Its errors.
         pub error: GnssErrorConfig;
     }
@@ -140,8 +142,8 @@ impl VesselGnss {
                     datum: config.datum,
                     position: (antenna.position.0 + dp).into(),
                     velocity: (antenna.velocity.0 + dv).into(),
-                    position_sd: [config.error.white_sd_m.max(1e-3); 3],
-                    velocity_sd: [config.error.velocity_sd_mps.max(1e-3); 3],
+                    position_sd: [(config.error.white_sd_m * config.stated_factor).max(1e-3); 3],
+                    velocity_sd: [(config.error.velocity_sd_mps * config.stated_factor).max(1e-3); 3],
                     ..GnssFix::default()
                 })
             });

@@ -24,6 +24,8 @@ config! {
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of the slow bias, s.
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e9;
+        /// What it states of its errors, over the true ones.
+        pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Probability that a measurement is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without measurements, s of true time.
@@ -61,7 +63,8 @@ impl VesselHeading {
             let white = self.config.white_sd_deg.to_radians();
             let error = self.bias.step(dt).x + self.white.normal() * white;
             let lost = self.dropout.chance(self.config.dropout);
-            let stated = white.hypot(self.config.bias_sd_deg.to_radians()).max(1e-4);
+            let all = white.hypot(self.config.bias_sd_deg.to_radians());
+            let stated = (all * self.config.stated_factor).max(1e-4);
             self.outlet.send(t, lost, |header| {
                 Some(HeadingFix {
                     header,

@@ -7,5 +7,6 @@ pub mod false_detections;
 pub mod paired;
 pub mod prediction;
 pub mod rao;
+pub mod reference;
 pub mod statistics;
 pub mod uvdar;

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::harness::outcome::Outcome;
+use crate::harness::outcome::{Ending, Outcome};
 
 /// Mean, standard deviation, 95th percentile and maximum of one figure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -116,6 +116,9 @@ pub struct Summary {
     pub trials: usize,
     /// Number of successes.
     pub successes: usize,
+    /// Descents begun, and those of them that ended badly: in any other way than at rest on the deck or
+    /// broken off without a contact.
+    pub descents: [u32; 2],
     /// Contacts that broke the limits.
     pub unsafe_contacts: u32,
     /// Contacts with water.
@@ -126,6 +129,13 @@ pub struct Summary {
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
 
+/// Whether the last descent of a trial ended badly.
+fn ended_badly(o: &Outcome) -> bool {
+    let waited = matches!(o.outcome, Ending::Timeout | Ending::GaveUp);
+    let untouched = o.position_error_m.is_none() && o.unsafe_contacts == 0 && o.water_contacts == 0;
+    o.attempts > 0 && !o.success && !(waited && untouched)
+}
+
 impl Summary {
     /// Of these outcomes.
     pub fn of(outcomes: &[Outcome]) -> Summary {
@@ -133,6 +143,10 @@ impl Summary {
         Summary {
             trials: outcomes.len(),
             successes: outcomes.iter().filter(|o| o.success).count(),
+            descents: [
+                outcomes.iter().map(|o| o.attempts).sum(),
+                outcomes.iter().map(|o| u32::from(ended_badly(o))).sum(),
+            ],
             unsafe_contacts: outcomes.iter().map(|o| o.unsafe_contacts).sum(),
             water_contacts: outcomes.iter().map(|o| o.water_contacts).sum(),
             contacts_above_2_mps: outcomes.iter().map(|o| o.contacts_above_2_mps).sum(),

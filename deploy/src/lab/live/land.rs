@@ -283,7 +283,7 @@ impl LandingSetup {
                 None => FirmwareConfig::default(),
             },
             odometry: scene.nodes.drone.odometry,
-            scenario: scene.scenario.clone(),
+            scenario: scene.scenario.drawn(args.seed),
         };
         Ok(LandingSetup {
             air,

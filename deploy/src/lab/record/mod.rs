@@ -114,7 +114,7 @@ impl FlightRecorder {
             ("drone_id", DRONE_ID.to_string()),
         ];
         let (recorder, truth) = Recorder::create(path, &texts, &values, subject.boots, |opening| {
-            TruthViews::new(opening, subject.scenario)
+            TruthViews::new(opening, &subject.scenario.drawn(subject.seed))
         })?;
         Ok(FlightRecorder { recorder, truth })
     }

@@ -6,6 +6,7 @@ use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::deck_motion::rocking::RockingConfig;
 use alight_sim::physics::sea::{SeaConfig, SeaKind};
 use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::noise::Windows;
 use serde::Serialize;
 
@@ -13,7 +14,7 @@ use super::ablation;
 use super::link;
 use super::variant::{MakeScene, PlannerVariant, StudyScene};
 use crate::exit::CliError;
-use crate::lab::args::Study;
+use crate::lab::args::{SceneArgs, Study, WindArg};
 use crate::lab::scene::Scene;
 
 /// What is published of a scenario.
@@ -77,7 +78,7 @@ pub fn published(scenario: &str, planner: &str) -> Option<Published> {
 }
 
 /// The rows of `study` with the scene's settings as the base.
-pub fn rows(study: Study, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
+pub fn rows(study: Study, args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
     let row = |name: &str, change: &dyn Fn(&mut Scenario)| {
         let mut world = base.scenario.clone();
         change(&mut world);
@@ -124,7 +125,8 @@ pub fn rows(study: Study, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
             w.drone.wind.mean_mps = 2.5;
         })],
         Study::Moving => moving(&row, &paper)?,
-        Study::Seas => seas(&row)?,
+        Study::Seas => hulls(args, base)?,
+        Study::Rocking => rocking(&row),
         Study::Wind => [0.0, 2.0, 5.0, 8.0, 10.0, 12.0, 15.0]
             .iter()
             .map(|v| row(&format!("{v} m/s"), &|w| w.drone.wind.mean_mps = *v))
@@ -204,7 +206,55 @@ pub fn answer(
     planners.iter().map(of).collect()
 }
 
-fn seas(row: MakeScene<'_>) -> Result<Vec<StudyScene>, CliError> {
+/// The seas of `study seas`: name, and systems as on the command line.
+pub const SEAS: [(&str, &str); 6] = [
+    ("Hs 0.5 m, Tp 4 s", "jonswap:0.5,4"),
+    ("Hs 1 m, Tp 5 s", "jonswap:1,5"),
+    ("Hs 1.5 m, Tp 6 s", "jonswap:1.5,6"),
+    ("Hs 2 m, Tp 7 s", "jonswap:2,7"),
+    ("Hs 2.5 m, Tp 7 s", "jonswap:2.5,7"),
+    ("cross 0.8/4.5 + 1/8", "jonswap:0.8,4.5+jonswap:1,8@90"),
+];
+
+/// Hulls times seas: those that are named, else all.
+pub fn hulls(args: &SceneArgs, base: &Scene) -> Result<Vec<StudyScene>, CliError> {
+    let mut seas = Vec::new();
+    if args.sea.is_some() || args.sea_state.is_some() || args.scenario.is_some() {
+        seas.push((base.sea.clone(), base.scenario.sea.clone()));
+    } else {
+        for (name, systems) in SEAS {
+            seas.push((name.to_string(), systems.parse().map_err(CliError)?));
+        }
+    }
+    let hulls: Vec<&str> = match &args.hull {
+        Some(hull) => vec![hull],
+        None => HULLS.to_vec(),
+    };
+    let mut rows = Vec::new();
+    for hull in hulls {
+        for (name, sea) in &seas {
+            let (mut world, mut nodes) = (base.scenario.clone(), base.nodes.clone());
+            world.sea = sea.clone();
+            world
+                .install_hull(&mut nodes, hull)
+                .map_err(|e| CliError::because("--hull", e))?;
+            if args.draws.unwrap_or(true) {
+                world.differ_from_belief(&mut nodes);
+            }
+            if args.wind == Some(WindArg::Auto) {
+                world.raise_wind();
+            }
+            rows.push(StudyScene {
+                name: format!("{hull} {name}"),
+                world,
+                nodes,
+            });
+        }
+    }
+    Ok(rows)
+}
+
+fn rocking(row: MakeScene<'_>) -> Vec<StudyScene> {
     let mut rows = Vec::new();
     for (height, peak) in [(0.5, 4.0), (1.0, 5.0), (1.5, 5.5), (2.0, 6.5), (3.0, 8.0)] {
         rows.push(row(&format!("JONSWAP Hs {height} m, Tp {peak} s"), &|w| {
@@ -246,7 +296,7 @@ fn seas(row: MakeScene<'_>) -> Result<Vec<StudyScene>, CliError> {
             });
         }));
     }
-    Ok(rows)
+    rows
 }
 
 fn sensors(row: MakeScene<'_>) -> Vec<StudyScene> {

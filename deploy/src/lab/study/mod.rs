@@ -7,6 +7,7 @@ mod estimator;
 mod grid;
 pub mod link;
 mod prediction;
+mod reference;
 mod report;
 pub mod run;
 mod search;
@@ -50,6 +51,7 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
             | Study::Approach
             | Study::Moving
             | Study::Seas
+            | Study::Rocking
             | Study::Wind
             | Study::Sensors
             | Study::Link,
@@ -82,7 +84,7 @@ fn planners(args: &StudyArgs, base: &Scene) -> Vec<PlannerVariant> {
 
 fn grid_study(args: &StudyArgs) -> Result<Value, CliError> {
     let base = Scene::of(&args.scene)?;
-    let scenes = grid::rows(args.name, &base)?;
+    let scenes = grid::rows(args.name, &args.scene, &base)?;
     let planners = match args.name {
         Study::Ablation if args.planners.is_empty() => ablation::planners(&base.nodes).map_err(CliError)?,
         _ => planners(args, &base),

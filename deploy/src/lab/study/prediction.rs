@@ -9,8 +9,10 @@ use alight_sim::studies::statistics::bootstrap_ratio;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::grid::TABLE2;
+use super::grid::{self, TABLE2};
+use super::reference;
 use super::run::configuration_hash;
+use super::variant::StudyScene;
 use crate::cells;
 use crate::exit::CliError;
 use crate::lab::args::StudyArgs;
@@ -107,13 +109,17 @@ fn one(scene: &Scene, world: &Scenario, seed: u64) -> Result<Scores, SetupError>
 /// The seas: `--sea` alone where given, else Table II, each with the drawn and the least
 /// wavelength scale.
 fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<PredictionRow>, CliError> {
+    // Under a hull's or a recording's motion no waves are known; it is judged beside the reference alone.
+    if scene.scenario.hull.is_some() || scene.scenario.deck_motion.is_some() {
+        return Ok(Vec::new());
+    }
     let row = |name: String, scale: Option<f64>, world: Scenario| PredictionRow {
         name,
         scale,
         world,
         scores: Vec::new(),
     };
-    if args.scene.sea.is_some() || args.scene.scenario.is_some() {
+    if args.scene.sea.is_some() || args.scene.sea_state.is_some() || args.scene.scenario.is_some() {
         return Ok(vec![row(scene.sea.clone(), None, scene.scenario.clone())]);
     }
     let mut rows = Vec::new();
@@ -135,6 +141,23 @@ fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<PredictionRow>, CliError>
     Ok(rows)
 }
 
+/// What is judged beside the reference: the scene that is named, else all hulls in all seas.
+fn decks(args: &StudyArgs, scene: &Scene) -> Result<Vec<StudyScene>, CliError> {
+    let flags = &args.scene;
+    let sea_is_named = flags.sea.is_some() || flags.sea_state.is_some() || flags.scenario.is_some();
+    if scene.scenario.deck_motion.is_none() && (flags.hull.is_some() || !sea_is_named) {
+        return grid::hulls(flags, scene);
+    }
+    Ok(vec![StudyScene {
+        name: flags
+            .deck_motion
+            .as_ref()
+            .map_or(scene.sea.clone(), |file| file.display().to_string()),
+        world: scene.scenario.clone(),
+        nodes: scene.nodes.clone(),
+    }])
+}
+
 /// The study.
 pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     let scene = Scene::of(&args.scene)?;
@@ -147,24 +170,19 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
         })?;
     }
     let hash = configuration_hash(&scene.nodes);
-    note(
-        args.json,
-        format_args!(
-            "1 s ahead, {} seeds from {} on; RMSE (fraction of truths in the 95 % interval). Heave is against \
-             the mean water level; required at most {} m at 0.5,5 and {} times that with known waves. \
-             `coverage`: ellipsoid of heave, roll and pitch, required {} to {} %\n{}",
-            args.trials,
-            args.seed0,
-            REQUIRED.0,
-            REQUIRED.1,
-            REQUIRED_COVERAGE[0],
-            REQUIRED_COVERAGE[1],
-            one_second_ahead(&rows).text()
-        ),
-    );
-    let value = summary(&rows, &hash);
+    if !rows.is_empty() {
+        note_one_second_ahead(args, &rows);
+    }
+    let decks = decks(args, &scene)?;
+    let (blocks, beside) = reference::run(args, &decks, &seeds)?;
+    // One object per sea, then one per deck.
+    let value = Value::Array([summary(&rows, &hash), beside].concat());
     if let Some(out) = &args.out {
-        let document = document(args, &rows, &hash);
+        let mut document = document(args, &rows, &hash);
+        if rows.is_empty() {
+            document.blocks.clear();
+        }
+        document.blocks.extend(blocks);
         write_files(
             out,
             &[
@@ -180,6 +198,25 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
         );
     }
     Ok(value)
+}
+
+/// Prints what is asked of every sea.
+fn note_one_second_ahead(args: &StudyArgs, rows: &[PredictionRow]) {
+    note(
+        args.json,
+        format_args!(
+            "1 s ahead, {} seeds from {} on; RMSE (fraction of truths in the 95 % interval). Heave is against \
+             the mean water level; required at most {} m at 0.5,5 and {} times that with known waves. \
+             `coverage`: ellipsoid of heave, roll and pitch, required {} to {} %\n{}",
+            args.trials,
+            args.seed0,
+            REQUIRED.0,
+            REQUIRED.1,
+            REQUIRED_COVERAGE[0],
+            REQUIRED_COVERAGE[1],
+            one_second_ahead(rows).text()
+        ),
+    );
 }
 
 /// Every sea 1 s ahead.
@@ -291,7 +328,7 @@ impl Score {
     }
 }
 
-fn summary(rows: &[PredictionRow], hash: &str) -> Value {
+fn summary(rows: &[PredictionRow], hash: &str) -> Vec<Value> {
     let of_row = |row: &PredictionRow| {
         let mut sum: BTreeMap<(Source, Quantity, usize), Tally> = BTreeMap::new();
         for (key, tally) in row.scores.iter().flatten() {

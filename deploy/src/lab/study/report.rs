@@ -374,10 +374,10 @@ fn failures(outcomes: &[Outcome]) -> Vec<String> {
 impl Report {
     /// The rows; with intervals, what is published and all metrics, or as a terminal has room for them.
     fn summary(&self, full: bool) -> Table {
-        let metrics = || SHOWN.iter().filter(|s| full || s.0 != "over_deck_time_s");
+        let metrics = || SHOWN.iter().filter(|s| full || s.0 != "tangential_speed_mps");
         let mut heads = vec!["scenario", "planner", "landed"];
         heads.extend(full.then_some("95 %"));
-        heads.extend(["unsafe", "water", "> 2 m/s"]);
+        heads.extend(["descents well", "unsafe", "water", "> 2 m/s"]);
         heads.extend(metrics().map(|m| m.1));
         let mut table = Table::new(2.., heads);
         for row in &self.rows {
@@ -399,6 +399,9 @@ impl Report {
             if full {
                 cells.push(format!("{:.1}-{:.1} %", 100.0 * lo, 100.0 * hi).into());
             }
+            let [begun, badly] = s.descents;
+            let well = Cell::from(format_args!("{}/{begun}", begun - badly));
+            cells.push(if badly == 0 { well } else { well.judged(false) });
             cells.extend([s.unsafe_contacts, s.water_contacts, s.contacts_above_2_mps].map(count));
             for (name, .., digits) in metrics() {
                 let digits = *digits;
@@ -492,7 +495,8 @@ impl Report {
     /// For Markdown and the page.
     fn document(&self, title: &str, hash: &str, seeds: &str, charts: Vec<Chart>) -> Document {
         let mut blocks = vec![Block::Text(format!(
-            "Configuration {hash}, {seeds}. Rates with Wilson's 95 % interval; means, in brackets the 95th \
+            "Configuration {hash}, {seeds}. Rates with Wilson's 95 % interval; descents begun, and how many of them \
+             ended at rest on the deck or were broken off without a contact; means, in brackets the 95th \
              percentile and what is published: of MPC-NE in the rows of mpc-ne, else of MPC-FAA (Procházka et \
              al.). In the charts, filled: mean with its 95 % bootstrap interval; open: 95th percentile; grey bar: \
              published."

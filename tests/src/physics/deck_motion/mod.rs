@@ -1,5 +1,5 @@
-//! What carries the deck: the simulated vessel, or prescribed motion in its place, recorded or
-//! sinusoidal ([`rocking`]).
+//! What carries the deck: the simulated vessel, one that answers waves as a response table says, or prescribed
+//! motion, recorded or sinusoidal ([`rocking`]).
 //!
 //! A recording (CSV) gives roll (starboard down positive), pitch (bow up positive) and any of heave (up
 //! positive), heading, surge and sway at any rate, with jitter, repeated stamps and gaps. Natural cubic
@@ -18,7 +18,6 @@
 
 mod recording;
 pub mod rocking;
-mod spline;
 
 use core::f64::consts::TAU;
 use std::path::PathBuf;
@@ -33,10 +32,11 @@ use rand::RngExt;
 use self::recording::{CHANNELS, HEADING, HEAVE, PITCH, ROLL, SURGE, SWAY};
 pub use self::recording::{DeckMotionError, Recording};
 use self::rocking::{Rocking, RockingConfig};
-use self::spline::{Jet, Splines, smooth_step};
-use crate::physics::body::RigidState;
+use crate::physics::body::{RigidState, body_motion};
 use crate::physics::sea::Sea;
+use crate::physics::spline::{Jet, Splines, smooth_step};
 use crate::physics::streams::Streams;
+use crate::physics::vessel::response::ResponseVessel;
 use crate::physics::vessel::{Vessel, VesselConfig};
 
 /// Longest blend of the end into the beginning, s of the recording.
@@ -66,6 +66,8 @@ config! {
         pub start_s: f64 = 0.0, in 0.0..=1e7;
         /// Keep the mean roll and pitch.
         pub keep_mean: bool = false;
+        /// The water's surface rises and falls with a recorded heave, on top of the sea.
+        pub water_follows: bool = false;
     }
     check |this, at| {
         at.require(
@@ -87,11 +89,51 @@ config! {
     }
 }
 
+/// What a person should know of a recording before it is flown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingFacts {
+    /// Length, s.
+    pub duration_s: f64,
+    /// It has heave.
+    pub heave: bool,
+    /// What was done to channels that carry less than their rows say, and what else is not as it seems.
+    pub remarks: Vec<String>,
+}
+
+impl DeckMotionConfig {
+    /// Facts of its file for a trial of `trial_s` seconds; None without a file.
+    pub fn facts(&self, trial_s: f64) -> Result<Option<RecordingFacts>, DeckMotionError> {
+        if self.rocking.is_some() {
+            return Ok(None);
+        }
+        let recording = Recording::load(&self.file)?;
+        let duration_s = recording.t.last().copied().unwrap_or_default();
+        let mut remarks = recording.remarks;
+        if recording.gaps > 0 {
+            remarks.push(format!("{} gaps without data are bridged", recording.gaps));
+        }
+        let end = self.start_s + self.speed * trial_s;
+        if end > duration_s && self.start_s < duration_s {
+            remarks.push(format!(
+                "it is {duration_s:.0} s long and a trial may take until {end:.0} s of it: it starts over, its end \
+                 blended into its beginning"
+            ));
+        }
+        Ok(Some(RecordingFacts {
+            duration_s,
+            heave: recording.has[HEAVE],
+            remarks,
+        }))
+    }
+}
+
 /// What carries the deck.
 #[derive(Clone)]
 pub enum DeckCarrier {
     /// The simulated vessel.
     Simulated(Box<Vessel>),
+    /// A vessel moved by a response table.
+    Responding(Box<ResponseVessel>),
     /// Prescribed motion.
     Recorded(Box<RecordedMotion>),
 }
@@ -123,13 +165,22 @@ impl DeckCarrier {
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.step(t, dt_s, sea),
+            DeckCarrier::Responding(vessel) => vessel.step(t, dt_s),
             DeckCarrier::Recorded(motion) => motion.step(t, dt_s, sea),
+        }
+    }
+    /// How far the water's surface is lifted above the sea's now, m.
+    pub fn water_lift(&self) -> f64 {
+        match self {
+            DeckCarrier::Simulated(_) | DeckCarrier::Responding(_) => 0.0,
+            DeckCarrier::Recorded(motion) => motion.water_lift,
         }
     }
     /// The vessel's state now, at its reference point.
     pub fn state(&self) -> RigidState<VesselBody> {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.state(),
+            DeckCarrier::Responding(vessel) => vessel.state(),
             DeckCarrier::Recorded(motion) => motion.state(),
         }
     }
@@ -180,6 +231,9 @@ pub struct RecordedMotion {
     start: f64,
     mean_heading: f64,
     heave_recorded: bool,
+    water_follows: bool,
+    /// How far it is lifted now, m.
+    water_lift: f64,
     /// Deck centre in the body frame, m.
     deck: Vector3<f64>,
     state: RigidState<VesselBody>,
@@ -228,6 +282,12 @@ impl RecordedMotion {
         }
         let splines = Splines::through(t, y).ok_or_else(|| whole("its times do not ascend".into()))?;
         let duration = splines.range().1;
+        if config.start_s >= duration {
+            return Err(whole(format!(
+                "a start at {} s lies behind its end ({duration:.1} s); begin earlier",
+                config.start_s
+            )));
+        }
         let blend = BLEND_S.min(0.25 * duration);
         let period = duration - blend;
         let (head, tail) = (splines.at(0.5 * blend), splines.at(period + 0.5 * blend));
@@ -247,6 +307,8 @@ impl RecordedMotion {
             start: config.start_s,
             mean_heading,
             heave_recorded: has[HEAVE],
+            water_follows: config.water_follows && has[HEAVE],
+            water_lift: 0.0,
             deck: deck.centre(),
             state: RigidState::default(),
         }
@@ -268,6 +330,8 @@ impl RecordedMotion {
             start: config.start_s,
             mean_heading,
             heave_recorded: false,
+            water_follows: false,
+            water_lift: 0.0,
             deck: deck.centre(),
             state: RigidState::default(),
         }
@@ -275,13 +339,19 @@ impl RecordedMotion {
     }
 
     fn begun(mut self, sea: &Sea) -> Self {
-        self.state = self.state_at(Time::EPOCH, sea);
+        self.settle(Time::EPOCH, sea);
         self
     }
 
     /// Moves on from `t` to `t + dt_s`.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
-        self.state = self.state_at(t + Span::from_secs(dt_s), sea);
+        self.settle(t + Span::from_secs(dt_s), sea);
+    }
+    fn settle(&mut self, t: Time<TrueTime>, sea: &Sea) {
+        self.state = self.state_at(t, sea);
+        if self.water_follows {
+            self.water_lift = self.channels(t.secs())[HEAVE].y;
+        }
     }
     /// The state now.
     pub fn state(&self) -> RigidState<VesselBody> {
@@ -353,22 +423,6 @@ impl RecordedMotion {
 /// The heading of a motion that has none, rad.
 fn drawn_heading(streams: &Streams) -> f64 {
     streams.stream("vessel/heading").random::<f64>() * TAU
-}
-
-/// Body rates and angular acceleration (rad/s, rad/s²) from ZYX Euler angles with their derivatives:
-/// `w = T^-1 e'` (Fossen 2011, eq. 2.28) and its derivative.
-fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
-    let (sr, cr) = roll.y.sin_cos();
-    let (sp, cp) = pitch.y.sin_cos();
-    let (r, p, y) = (roll.d, pitch.d, yaw.d);
-    (
-        Vector3::new(r - sp * y, cr * p + sr * cp * y, -sr * p + cr * cp * y),
-        Vector3::new(
-            roll.dd - cp * p * y - sp * yaw.dd,
-            -sr * r * p + cr * pitch.dd + cr * r * cp * y - sr * sp * p * y + sr * cp * yaw.dd,
-            -cr * r * p - sr * pitch.dd - sr * r * cp * y - cr * sp * p * y + cr * cp * yaw.dd,
-        ),
-    )
 }
 
 #[cfg(test)]

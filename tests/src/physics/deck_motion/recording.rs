@@ -1,8 +1,13 @@
 //! A recording as it comes: read, checked, cleaned of repeated stamps, bridged over gaps.
 
+mod quality;
+
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
+
+use self::quality::Knots;
+use crate::physics::spline::smooth_step;
 
 /// Degrees of freedom of a recording, in this order.
 pub const ROLL: usize = 0;
@@ -20,7 +25,7 @@ pub const SWAY: usize = 5;
 pub const CHANNELS: usize = 6;
 
 /// Column names with the greatest magnitude that a row may have.
-const COLUMNS: [(&str, f64); CHANNELS] = [
+pub(super) const COLUMNS: [(&str, f64); CHANNELS] = [
     ("roll_deg", 80.0),
     ("pitch_deg", 80.0),
     ("heave_m", 50.0),
@@ -89,6 +94,8 @@ pub struct Recording {
     pub mean: [f64; CHANNELS],
     /// How many stretches without data were bridged.
     pub gaps: usize,
+    /// What was done to channels that carry less than their rows say.
+    pub remarks: Vec<String>,
 }
 
 impl Recording {
@@ -126,6 +133,13 @@ impl Recording {
         }
         // A gap is where five samples or more are missing.
         let longest = 5.0 * median;
+        let knots = Knots {
+            t: &t,
+            y: &mut y,
+            step: median,
+            longest,
+        };
+        let remarks = quality::smooth(knots, &has);
         let mean = time_average(&t, &y, longest);
         let (t, y, gaps) = bridge(t, y, longest, median).ok_or_else(|| {
             whole(format!(
@@ -138,6 +152,7 @@ impl Recording {
             has,
             mean,
             gaps,
+            remarks,
         })
     }
 }
@@ -343,7 +358,7 @@ fn bridge(
             };
             for k in 1..n {
                 let at = t0 + (t1 - t0) * k as f64 / n as f64;
-                let b = super::spline::smooth_step(at - t0, t1 - t0).y;
+                let b = smooth_step(at - t0, t1 - t0).y;
                 let run = |since: f64| fade * (1.0 - (-since / fade).exp());
                 let row = core::array::from_fn(|c| {
                     let left = y[i - 1][c] + slope(i.saturating_sub(2), i - 1, c) * run(at - t0);

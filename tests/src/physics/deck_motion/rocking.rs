@@ -10,7 +10,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::recording::{CHANNELS, HEADING, PITCH, ROLL};
-use super::spline::Jet;
+use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
 /// Pitch's frequency as a share of roll's.

@@ -73,6 +73,8 @@ config! {
         /// Direction it blows to, deg from north towards east; drawn per seed when missing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub to_deg: Option<f64> = None;
+        /// It blows where the waves go, whatever `to_deg` says.
+        pub with_waves: bool = false;
         /// Dryden gusts on the mean wind.
         pub gusts: bool = true;
     }
@@ -172,6 +174,8 @@ config! {
         /// Time constant of the hover thrust estimate, s.
         /// Chosen: settles as PX4's hover thrust estimator does.
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
+        /// Hover thrust that it starts with, over the true one.
+        pub initial_hover_factor: f64 = 1.0, in 0.4..=2.0;
         /// Battery at the start, 0 to 1.
         pub battery: f64 = 0.9, in 0.0..=1.0;
         /// Hover time that a full battery gives, s.

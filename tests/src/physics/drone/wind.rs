@@ -98,6 +98,7 @@ mod tests {
         let config = WindConfig {
             mean_mps,
             to_deg: Some(0.0),
+            with_waves: false,
             gusts: true,
         };
         let mut wind = Wind::new(&config, Streams::new(7).stream("wind"));

@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 
 /// Most components a sea may have.
 pub const MAX_COMPONENTS: usize = 64;
+/// Most wave systems.
+pub const MAX_SYSTEMS: usize = 4;
 
 /// The family of seas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,6 +26,49 @@ pub enum SeaKind {
     Jonswap,
     /// Irregular, Pierson-Moskowitz shape with given height and peak period (JONSWAP, gamma 1).
     PiersonMoskowitz,
+    /// Irregular, the sum of the wave systems in `systems`.
+    Systems,
+}
+
+/// The shape of a wave system's spectrum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Spectrum {
+    /// Growing wind sea (Hasselmann 1973).
+    #[default]
+    Jonswap,
+    /// Fully developed sea (Pierson and Moskowitz 1964).
+    PiersonMoskowitz,
+}
+
+config! {
+    /// One of several wave systems: a wind sea, a swell.
+    ///
+    /// Defaults: those of [`SeaConfig`].
+    pub struct WaveSystem {
+        /// Shape of its spectrum.
+        pub spectrum: Spectrum = Spectrum::Jonswap;
+        /// Significant height, m.
+        pub significant_height_m: f64 = 1.0, in 0.0..=20.0;
+        /// Period of the spectrum's peak, s.
+        pub peak_period_s: f64 = 5.0, in 1.0..=30.0;
+        /// JONSWAP: peak enhancement.
+        pub gamma: f64 = 3.3, in 1.0..=7.0;
+        /// Exponent s of the directional spread cos^2s((direction - mean)/2).
+        pub spread: f64 = 10.0, in 1.0..=100.0;
+        /// Where it goes, clockwise from the sea's mean direction, deg.
+        pub from_mean_deg: f64 = 0.0, in -360.0..=360.0;
+    }
+}
+
+impl WaveSystem {
+    /// Peak enhancement: 1 without one.
+    pub fn enhancement(&self) -> f64 {
+        match self.spectrum {
+            Spectrum::Jonswap => self.gamma,
+            Spectrum::PiersonMoskowitz => 1.0,
+        }
+    }
 }
 
 config! {
@@ -56,6 +101,9 @@ config! {
         pub components: usize = 24;
         /// Where the waves go, clockwise from north, deg; drawn per seed where absent.
         pub mean_direction_deg: Option<f64> = None;
+        /// Wave systems of the kind `systems`; `components` is for each of them.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        pub systems: Vec<WaveSystem> = Vec::new();
     }
     check |this, at| {
         if this.kind == SeaKind::Paper {
@@ -75,6 +123,15 @@ config! {
         if let Some(d) = this.mean_direction_deg {
             at.range("mean_direction_deg", d, -360.0, 360.0)?;
         }
+        at.require(
+            this.systems.len() <= MAX_SYSTEMS && this.systems.is_empty() == (this.kind != SeaKind::Systems),
+            "systems",
+            this.systems.len(),
+            "1 to 4 of the kind systems, none of the others",
+        )?;
+        for system in &this.systems {
+            system.check(&at.table("systems"))?;
+        }
     }
 }
 
@@ -93,6 +150,71 @@ impl SeaConfig {
             period_s,
             ..Self::default()
         }
+    }
+    /// A sea of these systems.
+    pub fn of_systems(systems: Vec<WaveSystem>) -> Self {
+        SeaConfig {
+            kind: SeaKind::Systems,
+            systems,
+            ..Self::default()
+        }
+    }
+    /// A JONSWAP sea of one system: significant height (m) and peak period (s).
+    pub fn jonswap(significant_height_m: f64, peak_period_s: f64) -> Self {
+        Self::of_systems(vec![WaveSystem {
+            significant_height_m,
+            peak_period_s,
+            ..WaveSystem::default()
+        }])
+    }
+    /// Sea state 1 to 5: significant height in the middle of its class in WMO code table 3700 (0 to 0.1,
+    /// 0.1 to 0.5, 0.5 to 1.25, 1.25 to 2.5, 2.5 to 4 m); fully developed, so that the period of the peak is
+    /// `2 pi / (0.4 sqrt(g / Hs))` (Pierson and Moskowitz 1964, as in Fossen 2011, section 8.2.1).
+    pub fn of_sea_state(state: u8) -> Option<Self> {
+        let height = *[0.05, 0.3, 0.875, 1.875, 3.25].get(usize::from(state).checked_sub(1)?)?;
+        Some(Self::of_systems(vec![WaveSystem {
+            spectrum: Spectrum::PiersonMoskowitz,
+            significant_height_m: height,
+            peak_period_s: TAU / (0.4 * (GRAVITY / height).sqrt()),
+            ..WaveSystem::default()
+        }]))
+    }
+    /// The irregular sea's systems; none where the sea is calm or the paper's.
+    pub fn wave_systems(&self) -> Vec<WaveSystem> {
+        let one = |spectrum| WaveSystem {
+            spectrum,
+            significant_height_m: self.significant_height_m,
+            peak_period_s: self.peak_period_s,
+            gamma: self.gamma,
+            spread: self.spread,
+            from_mean_deg: 0.0,
+        };
+        match self.kind {
+            SeaKind::Calm | SeaKind::Paper => Vec::new(),
+            SeaKind::Jonswap => vec![one(Spectrum::Jonswap)],
+            SeaKind::PiersonMoskowitz => vec![one(Spectrum::PiersonMoskowitz)],
+            SeaKind::Systems => self.systems.clone(),
+        }
+    }
+    /// Significant height, m: four standard deviations of the elevation.
+    pub fn significant_height(&self) -> f64 {
+        let height = |s: &WaveSystem| s.significant_height_m * s.significant_height_m;
+        match self.kind {
+            SeaKind::Calm => 0.0,
+            SeaKind::Paper => {
+                // Mean of the drawn scale where it is drawn.
+                let s = self.wavelength_scale.unwrap_or(1.3);
+                4.0 * self.amplitude_m * (0.5 * (1.0 + s * s + 1.0 / (s * s))).sqrt()
+            }
+            SeaKind::Jonswap | SeaKind::PiersonMoskowitz | SeaKind::Systems => {
+                self.wave_systems().iter().map(height).sum::<f64>().sqrt()
+            }
+        }
+    }
+    /// Wind that raises a fully developed sea of this significant height, m/s, 6 m above the water:
+    /// `sqrt(Hs g² / 2.06)` at 19.4 m (Fossen 2011, eq. 8.77) times `(6/19.4)^(1/7)`.
+    pub fn wind_of_height(significant_height_m: f64) -> f64 {
+        (significant_height_m * GRAVITY * GRAVITY / 2.06).sqrt() * (6.0_f64 / 19.4).powf(1.0 / 7.0)
     }
     /// The levels with a name: calm, slight, moderate, rough, very-rough.
     pub fn named(name: &str) -> Option<Self> {
@@ -117,9 +239,17 @@ impl FromStr for SeaConfig {
         let expected = || {
             format!(
                 "`{text}` is no sea: give calm, slight, moderate, rough, very-rough, or amplitude (m) and \
-                 period (s) as A,T, e.g. 0.5,5"
+                 period (s) as A,T, e.g. 0.5,5, or wave systems by significant height and peak period as \
+                 jonswap:HS,TP or pm:HS,TP, joined by +, with their direction from the mean (deg) behind \
+                 an @, e.g. jonswap:0.8,4.5+jonswap:1,8@60"
             )
         };
+        if text.contains(':') {
+            let systems: Option<Vec<WaveSystem>> = text.split('+').map(wave_system).collect();
+            let sea = SeaConfig::of_systems(systems.ok_or_else(expected)?);
+            sea.check(&Keys::ROOT.table("sea")).map_err(|e| e.to_string())?;
+            return Ok(sea);
+        }
         let (a, t) = text.split_once(',').ok_or_else(expected)?;
         let number = |s: &str| s.trim().parse::<f64>().ok().filter(|v| v.is_finite());
         let (a, t) = (number(a).ok_or_else(expected)?, number(t).ok_or_else(expected)?);
@@ -137,9 +267,73 @@ impl FromStr for SeaConfig {
     }
 }
 
+/// `jonswap:HS,TP@DEG`, the last part where it is not the mean direction.
+fn wave_system(text: &str) -> Option<WaveSystem> {
+    let number = |s: &str| s.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+    let (spectrum, rest) = text.split_once(':')?;
+    let (size, direction) = rest.split_once('@').unwrap_or((rest, "0"));
+    let (height, period) = size.split_once(',')?;
+    Some(WaveSystem {
+        spectrum: match spectrum.trim() {
+            "jonswap" | "js" => Spectrum::Jonswap,
+            "pm" | "pierson-moskowitz" => Spectrum::PiersonMoskowitz,
+            _ => return None,
+        },
+        significant_height_m: number(height)?,
+        peak_period_s: number(period)?,
+        from_mean_deg: number(direction)?,
+        ..WaveSystem::default()
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sea_argument_accepts_wave_systems() {
+        let sea: SeaConfig = "jonswap:0.8,4.5+pm:1,8@60".parse().unwrap();
+        let [wind, swell] = &sea.systems[..] else {
+            panic!("two systems");
+        };
+        assert_eq!((wind.significant_height_m, wind.peak_period_s), (0.8, 4.5));
+        assert_eq!(
+            (swell.spectrum, swell.from_mean_deg),
+            (Spectrum::PiersonMoskowitz, 60.0)
+        );
+        let text = toml::to_string(&sea).unwrap();
+        assert_eq!(
+            alight_shared::config::parse::<SeaConfig>(&text, "test").unwrap(),
+            sea
+        );
+        for bad in [
+            "jonswap:1",
+            "js:1,2,3",
+            "sea:1,5",
+            "jonswap:1,5+",
+            "pm:-1,5",
+            "pm:1,0.1",
+            "js:1,5@x",
+        ] {
+            assert!(bad.parse::<SeaConfig>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sea_states_have_the_heights_of_their_class_and_a_wind_that_raises_them() {
+        let limits = [0.0, 0.1, 0.5, 1.25, 2.5, 4.0];
+        // Sustained wind of the state, kn (Bales 1983, STANAG 4194), at 19.5 m.
+        let wind_kn = [3.0, 8.5, 13.5, 19.0, 24.5];
+        for state in 1..=5_u8 {
+            let sea = SeaConfig::of_sea_state(state).unwrap();
+            assert!(sea.check(&Keys::ROOT).is_ok());
+            let (height, n) = (sea.systems[0].significant_height_m, usize::from(state));
+            assert!((limits[n - 1]..limits[n]).contains(&height), "{state}: {height}");
+            let wind = SeaConfig::wind_of_height(height) / (6.0_f64 / 19.4).powf(1.0 / 7.0);
+            assert!((wind - wind_kn[n - 1] * 0.5144).abs() < 0.8, "{state}: {wind}");
+        }
+        assert!(SeaConfig::of_sea_state(0).is_none() && SeaConfig::of_sea_state(6).is_none());
+    }
 
     #[test]
     fn sea_argument_accepts_names_and_pairs_and_rejects_the_rest_with_a_hint() {

@@ -10,6 +10,9 @@
 //! Below the surface, velocity and acceleration decay with `exp(-k h)`, h the depth under the
 //! *instantaneous* surface: exact for one Gerstner wave up to second order in steepness, and what
 //! Wheeler (1970) does for irregular seas; above the surface h counts as zero.
+//!
+//! A linear sea ([`Sea::linear`], for vessels moved by a response table) has its particles' places at rest
+//! in the place of their places: `zeta = sum A cos(k d.x - w t + phi)`, nothing to solve.
 
 pub mod config;
 pub mod spectrum;
@@ -23,7 +26,8 @@ use alight_shared::time::{Time, TrueTime};
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 
-pub use config::{MAX_COMPONENTS, SeaConfig, SeaKind};
+pub use config::{MAX_COMPONENTS, SeaConfig, SeaKind, Spectrum, WaveSystem};
+pub(crate) use trig::sin_cos;
 
 use crate::physics::streams::Streams;
 
@@ -109,39 +113,49 @@ pub struct Sea {
     components: Vec<Component>,
     /// q: share of the full horizontal displacement.
     steepness_factor: f64,
+    /// Linear (Airy) waves: `zeta = sum A cos(k d.x - w t + phi)` at the place itself.
+    linear: bool,
+    /// Where the waves go, clockwise from north, rad.
+    mean_direction: f64,
 }
+
+/// Fewest components of an irregular linear sea.
+pub const LINEAR_COMPONENTS: usize = 240;
 
 impl Sea {
     /// Draws the sea of `config` from the streams `sea/...`.
     pub fn new(config: &SeaConfig, streams: &Streams) -> Sea {
-        let mut rng = streams.stream("sea/mean-direction");
-        let drawn = rng.random::<f64>() * TAU;
-        let mean = config.mean_direction_deg.map_or(drawn, f64::to_radians);
-        let mut phases = streams.stream("sea/phase");
-        let peak = TAU / config.peak_period_s;
-        let components = match config.kind {
-            SeaKind::Calm => Vec::new(),
-            SeaKind::Paper => {
-                let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
-                let s: f64 = config.wavelength_scale.unwrap_or(drawn);
-                let middle = TAU / config.period_s;
-                [-1.0, 0.0, 1.0]
-                    .into_iter()
-                    .map(|i: f64| {
-                        Component::deep(
-                            config.amplitude_m * s.powf(i),
-                            // Wavelength times s^i is frequency over s^(i/2).
-                            middle * s.powf(-0.5 * i),
-                            mean + i * config.direction_step_rad,
-                            spectrum::phase(&mut phases),
-                        )
-                    })
-                    .collect()
-            }
-            SeaKind::Jonswap => irregular(config, peak, config.gamma, mean, streams),
-            SeaKind::PiersonMoskowitz => irregular(config, peak, 1.0, mean, streams),
-        };
-        Self::from_components(components)
+        let mean = mean_direction(config, streams);
+        let each = config
+            .components
+            .min(MAX_COMPONENTS / config.wave_systems().len().max(1));
+        Sea {
+            mean_direction: mean,
+            ..Self::from_components(components(config, mean, each, streams))
+        }
+    }
+
+    /// The same sea as linear (Airy) waves with [`LINEAR_COMPONENTS`] or more where it is irregular: for a
+    /// vessel whose response is linear in the very waves that the water shows.
+    pub fn linear(config: &SeaConfig, streams: &Streams) -> Sea {
+        let mean = mean_direction(config, streams);
+        let systems = config.wave_systems().len().max(1);
+        let each = config.components.max(LINEAR_COMPONENTS.div_ceil(systems));
+        Sea {
+            mean_direction: mean,
+            ..Self::of_linear_components(components(config, mean, each, streams))
+        }
+    }
+
+    /// A sea of these linear waves.
+    pub fn of_linear_components(mut components: Vec<Component>) -> Sea {
+        components.retain(|c| c.amplitude_m > 0.0);
+        Sea {
+            components,
+            steepness_factor: 1.0,
+            linear: true,
+            mean_direction: 0.0,
+        }
     }
 
     /// A regular wave of given length (m), going towards `direction_rad` clockwise from north.
@@ -162,9 +176,15 @@ impl Sea {
             } else {
                 1.0
             },
+            linear: false,
+            mean_direction: 0.0,
         }
     }
 
+    /// Where the waves go, clockwise from north, rad.
+    pub fn mean_direction(&self) -> f64 {
+        self.mean_direction
+    }
     /// Its waves.
     pub fn components(&self) -> &[Component] {
         &self.components
@@ -220,6 +240,12 @@ impl Sea {
     pub fn sample(&self, t: Time<TrueTime>, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
         let n = self.components.len();
         let t = t.secs();
+        if self.linear {
+            for (p, o) in points.iter().zip(out) {
+                *o = self.sample_linear(t, *p, depth_m);
+            }
+            return;
+        }
         let mut kernel = [Precomputed::default(); MAX_COMPONENTS];
         for (k, c) in kernel.iter_mut().zip(&self.components) {
             let wave = c.direction * c.wave_number;
@@ -241,6 +267,28 @@ impl Sea {
         for (p, o) in points.iter().zip(out) {
             *o = self.sample_one(&kernel[..n], &mut trig[..n], *p);
         }
+    }
+
+    /// One place of a linear sea.
+    fn sample_linear(&self, t: f64, x: Vector2<f64>, depth_m: f64) -> WaterSample {
+        let mut w = WaterSample::default();
+        for c in &self.components {
+            let (sin, cos) = sin_cos(c.wave_number * c.direction.dot(&x) - c.frequency * t + c.phase);
+            let decay = if depth_m > 0.0 {
+                (-c.wave_number * depth_m).exp()
+            } else {
+                1.0
+            };
+            let (up, across) = (c.amplitude_m * cos, c.amplitude_m * sin);
+            w.elevation_m += up;
+            w.elevation_at_depth_m += up * decay;
+            w.slope -= c.direction * (c.wave_number * across);
+            let speed = c.frequency * decay;
+            w.velocity += Vector3::new(c.direction.x * up, c.direction.y * up, -across) * speed;
+            w.acceleration +=
+                Vector3::new(c.direction.x * across, c.direction.y * across, up) * (speed * c.frequency);
+        }
+        w
     }
 
     /// One place; `kernel` holds what does not depend on the place, `trig` is scratch for the sine and
@@ -347,19 +395,55 @@ impl Fold {
     }
 }
 
-/// Components of an irregular sea, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`.
-fn irregular(config: &SeaConfig, peak: f64, gamma: f64, mean: f64, streams: &Streams) -> Vec<Component> {
-    let n = config.components.clamp(1, MAX_COMPONENTS);
-    let amplitude = config.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();
-    let mut directions = streams.stream("sea/direction");
-    let mut phases = streams.stream("sea/phase");
-    spectrum::frequencies(peak, gamma, n, &mut streams.stream("sea/frequency"))
+/// Where the waves go: as given, else drawn.
+fn mean_direction(config: &SeaConfig, streams: &Streams) -> f64 {
+    let drawn = streams.stream("sea/mean-direction").random::<f64>() * TAU;
+    config.mean_direction_deg.map_or(drawn, f64::to_radians)
+}
+
+/// The waves of `config`; `each` is the number per irregular system.
+fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> Vec<Component> {
+    if config.kind == SeaKind::Paper {
+        let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
+        let s: f64 = config.wavelength_scale.unwrap_or(drawn);
+        let middle = TAU / config.period_s;
+        let mut phases = streams.stream("sea/phase");
+        return [-1.0, 0.0, 1.0]
+            .into_iter()
+            .map(|i: f64| {
+                Component::deep(
+                    config.amplitude_m * s.powf(i),
+                    // Wavelength times s^i is frequency over s^(i/2).
+                    middle * s.powf(-0.5 * i),
+                    mean + i * config.direction_step_rad,
+                    spectrum::phase(&mut phases),
+                )
+            })
+            .collect();
+    }
+    let systems = config.wave_systems();
+    let of_system = |(k, system): (usize, &WaveSystem)| irregular(k, system, mean, each.max(1), streams);
+    systems.iter().enumerate().flat_map(of_system).collect()
+}
+
+/// Components of the `k`th irregular system, all of equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The
+/// streams of the first are the plain ones.
+fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Streams) -> Vec<Component> {
+    let amplitude = system.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();
+    let stream = |name: &str| match k {
+        0 => streams.stream(name),
+        _ => streams.stream(&format!("{name} {k}")),
+    };
+    let (mut directions, mut phases) = (stream("sea/direction"), stream("sea/phase"));
+    let peak = TAU / system.peak_period_s;
+    let mean = mean + system.from_mean_deg.to_radians();
+    spectrum::frequencies(peak, system.enhancement(), n, &mut stream("sea/frequency"))
         .into_iter()
         .map(|w| {
             Component::deep(
                 amplitude,
                 w,
-                mean + spectrum::direction(config.spread, &mut directions),
+                mean + spectrum::direction(system.spread, &mut directions),
                 spectrum::phase(&mut phases),
             )
         })

@@ -15,6 +15,7 @@
 pub mod config;
 pub mod helm;
 pub mod hull;
+pub mod response;
 pub mod rigid;
 
 use core::f64::consts::TAU;

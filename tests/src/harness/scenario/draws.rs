@@ -1,0 +1,249 @@
+//! What the nodes have from data sheets and tape measures, and what is really there: drawn per seed around the
+//! scenario's figures, which are those that the nodes' configurations have.
+//!
+//! Mass, thrust, lever arms, misalignment, biases and the camera's mount are drawn without this, by their own
+//! keys. Each figure has its own random stream `draws/<name>`: one more does not shift the others.
+
+use alight_shared::config;
+
+use super::{NodeConfigs, Scenario};
+use crate::physics::streams::Streams;
+use crate::sensors::noise::Noise;
+
+config! {
+    /// Differences between the simulated world and what the nodes know of it.
+    pub struct DrawConfig {
+        /// They are drawn; else the world is as the scenario says.
+        pub on: bool = false;
+        /// Noise of every sensor: a factor between the inverse of this and this, log-uniform.
+        /// Chosen: data sheets state typical values; what vibration, sky and mounting make of them
+        /// spreads by about half.
+        pub noise_ratio: f64 = 1.5, in 1.0..=10.0;
+        /// Bound of the relative error of the drone's moments of inertia, each axis.
+        /// Chosen: a bifilar pendulum is good to some per cent, a sum over parts to 10 or 20.
+        pub inertia_error: f64 = 0.15, in 0.0..=0.8;
+        /// The same of its drag.
+        /// Chosen: with and without payload, props of another make.
+        pub drag_error: f64 = 0.4, in 0.0..=0.9;
+        /// Range of the lag with which a tilt set-point is followed, over the nominal one.
+        /// Source: PX4 0.18 to 0.32 s, ArduCopter 0.21 s (measured), nominal 0.2 s.
+        pub attitude_lag_factor: [f64; 2] = [0.9, 1.6], in 0.3..=3.0;
+        /// Bound of the relative error of the friction between feet and deck.
+        /// Chosen: wet and dry, paint and rubber of the same kind.
+        pub friction_error: f64 = 0.25, in 0.0..=0.9;
+        /// Standard deviation of the deck's centre and the tag's against what was measured, each axis, m.
+        /// Chosen: a tape measure over a boat's length.
+        pub deck_sd_m: f64 = 0.015, in 0.0..=0.5;
+        /// Bound of the relative error of the tag's side.
+        /// Chosen: scaling of a printer.
+        pub tag_error: f64 = 0.004, in 0.0..=0.2;
+        /// Bound of the relative error of the hover thrust that the autopilot starts with.
+        /// Source: PX4's MPC_THR_HOVER is set by hand and off by as much as battery and payload.
+        pub hover_thrust_error: f64 = 0.2, in 0.0..=0.5;
+        /// Bound of the relative error of the simulated hull's mass and inertia.
+        /// Chosen: crew, fuel and payload of a boat of 200 kg.
+        pub hull_mass_error: f64 = 0.15, in 0.0..=0.5;
+        /// The same of its added mass and damping.
+        /// Chosen: as far as model tests and strip theory disagree in roll.
+        pub hull_damping_error: f64 = 0.3, in 0.0..=0.8;
+        /// The same of its hulls' radius and distance, which make its stiffness.
+        pub hull_shape_error: f64 = 0.04, in 0.0..=0.2;
+    }
+    check |this, at| {
+        at.require(
+            this.attitude_lag_factor[0] <= this.attitude_lag_factor[1],
+            "attitude_lag_factor",
+            format!("{:?}", this.attitude_lag_factor),
+            "lower bound first",
+        )?;
+    }
+}
+
+/// Draws from the streams `draws/<name>`.
+struct Draws<'a>(&'a Streams);
+
+impl Draws<'_> {
+    fn noise(&self, name: &str) -> Noise {
+        Noise::new(self.0, &format!("draws/{name}"))
+    }
+    /// Within `bounds`, uniform.
+    fn between(&self, name: &str, [low, high]: [f64; 2]) -> f64 {
+        low + (high - low) * self.noise(name).uniform()
+    }
+    /// `value` times 1 minus to plus `error`.
+    fn vary(&self, name: &str, value: &mut f64, error: f64) {
+        *value *= self.between(name, [1.0 - error, 1.0 + error]);
+    }
+    /// The same for every item.
+    fn vary_each(&self, name: &str, values: &mut [f64], error: f64) {
+        let mut noise = self.noise(name);
+        for v in values {
+            *v *= 1.0 + error * (2.0 * noise.uniform() - 1.0);
+        }
+    }
+    /// `ratio` to a power between -1 and 1.
+    fn factor(&self, name: &str, ratio: f64) -> f64 {
+        ratio.powf(self.between(name, [-1.0, 1.0]))
+    }
+}
+
+impl Scenario {
+    /// Lets truth and belief differ: the draws go on, and a GNSS mast that stands within the landing deck
+    /// moves aft of it, in the world and in the vessel's configuration.
+    pub fn differ_from_belief(&mut self, nodes: &mut NodeConfigs) {
+        self.draws.on = true;
+        let (deck, antenna) = (&self.deck, &mut self.sensors.vessel_gnss.antenna_m);
+        let [ahead, right] = [0, 1].map(|i| antenna[i] - deck.centre_m[i]);
+        if ahead.abs() < 0.5 * deck.length_m && right.abs() < 0.5 * deck.width_m {
+            antenna[0] = deck.centre_m[0] - 0.5 * deck.length_m - MAST_CLEARANCE_M;
+            nodes.vessel.gnss.antenna_m = *antenna;
+        }
+    }
+
+    /// The world of `seed` as it is: everything drawn that [`DrawConfig`] names. Drawn already, it stays.
+    pub fn drawn(&self, seed: u64) -> Scenario {
+        let mut world = self.clone();
+        if !self.draws.on {
+            return world;
+        }
+        world.draws.on = false;
+        let (c, streams) = (&self.draws, Streams::new(seed));
+        let draws = Draws(&streams);
+        world.draw_sensors(c, &draws);
+        world.draw_drone(c, &draws);
+        world.draw_hull(c, &draws);
+        let mut place = draws.noise("deck");
+        for centre in [&mut world.deck.centre_m, &mut world.deck.tag_centre_m] {
+            centre.iter_mut().for_each(|v| *v += c.deck_sd_m * place.normal());
+        }
+        // The tag lies on the deck.
+        world.deck.tag_centre_m[2] = self.deck.tag_centre_m[2];
+        draws.vary("tag-side", &mut world.deck.tag_side_m, c.tag_error);
+        world
+    }
+
+    fn draw_sensors(&mut self, c: &DrawConfig, draws: &Draws<'_>) {
+        let factor = |name: &str| draws.factor(name, c.noise_ratio);
+        let s = &mut self.sensors;
+        s.vessel_imu.gyro_white_sd_radps *= factor("vessel-gyro");
+        s.vessel_imu.gyro_bias_sd_radps *= factor("vessel-gyro-bias");
+        s.vessel_imu.accelerometer_white_sd_mps2 *= factor("vessel-accelerometer");
+        s.vessel_imu.accelerometer_bias_sd_mps2 *= factor("vessel-accelerometer-bias");
+        // Receivers and compasses state what their maker knows.
+        let white = factor("vessel-gnss");
+        s.vessel_gnss.error.white_sd_m *= white;
+        s.vessel_gnss.error.velocity_sd_mps *= white;
+        s.vessel_gnss.stated_factor /= white;
+        s.vessel_gnss.error.bias_sd_m *= factor("vessel-gnss-bias");
+        let heading = factor("vessel-heading");
+        s.vessel_heading.white_sd_deg *= heading;
+        s.vessel_heading.bias_sd_deg *= heading;
+        s.vessel_heading.stated_factor /= heading;
+        let tag = factor("tag");
+        s.tag.corner_sd_px *= tag;
+        s.tag.small_sd_px *= tag;
+        s.tag.blur_sd *= tag;
+        let uvdar = factor("uvdar");
+        s.uvdar.bearing_sd_deg *= uvdar;
+        s.uvdar.distance_sd *= uvdar;
+        s.rangefinder.white_sd_m *= factor("rangefinder");
+        let n = &mut self.drone.navigation;
+        n.gnss_noise_m *= factor("drone-gnss");
+        n.gnss_bias_m *= factor("drone-gnss-bias");
+        n.gyro_noise_rps *= factor("drone-gyro");
+        n.vibration_mps2 *= factor("drone-vibration");
+        n.tilt_error_deg *= factor("drone-tilt");
+        n.heading_error_deg *= factor("drone-heading");
+    }
+
+    fn draw_drone(&mut self, c: &DrawConfig, draws: &Draws<'_>) {
+        draws.vary_each("inertia", &mut self.airframe.inertia_kgm2, c.inertia_error);
+        draws.vary("drag", &mut self.drone.airframe.drag_n_per_mps2, c.drag_error);
+        draws.vary("friction", &mut self.drone.contact.friction, c.friction_error);
+        let autopilot = &mut self.drone.autopilot;
+        autopilot.attitude_lag_s *= draws.between("attitude-lag", c.attitude_lag_factor);
+        draws.vary(
+            "hover-thrust",
+            &mut autopilot.initial_hover_factor,
+            c.hover_thrust_error,
+        );
+    }
+
+    fn draw_hull(&mut self, c: &DrawConfig, draws: &Draws<'_>) {
+        let v = &mut self.vessel;
+        draws.vary("hull-mass", &mut v.mass_kg, c.hull_mass_error);
+        draws.vary_each("hull-inertia", &mut v.inertia_kgm2, c.hull_mass_error);
+        draws.vary_each("hull-added-mass", &mut v.added_mass, c.hull_damping_error);
+        draws.vary_each("hull-damping", &mut v.damping_ratio, c.hull_damping_error);
+        draws.vary_each("hull-drag", &mut v.linear_drag_nspm, c.hull_damping_error);
+        draws.vary_each("hull-drag-2", &mut v.quadratic_drag_ns2pm2, c.hull_damping_error);
+        draws.vary("hull-radius", &mut v.hull_radius_m, c.hull_shape_error);
+        draws.vary("hull-offset", &mut v.hull_offset_m, c.hull_shape_error);
+    }
+}
+
+/// From the deck's edge to the mast, m.
+const MAST_CLEARANCE_M: f64 = 0.3;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::config::{Check, Keys};
+
+    #[test]
+    fn draws_are_off_until_asked_for_and_stay_when_drawn() {
+        let plain = Scenario::default();
+        assert_eq!(plain.drawn(3), plain);
+        let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
+        varied.differ_from_belief(&mut nodes);
+        let world = varied.drawn(3);
+        assert_eq!(world.drawn(7), world);
+        assert_eq!(varied.drawn(3), world);
+        assert_ne!(varied.drawn(4), world);
+    }
+
+    #[test]
+    fn mast_leaves_the_deck_in_world_and_configuration() {
+        let (mut world, mut nodes) = (Scenario::default(), NodeConfigs::default());
+        world.differ_from_belief(&mut nodes);
+        let antenna = world.sensors.vessel_gnss.antenna_m;
+        assert_eq!(antenna, nodes.vessel.gnss.antenna_m);
+        assert!(antenna[0] < -0.5 * world.deck.length_m - 0.2);
+        let before = antenna;
+        world.differ_from_belief(&mut nodes);
+        assert_eq!(world.sensors.vessel_gnss.antenna_m, before);
+    }
+
+    #[test]
+    fn draws_lie_in_their_ranges_and_differ_from_the_nodes_figures() {
+        let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
+        varied.differ_from_belief(&mut nodes);
+        let plain = Scenario::default();
+        let mut lags = Vec::new();
+        for seed in 0..200 {
+            let w = varied.drawn(seed);
+            assert!(w.check(&Keys::ROOT).is_ok(), "{seed}");
+            let ratio =
+                w.sensors.vessel_imu.gyro_white_sd_radps / plain.sensors.vessel_imu.gyro_white_sd_radps;
+            assert!((1.0 / 1.5..=1.5).contains(&ratio) && ratio != 1.0);
+            // What a receiver states stays.
+            let stated = w.sensors.vessel_gnss.error.white_sd_m * w.sensors.vessel_gnss.stated_factor;
+            assert!((stated / plain.sensors.vessel_gnss.error.white_sd_m - 1.0).abs() < 1e-12);
+            let mass = w.vessel.mass_kg / plain.vessel.mass_kg;
+            assert!((0.85..=1.15).contains(&mass) && (mass - 1.0).abs() > 1e-9);
+            assert!((w.deck.centre_m[2] - plain.deck.centre_m[2]).abs() < 0.08);
+            assert_eq!(
+                (w.deck.length_m, w.deck.width_m),
+                (plain.deck.length_m, plain.deck.width_m)
+            );
+            lags.push(w.drone.autopilot.attitude_lag_s);
+        }
+        let (low, high) = lags
+            .iter()
+            .fold((1.0_f64, 0.0_f64), |(l, h), v| (l.min(*v), h.max(*v)));
+        assert!(
+            (0.18..0.19).contains(&low) && (0.31..0.32001).contains(&high),
+            "{low} {high}"
+        );
+    }
+}

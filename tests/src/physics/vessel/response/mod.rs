@@ -1,0 +1,335 @@
+//! A vessel that answers waves as a table says: linear seakeeping, in the place of the hull of
+//! [`crate::physics::vessel::Vessel`].
+//!
+//! Motion about the mean path, which carries amidships at the still water line with the mean heading:
+//! `xi_d(t) = sum_j Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t +
+//! phase_j`, over the same components as the water's surface, whose phase at the mean place is `theta_j`
+//! (St. Denis and Pierson 1953; Fossen 2011, section 8.2.5). Under way the derivative of `theta_j` is minus the
+//! frequency of encounter, `omega - k U cos(beta)`, whatever its sign. The table, which is of zero speed, is
+//! looked up at the wave's own frequency: length and slope of the wave stay right.
+//!
+//! Surge and sway lie in the mean heading's axes; trim, roll, pitch and yaw add as Euler angles. The table's
+//! axes (x forward, y to port, z up) end here: the state is NED and forward, right, down as all others.
+
+pub mod path;
+pub mod places;
+pub mod table;
+
+use core::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+
+use alight_shared::config;
+use alight_shared::frames::{Point, Rotation, Vector, VesselBody};
+use alight_shared::time::{Span, Time, TrueTime};
+use nalgebra::{Vector2, Vector3};
+use rand::RngExt;
+use thiserror::Error;
+
+use self::path::MeanPath;
+use self::places::Places;
+use self::table::{DOFS, Response, ResponseAtFrequency, ResponseTable};
+use super::config::VesselConfig;
+use crate::physics::body::{RigidState, body_motion};
+use crate::physics::sea::{Component, Sea, sin_cos};
+use crate::physics::spline::Jet;
+use crate::physics::streams::Streams;
+
+/// Hulls that come with the program: name, table, places. Made for it by linear potential flow (panel method)
+/// with viscous roll damping of 6 to 12 % of critical added by hand.
+const SUPPLIED: [(&str, &str, &str); 3] = [
+    (
+        "twin-5m",
+        include_str!("../../../../hulls/twin-5m.csv"),
+        include_str!("../../../../hulls/twin-5m.toml"),
+    ),
+    (
+        "mono-5m",
+        include_str!("../../../../hulls/mono-5m.csv"),
+        include_str!("../../../../hulls/mono-5m.toml"),
+    ),
+    (
+        "work-12m",
+        include_str!("../../../../hulls/work-12m.csv"),
+        include_str!("../../../../hulls/work-12m.toml"),
+    ),
+];
+
+/// Names of the hulls that come with the program.
+pub const HULLS: [&str; 3] = [SUPPLIED[0].0, SUPPLIED[1].0, SUPPLIED[2].0];
+
+/// Step of the numerical derivatives in a turn: the world's tick, so that two of three poses are known.
+const TURN_STEP: Span = Span::from_millis(10);
+
+/// Why a hull was rejected.
+#[derive(Debug, Error)]
+pub enum HullError {
+    /// A file could not be read.
+    #[error(
+        "reading hull {path}: {source}; give twin-5m, mono-5m, work-12m or the path of a response table \
+         (CSV), with its places in a .toml of the same name beside it"
+    )]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Error of the system.
+        source: std::io::Error,
+    },
+    /// A row of the table that cannot be used.
+    #[error("response table {origin}, line {line}: {message}")]
+    Row {
+        /// The file.
+        origin: String,
+        /// Its line, counted from 1.
+        line: usize,
+        /// What is wrong.
+        message: String,
+    },
+    /// The places cannot be used.
+    #[error("places of a hull, {origin}: {message}")]
+    Places {
+        /// The file.
+        origin: String,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+config! {
+    /// A vessel that is moved by a response table. Course, speed and heading are those of `vessel`.
+    pub struct HullConfig {
+        /// twin-5m, mono-5m, work-12m, or the path of a response table (CSV).
+        pub table: String = String::new();
+        /// Bow up at rest instead of what the hull's file says, deg.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub trim_pitch_deg: Option<f64> = None, in -20.0..=20.0;
+        /// Starboard down at rest instead of what the hull's file says, deg.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pub trim_roll_deg: Option<f64> = None, in -20.0..=20.0;
+    }
+    check |this, at| {
+        at.require(
+            !this.table.is_empty(),
+            "table",
+            "empty",
+            "twin-5m, mono-5m, work-12m or the path of a response table",
+        )?;
+    }
+}
+
+/// A response table with the places of what stands on the hull.
+#[derive(Clone, Debug)]
+pub struct HullFiles {
+    /// The table.
+    pub table: ResponseTable,
+    /// The places.
+    pub places: Places,
+}
+
+impl HullFiles {
+    /// A hull that comes with the program, or the table of that path with the .toml beside it.
+    pub fn load(name: &str) -> Result<HullFiles, HullError> {
+        if let Some((name, table, places)) = SUPPLIED.iter().find(|s| s.0 == name) {
+            return Ok(HullFiles {
+                table: ResponseTable::parse(table, name)?,
+                places: Places::parse(places, name)?,
+            });
+        }
+        let path = Path::new(name);
+        let read = |path: &Path| {
+            std::fs::read(path)
+                .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
+                .map_err(|source| HullError::Read {
+                    path: path.into(),
+                    source,
+                })
+        };
+        let beside = path.with_extension("toml");
+        Ok(HullFiles {
+            table: ResponseTable::parse(&read(path)?, name)?,
+            places: Places::parse(&read(&beside)?, &beside.display().to_string())?,
+        })
+    }
+}
+
+/// One component of the sea as the vessel meets it.
+#[derive(Clone, Debug)]
+struct Wave {
+    /// Amplitude, m.
+    amplitude: f64,
+    /// Angular frequency, rad/s.
+    omega: f64,
+    /// Wave vector, rad/m.
+    k: Vector2<f64>,
+    /// Phase at the origin at time zero, rad.
+    phase: f64,
+    /// Where it runs to, clockwise from north, rad.
+    towards: f64,
+    responses: ResponseAtFrequency,
+}
+
+/// A pose: surge, sway, heave, roll, pitch, yaw in NED and FRD about the mean path, with derivatives.
+type Motion = [Jet; DOFS];
+
+/// The vessel.
+#[derive(Clone)]
+pub struct ResponseVessel {
+    waves: Vec<Wave>,
+    path: MeanPath,
+    /// Roll and pitch at rest, rad.
+    trim: [f64; 2],
+    /// Amplitude times response of each wave at a mean heading, rad.
+    straight: (f64, Vec<Response>),
+    /// Poses in a turn, the oldest first.
+    turning: [(Time<TrueTime>, Motion); 3],
+    state: RigidState<VesselBody>,
+}
+
+impl ResponseVessel {
+    /// The vessel of `hull` in `sea` at the origin at time zero, heading drawn from `vessel/heading` where
+    /// not given.
+    pub fn new(
+        hull: &HullFiles,
+        config: &HullConfig,
+        vessel: &VesselConfig,
+        sea: &Sea,
+        streams: &Streams,
+    ) -> Self {
+        let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
+        let heading = vessel.heading_deg.map_or(drawn, f64::to_radians);
+        let wave = |c: &Component| Wave {
+            amplitude: c.amplitude_m,
+            omega: c.frequency,
+            k: c.direction * c.wave_number,
+            phase: c.phase,
+            towards: c.direction.y.atan2(c.direction.x),
+            responses: hull.table.at_frequency(c.frequency),
+        };
+        let trim = &hull.places.trim;
+        let mut vessel = ResponseVessel {
+            waves: sea.components().iter().map(wave).collect(),
+            path: MeanPath::new(vessel, heading),
+            trim: [
+                config.trim_roll_deg.unwrap_or(trim.roll_deg).to_radians(),
+                config.trim_pitch_deg.unwrap_or(trim.pitch_deg).to_radians(),
+            ],
+            straight: (f64::NAN, Vec::new()),
+            turning: [(Time::EPOCH, Motion::default()); 3],
+            state: RigidState::default(),
+        };
+        vessel.state = vessel.state_at(Time::EPOCH);
+        vessel
+    }
+
+    /// Moves on from `t` to `t + dt_s`.
+    pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
+        self.state = self.state_at(t + Span::from_secs(dt_s));
+    }
+    /// The state now.
+    pub fn state(&self) -> RigidState<VesselBody> {
+        self.state
+    }
+
+    /// Amplitude times response of every wave at a mean heading, rad.
+    fn responses(&self, heading: f64) -> impl Iterator<Item = Response> + '_ {
+        self.waves.iter().map(move |w| {
+            // Compass angles run clockwise, the table's counter-clockwise.
+            let r = w.responses.towards(heading - w.towards);
+            Response {
+                re: r.re.map(|v| w.amplitude * v),
+                im: r.im.map(|v| w.amplitude * v),
+            }
+        })
+    }
+
+    /// The state at `t`.
+    pub fn state_at(&mut self, t: Time<TrueTime>) -> RigidState<VesselBody> {
+        let s = t.secs();
+        let [north, east, down, roll, pitch, yaw] = if self.path.turns(s, 2.0 * TURN_STEP.secs()) {
+            let h = TURN_STEP.secs();
+            let poses = [t - TURN_STEP, t, t + TURN_STEP].map(|t| {
+                let known = self.turning.iter().find(|k| k.0 == t && t > Time::EPOCH);
+                known.copied().unwrap_or_else(|| (t, self.turning_pose(t)))
+            });
+            self.turning = poses;
+            let [a, b, c] = poses.map(|p| p.1);
+            core::array::from_fn(|d| Jet {
+                y: b[d].y,
+                d: (c[d].y - a[d].y) / (2.0 * h),
+                dd: (a[d].y - 2.0 * b[d].y + c[d].y) / (h * h),
+            })
+        } else {
+            let here = self.path.at(s);
+            if self.straight.0 != here.heading {
+                self.straight = (here.heading, self.responses(here.heading).collect());
+            }
+            pose(&here, &self.motion(s, &self.straight.1))
+        };
+        let trimmed = |j: Jet, rest: f64| j.shifted(rest);
+        let (roll, pitch) = (trimmed(roll, self.trim[0]), trimmed(pitch, self.trim[1]));
+        let (rates, angular_acceleration) = body_motion(&roll, &pitch, &yaw);
+        let vector = |f: fn(&Jet) -> f64| Vector3::new(f(&north), f(&east), f(&down));
+        RigidState {
+            position: Point::from(vector(|j| j.y)),
+            velocity: Vector::from(vector(|j| j.d)),
+            acceleration: Vector::from(vector(|j| j.dd)),
+            attitude: Rotation::from_euler(roll.y, pitch.y, yaw.y),
+            rates: Vector::from(rates),
+            angular_acceleration: Vector::from(angular_acceleration),
+        }
+    }
+
+    /// The pose at a time in a turn; its derivatives mean nothing.
+    fn turning_pose(&self, t: Time<TrueTime>) -> Motion {
+        let there = self.path.at(t.secs());
+        let responses: Vec<Response> = self.responses(there.heading).collect();
+        pose(&there, &self.motion(t.secs(), &responses))
+    }
+
+    /// Motion about the mean path at `t` (s), forward, right, down, roll, pitch, yaw, with the derivatives at
+    /// a constant mean heading.
+    fn motion(&self, t: f64, responses: &[Response]) -> Motion {
+        let here = self.path.at(t);
+        let (mut y, mut d, mut dd) = ([0.0; DOFS], [0.0; DOFS], [0.0; DOFS]);
+        for (w, r) in self.waves.iter().zip(responses) {
+            let (sin, cos) = sin_cos(w.k.dot(&here.position) - w.omega * t + w.phase);
+            // Derivative of the phase: minus the frequency of encounter.
+            let rate = w.k.dot(&here.velocity) - w.omega;
+            for i in 0..DOFS {
+                let value = r.re[i] * cos - r.im[i] * sin;
+                y[i] += value;
+                d[i] -= rate * (r.re[i] * sin + r.im[i] * cos);
+                dd[i] -= rate * rate * value;
+            }
+        }
+        // From (forward, port, up) to (forward, right, down).
+        const FRD: [f64; DOFS] = [1.0, -1.0, -1.0, 1.0, -1.0, -1.0];
+        core::array::from_fn(|i| Jet {
+            y: FRD[i] * y[i],
+            d: FRD[i] * d[i],
+            dd: FRD[i] * dd[i],
+        })
+    }
+}
+
+/// North, east, down, roll, pitch, yaw from the mean path and the motion about it; derivatives at a constant
+/// mean heading.
+fn pose(mean: &path::PathPoint, m: &Motion) -> Motion {
+    let (s, c) = mean.heading.sin_cos();
+    let mut out = *m;
+    let of = |a: &Jet, fa: f64, b: &Jet, fb: f64| Jet {
+        y: fa * a.y + fb * b.y,
+        d: fa * a.d + fb * b.d,
+        dd: fa * a.dd + fb * b.dd,
+    };
+    out[0] = of(&m[0], c, &m[1], -s);
+    out[1] = of(&m[0], s, &m[1], c);
+    for i in 0..2 {
+        out[i].y += mean.position[i];
+        out[i].d += mean.velocity[i];
+    }
+    out[5].y += mean.heading;
+    out
+}
+
+#[cfg(test)]
+mod tests;

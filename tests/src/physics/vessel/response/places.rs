@@ -1,0 +1,110 @@
+//! What an installer measures on a vessel: the deck, the sensors, how she is trimmed. One TOML file beside
+//! the response table.
+
+use alight_shared::geometry::DeckGeometry;
+use serde::{Deserialize, Serialize};
+
+use super::HullError;
+
+/// A place, from amidships at the still water line, along the vessel's axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Place {
+    /// Forward, m; negative aft.
+    pub forward_m: f64,
+    /// To starboard, m.
+    pub right_m: f64,
+    /// Above the water line, m.
+    pub above_water_m: f64,
+}
+
+impl Place {
+    /// The place in the body frame (forward, right, down), m.
+    pub fn body(&self) -> [f64; 3] {
+        [self.forward_m, self.right_m, -self.above_water_m]
+    }
+}
+
+/// The landing deck.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DeckPlace {
+    /// Its centre, as of [`Place`].
+    pub forward_m: f64,
+    /// As of [`Place`].
+    pub right_m: f64,
+    /// As of [`Place`].
+    pub above_water_m: f64,
+    /// Length along the vessel, m.
+    pub length_m: f64,
+    /// Width across the vessel, m.
+    pub width_m: f64,
+}
+
+/// The attitude at rest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trim {
+    /// Bow up, deg.
+    pub pitch_deg: f64,
+    /// Starboard down, deg.
+    pub roll_deg: f64,
+}
+
+/// All of a vessel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Places {
+    /// What she is.
+    pub description: String,
+    /// The landing deck.
+    pub deck: DeckPlace,
+    /// The attitude at rest.
+    pub trim: Trim,
+    /// The GNSS antenna.
+    pub antenna: Place,
+    /// The inertial sensor.
+    pub imu: Place,
+}
+
+impl Places {
+    /// Reads TOML; `origin` names it in errors.
+    pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
+        let wrong = |message: String| HullError::Places {
+            origin: origin.into(),
+            message,
+        };
+        let places: Places = toml::from_str(text).map_err(|e| wrong(e.to_string()))?;
+        let (deck, trim) = (&places.deck, &places.trim);
+        let lengths = [
+            ("deck.forward_m", deck.forward_m, [-50.0, 50.0]),
+            ("deck.right_m", deck.right_m, [-50.0, 50.0]),
+            ("deck.above_water_m", deck.above_water_m, [-50.0, 50.0]),
+            ("deck.length_m", deck.length_m, [0.5, 100.0]),
+            ("deck.width_m", deck.width_m, [0.5, 100.0]),
+            ("trim.pitch_deg", trim.pitch_deg, [-20.0, 20.0]),
+            ("trim.roll_deg", trim.roll_deg, [-20.0, 20.0]),
+        ];
+        let of_place = |name: &'static str, p: &Place| p.body().map(|v| (name, v, [-50.0, 50.0]));
+        let all = lengths
+            .into_iter()
+            .chain(of_place("antenna", &places.antenna))
+            .chain(of_place("imu", &places.imu));
+        for (name, value, [least, most]) in all {
+            if !(least..=most).contains(&value) {
+                return Err(wrong(format!("{name} is {value}, allowed is {least} to {most}")));
+            }
+        }
+        Ok(places)
+    }
+    /// The deck as nodes and world have it; the tag is `base`'s.
+    pub fn deck(&self, base: &DeckGeometry) -> DeckGeometry {
+        let deck = &self.deck;
+        DeckGeometry {
+            centre_m: [deck.forward_m, deck.right_m, -deck.above_water_m],
+            length_m: deck.length_m,
+            width_m: deck.width_m,
+            ..*base
+        }
+    }
+}

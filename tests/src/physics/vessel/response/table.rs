@@ -1,0 +1,266 @@
+//! A hull's response to waves as a table: complex motion per metre of wave, by frequency and direction.
+//!
+//! Axes of the file: x forward, y to port, z up; the motion at the still water line amidships is
+//! `Re(H a exp(-i (omega t + phase)))` in the wave `a cos(omega t + phase)`. The direction is where the wave
+//! runs to, from the bow, counter-clockwise seen from above: 0 following, 90 from starboard to port, 180
+//! head sea. Waves to the other side are the mirror image: sway, roll and yaw change sign.
+
+use core::f64::consts::PI;
+
+use super::HullError;
+
+/// Degrees of freedom: surge, sway, heave, roll, pitch, yaw.
+pub const DOFS: usize = 6;
+/// The file's columns.
+pub const COLUMNS: [&str; 14] = [
+    "omega_radps",
+    "direction_deg",
+    "surge_re",
+    "surge_im",
+    "sway_re",
+    "sway_im",
+    "heave_re",
+    "heave_im",
+    "roll_re",
+    "roll_im",
+    "pitch_re",
+    "pitch_im",
+    "yaw_re",
+    "yaw_im",
+];
+/// Sign of each degree of freedom in the mirror image.
+const MIRRORED: [f64; DOFS] = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
+/// Greatest response of a degree of freedom, m/m or rad/m: beyond it a unit was mistaken (deg for rad).
+const MAX_RESPONSE: f64 = 20.0;
+/// Most rows.
+const MAX_ROWS: usize = 200_000;
+
+/// Real and imaginary parts of the response in all degrees of freedom.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Response {
+    /// Real parts, m/m and rad/m.
+    pub re: [f64; DOFS],
+    /// Imaginary parts.
+    pub im: [f64; DOFS],
+}
+
+impl Response {
+    fn mirrored(&self) -> Response {
+        Response {
+            re: core::array::from_fn(|d| MIRRORED[d] * self.re[d]),
+            im: core::array::from_fn(|d| MIRRORED[d] * self.im[d]),
+        }
+    }
+    /// `sum w_i r_i`.
+    fn mix<const N: usize>(parts: [(f64, &Response); N]) -> Response {
+        let sum = |f: &dyn Fn(&Response) -> f64| parts.iter().map(|(w, r)| w * f(r)).sum();
+        Response {
+            re: core::array::from_fn(|d| sum(&|r| r.re[d])),
+            im: core::array::from_fn(|d| sum(&|r| r.im[d])),
+        }
+    }
+}
+
+/// The table: a full grid of frequencies and directions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ResponseTable {
+    /// Frequencies, ascending, rad/s.
+    omega: Vec<f64>,
+    /// Directions, ascending from 0 to pi, rad.
+    direction: Vec<f64>,
+    /// By frequency, then direction.
+    responses: Vec<Response>,
+}
+
+impl ResponseTable {
+    /// Reads CSV text; `origin` names it in errors.
+    pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
+        let at = |line: usize, message: String| HullError::Row {
+            origin: origin.into(),
+            line,
+            message,
+        };
+        let mut rows = (1..)
+            .zip(text.lines())
+            .map(|(n, l)| (n, l.trim()))
+            .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'));
+        let (first, header) = rows.next().ok_or_else(|| at(1, "the file is empty".into()))?;
+        if !header.split(',').map(str::trim).eq(COLUMNS) {
+            return Err(at(first, format!("the columns have to be {}", COLUMNS.join(","))));
+        }
+        let mut table = ResponseTable {
+            omega: Vec::new(),
+            direction: Vec::new(),
+            responses: Vec::new(),
+        };
+        // Place in the grid of the row to come.
+        let (mut column, mut last) = (0, first);
+        for (line, row) in rows {
+            last = line;
+            if table.responses.len() >= MAX_ROWS {
+                return Err(at(line, format!("more than {MAX_ROWS} rows")));
+            }
+            let values = numbers(row).map_err(|message| at(line, message))?;
+            let (omega, direction) = (values[0], values[1]);
+            let complete = !table.direction.is_empty() && column == table.direction.len();
+            match table.omega.last() {
+                Some(now) if omega == *now && (table.omega.len() == 1 || !complete) => {}
+                Some(now) if omega > *now => {
+                    if table.omega.len() > 1 && !complete {
+                        return Err(at(
+                            line,
+                            format!(
+                                "omega {now} has {column} directions, the first has {}",
+                                table.direction.len()
+                            ),
+                        ));
+                    }
+                    if table.omega.len() == 1 {
+                        table.whole_circle().map_err(|message| at(line, message))?;
+                    }
+                    table.omega.push(omega);
+                    column = 0;
+                }
+                Some(now) => {
+                    let message = format!("omega_radps {omega} follows {now}: it has to ascend");
+                    return Err(at(line, message));
+                }
+                None if omega > 0.0 => table.omega.push(omega),
+                None => return Err(at(line, format!("omega_radps {omega} is not above 0"))),
+            }
+            if table.omega.len() == 1 {
+                if table
+                    .direction
+                    .last()
+                    .is_some_and(|d| direction.to_radians() <= *d)
+                {
+                    return Err(at(line, format!("direction_deg {direction} does not ascend")));
+                }
+                table.direction.push(direction.to_radians());
+            } else if table.direction.get(column) != Some(&direction.to_radians()) {
+                return Err(at(
+                    line,
+                    format!("direction_deg {direction} differs from the first frequency's"),
+                ));
+            }
+            column += 1;
+            table.responses.push(Response {
+                re: core::array::from_fn(|d| values[2 + 2 * d]),
+                im: core::array::from_fn(|d| values[3 + 2 * d]),
+            });
+        }
+        if table.omega.len() < 2 || column != table.direction.len() {
+            return Err(at(
+                last,
+                "the table ends early: two frequencies or more with all directions each are needed".into(),
+            ));
+        }
+        Ok(table)
+    }
+
+    /// Directions from 0 to 180 deg, three or more.
+    fn whole_circle(&self) -> Result<(), String> {
+        let ends = self.direction.first().zip(self.direction.last());
+        if self.direction.len() >= 3 && ends == Some((&0.0, &PI)) {
+            return Ok(());
+        }
+        Err(format!(
+            "the frequency above has {} directions; they have to reach from 0 to 180 deg, three or more",
+            self.direction.len()
+        ))
+    }
+
+    /// Lowest and highest frequency, rad/s.
+    pub fn range(&self) -> [f64; 2] {
+        let of = |v: Option<&f64>| v.copied().unwrap_or_default();
+        [of(self.omega.first()), of(self.omega.last())]
+    }
+
+    /// The responses at `omega` in all directions: linear between frequencies, held beyond the table's ends.
+    pub fn at_frequency(&self, omega: f64) -> ResponseAtFrequency {
+        let [low, high] = self.range();
+        let omega = omega.clamp(low, high);
+        let i = self
+            .omega
+            .partition_point(|w| *w <= omega)
+            .clamp(1, self.omega.len() - 1)
+            - 1;
+        let f = (omega - self.omega[i]) / (self.omega[i + 1] - self.omega[i]);
+        let n = self.direction.len();
+        let node = |j: usize| {
+            Response::mix([
+                (1.0 - f, &self.responses[i * n + j]),
+                (f, &self.responses[(i + 1) * n + j]),
+            ])
+        };
+        let inner: Vec<(f64, Response)> = (0..n).map(|j| (self.direction[j], node(j))).collect();
+        // One node beyond either end, the mirror image of its neighbour.
+        let mut nodes = Vec::with_capacity(n + 2);
+        let mirror = |about: f64, (d, r): (f64, Response)| (2.0 * about - d, r.mirrored());
+        nodes.push(mirror(0.0, inner[1]));
+        nodes.extend(&inner);
+        nodes.push(mirror(PI, inner[n - 2]));
+        ResponseAtFrequency { nodes }
+    }
+}
+
+/// Fourteen finite numbers of a plausible size.
+fn numbers(row: &str) -> Result<[f64; 14], String> {
+    let mut values = [0.0; 14];
+    let mut cells = row.split(',').map(str::trim);
+    for (value, name) in values.iter_mut().zip(COLUMNS) {
+        let text = cells
+            .next()
+            .ok_or_else(|| format!("{name} is missing: 14 values are needed"))?;
+        *value = text
+            .parse()
+            .map_err(|_| format!("{name} is `{text}`, not a number"))?;
+        let [least, most] = match name {
+            "omega_radps" => [0.0, 100.0],
+            "direction_deg" => [0.0, 180.0],
+            _ => [-MAX_RESPONSE, MAX_RESPONSE],
+        };
+        if !(least..=most).contains(value) {
+            return Err(format!("{name} is {text}, allowed is {least} to {most}"));
+        }
+    }
+    match cells.count() {
+        0 => Ok(values),
+        more => Err(format!("{more} values too many: 14 are needed")),
+    }
+}
+
+/// The responses at one frequency by direction.
+#[derive(Clone, Debug)]
+pub struct ResponseAtFrequency {
+    nodes: Vec<(f64, Response)>,
+}
+
+impl ResponseAtFrequency {
+    /// The response to a wave that runs towards `direction` from the bow (rad, counter-clockwise seen from
+    /// above, any turn): a cubic through the directions with the slopes of the neighbours (Catmull and Rom
+    /// 1974), so that the motion of a turning vessel has a finite acceleration.
+    pub fn towards(&self, direction: f64) -> Response {
+        let wrapped = alight_shared::frames::wrap_angle(direction);
+        let there = wrapped.abs();
+        let i = self
+            .nodes
+            .partition_point(|n| n.0 <= there)
+            .clamp(2, self.nodes.len() - 2)
+            - 1;
+        let [(x0, a), (x1, b), (x2, c), (x3, d)] =
+            core::array::from_fn(|k| (self.nodes[i + k - 1].0, &self.nodes[i + k - 1].1));
+        let h = x2 - x1;
+        let s = (there - x1) / h;
+        let (s2, s3) = (s * s, s * s * s);
+        let (h00, h10) = (2.0 * s3 - 3.0 * s2 + 1.0, s3 - 2.0 * s2 + s);
+        let (h01, h11) = (-2.0 * s3 + 3.0 * s2, s3 - s2);
+        let (left, right) = (h10 * h / (x2 - x0), h11 * h / (x3 - x1));
+        let response = Response::mix([(-left, a), (h00 - right, b), (h01 + left, c), (right, d)]);
+        if wrapped < 0.0 {
+            response.mirrored()
+        } else {
+            response
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! Landings on vessels that are moved by a response table.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::physics::Physics;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::physics::deck_motion::DeckMotionConfig;
+use alight_sim::physics::vessel::Course;
+use alight_sim::physics::vessel::response::HULLS;
+
+fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
+    let watch = Watch {
+        on_event: &mut |_| {},
+        trace_step_s: None,
+    };
+    fly(scenario, nodes, seed, "hull", watch).unwrap().outcome
+}
+
+fn world(hull: &str, sea: &str) -> (Scenario, NodeConfigs) {
+    let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
+    scenario.sea = sea.parse().unwrap();
+    scenario.install_hull(&mut nodes, hull).unwrap();
+    (scenario, nodes)
+}
+
+#[test]
+fn nodes_know_the_hull_as_an_installer_measured_it() {
+    let (scenario, nodes) = world("work-12m", "jonswap:1,5");
+    assert_eq!(nodes.vessel.deck, scenario.deck);
+    assert_eq!(nodes.drone.deck, scenario.deck);
+    assert_eq!(scenario.deck.centre_m, [-3.8, 0.0, -1.9]);
+    assert_eq!((scenario.deck.length_m, scenario.deck.width_m), (3.0, 3.0));
+    assert_eq!(nodes.vessel.gnss.antenna_m, [2.0, 0.6, -5.2]);
+    assert_eq!(nodes.vessel.imu.lever_arm_m, [0.5, 0.0, -0.9]);
+    // A scenario with a hull survives its file.
+    let text = toml::to_string(&scenario).unwrap();
+    assert_eq!(
+        alight_shared::config::parse::<Scenario>(&text, "test").unwrap(),
+        scenario
+    );
+    let mut both = scenario;
+    both.deck_motion = Some(DeckMotionConfig {
+        file: "deck.csv".into(),
+        ..DeckMotionConfig::default()
+    });
+    assert!(Physics::new(&both, 1).is_err());
+}
+
+#[test]
+fn drone_lands_on_every_hull_and_a_seed_gives_the_same_bits() {
+    for hull in HULLS {
+        let (scenario, nodes) = world(hull, "jonswap:0.5,4");
+        let o = flown(&scenario, &nodes, 3);
+        assert!(o.success, "{hull}: {}", o.reason);
+        if hull == HULLS[0] {
+            assert_eq!(flown(&scenario, &nodes, 3).digest, o.digest);
+            assert_ne!(flown(&scenario, &nodes, 4).digest, o.digest);
+        }
+    }
+}
+
+#[test]
+fn calm_water_leaves_a_hull_at_its_trim() {
+    let (mut scenario, _) = world("mono-5m", "calm");
+    scenario.vessel.course = Course::Straight;
+    let mut physics = Physics::new(&scenario, 1).unwrap();
+    for _ in 0..500 {
+        physics.advance();
+    }
+    let (roll, pitch, _) = physics.vessel().attitude.euler();
+    assert!((roll.to_degrees() - 0.3).abs() < 1e-9 && (pitch.to_degrees() - 2.0).abs() < 1e-9);
+    assert!((physics.vessel().velocity.0.norm() - 2.0).abs() < 1e-9);
+    scenario.hull.as_mut().unwrap().trim_pitch_deg = Some(-3.0);
+    let physics = Physics::new(&scenario, 1).unwrap();
+    assert!((physics.vessel().attitude.euler().1.to_degrees() + 3.0).abs() < 1e-9);
+}
