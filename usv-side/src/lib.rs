@@ -5,6 +5,7 @@
 //! | [`sensors`] | bytes of the vessel's sensors to measurements with their time |
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
 //! | [`estimator`], [`sea_state`] | the Kalman filter; the wave components in its model |
+//! | [`motion_model`] | modes found in the motion itself, and their prediction |
 //! | [`apparent_slope`] | the deck's slope for a drone that stands on it |
 //! | [`rate_control`] | the rates that the radio carries |
 //! | [`deck`] | the deck arbiter and the operator relay |
@@ -18,6 +19,7 @@ pub mod estimator;
 #[cfg(test)]
 mod fixtures;
 pub mod log;
+pub mod motion_model;
 pub mod node;
 pub mod rate_control;
 pub mod review;

@@ -36,6 +36,7 @@ mod expm;
 mod horizon;
 mod messages;
 mod model;
+mod modes;
 #[cfg(test)]
 mod tests;
 
@@ -45,6 +46,7 @@ pub use config::{Coupling, VesselModelConfig};
 pub use expm::{expm, van_loan};
 pub use horizon::Horizon;
 pub use model::{Component, Discrete, VesselModel, encounter_frequency, turn_tilt};
+pub use modes::{Mode, Modes, Motion, is_wave, motion};
 
 /// Degrees of freedom.
 pub const DOFS: usize = 6;

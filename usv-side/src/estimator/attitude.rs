@@ -34,6 +34,7 @@ impl Filter {
             self.belief.propagate(&self.step);
             self.at += Span::from_secs(STEP_S);
             self.follow_heading();
+            self.observe_motion();
             self.check_predictions();
         }
     }

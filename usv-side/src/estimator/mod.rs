@@ -29,6 +29,7 @@ use alight_shared::vessel_model::{
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use crate::VesselNodeConfig;
+use crate::motion_model::MotionModel;
 use crate::sea_state::Identifier;
 pub use consistency::{Channel, Consistency, Fit};
 pub use tilt::Tilt;
@@ -97,6 +98,8 @@ pub(crate) struct Filter {
     pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
     pub(crate) prediction_scale: prediction_scale::PredictionScale,
     pub(crate) bound_waves: bound_waves::BoundWaves,
+    /// Identified modes of the motion.
+    pub(crate) motion: MotionModel,
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
@@ -192,6 +195,7 @@ impl Estimator {
             self.gated.imu += f.fuse_inertial(&self.config, (gyro, force), apart, n, offset);
             f.remember();
             f.follow_heading();
+            f.observe_motion();
             f.check_predictions();
             f.decimate += 1;
             if f.decimate >= 2 {
@@ -275,6 +279,7 @@ impl Estimator {
         let Some(f) = self.filter.as_mut() else { return };
         f.take_sea(&self.config, state);
         f.adapt(&self.config);
+        f.motion.work();
         let behind = (now - f.at).secs();
         if behind > MAX_GAP_S {
             self.restart();
@@ -394,6 +399,7 @@ impl Filter {
             adaptive_noise: adaptive_noise::AdaptiveNoise::new(at),
             prediction_scale: prediction_scale::PredictionScale::new(at),
             bound_waves: bound_waves::BoundWaves::default(),
+            motion: MotionModel::default(),
             step,
             pending: Default::default(),
             first: Default::default(),

@@ -6,12 +6,15 @@ use alight_shared::msg::{
     Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveModel,
 };
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_shared::vessel_model::{
+    ETA, HEAVE, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, is_wave, motion, turn_tilt,
+};
 use nalgebra::{Rotation2, Vector2};
 
 use super::prediction_scale::{self, AHEAD_S, COMPARED, Predicted};
 use super::{Filter, GNSS_BIAS, STEP_S, Tilt};
 use crate::VesselNodeConfig;
+use crate::motion_model::{MotionSample, SPREAD_AT_S};
 
 impl Filter {
     /// NED from the reference-parallel frame.
@@ -122,9 +125,18 @@ impl Filter {
         let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
         let ahead: [[f64; PREDICTION_STAGES]; 6] = core::array::from_fn(|d| self.variances_ahead(d));
         let without_bound_waves = self.without_bound_waves();
+        let modes = self.motion.modes().filter(|_| self.motion.is_better());
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
-            let m = self.predicted(&without_bound_waves, k);
-            let var: [f64; 6] = core::array::from_fn(|d| ahead[d][k]);
+            let mut m = self.predicted(&without_bound_waves, k);
+            let mut var: [f64; 6] = core::array::from_fn(|d| ahead[d][k]);
+            if let Some(modes) = &modes {
+                let t = k as f64 * config.broadcast.prediction_step_s;
+                let sd = self.modal_sd(t);
+                for (d, motion) in self.modal_motion(modes, t) {
+                    m[d] = motion;
+                    var[d] = sd[d] * sd[d];
+                }
+            }
             let tilt = Tilt {
                 angles: [m[ROLL][0], m[PITCH][0]],
                 rates: [m[ROLL][1], m[PITCH][1]],
@@ -171,11 +183,68 @@ impl Filter {
         }
     }
 
+    /// Gives the identification the motion of this instant, and the waves' prediction to be compared with.
+    pub(super) fn observe_motion(&mut self) {
+        if !self.motion.is_due(self.at) {
+            return;
+        }
+        let b = &self.belief;
+        let v = self.ned(b.get(SURGE, NU), b.get(SWAY, NU)) - self.mean_velocity;
+        let [north, east] = self.tilt_ned([b.get(ROLL, ETA), b.get(PITCH, ETA)]);
+        let rates = Rotation2::new(self.reference) * Vector2::new(b.get(ROLL, NU), b.get(PITCH, NU));
+        let heading = wrap_angle(b.get(YAW, ETA) - self.mean_heading);
+        self.motion.push(MotionSample {
+            at: self.at,
+            value: [v.x, v.y, b.get(HEAVE, ETA), north, east, heading],
+            rate: [b.get(HEAVE, NU), rates.x, rates.y],
+        });
+        if self.motion.compares() {
+            let without_bound_waves = self.without_bound_waves();
+            let step_s = self.horizon.step_s();
+            let predicted = SPREAD_AT_S.map(|ahead| {
+                let m = self.predicted(&without_bound_waves, (ahead / step_s).round() as usize);
+                let [north, east] = self.tilt_ned([m[ROLL][0], m[PITCH][0]]);
+                [0.0, 0.0, m[HEAVE][0], north, east, 0.0]
+            });
+            self.motion.compare_with(predicted);
+        }
+    }
+    /// Roll and pitch as of a vessel that heads north, from those at the reference heading.
+    fn tilt_ned(&self, [roll, pitch]: [f64; 2]) -> [f64; 2] {
+        let (north, east) = turn_tilt(roll, pitch, -self.reference);
+        [north, east]
+    }
+
+    /// Heave, roll and pitch at the reference heading by the modes, `ahead` seconds from the state's time.
+    fn modal_motion(&self, modes: &Modes<VesselClock>, ahead: f64) -> [(usize, [f64; 3]); 3] {
+        let t = (self.at - modes.at).secs() + ahead;
+        let all = modes.motion(t);
+        // A slow mode of heave is an error of its level.
+        let waves = motion(modes.modes.iter().filter(|m| is_wave(m)), t);
+        let (roll, pitch) = turn_tilt(all[ROLL][0], all[PITCH][0], self.reference);
+        let turned = |k: usize| Rotation2::new(-self.reference) * Vector2::new(all[ROLL][k], all[PITCH][k]);
+        let (rate, acceleration) = (turned(1), turned(2));
+        [
+            (HEAVE, waves[HEAVE]),
+            (ROLL, [roll, rate.x, acceleration.x]),
+            (PITCH, [pitch, rate.y, acceleration.y]),
+        ]
+    }
+    /// Standard deviation of what the modes predict `ahead` seconds from now.
+    fn modal_sd(&self, ahead: f64) -> [f64; 6] {
+        let now = core::array::from_fn(|d| self.belief.variance(d, ETA).max(0.0).sqrt());
+        self.motion.spread(now, ahead)
+    }
+
     /// Mean water level in the GNSS frame, m down, and standard deviation of heave about it at stage `k` of the
     /// prediction, m.
     pub(crate) fn level_and_heave_sd(&self, k: usize) -> (f64, f64) {
         let b = &self.belief;
-        let variance = self.variances_ahead(HEAVE).get(k).copied().unwrap_or(0.0);
+        let variance = if self.motion.modes().is_some() && self.motion.is_better() {
+            self.modal_sd(k as f64 * self.horizon.step_s())[HEAVE].powi(2)
+        } else {
+            self.variances_ahead(HEAVE).get(k).copied().unwrap_or(0.0)
+        };
         (b.get(HEAVE, GNSS_BIAS), variance.max(0.0).sqrt())
     }
 

@@ -1,0 +1,115 @@
+//! The error of the predictions, measured: each is kept until the motion that it predicted has come.
+
+use std::collections::VecDeque;
+
+use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::vessel_model::DOFS;
+
+use super::regression::OBSERVED;
+use super::{MotionSample, SAMPLE_S};
+
+/// Times ahead at which the error is measured, s.
+pub const SPREAD_AT_S: [f64; 6] = [0.2, 0.6, 1.0, 1.4, 2.0, 2.8];
+/// Index of one second.
+const SECOND: usize = 2;
+/// Samples between two predictions that are kept.
+const EVERY: u32 = 3;
+/// Memory of the mean squares, comparisons: half a minute, and at first a fifth of all, because the first models are
+/// the worst.
+const MEMORY: f64 = 100.0;
+const SHARE: f64 = 0.2;
+/// Comparisons before which the deviation of the motion itself stands in.
+const FIRST: f64 = 5.0;
+/// Memory of the recent mean squares, comparisons.
+const RECENT: f64 = 10.0;
+/// Most predictions that wait.
+const MAX_WAITING: usize = 64;
+
+/// A prediction that waits for its time.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    due: Time<VesselClock>,
+    horizon: usize,
+    value: [f64; DOFS],
+}
+
+/// Mean squares of the errors.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Errors {
+    waiting: VecDeque<Waiting>,
+    squares: [[f64; DOFS]; SPREAD_AT_S.len()],
+    /// The same of the last seconds.
+    recent: [[f64; DOFS]; SPREAD_AT_S.len()],
+    count: [f64; SPREAD_AT_S.len()],
+    since: u32,
+}
+
+impl Errors {
+    /// Whether a prediction is to be kept.
+    pub(super) fn is_due(&mut self) -> bool {
+        self.since += 1;
+        self.since >= EVERY
+    }
+    /// Keeps what is predicted at `now` for each time of [`SPREAD_AT_S`].
+    pub(super) fn push(&mut self, now: Time<VesselClock>, predicted: [[f64; DOFS]; SPREAD_AT_S.len()]) {
+        self.since = 0;
+        for (horizon, (ahead, value)) in SPREAD_AT_S.into_iter().zip(predicted).enumerate() {
+            if self.waiting.len() < MAX_WAITING {
+                self.waiting.push_back(Waiting {
+                    due: now + Span::from_secs(ahead),
+                    horizon,
+                    value,
+                });
+            }
+        }
+    }
+    /// Compares what is due.
+    pub(super) fn compare(&mut self, now: &MotionSample) {
+        let near = Span::from_secs(0.51 * SAMPLE_S);
+        let Errors {
+            waiting,
+            squares,
+            recent,
+            count,
+            ..
+        } = self;
+        waiting.retain(|w| {
+            if w.due > now.at + near {
+                return true;
+            }
+            if now.at - w.due < near {
+                let compared = count[w.horizon] + 1.0;
+                count[w.horizon] = compared;
+                let n = (SHARE * compared).clamp(compared.min(FIRST), MEMORY);
+                for d in 0..DOFS {
+                    let e = now.value[d] - w.value[d];
+                    let sum = &mut squares[w.horizon][d];
+                    *sum += (e * e - *sum) / n;
+                    let sum = &mut recent[w.horizon][d];
+                    *sum += (e * e - *sum) / n.min(RECENT);
+                }
+            }
+            false
+        });
+    }
+    /// Sum over heave and tilt of the mean square error a second ahead, each relative to the variance of the motion;
+    /// None before it is measured. What has lately been worse than usual counts.
+    pub(super) fn unexplained(&self, deviation: [f64; DOFS]) -> Option<f64> {
+        let share = |d: usize| self.worst(SECOND, d) / deviation[d].powi(2).max(1e-12);
+        (self.count[SECOND] >= RECENT).then(|| OBSERVED.into_iter().map(share).sum())
+    }
+    fn worst(&self, horizon: usize, dof: usize) -> f64 {
+        self.squares[horizon][dof].max(self.recent[horizon][dof])
+    }
+    /// Standard deviations; `deviation` of the motion itself stands in until errors are measured.
+    pub(super) fn spread(&self, deviation: [f64; DOFS]) -> [[f64; DOFS]; SPREAD_AT_S.len()] {
+        core::array::from_fn(|h| {
+            if self.count[h] < FIRST {
+                deviation
+            } else {
+                // What has lately been worse than usual will be for a while.
+                core::array::from_fn(|d| self.worst(h, d).sqrt())
+            }
+        })
+    }
+}

@@ -1,0 +1,298 @@
+//! From the sums to the modes, in parts that each take less than two milliseconds.
+
+use alight_shared::vessel_model::{DOFS, Mode};
+use faer::linalg::solvers::{Solve, SolveLstsq};
+use faer::{Mat, Side, c64};
+use nalgebra::{Complex, DVector};
+
+use super::SAMPLE_S;
+use super::regression::{AHEAD, CHANNELS, INPUTS, LAGS, OBSERVED, OUTPUTS, Regression, STRIDE};
+
+/// States of the linear system.
+const ORDER: usize = 24;
+/// Most modes that are kept, the strongest.
+const MAX_MODES: usize = 12;
+/// Ridge, as a share of each input's variance, of a full record.
+const RIDGE: f64 = 3e-3;
+/// The ridge of a record of this many rows is twice that of a full one.
+const RIDGE_ROWS: f64 = 300.0;
+/// Least real part of a damping: a mode forgets its phase within two minutes, 1/s.
+const MIN_DECAY: f64 = 0.004;
+/// Time of a step of the system, s.
+const STEP_S: f64 = SAMPLE_S * STRIDE as f64;
+
+/// An identification under way.
+#[derive(Clone, Debug)]
+pub(super) struct Fit {
+    stage: Stage,
+    scale_in: DVector<f64>,
+    scale_out: DVector<f64>,
+    mean_in: DVector<f64>,
+    mean_out: DVector<f64>,
+    /// Covariance of the scaled inputs and of outputs with inputs.
+    gram: Mat<f64>,
+    cross: Mat<f64>,
+    variance: Vec<f64>,
+    ridge: f64,
+}
+
+#[derive(Clone, Debug)]
+enum Stage {
+    Solve,
+    /// Coefficients inputs x outputs.
+    Reduce(Mat<f64>),
+    Modes {
+        /// State from inputs.
+        state: Mat<f64>,
+        /// Outputs from the state.
+        observe: Mat<f64>,
+    },
+}
+
+/// How far an identification is.
+pub(super) enum Progress {
+    /// There is more to do.
+    Working(Box<Fit>),
+    /// A model.
+    Done(Box<Model>),
+    /// The sums hold no model: degenerate or not finite.
+    Failed,
+}
+
+/// Identified modes.
+#[derive(Clone, Debug)]
+pub(super) struct Model {
+    mean_in: DVector<f64>,
+    pub(super) mean: [f64; DOFS],
+    modes: Vec<ModeFit>,
+}
+
+/// Pole, shape per unit of excitation, and excitation from the past.
+#[derive(Clone, Debug)]
+struct ModeFit {
+    pole: Complex<f64>,
+    shape: [Complex<f64>; DOFS],
+    real: DVector<f64>,
+    imaginary: DVector<f64>,
+}
+
+impl Model {
+    /// The modes' present shapes by the past.
+    pub(super) fn modes(&self, past: &DVector<f64>) -> Vec<Mode> {
+        let z = past - &self.mean_in;
+        let mode = |m: &ModeFit| {
+            let excitation = Complex::new(m.real.dot(&z), m.imaginary.dot(&z));
+            Mode {
+                pole: m.pole,
+                shape: m.shape.map(|c| c * excitation),
+            }
+        };
+        self.modes.iter().map(mode).collect()
+    }
+}
+
+impl Fit {
+    /// Scaled covariances of the sums as they are now.
+    pub(super) fn new(sums: &Regression) -> Fit {
+        let w = sums.weight;
+        let mean = &sums.sums / w;
+        let mean_in: DVector<f64> = mean.rows(0, INPUTS).into_owned();
+        let mean_out: DVector<f64> = mean.rows(INPUTS, OUTPUTS).into_owned();
+        let variance_in = |i: usize| sums.products[(i, i)] / w - mean_in[i] * mean_in[i];
+        // One scale per channel and per degree of freedom, so that the shift of the future keeps them.
+        let channel: [f64; CHANNELS] = core::array::from_fn(|c| {
+            let sum: f64 = (0..LAGS).map(|l| variance_in(CHANNELS * l + c)).sum();
+            (sum / LAGS as f64).max(1e-12).sqrt()
+        });
+        let variance_out = |j: usize| sums.squares[j] / w - mean_out[j] * mean_out[j];
+        let dof: [f64; DOFS] = core::array::from_fn(|d| {
+            let sum: f64 = (0..AHEAD).map(|j| variance_out(DOFS * j + d)).sum();
+            (sum / AHEAD as f64).max(1e-12).sqrt()
+        });
+        let scale_in = DVector::from_fn(INPUTS, |i, _| channel[i % CHANNELS]);
+        let scale_out = DVector::from_fn(OUTPUTS, |j, _| dof[j % DOFS]);
+        let gram = Mat::from_fn(INPUTS, INPUTS, |i, j| {
+            (sums.products[(i, j)] / w - mean_in[i] * mean_in[j]) / (scale_in[i] * scale_in[j])
+        });
+        let cross = Mat::from_fn(INPUTS, OUTPUTS, |i, j| {
+            (sums.products[(INPUTS + j, i)] / w - mean_in[i] * mean_out[j]) / (scale_in[i] * scale_out[j])
+        });
+        Fit {
+            stage: Stage::Solve,
+            variance: (0..OUTPUTS)
+                .map(|j| variance_out(j) / scale_out[j].powi(2))
+                .collect(),
+            ridge: RIDGE * (1.0 + RIDGE_ROWS / w),
+            scale_in,
+            scale_out,
+            mean_in,
+            mean_out,
+            gram,
+            cross,
+        }
+    }
+
+    /// The next part.
+    pub(super) fn advance(mut self) -> Progress {
+        match core::mem::replace(&mut self.stage, Stage::Solve) {
+            Stage::Solve => {
+                let mut normal = self.gram.clone();
+                for i in 0..INPUTS {
+                    normal[(i, i)] += self.ridge;
+                }
+                match normal.llt(Side::Lower) {
+                    Ok(llt) => {
+                        self.stage = Stage::Reduce(llt.solve(&self.cross));
+                        Progress::Working(Box::new(self))
+                    }
+                    Err(_) => Progress::Failed,
+                }
+            }
+            Stage::Reduce(coefficients) => match self.reduce(&coefficients) {
+                Some(stage) => {
+                    self.stage = stage;
+                    Progress::Working(Box::new(self))
+                }
+                None => Progress::Failed,
+            },
+            Stage::Modes { state, observe } => match self.model(&state, &observe) {
+                Some(model) => Progress::Done(Box::new(model)),
+                None => Progress::Failed,
+            },
+        }
+    }
+
+    /// The best low-rank part of the regression: the principal directions of the predicted future, each output
+    /// weighted by what is left of it (Larimore 1990).
+    fn reduce(&self, b: &Mat<f64>) -> Option<Stage> {
+        // Covariance of the prediction, and variance of what it leaves.
+        let predicted = b.transpose() * &self.gram * b;
+        let shared = b.transpose() * &self.cross;
+        let weight: Vec<f64> = (0..OUTPUTS)
+            .map(|j| {
+                let left = self.variance[j] - 2.0 * shared[(j, j)] + predicted[(j, j)];
+                1.0 / left.max(1e-4).sqrt()
+            })
+            .collect();
+        let weighted = Mat::from_fn(OUTPUTS, OUTPUTS, |i, j| weight[i] * weight[j] * predicted[(i, j)]);
+        let eigen = weighted.self_adjoint_eigen(Side::Lower).ok()?;
+        let u = eigen.U();
+        // Eigenvalues rise.
+        let v = Mat::from_fn(OUTPUTS, ORDER, |i, k| u[(i, OUTPUTS - 1 - k)]);
+        let scaled = Mat::from_fn(OUTPUTS, ORDER, |i, k| weight[i] * v[(i, k)]);
+        Some(Stage::Modes {
+            state: b * &scaled,
+            observe: Mat::from_fn(OUTPUTS, ORDER, |i, k| v[(i, k)] / weight[i]),
+        })
+    }
+
+    /// Transition from the shift of the future, and its modes.
+    fn model(&self, state: &Mat<f64>, observe: &Mat<f64>) -> Option<Model> {
+        let x = self.gram.as_ref() * state;
+        let covariance = state.transpose() * &x;
+        // The present by the state: `E[y x'] E[x x']^-1` of the channels that the past holds.
+        let damped = Mat::from_fn(ORDER, ORDER, |i, j| {
+            covariance[(i, j)]
+                + if i == j {
+                    1e-6 * covariance[(i, i)] + 1e-12
+                } else {
+                    0.0
+                }
+        });
+        let present = damped
+            .llt(Side::Lower)
+            .ok()?
+            .solve(x.subrows(0, CHANNELS).transpose());
+        let (shorter, later) = (
+            observe.subrows(0, OUTPUTS - DOFS),
+            observe.subrows(DOFS, OUTPUTS - DOFS),
+        );
+        let transition = shorter.qr().solve_lstsq(later.to_owned());
+        let eigen = transition.eigen().ok()?;
+        let (vectors, values) = (eigen.U(), eigen.S());
+        let directions = Mat::<c64>::from_fn(ORDER, ORDER, |i, j| vectors[(i, j)]);
+        let inverse = directions
+            .partial_piv_lu()
+            .solve(Mat::<c64>::identity(ORDER, ORDER));
+        let mut modes: Vec<(f64, ModeFit)> = Vec::with_capacity(ORDER);
+        for k in 0..ORDER {
+            let value = values[k];
+            let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
+            // One of each conjugate pair; a real negative value is half a sampling rate and no motion.
+            if !(size > 1e-4) || !(0.0..=3.1).contains(&angle) {
+                continue;
+            }
+            let pole = Complex::new((size.ln() / STEP_S).min(-MIN_DECAY), angle / STEP_S);
+            let twice = if angle > 0.0 { 2.0 } else { 1.0 };
+            let mut shape = [Complex::default(); DOFS];
+            for (d, shape) in shape.iter_mut().enumerate() {
+                let (mut sum, mut squares) = (Complex::default(), 0.0);
+                let mut add = |steps: usize, seen: Complex<f64>| {
+                    let grown = (pole * (steps as f64 * STEP_S)).exp();
+                    sum += grown.conj() * seen;
+                    squares += grown.norm_sqr();
+                };
+                let along = |row: &dyn Fn(usize) -> f64| {
+                    (0..ORDER).fold(Complex::default(), |s: Complex<f64>, i| {
+                        let v = directions[(i, k)];
+                        s + Complex::new(v.re, v.im) * row(i)
+                    })
+                };
+                if let Some(channel) = OBSERVED.iter().position(|o| *o == d) {
+                    let ratio = self.scale_in[channel] / self.scale_out[d];
+                    add(0, along(&|i| present[(i, channel)] * ratio));
+                }
+                for j in 0..AHEAD {
+                    add(j + 1, along(&|i| observe[(DOFS * j + d, i)]));
+                }
+                *shape = sum / squares * (twice * self.scale_out[d]);
+            }
+            // Excitation by the past: row k of the inverse times the state's rows.
+            let row: Vec<Complex<f64>> = (0..INPUTS)
+                .map(|i| {
+                    (0..ORDER).fold(Complex::default(), |s: Complex<f64>, m| {
+                        let v = inverse[(k, m)];
+                        s + Complex::new(v.re, v.im) * state[(i, m)]
+                    }) / self.scale_in[i]
+                })
+                .collect();
+            let real = DVector::from_iterator(INPUTS, row.iter().map(|c| c.re));
+            let imaginary = DVector::from_iterator(INPUTS, row.iter().map(|c| c.im));
+            let strength = self.strength(&real, &imaginary, &shape);
+            modes.push((
+                strength,
+                ModeFit {
+                    pole,
+                    shape,
+                    real,
+                    imaginary,
+                },
+            ));
+        }
+        let finite =
+            |m: &ModeFit| m.pole.is_finite() && m.real.iter().chain(&m.imaginary).all(|v| v.is_finite());
+        if modes.is_empty() || !modes.iter().all(|(s, m)| s.is_finite() && finite(m)) {
+            return None;
+        }
+        modes.sort_by(|a, b| b.0.total_cmp(&a.0));
+        modes.truncate(MAX_MODES);
+        Some(Model {
+            mean_in: self.mean_in.clone(),
+            mean: core::array::from_fn(|d| self.mean_out[d]),
+            modes: modes.into_iter().map(|(_, m)| m).collect(),
+        })
+    }
+
+    /// Mean square of a mode's motion relative to the whole's, summed over the degrees of freedom.
+    fn strength(&self, real: &DVector<f64>, imaginary: &DVector<f64>, shape: &[Complex<f64>; DOFS]) -> f64 {
+        let part = |v: &DVector<f64>| {
+            let scaled = Mat::from_fn(INPUTS, 1, |i, _| v[i] * self.scale_in[i]);
+            let product = &self.gram * &scaled;
+            (0..INPUTS).map(|i| scaled[(i, 0)] * product[(i, 0)]).sum::<f64>()
+        };
+        let excitation = part(real) + part(imaginary);
+        (0..DOFS)
+            .map(|d| excitation * shape[d].norm_sqr() / self.scale_out[d].powi(2))
+            .sum()
+    }
+}

@@ -1,0 +1,103 @@
+//! The identification on motions whose modes are known.
+
+use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, is_wave};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::*;
+
+/// Heave and tilt of waves (rad/s, m, rad, phase) at time `t`, in the order of a sample's value, and their rates.
+fn waves(t: f64) -> ([f64; DOFS], [f64; 3]) {
+    let (mut value, mut rate) = ([0.0; DOFS], [0.0; 3]);
+    value[ROLL] = 0.05;
+    for (omega, heave, tilt, phase) in [
+        (1.15, 0.4, 0.03, 0.2),
+        (1.26, 0.3, -0.02, 2.0),
+        (2.4, 0.1, 0.05, 4.0_f64),
+    ] {
+        let (s, c) = f64::sin_cos(omega * t + phase);
+        let parts = [
+            (HEAVE, heave * c, -heave * omega * s),
+            (ROLL, tilt * s, tilt * omega * c),
+            (PITCH, -tilt * c, tilt * omega * s),
+        ];
+        for (k, (dof, v, r)) in parts.into_iter().enumerate() {
+            value[dof] += v;
+            rate[k] += r;
+        }
+    }
+    (value, rate)
+}
+
+/// The model after `seconds` of these waves with white noise of this size on every quantity.
+fn after(seconds: f64, noise: f64) -> MotionModel {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut model = MotionModel::default();
+    for k in 0..(seconds / SAMPLE_S) as u32 {
+        let at = Time::from_secs(SAMPLE_S * f64::from(k));
+        let (value, rate) = waves(at.secs());
+        let mut noisy =
+            |v: f64| v + noise * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
+        let sample = MotionSample {
+            at,
+            value: value.map(&mut noisy),
+            rate: rate.map(&mut noisy),
+        };
+        assert!(model.is_due(at));
+        model.push(sample);
+        model.work();
+    }
+    model
+}
+
+#[test]
+fn motion_model_finds_the_frequencies_and_predicts_the_waves() {
+    let model = after(120.0, 0.003);
+    let modes = model.modes().unwrap();
+    for omega in [1.15, 1.26, 2.4] {
+        let near = |m: &&alight_shared::vessel_model::Mode| (m.pole.im - omega).abs() < 0.03;
+        let found = modes.modes.iter().find(near).unwrap();
+        assert!(is_wave(found) && -found.pole.re < 0.05, "{omega}: {}", found.pole);
+    }
+    for ahead in [0.0, 0.5, 1.0, 2.0] {
+        let (truth, _) = waves(modes.at.secs() + ahead);
+        let predicted = modes.motion(ahead);
+        for (dof, limit) in [(HEAVE, 0.02), (ROLL, 0.006), (PITCH, 0.006)] {
+            let off = predicted[dof][0] - truth[dof];
+            assert!(off.abs() < limit, "{dof} {ahead} s ahead: {off}");
+        }
+    }
+    let [_, _, heave, ..] = model.spread([0.0; DOFS], 1.0);
+    assert!((0.001..0.03).contains(&heave), "{heave}");
+}
+
+#[test]
+fn motion_model_is_better_than_a_prediction_that_stands_still() {
+    let mut model = after(60.0, 0.003);
+    for k in 0..300 {
+        let at = Time::from_secs(60.0 + SAMPLE_S * f64::from(k));
+        let (value, rate) = waves(at.secs());
+        model.push(MotionSample { at, value, rate });
+        model.work();
+        if model.compares() {
+            model.compare_with([value; SPREAD_AT_S.len()]);
+        }
+    }
+    assert!(model.is_better());
+}
+
+#[test]
+fn motion_model_starts_its_record_anew_after_a_gap_and_ignores_nan() {
+    let mut model = after(60.0, 0.003);
+    assert!(model.modes().is_some());
+    let sample = |at: f64, v: f64| MotionSample {
+        at: Time::from_secs(at),
+        value: [v; DOFS],
+        rate: [0.0; 3],
+    };
+    model.push(sample(60.0, f64::NAN));
+    assert!(model.modes().is_some());
+    model.push(sample(63.0, 0.1));
+    assert!(model.modes().is_none(), "the past has a hole");
+}
