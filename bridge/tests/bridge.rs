@@ -9,7 +9,7 @@ use alight_shared::frames::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     Header, MESSAGE_VERSION, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
-    VesselPrediction, WaveComponent, WaveModel,
+    VesselPrediction, WaveMode, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -108,13 +108,11 @@ fn bridge_passes_wave_model_and_prediction() {
         header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
         significant_height_m: 1.0,
         confidence: 0.5,
-        wave_following_deficit: 0.0,
-        crest_steepening: 0.0,
-        components: Seq::filled([WaveComponent {
-            omega: 1.2,
-            omega_encounter: 1.3,
-            damping: 0.05,
-            ..Default::default()
+        mean: [0.0; 6],
+        spread: [[0.1; 6]; 6],
+        modes: Seq::filled([WaveMode {
+            pole: [-0.05, 1.3],
+            shape: [[0.2, 0.1]; 6],
         }]),
         slopes: Seq::filled([20, 10]),
     };
@@ -132,7 +130,7 @@ fn bridge_passes_wave_model_and_prediction() {
             packet(now, PacketKind::Prediction, &prediction),
         ],
     );
-    assert_eq!(out.wave.unwrap().components, wave.components);
+    assert_eq!(out.wave.unwrap().modes, wave.modes);
     assert_eq!(out.wave.unwrap().slopes, wave.slopes);
     assert_eq!(out.prediction.unwrap().stages, prediction.stages);
 }

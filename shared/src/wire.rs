@@ -157,7 +157,7 @@ fn short_name<T>() -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::{PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveComponent, WaveModel};
+    use crate::msg::{PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode, WaveModel};
     use crate::time::VesselClock;
 
     fn estimate() -> VesselEstimate<VesselClock> {
@@ -191,12 +191,12 @@ mod tests {
             header: Default::default(),
             significant_height_m: 1.0,
             confidence: 1.0,
-            wave_following_deficit: 0.0,
-            crest_steepening: 0.0,
-            components: Seq::filled([WaveComponent::default(); 6]),
+            mean: [0.0; 6],
+            spread: [[0.1; 6]; 6],
+            modes: Seq::filled([WaveMode::default(); 12]),
             slopes: Seq::filled([10; 60]),
         };
-        assert_eq!(encode(&waves).unwrap().len(), 58 + 6 * 164 + 60);
+        assert_eq!(encode(&waves).unwrap().len(), 218 + 12 * 56 + 60);
         let prediction = VesselPrediction::<VesselClock> {
             header: Default::default(),
             step_s: 0.2,

@@ -5,7 +5,6 @@ use alight_shared::geometry::DeckGeometry;
 use alight_shared::vessel_model::VesselModelConfig;
 
 use crate::rate_control::RateControlConfig;
-use crate::sea_state::SeaStateConfig;
 
 config! {
     /// The inertial sensor.
@@ -94,8 +93,6 @@ config! {
         pub gnss: GnssConfig;
         /// The heading sensor.
         pub heading: HeadingConfig;
-        /// Identification of the sea.
-        pub sea_state: SeaStateConfig;
         /// Rates of its messages.
         pub broadcast: BroadcastConfig;
     }

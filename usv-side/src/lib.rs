@@ -4,8 +4,8 @@
 //! |---|---|
 //! | [`sensors`] | bytes of the vessel's sensors to measurements with their time |
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
-//! | [`estimator`], [`sea_state`] | the Kalman filter; the wave components in its model |
-//! | [`motion_model`] | modes found in the motion itself, and their prediction |
+//! | [`estimator`] | the Kalman filter |
+//! | [`motion_model`] | identification of the motion, prediction and the measured spread of its error |
 //! | [`apparent_slope`] | the deck's slope for a drone that stands on it |
 //! | [`rate_control`] | the rates that the radio carries |
 //! | [`deck`] | the deck arbiter and the operator relay |
@@ -23,7 +23,6 @@ pub mod motion_model;
 pub mod node;
 pub mod rate_control;
 pub mod review;
-pub mod sea_state;
 pub mod sensors;
 
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};

@@ -138,18 +138,6 @@ impl VesselNode {
             rate_control: RateControl::new(&config.broadcast.rate_control),
         }
     }
-    /// A node with known angular frequencies (rad/s) and directions (rad) of the waves, for studies.
-    pub fn with_known_waves(
-        config: &VesselNodeConfig,
-        vessel_id: u32,
-        boot: u32,
-        components: &[(f64, f64)],
-    ) -> Self {
-        VesselNode {
-            estimator: Estimator::with_known_waves(config, components),
-            ..Self::new(config, vessel_id, boot)
-        }
-    }
     /// Inputs that were not admitted, by reason.
     pub fn rejected(&self) -> Rejections {
         self.rejected
@@ -327,7 +315,7 @@ impl Node for VesselNode {
         }
         if self.wave.0.is_due(now, period(broadcast.wave_hz, models)) {
             let m = filter.wave_model(header(self.wave.1), self.apparent_slope.1.slopes(now));
-            out.wave = checked(m, &mut self.wave.1, &mut self.rejected);
+            out.wave = m.and_then(|m| checked(m, &mut self.wave.1, &mut self.rejected));
         }
         if self
             .prediction
@@ -335,7 +323,7 @@ impl Node for VesselNode {
             .is_due(now, period(broadcast.prediction_hz, models))
         {
             let m = filter.prediction(&self.config, header(self.prediction.1));
-            out.prediction = checked(m, &mut self.prediction.1, &mut self.rejected);
+            out.prediction = m.and_then(|m| checked(m, &mut self.prediction.1, &mut self.rejected));
         }
         out
     }

@@ -24,10 +24,11 @@ pub struct VesselEstimate {
 pub struct WaveModel {
     pub significant_height_m: f64,
     pub confidence: f64,
-    pub wave_following_deficit: f64,
     pub omega_radps: Vec<f64>,
-    pub direction_rad: Vec<f64>,
-    pub omega_encounter_radps: Vec<f64>,
+    pub decay_1ps: Vec<f64>,
+    pub heave_m: Vec<f64>,
+    pub tilt_north_rad: Vec<f64>,
+    pub tilt_east_rad: Vec<f64>,
     pub apparent_slopes: Vec<f64>,
 }
 
@@ -89,7 +90,6 @@ pub struct Forecast {
     pub vision_age_s: f64,
     pub tag_age_s: f64,
     pub wave_confidence: f64,
-    pub wave_following_deficit: f64,
     pub position_sd_m: Vec<f64>,
     pub euler_sd_rad: Vec<f64>,
     pub ahead_1s_position_sd_m: Vec<f64>,

@@ -5,7 +5,7 @@ use core::marker::PhantomData;
 use alight_bridge::BridgeOut;
 use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, Motors, Plan, ReasonCode, SLOPE_STEP, SetPointKind, State,
-    VesselEstimate, WaveComponent, WaveModel,
+    VesselEstimate, WaveMode, WaveModel,
 };
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::mission::{MissionIn, MissionOut};
@@ -464,14 +464,15 @@ impl Views {
 }
 
 fn wave<C: alight_shared::time::Clock>(w: &WaveModel<C>) -> schema::WaveModel {
-    let of = |f: fn(&WaveComponent) -> f32| w.components.iter().map(|c| f64::from(f(c))).collect();
+    let of = |f: fn(&WaveMode) -> f32| w.modes.iter().map(|c| f64::from(f(c))).collect();
     schema::WaveModel {
         significant_height_m: f64::from(w.significant_height_m),
         confidence: f64::from(w.confidence),
-        wave_following_deficit: f64::from(w.wave_following_deficit),
-        omega_radps: of(|c| c.omega),
-        direction_rad: of(|c| c.direction),
-        omega_encounter_radps: of(|c| c.omega_encounter),
+        omega_radps: of(|m| m.pole[1]),
+        decay_1ps: of(|m| -m.pole[0]),
+        heave_m: of(|m| m.shape[2][0].hypot(m.shape[2][1])),
+        tilt_north_rad: of(|m| m.shape[3][0].hypot(m.shape[3][1])),
+        tilt_east_rad: of(|m| m.shape[4][0].hypot(m.shape[4][1])),
         apparent_slopes: w.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect(),
     }
 }
@@ -487,7 +488,6 @@ fn forecast(f: &DeckForecast) -> schema::Forecast {
         vision_age_s: f.vision_age_s,
         tag_age_s: f.tag_age_s,
         wave_confidence: f.wave_confidence,
-        wave_following_deficit: f.wave_following_deficit,
         position_sd_m: of(now, |s| s.position_sd),
         euler_sd_rad: of(now, |s| s.euler_sd),
         ahead_1s_position_sd_m: of(ahead.as_ref(), |s| s.position_sd),

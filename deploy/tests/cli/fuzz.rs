@@ -12,7 +12,7 @@ use alight_shared::frames::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, WaveComponent, WaveModel,
+    TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::transport::process::ProcessState;
@@ -115,9 +115,9 @@ fn sound() -> Vec<Vec<u8>> {
         header: Header::default(),
         significant_height_m: 1.0,
         confidence: 1.0,
-        wave_following_deficit: 0.5,
-        crest_steepening: 0.0,
-        components: Seq::filled([WaveComponent::default(); 6]),
+        mean: [0.0; 6],
+        spread: [[0.1; 6]; 6],
+        modes: Seq::filled([WaveMode::default(); 12]),
         slopes: Seq::filled([10; 60]),
     };
     let prediction = VesselPrediction::<VesselClock> {

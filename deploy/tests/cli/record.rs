@@ -75,11 +75,11 @@ fn replay_reports_a_flipped_input_byte_at_its_node() {
         ("/node/pilot", "pilot", 8 + 5 + 5 + 1 + 26),
     ] {
         let other = scratch(&format!("changed-{node}.mcap"));
-        // The descent begins at about step 570 and is in the flare at 1000, where this goes unnoticed.
-        let at = if node == "vessel" { 900 } else { 800 };
+        // The pilot asks for the state in the descent alone, which begins at about step 570.
+        let steps = if node == "vessel" { 900..902 } else { 600..1000 };
         changed(file, &other, |t, number, bytes| {
             // The pilot's forecast and plan are not in every input.
-            if t == topic && number >= at && number < at + 2 {
+            if t == topic && steps.contains(&number) {
                 let i = offset.min(bytes.len() - 9);
                 bytes[i] ^= 1;
             }

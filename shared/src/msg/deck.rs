@@ -166,9 +166,6 @@ pub struct DeckForecast {
     pub tag_age_s: f64,
     /// Confidence in the wave model, 0 (broad default) to 1.
     pub wave_confidence: f64,
-    /// Share of the water's orbital motion that passes under the hull, whose crests the trajectory holds
-    /// ([`super::WaveModel::wave_following_deficit`]).
-    pub wave_following_deficit: f64,
     /// The deck's mean heading without the waves' share, rad.
     pub mean_heading: f64,
     /// The trajectory.
@@ -224,7 +221,6 @@ message!(LinkState, DroneClock, |m| {
 });
 message!(DeckForecast, DroneClock, |m| {
     m.step > Span::ZERO => "step",
-    (0.0..=1.0).contains(&m.wave_following_deficit) => "wave_following_deficit",
     m.stages.iter().all(|s| {
         within(&s.position, MAX_POSITION_M)
             && within(&s.velocity, MAX_SPEED_MPS)

@@ -56,8 +56,8 @@ pub use mission::{
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
 pub use vessel::{
-    MAX_COMPONENTS, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, WaveComponent, WaveModel,
+    MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, SPREAD_AT_S,
+    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel,
 };
 
 use serde::{Deserialize, Serialize};
@@ -65,7 +65,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 6;
+pub const MESSAGE_VERSION: u16 = 7;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -25,17 +25,15 @@
 //! | 230..238 | mean velocity north, east, m/s (2 x f32) |
 //! | 238..246 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (58 + 164 n + m B, n <= 6 components, m <= 60 slopes, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (222 + 56 n + m B, n <= 12 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
-//! | 34..38 | orbital slip (f32) |
-//! | 38..42 | sharpness (f32) |
-//! | 42..50 | n (u64) |
-//! | + 0..20 | omega, direction, its sd, omega of encounter, damping (5 x f32) |
-//! | + 20..68 | oscillator state per degree of freedom: value, rate (6 x 2 x f32) |
-//! | + 68..140 | its covariance block (6 x 3 x f32) |
-//! | + 140..164 | spectral density of its drive (6 x f32) |
+//! | 34..58 | mean per degree of freedom (6 x f32) |
+//! | 58..202 | standard deviation of the prediction's error (6 times ahead x 6 x f32) |
+//! | 202..210 | n (u64) |
+//! | + 0..8 | pole: real and imaginary part, 1/s (2 x f32) |
+//! | + 8..56 | shape per degree of freedom: real, imaginary part (6 x 2 x f32) |
 //! | then 0..8 | m (u64) |
 //! | + 0..1 | steepest apparent slope, newest first, 0.01 (u8) |
 //!
@@ -58,8 +56,10 @@ use super::{
 use crate::frames::{Datum, wrap_angle};
 use crate::time::{Clock, Time, VesselClock};
 
-/// Most wave components that a wave model carries.
-pub const MAX_COMPONENTS: usize = 6;
+/// Most modes that a wave model carries.
+pub const MAX_MODES: usize = 12;
+/// Times ahead at which [`WaveModel::spread`] is given, s.
+pub const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
 /// Spans of time that [`WaveModel::slopes`] looks back over.
 pub const SLOPE_WINDOWS: usize = 60;
 /// Length of each of these spans, s; together two minutes.
@@ -95,29 +95,16 @@ pub struct VesselEstimate<C: Clock> {
     pub mean_heading: [f32; 2],
 }
 
-/// One wave component as the vessel feels it, in the oscillator form of Fossen's wave filter
-/// (Fossen 2011, section 8.2.6; Procházka 2024, eq. 3): a damped oscillator per degree of freedom
-/// that shares its frequency.
+/// One mode of the vessel's motion (`alight_shared::vessel_model`): a damped oscillator that the six degrees of
+/// freedom share (Fossen 2011, section 8.2.6; Procházka 2024, eq. 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
-pub struct WaveComponent {
-    /// Earth-frame angular frequency, rad/s.
-    pub omega: f32,
-    /// Direction the component travels to, from north towards east, rad.
-    pub direction: f32,
-    /// Standard deviation of the direction, rad; pi when unknown.
-    pub direction_sd: f32,
-    /// Angular frequency of encounter at the time of validity, rad/s.
-    pub omega_encounter: f32,
-    /// Damping ratio lambda of the oscillator.
-    pub damping: f32,
-    /// Oscillator states per degree of freedom, `[value, rate]`, in the units of the vessel model
-    /// (`alight_shared::vessel_model`).
-    pub state: [[f32; 2]; 6],
-    /// Covariance block per degree of freedom: var value, cov, var rate.
-    pub covariance: [[f32; 3]; 6],
-    /// Spectral density of the white noise that drives the oscillator, per degree of freedom.
-    pub drive: [f32; 6],
+pub struct WaveMode {
+    /// Real part (not positive) and imaginary part of the pole, 1/s.
+    pub pole: [f32; 2],
+    /// Real and imaginary part of the shape: velocity north and east (m/s), heave (m down), tilt about north and about
+    /// east (rad), heading (rad).
+    pub shape: [[f32; 2]; 6],
 }
 
 /// The vessel's wave model: what rolls its estimate on.
@@ -129,17 +116,17 @@ pub struct WaveModel<C: Clock> {
     pub header: Header<C>,
     /// Significant wave height as the vessel's heave tells it, m.
     pub significant_height_m: f32,
-    /// 0 while the broad default model is in use, 1 when the identification is fully trusted.
+    /// Share of the motion's variance that the modes predict a second ahead, 0 to 1; 0 before the first
+    /// identification.
     pub confidence: f32,
-    /// Share of the water's horizontal orbital motion that passes under the hull: 0 when it is carried along
-    /// (a light free hull), 1 when it stands. Above 0 its motion is not the plain sum of the components
-    /// (`alight_shared::vessel_model::bound_waves`).
-    pub wave_following_deficit: f32,
-    /// Share, 0 to 1, of what crests are steeper by than the sum of the components' slopes on a hull that is
-    /// carried along.
-    pub crest_steepening: f32,
-    /// Components, strongest first.
-    pub components: Seq<WaveComponent, MAX_COMPONENTS>,
+    /// Mean of each degree of freedom: 0 m/s, heave about the mean water level (m), trim as of a vessel that heads
+    /// north (rad), 0 rad.
+    pub mean: [f32; 6],
+    /// Standard deviation of the error of a prediction per time of [`SPREAD_AT_S`] and degree of freedom, as measured
+    /// on predictions that have come due.
+    pub spread: [[f32; 6]; 6],
+    /// Modes, strongest first; the motion about the mean is the sum of their real parts.
+    pub modes: Seq<WaveMode, MAX_MODES>,
     /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the
     /// present one first, in steps of [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second.
     /// Above the coefficient of friction it slides. What no sum of waves foretells (a hull that leaves the
@@ -216,9 +203,9 @@ restamped!(VesselEstimate {
 restamped!(WaveModel {
     significant_height_m,
     confidence,
-    wave_following_deficit,
-    crest_steepening,
-    components,
+    mean,
+    spread,
+    modes,
     slopes
 });
 restamped!(VesselPrediction {
@@ -283,18 +270,10 @@ message!(@C VesselEstimate<C>, C, |m| {
 message!(@C WaveModel<C>, C, |m| {
     (0.0..=50.0).contains(&m.significant_height_m) => "significant_height_m",
     (0.0..=1.0).contains(&m.confidence) => "confidence",
-    (0.0..=1.0).contains(&m.wave_following_deficit) => "wave_following_deficit",
-    (0.0..=1.0).contains(&m.crest_steepening) => "crest_steepening",
-    m.components.iter().all(|c| {
-        (0.01..=20.0).contains(&c.omega) && (0.01..=20.0).contains(&c.omega_encounter)
-    }) => "omega",
-    m.components.iter().all(|c| {
-        within32([&c.direction], 7.0) && (0.0..=7.0).contains(&c.direction_sd)
-    }) => "direction",
-    m.components.iter().all(|c| (0.0..=2.0).contains(&c.damping)) => "damping",
-    m.components.iter().all(|c| within32(c.state.iter().flatten(), 1e4)) => "state",
-    m.components.iter().all(|c| is_covariance(&c.covariance)) => "covariance",
-    m.components.iter().all(|c| c.drive.iter().all(|d| (0.0..=1e6).contains(d))) => "drive",
+    within32(&m.mean, 10.0) => "mean",
+    m.spread.iter().flatten().all(|v| (0.0..=1e3).contains(v)) => "spread",
+    m.modes.iter().all(|c| (-1e3..=0.0).contains(&c.pole[0]) && (-40.0..=40.0).contains(&c.pole[1])) => "pole",
+    m.modes.iter().all(|c| within32(c.shape.iter().flatten(), 1e4)) => "shape",
 });
 message!(@C VesselPrediction<C>, C, |m| {
     (0.001..=10.0).contains(&m.step_s) => "step_s",

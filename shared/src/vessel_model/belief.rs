@@ -1,7 +1,7 @@
 //! Mean and covariance of the wave-augmented state, in blocks of degrees of freedom whose
 //! correlation is kept.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 use super::model::connected;
 use super::{Component, DISTURBANCE, DOFS, ETA, HEAD, NU, PITCH, ROLL, SLOW, SURGE, SWAY, VesselModel};
@@ -155,7 +155,7 @@ impl Belief {
                     sd.extend(spec.extras[d].iter().map(|e| e.sd));
                     for w in model.components() {
                         let s = w.stationary_sd(d);
-                        sd.extend([s, s * w.omega_encounter]);
+                        sd.extend([s, s * w.omega]);
                     }
                 }
                 Gaussian::new(&sd)
@@ -215,15 +215,6 @@ impl Belief {
     pub fn inflate(&mut self, dof: usize, slot: usize, variance: f64) {
         let (b, i) = self.layout.at(dof, slot);
         self.blocks[b].p[(i, i)] += variance;
-    }
-    /// Sets the 2 x 2 covariance of two neighbouring slots and drops their other correlations.
-    pub fn set_pair(&mut self, dof: usize, slot: usize, [a, c, b]: [f64; 3]) {
-        self.set_variance(dof, slot, a);
-        self.set_variance(dof, slot + 1, b);
-        let (block, i) = self.layout.at(dof, slot);
-        let p = &mut self.blocks[block].p;
-        p[(i, i + 1)] = c;
-        p[(i + 1, i)] = c;
     }
     /// Sum of the components' values in a degree of freedom.
     pub fn wave(&self, dof: usize) -> f64 {
@@ -432,94 +423,6 @@ impl Belief {
             }
         }
         self.blocks = out;
-    }
-
-    /// Moves to another model: the head and the extras stay; every old component hands its value
-    /// and its rate (rescaled by the ratio of frequencies, so that the amplitude stays) to the
-    /// nearest new one within 40 %; new components that inherit nothing start at rest with their
-    /// stationary spread. `fresh` of the stationary variance is added to those whose frequency
-    /// moved by more than 2 %, because their phase no longer is what it was.
-    pub fn change_model(&mut self, model: &VesselModel, fresh: f64) {
-        let old = self.clone();
-        let new = model.components();
-        self.layout = Layout::new(new.len(), old.layout.extras, old.layout.blocks.clone());
-        self.components = new.to_vec();
-        let successor: Vec<Option<(usize, f64)>> = old
-            .components
-            .iter()
-            .map(|o| {
-                let ratio = |n: &Component| n.omega_encounter / o.omega_encounter;
-                new.iter()
-                    .enumerate()
-                    .map(|(j, n)| (j, ratio(n)))
-                    .min_by(|a, b| a.1.ln().abs().total_cmp(&b.1.ln().abs()))
-                    .filter(|(_, r)| r.ln().abs() < 0.34)
-            })
-            .collect();
-        self.blocks = old
-            .layout
-            .blocks
-            .iter()
-            .enumerate()
-            .map(|(b, dofs)| {
-                let n: usize = dofs.iter().map(|&d| self.layout.slots(d)).sum();
-                // x_new = T x_old, T sparse: one (new, factor) per old state.
-                let mut to: Vec<Option<(usize, f64)>> = vec![None; old.blocks[b].len()];
-                for &d in dofs {
-                    for slot in 0..HEAD + old.layout.extras[d] {
-                        to[old.layout.at(d, slot).1] = Some((self.layout.at(d, slot).1, 1.0));
-                    }
-                    for (j, h) in successor.iter().enumerate() {
-                        if let Some((k, ratio)) = *h {
-                            to[old.layout.at(d, old.layout.value(d, j)).1] =
-                                Some((self.layout.at(d, self.layout.value(d, k)).1, 1.0));
-                            to[old.layout.at(d, old.layout.rate(d, j)).1] =
-                                Some((self.layout.at(d, self.layout.rate(d, k)).1, ratio));
-                        }
-                    }
-                }
-                let (mut x, mut p) = (DVector::zeros(n), DMatrix::zeros(n, n));
-                for (i, ti) in to.iter().enumerate() {
-                    let Some((ni, fi)) = *ti else { continue };
-                    x[ni] += fi * old.blocks[b].x[i];
-                    for (j, tj) in to.iter().enumerate() {
-                        if let Some((nj, fj)) = *tj {
-                            p[(ni, nj)] += fi * fj * old.blocks[b].p[(i, j)];
-                        }
-                    }
-                }
-                for &d in dofs {
-                    for (k, w) in new.iter().enumerate() {
-                        let mut fraction = 1.0;
-                        let mut inherited = false;
-                        for (h, o) in successor.iter().zip(&old.components) {
-                            if let Some((hk, ratio)) = *h
-                                && hk == k
-                            {
-                                inherited = true;
-                                // A jump of frequency or of direction makes the phase doubtful.
-                                if (ratio - 1.0).abs() < 0.02 && o.damping == w.damping {
-                                    fraction = 0.0;
-                                } else {
-                                    fraction = fresh;
-                                }
-                            }
-                        }
-                        if !inherited {
-                            fraction = 1.0;
-                        }
-                        let sd = w.stationary_sd(d);
-                        let (v, r) = (
-                            self.layout.at(d, self.layout.value(d, k)).1,
-                            self.layout.at(d, self.layout.rate(d, k)).1,
-                        );
-                        p[(v, v)] += fraction * sd * sd;
-                        p[(r, r)] += fraction * (sd * w.omega_encounter).powi(2);
-                    }
-                }
-                Gaussian::from_moments(x, p)
-            })
-            .collect();
     }
 
     /// (variance of eta, covariance, variance of nu) of a degree of freedom.

@@ -38,25 +38,21 @@ config! {
         pub stiffness_npm_nmprad: [f64; 6] = [0.0, 0.0, 33.0e3, 35.0e3, 38.0e3, 0.0], in 0.0..=1e10;
         /// Off-diagonal pairs of G, between stiff degrees of freedom only.
         pub stiffness_coupling: Vec<Coupling> = Vec::new();
-        /// Damping ratio lambda of an identified wave component.
-        /// Chosen: far below Fossen's 0.05 to 0.1, which are for a single component that stands for
-        /// a whole spectrum; identified components keep their phase for hundreds of periods, and
-        /// what this lets in as noise is what a prediction's spread grows by.
-        pub wave_damping: f64 = 0.0005, in 1e-4..=1.0;
         /// Damping ratio of the components of the broad default bank.
-        /// Source: Fossen 2011, section 8.2.6: 0.05 to 0.1.
-        pub bank_damping: f64 = 0.1, in 1e-4..=1.0;
+        /// Source: Fossen 2011, section 8.2.6: 0.05 to 0.1 for one component; five share the band.
+        pub bank_damping: f64 = 0.03, in 1e-4..=1.0;
         /// Angular frequencies of the broad default bank, rad/s.
         /// Chosen: periods of 7.9 to 2.5 s, log-spaced.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
-        /// Standard deviation of each of the bank's components in heave, m.
-        /// Chosen: the five together make a sea of 1.3 m significant height.
-        pub bank_heave_sd_m: f64 = 0.15, in 1e-3..=10.0;
+        /// Standard deviation of the slope of each of the bank's components.
+        /// Source: Phillips 1958: in the saturated range each octave of frequency has the same slope; 0.04 in five
+        /// bands is a sea of 3 m in significant height with a slope of 5 deg.
+        pub bank_slope_sd: f64 = 0.04, in 1e-3..=1.0;
         /// Standard deviation of the disturbance: m/s² (surge, sway), m, rad, rad, rad/s².
         /// Chosen: tuned on the simulated vessel. A hull that floats on the water has next to none
         /// of its own in heave and tilt; where innovations show more the estimator widens them.
         pub disturbance_sd_mps2_m_rad_radps2: [f64; 6] =
-            [0.12, 0.12, 0.004, 0.003, 0.003, 0.05], in 0.0..=10.0;
+            [0.25, 0.25, 0.004, 0.002, 0.002, 0.05], in 0.0..=10.0;
         /// Correlation time of the disturbance, s.
         pub disturbance_time_s: [f64; 6] = [2.0, 2.0, 0.5, 0.5, 0.5, 1.0], in 0.05..=1e3;
         /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.
@@ -113,10 +109,10 @@ config! {
             "natural frequencies below 1000 rad/s",
         )?;
         at.require(
-            (1..=crate::msg::MAX_COMPONENTS).contains(&this.bank_omega_radps.len()),
+            (1..=12).contains(&this.bank_omega_radps.len()),
             "bank_omega_radps",
             this.bank_omega_radps.len(),
-            "1 to 6 frequencies",
+            "1 to 12 frequencies",
         )?;
     }
 }

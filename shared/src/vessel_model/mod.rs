@@ -30,23 +30,18 @@
 //! [`Step`] of that dt and [`Belief::update`] per scalar; [`Horizon`] for what comes.
 
 mod belief;
-mod bound_waves;
 mod config;
 mod expm;
-mod horizon;
-mod messages;
 mod model;
 mod modes;
 #[cfg(test)]
 mod tests;
 
 pub use belief::{Belief, BeliefSpec, Extra, Layout, Step, Term};
-pub use bound_waves::{BoundMotion, WaveNonlinearity, WaveResponse, bound, bound_motion};
 pub use config::{Coupling, VesselModelConfig};
 pub use expm::{expm, van_loan};
-pub use horizon::Horizon;
-pub use model::{Component, Discrete, VesselModel, encounter_frequency, turn_tilt};
-pub use modes::{Mode, Modes, Motion, is_wave, motion};
+pub use model::{Component, Discrete, VesselModel, turn_tilt};
+pub use modes::{Mode, Modes, Motion, is_wave, spread_between};
 
 /// Degrees of freedom.
 pub const DOFS: usize = 6;

@@ -4,19 +4,12 @@ use nalgebra::{DMatrix, Rotation2, SMatrix, Vector2, Vector3};
 
 use super::{DISTURBANCE, DOFS, ETA, HEAD, NU, SLOW, VesselModelConfig, expm::van_loan};
 use crate::geometry::GRAVITY;
-use crate::msg::MAX_COMPONENTS;
 
 /// A wave component as the model needs it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Component {
-    /// Earth-frame angular frequency, rad/s.
+    /// Angular frequency, rad/s.
     pub omega: f64,
-    /// Direction it travels to, from north towards east, rad.
-    pub direction: f64,
-    /// Standard deviation of the direction, rad; pi when unknown.
-    pub direction_sd: f64,
-    /// Angular frequency of encounter, rad/s, positive.
-    pub omega_encounter: f64,
     /// Damping ratio lambda.
     pub damping: f64,
     /// Spectral density of the white noise that drives `w''`, per degree of freedom.
@@ -32,27 +25,9 @@ impl Component {
     /// Stationary standard deviation of the oscillator's value: sqrt(q / (4 lambda omega^3)).
     pub fn stationary_sd(&self, dof: usize) -> f64 {
         let q = self.drive.get(dof).copied().unwrap_or(0.0);
-        let d = 4.0 * self.damping * self.omega_encounter.powi(3);
+        let d = 4.0 * self.damping * self.omega.powi(3);
         if d > 0.0 { (q / d).max(0.0).sqrt() } else { 0.0 }
     }
-    /// Recomputes the frequency of encounter for a mean velocity (north, east, m/s). Below a
-    /// direction known to 1 rad the earth-frame frequency is kept.
-    pub fn update_encounter(&mut self, mean_velocity: [f64; 2]) {
-        self.omega_encounter = if self.direction_sd < 1.0 {
-            encounter_frequency(self.omega, self.direction, mean_velocity)
-        } else {
-            self.omega
-        };
-    }
-}
-
-/// Frequency of encounter `|omega - (omega^2 / g) U cos(direction - course)|` of deep-water waves at
-/// mean velocity (north, east, m/s), rad/s (Fossen 2011, eq. 8.79); held above a fifth of `omega`,
-/// because a component that the vessel runs along with has no period to follow.
-pub fn encounter_frequency(omega: f64, direction: f64, mean_velocity: [f64; 2]) -> f64 {
-    let (s, c) = direction.sin_cos();
-    let along = mean_velocity[0] * c + mean_velocity[1] * s;
-    (omega - omega * omega / GRAVITY * along).abs().max(0.2 * omega)
 }
 
 /// Roll and pitch (rad) of the same deck normal seen at a heading that is larger by `delta` (rad).
@@ -99,8 +74,7 @@ pub(crate) struct Group {
 }
 
 impl VesselModel {
-    /// The model of a vessel in a sea of `components` (at most [`MAX_COMPONENTS`], further ones are
-    /// left out). A configuration that has passed its check has an invertible M.
+    /// The model of a vessel in a sea of `components`. A configuration that has passed its check has an invertible M.
     pub fn new(config: &VesselModelConfig, components: &[Component]) -> Self {
         let (m, d, g) = (config.inertia(), config.damping(), config.stiffness());
         let inverse = m.try_inverse().unwrap_or_else(SMatrix::zeros);
@@ -120,7 +94,7 @@ impl VesselModel {
         }
         VesselModel {
             config: config.clone(),
-            components: components.iter().copied().take(MAX_COMPONENTS).collect(),
+            components: components.to_vec(),
             groups: connected(&coupled),
             drag,
             spring,
@@ -134,13 +108,15 @@ impl VesselModel {
             .bank_omega_radps
             .iter()
             .map(|&omega| {
-                let z = config.bank_heave_sd_m;
-                // Deep water: slope k a, orbital acceleration omega² a; either way shared by two axes.
-                let (slope, orbital) = (omega * omega / GRAVITY * z, omega * omega * z);
+                // Deep water: slope k a, orbital acceleration omega² a = slope g. Two axes share the slope; along either
+                // a hull that does not follow the water is pushed by all of it.
+                let slope = config.bank_slope_sd;
+                let orbital = slope * GRAVITY;
+                let z = orbital / (omega * omega);
                 let half = core::f64::consts::FRAC_1_SQRT_2;
                 let sd = [
-                    half * orbital,
-                    half * orbital,
+                    orbital,
+                    orbital,
                     z,
                     half * slope,
                     half * slope,
@@ -148,9 +124,6 @@ impl VesselModel {
                 ];
                 Component {
                     omega,
-                    direction: 0.0,
-                    direction_sd: core::f64::consts::PI,
-                    omega_encounter: omega,
                     damping: lambda,
                     drive: sd.map(|s| Component::drive_for(omega, lambda, s)),
                 }
@@ -242,7 +215,7 @@ impl VesselModel {
         for (index, wave) in self.components.iter().enumerate() {
             let (oa, oq) = core(&|f, w, li, i| {
                 // Slots 2 and 3 hold the oscillator here.
-                let (r, o) = (HEAD * li, wave.omega_encounter);
+                let (r, o) = (HEAD * li, wave.omega);
                 for (lk, &k) in dofs.iter().enumerate() {
                     f[(r + NU, HEAD * lk + 2)] = self.gain[(i, k)];
                 }

@@ -1,4 +1,4 @@
-//! The vessel's motion as a sum of modes: what prediction and broadcast share.
+//! The vessel's motion as a sum of modes.
 //!
 //! ```text
 //! y_d(t) = Re sum_k c_kd exp(p_k t),   p_k = -lambda_k omega_k + i omega_k sqrt(1 - lambda_k^2)
@@ -11,7 +11,8 @@
 
 use nalgebra::Complex;
 
-use super::DOFS;
+use super::{DOFS, HEAVE, PITCH, ROLL, YAW};
+use crate::msg::{SPREAD_AT_S, WaveMode, WaveModel};
 use crate::time::{Clock, Time};
 
 /// One mode at the time of validity of its shape.
@@ -21,6 +22,25 @@ pub struct Mode {
     pub pole: Complex<f64>,
     /// `c_kd`: north and east velocity (m/s), heave (m down), tilt about north and about east (rad), heading (rad).
     pub shape: [Complex<f64>; DOFS],
+}
+
+impl From<&Mode> for WaveMode {
+    fn from(m: &Mode) -> WaveMode {
+        let pair = |c: Complex<f64>| [c.re as f32, c.im as f32];
+        WaveMode {
+            pole: pair(m.pole),
+            shape: m.shape.map(pair),
+        }
+    }
+}
+impl From<&WaveMode> for Mode {
+    fn from(m: &WaveMode) -> Mode {
+        let complex = |[re, im]: [f32; 2]| Complex::new(f64::from(re), f64::from(im));
+        Mode {
+            pole: complex(m.pole),
+            shape: m.shape.map(complex),
+        }
+    }
 }
 
 /// All modes of a vessel, valid at one time.
@@ -35,28 +55,81 @@ pub struct Modes<C: Clock> {
 }
 
 impl<C: Clock> Modes<C> {
-    /// Mean and modes `t` seconds after the time of validity.
+    /// Mean and modes `t` seconds after the time of validity. Of heave and heading the waves alone: their means and slow
+    /// modes are errors of the mean water level, and a course.
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = motion(&self.modes, t);
         for (sum, mean) in out.iter_mut().zip(self.mean) {
             sum[0] += mean;
         }
+        let waves = self.waves(t);
+        (out[HEAVE], out[YAW]) = (waves[HEAVE], waves[YAW]);
         out
     }
+    /// The modes that are waves `t` seconds after the time of validity.
+    pub fn waves(&self, t: f64) -> Motion {
+        motion(self.modes.iter().filter(|m| is_wave(m)), t)
+    }
+    /// `Re sum_k c_kd (exp(p_k t) - 1) / p_k` over the waves: what their velocity in degree of freedom `dof` moves by
+    /// within `t` seconds.
+    pub fn path(&self, dof: usize, t: f64) -> f64 {
+        let path = |m: &Mode| {
+            let c = m.shape.get(dof).copied().unwrap_or_default();
+            (c * ((m.pole * t).exp() - 1.0) / m.pole).re
+        };
+        self.modes.iter().filter(|m| is_wave(m)).map(path).sum()
+    }
+    /// Mean frequency of the waves, rad/s, weighted with the squares of heave (m) and tilt (rad); None without waves.
+    pub fn frequency(&self) -> Option<f64> {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for m in self.modes.iter().filter(|m| is_wave(m)) {
+            let square: f64 = [HEAVE, ROLL, PITCH].iter().map(|&d| m.shape[d].norm_sqr()).sum();
+            sum += square * m.pole.im.abs();
+            weight += square;
+        }
+        (weight > 1e-9).then(|| sum / weight)
+    }
 }
+impl<C: Clock> From<&WaveModel<C>> for Modes<C> {
+    fn from(m: &WaveModel<C>) -> Modes<C> {
+        Modes {
+            at: m.header.at,
+            mean: m.mean.map(f64::from),
+            modes: m.modes.iter().map(Mode::from).collect(),
+        }
+    }
+}
+
+/// Standard deviations `ahead` seconds from now, between those `now` and those at [`SPREAD_AT_S`]; held after the last.
+pub fn spread_between(
+    now: &[f64; DOFS],
+    spread: &[[f64; DOFS]; SPREAD_AT_S.len()],
+    ahead: f64,
+) -> [f64; DOFS] {
+    let (mut before, mut from) = (now, 0.0);
+    for (sd, to) in spread.iter().zip(SPREAD_AT_S) {
+        if ahead <= to {
+            let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);
+            return core::array::from_fn(|d| before[d] + f * (sd[d] - before[d]));
+        }
+        (before, from) = (sd, to);
+    }
+    *before
+}
+
 /// Value, first and second derivative of the six degrees of freedom.
 pub type Motion = [[f64; 3]; DOFS];
 
 /// Slower than this a motion is a course, a trim or a level, rad/s (periods above 18 s).
 const SLOW_RADPS: f64 = 0.35;
 
-/// Whether a mode is a wave: it oscillates.
+/// Whether a mode is a wave: it oscillates or dies out faster than what is slow.
 pub fn is_wave(mode: &Mode) -> bool {
-    mode.pole.im.abs() > SLOW_RADPS
+    mode.pole.norm() > SLOW_RADPS
 }
 
 /// `Re sum_k c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
-pub fn motion<'a>(modes: impl IntoIterator<Item = &'a Mode>, t: f64) -> Motion {
+fn motion<'a>(modes: impl IntoIterator<Item = &'a Mode>, t: f64) -> Motion {
     let mut out = [[0.0; 3]; DOFS];
     for m in modes {
         let grown = (m.pole * t).exp();
@@ -74,6 +147,7 @@ pub fn motion<'a>(modes: impl IntoIterator<Item = &'a Mode>, t: f64) -> Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::time::VesselClock;
 
     fn modes() -> Vec<Mode> {
         let shape = |a: f64| core::array::from_fn(|d| Complex::new(a + 0.1 * d as f64, 0.3 - a));
@@ -94,8 +168,13 @@ mod tests {
     }
 
     #[test]
-    fn rates_of_the_modes_are_the_derivatives_of_their_values() {
+    fn motion_is_the_derivative_of_the_path_and_of_itself() {
         let (m, h) = (modes(), 1e-5);
+        let all = Modes::<VesselClock> {
+            at: Time::EPOCH,
+            mean: [0.0; DOFS],
+            modes: modes(),
+        };
         for t in [0.0, 0.7, 3.0] {
             let (before, now, after) = (motion(&m, t - h), motion(&m, t), motion(&m, t + h));
             for d in 0..DOFS {
@@ -103,6 +182,8 @@ mod tests {
                     let slope = (after[d][k] - before[d][k]) / (2.0 * h);
                     assert!((slope - now[d][k + 1]).abs() < 1e-7, "{t} {d} {k}");
                 }
+                let speed = (all.path(d, t + h) - all.path(d, t - h)) / (2.0 * h);
+                assert!((speed - all.waves(t)[d][0]).abs() < 1e-7, "{t} {d}");
             }
         }
     }

@@ -10,7 +10,6 @@ use serde::Serialize;
 
 use crate::harness::physics::{Physics, TICK};
 use crate::harness::scenario::{Scenario, SetupError};
-use crate::physics::sea::Component;
 
 /// `eta` and its derivative in the order of [`VesselEstimate`].
 #[derive(Clone, Copy, Debug)]
@@ -43,26 +42,8 @@ pub struct Run {
 
 /// Runs vessel, sensors and node of `scenario` for its warm-up and `span_s` more seconds.
 pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64, span_s: f64) -> Result<Run, SetupError> {
-    run_with(scenario, node, seed, span_s, false)
-}
-
-/// The same; with `with_known_waves` the vessel is given frequency and direction of every wave instead of
-/// finding them, and only in this study.
-pub fn run_with(
-    scenario: &Scenario,
-    node: &VesselNodeConfig,
-    seed: u64,
-    span_s: f64,
-    with_known_waves: bool,
-) -> Result<Run, SetupError> {
     let mut physics = Physics::new(scenario, seed)?;
-    let mut node = if with_known_waves {
-        let wave = |c: &Component| (c.frequency, c.direction.y.atan2(c.direction.x));
-        let waves: Vec<(f64, f64)> = physics.sea().components().iter().map(wave).collect();
-        VesselNode::with_known_waves(node, 1, 1, &waves)
-    } else {
-        VesselNode::new(node, 1, 1)
-    };
+    let mut node = VesselNode::new(node, 1, 1);
     let mut out = Run {
         truth: Vec::new(),
         estimates: Vec::new(),

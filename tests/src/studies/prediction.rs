@@ -1,5 +1,5 @@
-//! Predictions of the deck against the truth, by horizon: the vessel's broadcast, the same with the
-//! waves told, and the drone's own forecast, which is what a landing is planned on.
+//! Predictions of the deck against the truth, by horizon: the vessel's broadcast and the drone's own forecast, which
+//! is what a landing is planned on.
 //!
 //! "Heave" has three meanings, and each is measured apart. *Heave* (Fossen 2011): height against the
 //! mean water level. *Height in the vessel's NED*: heave and the receiver's slow bias, which wanders
@@ -15,7 +15,7 @@ use alight_usv::VesselNodeConfig;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::estimator::{Run, difference, predicted, run_with};
+use super::estimator::{Run, difference, predicted, run};
 use crate::harness::physics::TICK;
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
@@ -40,8 +40,6 @@ const MAX_WAIT_S: f64 = 90.0;
 pub enum Source {
     /// The vessel's broadcast prediction.
     Vessel,
-    /// The same, the identification's frequencies and directions replaced by the sea's.
-    VesselKnownWaves,
     /// The drone's forecast while it follows at the tracking height with the tag in sight.
     DroneFollowing,
     /// The drone's forecast in the last three seconds of a landing, tag in sight or no more.
@@ -91,7 +89,6 @@ impl Source {
     pub const fn name(self) -> &'static str {
         match self {
             Source::Vessel => "vessel",
-            Source::VesselKnownWaves => "vessel, known waves",
             Source::DroneFollowing => "drone, following",
             Source::DroneDescending => "drone, last 3 s",
         }
@@ -149,24 +146,18 @@ impl Tally {
 /// Tallies by source, figure and index of [`HORIZONS_S`].
 pub type Scores = BTreeMap<(Source, Quantity, usize), Tally>;
 
-/// The vessel's broadcast over `span_s` after the warm-up; `known_waves` gives it the waves.
+/// The vessel's broadcast over `span_s` after the warm-up.
 pub fn vessel(
     scenario: &Scenario,
     node: &VesselNodeConfig,
     seed: u64,
     span_s: f64,
-    known_waves: bool,
 ) -> Result<Scores, SetupError> {
-    let run = run_with(scenario, node, seed, span_s, known_waves)?;
-    let source = if known_waves {
-        Source::VesselKnownWaves
-    } else {
-        Source::Vessel
-    };
-    Ok(vessel_scores(&run, source))
+    Ok(vessel_scores(&run(scenario, node, seed, span_s)?))
 }
 
-fn vessel_scores(run: &Run, source: Source) -> Scores {
+fn vessel_scores(run: &Run) -> Scores {
+    let source = Source::Vessel;
     let mut scores = Scores::new();
     for ((start, p), (level, heave_sd)) in run.predictions.iter().zip(&run.levels) {
         for (h, &ahead) in HORIZONS_S.iter().enumerate() {

@@ -54,14 +54,6 @@ pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
     bootstrap(values, |v| v.iter().sum::<f64>() / v.len() as f64)
 }
 
-/// The same for the ratio of two sums over the same trials, which are drawn in pairs.
-pub fn bootstrap_ratio(above: &[f64], below: &[f64]) -> Option<[f64; 2]> {
-    let pairs: Vec<(f64, f64)> = above.iter().copied().zip(below.iter().copied()).collect();
-    bootstrap(&pairs, |v| {
-        v.iter().map(|p| p.0).sum::<f64>() / v.iter().map(|p| p.1).sum::<f64>()
-    })
-}
-
 /// The same for any statistic of a sample. `values` may be pairs: what is drawn stays together.
 pub fn bootstrap<T: Copy>(values: &[T], statistic: impl Fn(&[T]) -> f64) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;

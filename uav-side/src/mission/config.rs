@@ -123,13 +123,6 @@ config! {
         /// deck; 0.28 and 9.5 s ahead: 399, 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394,
         /// 11.9 s.
         pub slope_limit: f64 = 0.25, in 0.01..=100.0;
-        /// The same with bound waves in the forecast, whatever was measured a moment ago.
-        pub bound_wave_slope_limit: f64 = 0.34, in 0.01..=100.0;
-        /// The forecast has bound waves from this wave-following deficit on: the fraction of the water's orbital
-        /// motion that passes under the hull.
-        pub bound_wave_deficit: f64 = 0.2, in 0.01..=1.0;
-        /// A drone that descends now is not on the deck before this, s: until then no wave makes it slide.
-        pub bound_wave_from_s: f64 = 2.5, in 0.01..=60.0;
         /// Apparent slope on which a landed drone slides: tan of the angle between the deck's normal and
         /// the specific force, over a second.
         /// Source: Friction of 0.4 less what a second's mean hides. As above: 0.45 permits a

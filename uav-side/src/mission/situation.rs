@@ -168,8 +168,6 @@ pub struct Deck {
     /// The steepest apparent slope predicted until a drone that descends now is at rest; None while none is
     /// predicted.
     pub predicted_slope: Option<f64>,
-    /// Fraction of the water's orbital motion that passes under the hull, 0 to 1: with it the forecast has bound waves.
-    pub wave_following_deficit: f64,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
 }
@@ -236,7 +234,6 @@ impl Deck {
             friction_used_mps2: grip_taken,
             turn_radps: turn,
             predicted_slope: steepest(forecast, config),
-            wave_following_deficit: forecast.wave_following_deficit,
             mean_z: sum / forecast.stages.len().max(1) as f64,
         })
     }
@@ -249,20 +246,10 @@ impl Deck {
     }
 }
 
-/// The steepest apparent slope predicted from now, or with bound waves from the earliest contact, until a drone
-/// that descends now is at rest.
+/// The steepest apparent slope predicted from now until a drone that descends now is at rest.
 fn steepest(forecast: &DeckForecast, c: &MissionConfig) -> Option<f64> {
     let stage = |t: f64| (t / PREDICTED_SLOPE_STEP_S) as usize;
-    let from = if forecast.wave_following_deficit >= c.bound_wave_deficit {
-        stage(c.bound_wave_from_s)
-    } else {
-        0
-    };
-    let slopes = forecast
-        .predicted_slopes
-        .iter()
-        .take(stage(c.time_to_rest_s) + 1)
-        .skip(from);
+    let slopes = forecast.predicted_slopes.iter().take(stage(c.time_to_rest_s) + 1);
     slopes.copied().max().map(|s| f64::from(s) * SLOPE_STEP)
 }
 

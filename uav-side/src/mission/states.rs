@@ -195,15 +195,11 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     MissionPhase::DESCENT.enter(Reason::new(Reached, deck.distance_m, c.descent_distance_m))
 }
 
-/// Why a drone that went down now would slide: a slope predicted before it has come to rest. Where the forecast is
-/// the waves' plain sum, also a slope measured a moment ago, when no wave predicted it; while no slope is
-/// predicted, the next group of waves like the last.
+/// Why a drone that went down now would slide: a slope predicted before it has come to rest. Also one
+/// measured a moment ago, when none was predicted; while no slope is predicted, the next group of waves like the last.
 fn slides(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let observed = |(since, limit)| Reason::new(SlideObserved, since, limit);
     match deck.predicted_slope {
-        Some(slope) if deck.wave_following_deficit >= c.bound_wave_deficit => {
-            exceeds(SlidePredicted, slope, c.bound_wave_slope_limit)
-        }
         Some(slope) => exceeds(SlidePredicted, slope, c.slope_limit)
             .or_else(|| s.apparent_slope.just_now(c).map(observed)),
         None => s.apparent_slope.rejection(c).map(observed),

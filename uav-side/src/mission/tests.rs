@@ -57,7 +57,6 @@ pub(super) fn fair() -> Situation {
             friction_used_mps2: 1.0,
             mean_z: -1.3,
             predicted_slope: None,
-            wave_following_deficit: 0.0,
         }),
         mean_deck_z: Some(-1.3),
         wind_peak_mps2: 0.0,
@@ -251,11 +250,6 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
                 ..with_deck(|d| d.predicted_slope = Some(0.1))
             },
             SlideObserved,
-        ),
-        // With bound waves in the forecast the slope is known better.
-        (
-            with_deck(|d| (d.predicted_slope, d.wave_following_deficit) = (Some(0.36), 1.0)),
-            SlidePredicted,
         ),
         // No slope is predicted, and a drone would have slid a moment ago.
         (

@@ -49,6 +49,10 @@ pub enum MeasurementRow {
     Turn,
     /// The rate of mean and waves.
     Rate,
+    /// What the modes leave.
+    Residual,
+    /// Its rate.
+    ResidualRate,
 }
 
 /// The noise parameters of one degree of freedom that do not depend on the waves.
@@ -195,56 +199,6 @@ impl Axis {
         self.p[i][i] = var;
         self.p[i + 1][i + 1] = var * o.omega * o.omega;
     }
-    /// Oscillator `k` is known by itself: value and rate with variances.
-    pub fn set(&mut self, k: usize, x: [f64; 2], var: [f64; 2]) {
-        let i = HEAD + 2 * k;
-        if i + 2 > self.n {
-            return;
-        }
-        for j in 0..2 {
-            self.x[i + j] = x[j];
-            for m in 0..self.n {
-                self.p[i + j][m] = 0.0;
-                self.p[m][i + j] = 0.0;
-            }
-            self.p[i + j][i + j] = var[j];
-        }
-    }
-    /// Takes oscillator `k` out.
-    pub fn remove(&mut self, k: usize) {
-        let i = HEAD + 2 * k;
-        if i + 2 > self.n {
-            return;
-        }
-        self.x.copy_within(i + 2..self.n, i);
-        for row in &mut self.p {
-            row.copy_within(i + 2..self.n, i);
-        }
-        self.p.copy_within(i + 2..self.n, i);
-        self.n -= 2;
-    }
-    /// Multiplies the rate of oscillator `k` by `ratio`: the same motion at another frequency.
-    pub fn rescale(&mut self, k: usize, ratio: f64) {
-        let i = HEAD + 2 * k + 1;
-        if i >= self.n || !ratio.is_finite() {
-            return;
-        }
-        self.x[i] *= ratio;
-        for j in 0..self.n {
-            self.p[i][j] *= ratio;
-            self.p[j][i] *= ratio;
-        }
-    }
-    /// Oscillator `k` is another component now: keeps its motion, adds its spread.
-    pub fn renew(&mut self, k: usize, o: &Oscillator, axis: usize) {
-        let i = HEAD + 2 * k;
-        if i + 1 < self.n {
-            let var = o.sd[axis].powi(2);
-            self.p[i][i] += var;
-            self.p[i + 1][i + 1] += var * o.omega * o.omega;
-        }
-    }
-
     /// `x <- A x`, `P <- A P A' + Q` over `step`.
     pub fn propagate(&mut self, noise: &AxisNoise, oscillators: &[Oscillator], axis: usize, step: &Step) {
         let dt = step.dt;
@@ -327,6 +281,8 @@ impl Axis {
             MeasurementRow::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
             MeasurementRow::Camera(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
             MeasurementRow::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
+            MeasurementRow::Residual => ([(MEAN, 0.0); 3], Some(HEAD)),
+            MeasurementRow::ResidualRate => ([(MEAN, 0.0); 3], Some(HEAD + 1)),
             MeasurementRow::Rate => ([(RATE, 1.0), (MEAN, 0.0), (MEAN, 0.0)], Some(HEAD + 1)),
         };
         let entries = || {
@@ -370,28 +326,6 @@ impl Axis {
                 *p -= k * b;
             }
             self.p[i][i] = self.p[i][i].max(0.0);
-        }
-    }
-
-    /// Fuses a direct measurement of state `i` with variance `r`; rejected beyond `gate` standard
-    /// deviations.
-    pub fn update_state(&mut self, i: usize, value: f64, r: f64, gate: f64) {
-        if i >= self.n {
-            return;
-        }
-        let ph = self.p[i];
-        let s = ph[i] + r;
-        let nu = value - self.x[i];
-        if !(s > 0.0) || !s.is_finite() || !(nu * nu <= gate * gate * s) {
-            return;
-        }
-        for j in 0..self.n {
-            let k = ph[j] / s;
-            self.x[j] += k * nu;
-            for (p, b) in self.p[j].iter_mut().zip(&ph).take(self.n) {
-                *p -= k * b;
-            }
-            self.p[j][j] = self.p[j][j].max(0.0);
         }
     }
 
@@ -492,26 +426,4 @@ fn decays(n: &AxisNoise) -> (f64, f64, f64) {
     let (a, b) = (1.0 / n.vision.1, 1.0 / n.drift.1);
     let b = if (a - b).abs() < 1e-3 * a { 1.002 * a } else { b };
     (a, b, a - b)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn axis_update_moves_correlated_states_and_gates_outliers() {
-        let noise = AxisNoise::all(&PredictorConfig::default())[2];
-        let mut a = Axis::new(&noise, &[], 2, 0.0, 1.0, 0.0);
-        (a.p[MEAN][VISION], a.p[VISION][MEAN]) = (-0.5, -0.5);
-        a.p[VISION][VISION] = 1.0;
-        let before = a;
-        a.update_state(VISION, 50.0, 0.25, 5.0);
-        a.update_state(a.n, 0.0, 0.25, 5.0);
-        assert_eq!((a.x, a.p), (before.x, before.p));
-        // K = P h' / (1 + 0.25).
-        a.update_state(VISION, 1.0, 0.25, 5.0);
-        assert!((a.x[VISION] - 0.8).abs() < 1e-12 && (a.x[MEAN] + 0.4).abs() < 1e-12);
-        assert!((a.p[VISION][VISION] - 0.2).abs() < 1e-12);
-        assert!((a.p[MEAN][MEAN] - 0.8).abs() < 1e-12);
-    }
 }

@@ -3,7 +3,6 @@
 use alight_shared::config;
 use alight_shared::frames::Datum;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::vessel_model::VesselModelConfig;
 
 /// Three lengths (m) and three angles from degrees.
 fn six(lengths: [f64; 3], degrees: [f64; 3]) -> [f64; 6] {
@@ -58,29 +57,12 @@ config! {
         pub turn_walk_s: f64 = 0.6, in 0.0..=10.0;
         /// Time after which a mean rate dies out, s.
         pub rate_time_s: [f64; 6] = [100.0, 100.0, 1.0, 1.0, 1.0, 5.0], in 0.1..=1e6;
-        /// Spread of the motion that no wave component explains.
-        /// Source: Ours; the tilt has adaptive process noise in addition
-        /// ([`super::adaptive_noise`]).
+        /// The least that the vessel's modes are taken to leave of the motion.
         pub residual_sd_m_rad: [f64; 6] = six([0.005, 0.005, 0.012], [0.35, 0.35, 0.2]), in 0.0..=1.0;
-        /// Angular frequency of that motion, rad/s.
+        /// Angular frequency of what they leave, rad/s, until they are known.
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
         /// Damping ratio of that motion.
-        pub residual_damping: f64 = 0.5, in 0.05..=0.95;
-        /// The vessel's model, as on the vessel: its motion by its wave model.
-        pub vessel: VesselModelConfig;
-        /// Damping ratio of a wave component as a multiple of the vessel's.
-        /// Chosen: damping is also decay, and a free run of half a minute must not lose the waves.
-        pub damping_scale: f64 = 0.3, in 0.01..=10.0;
-        /// Least damping ratio of a wave component.
-        pub min_damping: f64 = 0.003, in 1e-4..=0.5;
-        /// The spread that a wave component is given, as a multiple of the vessel's.
-        /// Chosen: tuned at Moderate.
-        pub wave_scale: f64 = 0.8, in 0.1..=10.0;
-        /// The vessel's estimate of each wave component's present motion is fused with its variance times
-        /// this, because its errors last from one message to the next.
-        pub wave_state_inflation: f64 = 25.0, in 1.0..=1e12;
-        /// Least spread of a wave component.
-        pub min_wave_sd_m_rad: [f64; 6] = six([0.01, 0.01, 0.01], [0.1, 0.1, 0.1]), in 1e-6..=1.0;
+        pub residual_damping: f64 = 0.1, in 0.05..=0.95;
         /// Until the vessel has sent a wave model: angular frequencies, rad/s.
         /// Source: As the vessel model's broad default.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;

@@ -5,18 +5,17 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::time::{DroneClock, Span, Time};
+use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, RATE, Step, TURN, VISION};
 use super::forecast::STEERAGE_MPS;
 use super::observation::{Kind, Observation};
-use super::waves::{AXES, Change, Oscillator, Seed, Waves};
+use super::waves::{AXES, Waves};
 
 /// Observations that can be put in order.
 const MAX_ENTRIES: usize = 96;
 /// Observations further back than this are rejected, s.
 const MAX_LATE_S: f64 = 1.0;
-/// A wave model older than this holds no information about phases, s.
-const MAX_SEED_S: f64 = 5.0;
 /// Consecutive rejections after which vision or radio is accepted again.
 const MAX_CONSECUTIVE_REJECTIONS: u32 = 12;
 /// More than any of our vessels accelerates across in a turn, m/s².
@@ -25,9 +24,6 @@ const MAX_TURN_MPS2: f64 = 2.0;
 const MAX_SPEED_MPS: f64 = 10.0;
 /// A turn by more than this in one step is nonsense, rad.
 const MAX_BEND_RAD: f64 = 1.0;
-
-/// Degrees of freedom whose oscillators the vessel's are: with stiffness, so that they are motion.
-const IDENTIFIED_AXES: [usize; 3] = [2, 3, 4];
 
 /// Degrees of freedom that are rejected together.
 const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &[3, 4], &[5]];
@@ -70,45 +66,27 @@ pub struct Filter {
     /// The radio is received.
     radio_available: bool,
     started: Time<DroneClock>,
+    lever_arm: Vector3<f64>,
 }
 
 impl Filter {
     /// Filters that begin with `first`, whose missing degrees of freedom are level.
-    pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &Observation) -> Self {
+    pub fn new(
+        noise: [AxisNoise; AXES],
+        gate: f64,
+        waves: &Waves,
+        lever_arm: &Vector3<f64>,
+        first: &Observation,
+    ) -> Self {
         let common_tilt = noise[3].radio.0.max(noise[4].radio.0);
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
         let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
-        // The vessel's own phases, rolled on to the first observation.
-        let seeds: Vec<Option<(Seed, Step)>> = waves
-            .oscillators()
-            .iter()
-            .map(|o| {
-                let seed = o.seed?;
-                let since = (first.at - seed.at).secs();
-                (since.abs() < MAX_SEED_S).then(|| (seed, Step::new(&[*o], since)))
-            })
-            .collect();
+        let oscillators = waves.oscillators(first.at);
         let axes: State = core::array::from_fn(|i| {
             let (level, var) = first.value[i].unwrap_or((0.0, f64::powi(unknown[i], 2)));
             let slow = noise[i].radio.0.powi(2).max(noise[i].vision.0.powi(2));
-            let mut axis = Axis::new(&noise[i], waves.oscillators(), i, level, 0.0, rate_sd[i]);
-            let mut sea = 0.0;
-            for (k, (o, seed)) in waves.oscillators().iter().zip(&seeds).enumerate() {
-                let Some((s, step)) = seed else {
-                    // This part of the first value is not known.
-                    sea += o.sd[i].powi(2);
-                    continue;
-                };
-                let [a, b, c, d] = step.a[0];
-                let (v, r) = (s.value[i], s.rate[i]);
-                axis.set(
-                    k,
-                    [a * v + b * r, c * v + d * r],
-                    [s.variance[i], s.variance[i] * o.omega * o.omega],
-                );
-                axis.x[MEAN] -= a * v + b * r;
-                sea += s.variance[i];
-            }
+            let mut axis = Axis::new(&noise[i], &oscillators, i, level, 0.0, rate_sd[i]);
+            let sea: f64 = oscillators.iter().map(|o| o.sd[i].powi(2)).sum();
             axis.p[MEAN][MEAN] = var + sea + slow;
             axis
         });
@@ -121,6 +99,7 @@ impl Filter {
             rejected: [0; 2],
             radio_available: true,
             started: first.at,
+            lever_arm: *lever_arm,
         };
         f.entries.push_back(Entry {
             at: first.at,
@@ -138,7 +117,7 @@ impl Filter {
             // Never empty; a level deck stands in.
             None => return core::array::from_fn(|i| Axis::new(&self.noise[i], &[], i, 0.0, 1e3, 1.0)),
         };
-        self.advance(&mut s.0, waves.oscillators(), t - s.1);
+        self.advance(&mut s.0, waves, s.1, t);
         s.0
     }
     /// Time of the first observation.
@@ -178,16 +157,44 @@ impl Filter {
             .is_some_and(|e| e.after.iter().all(Axis::is_finite))
     }
 
-    fn advance(&self, s: &mut State, oscillators: &[Oscillator], dt: Span) {
+    /// Takes a state on from one time to another, from the modes that were the newest then to those of the later time:
+    /// what a newer message says otherwise than the one before is no motion of the deck, so the residual takes it.
+    fn advance(&self, s: &mut State, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
+        let dt = to - from;
         if dt <= Span::ZERO {
             return;
         }
-        let step = Step::new(oscillators, dt.secs());
+        let oscillators = waves.oscillators(to);
+        let step = Step::new(&oscillators, dt.secs());
         let noise = self.noise(s);
         for (i, a) in s.iter_mut().enumerate() {
-            a.propagate(&noise[i], oscillators, i, &step);
+            a.propagate(&noise[i], &oscillators, i, &step);
         }
         bend(s, dt.secs());
+        if let Some(change) = waves.change(from, to, &self.lever_arm) {
+            for (i, a) in s.iter_mut().enumerate() {
+                let course = i < 2;
+                // Where the path of a velocity begins is no motion of the waves.
+                a.x[if course { MEAN } else { HEAD }] += change.value[i];
+                a.x[HEAD + 1] += change.rate[i];
+                // That the newer modes leave no more than usual is what the vessel has measured since.
+                if let Some(o) = oscillators.first() {
+                    let var = o.sd[i].powi(2);
+                    if !course {
+                        a.update(MeasurementRow::Residual, 0.0, var);
+                    }
+                    a.update(MeasurementRow::ResidualRate, 0.0, var * o.omega * o.omega);
+                }
+            }
+        }
+    }
+    /// A newer message has come: what was known since its time of validity is reckoned again about its modes.
+    pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
+        self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));
+    }
+    /// Place of the deck's centre on the vessel, m.
+    pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>) {
+        self.lever_arm = lever_arm;
     }
 
     /// Fuses `o` where it belongs in time and everything later again after it.
@@ -210,7 +217,7 @@ impl Filter {
         {
             return Fused::Duplicate;
         }
-        let since = o.at - before.at;
+        let since = before.at;
         let mut state = match self.spare.pop() {
             Some(mut s) => {
                 *s = *before.after;
@@ -218,8 +225,9 @@ impl Filter {
             }
             None => before.after.clone(),
         };
-        self.advance(&mut state, waves.oscillators(), since);
-        let gated = self.apply(&mut state, o, waves);
+        self.advance(&mut state, waves, since, o.at);
+        let about = o.about(&waves.motion(o.at, &self.lever_arm));
+        let gated = apply(&mut state, &about, self.gate, self.common_tilt);
         self.entries.insert(
             i,
             Entry {
@@ -256,24 +264,13 @@ impl Filter {
             let Some((next, observation)) = self.entries.get(k).map(|e| (e.at, e.observation)) else {
                 return;
             };
-            self.advance(&mut state, waves.oscillators(), next - at);
+            self.advance(&mut state, waves, at, next);
             if let Some(o) = observation {
-                self.apply(&mut state, &o, waves);
+                let o = o.about(&waves.motion(o.at, &self.lever_arm));
+                apply(&mut state, &o, self.gate, self.common_tilt);
             }
             if let Some(e) = self.entries.get_mut(k) {
                 *e.after = state;
-            }
-        }
-    }
-
-    fn apply(&self, s: &mut State, o: &Observation, waves: &Waves) -> u32 {
-        match o.kind {
-            Kind::Estimate | Kind::Tag | Kind::Uvdar | Kind::Range => {
-                apply(s, o, self.gate, self.common_tilt)
-            }
-            Kind::Waves => {
-                learn(s, o.at, waves, self.gate);
-                0
             }
         }
     }
@@ -284,7 +281,7 @@ impl Filter {
         let (channel, slow) = match kind {
             Kind::Estimate => (0, super::axis::RADIO),
             Kind::Tag | Kind::Uvdar => (1, VISION),
-            Kind::Range | Kind::Waves => return,
+            Kind::Range => return,
         };
         let Some(count) = self.rejected.get_mut(channel) else {
             return;
@@ -305,30 +302,8 @@ impl Filter {
         }
     }
 
-    /// Follows a change of the wave components.
-    pub fn follow(&mut self, change: Change, oscillators: &[Oscillator]) {
-        for e in &mut self.entries {
-            for (i, a) in e.after.iter_mut().enumerate() {
-                match change {
-                    Change::Rescale(k, ratio) => a.rescale(k, ratio),
-                    Change::Renew(k) => {
-                        if let Some(o) = oscillators.get(k) {
-                            a.renew(k, o, i);
-                        }
-                    }
-                    Change::Append => {
-                        if let Some(o) = oscillators.last() {
-                            a.append(o, i);
-                        }
-                    }
-                    Change::Remove(k) => a.remove(k),
-                }
-            }
-        }
-    }
-
     /// The drone's origin has moved by `jump` (m): vision has moved along.
-    pub fn shift(&mut self, jump: &nalgebra::Vector3<f64>) {
+    pub fn shift(&mut self, jump: &Vector3<f64>) {
         for e in &mut self.entries {
             for i in 0..3 {
                 e.after[i].x[VISION] += jump[i];
@@ -382,26 +357,6 @@ fn bend(s: &mut State, dt: f64) {
     }
 }
 
-/// Fuses what the vessel knows of its oscillators, rolled on to `at`: it has measured their motion for
-/// minutes, where the drone has observed their sum for seconds.
-fn learn(s: &mut State, at: Time<DroneClock>, waves: &Waves, gate: f64) {
-    for (k, o) in waves.oscillators().iter().enumerate() {
-        let Some(seed) = o.seed else { continue };
-        let since = (at - seed.at).secs();
-        if !(since.abs() < MAX_SEED_S) {
-            continue;
-        }
-        let [a, b, c, d] = Step::new(&[*o], since).a[0];
-        for axis in IDENTIFIED_AXES {
-            let (v, r) = (seed.value[axis], seed.rate[axis]);
-            let variance = waves.wave_state_inflation() * seed.variance[axis];
-            let i = HEAD + 2 * k;
-            s[axis].update_state(i, a * v + b * r, variance, gate);
-            s[axis].update_state(i + 1, c * v + d * r, variance * o.omega * o.omega, gate);
-        }
-    }
-}
-
 /// Vision's rotation by the tag's attitude: measured less predicted tilt. `common` (rad) is the error of
 /// the vessel's own tilt and is in all of them: no number of tags makes it smaller.
 fn turned(s: &mut State, o: &Observation, common: f64) {
@@ -418,7 +373,6 @@ fn apply(s: &mut State, o: &Observation, gate: f64, common: f64) -> u32 {
     let row = match o.kind {
         Kind::Estimate => MeasurementRow::Radio,
         Kind::Tag | Kind::Uvdar | Kind::Range => MeasurementRow::Vision,
-        Kind::Waves => return 0,
     };
     let row = |i: usize| match o.lever.get(i) {
         Some(lever) if *lever != 0.0 => MeasurementRow::Camera(*lever),

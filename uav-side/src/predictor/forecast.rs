@@ -3,13 +3,13 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
-use alight_shared::vessel_model::{WaveNonlinearity, turn_tilt};
+use alight_shared::time::{DroneClock, Time};
+use alight_shared::vessel_model::turn_tilt;
 use nalgebra::Vector3;
 
 use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
-use super::bound_waves::DeckBoundMotion;
 use super::lever_arm_heave::lever_arm_heave;
-use super::waves::{AXES, Oscillator};
+use super::waves::{AXES, DeckMotion, Oscillator, Waves};
 
 /// Stages at which the variance is computed; between them it is interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
@@ -20,7 +20,7 @@ const SLOPE_STEPS: usize = 2;
 /// Below this speed a turn does not bend the path, m/s.
 pub(super) const STEERAGE_MPS: f64 = 0.3;
 
-/// Transitions over the horizon, kept while the wave components stay the same.
+/// Transitions over the horizon, kept while the oscillators' frequencies stay the same.
 #[derive(Clone, Debug)]
 pub struct Horizon {
     oscillators: Vec<Oscillator>,
@@ -44,14 +44,21 @@ impl Horizon {
     }
     /// Recomputes the transitions if the oscillators have changed.
     pub fn refresh(&mut self, oscillators: &[Oscillator]) {
-        if self.oscillators != oscillators {
+        let frequencies = |o: &Oscillator| (o.omega, o.damping);
+        if !self
+            .oscillators
+            .iter()
+            .map(frequencies)
+            .eq(oscillators.iter().map(frequencies))
+        {
             *self = Horizon::new(oscillators, self.stage_s);
         }
+        self.oscillators.copy_from_slice(oscillators);
     }
 
     /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
     /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `lever_arm` is where the deck is
-    /// on the vessel, m, `nonlinearity` by how much it moves more than the sum of the oscillators.
+    /// on the vessel, m, `waves` holds the modes, from time `now` on.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
@@ -59,18 +66,22 @@ impl Horizon {
         common: &[(f64, f64); AXES],
         clock_var: f64,
         lever_arm: &Vector3<f64>,
-        nonlinearity: WaveNonlinearity,
+        (waves, now): (&Waves, Time<DroneClock>),
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
         let knots: [[(f64, f64); KNOTS.len()]; AXES] =
             core::array::from_fn(|i| core::array::from_fn(|k| self.variance(&axes[i], &noise[i], i, k)));
+        let mut modes = waves.modes(now, lever_arm, self.stage_s);
         let mut out = Seq::new();
         let mut knot = 0;
         for k in 0..FORECAST_STAGES {
             if k > 0 {
                 self.advance(&mut mean, &heads);
+                modes.advance();
             }
+            let predicted = waves.variance(now, k as f64 * self.stage_s);
+            let frequency = self.oscillators.first().map_or(0.0, |o| o.omega);
             while knot + 2 < KNOTS.len() && KNOTS[knot + 1] < k {
                 knot += 1;
             }
@@ -81,13 +92,13 @@ impl Horizon {
                 |i| {
                     let (p, q) = (knots[i][knot], knots[i][knot + 1]);
                     (
-                        p.0 + f * (q.0 - p.0) + common[i].0,
-                        p.1 + f * (q.1 - p.1) + common[i].1,
+                        p.0 + f * (q.0 - p.0) + common[i].0 + predicted[i],
+                        p.1 + f * (q.1 - p.1) + common[i].1 + predicted[i] * frequency * frequency,
                     )
                 },
                 clock_var,
                 lever_arm,
-                nonlinearity,
+                &modes.motion(),
             );
             if out.push(stage).is_err() {
                 break;
@@ -103,15 +114,17 @@ impl Horizon {
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
         lever_arm: &Vector3<f64>,
-        nonlinearity: WaveNonlinearity,
+        (waves, now): (&Waves, Time<DroneClock>),
     ) -> Seq<u8, PREDICTED_SLOPES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
+        let mut modes = waves.modes(now, lever_arm, self.stage_s);
         let mut forces = [Vector3::zeros(); PREDICTED_SLOPES + 2 * SLOPE_STEPS];
         for force in &mut forces {
-            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, lever_arm, nonlinearity);
+            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, lever_arm, &modes.motion());
             *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
             self.advance(&mut mean, &heads);
+            modes.advance();
         }
         let mut out = Seq::new();
         for window in forces.windows(2 * SLOPE_STEPS + 1) {
@@ -201,7 +214,7 @@ impl Horizon {
         var: impl Fn(usize) -> (f64, f64),
         clock_var: f64,
         lever_arm: &Vector3<f64>,
-        nonlinearity: WaveNonlinearity,
+        modes: &DeckMotion,
     ) -> DeckStage {
         let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for i in 0..AXES {
@@ -215,11 +228,10 @@ impl Horizon {
                 a[i] -= o.omega * o.omega * x[j] + 2.0 * o.damping * o.omega * x[j + 1];
             }
         }
-        let bound_waves = DeckBoundMotion::at(mean, &self.oscillators, nonlinearity, lever_arm);
         for i in 0..AXES {
-            v[i] += bound_waves.value[i];
-            r[i] += bound_waves.rate[i];
-            a[i] += bound_waves.acceleration[i];
+            v[i] += modes.value[i];
+            r[i] += modes.rate[i];
+            a[i] += modes.acceleration[i];
         }
         let yaw = alight_shared::frames::wrap_angle(v[5]);
         let (s, c) = yaw.sin_cos();

@@ -3,7 +3,7 @@
 //! The filters carry the height that the deck would have if the vessel were level: heave, which is
 //! a sum of waves. The deck itself is on an arm `c` above the vessel's reference point and so
 //! dips twice in a rocking period, by `c_z (cos theta cos phi - 1)`: 8 cm at 20 deg, with up to
-//! 0.1 m/s, which no wave component explains. It follows from the tilt, so nothing of it is
+//! 0.1 m/s, which no mode explains. It follows from the tilt, so nothing of it is
 //! estimated.
 
 use nalgebra::Vector3;

@@ -1,7 +1,7 @@
-//! The predictor: the vessel's messages and the drone's vision fused in one wave model, propagated to the
+//! The predictor: the vessel's messages and the drone's vision fused about the vessel's modes, propagated to the
 //! deck's motion over the next seconds, in the drone's own frame, with covariance.
 //!
-//! - [`waves`]: the wave components, matched from message to message.
+//! - [`waves`]: the vessel's modes, rolled on.
 //! - [`axis`]: the Kalman filter of one degree of freedom.
 //! - [`filter`]: the six of them, and how late observations are fused at their own time.
 //! - [`observation`]: each message as a measurement of the six degrees of freedom.
@@ -13,16 +13,13 @@
 //! known to the drone only up to a slow offset; vision measures that offset. With the radio
 //! silent the same filters go on by vision alone.
 
-mod adaptive_noise;
 pub mod axis;
-mod bound_waves;
 mod config;
 pub mod filter;
 pub mod forecast;
 pub mod lever_arm_heave;
 mod node;
 pub mod observation;
-pub mod rocking;
 pub mod track;
 pub mod waves;
 

@@ -14,15 +14,12 @@ use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::adaptive_noise::AdaptiveTiltNoise;
-use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION};
-use super::bound_waves::DeckBoundMotion;
+use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, VISION};
 use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{self, MountRotation, Observation, Plane};
-use super::rocking::Rocking;
 use super::track::Track;
 use super::waves::{AXES, Waves};
 
@@ -56,12 +53,6 @@ pub struct PredictorOut {
 
 /// A message may be this much ahead of now: jitter between processes.
 const AHEAD: Span = Span::from_millis(20);
-/// A change of the vessel's mean velocity that its waves are met at another frequency for, m/s.
-const ENCOUNTER_CHANGE_MPS: f64 = 0.6;
-/// From this confidence on the vessel's phases are fused.
-const CONFIDENT: f64 = 0.5;
-/// A filter has begun lately for this long, s.
-const FRESH_FILTER_S: f64 = 3.0;
 /// Before the first state of the link, s.
 const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 
@@ -82,10 +73,6 @@ pub struct Predictor {
     stated: [(f64, f64); AXES],
     /// Deck's centre in the vessel's body frame, m.
     lever_arm: Vector3<f64>,
-    rocking: Rocking,
-    adaptive_noise: AdaptiveTiltNoise,
-    /// Mean velocity that the frequencies of encounter belong to: north, east, m/s.
-    encounter_velocity: [f64; 2],
     radio_at: Option<Time<DroneClock>>,
     radio_sequence: Option<(u32, u32)>,
     vision_at: Option<Time<DroneClock>>,
@@ -102,20 +89,17 @@ impl Predictor {
     pub fn new(config: &PredictorConfig, boot: u32) -> Self {
         let waves = Waves::new(config);
         Predictor {
-            horizon: Horizon::new(waves.oscillators(), config.stage_s),
-            far: Horizon::new(waves.oscillators(), PREDICTED_SLOPE_STEP_S),
+            horizon: Horizon::new(&waves.oscillators(Time::default()), config.stage_s),
+            far: Horizon::new(&waves.oscillators(Time::default()), PREDICTED_SLOPE_STEP_S),
             config: config.clone(),
             boot,
             sequence: 0,
             waves,
             filter: None,
             track: Track::default(),
-            rocking: Rocking::default(),
-            adaptive_noise: AdaptiveTiltNoise::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
             lever_arm: config.deck.centre(),
-            encounter_velocity: [0.0; 2],
             radio_at: None,
             radio_sequence: None,
             vision_at: None,
@@ -145,15 +129,8 @@ impl Predictor {
         let noise = AxisNoise::all(&self.config);
         let filter = self
             .filter
-            .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
-        let o = if !waves.nonlinearity.is_linear() && o.kind != observation::Kind::Waves {
-            let axes = filter.at(waves, o.at);
-            DeckBoundMotion::of(&axes, waves.oscillators(), waves.nonlinearity, &self.lever_arm)
-                .removed_from(o)
-        } else {
-            *o
-        };
-        match filter.fuse(waves, &o) {
+            .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, &self.lever_arm, o));
+        match filter.fuse(waves, o) {
             Fused::All => Ok(()),
             // Part of it was good: it counts as used, and as an outlier.
             Fused::Gated(n) if n < 3 && o.kind != observation::Kind::Range => {
@@ -187,31 +164,11 @@ impl Predictor {
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
         self.slopes = Some((m.header.at, m.slopes));
-        let known = self.waves.are_identified();
-        let filter = &mut self.filter;
-        self.waves
-            .receive(now, m, -self.lever_arm.z, |change, oscillators| {
-                if let Some(f) = filter {
-                    f.follow(change, oscillators);
-                }
-            });
-        // A filter that began lately learns more from the vessel's phases than it knows.
-        let begun_lately = self
-            .filter
-            .as_ref()
-            .is_some_and(|f| (now - f.started()).secs() < FRESH_FILTER_S);
-        if !known && self.waves.are_identified() && begun_lately {
+        if self.waves.receive(m) {
+            // Began on the bank, whose oscillators hold what the modes know better.
             self.filter = None;
-        }
-        if self.filter.is_some() && self.waves.confidence >= CONFIDENT {
-            // Phases of low confidence hold no information.
-            self.fuse(&Observation {
-                at: m.header.at,
-                kind: observation::Kind::Waves,
-                value: [None; AXES],
-                rate: [None; AXES],
-                lever: [0.0; 2],
-            })?;
+        } else if let Some(f) = &mut self.filter {
+            f.rebase(&self.waves, m.header.at);
         }
         Ok(())
     }
@@ -234,32 +191,14 @@ impl Predictor {
             return Err(RejectionReason::Duplicate);
         }
         let o = observation::estimate(e, &origin, self.clock_sd_s, &self.config);
-        match &self.filter {
-            Some(f) if self.waves.are_identified() && self.waves.confidence >= CONFIDENT => {
-                let expected = f.at(&self.waves, o.at);
-                let bound_waves = DeckBoundMotion::of(
-                    &expected,
-                    self.waves.oscillators(),
-                    self.waves.nonlinearity,
-                    &self.lever_arm,
-                );
-                self.adaptive_noise
-                    .update(&bound_waves.removed_from(&o), &expected);
-            }
-            // Without a prediction there is no innovation.
-            Some(_) | None => self.adaptive_noise = AdaptiveTiltNoise::default(),
-        }
-        self.waves.set_adaptive_noise(self.adaptive_noise.tilt_sd());
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
-            let two = |m: &[observation::Measured]| [3, 4].map(|i: usize| m[i].map_or(0.0, |v| v.0));
-            self.rocking
-                .update(e.header.at.secs(), two(&o.value), two(&o.rate));
-            self.waves.observe(self.rocking.known());
             self.lever_arm = e.deck_centre();
-            self.encounter_velocity = e.mean_velocity.map(f64::from);
+            if let Some(f) = &mut self.filter {
+                f.set_lever_arm(self.lever_arm);
+            }
             let tilt = |k: usize| 0.5 * f64::from(e.covariance[3][k] + e.covariance[4][k]);
             let own = |i: usize, k: usize| f64::from(e.covariance[i][k]);
             self.stated = core::array::from_fn(|i| match i {
@@ -297,7 +236,7 @@ impl Predictor {
         let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
         let observation = observe(&pose, &self.mount(), &self.config);
         let lever_arm_heave_m = match &self.filter {
-            Some(f) => self.plane(&f.at(&self.waves, at)).1,
+            Some(f) => self.plane(&f.at(&self.waves, at), at).1,
             None => 0.0,
         };
         let o = observation.levelled(lever_arm_heave_m);
@@ -324,7 +263,7 @@ impl Predictor {
             return Ok(());
         };
         let axes = f.at(&self.waves, at);
-        let (deck, lever_arm_heave_m) = self.plane(&axes);
+        let (deck, lever_arm_heave_m) = self.plane(&axes, at);
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
@@ -333,42 +272,12 @@ impl Predictor {
         self.fuse(&o)
     }
 
-    /// Frequencies of encounter in silence: the vessel's own stay until its mean velocity has
-    /// clearly changed. (A velocity 0.2 m/s wrong costs 0.03 rad/s, a third of a radian in 10 s.)
-    fn update_encounter(&mut self, radio_age_s: f64) {
-        let Some(f) = &mut self.filter else {
-            return;
-        };
-        let Some(velocity) = f.last().map(|s| [s[0].x[RATE], s[1].x[RATE]]) else {
-            return;
-        };
-        let changed =
-            (velocity[0] - self.encounter_velocity[0]).hypot(velocity[1] - self.encounter_velocity[1]);
-        if radio_age_s < self.config.fresh_s || changed < ENCOUNTER_CHANGE_MPS {
-            return;
-        }
-        self.encounter_velocity = velocity;
-        let mut changes: [Option<super::waves::Change>; super::waves::MAX_OSCILLATORS] =
-            [None; super::waves::MAX_OSCILLATORS];
-        let mut n = 0;
-        self.waves.update_encounter(velocity, |c| {
-            if let Some(slot) = changes.get_mut(n) {
-                *slot = Some(c);
-                n += 1;
-            }
-        });
-        for c in changes.into_iter().flatten() {
-            f.follow(c, self.waves.oscillators());
-        }
-    }
-
     fn forecast(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
         let age = |t: Option<Time<DroneClock>>| t.map_or(f64::INFINITY, |t| (now - t).secs().max(0.0));
         let (radio_age_s, vision_age_s) = (age(self.radio_at), age(self.vision_at));
         if !(radio_age_s.min(vision_age_s) < self.config.silence_s) {
             return None;
         }
-        self.update_encounter(radio_age_s);
         if let Some(f) = &mut self.filter {
             f.set_radio_available(radio_age_s < self.config.fresh_s);
         }
@@ -378,7 +287,8 @@ impl Predictor {
             return None;
         }
         let filter = self.filter.as_ref()?;
-        self.horizon.refresh(self.waves.oscillators());
+        let oscillators = self.waves.oscillators(now);
+        self.horizon.refresh(&oscillators);
         let axes = filter.at(&self.waves, now);
         let fresh = |a: f64| a < self.config.fresh_s;
         let source = match (fresh(radio_age_s), fresh(vision_age_s)) {
@@ -393,20 +303,18 @@ impl Predictor {
             // Vision does not depend on the clocks' offset.
             Source::Vision | Source::None => 0.0,
         };
-        let nonlinearity = self.waves.nonlinearity;
         let stages = self.horizon.stages(
             &axes,
             &filter.noise(&axes),
             &common,
             clock_var,
             &self.lever_arm,
-            nonlinearity,
+            (&self.waves, now),
         );
-        let named = self.waves.confidence > 0.0 && self.waves.are_identified();
-        let predicted_slopes = if named {
-            self.far.refresh(self.waves.oscillators());
+        let predicted_slopes = if self.waves.are_identified() {
+            self.far.refresh(&oscillators);
             self.far
-                .slopes(&axes, &filter.noise(&axes), &self.lever_arm, nonlinearity)
+                .slopes(&axes, &filter.noise(&axes), &self.lever_arm, (&self.waves, now))
         } else {
             Seq::new()
         };
@@ -420,7 +328,6 @@ impl Predictor {
             vision_age_s,
             tag_age_s: age(self.tag_at),
             wave_confidence: self.waves.confidence,
-            wave_following_deficit: nonlinearity.wave_following_deficit,
             mean_heading: wrap_angle(axes[5].x[MEAN] + axes[5].x[VISION]),
             stages,
             slopes: match self.slopes {
@@ -468,27 +375,22 @@ impl Predictor {
 }
 
 impl Predictor {
-    /// The deck by a state of the filters, and its height due to the tilt, m.
-    fn plane(&self, axes: &[Axis; AXES]) -> (Plane, f64) {
-        let bound_waves = DeckBoundMotion::of(
-            axes,
-            self.waves.oscillators(),
-            self.waves.nonlinearity,
-            &self.lever_arm,
-        );
-        let at = |i: usize, row: MeasurementRow| {
+    /// The deck by a state of the filters at a time, and its height due to the tilt, m.
+    fn plane(&self, axes: &[Axis; AXES], at: Time<DroneClock>) -> (Plane, f64) {
+        let modes = self.waves.motion(at, &self.lever_arm);
+        let deck = |i: usize, row: MeasurementRow| {
             let (value, variance) = axes[i].project(row);
-            (value + bound_waves.value[i], variance)
+            (value + modes.value[i], variance)
         };
         let (n, e, d) = (
-            at(0, MeasurementRow::Vision),
-            at(1, MeasurementRow::Vision),
-            at(2, MeasurementRow::Vision),
+            deck(0, MeasurementRow::Vision),
+            deck(1, MeasurementRow::Vision),
+            deck(2, MeasurementRow::Vision),
         );
         let (tn, te, yaw) = (
-            at(3, MeasurementRow::Level),
-            at(4, MeasurementRow::Level),
-            at(5, MeasurementRow::Vision),
+            deck(3, MeasurementRow::Level),
+            deck(4, MeasurementRow::Level),
+            deck(5, MeasurementRow::Vision),
         );
         let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
         let [lever_arm_heave_m, ..] = lever_arm_heave(&self.lever_arm, [roll, pitch], [0.0; 2], [0.0; 2]);

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::config::PredictorConfig;
 use super::track::Pose;
-use super::waves::AXES;
+use super::waves::{AXES, DeckMotion};
 
 /// The drone is above the deck when the line of sight is offset laterally by less than this fraction of
 /// its height, or by less than this distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
@@ -25,8 +25,6 @@ pub enum Kind {
     Uvdar,
     /// The rangefinder.
     Range,
-    /// The vessel's wave model: no value of the deck, but those of its oscillators.
-    Waves,
 }
 
 /// A value and its variance.
@@ -50,6 +48,20 @@ pub struct Observation {
 }
 
 impl Observation {
+    /// The same of what `motion` leaves of the deck: that is what the filters hold.
+    #[must_use]
+    pub fn about(&self, motion: &DeckMotion) -> Observation {
+        let mut rest = *self;
+        for i in 0..AXES {
+            if let Some((v, _)) = &mut rest.value[i] {
+                *v -= motion.value[i];
+            }
+            if let Some((r, _)) = &mut rest.rate[i] {
+                *r -= motion.rate[i];
+            }
+        }
+        rest
+    }
     /// Takes out of the height what the tilt adds to it, m.
     #[must_use]
     pub fn levelled(mut self, lever_arm_heave_m: f64) -> Self {

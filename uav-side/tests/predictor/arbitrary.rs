@@ -2,7 +2,7 @@
 
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DroneState, Header, LinkState, Message, RangeSample, TagPose, UvdarFix, VesselEstimate, WaveComponent,
+    DroneState, Header, LinkState, Message, RangeSample, TagPose, UvdarFix, VesselEstimate, WaveMode,
     WaveModel,
 };
 use alight_shared::node::Node;
@@ -49,10 +49,9 @@ proptest! {
                 eta_dot: six(6).map(|v: f64| v as f32), eta_ddot: [x[12] as f32; 6],
                 covariance: [[x[13] as f32, 0.0, x[14] as f32]; 6], deck_centre: [0.0, 0.0, -1.3],
                 mean_velocity: [x[15] as f32; 2], mean_heading: [x[16] as f32; 2] }),
-            _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32, wave_following_deficit: x[9] as f32, crest_steepening: x[10] as f32,
-                slopes: Seq::filled([x[8] as u8; 60]), components: Seq::filled([WaveComponent { omega: x[1] as f32, omega_encounter: x[2] as f32,
-                    damping: x[3] as f32, state: [[x[4] as f32; 2]; 6], drive: [x[5] as f32; 6],
-                    direction: x[6] as f32, direction_sd: x[7] as f32, ..Default::default() }; 6]) }),
+            _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32, mean: [x[9] as f32; 6],
+                spread: [[x[10] as f32; 6]; 6], slopes: Seq::filled([x[8] as u8; 60]),
+                modes: Seq::filled([WaveMode { pole: [x[1] as f32, x[2] as f32], shape: [[x[4] as f32, x[5] as f32]; 6] }; 12]) }),
         }
         let valid = match which {
             0 => bad.tags[0].check(),

@@ -7,14 +7,14 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, TagPose, VesselEstimate, WaveComponent,
+    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, TagPose, VesselEstimate, WaveMode,
     WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use alight_uav::predictor::observation::body_from_camera;
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
-use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Complex, Rotation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -40,8 +40,6 @@ pub struct Vessel {
     pub sway: f64,
     pub speed: f64,
     pub heading: f64,
-    /// Wave-following deficit: fraction of the orbital motion that passes under it.
-    pub wave_following_deficit: f64,
 }
 
 impl Vessel {
@@ -61,42 +59,7 @@ impl Vessel {
             sway: 0.8,
             speed: 0.2,
             heading: 0.7,
-            wave_following_deficit: 0.0,
         }
-    }
-    /// In the steepest sea of the paper's Table II, and the orbital motion passes under it.
-    pub fn standing() -> Self {
-        let mut v = Vessel {
-            sway: 0.0,
-            speed: 0.0,
-            wave_following_deficit: 1.0,
-            ..Vessel::moderate()
-        };
-        for w in &mut v.waves {
-            w.amplitude *= 1.6;
-        }
-        v
-    }
-    /// Height of the surface (up) over the place (north, east from the vessel): Gerstner's particles.
-    fn surface(&self, t: f64, place: [f64; 2]) -> f64 {
-        let mut label = place;
-        let phase = |w: &Wave, x: [f64; 2]| {
-            let (ds, dc) = w.direction.sin_cos();
-            w.omega * w.omega / 9.81 * (dc * x[0] + ds * x[1]) + w.omega * t + w.phase
-        };
-        for _ in 0..100 {
-            let mut next = place;
-            for w in &self.waves {
-                let (ds, dc) = w.direction.sin_cos();
-                let out = self.wave_following_deficit * w.amplitude * phase(w, label).sin();
-                next = [next[0] - out * dc, next[1] - out * ds];
-            }
-            label = next;
-        }
-        self.waves
-            .iter()
-            .map(|w| -w.amplitude * phase(w, label).cos())
-            .sum()
     }
     /// Reference point (NED) and Euler angles.
     pub fn eta(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -113,12 +76,6 @@ impl Vessel {
             let slope = w.omega * w.omega / 9.81 * w.amplitude * s;
             n += slope * dc;
             e += slope * ds;
-        }
-        if self.wave_following_deficit > 0.0 {
-            let h = 1e-3;
-            p.z = -self.surface(t, [0.0; 2]);
-            n = (self.surface(t, [h, 0.0]) - self.surface(t, [-h, 0.0])) / (2.0 * h);
-            e = (self.surface(t, [0.0, h]) - self.surface(t, [0.0, -h])) / (2.0 * h);
         }
         let (s, c) = self.heading.sin_cos();
         let (along, across) = (c * n + s * e, -s * n + c * e);
@@ -194,8 +151,6 @@ pub struct Setup {
     /// Radio latency: least and spread, s.
     pub latency: (f64, f64),
     pub height: f64,
-    /// The vessel reports its wave-following deficit.
-    pub deficit_reported: bool,
 }
 impl Default for Setup {
     fn default() -> Self {
@@ -207,7 +162,6 @@ impl Default for Setup {
             clock_sd: 0.01,
             latency: (0.03, 0.04),
             height: 7.0,
-            deficit_reported: true,
         }
     }
 }
@@ -308,7 +262,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
         }
         if k % 20 == 0 && now < set.radio_until {
             let due = now + set.latency.0 + set.latency.1;
-            let wave = waves(v, k, now, set.deficit_reported);
+            let wave = waves(v, k, now);
             in_flight.push((due, input(|i| i.wave = Some(wave))));
         }
         let above = v.deck(now).0;
@@ -376,43 +330,37 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
     Run { samples, predictor }
 }
 
-/// The wave model; `deficit_reported` where the vessel reports its wave-following deficit.
-pub fn waves(v: &Vessel, k: u32, now: f64, deficit_reported: bool) -> WaveModel<DroneClock> {
+/// The wave model: the modes of these waves, identified to a tenth of a per cent.
+pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
+    let (s, c) = v.heading.sin_cos();
+    let mode = |w: &Wave| {
+        let phase = Complex::from_polar(1.0, w.omega * now + w.phase);
+        let (ds, dc) = w.direction.sin_cos();
+        let slope = w.omega * w.omega / 9.81 * w.amplitude * phase * -Complex::i();
+        let speed = v.sway * w.amplitude * w.omega * phase;
+        let shape = [
+            speed * dc,
+            speed * ds,
+            w.amplitude * phase,
+            -slope * ds,
+            slope * dc,
+            0.1 * slope * (c * ds - s * dc),
+        ];
+        WaveMode {
+            pole: [-0.005, (w.omega * 1.001) as f32],
+            shape: shape.map(|z| [z.re as f32, z.im as f32]),
+        }
+    };
     WaveModel {
         header: header(k, now),
         significant_height_m: 2.0,
         confidence: 0.9,
-        wave_following_deficit: if deficit_reported {
-            v.wave_following_deficit as f32
-        } else {
-            0.0
-        },
-        crest_steepening: 0.0,
+        mean: [0.0; 6],
+        spread: core::array::from_fn(|h| {
+            [0.02, 0.02, 0.008, 0.0015, 0.0015, 0.005].map(|sd| sd * (1.0 + 0.5 * h as f32))
+        }),
         slopes: Seq::filled([10]),
-        components: Seq::filled(v.waves.iter().map(|w| {
-            let slope = w.omega * w.omega / 9.81 * w.amplitude;
-            let sd = [
-                w.omega * w.omega * w.amplitude * 0.5,
-                w.omega * w.omega * w.amplitude * 0.5,
-                w.amplitude * 0.7,
-                slope * 0.5,
-                slope * 0.5,
-                0.01,
-            ];
-            WaveComponent {
-                // Identified to a tenth of a per cent.
-                omega: (w.omega * 1.001) as f32,
-                omega_encounter: (w.omega * 1.001) as f32,
-                // These waves come from their direction.
-                direction: wrap_angle(w.direction + core::f64::consts::PI) as f32,
-                direction_sd: if v.wave_following_deficit > 0.0 { 0.05 } else { 1.5 },
-                damping: 0.01,
-                // The phases are not known.
-                covariance: sd.map(|s| [(s * s) as f32, 0.0, (s * s * w.omega * w.omega) as f32]),
-                drive: sd.map(|s| (4.0 * 0.01 * w.omega.powi(3) * s * s) as f32),
-                ..Default::default()
-            }
-        })),
+        modes: Seq::filled(v.waves.iter().map(mode)),
     }
 }
 

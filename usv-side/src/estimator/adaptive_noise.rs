@@ -25,11 +25,6 @@ const MIN_TIME_S: f64 = 0.1;
 /// Change of a factor that makes a new model (logarithm).
 const REBUILD_CHANGE: f64 = 0.2;
 
-/// Factor above 1 on the disturbance of a degree of freedom at a wave-following deficit of 1: bound waves are known to
-/// a tenth, and the stiffness in heave turns a centimetre into 0.8 m/s² (ours; seeds 300-319 at 0.8 m, 5 s: heave
-/// rate wrong by 0.09 m/s with 0, 0.04 with 9, 0.06 with 30; roll and pitch by 0.77 deg with 9, 0.70 with 30).
-const CREST_FACTORS: [f64; 6] = [0.0, 0.0, 9.0, 30.0, 30.0, 0.0];
-
 /// Factors on the disturbances of the model.
 #[derive(Clone, Debug)]
 pub(crate) struct AdaptiveNoise {
@@ -62,18 +57,16 @@ impl AdaptiveNoise {
         }
     }
 
-    /// Updates the factors when due; true when the model is to be rebuilt with [`AdaptiveNoise::adapted`]. The
-    /// wave-following deficit is that of a hull whose bound waves are modelled, else 0.
-    pub(crate) fn is_rebuild_due(&mut self, at: Time<VesselClock>, wave_following_deficit: f64) -> bool {
+    /// Updates the factors when due; true when the model is to be rebuilt with [`AdaptiveNoise::adapted`].
+    pub(crate) fn is_rebuild_due(&mut self, at: Time<VesselClock>) -> bool {
         if at < self.next {
             return false;
         }
         self.next = at + PERIOD;
-        for (dof, (wanted, mean)) in self.wanted.iter_mut().zip(self.mean).enumerate() {
-            let least = (1.0 + CREST_FACTORS[dof] * wave_following_deficit).ln();
+        for (wanted, mean) in self.wanted.iter_mut().zip(self.mean) {
             // Half of the logarithm: variances to spreads.
             let off = 0.5 * (mean.max(1e-3) / CONSISTENT).ln();
-            *wanted = (*wanted + GAIN * off).clamp(least, MAX_FACTOR.ln());
+            *wanted = (*wanted + GAIN * off).clamp(0.0, MAX_FACTOR.ln());
         }
         let off = |(w, b): (&f64, &f64)| (w - b).abs() > REBUILD_CHANGE || (*w == 0.0 && *b != 0.0);
         if !self.wanted.iter().zip(&self.built).any(off) {
@@ -121,7 +114,7 @@ mod tests {
             for dof in 0..6 {
                 u.observe(dof, if dof == 4 { nis } else { 1.0 }, 0.02);
             }
-            u.is_rebuild_due(Time::from_secs(0.02 * f64::from(k)), 0.0);
+            u.is_rebuild_due(Time::from_secs(0.02 * f64::from(k)));
         }
         u
     }
@@ -143,7 +136,7 @@ mod tests {
         assert!(adapted.check(&Keys::ROOT).is_ok());
         for k in 0..6000 {
             u.observe(4, 0.5, 0.02);
-            u.is_rebuild_due(Time::from_secs(20.0 + 0.02 * f64::from(k)), 0.0);
+            u.is_rebuild_due(Time::from_secs(20.0 + 0.02 * f64::from(k)));
         }
         assert_eq!(u.factor(4), 1.0);
     }

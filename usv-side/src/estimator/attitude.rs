@@ -7,7 +7,6 @@ use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_t
 use nalgebra::Vector3;
 
 use super::{Channel, Filter, MAX_GAP_S, STEP_S};
-use crate::sea_state::MotionSample;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
@@ -35,7 +34,6 @@ impl Filter {
             self.at += Span::from_secs(STEP_S);
             self.follow_heading();
             self.observe_motion();
-            self.check_predictions();
         }
     }
 
@@ -87,17 +85,5 @@ impl Filter {
             0
         };
         rejected
-    }
-
-    /// The motion for the identification, as the attitudes have made it.
-    pub(super) fn motion_of_attitude(&self) -> MotionSample {
-        let up = -(self.tilt().rotation() * Vector3::z());
-        let (s, c) = self.reference.sin_cos();
-        MotionSample {
-            at: self.at,
-            mean_velocity: [self.mean_velocity.x, self.mean_velocity.y],
-            normal: [c * up.x - s * up.y, s * up.x + c * up.y],
-            acceleration_up: -self.belief.acceleration(&self.model, HEAVE),
-        }
     }
 }

@@ -7,7 +7,6 @@ use nalgebra::Vector3;
 
 use super::{Channel, Filter, STEP_S};
 use crate::VesselNodeConfig;
-use crate::sea_state::MotionSample;
 
 /// Gate of an inertial channel on the normalised innovation squared (7 standard deviations).
 const GATE: f64 = 49.0;
@@ -24,8 +23,6 @@ const MAX_LIFT: f64 = 1.0;
 const IMPULSE_SD_FRACTION: f64 = 0.3;
 /// Largest innovation of a rate and of a specific force that a hull that slams explains, rad/s, m/s².
 const MAX_IMPULSE: [f64; 2] = [3.0, 40.0];
-/// The same in the step after a change of the model.
-const MAX_MODEL_STEP: [f64; 2] = [10.0, 200.0];
 /// Share of the unexplained acceleration that is taken for noise of the measurement.
 const FAST_SHARE: f64 = 0.1;
 
@@ -127,8 +124,7 @@ impl Filter {
             let innovation = z - predicted;
             let update = self.belief.update(&row, innovation, r, gate);
             self.record_innovation(Channel::Gyro, dof, update);
-            let shifted = self.model_changed && innovation.abs() < MAX_MODEL_STEP[0];
-            let impulse = shifted || is_impulse(innovation, differ[k], MAX_IMPULSE[0]);
+            let impulse = is_impulse(innovation, differ[k], MAX_IMPULSE[0]);
             if impulse && matches!(update, Update::Gated { .. }) {
                 self.impulse(dof, innovation / STEP_S, 0.5 * innovation * STEP_S, innovation);
             } else {
@@ -181,48 +177,15 @@ impl Filter {
             self.row = row;
             self.record_innovation(Channel::Accelerometer, axis, update);
             let gated = matches!(update, Update::Gated { .. });
-            if gated && self.model_changed && z.abs() < MAX_MODEL_STEP[1] {
-                // The equilibrium of the changed model has jumped, not the hull.
-                self.impulse(axis, z, 0.5 * z * STEP_S * STEP_S, z * STEP_S);
-            } else if gated && is_impulse(z, (rotation * apart.1)[axis], MAX_IMPULSE[1]) {
+            if gated && is_impulse(z, (rotation * apart.1)[axis], MAX_IMPULSE[1]) {
                 // It has grown over the step.
                 self.impulse(axis, z, 0.0, 0.5 * z * STEP_S);
             } else {
                 rejected += self.reject(axis, update, z, STEP_S);
             }
         }
-        self.model_changed = false;
         self.rejected_imu = if rejected > 0 { self.rejected_imu + 1 } else { 0 };
         rejected
-    }
-
-    /// Specific force at the sensor as measured and what the lever to it adds to that of the reference point,
-    /// in the reference-parallel frame, m/s².
-    fn measured(&self, force: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-        let tilt = self.tilt();
-        let rotation = tilt.rotation();
-        let f = rotation * (force - self.force_bias());
-        let arm = rotation * self.imu_lever_arm;
-        let spin = rotation * tilt.body_rates();
-        let acceleration = self.accelerations();
-        let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
-        (f, turning.cross(&arm) + spin.cross(&spin.cross(&arm)))
-    }
-
-    /// The motion for the identification: tilt from the gyroscope, vertical acceleration as measured. Updates the
-    /// wave following of the hull.
-    pub(super) fn motion_sample(&mut self, force: Vector3<f64>) -> MotionSample {
-        let (f, lever) = self.measured(force);
-        let tilt = self.tilt();
-        self.bound_waves.observe(self.at, tilt.angles, (f - lever).into());
-        let up = -(tilt.rotation() * Vector3::z());
-        let (s, c) = self.reference.sin_cos();
-        MotionSample {
-            at: self.at,
-            mean_velocity: [self.mean_velocity.x, self.mean_velocity.y],
-            normal: [c * up.x - s * up.y, s * up.x + c * up.y],
-            acceleration_up: -(f.z + GRAVITY - lever.z),
-        }
     }
 }
 

@@ -9,28 +9,24 @@
 
 mod adaptive_noise;
 mod attitude;
-mod bound_waves;
 mod consistency;
 mod gnss;
 mod history;
 mod inertial;
 mod output;
-mod prediction_scale;
-mod sea;
 mod tilt;
 
 use alight_shared::frames::{Datum, wrap_angle};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample};
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{
-    Belief, BeliefSpec, DISTURBANCE, ETA, Extra, HEAD, HEAVE, Horizon, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
-    Step, Term, VesselModel, YAW,
+    Belief, BeliefSpec, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY, Step, Term,
+    VesselModel, YAW,
 };
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use crate::VesselNodeConfig;
 use crate::motion_model::MotionModel;
-use crate::sea_state::Identifier;
 pub use consistency::{Channel, Consistency, Fit};
 pub use tilt::Tilt;
 
@@ -38,7 +34,7 @@ pub use tilt::Tilt;
 pub(crate) const STEP_S: f64 = 0.02;
 /// Longest gap that is bridged by prediction, s.
 const MAX_GAP_S: f64 = 2.0;
-/// The reference heading follows when the mean heading is this far off, rad (6 deg).
+/// A heading that is this far off its mean is a turn, rad (6 deg).
 const TURN_RAD: f64 = 0.1;
 
 /// Slot, in heave, of the difference between GNSS heights and heave: mean water level plus the receiver's slow
@@ -70,9 +66,10 @@ pub struct Estimator {
     /// Consecutive fixes of which the gates rejected most.
     lost_fixes: u32,
     filter: Option<Filter>,
-    identifier: Identifier,
     /// Of filters before the last restart.
     consistency: Consistency,
+    /// Of the filter before the last restart, for the next one.
+    motion: MotionModel,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -88,26 +85,22 @@ pub(crate) struct Filter {
     pub(crate) belief: Belief,
     pub(crate) model: VesselModel,
     pub(crate) reference: f64,
-    pub(crate) horizon: Horizon,
     pub(crate) datum: Datum,
-    pub(crate) sea: sea::SeaView,
     /// Mean velocity north, east (m/s), mean heading (rad) and its rate (rad/s).
     pub(crate) mean_velocity: Vector2<f64>,
     pub(crate) mean_heading: f64,
     pub(crate) mean_heading_rate: f64,
     pub(crate) adaptive_noise: adaptive_noise::AdaptiveNoise,
-    pub(crate) prediction_scale: prediction_scale::PredictionScale,
-    pub(crate) bound_waves: bound_waves::BoundWaves,
     /// Identified modes of the motion.
     pub(crate) motion: MotionModel,
+    /// What the waves are reckoned about.
+    pub(crate) slow: SlowMotion,
     step: Step,
     /// Sum of the samples since the last step, and how many.
     pending: (Vector3<f64>, Vector3<f64>, f64, u32),
     /// The first of them.
     first: (Vector3<f64>, Vector3<f64>),
     history: history::History,
-    /// The model has changed since the last inertial sample.
-    model_changed: bool,
     /// Place of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
     last_imu: Time<VesselClock>,
@@ -115,13 +108,45 @@ pub(crate) struct Filter {
     inertial: bool,
     last_attitude: Option<Time<VesselClock>>,
     consistency: Consistency,
-    decimate: u32,
     rejected_imu: u32,
     rejected_fixes: u32,
     /// Consecutive rejections of position and velocity, per axis.
     rejected_rows: [[u32; 3]; 2],
     rejected_attitudes: u32,
     row: Vec<Term>,
+}
+
+/// Velocity along and across the mean heading, and heading, averaged over some waves.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct SlowMotion {
+    velocity: Vector2<f64>,
+    heading: f64,
+    known_s: f64,
+}
+
+/// Memory of [`SlowMotion`], s: four waves.
+const SLOW_S: f64 = 20.0;
+
+impl SlowMotion {
+    /// Takes the velocity (NED, m/s) and heading of a step.
+    fn update(&mut self, velocity: Vector2<f64>, heading: f64, mean_heading: f64) {
+        self.known_s += STEP_S;
+        // An average of all so far until the memory is full.
+        let fraction = STEP_S / self.known_s.min(SLOW_S);
+        self.velocity += (Rotation2::new(-mean_heading) * velocity - self.velocity) * fraction;
+        let off = wrap_angle(heading - self.heading);
+        // Waves do not turn a vessel further: the rest is a turn, and followed at once.
+        let turned = off - off.clamp(-TURN_RAD, TURN_RAD);
+        self.heading = wrap_angle(self.heading + turned + (off - turned) * fraction);
+    }
+    /// The velocity in NED, m/s.
+    pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
+        Rotation2::new(mean_heading) * self.velocity
+    }
+    /// How far a heading is off, rad.
+    pub(crate) fn off(&self, heading: f64) -> f64 {
+        wrap_angle(heading - self.heading)
+    }
 }
 
 /// A fix with this many of its six values rejected is lost.
@@ -138,16 +163,8 @@ impl Estimator {
             start: Start::default(),
             lost_fixes: 0,
             filter: None,
-            identifier: Identifier::new(&config.sea_state),
             consistency: Consistency::default(),
-        }
-    }
-    /// An estimator with known angular frequencies (rad/s) and directions (rad) of the waves, for studies: see
-    /// [`Identifier::with_known_waves`].
-    pub fn with_known_waves(config: &VesselNodeConfig, components: &[(f64, f64)]) -> Self {
-        Estimator {
-            identifier: Identifier::with_known_waves(&config.sea_state, components),
-            ..Self::new(config)
+            motion: MotionModel::default(),
         }
     }
     /// What its gates rejected.
@@ -157,7 +174,8 @@ impl Estimator {
     /// Mean water level in the GNSS frame, m down in the vessel's NED, and standard deviation of heave about it at
     /// stage `k` of a prediction made now, m: the two parts of the published height. For studies.
     pub fn level_and_heave_sd(&self, k: usize) -> Option<(f64, f64)> {
-        self.filter.as_ref().map(|f| f.level_and_heave_sd(k))
+        let step_s = self.config.broadcast.prediction_step_s;
+        self.filter.as_ref().map(|f| f.level_and_heave_sd(k, step_s))
     }
     pub(crate) fn filter(&self) -> Option<&Filter> {
         self.filter.as_ref()
@@ -196,12 +214,6 @@ impl Estimator {
             f.remember();
             f.follow_heading();
             f.observe_motion();
-            f.check_predictions();
-            f.decimate += 1;
-            if f.decimate >= 2 {
-                f.decimate = 0;
-                self.identifier.push(&f.motion_sample(force));
-            }
         }
         self.guard();
     }
@@ -260,7 +272,6 @@ impl Estimator {
         f.coast(at);
         let rejected = f.fuse_attitude(fix);
         self.gated.attitude += rejected;
-        self.identifier.push(&f.motion_of_attitude());
         self.guard();
         (true, rejected)
     }
@@ -274,10 +285,7 @@ impl Estimator {
     /// Once per tick, after the measurements: bridges gaps between inertial samples and updates the model with the
     /// identified sea.
     pub fn tick(&mut self, now: Time<VesselClock>) {
-        let nonlinearity = self.filter.as_ref().map(|f| f.bound_waves.nonlinearity());
-        let state = self.identifier.update(now, nonlinearity.unwrap_or_default());
         let Some(f) = self.filter.as_mut() else { return };
-        f.take_sea(&self.config, state);
         f.adapt(&self.config);
         f.motion.work();
         let behind = (now - f.at).secs();
@@ -298,7 +306,10 @@ impl Estimator {
     fn restart(&mut self) {
         self.gated.restarts += 1;
         self.consistency = self.consistency();
-        self.filter = None;
+        // What the motion was like outlives a filter that was wrong about where it stands.
+        if let Some(filter) = self.filter.take() {
+            self.motion = filter.motion;
+        }
         self.start = Start::default();
         self.lost_fixes = 0;
     }
@@ -320,7 +331,9 @@ impl Estimator {
         if !fresh(fix.header.at) || !fresh(heading.header.at) {
             return;
         }
-        self.filter = Some(Filter::new(&self.config, at, &fix, &heading));
+        let mut filter = Filter::new(&self.config, at, &fix, &heading);
+        filter.motion = core::mem::take(&mut self.motion);
+        self.filter = Some(filter);
     }
 }
 
@@ -380,37 +393,27 @@ impl Filter {
         belief.set(SWAY, SLOW, v.y);
         belief.set(YAW, ETA, heading.heading);
         let step = belief.step(&model, STEP_S);
-        let horizon = Horizon::new(
-            &model,
-            config.broadcast.prediction_step_s,
-            alight_shared::msg::PREDICTION_STAGES - 1,
-        );
         Filter {
             at,
             belief,
             model,
             reference,
-            horizon,
             datum: fix.datum,
-            sea: sea::SeaView::default(),
             mean_velocity: Vector2::new(fix.velocity[0], fix.velocity[1]),
             mean_heading: reference,
             mean_heading_rate: 0.0,
             adaptive_noise: adaptive_noise::AdaptiveNoise::new(at),
-            prediction_scale: prediction_scale::PredictionScale::new(at),
-            bound_waves: bound_waves::BoundWaves::default(),
             motion: MotionModel::default(),
+            slow: SlowMotion::default(),
             step,
             pending: Default::default(),
             first: Default::default(),
             history: history::History::default(),
-            model_changed: false,
             imu_lever_arm: Vector3::from(config.imu.lever_arm_m),
             last_imu: at,
             inertial: false,
             last_attitude: None,
             consistency: Consistency::default(),
-            decimate: 0,
             rejected_imu: 0,
             rejected_fixes: 0,
             rejected_rows: [[0; 3]; 2],
@@ -423,10 +426,8 @@ impl Filter {
     fn advance(&mut self, ahead: f64) {
         let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 0..steps {
-            self.remove_bound_waves();
             self.belief.propagate(&self.step);
             self.at += Span::from_secs(STEP_S);
-            self.add_bound_waves();
         }
     }
 
@@ -450,29 +451,21 @@ impl Filter {
         core::array::from_fn(|d| self.belief.acceleration(&self.model, d))
     }
 
-    /// Velocity without the waves: the oscillators of the free degrees of freedom are
-    /// accelerations, whose integral is `-w' / omega²`.
-    fn without_waves(&self, dof: usize) -> (f64, f64) {
-        let l = self.belief.layout();
-        let (mut eta, mut nu) = (self.belief.get(dof, ETA), self.belief.get(dof, NU));
-        for (j, c) in self.belief.components().iter().enumerate() {
-            let o2 = c.omega_encounter * c.omega_encounter;
-            eta += self.belief.get(dof, l.value(dof, j)) / o2;
-            nu += self.belief.get(dof, l.rate(dof, j)) / o2;
-        }
-        (eta, nu)
-    }
-
     /// Updates the mean motion and, when the mean heading has turned far enough, the reference heading.
     fn follow_heading(&mut self) {
-        // First-order low-pass against the rest of the waves: 0.3 s for the velocity (the
-        // identification integrates it to a path, where a lag in a turn is a displacement), 1 s for
-        // the heading's rate.
-        let (_, u) = self.without_waves(SURGE);
-        let (_, v) = self.without_waves(SWAY);
-        let velocity = Rotation2::new(self.reference) * Vector2::new(u, v);
-        self.mean_velocity += (velocity - self.mean_velocity) * (STEP_S / 0.3);
-        let (heading, rate) = self.without_waves(YAW);
+        // First-order low-pass against what the modes leave of the waves: 1 s for the velocity and for the heading's
+        // rate. Until the modes are known the slow velocity stands in.
+        let b = &self.belief;
+        let (velocity, heading) = (self.ned(b.get(SURGE, NU), b.get(SWAY, NU)), b.get(YAW, ETA));
+        let since = self.motion.newest().map_or(0.0, |t| (self.at - t).secs());
+        let waves = self.motion.waves(since);
+        self.slow.update(velocity, heading, self.mean_heading);
+        let mean = match waves {
+            Some(w) => velocity - Vector2::new(w[SURGE], w[SWAY]),
+            None => self.slow.velocity(self.mean_heading),
+        };
+        self.mean_velocity += (mean - self.mean_velocity) * STEP_S;
+        let (heading, rate) = (heading - waves.map_or(0.0, |w| w[YAW]), b.get(YAW, NU));
         self.mean_heading_rate += (rate - self.mean_heading_rate) * STEP_S;
         self.mean_heading += self.mean_heading_rate * STEP_S;
         self.mean_heading += wrap_angle(heading - self.mean_heading) * STEP_S;
@@ -480,7 +473,6 @@ impl Filter {
         let off = wrap_angle(self.mean_heading - self.reference);
         if off.abs() > TURN_RAD {
             self.belief.turn(off);
-            self.bound_waves.turn(off);
             self.history.clear();
             self.reference = self.mean_heading;
         }
@@ -488,33 +480,11 @@ impl Filter {
 
     /// Adapts the process noise of the model to the innovations.
     fn adapt(&mut self, config: &VesselNodeConfig) {
-        let wave_following_deficit = if self.sea.identified {
-            self.bound_waves.wave_following_deficit()
-        } else {
-            0.0
-        };
-        if self
-            .adaptive_noise
-            .is_rebuild_due(self.at, wave_following_deficit)
-        {
+        if self.adaptive_noise.is_rebuild_due(self.at) {
             let adapted = self.adaptive_noise.adapted(&config.model);
-            let components = self.model.components().to_vec();
-            self.set_model(config, VesselModel::new(&adapted, &components));
+            self.model = VesselModel::with_bank(&adapted);
+            self.step = self.belief.step(&self.model, STEP_S);
         }
-    }
-
-    fn set_model(&mut self, config: &VesselNodeConfig, model: VesselModel) {
-        // Factor on the phases' information where the frequency is uncertain (ours).
-        self.belief.change_model(&model, 0.1);
-        self.step = self.belief.step(&model, STEP_S);
-        self.horizon = Horizon::new(
-            &model,
-            config.broadcast.prediction_step_s,
-            alight_shared::msg::PREDICTION_STAGES - 1,
-        );
-        self.model = model;
-        self.reassign_bound_waves();
-        self.model_changed = true;
     }
 
     /// Inflates the covariance of the fast states, after too many consecutive rejections.

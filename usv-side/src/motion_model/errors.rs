@@ -2,16 +2,12 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::msg::SPREAD_AT_S;
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::DOFS;
+use alight_shared::vessel_model::{DOFS, Modes};
 
-use super::regression::OBSERVED;
 use super::{MotionSample, SAMPLE_S};
 
-/// Times ahead at which the error is measured, s.
-pub const SPREAD_AT_S: [f64; 6] = [0.2, 0.6, 1.0, 1.4, 2.0, 2.8];
-/// Index of one second.
-const SECOND: usize = 2;
 /// Samples between two predictions that are kept.
 const EVERY: u32 = 3;
 /// Memory of the mean squares, comparisons: half a minute, and at first a fifth of all, because the first models are
@@ -50,15 +46,16 @@ impl Errors {
         self.since += 1;
         self.since >= EVERY
     }
-    /// Keeps what is predicted at `now` for each time of [`SPREAD_AT_S`].
-    pub(super) fn push(&mut self, now: Time<VesselClock>, predicted: [[f64; DOFS]; SPREAD_AT_S.len()]) {
+    /// Keeps what `modes`, valid at `now`, predict.
+    pub(super) fn push(&mut self, now: &MotionSample, modes: &Modes<VesselClock>) {
         self.since = 0;
-        for (horizon, (ahead, value)) in SPREAD_AT_S.into_iter().zip(predicted).enumerate() {
+        for (horizon, ahead) in SPREAD_AT_S.into_iter().enumerate() {
+            let predicted = modes.motion(ahead);
             if self.waiting.len() < MAX_WAITING {
                 self.waiting.push_back(Waiting {
-                    due: now + Span::from_secs(ahead),
+                    due: now.at + Span::from_secs(ahead),
                     horizon,
-                    value,
+                    value: predicted.map(|m| m[0]),
                 });
             }
         }
@@ -92,15 +89,6 @@ impl Errors {
             false
         });
     }
-    /// Sum over heave and tilt of the mean square error a second ahead, each relative to the variance of the motion;
-    /// None before it is measured. What has lately been worse than usual counts.
-    pub(super) fn unexplained(&self, deviation: [f64; DOFS]) -> Option<f64> {
-        let share = |d: usize| self.worst(SECOND, d) / deviation[d].powi(2).max(1e-12);
-        (self.count[SECOND] >= RECENT).then(|| OBSERVED.into_iter().map(share).sum())
-    }
-    fn worst(&self, horizon: usize, dof: usize) -> f64 {
-        self.squares[horizon][dof].max(self.recent[horizon][dof])
-    }
     /// Standard deviations; `deviation` of the motion itself stands in until errors are measured.
     pub(super) fn spread(&self, deviation: [f64; DOFS]) -> [[f64; DOFS]; SPREAD_AT_S.len()] {
         core::array::from_fn(|h| {
@@ -108,7 +96,7 @@ impl Errors {
                 deviation
             } else {
                 // What has lately been worse than usual will be for a while.
-                core::array::from_fn(|d| self.worst(h, d).sqrt())
+                core::array::from_fn(|d| self.squares[h][d].max(self.recent[h][d]).sqrt())
             }
         })
     }

@@ -16,12 +16,13 @@ mod subspace;
 
 use std::collections::VecDeque;
 
+use alight_shared::msg::SPREAD_AT_S;
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::{DOFS, Modes};
+use alight_shared::vessel_model::{DOFS, Mode, Modes};
+use nalgebra::Complex;
 
 use errors::Errors;
-pub use errors::SPREAD_AT_S;
-use regression::{PAST, REACH, Regression};
+use regression::{OBSERVED, PAST, REACH, Regression};
 use subspace::{Fit, Model};
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
@@ -32,6 +33,8 @@ const MAX_GAP_S: f64 = 0.15;
 const REFIT: u32 = 50;
 /// Rows before the first identification.
 const FIRST_FIT: f64 = 100.0;
+/// Before it the motion fades to its mean in this time, s: a quarter of a wave.
+const FADE_S: f64 = 1.0;
 
 /// The vessel's motion at an instant, in axes parallel to NED.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,8 +58,6 @@ pub struct MotionModel {
     model: Option<Model>,
     since_fit: u32,
     errors: Errors,
-    /// Of the predictor that it is compared with.
-    others: Errors,
 }
 
 impl MotionModel {
@@ -83,35 +84,11 @@ impl MotionModel {
         self.regression.push(&self.record);
         self.since_fit += 1;
         self.errors.compare(&sample);
-        self.others.compare(&sample);
         if self.errors.is_due()
             && let Some(modes) = self.modes()
         {
-            self.errors.push(
-                sample.at,
-                SPREAD_AT_S.map(|ahead| modes.motion(ahead).map(|m| m[0])),
-            );
+            self.errors.push(&sample, &modes);
         }
-    }
-
-    /// Whether another predictor is to be compared at the newest sample.
-    pub fn compares(&mut self) -> bool {
-        self.model.is_some() && self.others.is_due()
-    }
-    /// Keeps what another predictor says at the newest sample of each time of [`SPREAD_AT_S`], until it has come.
-    pub fn compare_with(&mut self, predicted: [[f64; DOFS]; SPREAD_AT_S.len()]) {
-        if let Some(newest) = self.record.back() {
-            self.others.push(newest.at, predicted);
-        }
-    }
-    /// Whether the modes have predicted heave and tilt better than the other predictor of late (the predictor that
-    /// predicted best predicts on: Dawid 1984).
-    pub fn is_better(&self) -> bool {
-        let deviation = self.regression.deviation();
-        let of = |e: &Errors| e.unexplained(deviation);
-        of(&self.errors)
-            .zip(of(&self.others))
-            .is_some_and(|(own, other)| own < other)
     }
 
     /// Does one bounded part of an identification under way, or begins one that is due.
@@ -133,34 +110,65 @@ impl MotionModel {
         };
     }
 
-    /// The modes with their present shapes, valid at the newest sample; None before the first identification, and
-    /// after a gap until the past is whole again.
+    /// The modes with their present shapes, valid at the newest sample. Before the first identification, and after a
+    /// gap until the past is whole again, the motion fades to its mean. None before the first sample.
     pub fn modes(&self) -> Option<Modes<VesselClock>> {
         let newest = self.record.back()?;
-        let past = regression::past(&self.record, self.record.len() - 1)?;
-        let model = self.model.as_ref()?;
+        let identified = self
+            .model
+            .as_ref()
+            .zip(regression::past(&self.record, self.record.len() - 1));
+        let (mean, modes) = match identified {
+            Some((model, past)) => (model.mean, model.modes(&past)),
+            None => {
+                let mean = self.regression.mean();
+                let off = core::array::from_fn(|d| Complex::from(newest.value[d] - mean[d]));
+                let fades = Mode {
+                    pole: Complex::from(-1.0 / FADE_S),
+                    shape: off,
+                };
+                (mean, vec![fades])
+            }
+        };
         Some(Modes {
             at: newest.at,
-            mean: model.mean,
-            modes: model.modes(&past),
+            mean,
+            modes,
         })
     }
-    /// Standard deviation of the error of a prediction `ahead` seconds from now per degree of freedom, from that of
-    /// the present state, `now`, on.
-    pub fn spread(&self, now: [f64; DOFS], ahead: f64) -> [f64; DOFS] {
-        let measured = self.errors.spread(self.regression.deviation());
-        let (mut before, mut from) = ([0.0; DOFS], 0.0);
-        let mut out = measured[measured.len() - 1];
-        for (sd, to) in measured.into_iter().zip(SPREAD_AT_S) {
-            if ahead <= to {
-                let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);
-                out = core::array::from_fn(|d| before[d] + f * (sd[d] - before[d]));
-                break;
-            }
-            (before, from) = (sd, to);
-        }
-        // Measured against the estimates, whose own error comes on top.
-        core::array::from_fn(|d| out[d].hypot(now[d]))
+    /// Time of the newest sample.
+    pub fn newest(&self) -> Option<Time<VesselClock>> {
+        self.record.back().map(|s| s.at)
+    }
+    /// The waves' part of each degree of freedom `t` seconds after the newest sample; None before the first
+    /// identification.
+    pub fn waves(&self, t: f64) -> Option<[f64; DOFS]> {
+        self.model.as_ref()?;
+        let modes = self.modes()?;
+        Some(modes.waves(t).map(|m| m[0]))
+    }
+    /// Share of the variance of heave and tilt that is predicted a second ahead, 0 to 1; 0 before the first
+    /// identification.
+    pub fn confidence(&self) -> f64 {
+        let (Some(_), deviation, spread) = (&self.model, self.deviation(), self.spread()) else {
+            return 0.0;
+        };
+        let Some(second) = SPREAD_AT_S.iter().position(|t| *t >= 1.0) else {
+            return 0.0;
+        };
+        let left: f64 = OBSERVED
+            .iter()
+            .map(|&d| (spread[second][d] / deviation[d].max(1e-9)).powi(2).min(1.0))
+            .sum();
+        1.0 - left / OBSERVED.len() as f64
+    }
+    /// Standard deviation of the error of a prediction per degree of freedom at each time of [`SPREAD_AT_S`].
+    pub fn spread(&self) -> [[f64; DOFS]; SPREAD_AT_S.len()] {
+        self.errors.spread(self.deviation())
+    }
+    /// Standard deviation of each degree of freedom of late.
+    pub fn deviation(&self) -> [f64; DOFS] {
+        self.regression.deviation()
     }
 }
 

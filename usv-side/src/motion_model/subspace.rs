@@ -1,5 +1,6 @@
 //! From the sums to the modes, in parts that each take less than two milliseconds.
 
+use alight_shared::msg::MAX_MODES;
 use alight_shared::vessel_model::{DOFS, Mode};
 use faer::linalg::solvers::{Solve, SolveLstsq};
 use faer::{Mat, Side, c64};
@@ -10,8 +11,6 @@ use super::regression::{AHEAD, CHANNELS, INPUTS, LAGS, OBSERVED, OUTPUTS, Regres
 
 /// States of the linear system.
 const ORDER: usize = 24;
-/// Most modes that are kept, the strongest.
-const MAX_MODES: usize = 12;
 /// Ridge, as a share of each input's variance, of a full record.
 const RIDGE: f64 = 3e-3;
 /// The ridge of a record of this many rows is twice that of a full one.

@@ -6,7 +6,7 @@
 mod predictions;
 
 use alight_shared::estimation::median;
-use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveComponent};
+use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveMode};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
@@ -64,28 +64,26 @@ pub struct SourceReview {
 pub struct SeaReview {
     /// Median of the significant height, 4 standard deviations of heave, m; none where heave is not observable.
     pub significant_height_m: Option<f64>,
-    /// Median of the period of the strongest component, s.
+    /// Median of the period of the strongest mode, s.
     pub peak_period_s: Option<f64>,
     /// Fraction of the time in which the sea was identified, 0 to 1.
     pub identified_fraction: f64,
     /// Mean confidence while it was, 0 to 1.
     pub confidence: f64,
-    /// The components at the end, strongest first.
-    pub components: Vec<ComponentReview>,
+    /// The modes at the end, strongest first.
+    pub modes: Vec<ModeReview>,
 }
 
-/// A wave component at the end of the recording.
+/// A mode of the motion at the end of the recording.
 #[derive(Clone, Debug, Serialize)]
-pub struct ComponentReview {
-    /// Period in the earth's frame, s.
+pub struct ModeReview {
+    /// Period as the vessel meets it, s.
     pub period_s: f64,
-    /// Period of encounter, s.
-    pub encounter_period_s: f64,
-    /// Direction it travels to, deg from north; none when unknown.
-    pub direction_deg: Option<f64>,
-    /// Amplitude of the heave at the end, m; none where heave is not observable.
+    /// Damping ratio.
+    pub damping_ratio: f64,
+    /// Amplitude of heave, m; none where heave is not observable.
     pub heave_m: Option<f64>,
-    /// Amplitude of the tilt at the end, deg.
+    /// Amplitude of the tilt, deg.
     pub tilt_deg: f64,
 }
 
@@ -262,20 +260,22 @@ impl Substitute {
     }
 }
 
-fn period(c: &WaveComponent) -> f64 {
-    core::f64::consts::TAU / f64::from(c.omega)
+/// Period of a mode, s; infinite for one that only fades.
+fn period(m: &WaveMode) -> f64 {
+    core::f64::consts::TAU / f64::from(m.pole[1].abs())
 }
-/// Amplitude of an oscillator now: `sqrt(value² + (rate / omega)²)`.
-fn amplitude(c: &WaveComponent, dof: usize) -> f64 {
-    let [value, rate] = c.state.get(dof).copied().unwrap_or_default().map(f64::from);
-    value.hypot(rate / f64::from(c.omega_encounter))
+/// Present amplitude of a mode in a degree of freedom.
+fn amplitude(m: &WaveMode, dof: usize) -> f64 {
+    let [re, im] = m.shape.get(dof).copied().unwrap_or_default().map(f64::from);
+    re.hypot(im)
 }
-fn tilt(c: &WaveComponent) -> f64 {
-    amplitude(c, ROLL).hypot(amplitude(c, PITCH))
+fn tilt(m: &WaveMode) -> f64 {
+    amplitude(m, ROLL).hypot(amplitude(m, PITCH))
 }
-fn strongest(components: &[WaveComponent], heave: bool) -> Option<&WaveComponent> {
-    let size = |c: &WaveComponent| if heave { amplitude(c, HEAVE) } else { tilt(c) };
-    components.iter().max_by(|a, b| size(a).total_cmp(&size(b)))
+fn strongest(modes: &[WaveMode], heave: bool) -> Option<&WaveMode> {
+    let size = |m: &WaveMode| if heave { amplitude(m, HEAVE) } else { tilt(m) };
+    let waves = modes.iter().filter(|m| m.pole[1] != 0.0);
+    waves.max_by(|a, b| size(a).total_cmp(&size(b)))
 }
 
 /// Mean and variance of three quantities, by Welford (1962).
@@ -310,7 +310,7 @@ struct Evaluation {
     confidence: f64,
     heights: Vec<f64>,
     periods: Vec<f64>,
-    components: Vec<WaveComponent>,
+    modes: Vec<WaveMode>,
     identified: bool,
 }
 
@@ -343,9 +343,9 @@ impl Evaluation {
                 self.confidence += f64::from(wave.confidence);
                 self.heights.push(f64::from(wave.significant_height_m));
                 self.periods
-                    .extend(strongest(&wave.components, self.heave).map(period));
+                    .extend(strongest(&wave.modes, self.heave).map(period));
             }
-            self.components = wave.components.iter().copied().collect();
+            self.modes = wave.modes.iter().copied().collect();
         }
     }
     fn motion_sd(&self) -> [Option<f64>; 3] {
@@ -358,20 +358,18 @@ impl Evaluation {
     }
     fn sea(&self) -> SeaReview {
         let identified = self.heights.len() as f64;
-        let components = self.components.iter().filter(|_| self.identified);
+        let modes = self.modes.iter().filter(|m| self.identified && m.pole[1] != 0.0);
         SeaReview {
             significant_height_m: median(self.heights.iter().copied()).filter(|_| self.heave),
             peak_period_s: median(self.periods.iter().copied()),
             identified_fraction: identified / self.waves.max(1) as f64,
             confidence: self.confidence / identified.max(1.0),
-            components: components
-                .map(|c| ComponentReview {
-                    period_s: period(c),
-                    encounter_period_s: core::f64::consts::TAU / f64::from(c.omega_encounter),
-                    direction_deg: (c.direction_sd < 1.0)
-                        .then(|| f64::from(c.direction).to_degrees().rem_euclid(360.0)),
-                    heave_m: self.heave.then(|| amplitude(c, HEAVE)),
-                    tilt_deg: tilt(c).to_degrees(),
+            modes: modes
+                .map(|m| ModeReview {
+                    period_s: period(m),
+                    damping_ratio: -f64::from(m.pole[0]) / f64::from(m.pole[0]).hypot(f64::from(m.pole[1])),
+                    heave_m: self.heave.then(|| amplitude(m, HEAVE)),
+                    tilt_deg: tilt(m).to_degrees(),
                 })
                 .collect(),
         }

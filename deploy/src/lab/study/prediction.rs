@@ -5,7 +5,6 @@ use std::path::Path;
 
 use alight_sim::harness::scenario::{Scenario, SetupError};
 use alight_sim::studies::prediction::{self as pred, HORIZONS_S, Quantity, Scores, Source, Tally};
-use alight_sim::studies::statistics::bootstrap_ratio;
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -31,9 +30,8 @@ const FOLLOW_S: f64 = 20.0;
 const ONE_SECOND: usize = 4;
 /// Indices of 0.5, 1 and 2 s in [`HORIZONS_S`].
 const SHOWN_HORIZONS: [usize; 3] = [2, ONE_SECOND, 7];
-/// Greatest RMSE of the heave 1 s ahead that is required, m, and its greatest ratio to that with known
-/// waves.
-const REQUIRED: (f64, f64) = (0.05, 1.5);
+/// Greatest RMSE of the heave 1 s ahead that is required, m.
+const REQUIRED_HEAVE_M: f64 = 0.05;
 /// Required coverage of a 95 % ellipsoid, per cent.
 const REQUIRED_COVERAGE: [f64; 2] = [90.0, 99.0];
 
@@ -62,24 +60,6 @@ impl PredictionRow {
     fn scored(&self, source: Source, quantity: Quantity, horizon: usize) -> Option<Tally> {
         Some(self.of(source, quantity, horizon)).filter(|t| t.count > 0)
     }
-    /// RMSE of the heave at a horizon over that with known waves, with its 95 % interval.
-    fn ratio(&self, horizon: usize) -> Option<(f64, [f64; 2])> {
-        let of = |source| self.each(source, Quantity::Heave, horizon);
-        let (a, b) = (of(Source::Vessel), of(Source::VesselKnownWaves));
-        let sum = |v: &[Tally]| v.iter().copied().fold(Tally::default(), Tally::and);
-        let known = sum(&b);
-        if known.count == 0 || !(known.rmse() > 0.0) {
-            return None;
-        }
-        let squares = |v: &[Tally]| v.iter().map(|t| t.squares).collect::<Vec<_>>();
-        let interval = bootstrap_ratio(&squares(&a), &squares(&b))?;
-        Some((sum(&a).rmse() / known.rmse(), interval.map(f64::sqrt)))
-    }
-    fn ratio_cell(&self, horizon: usize) -> Cell {
-        self.ratio(horizon).map_or("-".into(), |(r, [a, b])| {
-            Cell::number(r, 2).note(format_args!("{a:.2} to {b:.2}"))
-        })
-    }
     /// RMSE and coverage.
     fn rmse_cell(&self, source: Source, quantity: Quantity, horizon: usize, scale: f64) -> Cell {
         self.scored(source, quantity, horizon).map_or("-".into(), |t| {
@@ -91,15 +71,7 @@ impl PredictionRow {
 /// Everything of one seed in one sea.
 fn one(scene: &Scene, world: &Scenario, seed: u64) -> Result<Scores, SetupError> {
     let mut all = Scores::new();
-    for known_waves in [false, true] {
-        all.extend(pred::vessel(
-            world,
-            &scene.nodes.vessel,
-            seed,
-            VESSEL_S,
-            known_waves,
-        )?);
-    }
+    all.extend(pred::vessel(world, &scene.nodes.vessel, seed, VESSEL_S)?);
     for span in [Some(FOLLOW_S), None] {
         all.extend(pred::drone(world, &scene.nodes, seed, span)?);
     }
@@ -109,7 +81,7 @@ fn one(scene: &Scene, world: &Scenario, seed: u64) -> Result<Scores, SetupError>
 /// The seas: `--sea` alone where given, else Table II, each with the drawn and the least
 /// wavelength scale.
 fn rows(args: &StudyArgs, scene: &Scene) -> Result<Vec<PredictionRow>, CliError> {
-    // Under a hull's or a recording's motion no waves are known; it is judged beside the reference alone.
+    // A hull's or a recording's motion is judged beside the reference alone.
     if scene.scenario.hull.is_some() || scene.scenario.deck_motion.is_some() {
         return Ok(Vec::new());
     }
@@ -206,12 +178,11 @@ fn note_one_second_ahead(args: &StudyArgs, rows: &[PredictionRow]) {
         args.json,
         format_args!(
             "1 s ahead, {} seeds from {} on; RMSE (fraction of truths in the 95 % interval). Heave is against \
-             the mean water level; required at most {} m at 0.5,5 and {} times that with known waves. \
+             the mean water level; required at most {} m at 0.5,5. \
              `coverage`: ellipsoid of heave, roll and pitch, required {} to {} %\n{}",
             args.trials,
             args.seed0,
-            REQUIRED.0,
-            REQUIRED.1,
+            REQUIRED_HEAVE_M,
             REQUIRED_COVERAGE[0],
             REQUIRED_COVERAGE[1],
             one_second_ahead(rows).text()
@@ -226,8 +197,6 @@ fn one_second_ahead(rows: &[PredictionRow]) -> Table {
         [
             "sea",
             "heave m",
-            "known waves m",
-            "ratio",
             "coverage %",
             "GNSS height m",
             "drone follows m",
@@ -245,11 +214,9 @@ fn one_second_ahead(rows: &[PredictionRow]) -> Table {
             cells![
                 row.name,
                 format_args!("{:.3}", rmse(Source::Vessel, Quantity::Heave)),
-                format_args!("{:.3}", rmse(Source::VesselKnownWaves, Quantity::Heave)),
             ]
             .into_iter()
             .chain([
-                row.ratio_cell(ONE_SECOND),
                 Cell::number(100.0 * inside, 0),
                 height(Source::Vessel),
                 height(Source::DroneFollowing),
@@ -273,7 +240,6 @@ fn by_horizon<'a>(rows: impl Iterator<Item = &'a PredictionRow>) -> Table {
             "roll deg",
             "pitch deg",
             "horizontal m",
-            "heave over that of known waves",
             "coverage %",
         ],
     );
@@ -295,7 +261,6 @@ fn by_horizon<'a>(rows: impl Iterator<Item = &'a PredictionRow>) -> Table {
             Cell::number(rmse(Quantity::Roll).to_degrees(), 2),
             Cell::number(rmse(Quantity::Pitch).to_degrees(), 2),
             Cell::number(rmse(Quantity::Place), 3),
-            row.ratio_cell(h),
             coverage_cell,
         ]);
     }
@@ -336,15 +301,9 @@ fn summary(rows: &[PredictionRow], hash: &str) -> Vec<Value> {
             *held = held.and(*tally);
         }
         let scores: Vec<Score> = sum.iter().map(|(key, t)| Score::of(*key, t)).collect();
-        let ratios: Vec<Value> = (HORIZONS_S.iter().enumerate())
-            .filter_map(|(h, s)| Some((s, row.ratio(h)?)))
-            .map(|(s, (r, interval))| json!({"horizon_s": s, "ratio": r, "interval": interval}))
-            .collect();
-        let ratio = row.ratio(ONE_SECOND);
         json!({
             "sea": row.name, "wavelength_scale": row.scale, "configuration": hash, "seeds": row.scores.len(),
-            "heave_ratio_to_known_waves": ratio.map(|r| r.0), "ratio_interval": ratio.map(|r| r.1),
-            "heave_ratios": ratios, "scores": scores,
+            "scores": scores,
         })
     };
     rows.iter().map(of_row).collect()
@@ -378,14 +337,8 @@ fn write_rows(out: &Path, rows: &[PredictionRow], seeds: &[u64]) -> Result<(), c
 
 /// What is plotted over the horizon: caption, source, quantity, factor on the RMSE; without a factor the
 /// coverage in per cent.
-const CURVES: [(&str, Source, Quantity, Option<f64>); 5] = [
+const CURVES: [(&str, Source, Quantity, Option<f64>); 4] = [
     ("heave, m, RMSE", Source::Vessel, Quantity::Heave, Some(1.0)),
-    (
-        "heave, m, RMSE of the same filter with known waves",
-        Source::VesselKnownWaves,
-        Quantity::Heave,
-        Some(1.0),
-    ),
     (
         "roll and pitch together, deg, RMSE",
         Source::Vessel,
@@ -407,9 +360,8 @@ const CURVES: [(&str, Source, Quantity, Option<f64>); 5] = [
 ];
 
 /// Tables over the horizon: source, quantity, factor.
-const TABLES: [(Source, Quantity, f64); 11] = [
+const TABLES: [(Source, Quantity, f64); 10] = [
     (Source::Vessel, Quantity::Heave, 1.0),
-    (Source::VesselKnownWaves, Quantity::Heave, 1.0),
     (Source::Vessel, Quantity::Height, 1.0),
     (Source::Vessel, Quantity::Tilt, 1f64.to_degrees()),
     (Source::Vessel, Quantity::Place, 1.0),

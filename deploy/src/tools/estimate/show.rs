@@ -69,27 +69,19 @@ pub fn table(origin: &str, r: &Review) -> String {
         sea.confidence
     ));
     line(String::new());
-    let heads = [
-        "waves at the end",
-        "period s",
-        "encountered s",
-        "towards deg",
-        "heave m",
-        "tilt deg",
-    ];
-    let mut waves = Table::new(1.., heads);
-    for (k, c) in sea.components.iter().enumerate() {
-        waves.row(cells![
+    let heads = ["modes at the end", "period s", "damping", "heave m", "tilt deg"];
+    let mut modes = Table::new(1.., heads);
+    for (k, m) in sea.modes.iter().enumerate() {
+        modes.row(cells![
             k + 1,
-            Cell::number(c.period_s, 2),
-            Cell::number(c.encounter_period_s, 2),
-            Cell::number(c.direction_deg, 0),
-            Cell::number(c.heave_m, 3),
-            Cell::number(c.tilt_deg, 2)
+            Cell::number(m.period_s, 2),
+            Cell::number(m.damping_ratio, 3),
+            Cell::number(m.heave_m, 3),
+            Cell::number(m.tilt_deg, 2)
         ]);
     }
-    line(waves.text());
-    if sea.components.is_empty() {
+    line(modes.text());
+    if sea.modes.is_empty() {
         line("none identified".into());
     }
     line(String::new());
