@@ -9,7 +9,7 @@ use alight_shared::frames::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     Header, MESSAGE_VERSION, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
-    VesselPrediction, WaveMode, WaveModel,
+    VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -32,8 +32,8 @@ fn estimate(boot: u32, sequence: u32, at: Time<VesselClock>) -> VesselEstimate<V
         datum: Datum::default(),
         eta: [1.0, 2.0, 0.1, 0.05, -0.03, 1.0],
         eta_dot: [0.5; 6],
-        eta_ddot: [0.1; 6],
-        covariance: [[0.1, 0.0, 0.1]; 6],
+        eta_ddot: [f16::from_f32(0.1); 6],
+        uncertainty: [[0.3, 0.3, 0.0].map(f16::from_f32); 6],
         deck_centre: [0.0, 0.0, -1.3],
         mean_velocity: [0.1, 0.0],
         mean_heading: [1.0, 0.0],
@@ -108,11 +108,9 @@ fn bridge_passes_wave_model_and_prediction() {
         header: Header::new(1, 0, 1, 3, vessel(now - 0.1)),
         significant_height_m: 1.0,
         confidence: 0.5,
-        mean: [0.0; 6],
-        spread: [[0.1; 6]; 6],
         modes: Seq::filled([WaveMode {
             pole: [-0.05, 1.3],
-            shape: [[0.2, 0.1]; 6],
+            shape: [[0.2, 0.1].map(f16::from_f32); 6],
         }]),
         slopes: Seq::filled([20, 10]),
     };
@@ -120,7 +118,7 @@ fn bridge_passes_wave_model_and_prediction() {
         header: Header::new(1, 0, 1, 0, vessel(now - 0.1)),
         step_s: 0.2,
         origin: [1.0, 2.0, 0.0],
-        stages: Seq::filled([PredictedStage::default(); 15]),
+        stages: Seq::filled([PredictedStage::default(); 16]),
     };
     let out = step(
         &mut b,

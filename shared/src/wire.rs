@@ -157,7 +157,7 @@ fn short_name<T>() -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::{PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode, WaveModel};
+    use crate::msg::{PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16};
     use crate::time::VesselClock;
 
     fn estimate() -> VesselEstimate<VesselClock> {
@@ -166,8 +166,8 @@ mod tests {
             datum: Default::default(),
             eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
             eta_dot: [0.5; 6],
-            eta_ddot: [0.25; 6],
-            covariance: [[1.0, 0.0, 1.0]; 6],
+            eta_ddot: [f16::from_f32(0.25); 6],
+            uncertainty: [[f16::ONE, f16::ONE, f16::ZERO]; 6],
             deck_centre: [0.0, 0.0, -1.3],
             mean_velocity: [0.0; 2],
             mean_heading: [0.0; 2],
@@ -178,7 +178,7 @@ mod tests {
     fn estimate_fits_in_300_bytes_and_round_trips() {
         let bytes = encode(&estimate()).unwrap();
         // The layout table of `alight_shared::msg`.
-        assert_eq!(bytes.len(), 246);
+        assert_eq!(bytes.len(), 198);
         assert_eq!(bytes[12..16], 3u32.to_le_bytes(), "sequence");
         assert_eq!(bytes[50..58], 1.0f64.to_le_bytes(), "eta north");
         assert_eq!(bytes[98..102], 0.5f32.to_le_bytes(), "eta_dot north");
@@ -191,19 +191,17 @@ mod tests {
             header: Default::default(),
             significant_height_m: 1.0,
             confidence: 1.0,
-            mean: [0.0; 6],
-            spread: [[0.1; 6]; 6],
             modes: Seq::filled([WaveMode::default(); 12]),
             slopes: Seq::filled([10; 60]),
         };
-        assert_eq!(encode(&waves).unwrap().len(), 218 + 12 * 56 + 60);
+        assert_eq!(encode(&waves).unwrap().len(), 50 + 12 * 32 + 60);
         let prediction = VesselPrediction::<VesselClock> {
             header: Default::default(),
             step_s: 0.2,
             origin: [0.0; 3],
-            stages: Seq::filled([PredictedStage::default(); 15]),
+            stages: Seq::filled([PredictedStage::default(); 16]),
         };
-        assert_eq!(encode(&prediction).unwrap().len(), 62 + 15 * 72);
+        assert_eq!(encode(&prediction).unwrap().len(), 62 + 16 * 48);
     }
 
     #[test]

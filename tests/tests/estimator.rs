@@ -90,9 +90,9 @@ fn estimator_identifies_waves_and_follows_motion_where_the_hull_slams() {
     assert!(errors[2] < 0.09, "velocity: {} m/s", errors[2]);
 }
 
-/// Not carried along by the water's particles, a hull meets crests sharper than any sum of the waves.
-#[test]
-fn prediction_holds_for_a_hull_that_meets_sharp_crests() {
+/// Heave (m) and tilt (rad) a second ahead of a hull that is not carried along by the water's particles, and meets
+/// crests sharper than any sum of the waves.
+fn among_sharp_crests() -> [f64; 2] {
     let mut scenario = Scenario {
         sea: "0.8,5".parse().unwrap(),
         ..Scenario::default()
@@ -105,10 +105,22 @@ fn prediction_holds_for_a_hull_that_meets_sharp_crests() {
         heave = heave.and(scores[&(Source::Vessel, Quantity::Heave, second)]);
         tilt = tilt.and(scores[&(Source::Vessel, Quantity::Tilt, second)]);
     }
-    let [heave, tilt] = [heave, tilt].map(|t| t.rmse());
-    // 0.33 m and 0.070 rad as a sum of three waves; 0.26 m and 0.055 rad by ridge regression. Of heave 0.16 m is its
-    // mean, which such crests lift.
-    assert!(heave < 0.25 && tilt < 0.04, "{heave} m, {tilt} rad");
+    [heave, tilt].map(|t| t.rmse())
+}
+
+#[test]
+fn prediction_of_tilt_holds_for_a_hull_that_meets_sharp_crests() {
+    // 0.070 rad as a sum of three waves, 0.055 rad by ridge regression.
+    let [_, tilt] = among_sharp_crests();
+    assert!(tilt < 0.04, "{tilt} rad");
+}
+
+#[test]
+#[ignore = "0.23 m: such crests lift the mean of heave by 0.16 m, and of what is left a ridge regression has 0.26 m"]
+fn prediction_of_heave_holds_for_a_hull_that_meets_sharp_crests() {
+    // 0.33 m as a sum of three waves.
+    let [heave, _] = among_sharp_crests();
+    assert!(heave < 0.16, "{heave} m");
 }
 
 #[test]
@@ -141,7 +153,7 @@ fn prediction_covariance_at_1_s_matches_the_errors() {
             ..Scenario::default()
         };
         let (mut deck, mut tilt, mut heave) = (Tally::default(), Tally::default(), Tally::default());
-        for seed in 100..110 {
+        for seed in 100..120 {
             let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap();
             deck = deck.and(scores[&(Source::Vessel, Quantity::Deck, second)]);
             tilt = tilt.and(scores[&(Source::Vessel, Quantity::Tilt, second)]);
@@ -153,8 +165,7 @@ fn prediction_covariance_at_1_s_matches_the_errors() {
             tilt.nees(),
             heave.nees()
         );
-        // Ten vessels have ten trims, which are most of the error in a low sea: nearly all may be inside.
-        if !((0.90..=0.997).contains(&inside) && (0.6..1.6).contains(&tilt.nees())) {
+        if !((0.90..=0.99).contains(&inside) && (0.6..1.6).contains(&tilt.nees())) {
             wrong.push(format!("{sea}: {inside:.3}, NEES {:.2}", tilt.nees()));
         }
     }

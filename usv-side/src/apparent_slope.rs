@@ -116,7 +116,6 @@ impl ApparentSlope {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use alight_shared::frames::Datum;
     use alight_shared::msg::Header;
 
     /// A vessel that rolls by `amplitude` sin(omega t) and is accelerated sideways like the sloping water under it
@@ -128,14 +127,7 @@ mod tests {
             let (s, c) = (omega * t).sin_cos();
             let mut e = VesselEstimate {
                 header: Header::new(1, 0, 1, k, Time::from_secs(100.0 + t)),
-                datum: Datum::default(),
-                eta: [0.0; 6],
-                eta_dot: [0.0; 6],
-                eta_ddot: [0.0; 6],
-                covariance: [[1.0, 0.0, 1.0]; 6],
-                deck_centre: [0.0; 3],
-                mean_velocity: [0.0; 2],
-                mean_heading: [0.0; 2],
+                ..VesselEstimate::default()
             };
             e.eta[3] = amplitude * s;
             e.eta_dot[3] = (amplitude * omega * c) as f32;

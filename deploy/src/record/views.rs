@@ -8,6 +8,7 @@ use alight_shared::msg::{
     VesselEstimate, WaveMode, WaveModel,
 };
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::vessel_model::{HEAVE, Mode, PITCH, ROLL};
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::PlannerOut;
@@ -218,15 +219,14 @@ impl Views {
         e: &VesselEstimate<C>,
     ) {
         let dot = e.eta_dot.map(f64::from);
-        let variance = e.covariance.map(|b| f64::from(b[0]));
-        let variance_dot = e.covariance.map(|b| f64::from(b[2]));
+        let of = |k: usize| core::array::from_fn(|d| e.covariance(d)[k]);
         let [x, y, z, roll, pitch, yaw] = e.eta;
         let view = schema::VesselEstimate {
             eta: e.eta,
             eta_dot: dot,
             eta_ddot: e.eta_ddot.map(f64::from),
-            variance_eta: variance,
-            variance_eta_dot: variance_dot,
+            variance_eta: of(0),
+            variance_eta_dot: of(2),
             roll_deg: roll.to_degrees(),
             pitch_deg: pitch.to_degrees(),
             yaw_deg: yaw.to_degrees(),
@@ -465,14 +465,15 @@ impl Views {
 
 fn wave<C: alight_shared::time::Clock>(w: &WaveModel<C>) -> schema::WaveModel {
     let of = |f: fn(&WaveMode) -> f32| w.modes.iter().map(|c| f64::from(f(c))).collect();
+    let size = |dof: usize| w.modes.iter().map(|m| Mode::from(m).shape[dof].norm()).collect();
     schema::WaveModel {
         significant_height_m: f64::from(w.significant_height_m),
         confidence: f64::from(w.confidence),
         omega_radps: of(|m| m.pole[1]),
         decay_1ps: of(|m| -m.pole[0]),
-        heave_m: of(|m| m.shape[2][0].hypot(m.shape[2][1])),
-        tilt_north_rad: of(|m| m.shape[3][0].hypot(m.shape[3][1])),
-        tilt_east_rad: of(|m| m.shape[4][0].hypot(m.shape[4][1])),
+        heave_m: size(HEAVE),
+        tilt_north_rad: size(ROLL),
+        tilt_east_rad: size(PITCH),
         apparent_slopes: w.slopes.iter().map(|s| f64::from(*s) * SLOPE_STEP).collect(),
     }
 }

@@ -277,8 +277,14 @@ impl StatusFile {
         }
         if let Some(e) = &out.estimate {
             self.estimated_ns = Some(now_ns);
-            let sd = |i: usize| e.covariance.get(i).map_or(0.0, |c| f64::from(c[0]).max(0.0));
-            self.sd = [sd(0) + sd(1), sd(2), sd(3) + sd(4), sd(5)].map(f64::sqrt);
+            let variance = |i: usize| e.covariance(i)[0];
+            self.sd = [
+                variance(0) + variance(1),
+                variance(2),
+                variance(3) + variance(4),
+                variance(5),
+            ]
+            .map(f64::sqrt);
         }
         if let Some(w) = &out.wave {
             self.waves = Some([w.significant_height_m, w.confidence].map(f64::from));

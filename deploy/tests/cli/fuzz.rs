@@ -12,7 +12,7 @@ use alight_shared::frames::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel,
+    TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::transport::process::ProcessState;
@@ -105,8 +105,8 @@ fn sound() -> Vec<Vec<u8>> {
         datum: Datum::default(),
         eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
         eta_dot: [0.5; 6],
-        eta_ddot: [0.25; 6],
-        covariance: [[1.0, 0.0, 1.0]; 6],
+        eta_ddot: [f16::from_f32(0.25); 6],
+        uncertainty: [[f16::ONE, f16::ONE, f16::ZERO]; 6],
         deck_centre: [0.0, 0.0, -1.3],
         mean_velocity: [0.0; 2],
         mean_heading: [0.0; 2],
@@ -115,8 +115,6 @@ fn sound() -> Vec<Vec<u8>> {
         header: Header::default(),
         significant_height_m: 1.0,
         confidence: 1.0,
-        mean: [0.0; 6],
-        spread: [[0.1; 6]; 6],
         modes: Seq::filled([WaveMode::default(); 12]),
         slopes: Seq::filled([10; 60]),
     };
@@ -124,7 +122,7 @@ fn sound() -> Vec<Vec<u8>> {
         header: Header::default(),
         step_s: 0.2,
         origin: [0.0; 3],
-        stages: Seq::filled([PredictedStage::default(); 15]),
+        stages: Seq::filled([PredictedStage::default(); 16]),
     };
     let request = TimeRequest::<DroneClock> {
         header: Header::default(),

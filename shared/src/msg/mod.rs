@@ -50,14 +50,16 @@ pub use drone::{
     SetPointKind, Solve,
 };
 pub use grant::DeckGrant;
+/// Numbers of which three digits suffice.
+pub use half::f16;
 pub use mission::{
     Command, CommandKind, DroneStatus, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;
 pub use vessel::{
-    MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, SPREAD_AT_S,
-    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel,
+    MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
+    TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel,
 };
 
 use serde::{Deserialize, Serialize};
@@ -65,7 +67,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 7;
+pub const MESSAGE_VERSION: u16 = 8;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -136,13 +138,12 @@ pub(crate) fn ensure(sound: bool, field: &'static str) -> Result<(), &'static st
     if sound { Ok(()) } else { Err(field) }
 }
 /// All components finite and no larger than `limit`.
-pub(crate) fn within<'a>(values: impl IntoIterator<Item = &'a f64>, limit: f64) -> bool {
+pub(crate) fn within<'a, T: Copy + Into<f64> + 'a>(
+    values: impl IntoIterator<Item = &'a T>,
+    limit: f64,
+) -> bool {
     // NaN compares false.
-    values.into_iter().all(|v| v.abs() <= limit)
-}
-/// The same in single precision.
-pub(crate) fn within32<'a>(values: impl IntoIterator<Item = &'a f32>, limit: f32) -> bool {
-    values.into_iter().all(|v| v.abs() <= limit)
+    values.into_iter().all(|v| (*v).into().abs() <= limit)
 }
 
 /// Every one of these lists is not negative and at most `limit`: standard deviations.

@@ -2,8 +2,8 @@
 //!
 //! # Byte layout on the wire
 //!
-//! bincode 2, little endian, fixed-width integers, no padding (`alight_shared::wire`). Floats are
-//! IEEE 754. Each message is self-contained.
+//! bincode 2, little endian, fixed-width integers, no padding (`alight_shared::wire`). Each message is
+//! self-contained.
 //!
 //! | bytes | header (26 B, first in every message) |
 //! |---|---|
@@ -14,52 +14,50 @@
 //! | 20..24 | `drone` u32, 0 for any |
 //! | 24..26 | `version` u16 |
 //!
-//! | bytes | vessel estimate (246 B, 30 Hz, bound 300 B) |
+//! IEEE 754, of 16 bits (11 bits of precision) where three digits suffice.
+//!
+//! | bytes | vessel estimate (198 B, 30 Hz, bound 300 B) |
 //! |---|---|
 //! | 26..50 | datum: latitude deg, longitude deg, height m (3 x f64) |
 //! | 50..98 | `eta`: north, east, down m, roll, pitch, yaw rad (6 x f64) |
 //! | 98..122 | `eta_dot` m/s, rad/s (6 x f32) |
-//! | 122..146 | `eta_ddot` m/s², rad/s² (6 x f32) |
-//! | 146..218 | covariance per degree of freedom: var eta, cov, var eta_dot (6 x 3 x f32) |
-//! | 218..230 | deck centre in the body frame, m (3 x f32) |
-//! | 230..238 | mean velocity north, east, m/s (2 x f32) |
-//! | 238..246 | mean heading rad, its rate rad/s (2 x f32) |
+//! | 122..134 | `eta_ddot` m/s², rad/s² (6 x f16) |
+//! | 134..170 | per degree of freedom: sd of eta, sd of eta_dot, their correlation (6 x 3 x f16) |
+//! | 170..182 | deck centre in the body frame, m (3 x f32) |
+//! | 182..190 | mean velocity north, east, m/s (2 x f32) |
+//! | 190..198 | mean heading rad, its rate rad/s (2 x f32) |
 //!
-//! | bytes | wave model (222 + 56 n + m B, n <= 12 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
+//! | bytes | wave model (50 + 32 n + m B, n <= 12 modes, m <= 60 slopes, 5 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | significant height, m (f32) |
 //! | 30..34 | confidence (f32) |
-//! | 34..58 | mean per degree of freedom (6 x f32) |
-//! | 58..202 | standard deviation of the prediction's error (6 times ahead x 6 x f32) |
-//! | 202..210 | n (u64) |
+//! | 34..42 | n (u64) |
 //! | + 0..8 | pole: real and imaginary part, 1/s (2 x f32) |
-//! | + 8..56 | shape per degree of freedom: real, imaginary part (6 x 2 x f32) |
+//! | + 8..32 | shape per degree of freedom: real, imaginary part (6 x 2 x f16) |
 //! | then 0..8 | m (u64) |
 //! | + 0..1 | steepest apparent slope, newest first, 0.01 (u8) |
 //!
-//! | bytes | prediction (62 + 72 n B, n <= 15 stages, 2 Hz, bound 1200 B) |
+//! | bytes | prediction (62 + 48 n B, n <= 16 stages, 2 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | time between stages, s (f32) |
 //! | 30..54 | origin in the vessel's NED, m (3 x f64) |
 //! | 54..62 | n (u64) |
 //! | + 0..24 | `eta`, position relative to the origin (6 x f32) |
-//! | + 24..48 | `eta_dot` (6 x f32) |
-//! | + 48..72 | standard deviation of `eta` (6 x f32) |
+//! | + 24..36 | `eta_dot` (6 x f16) |
+//! | + 36..48 | standard deviation of the prediction's error (6 x f16) |
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, on_earth, within,
-    within32,
+    Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, f16, on_earth,
+    within,
 };
 use crate::frames::{Datum, wrap_angle};
 use crate::time::{Clock, Time, VesselClock};
 
 /// Most modes that a wave model carries.
 pub const MAX_MODES: usize = 12;
-/// Times ahead at which [`WaveModel::spread`] is given, s.
-pub const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
 /// Spans of time that [`WaveModel::slopes`] looks back over.
 pub const SLOPE_WINDOWS: usize = 60;
 /// Length of each of these spans, s; together two minutes.
@@ -67,11 +65,11 @@ pub const SLOPE_WINDOW_S: f64 = 2.0;
 /// One step of a slope; the largest one stands for all above it.
 pub const SLOPE_STEP: f64 = 0.01;
 /// Stages of the vessel's own prediction.
-pub const PREDICTION_STAGES: usize = 15;
+pub const PREDICTION_STAGES: usize = 16;
 
 /// The vessel's 6-DOF state. Degrees of freedom in order: surge/north, sway/east, heave/down,
 /// roll, pitch, yaw.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
 pub struct VesselEstimate<C: Clock> {
@@ -84,9 +82,9 @@ pub struct VesselEstimate<C: Clock> {
     /// `eta_dot`: velocity in NED (m/s), then Euler-angle rates (rad/s).
     pub eta_dot: [f32; 6],
     /// `eta_ddot`: acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
-    pub eta_ddot: [f32; 6],
-    /// Per degree of freedom the covariance block of (eta, eta_dot): var eta, cov, var eta_dot.
-    pub covariance: [[f32; 3]; 6],
+    pub eta_ddot: [f16; 6],
+    /// Per degree of freedom: standard deviation of eta, that of eta_dot, their correlation.
+    pub uncertainty: [[f16; 3]; 6],
     /// Centre of the landing deck's surface in the vessel's body frame, m.
     pub deck_centre: [f32; 3],
     /// Nominal course and speed over ground without the waves' orbital motion: north, east, m/s.
@@ -104,7 +102,7 @@ pub struct WaveMode {
     pub pole: [f32; 2],
     /// Real and imaginary part of the shape: velocity north and east (m/s), heave (m down), tilt about north and about
     /// east (rad), heading (rad).
-    pub shape: [[f32; 2]; 6],
+    pub shape: [[f16; 2]; 6],
 }
 
 /// The vessel's wave model: what rolls its estimate on.
@@ -119,18 +117,12 @@ pub struct WaveModel<C: Clock> {
     /// Share of the motion's variance that the modes predict a second ahead, 0 to 1; 0 before the first
     /// identification.
     pub confidence: f32,
-    /// Mean of each degree of freedom: 0 m/s, heave about the mean water level (m), trim as of a vessel that heads
-    /// north (rad), 0 rad.
-    pub mean: [f32; 6],
-    /// Standard deviation of the error of a prediction per time of [`SPREAD_AT_S`] and degree of freedom, as measured
-    /// on predictions that have come due.
-    pub spread: [[f32; 6]; 6],
-    /// Modes, strongest first; the motion about the mean is the sum of their real parts.
+    /// Modes, strongest first; the motion about its mean is the sum of their real parts.
     pub modes: Seq<WaveMode, MAX_MODES>,
-    /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the
-    /// present one first, in steps of [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second.
-    /// Above the coefficient of friction it slides. What no sum of waves foretells (a hull that leaves the
-    /// water over a steep crest) comes again as it came before.
+    /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the present one first, in steps of
+    /// [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second. Above the
+    /// coefficient of friction it slides. What no sum of waves predicts (a hull that leaves the water over a steep
+    /// crest) comes again as it came before.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
 }
 
@@ -141,9 +133,11 @@ pub struct PredictedStage {
     /// Position relative to `origin` in the vessel's NED (m), then roll, pitch, yaw (rad).
     pub eta: [f32; 6],
     /// Velocity in NED (m/s), then Euler-angle rates (rad/s).
-    pub eta_dot: [f32; 6],
-    /// Standard deviation of each degree of freedom of `eta`.
-    pub sd: [f32; 6],
+    pub eta_dot: [f16; 6],
+    /// Standard deviation of the error that predicting this far ahead adds to the estimate's own, as measured on
+    /// predictions that have come due: velocity north and east (m/s), heave (m), tilt about north and about east
+    /// (rad), heading (rad).
+    pub sd: [f16; 6],
 }
 
 /// The vessel's predicted trajectory.
@@ -195,7 +189,7 @@ restamped!(VesselEstimate {
     eta,
     eta_dot,
     eta_ddot,
-    covariance,
+    uncertainty,
     deck_centre,
     mean_velocity,
     mean_heading
@@ -203,8 +197,6 @@ restamped!(VesselEstimate {
 restamped!(WaveModel {
     significant_height_m,
     confidence,
-    mean,
-    spread,
     modes,
     slopes
 });
@@ -219,13 +211,23 @@ impl<C: Clock> VesselEstimate<C> {
     pub fn position(&self) -> Vector3<f64> {
         Vector3::new(self.eta[0], self.eta[1], self.eta[2])
     }
+    /// Covariance block of (eta, eta_dot) of a degree of freedom: var eta, cov, var eta_dot.
+    pub fn covariance(&self, dof: usize) -> [f64; 3] {
+        let [value, rate, correlation] = self
+            .uncertainty
+            .get(dof)
+            .copied()
+            .unwrap_or_default()
+            .map(f64::from);
+        [value * value, correlation * value * rate, rate * rate]
+    }
     /// Deck centre in the body frame, m.
     pub fn deck_centre(&self) -> Vector3<f64> {
         Vector3::from(self.deck_centre.map(f64::from))
     }
 }
 impl<C: Clock> VesselPrediction<C> {
-    /// `eta` in the vessel's NED `ahead_s` after the first stage, and its standard deviations: cubic
+    /// `eta` in the vessel's NED `ahead_s` after the first stage, and the standard deviations of its error: cubic
     /// between stages by value and rate, as a receiver would; None beyond the last stage.
     pub fn at(&self, ahead_s: f64) -> Option<([f64; 6], [f64; 6])> {
         let h = f64::from(self.step_s);
@@ -246,41 +248,37 @@ impl<C: Clock> VesselPrediction<C> {
     }
 }
 
-/// Blocks of variance, covariance, variance that a covariance matrix can have.
-fn is_covariance(blocks: &[[f32; 3]; 6]) -> bool {
-    blocks.iter().all(|[a, c, b]| {
-        (0.0..=1e8).contains(a)
-            && (0.0..=1e8).contains(b)
-            && f64::from(*c).powi(2) <= f64::from(*a) * f64::from(*b) * 1.01 + 1e-12
-    })
+/// Standard deviations.
+fn are_deviations(values: &[f16]) -> bool {
+    values.iter().all(|v| (0.0..=1e4).contains(&f32::from(*v)))
 }
 
 message!(@C VesselEstimate<C>, C, |m| {
     within(&m.eta[..3], MAX_POSITION_M)
         && within(&m.eta[3..5], MAX_TILT_RAD)
         && within(&m.eta[5..], MAX_ANGLE_RAD) => "eta",
-    within32(&m.eta_dot[..3], MAX_SPEED_MPS as f32)
-        && within32(&m.eta_dot[3..], MAX_RATE_RPS as f32) => "eta_dot",
-    within32(&m.eta_ddot, 200.0) => "eta_ddot",
-    is_covariance(&m.covariance) => "covariance",
-    within32(&m.deck_centre, 100.0) => "deck_centre",
-    within32(&m.mean_velocity, MAX_SPEED_MPS as f32) && within32(&m.mean_heading, 50.0) => "mean motion",
+    within(&m.eta_dot[..3], MAX_SPEED_MPS)
+        && within(&m.eta_dot[3..], MAX_RATE_RPS) => "eta_dot",
+    within(&m.eta_ddot, 200.0) => "eta_ddot",
+    m.uncertainty.iter().all(|[value, rate, correlation]| {
+        are_deviations(&[*value, *rate]) && within([correlation], 1.001)
+    }) => "uncertainty",
+    within(&m.deck_centre, 100.0) => "deck_centre",
+    within(&m.mean_velocity, MAX_SPEED_MPS) && within(&m.mean_heading, 50.0) => "mean motion",
     on_earth(&m.datum) => "datum",
 });
 message!(@C WaveModel<C>, C, |m| {
     (0.0..=50.0).contains(&m.significant_height_m) => "significant_height_m",
     (0.0..=1.0).contains(&m.confidence) => "confidence",
-    within32(&m.mean, 10.0) => "mean",
-    m.spread.iter().flatten().all(|v| (0.0..=1e3).contains(v)) => "spread",
     m.modes.iter().all(|c| (-1e3..=0.0).contains(&c.pole[0]) && (-40.0..=40.0).contains(&c.pole[1])) => "pole",
-    m.modes.iter().all(|c| within32(c.shape.iter().flatten(), 1e4)) => "shape",
+    m.modes.iter().all(|c| within(c.shape.iter().flatten(), 1e4)) => "shape",
 });
 message!(@C VesselPrediction<C>, C, |m| {
     (0.001..=10.0).contains(&m.step_s) => "step_s",
     within(&m.origin, MAX_POSITION_M) => "origin",
     m.stages.iter().all(|s| {
-        within32(&s.eta, 1e4)
-            && within32(&s.eta_dot, 1e3)
-            && s.sd.iter().all(|v| (0.0..=1e4).contains(v))
+        within(&s.eta, 1e4)
+            && within(&s.eta_dot, 1e3)
+            && are_deviations(&s.sd)
     }) => "stages",
 });

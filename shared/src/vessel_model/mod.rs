@@ -1,5 +1,5 @@
-//! The wave-augmented linear vessel model that the vessel's estimator and the drone's predictor
-//! share (Procházka et al. 2024, eq. 1-3; Fossen 2011, chapters 7 and 8).
+//! The wave-augmented linear vessel model of the vessel's estimator (Procházka et al. 2024, eq. 1-3; Fossen 2011,
+//! chapters 7 and 8), and the [`modes`] of its motion that vessel and drone share.
 //!
 //! ```text
 //! M nu_dot + D (nu - nu_slow) + G (eta - eta_slow) = G_s (sum_j w_j + b) + M_f (sum_j w_j + b)
@@ -7,7 +7,7 @@
 //! ```
 //!
 //! No actuator inputs. Degrees of freedom in order surge, sway, heave, roll, pitch, yaw. `w_j` is
-//! component `j`'s oscillator, one per degree of freedom, all with the same frequency of encounter.
+//! component `j`'s oscillator, one per degree of freedom, all with the same frequency.
 //!
 //! **Normalisation.** The wave "forces" have a physical meaning. A degree of freedom with stiffness
 //! (`G_ii > 0`: heave, roll, pitch) is *stiff*: its `w_j` is the equilibrium it is pulled to (m,
@@ -22,12 +22,11 @@
 //!
 //! **Frame.** Vessel-parallel at a *reference heading*: the state is linear in a frame that is
 //! turned from NED by a heading that the owner of the [`Belief`] keeps. [`Belief::turn`] turns the
-//! state when that reference moves. With the reference at zero the state is in NED: so are the
-//! oscillator states in [`crate::msg::WaveComponent`] (roll and pitch there are those of a vessel
-//! with the same deck normal that heads north; [`turn_tilt`] converts).
+//! state when that reference moves. With the reference at zero the state is in NED: so are the [`Modes`] (roll and
+//! pitch there are those of a vessel with the same deck normal that heads north; [`turn_tilt`] converts).
 //!
-//! Typical use: [`VesselModel::new`], [`Belief::new`], then per step [`Belief::propagate`] with a
-//! [`Step`] of that dt and [`Belief::update`] per scalar; [`Horizon`] for what comes.
+//! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then per step [`Belief::propagate`] with a [`Step`] of
+//! that dt and [`Belief::update`] per scalar.
 
 mod belief;
 mod config;
@@ -41,7 +40,7 @@ pub use belief::{Belief, BeliefSpec, Extra, Layout, Step, Term};
 pub use config::{Coupling, VesselModelConfig};
 pub use expm::{expm, van_loan};
 pub use model::{Component, Discrete, VesselModel, turn_tilt};
-pub use modes::{Mode, Modes, Motion, is_wave, spread_between};
+pub use modes::{Mode, Modes, Motion};
 
 /// Degrees of freedom.
 pub const DOFS: usize = 6;

@@ -22,6 +22,9 @@ pub struct Truth {
     pub heave: f64,
 }
 
+/// Per stage of a prediction: standard deviations of what is predicted (m, rad), and of heave about the level, m.
+pub type StageDeviations = Vec<([f64; 6], f64)>;
+
 /// What vessel and truth did in one run, from the end of the warm-up on.
 #[derive(Clone, Debug)]
 pub struct Run {
@@ -31,9 +34,9 @@ pub struct Run {
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
     /// Tick (fractional) of the first stage, and prediction.
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
-    /// With each prediction: where the filter takes the mean water level to be (m down), and the
-    /// standard deviation of heave about it at each stage, m.
-    pub levels: Vec<(f64, Vec<f64>)>,
+    /// With each prediction: where the filter takes the mean water level to be (m down), and per stage the standard
+    /// deviations of what is predicted (m, rad) and of heave about that level, m.
+    pub levels: Vec<(f64, StageDeviations)>,
     /// The last confidence in the wave model.
     pub confidence: f32,
     /// Ticks at which a turn by 90 deg passed its middle.
@@ -88,10 +91,10 @@ pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64, span_s: f64)
             if let Some(p) = predicted.prediction {
                 let age: Span = now - p.header.at;
                 out.predictions.push((k as f64 - age.secs() / TICK.secs(), p));
-                let estimator = node.estimator();
-                let at = |k| estimator.level_and_heave_sd(k).unwrap_or((0.0, f64::INFINITY));
-                out.levels
-                    .push((at(0).0, (0..p.stages.len()).map(|k| at(k).1).collect()));
+                let ahead = |k: usize| k as f64 * f64::from(p.step_s);
+                let at = |k| node.estimator().level_and_sd(ahead(k)).unwrap_or_default();
+                let sds = (0..p.stages.len()).map(|k| (at(k).1, at(k).2)).collect();
+                out.levels.push((at(0).0, sds));
             }
             out.confidence = predicted.wave.map_or(out.confidence, |w| w.confidence);
         }
@@ -131,7 +134,7 @@ pub fn state_errors(runs: &[Run]) -> StateErrors {
                 let b = f64::from(e.eta_dot[d]) - truth.eta_dot[d];
                 squares[d / 3].push(a * a);
                 squares[2 + d / 3].push(b * b);
-                let [p, c, q] = e.covariance[d].map(f64::from);
+                let [p, c, q] = e.covariance(d);
                 nees[d].push((q * a * a - 2.0 * c * a * b + p * b * b) / (p * q - c * c));
             }
         }

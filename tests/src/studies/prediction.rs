@@ -159,11 +159,11 @@ pub fn vessel(
 fn vessel_scores(run: &Run) -> Scores {
     let source = Source::Vessel;
     let mut scores = Scores::new();
-    for ((start, p), (level, heave_sd)) in run.predictions.iter().zip(&run.levels) {
+    for ((start, p), (level, sds)) in run.predictions.iter().zip(&run.levels) {
         for (h, &ahead) in HORIZONS_S.iter().enumerate() {
             let (Some(e), Some(sd)) = (
                 vessel_errors(run, *start, p, *level, ahead),
-                vessel_sd(p, heave_sd, ahead),
+                vessel_sd(p, sds, ahead),
             ) else {
                 continue;
             };
@@ -212,15 +212,15 @@ fn vessel_errors(
     Some(Motion { eta, heave })
 }
 
-fn vessel_sd(p: &VesselPrediction<VesselClock>, heave_sd: &[f64], ahead: f64) -> Option<Motion> {
+fn vessel_sd(p: &VesselPrediction<VesselClock>, sds: &[([f64; 6], f64)], ahead: f64) -> Option<Motion> {
     let x = ahead / f64::from(p.step_s);
     let (i, f) = (x.floor() as usize, x.fract());
     let j = (i + 1).min(p.stages.len().saturating_sub(1));
-    let (a, b) = (p.stages.get(i)?, p.stages.get(j)?);
+    let (a, b) = (sds.get(i)?, sds.get(j)?);
     let mix = |a: f64, b: f64| a + f * (b - a);
     Some(Motion {
-        eta: core::array::from_fn(|d| mix(f64::from(a.sd[d]), f64::from(b.sd[d]))),
-        heave: mix(*heave_sd.get(i)?, *heave_sd.get(j)?),
+        eta: core::array::from_fn(|d| mix(a.0[d], b.0[d])),
+        heave: mix(a.1, b.1),
     })
 }
 

@@ -307,7 +307,7 @@ pub fn run(scenario: &Scenario, node: &VesselNodeConfig, seed: u64) -> Result<Ru
         let (roll, pitch, _) = state.attitude.euler();
         truth.push([roll, pitch, state.position.0.z]);
         let out = node.step(now, &physics.vessel_readings().input());
-        let level = node.estimator().level_and_heave_sd(0).map_or(0.0, |l| l.0);
+        let level = node.estimator().level_and_sd(0.0).map_or(0.0, |l| l.0);
         let tick_of = |age: Span| k as f64 - age.secs() / TICK.secs();
         if let Some(e) = out.estimate {
             published.push(tick_of(now - e.header.at), &e, level);

@@ -260,7 +260,7 @@ impl DeckCalibration {
             apart: feet - e.position() - origin,
             vessel: vessel.to_rotation_matrix().into_inner(),
             relative: vessel.inverse() * pose.attitude,
-            stated: pose.variance + Vector3::from([0, 1, 2].map(|i| f64::from(e.covariance[i][0]))),
+            stated: pose.variance + Vector3::from([0, 1, 2].map(|i| e.covariance(i)[0])),
         });
     }
     /// A detection of the tag.

@@ -1,4 +1,4 @@
-use alight_shared::msg::Header;
+use alight_shared::msg::{Header, f16};
 
 use super::*;
 
@@ -44,15 +44,8 @@ fn stood(
 
 fn empty() -> VesselEstimate<DroneClock> {
     VesselEstimate {
-        header: Header::default(),
-        datum: alight_shared::frames::Datum::default(),
-        eta: [0.0; 6],
-        eta_dot: [0.0; 6],
-        eta_ddot: [0.0; 6],
-        covariance: [[0.01, 0.0, 0.01]; 6],
-        deck_centre: [0.0; 3],
-        mean_velocity: [0.0; 2],
-        mean_heading: [0.0; 2],
+        uncertainty: [[0.1, 0.1, 0.0].map(f16::from_f32); 6],
+        ..VesselEstimate::default()
     }
 }
 

@@ -66,18 +66,11 @@ pub struct Filter {
     /// The radio is received.
     radio_available: bool,
     started: Time<DroneClock>,
-    lever_arm: Vector3<f64>,
 }
 
 impl Filter {
     /// Filters that begin with `first`, whose missing degrees of freedom are level.
-    pub fn new(
-        noise: [AxisNoise; AXES],
-        gate: f64,
-        waves: &Waves,
-        lever_arm: &Vector3<f64>,
-        first: &Observation,
-    ) -> Self {
+    pub fn new(noise: [AxisNoise; AXES], gate: f64, waves: &Waves, first: &Observation) -> Self {
         let common_tilt = noise[3].radio.0.max(noise[4].radio.0);
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
         let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
@@ -99,7 +92,6 @@ impl Filter {
             rejected: [0; 2],
             radio_available: true,
             started: first.at,
-            lever_arm: *lever_arm,
         };
         f.entries.push_back(Entry {
             at: first.at,
@@ -171,7 +163,7 @@ impl Filter {
             a.propagate(&noise[i], &oscillators, i, &step);
         }
         bend(s, dt.secs());
-        if let Some(change) = waves.change(from, to, &self.lever_arm) {
+        if let Some(change) = waves.change(from, to) {
             for (i, a) in s.iter_mut().enumerate() {
                 let course = i < 2;
                 // Where the path of a velocity begins is no motion of the waves.
@@ -191,10 +183,6 @@ impl Filter {
     /// A newer message has come: what was known since its time of validity is reckoned again about its modes.
     pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));
-    }
-    /// Place of the deck's centre on the vessel, m.
-    pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>) {
-        self.lever_arm = lever_arm;
     }
 
     /// Fuses `o` where it belongs in time and everything later again after it.
@@ -226,7 +214,7 @@ impl Filter {
             None => before.after.clone(),
         };
         self.advance(&mut state, waves, since, o.at);
-        let about = o.about(&waves.motion(o.at, &self.lever_arm));
+        let about = o.about(&waves.motion(o.at));
         let gated = apply(&mut state, &about, self.gate, self.common_tilt);
         self.entries.insert(
             i,
@@ -266,7 +254,7 @@ impl Filter {
             };
             self.advance(&mut state, waves, at, next);
             if let Some(o) = observation {
-                let o = o.about(&waves.motion(o.at, &self.lever_arm));
+                let o = o.about(&waves.motion(o.at));
                 apply(&mut state, &o, self.gate, self.common_tilt);
             }
             if let Some(e) = self.entries.get_mut(k) {

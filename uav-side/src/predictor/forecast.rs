@@ -57,22 +57,21 @@ impl Horizon {
     }
 
     /// The stages from the state `axes`. `common` are the variances (value, rate) per degree of
-    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `lever_arm` is where the deck is
-    /// on the vessel, m, `waves` holds the modes, from time `now` on.
+    /// freedom of errors that stay, `clock_var` (s²) moves everything along its motion, `waves` holds the modes and
+    /// the deck's place on the vessel, from time `now` on.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
         common: &[(f64, f64); AXES],
         clock_var: f64,
-        lever_arm: &Vector3<f64>,
         (waves, now): (&Waves, Time<DroneClock>),
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
         let knots: [[(f64, f64); KNOTS.len()]; AXES] =
             core::array::from_fn(|i| core::array::from_fn(|k| self.variance(&axes[i], &noise[i], i, k)));
-        let mut modes = waves.modes(now, lever_arm, self.stage_s);
+        let mut modes = waves.modes(now, self.stage_s);
         let mut out = Seq::new();
         let mut knot = 0;
         for k in 0..FORECAST_STAGES {
@@ -97,7 +96,7 @@ impl Horizon {
                     )
                 },
                 clock_var,
-                lever_arm,
+                waves.lever_arm(),
                 &modes.motion(),
             );
             if out.push(stage).is_err() {
@@ -113,15 +112,14 @@ impl Horizon {
         &self,
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
-        lever_arm: &Vector3<f64>,
         (waves, now): (&Waves, Time<DroneClock>),
     ) -> Seq<u8, PREDICTED_SLOPES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
-        let mut modes = waves.modes(now, lever_arm, self.stage_s);
+        let mut modes = waves.modes(now, self.stage_s);
         let mut forces = [Vector3::zeros(); PREDICTED_SLOPES + 2 * SLOPE_STEPS];
         for force in &mut forces {
-            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, lever_arm, &modes.motion());
+            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, waves.lever_arm(), &modes.motion());
             *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
             self.advance(&mut mean, &heads);
             modes.advance();

@@ -30,7 +30,7 @@ pub struct PredictorIn {
     pub estimate: Option<VesselEstimate<DroneClock>>,
     /// The vessel's wave model.
     pub wave: Option<WaveModel<DroneClock>>,
-    /// The vessel's own prediction: for display and comparison; the predictor makes its own.
+    /// The vessel's own prediction, for how far it is off.
     pub prediction: Option<VesselPrediction<DroneClock>>,
     /// Link and clocks.
     pub link: Option<LinkState>,
@@ -71,8 +71,6 @@ pub struct Predictor {
     clock_sd_s: f64,
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
-    /// Deck's centre in the vessel's body frame, m.
-    lever_arm: Vector3<f64>,
     radio_at: Option<Time<DroneClock>>,
     radio_sequence: Option<(u32, u32)>,
     vision_at: Option<Time<DroneClock>>,
@@ -99,7 +97,6 @@ impl Predictor {
             track: Track::default(),
             clock_sd_s: CLOCK_SD_UNKNOWN_S,
             stated: [(0.0, 0.0); AXES],
-            lever_arm: config.deck.centre(),
             radio_at: None,
             radio_sequence: None,
             vision_at: None,
@@ -129,7 +126,7 @@ impl Predictor {
         let noise = AxisNoise::all(&self.config);
         let filter = self
             .filter
-            .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, &self.lever_arm, o));
+            .get_or_insert_with(|| Filter::new(noise, self.config.gate_sd, waves, o));
         match filter.fuse(waves, o) {
             Fused::All => Ok(()),
             // Part of it was good: it counts as used, and as an outlier.
@@ -195,16 +192,8 @@ impl Predictor {
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
             self.radio_sequence = Some(known);
-            self.lever_arm = e.deck_centre();
-            if let Some(f) = &mut self.filter {
-                f.set_lever_arm(self.lever_arm);
-            }
-            let tilt = |k: usize| 0.5 * f64::from(e.covariance[3][k] + e.covariance[4][k]);
-            let own = |i: usize, k: usize| f64::from(e.covariance[i][k]);
-            self.stated = core::array::from_fn(|i| match i {
-                3 | 4 => (tilt(0), tilt(2)),
-                _ => (own(i, 0), own(i, 2)),
-            });
+            self.waves.set_lever_arm(e.deck_centre());
+            self.stated = observation::stated(e);
         }
         Ok(())
     }
@@ -308,13 +297,11 @@ impl Predictor {
             &filter.noise(&axes),
             &common,
             clock_var,
-            &self.lever_arm,
             (&self.waves, now),
         );
         let predicted_slopes = if self.waves.are_identified() {
             self.far.refresh(&oscillators);
-            self.far
-                .slopes(&axes, &filter.noise(&axes), &self.lever_arm, (&self.waves, now))
+            self.far.slopes(&axes, &filter.noise(&axes), (&self.waves, now))
         } else {
             Seq::new()
         };
@@ -377,7 +364,7 @@ impl Predictor {
 impl Predictor {
     /// The deck by a state of the filters at a time, and its height due to the tilt, m.
     fn plane(&self, axes: &[Axis; AXES], at: Time<DroneClock>) -> (Plane, f64) {
-        let modes = self.waves.motion(at, &self.lever_arm);
+        let modes = self.waves.motion(at);
         let deck = |i: usize, row: MeasurementRow| {
             let (value, variance) = axes[i].project(row);
             (value + modes.value[i], variance)
@@ -393,7 +380,8 @@ impl Predictor {
             deck(5, MeasurementRow::Vision),
         );
         let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
-        let [lever_arm_heave_m, ..] = lever_arm_heave(&self.lever_arm, [roll, pitch], [0.0; 2], [0.0; 2]);
+        let [lever_arm_heave_m, ..] =
+            lever_arm_heave(self.waves.lever_arm(), [roll, pitch], [0.0; 2], [0.0; 2]);
         let plane = Plane {
             centre: Vector3::new(n.0, e.0, d.0 + lever_arm_heave_m),
             rotation: UnitQuaternion::from_euler_angles(roll, pitch, yaw.0),
@@ -410,7 +398,7 @@ impl Node for Predictor {
     type Out = PredictorOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
-        let mut done = [Ok(()); 4];
+        let mut done = [Ok(()); 5];
         if let Some(l) = &input.link {
             match Self::admit(now, l) {
                 Ok(()) if l.clock_offset_sd_s.is_finite() => self.clock_sd_s = l.clock_offset_sd_s.min(1.0),
@@ -425,6 +413,12 @@ impl Node for Predictor {
             .tag_at
             .is_some_and(|t| (now - t).secs() < c.radio_after_vision_s);
         let (use_wave_model, use_vision) = (c.use_wave_model, c.use_vision);
+        if let Some(p) = &input.prediction {
+            match Self::admit(now, p) {
+                Ok(()) => self.waves.receive_prediction(p),
+                r => done[4] = r,
+            }
+        }
         if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
             done[2] = self.wave(now, w);
         }

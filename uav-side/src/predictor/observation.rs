@@ -87,6 +87,17 @@ pub fn body_from_camera() -> Matrix3<f64> {
     Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
 
+/// Variances of value and rate per degree of freedom that the vessel states; of the tilt the mean of both.
+pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
+    let own = |i: usize| {
+        let [value, _, rate] = e.covariance(i);
+        (value, rate)
+    };
+    let (roll, pitch) = (own(3), own(4));
+    let tilt = (0.5 * (roll.0 + pitch.0), 0.5 * (roll.1 + pitch.1));
+    [own(0), own(1), own(2), tilt, tilt, own(5)]
+}
+
 /// The vessel's estimate. `origin` is the vessel's NED origin in the drone's (m), `clock_sd` the
 /// clock offset's standard deviation (s): a value that changes at a rate is that much less certain.
 pub fn estimate(
@@ -110,25 +121,12 @@ pub fn estimate(
     // d/dt of the turned tilt (small-angle form of turn_tilt).
     let (dr, dp) = (dot[3] - dot[5] * pitch, dot[4] + dot[5] * roll);
     let tilt_rate = (cos * dr - s * dp, s * dr + cos * dp);
-    let tilt_variance = 0.5 * f64::from(e.covariance[3][0] + e.covariance[4][0]);
-    let tilt_rate_variance = 0.5 * f64::from(e.covariance[3][2] + e.covariance[4][2]);
-    let across = |i: usize| {
-        let height = lever_arm.z * lever_arm.z;
-        let [v, _, r] = e.covariance[i].map(f64::from);
-        if i < 2 {
-            (v + height * tilt_variance, r + height * tilt_rate_variance)
-        } else {
-            (v, r)
-        }
-    };
-    let stated = [
-        across(0),
-        across(1),
-        across(2),
-        (tilt_variance, tilt_rate_variance),
-        (tilt_variance, tilt_rate_variance),
-        across(5),
-    ];
+    let mut stated = stated(e);
+    let (height, tilt_variance) = (lever_arm.z * lever_arm.z, stated[3]);
+    for (value, rate) in stated.iter_mut().take(2) {
+        *value += height * tilt_variance.0;
+        *rate += height * tilt_variance.1;
+    }
     let values = [position.x, position.y, position.z, tilt.0, tilt.1, yaw];
     let rates = [
         velocity.x,

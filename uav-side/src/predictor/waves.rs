@@ -3,11 +3,9 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::msg::{SPREAD_AT_S, Seq, WaveModel};
+use alight_shared::msg::{PREDICTION_STAGES, Seq, VesselPrediction, WaveModel};
 use alight_shared::time::{DroneClock, Time};
-use alight_shared::vessel_model::{
-    HEAVE, Mode, Modes, PITCH, ROLL, SURGE, SWAY, YAW, is_wave, spread_between,
-};
+use alight_shared::vessel_model::{HEAVE, Mode, Modes, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{Complex, Vector3};
 
 use super::config::PredictorConfig;
@@ -22,6 +20,8 @@ pub const MAX_OSCILLATORS: usize = MAX_BANK + 1;
 const MAX_MESSAGES: usize = 12;
 /// Frequencies that the residual oscillator is given, rad/s: a long swell, the fastest deck.
 const FREQUENCY_RADPS: [f64; 2] = [0.4, 7.0];
+/// What the modes leave is measured no sooner after their time of validity than this, s.
+const FIRST_S: f64 = 0.2;
 /// Modes are rolled back by no more than this, s: what fades fast grows backwards.
 const MAX_BACK_S: f64 = 0.1;
 
@@ -61,22 +61,15 @@ impl DeckModes {
     /// [`DeckModes::advance`].
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
-            let (pole, c, wave) = (m.pole, &m.shape, is_wave(m));
-            let grown = (pole * t).exp();
-            let c = c.map(|c| c * grown);
-            // The path of a wave's velocity; a slow mode is a course, which the filters hold.
-            let (path, turns) = if wave {
-                (pole.inv(), 1.0)
-            } else {
-                (Complex::default(), 0.0)
-            };
+            let grown = (m.pole * t).exp();
+            let (c, path) = (m.shape.map(|c| c * grown), m.integral());
             [
                 c[SURGE] * path + c[PITCH] * lever_arm.z,
                 c[SWAY] * path - c[ROLL] * lever_arm.z,
-                c[HEAVE] * turns,
+                c[HEAVE],
                 c[ROLL],
                 c[PITCH],
-                c[YAW] * turns,
+                c[YAW],
             ]
         };
         DeckModes {
@@ -116,8 +109,12 @@ pub struct Waves {
     residual_sd: [f64; AXES],
     /// Newest last.
     messages: VecDeque<Modes<DroneClock>>,
-    /// Error of the modes' prediction.
-    spread: [[f64; AXES]; SPREAD_AT_S.len()],
+    /// Centre of the deck from the vessel's reference point, m.
+    lever_arm: Vector3<f64>,
+    /// What predicting adds to the estimate's error, as the vessel has measured it: per stage of its prediction, every
+    /// `spread_step_s`. Empty before the first prediction.
+    spread: Seq<[f64; AXES], PREDICTION_STAGES>,
+    spread_step_s: f64,
     /// The most that they leave.
     largest: [f64; AXES],
     /// Share of the motion's variance that the modes predict, 0 to 1.
@@ -135,7 +132,9 @@ impl Waves {
             oscillators: core::iter::once(residual).chain(bank).collect(),
             residual_sd: c.residual_sd_m_rad,
             messages: VecDeque::with_capacity(MAX_MESSAGES + 1),
-            spread: [[0.0; AXES]; SPREAD_AT_S.len()],
+            lever_arm: c.deck.centre(),
+            spread: Seq::new(),
+            spread_step_s: 1.0,
             largest: [0.0; AXES],
             confidence: 0.0,
         }
@@ -159,22 +158,47 @@ impl Waves {
     /// validity, m, rad: that of their prediction, and at most that of two motions with the waves' spectrum that know
     /// nothing of each other.
     fn left(&self, age: f64) -> [f64; AXES] {
-        let (first, last) = (SPREAD_AT_S[0], SPREAD_AT_S[SPREAD_AT_S.len() - 1]);
-        let spread = spread_between(&[0.0; AXES], &self.spread, age.max(first));
+        let last = self.spread_step_s * self.spread.len().saturating_sub(1) as f64;
+        let spread = self.spread(age.max(FIRST_S));
         let memory_s = self.oscillators.first().map_or(1.0, |o| 1.0 / o.omega);
         core::array::from_fn(|i| {
             // The error of a velocity, over the oscillator's memory, is one of place.
             let unit = if i < 2 { memory_s } else { 1.0 };
-            let further = (age / last).max(1.0).sqrt();
+            let further = (age / last.max(FIRST_S)).max(1.0).sqrt();
             ((spread[i] * further).min(self.largest[i]).max(spread[i]) * unit).max(self.residual_sd[i])
         })
     }
 
-    /// Takes the vessel's wave model; true when the bank has gone, and the filters have to drop all oscillators but
+    /// Standard deviation per degree of freedom of what predicting `ahead` seconds on adds: m/s, m, rad; held after the
+    /// last stage.
+    fn spread(&self, ahead: f64) -> [f64; AXES] {
+        let x = (ahead / self.spread_step_s).clamp(0.0, self.spread.len().saturating_sub(1) as f64);
+        let (i, f) = (x.floor() as usize, x.fract());
+        let before = self.spread.get(i).copied().unwrap_or_default();
+        let after = self.spread.get(i + 1).copied().unwrap_or(before);
+        core::array::from_fn(|d| before[d] + f * (after[d] - before[d]))
+    }
+
+    /// Where the deck's centre is on the vessel, m.
+    pub fn lever_arm(&self) -> &Vector3<f64> {
+        &self.lever_arm
+    }
+    /// The vessel has said where the deck's centre is, m.
+    pub fn set_lever_arm(&mut self, lever_arm: Vector3<f64>) {
+        self.lever_arm = lever_arm;
+    }
+
+    /// Takes how far the vessel's own prediction is off.
+    pub fn receive_prediction(&mut self, p: &VesselPrediction<DroneClock>) {
+        self.spread = Seq::filled(p.stages.iter().map(|s| s.sd.map(f64::from)));
+        self.spread_step_s = f64::from(p.step_s);
+    }
+
+    /// Takes the vessel's wave model, once it is known how far it is off; true when the bank has gone, and the filters have to drop all oscillators but
     /// the first.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
-        if !(self.confidence > 0.0) {
+        if !(self.confidence > 0.0) || self.spread.is_empty() {
             return false;
         }
         let newer = self.messages.back().is_none_or(|last| m.header.at > last.at);
@@ -185,7 +209,6 @@ impl Waves {
         while self.messages.len() > MAX_MESSAGES {
             self.messages.pop_front();
         }
-        self.spread = m.spread.map(|s| s.map(f64::from));
         let begun = self.oscillators.len() > 1;
         self.oscillators.truncate(1);
         if let Some(newest) = self.messages.back() {
@@ -205,27 +228,23 @@ impl Waves {
     }
 
     /// The modes at time `t`, by the message that was the newest then; `step_s` is their step.
-    pub fn modes(&self, t: Time<DroneClock>, lever_arm: &Vector3<f64>, step_s: f64) -> DeckModes {
+    pub fn modes(&self, t: Time<DroneClock>, step_s: f64) -> DeckModes {
         let i = self.messages.partition_point(|m| m.at <= t);
         let Some(m) = self.messages.get(i.saturating_sub(1)) else {
             return DeckModes::default();
         };
-        DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), lever_arm, step_s)
+        DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), &self.lever_arm, step_s)
     }
     /// By how much the deck's motion at time `to` differs between the modes that were the newest at `from` and those at
     /// `to`: the former less the latter. None when they are the same.
-    pub fn change(
-        &self,
-        from: Time<DroneClock>,
-        to: Time<DroneClock>,
-        lever_arm: &Vector3<f64>,
-    ) -> Option<DeckMotion> {
+    pub fn change(&self, from: Time<DroneClock>, to: Time<DroneClock>) -> Option<DeckMotion> {
         let index = |t| self.messages.partition_point(|m| m.at <= t).saturating_sub(1);
         let (before, after) = (self.messages.get(index(from))?, self.messages.get(index(to))?);
         if before.at == after.at {
             return None;
         }
-        let motion = |m: &Modes<DroneClock>| DeckModes::new(m, (to - m.at).secs(), lever_arm, 0.0).motion();
+        let motion =
+            |m: &Modes<DroneClock>| DeckModes::new(m, (to - m.at).secs(), &self.lever_arm, 0.0).motion();
         let (before, after) = (motion(before), motion(after));
         let less = |a: [f64; AXES], b: [f64; AXES]| core::array::from_fn(|i| a[i] - b[i]);
         Some(DeckMotion {
@@ -235,8 +254,8 @@ impl Waves {
         })
     }
     /// The deck's motion by the modes at time `t`.
-    pub fn motion(&self, t: Time<DroneClock>, lever_arm: &Vector3<f64>) -> DeckMotion {
-        self.modes(t, lever_arm, 0.0).motion()
+    pub fn motion(&self, t: Time<DroneClock>) -> DeckMotion {
+        self.modes(t, 0.0).motion()
     }
     /// Variance per degree of freedom of what the newest modes predict at `now` for `ahead` seconds later, beyond what
     /// the residual oscillator stands for.

@@ -2,8 +2,8 @@
 
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DroneState, Header, LinkState, Message, RangeSample, TagPose, UvdarFix, VesselEstimate, WaveMode,
-    WaveModel,
+    DroneState, Header, LinkState, Message, PredictedStage, RangeSample, TagPose, UvdarFix, VesselEstimate,
+    VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
 use alight_uav::predictor::PredictorIn;
@@ -27,7 +27,7 @@ proptest! {
 
     #[test]
     fn predictor_counts_arbitrary_input_and_stays_finite(
-        x in prop::collection::vec(any_number(), 24), which in 0..7u8, at in prop_oneof![0.0..30.0f64, any_number()],
+        x in prop::collection::vec(any_number(), 24), which in 0..8u8, at in prop_oneof![0.0..30.0f64, any_number()],
         from in 0..3u8,
     ) {
         let v = Vessel::moderate();
@@ -46,12 +46,16 @@ proptest! {
             3 => bad.drone = Some(DroneState { header: h, position: a3(0), velocity: a3(3), ..Default::default() }),
             4 => bad.link = Some(LinkState { header: h, clock_offset_sd_s: x[0], age_s: x[1], ..Default::default() }),
             5 => bad.estimate = Some(VesselEstimate { header: h, datum: Default::default(), eta: six(0),
-                eta_dot: six(6).map(|v: f64| v as f32), eta_ddot: [x[12] as f32; 6],
-                covariance: [[x[13] as f32, 0.0, x[14] as f32]; 6], deck_centre: [0.0, 0.0, -1.3],
+                eta_dot: six(6).map(|v: f64| v as f32), eta_ddot: [f16::from_f64(x[12]); 6],
+                uncertainty: [[x[13], x[14], x[17]].map(f16::from_f64); 6], deck_centre: [0.0, 0.0, -1.3],
                 mean_velocity: [x[15] as f32; 2], mean_heading: [x[16] as f32; 2] }),
-            _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32, mean: [x[9] as f32; 6],
-                spread: [[x[10] as f32; 6]; 6], slopes: Seq::filled([x[8] as u8; 60]),
-                modes: Seq::filled([WaveMode { pole: [x[1] as f32, x[2] as f32], shape: [[x[4] as f32, x[5] as f32]; 6] }; 12]) }),
+            6 => bad.prediction = Some(VesselPrediction { header: h, step_s: x[0] as f32, origin: a3(1),
+                stages: Seq::filled([PredictedStage { eta: six(4).map(|v: f64| v as f32),
+                    eta_dot: six(10).map(f16::from_f64), sd: [f16::from_f64(x[16]); 6] }; 16]) }),
+            _ => bad.wave = Some(WaveModel { header: h, significant_height_m: 1.0, confidence: x[0] as f32,
+                slopes: Seq::filled([x[8] as u8; 60]),
+                modes: Seq::filled([WaveMode { pole: [x[1] as f32, x[2] as f32],
+                    shape: [[x[4], x[5]].map(f16::from_f64); 6] }; 12]) }),
         }
         let valid = match which {
             0 => bad.tags[0].check(),
@@ -60,6 +64,7 @@ proptest! {
             3 => bad.drone.unwrap().check(),
             4 => bad.link.unwrap().check(),
             5 => bad.estimate.unwrap().check(),
+            6 => bad.prediction.unwrap().check(),
             _ => bad.wave.unwrap().check(),
         };
         for k in 0..20 {

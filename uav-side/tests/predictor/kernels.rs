@@ -17,15 +17,16 @@ fn axis_propagates_one_long_step_as_many_short_ones() {
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
     let noise = AxisNoise::all(&config)[2];
-    let mut a = Axis::new(&noise, &waves.oscillators(Time::default()), 2, 1.0, 0.3, 0.0);
+    let oscillators = waves.oscillators(Time::default());
+    let mut a = Axis::new(&noise, &oscillators, 2, 1.0, 0.3, 0.0);
     a.update(MeasurementRow::Radio, 1.4, 0.01);
     a.update(MeasurementRow::Rate, -0.2, 0.04);
     let mut b = a;
-    let step = Step::new(&waves.oscillators(Time::default()), 2.0);
-    a.propagate(&noise, &waves.oscillators(Time::default()), 2, &step);
-    let step = Step::new(&waves.oscillators(Time::default()), 0.01);
+    let step = Step::new(&oscillators, 2.0);
+    a.propagate(&noise, &oscillators, 2, &step);
+    let step = Step::new(&oscillators, 0.01);
     for _ in 0..200 {
-        b.propagate(&noise, &waves.oscillators(Time::default()), 2, &step);
+        b.propagate(&noise, &oscillators, 2, &step);
     }
     for i in 0..a.n {
         assert!((a.x[i] - b.x[i]).abs() < 1e-9);
@@ -41,10 +42,11 @@ fn axis_keeps_its_stationary_spread_and_an_update_shrinks_it() {
     let config = PredictorConfig::default();
     let waves = Waves::new(&config);
     let noise = AxisNoise::all(&config)[3];
-    let mut a = Axis::new(&noise, &waves.oscillators(Time::default()), 3, 0.0, 0.01, 0.0);
+    let oscillators = waves.oscillators(Time::default());
+    let mut a = Axis::new(&noise, &oscillators, 3, 0.0, 0.01, 0.0);
     let before = a;
-    let step = Step::new(&waves.oscillators(Time::default()), 7.0);
-    a.propagate(&noise, &waves.oscillators(Time::default()), 3, &step);
+    let step = Step::new(&oscillators, 7.0);
+    a.propagate(&noise, &oscillators, 3, &step);
     for i in HEAD..a.n {
         assert!((a.p[i][i] / before.p[i][i] - 1.0).abs() < 1e-9, "state {i}");
     }
@@ -146,13 +148,7 @@ fn filter_keeps_the_speed_of_a_turning_vessel_and_turns_its_velocity() {
             lever: [0.0; 2],
         }
     };
-    let mut filter = Filter::new(
-        AxisNoise::all(&config),
-        config.gate_sd,
-        &waves,
-        &Vector3::zeros(),
-        &at(0.0),
-    );
+    let mut filter = Filter::new(AxisNoise::all(&config), config.gate_sd, &waves, &at(0.0));
     for k in 1..300 {
         filter.fuse(&waves, &at(f64::from(k) * 0.033));
     }
@@ -180,6 +176,7 @@ fn newer_modes_leave_the_deck_where_vision_has_seen_it() {
     let config = PredictorConfig::default();
     let vessel = Vessel::moderate();
     let mut waves = Waves::new(&config);
+    waves.receive_prediction(&world::spread(1, 0.9));
     waves.receive(&world::waves(&vessel, 1, 0.9));
     let deck = |t: f64| Observation {
         at: Time::<DroneClock>::from_secs(t),
@@ -188,15 +185,14 @@ fn newer_modes_leave_the_deck_where_vision_has_seen_it() {
         rate: [None; 6],
         lever: [0.0; 2],
     };
-    let none = Vector3::zeros();
     let noise = AxisNoise::all(&config);
-    let mut filter = Filter::new(noise, config.gate_sd, &waves, &none, &deck(0.9));
+    let mut filter = Filter::new(noise, config.gate_sd, &waves, &deck(0.9));
     for k in 1..20 {
         filter.fuse(&waves, &deck(0.9 + 0.02 * f64::from(k)));
     }
     let now = Time::from_secs(1.29);
     let place = |filter: &Filter, waves: &Waves| {
-        let (state, modes) = (filter.at(waves, now), waves.motion(now, &none));
+        let (state, modes) = (filter.at(waves, now), waves.motion(now));
         [0, 1, 2, 3, 4, 5].map(|i| state[i].project(MeasurementRow::Vision).0 + modes.value[i])
     };
     let before = place(&filter, &waves);

@@ -7,8 +7,8 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, TagPose, VesselEstimate, WaveMode,
-    WaveModel,
+    DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage, TagPose, VesselEstimate,
+    VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
@@ -238,14 +238,14 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
         if k % 3 == 0 && now < set.radio_until {
             let (acc, angular) = v.accelerations(now);
             let six = |a: Vector3<f64>, b: Vector3<f64>| [a.x, a.y, a.z, b.x, b.y, b.z];
-            let block = |a: f64, b: f64| [(a * a) as f32, 0.0, (b * b) as f32];
+            let block = |a: f64, b: f64| [a, b, 0.0].map(f16::from_f64);
             let m = VesselEstimate {
                 header: header(k, now + set.clock_error),
                 datum: Default::default(),
                 eta: six(p + vf + pe, e + ae),
                 eta_dot: six(vel + ve, rates + re).map(|x| x as f32),
-                eta_ddot: six(acc, angular).map(|x| x as f32),
-                covariance: core::array::from_fn(|i| {
+                eta_ddot: six(acc, angular).map(f16::from_f64),
+                uncertainty: core::array::from_fn(|i| {
                     if i < 3 {
                         block(0.08, 0.08)
                     } else {
@@ -262,8 +262,11 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
         }
         if k % 20 == 0 && now < set.radio_until {
             let due = now + set.latency.0 + set.latency.1;
-            let wave = waves(v, k, now);
-            in_flight.push((due, input(|i| i.wave = Some(wave))));
+            let (wave, spread) = (waves(v, k, now), spread(k, now));
+            in_flight.push((
+                due,
+                input(|i| (i.wave, i.prediction) = (Some(wave), Some(spread))),
+            ));
         }
         let above = v.deck(now).0;
         let drone = Vector3::new(above.x, above.y, -1.3 - set.height) + Vector3::new(0.3, -0.2, 0.0);
@@ -316,6 +319,7 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
                 arrived.estimate = Some(e);
             }
             arrived.wave = m.wave.or(arrived.wave);
+            arrived.prediction = m.prediction.or(arrived.prediction);
             arrived.tags.extend(m.tags);
         }
         if let Some(forecast) = predictor.step(time(now), &arrived).forecast {
@@ -348,19 +352,30 @@ pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
         ];
         WaveMode {
             pole: [-0.005, (w.omega * 1.001) as f32],
-            shape: shape.map(|z| [z.re as f32, z.im as f32]),
+            shape: shape.map(|z| [z.re, z.im].map(f16::from_f64)),
         }
     };
     WaveModel {
         header: header(k, now),
         significant_height_m: 2.0,
         confidence: 0.9,
-        mean: [0.0; 6],
-        spread: core::array::from_fn(|h| {
-            [0.02, 0.02, 0.008, 0.0015, 0.0015, 0.005].map(|sd| sd * (1.0 + 0.5 * h as f32))
-        }),
         slopes: Seq::filled([10]),
         modes: Seq::filled(v.waves.iter().map(mode)),
+    }
+}
+
+/// How far the modes are off: more and more.
+pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
+    let stage = |h: u8| PredictedStage {
+        sd: [0.02, 0.02, 0.008, 0.0015, 0.0015, 0.005]
+            .map(|sd| f16::from_f32(sd * (1.0 + f32::from(h) / 6.0))),
+        ..Default::default()
+    };
+    VesselPrediction {
+        header: header(k, now),
+        step_s: 0.2,
+        origin: [0.0; 3],
+        stages: Seq::filled((0..16).map(stage)),
     }
 }
 

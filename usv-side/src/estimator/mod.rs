@@ -171,11 +171,10 @@ impl Estimator {
     pub fn gated(&self) -> Gated {
         self.gated
     }
-    /// Mean water level in the GNSS frame, m down in the vessel's NED, and standard deviation of heave about it at
-    /// stage `k` of a prediction made now, m: the two parts of the published height. For studies.
-    pub fn level_and_heave_sd(&self, k: usize) -> Option<(f64, f64)> {
-        let step_s = self.config.broadcast.prediction_step_s;
-        self.filter.as_ref().map(|f| f.level_and_heave_sd(k, step_s))
+    /// Mean water level in the GNSS frame, m down in the vessel's NED, standard deviation of what is predicted `ahead_s`
+    /// seconds from now (position, m; roll, pitch, heading, rad), and that of heave about the level, m. For studies.
+    pub fn level_and_sd(&self, ahead_s: f64) -> Option<(f64, [f64; 6], f64)> {
+        self.filter.as_ref().map(|f| f.level_and_sd(ahead_s))
     }
     pub(crate) fn filter(&self) -> Option<&Filter> {
         self.filter.as_ref()
@@ -282,8 +281,8 @@ impl Estimator {
         self.consistency.and(&running.unwrap_or_default())
     }
 
-    /// Once per tick, after the measurements: bridges gaps between inertial samples and updates the model with the
-    /// identified sea.
+    /// Once per tick, after the measurements: bridges gaps between inertial samples, adapts the model's noise and
+    /// does a part of the identification of the motion.
     pub fn tick(&mut self, now: Time<VesselClock>) {
         let Some(f) = self.filter.as_mut() else { return };
         f.adapt(&self.config);
@@ -457,8 +456,7 @@ impl Filter {
         // rate. Until the modes are known the slow velocity stands in.
         let b = &self.belief;
         let (velocity, heading) = (self.ned(b.get(SURGE, NU), b.get(SWAY, NU)), b.get(YAW, ETA));
-        let since = self.motion.newest().map_or(0.0, |t| (self.at - t).secs());
-        let waves = self.motion.waves(since);
+        let waves = self.motion.waves(self.at);
         self.slow.update(velocity, heading, self.mean_heading);
         let mean = match waves {
             Some(w) => velocity - Vector2::new(w[SURGE], w[SWAY]),

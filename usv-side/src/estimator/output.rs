@@ -4,10 +4,10 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveMode,
-    WaveModel,
+    WaveModel, f16,
 };
 use alight_shared::time::{Time, VesselClock};
-use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW, spread_between, turn_tilt};
+use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
 use nalgebra::{Rotation2, Vector2};
 
 use super::{Filter, GNSS_BIAS, Tilt};
@@ -71,8 +71,12 @@ impl Filter {
             datum: self.datum,
             eta: [p.x, p.y, eta[HEAVE] + level, roll, pitch, wrap_angle(eta[YAW])],
             eta_dot: [v.x, v.y, nu[HEAVE], rates[0], rates[1], rates[2]].map(|x| x as f32),
-            eta_ddot: [w.x, w.y, a[HEAVE], a[ROLL], a[PITCH], a[YAW]].map(|x| x as f32),
-            covariance: blocks.map(|b| b.map(|x| x as f32)),
+            eta_ddot: [w.x, w.y, a[HEAVE], a[ROLL], a[PITCH], a[YAW]].map(f16::from_f64),
+            uncertainty: blocks.map(|[value, cov, rate]| {
+                let (value, rate) = (value.max(0.0).sqrt(), rate.max(0.0).sqrt());
+                let correlation = (cov / (value * rate).max(1e-300)).clamp(-1.0, 1.0);
+                [value, rate, correlation].map(f16::from_f64)
+            }),
             deck_centre: config.deck.centre_m.map(|x| x as f32),
             mean_velocity: [self.mean_velocity.x as f32, self.mean_velocity.y as f32],
             mean_heading: [self.mean_heading as f32, self.mean_heading_rate as f32],
@@ -97,7 +101,6 @@ impl Filter {
     ) -> Option<WaveModel<VesselClock>> {
         let modes = self.motion.modes()?;
         let deviation = self.motion.deviation();
-        let mean = modes.mean.map(|x| x as f32);
         Some(WaveModel {
             header: Header {
                 at: modes.at,
@@ -105,8 +108,6 @@ impl Filter {
             },
             significant_height_m: (4.0 * deviation[HEAVE]).clamp(0.0, 50.0) as f32,
             confidence: self.motion.confidence() as f32,
-            mean,
-            spread: self.motion.spread().map(|s| s.map(|x| x as f32)),
             modes: Seq::filled(modes.modes.iter().map(WaveMode::from)),
             slopes,
         })
@@ -150,7 +151,7 @@ impl Filter {
         let v = self.mean_velocity;
         let moved = |t: f64| [SURGE, SWAY].map(|d| modes.path(d, t));
         let back = moved(since);
-        let heave = modes.motion(0.0)[HEAVE][0];
+        let heave = self.motion.motion(0.0)[HEAVE][0];
         let origin = [
             now.x - v.x * since - back[0],
             now.y - v.y * since - back[1],
@@ -158,8 +159,7 @@ impl Filter {
         ];
         let stages = Seq::filled((0..PREDICTION_STAGES).map(|k| {
             let ahead = k as f64 * config.broadcast.prediction_step_s;
-            // A slow mode of the velocity is a course, and part of the mean.
-            let (m, u, path) = (modes.motion(ahead), modes.waves(ahead), moved(ahead));
+            let (m, path) = (self.motion.motion(ahead), moved(ahead));
             let yaw = self.mean_heading + self.mean_heading_rate * (ahead - since) + m[YAW][0];
             let tilt = Tilt {
                 angles: [m[ROLL][0], m[PITCH][0]],
@@ -178,8 +178,8 @@ impl Filter {
                 wrap_angle(yaw),
             ];
             let eta_dot = [
-                v.x + u[SURGE][0],
-                v.y + u[SWAY][0],
+                v.x + m[SURGE][0],
+                v.y + m[SWAY][0],
                 m[HEAVE][1],
                 rates[0],
                 rates[1],
@@ -187,8 +187,8 @@ impl Filter {
             ];
             PredictedStage {
                 eta: eta.map(|x| x as f32),
-                eta_dot: eta_dot.map(|x| x as f32),
-                sd: self.spread_at(ahead).map(|x| x as f32),
+                eta_dot: eta_dot.map(f16::from_f64),
+                sd: self.motion.spread(ahead).map(f16::from_f64),
             }
         }));
         Some(VesselPrediction {
@@ -202,9 +202,9 @@ impl Filter {
         })
     }
 
-    /// Standard deviation of what is predicted `ahead` seconds from now: position (m), height (m), roll, pitch,
-    /// heading (rad).
-    fn spread_at(&self, ahead: f64) -> [f64; 6] {
+    /// Standard deviation of what is predicted `ahead` seconds from now, the estimate's own error and what the prediction
+    /// adds to it: position (m), height (m), roll, pitch, heading (rad).
+    fn prediction_sd(&self, ahead: f64) -> [f64; 6] {
         let b = &self.belief;
         let mut now: [f64; 6] = core::array::from_fn(|d| b.variance(d, ETA).max(0.0).sqrt());
         let place = [now[SURGE], now[SWAY]];
@@ -216,7 +216,7 @@ impl Filter {
         if let Some(omega) = self.motion.modes().and_then(|m| m.frequency()) {
             now[HEAVE] = now[HEAVE].min(b.variance(HEAVE, NU).max(0.0).sqrt() / omega);
         }
-        let grown = spread_between(&[0.0; 6], &self.motion.spread(), ahead);
+        let grown = self.motion.spread(ahead);
         // Measured against the estimates, whose own error comes on top.
         let mut out: [f64; 6] = core::array::from_fn(|d| grown[d].hypot(now[d]));
         // The modes leave out the slow error of heave, which is therefore in what is measured.
@@ -228,13 +228,14 @@ impl Filter {
         out
     }
 
-    /// Mean water level in the GNSS frame, m down, and standard deviation of heave about it at stage `k` of the
-    /// prediction, m.
-    pub(crate) fn level_and_heave_sd(&self, k: usize, step_s: f64) -> (f64, f64) {
+    /// Mean water level in the GNSS frame, m down, standard deviation of what is predicted `ahead` seconds from now, and
+    /// that of heave about the level, m.
+    pub(crate) fn level_and_sd(&self, ahead: f64) -> (f64, [f64; 6], f64) {
         let b = &self.belief;
         let level = b.variance(HEAVE, GNSS_BIAS);
-        let sd = self.spread_at(k as f64 * step_s)[HEAVE];
-        (b.get(HEAVE, GNSS_BIAS), (sd * sd - level).max(0.0).sqrt())
+        let sd = self.prediction_sd(ahead);
+        let heave = (sd[HEAVE] * sd[HEAVE] - level).max(0.0).sqrt();
+        (b.get(HEAVE, GNSS_BIAS), sd, heave)
     }
 
     /// The state is recent and finite.

@@ -2,12 +2,13 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::msg::SPREAD_AT_S;
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::{DOFS, Modes};
+use alight_shared::vessel_model::{DOFS, Motion};
 
 use super::{MotionSample, SAMPLE_S};
 
+/// Times ahead at which errors are measured, s.
+pub(super) const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
 /// Samples between two predictions that are kept.
 const EVERY: u32 = 3;
 /// Memory of the mean squares, comparisons: half a minute, and at first a fifth of all, because the first models are
@@ -46,16 +47,15 @@ impl Errors {
         self.since += 1;
         self.since >= EVERY
     }
-    /// Keeps what `modes`, valid at `now`, predict.
-    pub(super) fn push(&mut self, now: &MotionSample, modes: &Modes<VesselClock>) {
+    /// Keeps the motion predicted at `now` for each of [`SPREAD_AT_S`].
+    pub(super) fn push(&mut self, now: Time<VesselClock>, predicted: [Motion; SPREAD_AT_S.len()]) {
         self.since = 0;
-        for (horizon, ahead) in SPREAD_AT_S.into_iter().enumerate() {
-            let predicted = modes.motion(ahead);
+        for (horizon, (ahead, motion)) in SPREAD_AT_S.into_iter().zip(predicted).enumerate() {
             if self.waiting.len() < MAX_WAITING {
                 self.waiting.push_back(Waiting {
-                    due: now.at + Span::from_secs(ahead),
+                    due: now + Span::from_secs(ahead),
                     horizon,
-                    value: predicted.map(|m| m[0]),
+                    value: motion.map(|m| m[0]),
                 });
             }
         }
@@ -89,15 +89,23 @@ impl Errors {
             false
         });
     }
-    /// Standard deviations; `deviation` of the motion itself stands in until errors are measured.
-    pub(super) fn spread(&self, deviation: [f64; DOFS]) -> [[f64; DOFS]; SPREAD_AT_S.len()] {
-        core::array::from_fn(|h| {
-            if self.count[h] < FIRST {
+    /// Standard deviations `ahead` seconds on: zero now, as measured at [`SPREAD_AT_S`], between them in proportion,
+    /// held after the last. `deviation` of the motion itself stands in until errors are measured.
+    pub(super) fn spread(&self, deviation: [f64; DOFS], ahead: f64) -> [f64; DOFS] {
+        let (mut before, mut from) = ([0.0; DOFS], 0.0);
+        for (h, to) in SPREAD_AT_S.into_iter().enumerate() {
+            let sd = if self.count[h] < FIRST {
                 deviation
             } else {
                 // What has lately been worse than usual will be for a while.
                 core::array::from_fn(|d| self.squares[h][d].max(self.recent[h][d]).sqrt())
+            };
+            if ahead <= to {
+                let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);
+                return core::array::from_fn(|d| before[d] + f * (sd[d] - before[d]));
             }
-        })
+            (before, from) = (sd, to);
+        }
+        before
     }
 }

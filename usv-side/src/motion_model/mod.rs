@@ -16,14 +16,13 @@ mod subspace;
 
 use std::collections::VecDeque;
 
-use alight_shared::msg::SPREAD_AT_S;
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::{DOFS, Mode, Modes};
+use alight_shared::vessel_model::{DOFS, Mode, Modes, Motion};
 use nalgebra::Complex;
 
 use errors::Errors;
 use regression::{OBSERVED, PAST, REACH, Regression};
-use subspace::{Fit, Model};
+use subspace::{Fit, Model, WITHOUT_SLOW};
 
 /// Time between two samples, s: ten a second, eight to the period of the fastest deck (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
@@ -56,6 +55,8 @@ pub struct MotionModel {
     regression: Regression,
     fit: Option<Fit>,
     model: Option<Model>,
+    /// The modes by the newest sample.
+    modes: Option<Modes<VesselClock>>,
     since_fit: u32,
     errors: Errors,
 }
@@ -84,10 +85,10 @@ impl MotionModel {
         self.regression.push(&self.record);
         self.since_fit += 1;
         self.errors.compare(&sample);
-        if self.errors.is_due()
-            && let Some(modes) = self.modes()
-        {
-            self.errors.push(&sample, &modes);
+        self.modes = Some(self.modes_at(&sample));
+        if self.errors.is_due() {
+            let predicted = errors::SPREAD_AT_S.map(|ahead| self.motion(ahead));
+            self.errors.push(sample.at, predicted);
         }
     }
 
@@ -110,61 +111,67 @@ impl MotionModel {
         };
     }
 
-    /// The modes with their present shapes, valid at the newest sample. Before the first identification, and after a
-    /// gap until the past is whole again, the motion fades to its mean. None before the first sample.
-    pub fn modes(&self) -> Option<Modes<VesselClock>> {
-        let newest = self.record.back()?;
+    /// The modes with their shapes at the newest sample. Before the first identification, and after a gap until the
+    /// past is whole again, the motion fades to its mean.
+    fn modes_at(&self, newest: &MotionSample) -> Modes<VesselClock> {
         let identified = self
             .model
             .as_ref()
             .zip(regression::past(&self.record, self.record.len() - 1));
-        let (mean, modes) = match identified {
-            Some((model, past)) => (model.mean, model.modes(&past)),
+        let modes = match identified {
+            Some((model, past)) => model.modes(&past),
             None => {
-                let mean = self.regression.mean();
-                let off = core::array::from_fn(|d| Complex::from(newest.value[d] - mean[d]));
-                let fades = Mode {
+                let mean = self.mean();
+                vec![Mode {
                     pole: Complex::from(-1.0 / FADE_S),
-                    shape: off,
-                };
-                (mean, vec![fades])
+                    shape: core::array::from_fn(|d| Complex::from(newest.value[d] - mean[d])),
+                }]
             }
         };
-        Some(Modes {
-            at: newest.at,
-            mean,
-            modes,
-        })
+        Modes { at: newest.at, modes }
     }
-    /// Time of the newest sample.
-    pub fn newest(&self) -> Option<Time<VesselClock>> {
-        self.record.back().map(|s| s.at)
+    /// The modes with their present shapes, valid at the newest sample; None before the first.
+    pub fn modes(&self) -> Option<&Modes<VesselClock>> {
+        self.modes.as_ref()
     }
-    /// The waves' part of each degree of freedom `t` seconds after the newest sample; None before the first
-    /// identification.
-    pub fn waves(&self, t: f64) -> Option<[f64; DOFS]> {
+    /// Mean of the tilt: the trim. The other degrees of freedom are about their means.
+    fn mean(&self) -> [f64; DOFS] {
+        let mut mean = self.model.as_ref().map_or(self.regression.mean(), |m| m.mean);
+        for d in WITHOUT_SLOW {
+            mean[d] = 0.0;
+        }
+        mean
+    }
+    /// Mean and modes `t` seconds after the newest sample; zero before the first.
+    pub fn motion(&self, t: f64) -> Motion {
+        let mut out = self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t));
+        for (sum, mean) in out.iter_mut().zip(self.mean()) {
+            sum[0] += mean;
+        }
+        out
+    }
+    /// The waves' part of each degree of freedom at time `at`; None before the first identification.
+    pub fn waves(&self, at: Time<VesselClock>) -> Option<[f64; DOFS]> {
         self.model.as_ref()?;
         let modes = self.modes()?;
-        Some(modes.waves(t).map(|m| m[0]))
+        Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))
     }
     /// Share of the variance of heave and tilt that is predicted a second ahead, 0 to 1; 0 before the first
     /// identification.
     pub fn confidence(&self) -> f64 {
-        let (Some(_), deviation, spread) = (&self.model, self.deviation(), self.spread()) else {
+        if self.model.is_none() {
             return 0.0;
-        };
-        let Some(second) = SPREAD_AT_S.iter().position(|t| *t >= 1.0) else {
-            return 0.0;
-        };
+        }
+        let (deviation, spread) = (self.deviation(), self.spread(1.0));
         let left: f64 = OBSERVED
             .iter()
-            .map(|&d| (spread[second][d] / deviation[d].max(1e-9)).powi(2).min(1.0))
+            .map(|&d| (spread[d] / deviation[d].max(1e-9)).powi(2).min(1.0))
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation of the error of a prediction per degree of freedom at each time of [`SPREAD_AT_S`].
-    pub fn spread(&self) -> [[f64; DOFS]; SPREAD_AT_S.len()] {
-        self.errors.spread(self.deviation())
+    /// Standard deviation of the error of a prediction per degree of freedom, `ahead` seconds on.
+    pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
+        self.errors.spread(self.deviation(), ahead)
     }
     /// Standard deviation of each degree of freedom of late.
     pub fn deviation(&self) -> [f64; DOFS] {

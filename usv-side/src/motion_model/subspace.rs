@@ -1,7 +1,7 @@
 //! From the sums to the modes, in parts that each take less than two milliseconds.
 
 use alight_shared::msg::MAX_MODES;
-use alight_shared::vessel_model::{DOFS, Mode};
+use alight_shared::vessel_model::{DOFS, HEAVE, Mode, SURGE, SWAY, YAW};
 use faer::linalg::solvers::{Solve, SolveLstsq};
 use faer::{Mat, Side, c64};
 use nalgebra::{Complex, DVector};
@@ -17,6 +17,8 @@ const RIDGE: f64 = 3e-3;
 const RIDGE_ROWS: f64 = 300.0;
 /// Least real part of a damping: a mode forgets its phase within two minutes, 1/s.
 const MIN_DECAY: f64 = 0.004;
+/// Degrees of freedom whose mean and slow modes are left out: they are a course, and errors of the mean water level.
+pub(super) const WITHOUT_SLOW: [usize; 4] = [SURGE, SWAY, HEAVE, YAW];
 /// Time of a step of the system, s.
 const STEP_S: f64 = SAMPLE_S * STRIDE as f64;
 
@@ -245,6 +247,11 @@ impl Fit {
                     add(j + 1, along(&|i| observe[(DOFS * j + d, i)]));
                 }
                 *shape = sum / squares * (twice * self.scale_out[d]);
+            }
+            if !(Mode { pole, shape }).is_wave() {
+                for d in WITHOUT_SLOW {
+                    shape[d] = Complex::default();
+                }
             }
             // Excitation by the past: row k of the inverse times the state's rows.
             let row: Vec<Complex<f64>> = (0..INPUTS)

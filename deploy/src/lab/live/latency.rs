@@ -51,14 +51,7 @@ type Message = VesselEstimate<DroneClock>;
 fn message(sequence: u32) -> Message {
     VesselEstimate {
         header: Header::new(1, 0, 1, sequence, Time::from_nanos(steady_ns())),
-        datum: Default::default(),
-        eta: [0.0; 6],
-        eta_dot: [0.0; 6],
-        eta_ddot: [0.0; 6],
-        covariance: [[0.0; 3]; 6],
-        deck_centre: [0.0; 3],
-        mean_velocity: [0.0; 2],
-        mean_heading: [0.0; 2],
+        ..Message::default()
     }
 }
 
