@@ -9,6 +9,7 @@ use alight_sim::physics::vessel::{Course, VesselConfig};
 use alight_sim::studies::estimator::{Run, difference, prediction_error, run as fly, state_errors};
 use alight_sim::studies::prediction::{HORIZONS_S, Quantity, Source, Tally, vessel};
 use alight_usv::VesselNodeConfig;
+use rayon::prelude::*;
 
 fn run(seed: u64, sea: &str, course: Course, span_s: f64) -> Run {
     let scenario = Scenario {
@@ -152,13 +153,16 @@ fn prediction_covariance_at_1_s_matches_the_errors() {
             sea: sea.parse().unwrap(),
             ..Scenario::default()
         };
-        let (mut deck, mut tilt, mut heave) = (Tally::default(), Tally::default(), Tally::default());
-        for seed in 100..120 {
-            let scores = vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap();
-            deck = deck.and(scores[&(Source::Vessel, Quantity::Deck, second)]);
-            tilt = tilt.and(scores[&(Source::Vessel, Quantity::Tilt, second)]);
-            heave = heave.and(scores[&(Source::Vessel, Quantity::Heave, second)]);
-        }
+        // A vessel has one trim and one set of biases: it takes many for a share.
+        let runs: Vec<_> = (100..140_u64)
+            .into_par_iter()
+            .map(|seed| vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
+            .collect();
+        let of = |quantity| {
+            let scores = runs.iter().map(|r| r[&(Source::Vessel, quantity, second)]);
+            scores.fold(Tally::default(), Tally::and)
+        };
+        let [deck, tilt, heave] = [Quantity::Deck, Quantity::Tilt, Quantity::Heave].map(of);
         let inside = deck.inside();
         println!(
             "{sea}: {inside:.3} inside, NEES tilt {:.2} heave {:.2}",

@@ -16,8 +16,9 @@ const MAX_DRONES: usize = 8;
 const HALF_WINDOW_S: f64 = 30.0;
 /// A drone without a time request for this long no longer counts, s.
 const LINK_TIMEOUT_S: f64 = 10.0;
-/// The fraction at which the link was congested is avoided for this long, s.
-const THRESHOLD_MEMORY_S: f64 = 10.0;
+/// The fraction at which the link was congested is avoided for this long, s: longer than the slow climb back to it,
+/// which takes up to 15 s.
+const THRESHOLD_MEMORY_S: f64 = 20.0;
 /// Samples of a new drone at the initial fraction: a queue that was there drains, and the smallest delay shows.
 const STARTUP_SAMPLES: u32 = 8;
 /// Increase of the fraction at a sample, below and beyond the threshold, and factor on congestion.

@@ -134,8 +134,8 @@ pub struct PredictedStage {
     pub eta: [f32; 6],
     /// Velocity in NED (m/s), then Euler-angle rates (rad/s).
     pub eta_dot: [f16; 6],
-    /// Standard deviation of the error that predicting this far ahead adds to the estimate's own, as measured on
-    /// predictions that have come due: velocity north and east (m/s), heave (m), tilt about north and about east
+    /// Standard deviation of the error that rolling the modes on this far adds to the estimate's own, as measured on
+    /// those that have come due: velocity north and east (m/s), heave (m), tilt about north and about east
     /// (rad), heading (rad).
     pub sd: [f16; 6],
 }

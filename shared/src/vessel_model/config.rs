@@ -23,14 +23,15 @@ config! {
     pub struct VesselModelConfig {
         /// Diagonal of M, rigid body and added mass: kg, kg m².
         /// Source: Virtual RobotX WAM-V with engines: 211 kg, diag(120, 393, 446) kg m²; added mass
-        /// in the proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7.
-        pub inertia_kg_kgm2: [f64; 6] = [232.0, 528.0, 422.0, 144.0, 707.0, 1204.0], in 0.1..=1e9;
+        /// in the proportions of the Otter (Fossen's MSS toolbox): 0.1, 1.5, 1.0, 0.2, 0.8, 1.7. Roll has the natural
+        /// frequency of pitch: that of a catamaran (15.6 rad/s) is faster than any other hull's.
+        pub inertia_kg_kgm2: [f64; 6] = [232.0, 528.0, 422.0, 700.0, 707.0, 1204.0], in 0.1..=1e9;
         /// Off-diagonal pairs of M.
         pub inertia_coupling: Vec<Coupling> = Vec::new();
         /// Diagonal of D: N/(m/s), Nm/(rad/s).
-        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave, roll, pitch: relative damping
-        /// 0.3, 0.2, 0.4 of the Otter.
-        pub damping_npmps_nmpradps: [f64; 6] = [51.3, 40.0, 2239.0, 898.0, 4147.0, 400.0], in 0.0..=1e9;
+        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave: relative damping 0.3 of the Otter.
+        /// Chosen: Roll and pitch: relative damping 0.7, without a resonance of their own above the waves.
+        pub damping_npmps_nmpradps: [f64; 6] = [51.3, 40.0, 2239.0, 6900.0, 7300.0, 400.0], in 0.0..=1e9;
         /// Off-diagonal pairs of D.
         pub damping_coupling: Vec<Coupling> = Vec::new();
         /// Diagonal of G: N/m, Nm/rad. Zero marks a free degree of freedom.
@@ -39,20 +40,20 @@ config! {
         /// Off-diagonal pairs of G, between stiff degrees of freedom only.
         pub stiffness_coupling: Vec<Coupling> = Vec::new();
         /// Damping ratio of the components of the broad default bank.
-        /// Source: Fossen 2011, section 8.2.6: 0.05 to 0.1 for one component; five share the band.
+        /// Source: Fossen 2011, section 8.2.6: 0.05 to 0.1 for one component; six share the band.
         pub bank_damping: f64 = 0.03, in 1e-4..=1.0;
         /// Angular frequencies of the broad default bank, rad/s.
-        /// Chosen: periods of 7.9 to 2.5 s, log-spaced.
-        pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
+        /// Chosen: periods of 7.9 to 1.8 s, log-spaced: from the swell to the roll of a light boat.
+        pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5, 3.4], in 0.1..=10.0;
         /// Standard deviation of the slope of each of the bank's components.
-        /// Source: Phillips 1958: in the saturated range each octave of frequency has the same slope; 0.04 in five
-        /// bands is a sea of 3 m in significant height with a slope of 5 deg.
+        /// Source: Phillips 1958: in the saturated range each octave of frequency has the same slope; 0.04 in six
+        /// bands is a sea of 3 m in significant height with a slope of 5.6 deg.
         pub bank_slope_sd: f64 = 0.04, in 1e-3..=1.0;
         /// Standard deviation of the disturbance: m/s² (surge, sway), m, rad, rad, rad/s².
         /// Chosen: tuned on the simulated vessel. A hull that floats on the water has next to none
         /// of its own in heave and tilt; where innovations show more the estimator widens them.
         pub disturbance_sd_mps2_m_rad_radps2: [f64; 6] =
-            [0.25, 0.25, 0.004, 0.002, 0.002, 0.05], in 0.0..=10.0;
+            [0.25, 0.25, 0.004, 0.002, 0.002, 0.1], in 0.0..=10.0;
         /// Correlation time of the disturbance, s.
         pub disturbance_time_s: [f64; 6] = [2.0, 2.0, 0.5, 0.5, 0.5, 1.0], in 0.05..=1e3;
         /// Random walk of the slow state after 1 s: m/s (surge, sway), m, rad, rad, rad/s.

@@ -32,6 +32,15 @@ impl Mode {
     pub fn is_wave(&self) -> bool {
         self.pole.norm() > SLOW_RADPS
     }
+    /// `Re c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
+    pub fn motion(&self, t: f64) -> Motion {
+        let grown = (self.pole * t).exp();
+        self.shape.map(|c| {
+            let z = c * grown;
+            let rate = z * self.pole;
+            [z.re, rate.re, (rate * self.pole).re]
+        })
+    }
     /// What its velocity becomes on integration, s: `1 / p_k`. A slow mode has none, it is a course.
     pub fn integral(&self) -> Complex<f64> {
         if self.is_wave() {
@@ -75,15 +84,10 @@ pub struct Modes<C: Clock> {
 impl<C: Clock> Modes<C> {
     /// `Re sum_k c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
     pub fn motion(&self, t: f64) -> Motion {
-        let mut out = [[0.0; 3]; DOFS];
+        let mut out = Motion::default();
         for m in &self.modes {
-            let grown = (m.pole * t).exp();
-            for (sum, c) in out.iter_mut().zip(&m.shape) {
-                let z = c * grown;
-                let rate = z * m.pole;
-                sum[0] += z.re;
-                sum[1] += rate.re;
-                sum[2] += (rate * m.pole).re;
+            for (sum, part) in out.iter_mut().flatten().zip(m.motion(t).into_iter().flatten()) {
+                *sum += part;
             }
         }
         out

@@ -351,7 +351,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
             0.1 * slope * (c * ds - s * dc),
         ];
         WaveMode {
-            pole: [-0.005, (w.omega * 1.001) as f32],
+            pole: [-0.005, (w.omega * 1.015) as f32],
             shape: shape.map(|z| [z.re, z.im].map(f16::from_f64)),
         }
     };
@@ -368,7 +368,7 @@ pub fn waves(v: &Vessel, k: u32, now: f64) -> WaveModel<DroneClock> {
 pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
     let stage = |h: u8| PredictedStage {
         sd: [0.02, 0.02, 0.008, 0.0015, 0.0015, 0.005]
-            .map(|sd| f16::from_f32(sd * (1.0 + f32::from(h) / 6.0))),
+            .map(|sd| f16::from_f32(sd * (1.0 + 0.5 * f32::from(h)))),
         ..Default::default()
     };
     VesselPrediction {

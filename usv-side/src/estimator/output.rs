@@ -212,15 +212,23 @@ impl Filter {
             b.variance(SURGE, NU).max(0.0).sqrt(),
             b.variance(SWAY, NU).max(0.0).sqrt(),
         );
-        // A slow error of heave is one of the level; that of a wave is its velocity's over its frequency.
-        if let Some(omega) = self.motion.modes().and_then(|m| m.frequency()) {
-            now[HEAVE] = now[HEAVE].min(b.variance(HEAVE, NU).max(0.0).sqrt() / omega);
-        }
-        let grown = self.motion.spread(ahead);
-        // Measured against the estimates, whose own error comes on top.
+        let grown = self.motion.prediction_spread(ahead);
         let mut out: [f64; 6] = core::array::from_fn(|d| grown[d].hypot(now[d]));
-        // The modes leave out the slow error of heave, which is therefore in what is measured.
-        out[HEAVE] = grown[HEAVE].max(now[HEAVE]);
+        if let Some(omega) = self.motion.modes().and_then(|m| m.frequency()) {
+            // What a rate is off by adds up over a radian of the waves.
+            let within = |d: usize, s: f64| (b.variance(d, NU).max(0.0) * s * s).min(now[d] * now[d]);
+            // Measured against later estimates: their slow error is in both and comes on top, what has changed until
+            // then is in what is measured.
+            for d in [ROLL, PITCH] {
+                let changed = within(d, ahead.min(1.0 / omega));
+                out[d] = (grown[d] * grown[d])
+                    .max(changed)
+                    .sqrt()
+                    .hypot((now[d] * now[d] - changed).sqrt());
+            }
+            // The slow error of heave is one of the level.
+            out[HEAVE] = grown[HEAVE].max(within(HEAVE, 1.0 / omega).sqrt());
+        }
         // A velocity that is wrong by so much for so long.
         out[SURGE] = place[0].hypot(ahead * out[SURGE]);
         out[SWAY] = place[1].hypot(ahead * out[SWAY]);

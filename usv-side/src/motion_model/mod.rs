@@ -17,7 +17,7 @@ mod subspace;
 use std::collections::VecDeque;
 
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::vessel_model::{DOFS, Mode, Modes, Motion};
+use alight_shared::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion};
 use nalgebra::Complex;
 
 use errors::Errors;
@@ -32,7 +32,7 @@ const MAX_GAP_S: f64 = 0.15;
 const REFIT: u32 = 50;
 /// Rows before the first identification.
 const FIRST_FIT: f64 = 100.0;
-/// Before it the motion fades to its mean in this time, s: a quarter of a wave.
+/// What no mode holds fades in this time, s: a quarter of a wave.
 const FADE_S: f64 = 1.0;
 
 /// The vessel's motion at an instant, in axes parallel to NED.
@@ -47,6 +47,14 @@ pub struct MotionSample {
     pub rate: [f64; 3],
 }
 
+/// A motion that fades, by its value now in each degree of freedom.
+fn fading(now: impl Fn(usize) -> f64) -> Mode {
+    Mode {
+        pole: Complex::from(-1.0 / FADE_S),
+        shape: core::array::from_fn(|d| Complex::from(now(d))),
+    }
+}
+
 /// Predictor of the vessel's motion.
 #[derive(Clone, Debug, Default)]
 pub struct MotionModel {
@@ -58,7 +66,10 @@ pub struct MotionModel {
     /// The modes by the newest sample.
     modes: Option<Modes<VesselClock>>,
     since_fit: u32,
+    /// Of the modes, which the drone rolls on.
     errors: Errors,
+    /// Of the prediction, in which what they leave of heave fades.
+    prediction_errors: Errors,
 }
 
 impl MotionModel {
@@ -85,10 +96,13 @@ impl MotionModel {
         self.regression.push(&self.record);
         self.since_fit += 1;
         self.errors.compare(&sample);
+        self.prediction_errors.compare(&sample);
         self.modes = Some(self.modes_at(&sample));
         if self.errors.is_due() {
-            let predicted = errors::SPREAD_AT_S.map(|ahead| self.motion(ahead));
+            let predicted = errors::SPREAD_AT_S.map(|ahead| self.modal_motion(ahead));
             self.errors.push(sample.at, predicted);
+            let predicted = errors::SPREAD_AT_S.map(|ahead| self.motion(ahead));
+            self.prediction_errors.push(sample.at, predicted);
         }
     }
 
@@ -118,16 +132,13 @@ impl MotionModel {
             .model
             .as_ref()
             .zip(regression::past(&self.record, self.record.len() - 1));
-        let modes = match identified {
-            Some((model, past)) => model.modes(&past),
-            None => {
+        let modes = identified.map_or_else(
+            || {
                 let mean = self.mean();
-                vec![Mode {
-                    pole: Complex::from(-1.0 / FADE_S),
-                    shape: core::array::from_fn(|d| Complex::from(newest.value[d] - mean[d])),
-                }]
-            }
-        };
+                vec![fading(|d| newest.value[d] - mean[d])]
+            },
+            |(model, past)| model.modes(&past),
+        );
         Modes { at: newest.at, modes }
     }
     /// The modes with their present shapes, valid at the newest sample; None before the first.
@@ -143,10 +154,20 @@ impl MotionModel {
         mean
     }
     /// Mean and modes `t` seconds after the newest sample; zero before the first.
-    pub fn motion(&self, t: f64) -> Motion {
+    fn modal_motion(&self, t: f64) -> Motion {
         let mut out = self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t));
         for (sum, mean) in out.iter_mut().zip(self.mean()) {
             sum[0] += mean;
+        }
+        out
+    }
+    /// The same with what the modes leave of heave now, which fades: its slow part, an error of the mean water level.
+    pub fn motion(&self, t: f64) -> Motion {
+        let mut out = self.modal_motion(t);
+        let heave = self.record.back().map_or(0.0, |s| s.value[HEAVE]);
+        let rest = fading(|_| heave - self.modal_motion(0.0)[HEAVE][0]);
+        for (sum, part) in out[HEAVE].iter_mut().zip(rest.motion(t)[HEAVE]) {
+            *sum += part;
         }
         out
     }
@@ -169,9 +190,13 @@ impl MotionModel {
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation of the error of a prediction per degree of freedom, `ahead` seconds on.
+    /// Standard deviation per degree of freedom of what rolling the modes on is off by, `ahead` seconds on.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), ahead)
+    }
+    /// The same of the prediction.
+    pub fn prediction_spread(&self, ahead: f64) -> [f64; DOFS] {
+        self.prediction_errors.spread(self.deviation(), ahead)
     }
     /// Standard deviation of each degree of freedom of late.
     pub fn deviation(&self) -> [f64; DOFS] {
