@@ -118,15 +118,24 @@ fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
     socket.connect(("127.0.0.1", plant)).unwrap();
     socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
     let (mut frame, mut outputs, mut buffer) = (0_u32, [0.0; 4], [0_u8; 4096]);
+    let (mut asked, mut newest) = (false, None);
     while !end.load(Ordering::Relaxed) {
-        // The world may not be there yet.
-        let _refused = socket.send(&stand_in::servo_packet(frame, outputs));
-        let Ok(n) = socket.recv(&mut buffer) else {
+        if !asked {
+            // The world may not be there yet.
+            let _refused = socket.send(&stand_in::servo_packet(frame, outputs));
+        }
+        let received = socket.recv(&mut buffer);
+        asked = received.is_ok();
+        let Ok(n) = received else {
             std::thread::sleep(Duration::from_millis(5));
             continue;
         };
-        frame += 1;
         let mut sensed = stand_in::read_line(&String::from_utf8_lossy(&buffer[..n])).unwrap();
+        // A packet that was sent again is answered again: that answer is not flown, or each would stay in the queue.
+        if newest.replace(sensed.at).is_some_and(|at| sensed.at <= at) {
+            continue;
+        }
+        (asked, frame) = (false, frame + 1);
         sensed.position += local;
         outputs = flown.step(&sensed);
     }

@@ -36,7 +36,8 @@ config! {
         /// Chosen: 8 cm.
         pub barometer_hpa: f64 = 0.01, in 0.0..=1.0;
         /// A firmware that does not answer within this time is not waited for, s.
-        pub answer_timeout_s: f64 = 0.05, in 0.001..=10.0;
+        /// Chosen: longer than a desktop computer is busy otherwise: meanwhile its motors would stay as they are.
+        pub answer_timeout_s: f64 = 0.5, in 0.001..=10.0;
     }
     check |this, at| {
         at.require(

@@ -22,7 +22,7 @@ use crate::terminal;
 const READ: Duration = Duration::from_millis(2);
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
-/// Reads in one slice, at most.
+/// Reads in one slice that bring something, at most.
 const MAX_READS: u32 = 64;
 
 /// Waits until the clock reads `t`, but no longer than a tick.
@@ -197,12 +197,12 @@ fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i6
     if !plant.due() {
         return Ok(Turn::NoneDue);
     }
-    let mut buffer = [0_u8; 2048];
-    for _ in 0..MAX_READS {
+    let (mut buffer, mut reads) = ([0_u8; 2048], 0);
+    while reads < MAX_READS {
         match stream.read(&mut buffer) {
             Ok(0) => return Err(()),
             Ok(n) if plant.decode(buffer.get(..n).unwrap_or_default()) => return Ok(Turn::Answered),
-            Ok(_) => {}
+            Ok(_) => reads += 1,
             Err(e)
                 if matches!(
                     e.kind(),
@@ -224,11 +224,12 @@ fn ardupilot_turn(
     answer: &str,
     until: i64,
 ) -> Option<ardupilot::Servos> {
-    let mut buffer = [0_u8; 256];
-    for _ in 0..MAX_READS {
+    let (mut buffer, mut reads) = ([0_u8; 256], 0);
+    while reads < MAX_READS {
         if let Ok((n, from)) = socket.recv_from(&mut buffer)
             && let Some(servos) = ardupilot::servos(buffer.get(..n).unwrap_or_default())
         {
+            reads += 1;
             if *asker == Some((from, servos.frame)) {
                 let _lost = socket.send_to(answer.as_bytes(), from);
             } else {
