@@ -188,14 +188,17 @@ impl Waves {
         self.lever_arm = lever_arm;
     }
 
-    /// Takes how far the vessel's own prediction is off.
+    /// Takes how far the vessel's own prediction is off; one without stages says nothing.
     pub fn receive_prediction(&mut self, p: &VesselPrediction<DroneClock>) {
+        if p.stages.is_empty() {
+            return;
+        }
         self.spread = Seq::filled(p.stages.iter().map(|s| s.sd.map(f64::from)));
         self.spread_step_s = f64::from(p.step_s);
     }
 
-    /// Takes the vessel's wave model, once it is known how far it is off; true when the bank has gone, and the filters have to drop all oscillators but
-    /// the first.
+    /// Takes the vessel's wave model, once it is known how far it is off; true when the bank has gone, and the filters
+    /// have to drop all oscillators but the first.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
         if !(self.confidence > 0.0) || self.spread.is_empty() {
