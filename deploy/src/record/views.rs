@@ -219,14 +219,14 @@ impl Views {
         e: &VesselEstimate<C>,
     ) {
         let dot = e.eta_dot.map(f64::from);
-        let of = |k: usize| core::array::from_fn(|d| e.covariance(d)[k]);
+        let [variance, variance_dot] = [0, 2].map(|k: usize| core::array::from_fn(|d| e.covariance(d)[k]));
         let [x, y, z, roll, pitch, yaw] = e.eta;
         let view = schema::VesselEstimate {
             eta: e.eta,
             eta_dot: dot,
             eta_ddot: e.eta_ddot.map(f64::from),
-            variance_eta: of(0),
-            variance_eta_dot: of(2),
+            variance_eta: variance,
+            variance_eta_dot: variance_dot,
             roll_deg: roll.to_degrees(),
             pitch_deg: pitch.to_degrees(),
             yaw_deg: yaw.to_degrees(),
