@@ -212,7 +212,7 @@ impl Filter {
             b.variance(SURGE, NU).max(0.0).sqrt(),
             b.variance(SWAY, NU).max(0.0).sqrt(),
         );
-        let grown = self.motion.prediction_spread(ahead);
+        let grown = self.motion.spread(ahead);
         let mut out: [f64; 6] = core::array::from_fn(|d| grown[d].hypot(now[d]));
         if let Some(omega) = self.motion.modes().and_then(|m| m.frequency()) {
             // What a rate is off by adds up over a radian of the waves.

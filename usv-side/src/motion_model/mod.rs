@@ -68,8 +68,6 @@ pub struct MotionModel {
     since_fit: u32,
     /// Of the modes, which the drone rolls on.
     errors: Errors,
-    /// Of the prediction, in which what they leave of heave fades.
-    prediction_errors: Errors,
 }
 
 impl MotionModel {
@@ -96,13 +94,10 @@ impl MotionModel {
         self.regression.push(&self.record);
         self.since_fit += 1;
         self.errors.compare(&sample);
-        self.prediction_errors.compare(&sample);
         self.modes = Some(self.modes_at(&sample));
         if self.errors.is_due() {
             let predicted = errors::SPREAD_AT_S.map(|ahead| self.modal_motion(ahead));
             self.errors.push(sample.at, predicted);
-            let predicted = errors::SPREAD_AT_S.map(|ahead| self.motion(ahead));
-            self.prediction_errors.push(sample.at, predicted);
         }
     }
 
@@ -193,10 +188,6 @@ impl MotionModel {
     /// Standard deviation per degree of freedom of what rolling the modes on is off by, `ahead` seconds on.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), ahead)
-    }
-    /// The same of the prediction.
-    pub fn prediction_spread(&self, ahead: f64) -> [f64; DOFS] {
-        self.prediction_errors.spread(self.deviation(), ahead)
     }
     /// Standard deviation of each degree of freedom of late.
     pub fn deviation(&self) -> [f64; DOFS] {
