@@ -75,6 +75,7 @@ impl Filter {
         let unknown = [100.0, 100.0, 100.0, 0.2, 0.2, 3.0];
         let rate_sd = [2.0, 2.0, 0.0, 0.0, 0.0, 0.2];
         let oscillators = waves.oscillators(first.at);
+        let first = first.about(&waves.motion(first.at));
         let axes: State = core::array::from_fn(|i| {
             let (level, var) = first.value[i].unwrap_or((0.0, f64::powi(unknown[i], 2)));
             let slow = noise[i].radio.0.powi(2).max(noise[i].vision.0.powi(2));
