@@ -2,7 +2,7 @@
 //! the motion itself. No parameter of the hull or of the sea enters.
 //!
 //! Stochastic subspace identification (Van Overschee and De Moor 1996, chapter 3; Larimore 1990) on ten samples a
-//! second of heave, tilt and their rates: the future of the six degrees of freedom over three seconds is regressed on
+//! second of heave, tilt, their rates and horizontal velocity: the future of the six degrees of freedom over three seconds is regressed on
 //! their past of six ([`regression`]); the best low-rank part of that regression is the state of a linear system,
 //! whose transition follows from the shift of the future by one step, and whose eigenvectors are the modes
 //! ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles, `C_wave`

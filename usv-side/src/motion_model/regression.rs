@@ -2,13 +2,13 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL};
+use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
 use nalgebra::{DMatrix, DVector};
 
 use super::MotionSample;
 
-/// Quantities of a sample that the past is made of: heave, tilt and their rates.
-pub(super) const CHANNELS: usize = 6;
+/// Quantities of a sample that the past is made of: heave, tilt, their rates, and horizontal velocity.
+pub(super) const CHANNELS: usize = 8;
 /// Number of past samples that are read.
 pub(super) const LAGS: usize = 24;
 /// How far back they reach, samples: dense over a second, then each fourth over six (ours: denser or longer gains
@@ -59,9 +59,21 @@ impl Default for Regression {
 
 /// The quantities of the past.
 fn channels(s: &MotionSample) -> [f64; CHANNELS] {
-    let [_, _, heave, north, east, _] = s.value;
+    let [surge, sway, heave, north, east, _] = s.value;
     let [sinks, dn, de] = s.rate;
-    [heave, north, east, sinks, dn, de]
+    [heave, north, east, sinks, dn, de, surge, sway]
+}
+
+/// The channels that hold a degree of freedom and its rate.
+pub(super) fn channels_of(dof: usize) -> (Option<usize>, Option<usize>) {
+    match dof {
+        HEAVE => (Some(0), Some(3)),
+        ROLL => (Some(1), Some(4)),
+        PITCH => (Some(2), Some(5)),
+        SURGE => (Some(6), None),
+        SWAY => (Some(7), None),
+        _ => (None, None),
+    }
 }
 
 /// The past as seen at sample `i` of the record; None where the record does not reach.
@@ -117,5 +129,5 @@ impl Regression {
     }
 }
 
-/// Degrees of freedom of the first three channels of the past.
+/// Degrees of freedom whose rates the past holds too.
 pub(super) const OBSERVED: [usize; 3] = [HEAVE, ROLL, PITCH];

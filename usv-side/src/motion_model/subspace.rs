@@ -7,7 +7,7 @@ use faer::{Mat, Side, c64};
 use nalgebra::{Complex, DVector};
 
 use super::SAMPLE_S;
-use super::regression::{AHEAD, CHANNELS, INPUTS, LAGS, OBSERVED, OUTPUTS, Regression, STRIDE};
+use super::regression::{AHEAD, CHANNELS, INPUTS, LAGS, OUTPUTS, Regression, STRIDE, channels_of};
 
 /// States of the linear system.
 const ORDER: usize = 24;
@@ -17,6 +17,8 @@ const RIDGE: f64 = 3e-3;
 const RIDGE_ROWS: f64 = 300.0;
 /// Least real part of a damping: a mode forgets its phase within two minutes, 1/s.
 const MIN_DECAY: f64 = 0.004;
+/// Least size of an eigenvalue: what it leaves after a step.
+const DEAD: f64 = 0.37;
 /// Degrees of freedom whose mean and slow modes are left out: they are a course, and errors of the mean water level.
 pub(super) const WITHOUT_SLOW: [usize; 4] = [SURGE, SWAY, HEAVE, YAW];
 /// Time of a step of the system, s.
@@ -220,7 +222,8 @@ impl Fit {
             let value = values[k];
             let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
             // One of each conjugate pair; a real negative value is half a sampling rate and no motion.
-            if !(size > 1e-4) || !(0.0..=3.1).contains(&angle) {
+            // What dies within a step is noise: next to nothing in place, but of any size in velocity.
+            if !(size > DEAD) || !(0.0..=3.1).contains(&angle) {
                 continue;
             }
             let pole = Complex::new((size.ln() / STEP_S).min(-MIN_DECAY), angle / STEP_S);
@@ -228,10 +231,9 @@ impl Fit {
             let mut shape = [Complex::default(); DOFS];
             for (d, shape) in shape.iter_mut().enumerate() {
                 let (mut sum, mut squares) = (Complex::default(), 0.0);
-                let mut add = |steps: usize, seen: Complex<f64>| {
-                    let grown = (pole * (steps as f64 * STEP_S)).exp();
-                    sum += grown.conj() * seen;
-                    squares += grown.norm_sqr();
+                let mut add = |gain: Complex<f64>, seen: Complex<f64>| {
+                    sum += gain.conj() * seen;
+                    squares += gain.norm_sqr();
                 };
                 let along = |row: &dyn Fn(usize) -> f64| {
                     (0..ORDER).fold(Complex::default(), |s: Complex<f64>, i| {
@@ -239,12 +241,18 @@ impl Fit {
                         s + Complex::new(v.re, v.im) * row(i)
                     })
                 };
-                if let Some(channel) = OBSERVED.iter().position(|o| *o == d) {
-                    let ratio = self.scale_in[channel] / self.scale_out[d];
-                    add(0, along(&|i| present[(i, channel)] * ratio));
+                let (value, rate) = channels_of(d);
+                if let Some(c) = value {
+                    let ratio = self.scale_out[d] / self.scale_in[c];
+                    add(ratio.into(), along(&|i| present[(i, c)]));
+                }
+                if let Some(c) = rate {
+                    let ratio = self.scale_out[d] / self.scale_in[c];
+                    add(pole * ratio, along(&|i| present[(i, c)]));
                 }
                 for j in 0..AHEAD {
-                    add(j + 1, along(&|i| observe[(DOFS * j + d, i)]));
+                    let grown = (pole * ((j + 1) as f64 * STEP_S)).exp();
+                    add(grown, along(&|i| observe[(DOFS * j + d, i)]));
                 }
                 *shape = sum / squares * (twice * self.scale_out[d]);
             }
