@@ -28,9 +28,9 @@ pub struct Mode {
 const SLOW_RADPS: f64 = 0.35;
 
 impl Mode {
-    /// Whether it is a wave: it oscillates or dies out faster than what is slow.
+    /// Whether it is a wave: it oscillates, and not slowly. What dies out without coming back is an error of the level.
     pub fn is_wave(&self) -> bool {
-        self.pole.norm() > SLOW_RADPS
+        self.pole.im.abs() > SLOW_RADPS
     }
     /// `Re c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
     pub fn motion(&self, t: f64) -> Motion {

@@ -123,7 +123,12 @@ impl Filter {
         let (north, east) = turn_tilt(tilt.angles[0], tilt.angles[1], -self.reference);
         let (s, c) = self.reference.sin_cos();
         let [dr, dp] = tilt.rates;
-        let v = self.ned(b.get(SURGE, NU), b.get(SWAY, NU)) - self.slow.velocity(self.mean_heading);
+        let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
+        let v = velocity - self.slow.velocity(self.mean_heading);
+        let acceleration = self.accelerations();
+        // Without what turns the course.
+        let a = self.ned(acceleration[SURGE], acceleration[SWAY])
+            - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x);
         self.motion.push(MotionSample {
             at: self.at,
             value: [
@@ -134,7 +139,7 @@ impl Filter {
                 east,
                 self.slow.off(b.get(YAW, ETA)),
             ],
-            rate: [b.get(HEAVE, NU), c * dr - s * dp, s * dr + c * dp],
+            rate: [b.get(HEAVE, NU), c * dr - s * dp, s * dr + c * dp, a.x, a.y],
         });
     }
 

@@ -2,9 +2,9 @@
 //! the motion itself. No parameter of the hull or of the sea enters.
 //!
 //! Stochastic subspace identification (Van Overschee and De Moor 1996, chapter 3; Larimore 1990) on ten samples a
-//! second of heave, tilt, their rates and horizontal velocity: the future of the six degrees of freedom over three seconds is regressed on
-//! their past of six ([`regression`]); the best low-rank part of that regression is the state of a linear system,
-//! whose transition follows from the shift of the future by one step, and whose eigenvectors are the modes
+//! second of heave, tilt, their rates and horizontal acceleration: the future of the six degrees of freedom over three
+//! seconds is regressed on their past of six ([`regression`]); the best low-rank part of that regression is the state
+//! of a linear system, whose transition follows from the shift of the future by one step, and whose eigenvectors are the modes
 //! ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles, `C_wave`
 //! the shapes, and the hull's own response is part of both, because the motion that is seen has passed through it.
 //!
@@ -43,8 +43,9 @@ pub struct MotionSample {
     /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about
     /// its mean (rad).
     pub value: [f64; DOFS],
-    /// Rates of heave (m/s) and of the tilt about north and about east (rad/s).
-    pub rate: [f64; 3],
+    /// Rates of heave (m/s), of the tilt about north and about east (rad/s) and of the velocity along north and east as
+    /// the vessel's mean course turns (m/s²).
+    pub rate: [f64; 5],
 }
 
 /// A motion that fades, by its value now in each degree of freedom.

@@ -7,7 +7,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::MotionSample;
 
-/// Quantities of a sample that the past is made of: heave, tilt, their rates, and horizontal velocity.
+/// Quantities of a sample that the past is made of: heave, tilt, their rates, and horizontal
+/// acceleration, for a velocity is mostly the helmsman's.
 pub(super) const CHANNELS: usize = 8;
 /// Number of past samples that are read.
 pub(super) const LAGS: usize = 24;
@@ -59,9 +60,9 @@ impl Default for Regression {
 
 /// The quantities of the past.
 fn channels(s: &MotionSample) -> [f64; CHANNELS] {
-    let [surge, sway, heave, north, east, _] = s.value;
-    let [sinks, dn, de] = s.rate;
-    [heave, north, east, sinks, dn, de, surge, sway]
+    let [_, _, heave, roll, pitch, _] = s.value;
+    let [sinks, dr, dp, north, east] = s.rate;
+    [heave, roll, pitch, sinks, dr, dp, north, east]
 }
 
 /// The channels that hold a degree of freedom and its rate.
@@ -70,8 +71,8 @@ pub(super) fn channels_of(dof: usize) -> (Option<usize>, Option<usize>) {
         HEAVE => (Some(0), Some(3)),
         ROLL => (Some(1), Some(4)),
         PITCH => (Some(2), Some(5)),
-        SURGE => (Some(6), None),
-        SWAY => (Some(7), None),
+        SURGE => (None, Some(6)),
+        SWAY => (None, Some(7)),
         _ => (None, None),
     }
 }

@@ -8,8 +8,8 @@ use rand_distr::{Distribution, StandardNormal};
 use super::*;
 
 /// Heave and tilt of waves (rad/s, m, rad, phase) at time `t`, in the order of a sample's value, and their rates.
-fn waves(t: f64) -> ([f64; DOFS], [f64; 3]) {
-    let (mut value, mut rate) = ([0.0; DOFS], [0.0; 3]);
+fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
+    let (mut value, mut rate) = ([0.0; DOFS], [0.0; 5]);
     value[ROLL] = 0.05;
     for (omega, heave, tilt, phase) in [
         (1.15, 0.4, 0.03, 0.2),
@@ -79,7 +79,7 @@ fn motion_model_starts_its_record_anew_after_a_gap_and_ignores_nan() {
     let sample = |at: f64, v: f64| MotionSample {
         at: Time::from_secs(at),
         value: [v; DOFS],
-        rate: [0.0; 3],
+        rate: [0.0; 5],
     };
     model.push(sample(60.0, f64::NAN));
     assert!(model.modes().is_some());
