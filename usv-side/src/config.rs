@@ -71,7 +71,7 @@ config! {
         /// Wave models, Hz.
         pub wave_hz: f64 = 5.0, in 0.1..=50.0;
         /// Predictions, Hz.
-        pub prediction_hz: f64 = 2.0, in 0.1..=50.0;
+        pub prediction_hz: f64 = 1.0, in 0.1..=50.0;
         /// Time between the stages of a prediction, s.
         /// Chosen: 15 stages reach 2.8 s, past the planner's 2 s horizon.
         pub prediction_step_s: f64 = 0.2, in 0.02..=2.0;

@@ -37,7 +37,7 @@
 //! | then 0..8 | m (u64) |
 //! | + 0..1 | steepest apparent slope, newest first, 0.01 (u8) |
 //!
-//! | bytes | prediction (62 + 48 n B, n <= 16 stages, 2 Hz, bound 1200 B) |
+//! | bytes | prediction (62 + 48 n B, n <= 16 stages, 1 Hz, bound 1200 B) |
 //! |---|---|
 //! | 26..30 | time between stages, s (f32) |
 //! | 30..54 | origin in the vessel's NED, m (3 x f64) |
