@@ -4,6 +4,7 @@
 //! against its own later estimates.
 
 mod predictions;
+pub mod ridge;
 
 use alight_shared::estimation::median;
 use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveMode};
@@ -319,12 +320,13 @@ impl Evaluation {
     fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, input: &VesselIn) {
         let out = node.step(now, input);
         let counted = now >= self.from;
+        let level = node.estimator().level_and_sd(0.0).map_or(0.0, |l| l.0);
         if counted && self.before.is_none() {
             self.before = Some(node.estimator().consistency());
         }
         if let Some(estimate) = &out.estimate {
             self.estimates += 1;
-            self.predictions.compare(estimate);
+            self.predictions.compare(estimate, level);
             if counted {
                 let [_, _, heave, roll, pitch, _] = estimate.eta;
                 self.motion.add([heave, roll, pitch]);
@@ -334,7 +336,7 @@ impl Evaluation {
             return;
         }
         if let Some(prediction) = &out.prediction {
-            self.predictions.push(prediction);
+            self.predictions.push(prediction, level);
         }
         if let Some(wave) = &out.wave {
             self.waves += 1;

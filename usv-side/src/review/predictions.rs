@@ -1,4 +1,4 @@
-//! Predictions against the node's own later estimates.
+//! Predictions against the node's own later estimates, beside a ridge regression and holding the last estimate.
 
 use std::collections::VecDeque;
 
@@ -7,6 +7,8 @@ use alight_shared::msg::{VesselEstimate, VesselPrediction};
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::Serialize;
 
+use super::ridge::{Published, REFIT_S, Ridge};
+
 /// Times ahead, s.
 pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
 /// Degrees of freedom, as in the estimate.
@@ -14,6 +16,10 @@ const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
 const HEAVE: usize = 2;
 /// Most predictions that wait for their time.
 const MAX_PENDING: usize = 64;
+/// Degrees of freedom that the regression predicts.
+const RIDGE_DOFS: [usize; 3] = [3, 4, HEAVE];
+/// Before that the estimator has not settled, s.
+const SETTLED_S: f64 = 10.0;
 /// Longest time between two estimates over which they are interpolated, s.
 const MAX_GAP_S: f64 = 0.2;
 
@@ -28,6 +34,8 @@ pub struct PredictionReview {
     pub count: u64,
     /// Root mean square difference to the later estimate, per horizon.
     pub rms: [f64; 3],
+    /// That of a ridge regression on the estimates of the last two minutes; none where it does not predict.
+    pub ridge_rms: [Option<f64>; 3],
     /// That of holding the last estimate.
     pub hold_rms: [f64; 3],
     /// Fraction of differences within 1.96 of the standard deviation that came with the prediction.
@@ -41,6 +49,8 @@ struct Pending {
     predicted: [f64; 6],
     sd: [f64; 6],
     held: [f64; 6],
+    /// By the regression: roll, pitch, height.
+    ridge: Option<[f64; 3]>,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -49,6 +59,8 @@ struct Sums {
     squares: [f64; 6],
     held: [f64; 6],
     inside: [u64; 6],
+    ridge: u64,
+    ridge_squares: [f64; 3],
 }
 
 /// Predictions that wait for their time, and the errors of those before them.
@@ -57,6 +69,9 @@ pub(super) struct Predictions {
     pending: VecDeque<Pending>,
     last: Option<(Time<VesselClock>, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
+    published: Published,
+    began: Option<Time<VesselClock>>,
+    fitted: Option<(Time<VesselClock>, Option<Ridge>)>,
 }
 
 fn difference(dof: usize, a: f64, b: f64) -> f64 {
@@ -64,8 +79,10 @@ fn difference(dof: usize, a: f64, b: f64) -> f64 {
 }
 
 impl Predictions {
-    pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>) {
+    /// Keeps a prediction, made when the mean water level was at `level` (m down).
+    pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>, level: f64) {
         let Some((held, _)) = p.at(0.0) else { return };
+        let ridge = self.ridge(p.header.at);
         for (horizon, h) in HORIZONS_S.iter().enumerate() {
             if let Some((predicted, sd)) = p.at(*h)
                 && self.pending.len() < MAX_PENDING
@@ -76,12 +93,32 @@ impl Predictions {
                     predicted,
                     sd,
                     held,
+                    ridge: ridge
+                        .as_ref()
+                        .and_then(|r| r.get(horizon))
+                        .map(|r| [r[0], r[1], r[2] + level]),
                 });
             }
         }
     }
-    pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>) {
+    /// Roll, pitch and heave at every horizon after `at` by the regression, which is fitted anew every ten seconds.
+    fn ridge(&mut self, at: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
+        let due = |(fitted, _): &(Time<VesselClock>, _)| (at - *fitted).secs() >= REFIT_S;
+        if self.fitted.as_ref().is_none_or(due) {
+            let settled = self.began? + Span::from_secs(SETTLED_S);
+            self.fitted = Some((at, Ridge::fit(&self.published, at, settled, &HORIZONS_S)));
+        }
+        let (_, ridge) = self.fitted.as_ref()?;
+        ridge.as_ref()?.predict(&self.published.until(at), at)
+    }
+    /// Compares what is due with an estimate, made when the mean water level was at `level` (m down).
+    pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>, level: f64) {
         let (at, eta) = (estimate.header.at, estimate.eta);
+        if self.last.is_none_or(|(before, _)| at > before) {
+            self.began.get_or_insert(at);
+            self.published.push(estimate, level);
+            self.published.forget();
+        }
         if let Some((before, was)) = self.last.replace((at, eta)) {
             let whole = (at - before).secs();
             let (sums, sound) = (&mut self.sums, whole > 0.0 && whole < MAX_GAP_S);
@@ -95,11 +132,18 @@ impl Predictions {
                     && (0.0..=1.0).contains(&share)
                 {
                     s.n += 1;
+                    let then: [f64; 6] =
+                        core::array::from_fn(|d| was[d] + share * difference(d, eta[d], was[d]));
+                    if let Some(ridge) = p.ridge {
+                        s.ridge += 1;
+                        for (k, d) in RIDGE_DOFS.into_iter().enumerate() {
+                            s.ridge_squares[k] += difference(d, ridge[k], then[d]).powi(2);
+                        }
+                    }
                     for d in 0..6 {
-                        let then = was[d] + share * difference(d, eta[d], was[d]);
-                        let off = difference(d, p.predicted[d], then);
+                        let off = difference(d, p.predicted[d], then[d]);
                         s.squares[d] += off * off;
-                        s.held[d] += difference(d, p.held[d], then).powi(2);
+                        s.held[d] += difference(d, p.held[d], then[d]).powi(2);
                         s.inside[d] += u64::from(off.abs() <= 1.96 * p.sd[d]);
                     }
                 }
@@ -122,6 +166,10 @@ impl Predictions {
                 unit: if d < 3 { "m" } else { "deg" },
                 count,
                 rms: each(&|s| scale * (s.squares[d] / s.n as f64).sqrt()),
+                ridge_rms: self.sums.each_ref().map(|s| {
+                    let k = RIDGE_DOFS.iter().position(|r| *r == d)?;
+                    (s.ridge > 0).then(|| scale * (s.ridge_squares[k] / s.ridge as f64).sqrt())
+                }),
                 hold_rms: each(&|s| scale * (s.held[d] / s.n as f64).sqrt()),
                 inside_95: each(&|s| s.inside[d] as f64 / s.n as f64),
             }

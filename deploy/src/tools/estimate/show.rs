@@ -101,25 +101,34 @@ pub fn table(origin: &str, r: &Review) -> String {
     }
     line(innovations.text());
     line(String::new());
-    let heads = ["at", "held"].map(|what| HORIZONS_S.map(|h| format!("{what} {h} s")));
-    let heads = ["prediction", ""]
-        .map(String::from)
-        .into_iter()
-        .chain(heads.into_iter().flatten());
-    let mut predictions = Table::new(2.., heads.chain(["in 95 % (95)".into()]));
+    let heads = ["prediction", "", "by"].map(String::from);
+    let heads = heads.into_iter().chain(HORIZONS_S.map(|h| format!("{h} s")));
+    let mut predictions = Table::new(3.., heads.chain(["in 95 % (95)".into()]));
     for p in &r.predictions {
         let digits = if p.unit == "m" { 3 } else { 2 };
-        let errors = p.rms.iter().chain(&p.hold_rms).map(|v| Cell::number(*v, digits));
+        let cell = |v: Option<f64>| Cell::number(v, digits);
         let [x, y, z] = p.inside_95.map(|v| 100.0 * v);
         let inside = Cell::from(format_args!("{x:.0} {y:.0} {z:.0} %"));
-        predictions.row(cells![p.what, p.unit].into_iter().chain(errors).chain([inside]));
+        let errors = p.rms.map(|v| cell(Some(v)));
+        predictions.row(
+            cells![p.what, p.unit, "modes"]
+                .into_iter()
+                .chain(errors)
+                .chain([inside]),
+        );
+        let beside = [("ridge", p.ridge_rms), ("held", p.hold_rms.map(Some))];
+        for (by, errors) in beside.into_iter().filter(|(_, e)| e.iter().any(Option::is_some)) {
+            let row = cells!["", "", by].into_iter().chain(errors.map(cell));
+            predictions.row(row.chain([Cell::default()]));
+        }
     }
     line(predictions.text());
     if let Some(p) = r.predictions.first() {
         line(format!(
-            "  rms against the later estimate, {} predictions; held: the last estimate stands still",
+            "  rms against the later estimate, {} predictions; modes: the vessel's broadcast; ridge: a regression",
             p.count
         ));
+        line("  on the estimates of the last two minutes; held: the last estimate stands still".into());
     } else {
         line("  too short for a prediction to be compared".into());
     }

@@ -1,0 +1,238 @@
+//! The predictor to beat: a ridge regression on the node's own published estimates that knows no model.
+//!
+//! Roll, pitch, heave and their rates at 24 lags over the last 5.6 s (10 Hz) predict roll, pitch and heave one horizon
+//! ahead (Hoerl and Kennard 1970); fitted to the last 120 s.
+
+use alight_shared::msg::VesselEstimate;
+use alight_shared::time::{Span, Time, VesselClock};
+use nalgebra::{DMatrix, DVector};
+
+/// Time between two samples, s.
+const STEP_S: f64 = 0.1;
+/// Lags, samples.
+const LAGS: [usize; 24] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
+];
+/// Weight of the ridge, times the number of rows.
+const RIDGE: f64 = 3e-3;
+/// It is fitted to so much of the past, s, and as often, s.
+const WINDOW_S: f64 = 120.0;
+/// Time after which it is fitted anew, s.
+pub const REFIT_S: f64 = 10.0;
+/// Fewest rows of a fit.
+const MIN_ROWS: usize = 200;
+const CHANNELS: usize = 6;
+const FEATURES: usize = LAGS.len() * CHANNELS;
+
+/// Roll, pitch (rad) and heave about the mean water level (m down), and their rates.
+pub type Motion = [f64; CHANNELS];
+
+/// What the node has published, oldest first.
+#[derive(Clone, Debug, Default)]
+pub struct Published {
+    times: Vec<Time<VesselClock>>,
+    values: Vec<Motion>,
+}
+
+impl Published {
+    /// Takes an estimate, later than those before, and the mean water level (m down) at that time.
+    pub fn push(&mut self, e: &VesselEstimate<VesselClock>, level: f64) {
+        let rate = |d: usize| f64::from(e.eta_dot[d]);
+        self.push_motion(
+            e.header.at,
+            [e.eta[3], e.eta[4], e.eta[2] - level, rate(3), rate(4), rate(2)],
+        );
+    }
+    /// Takes a motion, later than those before.
+    pub fn push_motion(&mut self, at: Time<VesselClock>, motion: Motion) {
+        self.times.push(at);
+        self.values.push(motion);
+    }
+    /// Forgets what no fit reads any more.
+    pub fn forget(&mut self) {
+        let Some(last) = self.times.last() else { return };
+        let from = *last - Span::from_secs(WINDOW_S + REFIT_S);
+        // Seldom, for all that is kept moves.
+        let old = self.times.partition_point(|t| *t < from);
+        if old > self.times.len() / 2 {
+            self.times.drain(..old);
+            self.values.drain(..old);
+        }
+    }
+    /// At time `t`: cubic between two estimates, from the last one on by its rates; None before the first.
+    pub fn at(&self, t: Time<VesselClock>) -> Option<Motion> {
+        let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
+        let (a, t0) = (self.values.get(i)?, self.times.get(i)?);
+        let since = (t - *t0).secs();
+        let Some((b, t1)) = self.values.get(i + 1).zip(self.times.get(i + 1)) else {
+            let there = |c: usize| if c < 3 { a[c] + since * a[c + 3] } else { a[c] };
+            return Some(core::array::from_fn(there));
+        };
+        let h = (*t1 - *t0).secs();
+        let s = since / h;
+        let (s2, s3) = (s * s, s * s * s);
+        Some(core::array::from_fn(|c| match c {
+            0..3 => {
+                a[c] + (3.0 * s2 - 2.0 * s3) * (b[c] - a[c])
+                    + h * ((s3 - 2.0 * s2 + s) * a[c + 3] + (s3 - s2) * b[c + 3])
+            }
+            _ => a[c] + s * (b[c] - a[c]),
+        }))
+    }
+    /// What was published until `t`.
+    #[must_use]
+    pub fn until(&self, t: Time<VesselClock>) -> Published {
+        let n = self.times.partition_point(|at| *at <= t);
+        Published {
+            times: self.times.iter().take(n).copied().collect(),
+            values: self.values.iter().take(n).copied().collect(),
+        }
+    }
+}
+
+/// The regression, fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ridge {
+    mean: Motion,
+    scale: Motion,
+    /// By horizon: weights of the features for roll, pitch, heave.
+    weights: Vec<DMatrix<f64>>,
+}
+
+impl Ridge {
+    /// Fitted for these times ahead (s) to what was published in the two minutes before `t` and not before `settled`;
+    /// None where that is too little.
+    pub fn fit(
+        all: &Published,
+        t: Time<VesselClock>,
+        settled: Time<VesselClock>,
+        horizons_s: &[f64],
+    ) -> Option<Ridge> {
+        let past = all.until(t);
+        let last = *past.times.last()?;
+        let begin = (t - Span::from_secs(WINDOW_S)).max(settled);
+        let begin = begin.max(*past.times.first()?);
+        let reach = LAGS.iter().max().copied().unwrap_or(0);
+        let count = ((last - begin).secs() / STEP_S).floor();
+        if count < (reach + MIN_ROWS) as f64 {
+            return None;
+        }
+        let back = |steps: f64| last - Span::from_secs(steps * STEP_S);
+        let samples: Vec<Motion> = (0..=count as usize)
+            .map(|k| past.at(back(count - k as f64)))
+            .collect::<Option<_>>()?;
+        let n = samples.len() as f64;
+        let mean: Motion = core::array::from_fn(|c| samples.iter().map(|s| s[c]).sum::<f64>() / n);
+        let scale = core::array::from_fn(|c| {
+            let square = samples.iter().map(|s| (s[c] - mean[c]).powi(2)).sum::<f64>();
+            (square / n).sqrt().max(1e-6)
+        });
+        let mut ridge = Ridge {
+            mean,
+            scale,
+            weights: Vec::with_capacity(horizons_s.len()),
+        };
+        let scaled: Vec<Motion> = samples.iter().map(|s| ridge.scaled(s)).collect();
+        // One row per sample that has all its lags.
+        let z = DMatrix::from_fn(scaled.len() - reach, FEATURES, |r, f| {
+            scaled[reach + r - LAGS[f / CHANNELS]][f % CHANNELS]
+        });
+        for horizon in horizons_s {
+            // Rows whose target was published by now.
+            let known = z.nrows().checked_sub((horizon / STEP_S).ceil() as usize)?;
+            if known < MIN_ROWS.min(FEATURES) {
+                return None;
+            }
+            let z = z.rows(0, known);
+            let target = |r: usize| {
+                let at = back(count - (reach + r) as f64) + Span::from_secs(*horizon);
+                Some(ridge.scaled(&past.at(at)?))
+            };
+            let targets: Vec<Motion> = (0..known).map(target).collect::<Option<_>>()?;
+            let y = DMatrix::from_fn(known, 3, |r, q| targets[r][q]);
+            let mut gram = z.tr_mul(&z);
+            for i in 0..FEATURES {
+                gram[(i, i)] += RIDGE * known as f64;
+            }
+            ridge.weights.push(gram.cholesky()?.solve(&z.tr_mul(&y)));
+        }
+        Some(ridge)
+    }
+    fn scaled(&self, s: &Motion) -> Motion {
+        core::array::from_fn(|c| (s[c] - self.mean[c]) / self.scale[c])
+    }
+    /// Roll, pitch and heave at every horizon after `t`.
+    pub fn predict(&self, past: &Published, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
+        let mut features = DVector::zeros(FEATURES);
+        for (i, lag) in LAGS.into_iter().enumerate() {
+            let sample = self.scaled(&past.at(t - Span::from_secs(lag as f64 * STEP_S))?);
+            for (c, value) in sample.into_iter().enumerate() {
+                features[i * CHANNELS + c] = value;
+            }
+        }
+        let of = |w: &DMatrix<f64>| {
+            let y = w.tr_mul(&features);
+            core::array::from_fn(|q| self.mean[q] + self.scale[q] * y[q])
+        };
+        Some(self.weights.iter().map(of).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AHEAD_S: [f64; 3] = [0.5, 1.0, 2.0];
+
+    /// Two lines, and their rates.
+    fn motion(t: Time<VesselClock>) -> Motion {
+        let wave = |a: f64, w: f64, p: f64| {
+            let x = w * t.secs() + p;
+            [a * x.sin(), a * w * x.cos()]
+        };
+        let of = |a: f64, b: f64, p: f64| {
+            let (x, y) = (wave(a, 1.1, p), wave(b, 1.7, 2.0 * p));
+            [x[0] + y[0], x[1] + y[1]]
+        };
+        let (roll, pitch, heave) = (of(0.1, 0.05, 0.3), of(0.03, 0.06, 1.0), of(0.4, 0.2, 2.0));
+        [roll[0] + 0.05, pitch[0], heave[0], roll[1], pitch[1], heave[1]]
+    }
+
+    #[test]
+    fn ridge_predicts_lines_and_is_causal() {
+        let mut published = Published::default();
+        for k in 0..30 * 100 {
+            let t = Time::from_secs(f64::from(k) / 30.0);
+            published.push_motion(t, motion(t));
+        }
+        let settled = Time::from_secs(10.0);
+        let t = Time::from_secs(80.0);
+        let ridge = Ridge::fit(&published, t, settled, &AHEAD_S).unwrap();
+        let again = Ridge::fit(&published.until(t), t, settled, &AHEAD_S).unwrap();
+        assert_eq!(ridge, again);
+        let t = Time::from_secs(85.0);
+        let predicted = ridge.predict(&published.until(t), t).unwrap();
+        for (predicted, ahead) in predicted.into_iter().zip(AHEAD_S) {
+            let then = motion(t + Span::from_secs(ahead));
+            for q in 0..3 {
+                let sd = [0.08, 0.05, 0.3][q];
+                assert!((predicted[q] - then[q]).abs() < 0.1 * sd, "{ahead} {q}");
+            }
+        }
+        assert!(Ridge::fit(&published, Time::from_secs(30.0), settled, &AHEAD_S).is_none());
+        assert!(Ridge::fit(&Published::default(), t, settled, &AHEAD_S).is_none());
+    }
+
+    #[test]
+    fn published_forgets_only_what_no_fit_reads() {
+        let mut published = Published::default();
+        for k in 0..10 * 1000 {
+            let t = Time::from_secs(0.1 * f64::from(k));
+            published.push_motion(t, motion(t));
+            published.forget();
+        }
+        assert!(published.times.len() < 10 * 300);
+        let last = *published.times.last().unwrap();
+        assert!(published.at(last - Span::from_secs(WINDOW_S)).is_some());
+    }
+}
