@@ -1,7 +1,8 @@
 //! The operator relay: operators' commands on their way through the vessel to its drones.
 //!
 //! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most. While an
-//! abort has not shown its effect, no other command reaches that drone.
+//! abort has not shown its effect, no other command reaches that drone. Each repetition bears the time at which
+//! the command was given: what the drone was told since, by whomever, is newer.
 
 use alight_shared::msg::{CommandKind, DroneStatus, Header, MESSAGE_VERSION, OperatorCommand};
 use alight_shared::node::Node;
@@ -126,7 +127,7 @@ impl Node for OperatorRelay {
             p.next = now + REPEAT_PERIOD;
             self.sequence = self.sequence.wrapping_add(1);
             out.commands.push(OperatorCommand {
-                header: Header::new(self.vessel, p.drone, self.boot, self.sequence, now),
+                header: Header::new(self.vessel, p.drone, self.boot, self.sequence, p.given),
                 kind: p.kind,
             });
         }
@@ -228,5 +229,22 @@ mod tests {
             })
             .sum();
         assert_eq!(sent, 21);
+    }
+
+    #[test]
+    fn operator_relay_repeats_a_command_with_the_time_at_which_it_was_given() {
+        let mut relay = OperatorRelay::new(1, 4);
+        let mut given = Vec::new();
+        for k in 0..20 {
+            let land = (k == 0).then(|| command(1, 3, CommandKind::Land));
+            let input = OperatorIn {
+                commands: land.into_iter().collect(),
+                statuses: Vec::new(),
+            };
+            let out = relay.step(Time::from_secs(1.0 + 0.1 * f64::from(k)), &input);
+            given.extend(out.commands.iter().map(|c| (c.header.at, c.header.sequence)));
+        }
+        let at = Time::from_secs(1.0);
+        assert_eq!(given, [(at, 1), (at, 2), (at, 3), (at, 4)]);
     }
 }
