@@ -108,6 +108,8 @@ topics! {
     SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms, 2 deep;
     /// The operator's command.
     COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
+    /// What the mission must not forget.
+    MISSION_MEMORY: "mission/memory", msg::MissionMemory, Memory, 50.0 Hz, size_of::<msg::MissionMemory>(), 5000 ms, 4 deep;
 }
 
 #[cfg(test)]

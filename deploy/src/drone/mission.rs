@@ -1,30 +1,71 @@
-//! The drone's mission as a process: wakes with odometry, with a forecast and with a command.
+//! The drone's mission as a process: wakes with odometry, with a forecast and with a command. What it must not
+//! forget goes to the supervisor, which says it again to a mission that begins.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionState, Plan, SetPoint,
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionMemory, MissionState, Plan, SetPoint,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
-use alight_shared::transport::memory::{Listener, Memory};
+use alight_shared::transport::memory::{Listener, Memory, Publisher};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::mission::{Mission, MissionIn, MissionOut};
+use tracing::warn;
 
-use crate::process::shell::node_process;
+use crate::config::DroneComputer;
+use crate::process::shell::{Shell, reads};
 
-node_process! {
-    /// The mission's process: wakes with odometry, with a forecast and with a command.
-    MissionShell runs Mission as Mission, reads MissionIn {
+reads! {
+    /// What the mission reads.
+    Inputs => MissionIn {
         newest forecast: DeckForecast,
         newest drone: DroneState,
         newest autopilot: AutopilotState,
         newest plan: Plan,
         newest set_point: SetPoint,
-        newest command: Command,
+        all commands: Command,
         newest deck: DeckGrant<DroneClock>,
-    },
-    publishes MissionOut { state: MissionState }, wakes with [DroneState, DeckForecast, Command],
-    makes |computer, boot| {
+        newest memory: MissionMemory,
+    }
+}
+
+/// What the mission says, to the others and to the one after it.
+pub struct MissionShell {
+    state: Publisher<MissionState>,
+    memory: Publisher<MissionMemory>,
+}
+
+impl Shell for MissionShell {
+    type Node = Mission;
+    type Reads = Inputs;
+    const KIND: ProcessKind = ProcessKind::Mission;
+
+    fn node(computer: &DroneComputer, boot: u32) -> Mission {
         let (drone, id) = (&computer.drone, computer.bridge.drone_id);
-        Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot)
+        Mission::successor(&drone.mission(), &drone.airframe, &drone.deck, id, boot)
+    }
+    fn join(memory: &Memory) -> Result<Self, TransportError> {
+        Ok(MissionShell {
+            state: memory.publisher()?,
+            memory: memory.publisher()?,
+        })
+    }
+    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
+        Ok(vec![
+            memory.listener::<DroneState>()?,
+            memory.listener::<DeckForecast>()?,
+            memory.listener::<Command>()?,
+        ])
+    }
+    fn send(&mut self, out: &MissionOut) -> bool {
+        // First what must not be lost.
+        self.memory.send_any(out.memory.as_ref());
+        self.state.send_any(out.state.as_ref());
+        if let Some(why) = out.refused {
+            warn!("the memory of the mission before this one does not count: it is {why}");
+        }
+        out.state.is_some()
+    }
+    fn unsent(&self) -> u64 {
+        self.state.unsent() + self.memory.unsent()
     }
 }

@@ -28,6 +28,7 @@ use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
 use crate::process::args::{ProcessArgs, Scheduling};
 use crate::process::instance::OwnedInstance;
+use crate::process::keeper::MemoryKeeper;
 use crate::process::life::end_with_supervisor;
 use crate::process::notify::Notify;
 use crate::process::observer::Observer;
@@ -81,6 +82,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let services = Services::create(&memory)?;
     owned.ready()?;
     let mut observer = Observer::join(&memory)?;
+    let mut keeper = MemoryKeeper::join(&memory)?;
     let limits = Limits {
         silence_timeout_s: Some(computer.supervision.silent_s),
         max_failures: None,
@@ -109,6 +111,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut notify = Notify::default();
     while memory.wait(POLL_PERIOD) && !told_to_end.load(std::sync::atomic::Ordering::Relaxed) {
         observer.poll(None);
+        // Before what a dead process left is cleaned up.
+        keeper.poll(computer.clock.now());
         for line in supervisor.output_lines() {
             info!("{line}");
         }

@@ -53,6 +53,7 @@ fn flown(args: &TrialArgs, scene: &Scene, watch: Watch<'_>) -> Result<FlownTrial
             seed: args.seed,
             sea: &scene.sea,
             boots: record::LOCK_STEP_BOOTS,
+            live: false,
         };
         return record::fly(path, &subject, watch);
     }

@@ -4,6 +4,7 @@
 pub mod args;
 pub mod instance;
 pub mod journal;
+pub mod keeper;
 pub mod life;
 pub mod log;
 pub mod metrics;

@@ -7,8 +7,8 @@
 //! holds it, the others say that it is the one before.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header, MissionState, Plan, RangeSample,
-    SetPoint,
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header, MissionMemory, MissionState, Plan,
+    RangeSample, SetPoint,
 };
 use alight_shared::time::DroneClock;
 use alight_uav::mission::MissionIn;
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Encoding of the channels of this module, as MCAP calls it.
 pub const ENCODING: &str = "alight-record";
 /// Format of the entries; a replay refuses any other.
-pub const FORMAT: u32 = 6;
+pub const FORMAT: u32 = 7;
 
 /// One step of a node.
 #[derive(Serialize, Deserialize)]
@@ -71,8 +71,9 @@ pub struct MissionEntry {
     drone: DroneEntry,
     autopilot: Option<AutopilotState>,
     set_point: Option<SetPoint>,
-    command: Option<Command>,
+    commands: Vec<Command>,
     deck: Option<DeckGrant<DroneClock>>,
+    memory: Option<MissionMemory>,
 }
 /// The planner's input.
 #[derive(Serialize, Deserialize)]
@@ -109,8 +110,9 @@ impl MissionEntry {
             drone: newest.entry(i.drone.as_ref()),
             autopilot: i.autopilot,
             set_point: i.set_point,
-            command: i.command,
+            commands: i.commands.clone(),
             deck: i.deck,
+            memory: i.memory,
         }
     }
 }
@@ -211,8 +213,9 @@ impl MissionEntry {
             autopilot: self.autopilot,
             plan: computed.plan_of(self.plan)?,
             set_point: self.set_point,
-            command: self.command,
+            commands: self.commands,
             deck: self.deck,
+            memory: self.memory,
         })
     }
 }

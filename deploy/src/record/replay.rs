@@ -20,7 +20,7 @@ use crate::config::DroneFile;
 use crate::exit::CliError;
 use crate::record::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEntry};
 use crate::record::reading::Recording;
-use crate::record::{DRONE_FILE, NODES, VESSEL_FILE};
+use crate::record::{DRONE_FILE, LIVE, NODES, VESSEL_FILE};
 
 /// How one node's replay went.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -94,11 +94,15 @@ impl Nodes {
             None => Planner::new(planner, airframe, deck, l),
             Some(law) => Planner::with_law(law, planner, airframe, deck, l),
         };
+        let mission = match number(LIVE)? {
+            0 => Mission::new,
+            _ => Mission::successor,
+        };
         Ok(Nodes {
             vessel: VesselNode::new(&vessel, vessel_id, v),
             bridge: Bridge::new(&bridge, b),
             predictor: Predictor::new(&drone.predictor(), p),
-            mission: Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, m),
+            mission: mission(&drone.mission(), &drone.airframe, &drone.deck, id, m),
             planner,
             pilot: Pilot::new(&drone.pilot, &drone.airframe, id, t),
             computed: Computed::default(),

@@ -337,7 +337,7 @@ impl Views {
 
     /// The mission's state, and a line of log when state or reason change.
     pub fn mission(&mut self, sink: &mut Sink, t: Time<TrueTime>, i: &MissionIn, o: &MissionOut) {
-        if let Some(c) = &i.command {
+        for c in &i.commands {
             self.line(sink, t, log::Level::Info, format!("command: {:?}", c.kind));
         }
         if let Some(a) = &i.autopilot {

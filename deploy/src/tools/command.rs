@@ -120,7 +120,10 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
         computer.clock.now::<DroneClock>(),
     );
     let kind = args.order.kind();
-    let is_met = |m: &MissionState| kind.is_none_or(|k| k.is_met(m.state, m.waiting.code));
+    let given = header.at;
+    // What a mission said before it was commanded is no answer.
+    let is_met =
+        |m: &MissionState| kind.is_none_or(|k| m.header.at >= given && k.is_met(m.state, m.waiting.code));
     let mut newest: Option<MissionState> = None;
     for poll in 0..MAX_POLLS {
         let now: Time<DroneClock> = computer.clock.now();

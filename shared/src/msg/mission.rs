@@ -5,7 +5,7 @@ use core::fmt;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{FRACTION, Header, LandedState, MAX_POSITION_M, within};
+use super::{FRACTION, Header, LandedState, MAX_ACCELERATION_MPS2, MAX_POSITION_M, deviations, within};
 use crate::time::{Clock, DroneClock, Time};
 
 /// States of the landing mission (Procházka et al., section IV).
@@ -143,6 +143,10 @@ pub enum ReasonCode {
     SlideObserved,
     /// The deck is predicted_slopes to feel this steep before the drone would be at rest, tan of the angle.
     SlidePredicted,
+    /// The feet are above the deck although a touchdown was detected, m.
+    FalseTouchdown,
+    /// The mission began anew in flight near the deck, m above it.
+    Restarted,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -232,6 +236,10 @@ impl fmt::Display for Reason {
             ReasonCode::SlidePredicted => {
                 write!(f, "predicted apparent slope of the deck {v:.2} (limit {l:.2})")
             }
+            ReasonCode::FalseTouchdown => {
+                write!(f, "no touchdown: feet {v:.2} m above the deck (limit {l:.2})")
+            }
+            ReasonCode::Restarted => write!(f, "mission restarted in flight, feet {v:.2} m above the deck"),
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }
@@ -272,6 +280,43 @@ impl MissionState {
     pub fn hold_position(&self) -> Vector3<f64> {
         Vector3::from(self.hold_position)
     }
+}
+
+/// What a mission must not forget: its successor goes on from there when the process ends in flight.
+///
+/// It is written with every [`MissionState`], outlives its writer where that keeps it (the supervisor), and is
+/// judged by the successor before it counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct MissionMemory {
+    /// Identity of the writer and time of writing; boot 0: nobody has written yet.
+    pub header: Header<DroneClock>,
+    /// What the mission said last.
+    pub state: MissionState,
+    /// A landing is wanted.
+    pub landing: bool,
+    /// When the landing was begun.
+    pub started: Time<DroneClock>,
+    /// The operator asked for a landing after the battery's reserve was reached.
+    pub reserve_waived: bool,
+    /// An operator stopped what the mission did, and has commanded no landing since.
+    pub stopped: bool,
+    /// Below the commit clearance: only hard reasons break the flare off.
+    pub committed: bool,
+    /// On the deck, and disarmed meanwhile.
+    pub disarmed: bool,
+    /// The newest command that was accepted.
+    pub command: Option<Header<DroneClock>>,
+    /// The newest abort that was accepted.
+    pub abort: Option<Header<DroneClock>>,
+    /// The autopilot's count of origin resets: another count, another frame.
+    pub origin_resets: u8,
+    /// The deck's mean level, drone's NED z, m.
+    pub mean_deck_z: Option<f64>,
+    /// The deck's steepest tilt recently, rad.
+    pub recent_tilt_rad: f64,
+    /// Greatest friction that the deck's motion used recently, m/s².
+    pub friction_used_mps2: f64,
 }
 
 /// What an operator wants.
@@ -317,7 +362,7 @@ impl CommandKind {
         match self {
             // A mission that was commanded and waits for something else has received it.
             CommandKind::Land => match state {
-                State::Idle => waiting != ReasonCode::NotCommanded,
+                State::Idle => !matches!(waiting, ReasonCode::NotCommanded | ReasonCode::Operator),
                 State::Hold => waiting != ReasonCode::Operator,
                 State::GaveUp => false,
                 State::GetAltitude
@@ -328,15 +373,14 @@ impl CommandKind {
                 | State::Flare
                 | State::Landed => true,
             },
-            // On the deck or on the ground there is nothing to break off.
+            // On the deck there is nothing to break off; a mission that waits says when it has received it.
             CommandKind::Abort => {
                 matches!(state, State::GaveUp | State::Landed)
-                    || state == State::Idle && waiting == ReasonCode::NotCommanded
+                    || state == State::Idle && waiting == ReasonCode::Operator
             }
             CommandKind::Hold => {
-                state == State::Hold && waiting == ReasonCode::Operator
+                matches!(state, State::Hold | State::Idle) && waiting == ReasonCode::Operator
                     || state == State::Landed
-                    || state == State::Idle && waiting == ReasonCode::NotCommanded
             }
         }
     }
@@ -368,5 +412,10 @@ message!(DroneStatus, DroneClock, |m| {
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
+});
+message!(MissionMemory, DroneClock, |m| {
+    super::Message::check(&m.state).is_ok() => "state",
+    m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
+    deviations([&[m.recent_tilt_rad, m.friction_used_mps2]], MAX_ACCELERATION_MPS2) => "recent deck",
 });
 message!(Command, DroneClock, |m| {});

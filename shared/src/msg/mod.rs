@@ -53,7 +53,8 @@ pub use grant::DeckGrant;
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{
-    Command, CommandKind, DroneStatus, MissionState, OperatorCommand, Phase, Reason, ReasonCode, State,
+    Command, CommandKind, DroneStatus, MissionMemory, MissionState, OperatorCommand, Phase, Reason,
+    ReasonCode, State,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

@@ -6,15 +6,15 @@
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionState,
-    OperatorCommand, Plan, SetPoint, TimeRequest,
+    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionMemory,
+    MissionState, OperatorCommand, Plan, SetPoint, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::camera::node::CameraIdentity;
-use alight_uav::mission::{Mission, MissionConfig, MissionIn};
+use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn};
@@ -142,7 +142,7 @@ impl World {
     pub fn command(&mut self, kind: CommandKind) {
         for (k, drone) in self.drones.iter_mut().enumerate() {
             let header = self.physics.header(k);
-            drone.command = Some(Command { header, kind });
+            drone.commands.push(Command { header, kind });
         }
     }
     /// The vessel's operator gives a drone a command; nothing happens where the vessel relays none.
@@ -164,6 +164,33 @@ impl World {
             radio,
             ..DroneComputer::new(k, scenario, nodes, &self.physics, boot)
         };
+    }
+
+    /// A drone's mission process dies; the others live on.
+    pub fn kill_mission(&mut self, k: usize) {
+        self.drones[k].mission = None;
+    }
+    /// It starts anew, with or without the memory of the one before it.
+    pub fn start_mission(
+        &mut self,
+        k: usize,
+        scenario: &Scenario,
+        nodes: &NodeConfigs,
+        remembered: Remembered,
+    ) {
+        let (id, config) = (DRONE_ID + k as u32, mission_config(scenario, nodes));
+        let drone = &mut self.drones[k];
+        drone.mission_starts += 1;
+        let boot = drone.boot + drone.mission_starts;
+        let (airframe, deck) = (&nodes.drone.airframe, &nodes.drone.deck);
+        drone.mission = Some(Mission::successor(&config, airframe, deck, id, boot));
+        drone.memory.given = drone.memory.kept.filter(|_| remembered == Remembered::Kept);
+    }
+    /// A drone's pilot process dies and starts anew at once.
+    pub fn restart_pilot(&mut self, k: usize, nodes: &NodeConfigs) {
+        let drone = &mut self.drones[k];
+        let (settings, boot) = (nodes.settings(), drone.boot + 1);
+        drone.pilot = Pilot::new(&settings.pilot, &settings.airframe, DRONE_ID + k as u32, boot);
     }
 
     /// A test flies a drone from now on: this set-point stands in place of the pilot's.
@@ -290,6 +317,22 @@ impl World {
     }
 }
 
+/// What the mission wrote, and what its successor is given of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct KeptMemory {
+    kept: Option<MissionMemory>,
+    given: Option<MissionMemory>,
+}
+
+/// What a mission that starts anew is given of the memory of the one before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Remembered {
+    /// All.
+    Kept,
+    /// Nothing.
+    Lost,
+}
+
 /// A drone's end of the radio, its computer and what it flies.
 pub struct DroneComputer {
     k: usize,
@@ -299,13 +342,18 @@ pub struct DroneComputer {
     cameras: Option<SimulatedCameras>,
     odometry: Odometry,
     predictor: Predictor,
-    mission: Mission,
+    /// None: its process is dead.
+    mission: Option<Mission>,
+    /// Starts of its process beyond the first.
+    mission_starts: u32,
+    /// What it must not forget, in the supervisor's hands.
+    memory: KeptMemory,
     planner: Planner,
     pilot: Pilot,
     plans: DelayLine<Plan>,
     solve_delay: Span,
     firmware: Option<Box<dyn FirmwareLink>>,
-    command: Option<Command>,
+    commands: Vec<Command>,
     /// A test's set-point in place of the pilot's.
     external: Option<SetPoint>,
     /// When the next status is due.
@@ -320,6 +368,15 @@ pub struct DroneComputer {
     last_set_point: Option<SetPoint>,
 }
 
+/// The mission's configuration in this scenario.
+fn mission_config(scenario: &Scenario, nodes: &NodeConfigs) -> MissionConfig {
+    let mission = nodes.settings().mission();
+    MissionConfig {
+        reservation_required: mission.reservation_required || scenario.drones > 1,
+        ..mission
+    }
+}
+
 impl DroneComputer {
     fn new(k: usize, scenario: &Scenario, nodes: &NodeConfigs, physics: &Physics, boot: u32) -> Self {
         let (drone, id) = (&nodes.settings(), DRONE_ID + k as u32);
@@ -328,11 +385,7 @@ impl DroneComputer {
             drone_id: id,
             ..nodes.bridge.clone()
         };
-        let mission = drone.mission();
-        let mission = MissionConfig {
-            reservation_required: mission.reservation_required || scenario.drones > 1,
-            ..mission
-        };
+        let mission = mission_config(scenario, nodes);
         let identity = CameraIdentity {
             vessel: VESSEL_ID,
             drone: id,
@@ -346,13 +399,15 @@ impl DroneComputer {
             cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.deck, identity, &streams),
             odometry: Odometry::new(&drone.odometry),
             predictor: Predictor::new(&drone.predictor(), boot),
-            mission: Mission::new(&mission, &drone.airframe, &drone.deck, id, boot),
+            mission: Some(Mission::new(&mission, &drone.airframe, &drone.deck, id, boot)),
+            mission_starts: 0,
+            memory: KeptMemory::default(),
             planner: nodes.planner(boot),
             pilot: Pilot::new(&drone.pilot, &drone.airframe, id, boot),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             firmware: None,
-            command: None,
+            commands: Vec::new(),
             external: None,
             status_due: Time::EPOCH,
             pilot_outage_window: None,
@@ -427,11 +482,16 @@ impl DroneComputer {
             autopilot,
             plan,
             set_point: self.last_set_point,
-            command: self.command.take().or(received.command),
+            commands: self.commands.drain(..).chain(received.command).collect(),
             deck: received.deck,
+            memory: self.memory.given,
         };
-        let decided = self.mission.step(now, &input);
-        tap.mission(t, now, &input, &decided);
+        let mut decided = MissionOut::default();
+        if let Some(mission) = &mut self.mission {
+            decided = mission.step(now, &input);
+            tap.mission(t, now, &input, &decided);
+        }
+        self.memory.kept = decided.memory.or(self.memory.kept);
         let mission = decided.state;
         self.mission_state = mission.unwrap_or(self.mission_state);
         if reports_status && t >= self.status_due {

@@ -2,8 +2,8 @@
 
 use alight_shared::msg::AutopilotMode;
 use alight_shared::msg::ReasonCode::{
-    BatteryLow, Commanded, Deviated, ForecastStale, NotCommanded, NotFlying, OdometryStale, Operator,
-    OutOfRetries, Reached, TooFar, TooLong,
+    BatteryLow, Commanded, Deviated, FalseTouchdown, ForecastStale, NotCommanded, NotFlying, OdometryStale,
+    Operator, OutOfRetries, Reached, TooFar, TooLong, Touchdown,
 };
 use nalgebra::Vector3;
 
@@ -75,6 +75,67 @@ fn abort_ends_every_flying_state() {
         assert!(!d.progress.landing);
         waits(&run(&d, &fair(), 5.0), State::GaveUp, NotCommanded);
     }
+}
+
+#[test]
+fn abort_of_an_idle_drone_in_the_air_climbs_and_on_the_ground_says_that_it_was_received() {
+    let idle = (MissionPhase::Idle, Progress::default());
+    waits(&step(idle, &fair()), State::Idle, NotCommanded);
+    let low = with(|s| s.own.as_mut().unwrap().position.z = -2.0);
+    let d = commanded(idle, CommandKind::Abort, &low);
+    goes(&d, State::GaveUp, Operator);
+    let MissionPhase::GaveUp { at, .. } = d.phase else {
+        panic!()
+    };
+    assert!((at.z + 16.3).abs() < 1e-9, "{at:?}");
+    goes(&commanded(idle, CommandKind::Hold, &low), State::Hold, Operator);
+    for flight in [
+        ControlState::Disarmed,
+        ControlState::OnGround,
+        ControlState::OtherControl(AutopilotMode::Other),
+    ] {
+        let s = with(|s| s.flight = flight);
+        let d = commanded(idle, CommandKind::Abort, &s);
+        waits(&d, State::Idle, Operator);
+        assert!(CommandKind::Abort.is_met(State::Idle, Operator));
+        assert!(!CommandKind::Abort.is_met(State::Idle, NotCommanded));
+        assert!(!CommandKind::Land.is_met(State::Idle, Operator));
+        waits(&step(&d, &s), State::Idle, Operator);
+        // Twice is once.
+        waits(&commanded(&d, CommandKind::Abort, &s), State::Idle, Operator);
+        waits(&commanded(&d, CommandKind::Land, &s), State::Idle, NotFlying);
+    }
+}
+
+#[test]
+fn abort_after_a_false_touchdown_climbs_and_on_the_deck_does_not() {
+    let in_air = |stopped| {
+        with(|s| {
+            s.deck.as_mut().unwrap().clearance_m = 1.2;
+            s.motors_stopped = stopped;
+        })
+    };
+    let d = commanded(MissionPhase::LANDED, CommandKind::Abort, &in_air(true));
+    goes(&d, State::GaveUp, Operator);
+    // The pilot's stop is known to be false until it is taken back; the next counts again.
+    let d = step(&d, &in_air(true));
+    assert_eq!(d.phase.state(), State::GaveUp);
+    let d = step(&d, &in_air(false));
+    goes(&step(&d, &in_air(true)), State::Landed, Touchdown);
+
+    for on_deck in [
+        with_deck(|d| d.clearance_m = 0.1),
+        with(|s| s.rotors_carry = false),
+    ] {
+        let d = commanded(MissionPhase::LANDED, CommandKind::Abort, &on_deck);
+        assert_eq!(d.phase.state(), State::Landed);
+        assert_eq!(run(&d, &on_deck, 5.0).phase.state(), State::Landed);
+    }
+    // Without an order it takes a second of being carried.
+    let d = run(MissionPhase::LANDED, &in_air(true), 0.9);
+    assert_eq!(d.phase.state(), State::Landed);
+    let d = run(MissionPhase::LANDED, &in_air(true), 1.5);
+    goes(&d, State::GaveUp, FalseTouchdown);
 }
 
 #[test]

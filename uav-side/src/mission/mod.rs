@@ -1,10 +1,12 @@
 //! The mission: permits what the planner may fly, and gives the reason why it does not permit more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), then `situation` (every quantity it judges). This file keeps the inputs and writes the output.
+//! remember), `situation` (every quantity it judges), then `memory` (what outlives the process). This file keeps
+//! the inputs and writes the output.
 
 mod apparent_slope;
 pub mod config;
+mod memory;
 mod phase;
 mod situation;
 mod states;
@@ -19,12 +21,13 @@ mod node_tests;
 mod tests;
 
 pub use config::MissionConfig;
+pub use memory::MemoryRefusal;
 
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MESSAGE_VERSION,
-    MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve, State,
+    MissionMemory, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -34,8 +37,9 @@ use serde::{Deserialize, Serialize};
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::OriginResets;
 use apparent_slope::ApparentSlopeHistory;
+use memory::{Beginning, Begun};
 use phase::{MissionPhase, Progress};
-use situation::{ControlState, Deck, OwnState, Reservation, Situation};
+use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
 use states::blind_limit;
 use transition::{Decision, decide};
 use wind::WindMonitor;
@@ -53,10 +57,12 @@ pub struct MissionIn {
     pub plan: Option<Plan>,
     /// The pilot's set-point: its `motors` field is the touchdown.
     pub set_point: Option<SetPoint>,
-    /// An operator's command.
-    pub command: Option<Command>,
+    /// Operators' commands, in the order of their arrival.
+    pub commands: Vec<Command>,
     /// Who has the vessel's deck.
     pub deck: Option<DeckGrant<DroneClock>>,
+    /// What a mission before this one wrote, from who keeps it.
+    pub memory: Option<MissionMemory>,
 }
 
 /// Outputs.
@@ -64,6 +70,10 @@ pub struct MissionIn {
 pub struct MissionOut {
     /// The state: 50 Hz, and at once when it changes.
     pub state: Option<MissionState>,
+    /// With every state: what it must not forget.
+    pub memory: Option<MissionMemory>,
+    /// Once, at the beginning: the memory that it was given does not count, and why.
+    pub refused: Option<MemoryRefusal>,
 }
 
 /// Time between outputs.
@@ -77,6 +87,9 @@ const TILT_TIME_S: f64 = 20.0;
 /// forecast (20 m below the water, from an estimator that had lost the tilt) must not lower it; a frame
 /// that moves for good shows in the count of origin resets.
 const LEVEL_STEP_M: f64 = 2.0;
+
+/// An order to land within this time of an abort was given by somebody who cannot have seen the abort's effect.
+const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
 
 /// The mission node.
 #[derive(Clone, Debug, Default)]
@@ -95,6 +108,7 @@ pub struct Mission {
     set_point: Latest<SetPoint>,
     grant: Latest<DeckGrant<DroneClock>>,
     command: Option<Header<DroneClock>>,
+    abort: Option<Header<DroneClock>>,
     commands_rejected: u32,
     origin: OriginResets,
     mean_deck_z: MeanDeckHeight,
@@ -104,6 +118,10 @@ pub struct Mission {
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
+    /// Does not know yet whether a mission before it flew.
+    beginning: Option<Beginning>,
+    /// Began without a memory, and has not seen yet that the drone is safe.
+    unjudged: bool,
     phase: MissionPhase,
     progress: Progress,
     previous: State,
@@ -132,7 +150,21 @@ impl Mission {
         }
     }
 
-    fn receive(&mut self, now: Time<DroneClock>, input: &MissionIn) -> Option<CommandKind> {
+    /// The same, but a mission before it may have flown: it asks for that one's memory first.
+    pub fn successor(
+        config: &MissionConfig,
+        drone: &DroneGeometry,
+        deck: &DeckGeometry,
+        drone_id: u32,
+        boot: u32,
+    ) -> Self {
+        Mission {
+            beginning: Some(Beginning::default()),
+            ..Mission::new(config, drone, deck, drone_id, boot)
+        }
+    }
+
+    fn receive(&mut self, now: Time<DroneClock>, input: &MissionIn) {
         if let Some(m) = &input.autopilot
             && self.autopilot.offer(now, m)
         {
@@ -164,10 +196,23 @@ impl Mission {
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);
         }
-        input.command.as_ref().and_then(|m| self.order(now, m))
     }
 
-    /// A command counts once, in order and while it is fresh; an abort counts however old it is.
+    /// What of these commands counts: an abort before all others.
+    fn orders(&mut self, now: Time<DroneClock>, commands: &[Command]) -> Option<CommandKind> {
+        let mut newest = None;
+        for command in commands {
+            let accepted = self.order(now, command);
+            newest = match newest {
+                Some(CommandKind::Abort) => newest,
+                Some(CommandKind::Land | CommandKind::Hold) | None => accepted.or(newest),
+            };
+        }
+        newest
+    }
+
+    /// A command counts once, in order and while it is fresh; an abort counts however old it is. A landing that
+    /// somebody else ordered just after an abort was ordered without knowing of it.
     fn order(&mut self, now: Time<DroneClock>, command: &Command) -> Option<CommandKind> {
         let h = &command.header;
         let known = self
@@ -175,12 +220,21 @@ impl Mission {
             .is_some_and(|k| (k.boot == h.boot && k.sequence == h.sequence) || (h.at < k.at));
         let age = now - h.at;
         let fresh = (Span::from_millis(-500)..=topics::COMMAND.stale_after).contains(&age);
-        if h.version != MESSAGE_VERSION || known || !(fresh || command.kind == CommandKind::Abort) {
+        let unaware = command.kind == CommandKind::Land
+            && self
+                .abort
+                .is_some_and(|a| a.boot != h.boot && h.at < a.at + UNAWARE_OF_ABORT);
+        let abort = command.kind == CommandKind::Abort;
+        if h.version != MESSAGE_VERSION || known || unaware || !(fresh || abort) {
             self.commands_rejected = self.commands_rejected.saturating_add(1);
             return None;
         }
         // A damaged time far ahead must not lock out what follows.
-        self.command = Some(if fresh { *h } else { Header { at: now, ..*h } });
+        let accepted = if fresh { *h } else { Header { at: now, ..*h } };
+        self.command = Some(accepted);
+        if abort {
+            self.abort = Some(accepted);
+        }
         Some(command.kind)
     }
 
@@ -254,6 +308,7 @@ impl Mission {
                 .set_point
                 .fresh(now, topics::SET_POINT.stale_after)
                 .is_some_and(|s| s.motors == Motors::Stop),
+            rotors_carry: autopilot.is_some_and(|a| rotors_carry(a, &self.drone_geometry)),
         }
     }
 
@@ -306,6 +361,81 @@ impl Mission {
         0.0
     }
 
+    /// Begins where the mission before it was, or anew; gives the command that came meanwhile.
+    fn begin(&mut self, now: Time<DroneClock>, begun: &Begun, s: &Situation) -> Option<CommandKind> {
+        self.unjudged = begun.memory.is_none();
+        if let Some(m) = &begun.memory {
+            let same_frame = self
+                .autopilot
+                .get()
+                .is_none_or(|a| a.origin_resets == m.origin_resets);
+            let (phase, changed) = memory::remembered(m, same_frame, s, &self.config);
+            self.phase = phase;
+            self.progress = memory::progress(m);
+            self.previous = m.state.previous;
+            self.since = m.state.since;
+            self.entered = m.state.entered;
+            if let Some(why) = changed {
+                (self.previous, self.since, self.entered) = (m.state.state, now, why);
+            }
+            (self.command, self.abort) = (m.command, m.abort);
+            self.worst = Some((m.header.at, (m.recent_tilt_rad, m.friction_used_mps2)));
+            if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
+                self.mean_deck_z.begin(m.header.at, z);
+            }
+        }
+        self.orders(now, &begun.commands)
+    }
+
+    /// What a mission without a memory decides about a drone that it finds in flight.
+    fn safe_start(&mut self, s: &Situation) -> Option<Decision> {
+        if !self.unjudged || self.phase != MissionPhase::Idle || self.progress.landing {
+            self.unjudged = false;
+            return None;
+        }
+        let found = memory::safe_start(s, &self.config);
+        self.unjudged = found.is_err();
+        let (phase, why) = found.ok().flatten()?;
+        Some(Decision {
+            phase,
+            progress: self.progress,
+            entered: Some(why),
+            waiting: Reason::default(),
+        })
+    }
+
+    fn memory(&self, state: &MissionState) -> MissionMemory {
+        let (committed, disarmed) = match self.phase {
+            MissionPhase::Flare { committed, .. } => (committed, false),
+            MissionPhase::Landed { disarmed, .. } => (false, disarmed),
+            MissionPhase::Idle
+            | MissionPhase::GetAltitude { .. }
+            | MissionPhase::Approach { .. }
+            | MissionPhase::Tracking { .. }
+            | MissionPhase::TrackingStable
+            | MissionPhase::Descent { .. }
+            | MissionPhase::Hold { .. }
+            | MissionPhase::GaveUp { .. } => (false, false),
+        };
+        let (recent_tilt_rad, friction_used_mps2) = self.worst.map_or((0.0, 0.0), |(_, worst)| worst);
+        MissionMemory {
+            header: state.header,
+            state: *state,
+            landing: self.progress.landing,
+            started: self.progress.started,
+            reserve_waived: self.progress.reserve_waived,
+            stopped: self.progress.stopped,
+            committed,
+            disarmed,
+            command: self.command,
+            abort: self.abort,
+            origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),
+            mean_deck_z: self.mean_deck_z.value(),
+            recent_tilt_rad,
+            friction_used_mps2,
+        }
+    }
+
     fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
         let c = &self.config;
         let own = s.own.map_or(([0.0; 3], 0.0), |o| (o.position.into(), o.yaw));
@@ -356,11 +486,31 @@ impl Node for Mission {
     type Out = MissionOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
-        let order = self.receive(now, input);
+        self.receive(now, input);
         let mut s = self.situation(now);
+        let (mut order, mut refused) = (None, None);
+        if let Some(beginning) = &mut self.beginning {
+            let complete = s.flight == ControlState::Disarmed
+                || s.flight != ControlState::Unknown && s.fresh_deck().is_some();
+            let ids = [self.drone_id, self.boot];
+            let Some(begun) = beginning.step(now, ids, input.memory.as_ref(), &input.commands, complete)
+            else {
+                return MissionOut::default();
+            };
+            self.beginning = None;
+            order = self.begin(now, &begun, &s);
+            refused = begun.refused;
+            s = self.situation(now);
+        } else {
+            order = self.orders(now, &input.commands).or(order);
+        }
         self.follows = self.follows(&s);
         (s.recent_tilt_rad, s.friction_used_mps2) = self.worst(&s);
-        let decision = decide(self.phase, self.progress, order, &s, &self.config);
+        let decision = match order {
+            None => self.safe_start(&s),
+            Some(_) => None,
+        };
+        let decision = decision.unwrap_or_else(|| decide(self.phase, self.progress, order, &s, &self.config));
         let decision = self.limit_duration(decision, now);
         self.progress = decision.progress;
         let was = self.phase.state();
@@ -372,15 +522,21 @@ impl Node for Mission {
             self.entered = why;
         }
         if now < self.due && !changed {
-            return MissionOut::default();
+            return MissionOut {
+                refused,
+                ..MissionOut::default()
+            };
         }
         self.due = if changed || now - self.due > PERIOD {
             now + PERIOD
         } else {
             self.due + PERIOD
         };
+        let state = self.message(now, &s, decision.waiting);
         MissionOut {
-            state: Some(self.message(now, &s, decision.waiting)),
+            state: Some(state),
+            memory: Some(self.memory(&state)),
+            refused,
         }
     }
 }

@@ -57,7 +57,7 @@ fn mission_keeps_the_minimum_altitude_when_a_forecast_jumps_below_the_water() {
             input.forecast = Some(deck(k, t, depth));
         }
         if k == 5 {
-            input.command = Some(command(header(1, t), CommandKind::Land));
+            input.commands = vec![command(header(1, t), CommandKind::Land)];
         }
         if let Some(state) = m.step(t, &input).state {
             lowest.push(state.minimum_altitude_m);
@@ -79,7 +79,7 @@ fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_a
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, p.into());
         if k == 5 {
-            input.command = Some(command(header(1, t), CommandKind::Land));
+            input.commands = vec![command(header(1, t), CommandKind::Land)];
         }
         if touched {
             input.set_point = Some(SetPoint {
@@ -140,7 +140,7 @@ fn mission_accepts_a_command_once_and_while_it_is_fresh() {
     let mut m = node();
     let give = |m: &mut Mission, t: f64, given: f64, n: u32, kind| {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
-        input.command = Some(command(header(n, at(given)), kind));
+        input.commands = vec![command(header(n, at(given)), kind)];
         m.step(at(t), &input);
         m.commands_rejected
     };
@@ -154,12 +154,161 @@ fn mission_accepts_a_command_once_and_while_it_is_fresh() {
 }
 
 #[test]
+fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count() {
+    let land_at = |boot: u32, given: f64| Command {
+        header: Header::new(1, 1, boot, 9, at(given)),
+        kind: CommandKind::Land,
+    };
+    for (land, state) in [
+        // Pending since before the abort, and said again.
+        (land_at(7, 19.9), State::GaveUp),
+        (land_at(7, 20.2), State::GaveUp),
+        // Who aborted goes on, or somebody who has seen it.
+        (land_at(1, 20.2), State::Hold),
+        (land_at(7, 21.2), State::Hold),
+    ] {
+        let mut m = node();
+        let mut step = |t: f64, commands: Vec<Command>| {
+            let input = MissionIn {
+                commands,
+                ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
+            };
+            m.step(at(t), &input);
+            m.phase.state()
+        };
+        step(19.5, vec![command(header(1, at(19.5)), CommandKind::Land)]);
+        let abort = command(header(2, at(20.0)), CommandKind::Abort);
+        assert_eq!(step(20.0, vec![abort]), State::GaveUp);
+        assert_eq!(step(21.5, vec![land]), state, "{land:?}");
+    }
+    // Of what comes in one step the abort is heard.
+    let mut m = node();
+    let mut input = fresh_input(1, at(20.0), [0.0, 0.0, -16.3]);
+    input.commands = vec![
+        command(header(1, at(19.99)), CommandKind::Abort),
+        land_at(7, 20.0),
+    ];
+    m.step(at(20.0), &input);
+    assert_eq!(m.phase.state(), State::GaveUp);
+}
+
+/// What a mission wrote that is over the deck in this state.
+fn memory(state: State, t: f64) -> MissionMemory {
+    let header = Header::new(1, 1, 5, 9, at(t));
+    MissionMemory {
+        header,
+        state: MissionState {
+            header,
+            state,
+            attempts: 1,
+            since: at(t - 1.0),
+            hold_position: [1.0, 2.0, -16.0],
+            ..MissionState::default()
+        },
+        landing: true,
+        started: at(t - 30.0),
+        mean_deck_z: Some(-1.3),
+        ..MissionMemory::default()
+    }
+}
+
+/// Where a successor begins that is given this memory at 10 s while the drone hovers at `height` above the deck; and
+/// why it refused it.
+fn begun(memory: Option<MissionMemory>, height: f64) -> (MissionState, Option<MemoryRefusal>) {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    let mut m = Mission::successor(&config(), &drone, &deck, 1, 2);
+    for k in 0..100_u32 {
+        let t = at(10.0 + 0.01 * f64::from(k));
+        let z = -1.3 - drone.feet_below_m - height;
+        let input = MissionIn {
+            memory,
+            ..fresh_input(k, t, [0.1, 0.0, z])
+        };
+        let out = m.step(t, &input);
+        if let Some(state) = out.state {
+            assert_eq!(out.memory.map(|m| m.state), Some(state));
+            return (state, out.refused);
+        }
+    }
+    panic!("says nothing for a second")
+}
+
+#[test]
+fn successor_goes_on_where_the_mission_before_it_was() {
+    for state in [
+        State::Idle,
+        State::GetAltitude,
+        State::Approach,
+        State::Tracking,
+        State::Descent,
+        State::Landed,
+        State::Hold,
+        State::GaveUp,
+    ] {
+        let (s, refused) = begun(Some(memory(state, 9.8)), 3.0);
+        let wanted = if state == State::Idle {
+            State::GetAltitude
+        } else {
+            state
+        };
+        assert_eq!((s.state, refused), (wanted, None));
+        if matches!(state, State::Hold | State::GaveUp) {
+            assert_eq!(s.hold_position, [1.0, 2.0, -16.0]);
+        }
+    }
+    assert_eq!(begun(Some(memory(State::Flare, 9.8)), 0.5).0.state, State::Flare);
+    // The pilot has left the plan since: anew, but not from the deck.
+    assert_eq!(
+        begun(Some(memory(State::Flare, 9.0)), 0.5).0.state,
+        State::Tracking
+    );
+    assert_eq!(begun(Some(memory(State::Flare, 9.0)), 0.05).0.state, State::Flare);
+    assert_eq!(begun(Some(memory(State::Descent, 9.8)), 3.0).0.attempts, 1);
+}
+
+#[test]
+fn successor_without_a_sound_memory_climbs_from_the_deck_and_says_why() {
+    let change = |f: fn(&mut MissionMemory)| {
+        let mut m = memory(State::Descent, 9.8);
+        f(&mut m);
+        Some(m)
+    };
+    for (bad, why) in [
+        (None, None),
+        // Who keeps it has none.
+        (Some(MissionMemory::default()), None),
+        (change(|m| m.header.version -= 1), Some(MemoryRefusal::Version)),
+        (change(|m| m.header.drone = 2), Some(MemoryRefusal::OtherDrone)),
+        (change(|m| m.header.at = at(4.0)), Some(MemoryRefusal::Age)),
+        (change(|m| m.header.at = at(11.0)), Some(MemoryRefusal::Age)),
+        (
+            change(|m| m.state.hold_position[0] = f64::NAN),
+            Some(MemoryRefusal::Damaged),
+        ),
+        (
+            change(|m| m.mean_deck_z = Some(f64::NAN)),
+            Some(MemoryRefusal::Damaged),
+        ),
+    ] {
+        let (s, refused) = begun(bad, 1.0);
+        assert_eq!((s.state, refused), (State::GaveUp, why), "{bad:?}");
+        assert_eq!(s.entered.code, ReasonCode::Restarted);
+        assert!((s.hold_position[2] + 16.3).abs() < 0.1, "{s:?}");
+    }
+    // On the deck the pilot's evidence decides; away from it nothing happens.
+    assert_eq!(begun(None, 0.05).0.state, State::Flare);
+    assert_eq!(begun(None, 12.0).0.state, State::Idle);
+}
+
+#[test]
 fn mission_discards_the_forecast_at_an_origin_reset() {
     let mut m = node();
     for k in 0..300_u32 {
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, [0.0, 0.0, -16.3]);
-        input.command = (k == 3).then_some(command(header(1, t), CommandKind::Land));
+        input
+            .commands
+            .extend((k == 3).then_some(command(header(1, t), CommandKind::Land)));
         if k == 200 {
             input.autopilot.as_mut().unwrap().origin_resets = 1;
             input.forecast = None;
@@ -285,7 +434,7 @@ proptest! {
                     if b.age_ms == 0 { stop_at = Some(now) }
                 }
                 if r == 0 {
-                    input.command = b.command.map(|kind| command(header(n, then), kind));
+                    input.commands.extend(b.command.map(|kind| command(header(n, then), kind)));
                 }
                 let out = m.step(now, &input);
                 let state = m.phase.state();

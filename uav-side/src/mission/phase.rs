@@ -59,6 +59,8 @@ pub enum MissionPhase {
     Landed {
         /// The autopilot was disarmed meanwhile.
         disarmed: bool,
+        /// The rotors have carried it above the deck since.
+        airborne: Option<DroneTime>,
     },
     /// Stays at a safe height.
     Hold {
@@ -87,6 +89,11 @@ impl MissionPhase {
     pub(super) const DESCENT: MissionPhase = MissionPhase::Descent {
         violated: None,
         paused: None,
+    };
+    /// On the deck, not disarmed yet.
+    pub(super) const LANDED: MissionPhase = MissionPhase::Landed {
+        disarmed: false,
+        airborne: None,
     };
     /// On the way to the vessel, not detected yet.
     pub(super) const APPROACH: MissionPhase = MissionPhase::Approach { detected: None };
@@ -135,6 +142,10 @@ pub struct Progress {
     pub started: DroneTime,
     /// The operator asked for a landing after the battery's reserve was reached.
     pub reserve_waived: bool,
+    /// An operator stopped what the mission did, and has commanded no landing since.
+    pub stopped: bool,
+    /// The pilot's touchdown was false: its stop counts for nothing until it is taken back.
+    pub overruled: bool,
 }
 
 /// What a state does next.

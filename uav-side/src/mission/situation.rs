@@ -310,9 +310,34 @@ pub struct Situation {
     pub reservation: Reservation,
     /// The pilot has stopped the motors.
     pub motors_stopped: bool,
+    /// Armed, and by the autopilot's report the rotors carry the drone.
+    pub rotors_carry: bool,
+}
+
+/// Feet this far above the deck do not stand on it, m: several times the forecast's error.
+const ABOVE_DECK_M: f64 = 0.5;
+/// Rotors that give this much of hover's thrust carry the drone, or most of it.
+const CARRYING_OF_HOVER: f64 = 0.7;
+
+/// Whether rotors that give `thrust` carry a drone that hovers at the thrust which the autopilot reports, or else
+/// its geometry gives.
+pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> bool {
+    let nominal = drone.mass_kg * GRAVITY / drone.max_thrust_n;
+    let hover = if a.hover_thrust > 0.0 {
+        a.hover_thrust
+    } else {
+        nominal
+    };
+    a.armed && a.thrust >= CARRYING_OF_HOVER * hover
 }
 
 impl Situation {
+    /// Why a touchdown that was detected is none: the rotors carry the drone, above the deck when that is known.
+    pub fn false_touchdown(&self) -> Option<Reason> {
+        let clearance = self.fresh_deck().map_or(f64::INFINITY, |d| d.clearance_m);
+        (self.rotors_carry && clearance > ABOVE_DECK_M)
+            .then(|| Reason::new(ReasonCode::FalseTouchdown, clearance.min(1e3), ABOVE_DECK_M))
+    }
     /// The deck, when forecast and odometry are fresh.
     pub fn fresh_deck(&self) -> Option<&Deck> {
         if self.forecast_age_s <= self.forecast_limit_s && self.odometry_age_s <= self.odometry_limit_s {

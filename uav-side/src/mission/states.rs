@@ -10,8 +10,8 @@ use alight_shared::msg::ReasonCode::{
 
 use super::config::MissionConfig;
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, first_beyond, holding, lasting,
-    old_data,
+    DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, first_beyond, gave_up, holding,
+    lasting, old_data,
 };
 use super::situation::{ControlState, Deck, Situation};
 
@@ -30,7 +30,7 @@ pub(super) fn step(
         MissionPhase::TrackingStable => tracking_stable(progress, s, c),
         MissionPhase::Descent { violated, paused } => descent(violated, paused, s, c),
         MissionPhase::Flare { committed, violated } => flare(committed, violated, s, c),
-        MissionPhase::Landed { disarmed } => landed(disarmed, progress, s),
+        MissionPhase::Landed { disarmed, airborne } => landed(disarmed, airborne, progress, s, c),
         MissionPhase::Hold {
             cause,
             at,
@@ -53,7 +53,7 @@ pub(super) fn step(
 fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition {
     let idle = MissionPhase::Idle;
     if !progress.landing {
-        return idle.stay(NotCommanded);
+        return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
     if s.flight != ControlState::Ours {
         return idle.stay(NotFlying);
@@ -320,9 +320,25 @@ pub(super) fn blind_limit(deck: &Deck, c: &MissionConfig) -> f64 {
     }
 }
 
-/// Landed: until the drone, disarmed in between, is armed again.
-fn landed(disarmed: bool, progress: &mut Progress, s: &Situation) -> Transition {
+/// The rotors have to carry a landed drone above the deck for so long before the touchdown counts as false, s.
+const AIRBORNE_S: f64 = 1.0;
+
+/// Landed: until the drone, disarmed in between, is armed again; or until it shows that it is in the air, where
+/// the autopilot's link keeps its motors running.
+fn landed(
+    disarmed: bool,
+    airborne: Option<DroneTime>,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
     progress.landing = false;
+    let risen = s.false_touchdown().filter(|_| !disarmed);
+    let (airborne, lasted) = lasting(risen.is_some(), airborne, s.now);
+    if let Some(why) = risen.filter(|_| lasted >= AIRBORNE_S) {
+        progress.overruled = s.motors_stopped;
+        return gave_up(s, c).enter(why);
+    }
     let armed = matches!(
         s.flight,
         ControlState::OnGround | ControlState::OtherControl(_) | ControlState::Ours
@@ -331,7 +347,7 @@ fn landed(disarmed: bool, progress: &mut Progress, s: &Situation) -> Transition 
         return MissionPhase::Idle.enter(Reached);
     }
     let disarmed = disarmed || s.flight == ControlState::Disarmed;
-    MissionPhase::Landed { disarmed }.stay(Reason::default())
+    MissionPhase::Landed { disarmed, airborne }.stay(Reason::default())
 }
 
 /// Hold: until data are fresh again and a landing is wanted. `hold` is this hold with data fresh since then.

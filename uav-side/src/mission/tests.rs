@@ -72,6 +72,7 @@ pub(super) fn fair() -> Situation {
         outside_m: -0.6,
         reservation: Reservation::NotNeeded,
         motors_stopped: false,
+        rotors_carry: true,
     }
 }
 pub(super) fn with(change: impl FnOnce(&mut Situation)) -> Situation {
@@ -370,12 +371,19 @@ fn mission_lands_when_the_pilot_stops_the_motors() {
 
 #[test]
 fn landed_is_left_only_after_disarming_and_arming() {
-    let landed = MissionPhase::Landed { disarmed: false };
-    let d = commanded(landed, CommandKind::Land, &fair());
+    let landed = MissionPhase::LANDED;
+    let on_deck = with_deck(|d| d.clearance_m = 0.05);
+    let d = commanded(landed, CommandKind::Land, &on_deck);
     assert_eq!(d.phase, landed);
-    let off = with(|s| s.flight = ControlState::Disarmed);
+    let off = with(|s| (s.flight, s.rotors_carry) = (ControlState::Disarmed, false));
     let d = step((landed, d.progress), &off);
-    assert_eq!(d.phase, MissionPhase::Landed { disarmed: true });
+    assert_eq!(
+        d.phase,
+        MissionPhase::Landed {
+            disarmed: true,
+            airborne: None,
+        }
+    );
     let d = step(&d, &fair());
     goes(&d, State::Idle, Reached);
     assert!(!d.progress.landing);

@@ -56,6 +56,22 @@ pub fn decide(
     }
 }
 
+/// Whether there is something that an operator can stop: a drone in the air that is ours.
+fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
+    match phase {
+        MissionPhase::Idle => s.flight == ControlState::Ours && s.own.is_some(),
+        MissionPhase::Landed { disarmed, .. } => !disarmed && s.false_touchdown().is_some(),
+        MissionPhase::GetAltitude { .. }
+        | MissionPhase::Approach { .. }
+        | MissionPhase::Tracking { .. }
+        | MissionPhase::TrackingStable
+        | MissionPhase::Descent { .. }
+        | MissionPhase::Flare { .. }
+        | MissionPhase::Hold { .. }
+        | MissionPhase::GaveUp { .. } => true,
+    }
+}
+
 /// What holds in every state that flies.
 fn interrupt(
     phase: MissionPhase,
@@ -64,8 +80,9 @@ fn interrupt(
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<Transition> {
-    if phase.flies() && s.motors_stopped {
-        return Some(MissionPhase::Landed { disarmed: false }.enter(ReasonCode::Touchdown));
+    progress.overruled &= s.motors_stopped;
+    if phase.flies() && s.motors_stopped && !progress.overruled {
+        return Some(MissionPhase::LANDED.enter(ReasonCode::Touchdown));
     }
     let gives_up = matches!(phase, MissionPhase::GaveUp { .. });
     let waits = match phase {
@@ -83,18 +100,23 @@ fn interrupt(
     match command {
         Some(CommandKind::Abort) => {
             progress.landing = false;
-            if phase.flies() && !gives_up {
+            progress.stopped = true;
+            if can_stop(phase, s) && !gives_up {
+                progress.overruled = s.motors_stopped;
                 return Some(gave_up(s, c).enter(ReasonCode::Operator));
             }
         }
         Some(CommandKind::Hold) => {
             progress.landing = false;
-            if phase.flies() {
+            progress.stopped = true;
+            if can_stop(phase, s) {
+                progress.overruled = s.motors_stopped;
                 return Some(holding(HoldCause::Operator, s, c).enter(ReasonCode::Operator));
             }
         }
         Some(CommandKind::Land) if phase == MissionPhase::Idle || gives_up || waits => {
             progress.landing = true;
+            progress.stopped = false;
             progress.attempts = 0;
             progress.started = s.now;
             progress.reserve_waived = s.battery.is_some_and(|b| b < c.battery_reserve);

@@ -115,6 +115,8 @@ pub struct Pilot {
     hold: Option<HoldPlace>,
     stopped_at: Option<Time<DroneClock>>,
     disarmed_since_stop: bool,
+    /// The mission took notice of the stop.
+    landed_since_stop: bool,
     last_step: Option<Time<DroneClock>>,
 }
 
@@ -146,6 +148,7 @@ impl Pilot {
             hold: None,
             stopped_at: None,
             disarmed_since_stop: false,
+            landed_since_stop: false,
             last_step: None,
         }
     }
@@ -211,6 +214,13 @@ impl Pilot {
         self.set_point(now)
     }
 
+    /// The motors stop from now on.
+    fn stop_from(&mut self, now: Time<DroneClock>) {
+        self.stopped_at = Some(now);
+        self.disarmed_since_stop = false;
+        self.landed_since_stop = false;
+    }
+
     /// Motors off, until the mission is idle again.
     fn stop(&mut self, now: Time<DroneClock>) -> SetPoint {
         let attitude = self.drone.get().map_or([1.0, 0.0, 0.0, 0.0], |d| d.attitude);
@@ -271,21 +281,29 @@ impl Pilot {
         }
     }
 
-    /// Stands where the drone is, climbing gently while `climb`.
-    fn hold(&mut self, now: Time<DroneClock>, body: &Body, dt: f64, climb: bool) -> SetPoint {
+    /// Velocity away from the deck `near` for a hold without the mission: with the deck, and gently up from it. It does
+    /// not follow a deck that sinks: that one comes back.
+    fn away(&self, near: Option<&DeckBelow>) -> Vector3<f64> {
+        near.map_or(Vector3::zeros(), |b| {
+            let [north, east, down] = b.stage.velocity;
+            Vector3::new(north, east, down.min(0.0) - self.config.safety.climb_mps)
+        })
+    }
+
+    /// Stands where the drone is, or goes on from there with this velocity.
+    fn hold(&mut self, now: Time<DroneClock>, body: &Body, dt: f64, velocity: Vector3<f64>) -> SetPoint {
         self.tracker.reset();
         let (_, _, yaw) = body.attitude.euler_angles();
         let mut place = self.hold.unwrap_or(HoldPlace {
             position: body.position,
             yaw,
         });
-        let speed = if climb { self.config.safety.climb_mps } else { 0.0 };
-        place.position.z -= speed * dt;
+        place.position += velocity * dt;
         self.hold = Some(place);
         SetPoint {
             kind: SetPointKind::Trajectory,
             position: place.position.into(),
-            velocity: [0.0, 0.0, -speed],
+            velocity: velocity.into(),
             yaw: place.yaw,
             ..self.set_point(now)
         }
@@ -348,10 +366,13 @@ impl Pilot {
             .is_some_and(|a| a.armed && a.mode == AutopilotMode::Offboard);
         let committed = below.is_some_and(|b| b.clearance <= self.config.safety.commit_clearance_m);
         let permitted = commands
-            && mission.is_some_and(|m| m.state == State::Flare || (m.state == State::Descent && committed));
+            && mission.is_some_and(|m| {
+                let near = committed && matches!(m.state, State::Descent | State::Landed);
+                m.state == State::Flare || near
+            });
         Evidence {
             permitted,
-            descending: mission.is_some_and(|m| m.descent_mps > 0.0),
+            descending: mission.is_some_and(|m| m.descent_mps > 0.0 || m.state == State::Landed),
             force: new.map(|d| -d.specific_force[2]),
             own_thrust: self.estimate.acting().map(|u| self.estimate.specific(u)),
             reported_thrust: self
@@ -381,29 +402,35 @@ impl Pilot {
         let Some(autopilot) = armed else {
             return self.no_set_point(now);
         };
-        let near = below.is_some_and(|b| b.clearance < self.config.safety.near_deck_m);
+        // A pilot before this one stopped the motors, and this one has to find the touchdown again.
+        let landed = mission.is_some_and(|m| m.state == State::Landed);
+        let close = below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
+        let near = below.filter(|b| b.clearance < self.config.safety.near_deck_m);
         let Some(mission) = mission else {
             // Hold for a moment after the mission's last message, then let the failsafe act.
             let silence = self.mission.age_s(now);
             let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
             let flew = self.mission.get().is_some_and(|m| m.state.phase() != Phase::None);
             return if flew && silence <= limit {
-                self.hold(now, body, dt, near)
+                self.hold(now, body, dt, self.away(near))
             } else {
                 self.no_set_point(now)
             };
         };
         let output = match mission.state.phase() {
-            Phase::None => {
-                if mission.state == State::Landed {
+            Phase::None if landed => {
+                if !close || autopilot.mode != AutopilotMode::Offboard {
                     return self.no_set_point(now);
                 }
+                Output::Attitude
+            }
+            Phase::None => {
                 // Offboard modes want a stream of set-points before they can be entered; until
                 // then the place to hold moves with whoever flies.
                 if autopilot.mode != AutopilotMode::Offboard {
                     self.hold = None;
                 }
-                return self.hold(now, body, dt, false);
+                return self.hold(now, body, dt, Vector3::zeros());
             }
             Phase::Navigation => self.config.navigation_output,
             Phase::Follow => self.config.follow_output,
@@ -412,9 +439,10 @@ impl Pilot {
         let plan = self
             .plan
             .fresh(now, topics::PLAN.stale_after)
+            .filter(|_| !landed)
             .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
         let flare = mission.state == State::Flare;
-        let committed = flare && below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
+        let committed = (flare || landed) && close;
 
         if let (Contact::Suspected { since, .. }, Output::Attitude) = (self.detector.contact(), output) {
             let fraction = press_fraction(since, now, &self.config.touchdown);
@@ -460,7 +488,10 @@ impl Pilot {
                     .track(&stage, body, &self.estimate, authority, lag, dt, c);
                 self.attitude(now, Some(&stage), a, body)
             }
-            (None, _, _) => self.hold(now, body, dt, near),
+            (None, _, _) => {
+                let speed = near.map_or(0.0, |_| self.config.safety.climb_mps);
+                self.hold(now, body, dt, Vector3::new(0.0, 0.0, -speed))
+            }
         }
     }
 }
@@ -480,9 +511,13 @@ impl Node for Pilot {
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
 
         if let Some(at) = self.stopped_at {
-            // Released only after the autopilot was disarmed and the mission is idle again.
-            let anew = mission.is_some_and(|m| m.state == State::Idle && m.header.at > at);
-            if !(anew && self.disarmed_since_stop) {
+            // Released only after the autopilot was disarmed and the mission is idle again, or when the mission
+            // that took notice of the stop climbs all the same: the touchdown was false.
+            let since = mission.filter(|m| m.header.at > at);
+            self.landed_since_stop |= since.is_some_and(|m| m.state == State::Landed);
+            let anew = since.is_some_and(|m| m.state == State::Idle);
+            let climbs = since.is_some_and(|m| matches!(m.state, State::GaveUp | State::Hold));
+            if !(anew && self.disarmed_since_stop || climbs && self.landed_since_stop) {
                 return PilotOut::of(self.stop(now));
             }
             self.stopped_at = None;
@@ -503,8 +538,7 @@ impl Node for Pilot {
         let below = self.below(now, &body);
         let evidence = self.evidence(now, mission.as_ref(), new.as_ref(), below.as_ref());
         if let Some(mut touchdown) = self.detector.step(now, dt, &evidence, &self.config.touchdown) {
-            self.stopped_at = Some(now);
-            self.disarmed_since_stop = false;
+            self.stop_from(now);
             let set_point = self.stop(now);
             touchdown.header = set_point.header;
             return PilotOut {

@@ -170,6 +170,38 @@ fn pilot_sends_no_set_point_without_odometry_mission_or_control() {
     assert_eq!(s.kind, SetPointKind::Trajectory, "holds for a moment first");
 }
 
+/// A pilot's answers to a mission and an autopilot that change, 10 ms apart.
+#[derive(Default)]
+struct Answers(u32);
+
+impl Answers {
+    fn next(&mut self, pilot: &mut Pilot, state: State, armed: bool) -> Motors {
+        self.0 += 1;
+        let t = Time::from_secs(5.0 + 0.01 * f64::from(self.0));
+        let mut i = everything(self.0, t, state, 2.0);
+        i.autopilot.as_mut().unwrap().armed = armed;
+        pilot.step(t, &i).set_point.unwrap().motors
+    }
+}
+
+#[test]
+fn pilot_takes_a_false_touchdown_back_when_the_mission_that_knew_of_it_flies() {
+    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let mut answers = Answers::default();
+    let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
+    assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
+    pilot.stop_from(Time::from_secs(5.01));
+    // The mission has not heard of it yet, then has, then flies.
+    assert_eq!(next(&mut pilot, State::Flare, true), Motors::Stop);
+    assert_eq!(next(&mut pilot, State::Landed, true), Motors::Stop);
+    assert_eq!(next(&mut pilot, State::GaveUp, true), Motors::Run);
+    // After a true one: once disarmed and idle.
+    pilot.stop_from(Time::from_secs(5.04));
+    assert_eq!(next(&mut pilot, State::Idle, true), Motors::Stop);
+    assert_eq!(next(&mut pilot, State::Landed, false), Motors::Stop);
+    assert_eq!(next(&mut pilot, State::Idle, false), Motors::Run);
+}
+
 #[test]
 fn pilot_discards_the_plan_at_an_origin_reset() {
     let s = after(State::Tracking, 6.0, 0.3, |i| {
@@ -218,7 +250,8 @@ proptest! {
         for (mask, state, v, age, height, repeat) in blows {
             let state = states[usize::from(state) % states.len()];
             // Half the cases never permit a touch; the others have no force beyond the thrust.
-            let state = if !landing && state.phase() == Phase::Landing { State::Tracking } else { state };
+            let touches = state.phase() == Phase::Landing || state == State::Landed;
+            let state = if !landing && touches { State::Tracking } else { state };
             for _ in 0..repeat {
                 n += 1;
                 now += Span::from_millis(10);

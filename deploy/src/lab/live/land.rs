@@ -41,6 +41,7 @@ use crate::lab::record::Subject;
 use crate::lab::scene::Scene;
 use crate::lab::{outcome_table, plot};
 use crate::process::instance::OwnedInstance;
+use crate::process::keeper::MemoryKeeper;
 use crate::process::life::{draw_boot, end_with_supervisor};
 use crate::process::observer::Observer;
 use crate::process::scheduling;
@@ -149,6 +150,7 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
         seed: args.seed,
         sea: &scene.sea,
         boots: Default::default(),
+        live: true,
     };
     let computers = (&plan.vessel, &plan.drone);
     for process in recording::write(path, log, computers, subject, &landed.outcome)? {
@@ -336,6 +338,7 @@ struct Landing<'a> {
     plan: &'a LandingSetup,
     supervisor: Supervisor,
     observer: Observer,
+    keeper: MemoryKeeper,
     commands: Publisher<Command>,
     boot: u32,
     sequence: u32,
@@ -357,6 +360,7 @@ impl<'a> Landing<'a> {
         owned: &OwnedInstance,
     ) -> Result<Landing<'a>, CliError> {
         let observer = Observer::join(memory)?;
+        let keeper = MemoryKeeper::join(memory)?;
         let relay = plan.attachments.relay.as_ref();
         let tap = relay.map(|r| Tap::open(owned.instance(), r));
         let tap = tap.transpose()?;
@@ -379,6 +383,7 @@ impl<'a> Landing<'a> {
             plan,
             supervisor,
             observer,
+            keeper,
             commands,
             boot: draw_boot(),
             sequence: 0,
@@ -407,6 +412,7 @@ impl<'a> Landing<'a> {
             }
             let now: Time<DroneClock> = self.plan.clock.now();
             self.observer.poll(Some(now.nanos()));
+            self.keeper.poll(now);
             let true_s = ProcessClock {
                 epoch_ns: self.plan.clock.epoch_ns,
                 ..ProcessClock::default()

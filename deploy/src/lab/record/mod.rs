@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::DroneFile;
 use crate::exit::{CliError, Doing};
 use crate::record::reading::Recording;
-use crate::record::{DRONE_FILE, NODES, Recorder, VESSEL_FILE};
+use crate::record::{DRONE_FILE, LIVE, NODES, Recorder, VESSEL_FILE};
 use truth::TruthViews;
 
 /// Boot ids of the nodes in lock-step.
@@ -63,6 +63,8 @@ pub struct Subject<'a> {
     pub sea: &'a str,
     /// Boot ids of the nodes, in the order of [`NODES`].
     pub boots: [u32; NODES.len()],
+    /// The mission was a process, which begins with a question for the memory of one before it.
+    pub live: bool,
 }
 
 /// Records a simulated flight.
@@ -80,6 +82,7 @@ pub fn fly(path: &Path, subject: &Subject<'_>, watch: Watch<'_>) -> Result<Flown
         seed,
         sea,
         boots: _,
+        live: _,
     } = *subject;
     let flown = fly_with(scenario, nodes, seed, sea, watch, &mut recorder).doing("setting up the trial")?;
     recorder.finish(path, &flown.outcome)?;
@@ -112,6 +115,7 @@ impl FlightRecorder {
             ("sea", subject.sea.to_string()),
             ("vessel_id", VESSEL_ID.to_string()),
             ("drone_id", DRONE_ID.to_string()),
+            (LIVE, u32::from(subject.live).to_string()),
         ];
         let (recorder, truth) = Recorder::create(path, &texts, &values, subject.boots, |opening| {
             TruthViews::new(opening, &subject.scenario.drawn(subject.seed))

@@ -261,6 +261,7 @@ fn record_failed(
             seed: o.seed,
             sea: &scene.name,
             boots: LOCK_STEP_BOOTS,
+            live: false,
         };
         let watch = Watch {
             on_event: &mut |_| {},

@@ -1,0 +1,228 @@
+//! What outlives the mission's process: written with every state, judged by the successor before it counts.
+//!
+//! A mission that begins while the drone flies goes on where the last one was, or makes itself safe from what it
+//! sees. Until it knows which, it says nothing: the pilot goes on with the last state for its validity.
+
+use core::fmt;
+
+use alight_shared::msg::{
+    AutopilotMode, Command, MESSAGE_VERSION, Message, MissionMemory, Phase, Reason, ReasonCode, State,
+};
+use alight_shared::time::Span;
+use alight_shared::topics;
+use serde::{Deserialize, Serialize};
+
+use super::config::MissionConfig;
+use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
+use super::situation::{ControlState, Situation};
+
+/// A memory older than this says nothing about the flight now: the pilot has left the drone to its autopilot
+/// meanwhile.
+const MAX_AGE: Span = Span::from_millis(5000);
+/// A mission that begins waits so long for a memory: six periods of who keeps it ...
+const MEMORY_WAIT: Span = Span::from_millis(300);
+/// ... and so long for autopilot, odometry and forecast: five periods of the slowest.
+const EVIDENCE_WAIT: Span = Span::from_millis(500);
+/// Commands kept while it waits.
+const MAX_COMMANDS: usize = 16;
+/// Feet no further from the deck than this rest on it, m: the forecast's error.
+const AT_REST_M: f64 = 0.15;
+
+/// Why a memory does not count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MemoryRefusal {
+    /// Another layout.
+    Version,
+    /// Another drone's.
+    OtherDrone,
+    /// Too old, or from the future.
+    Age,
+    /// A number in it is none that a mission writes.
+    Damaged,
+}
+
+impl fmt::Display for MemoryRefusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            MemoryRefusal::Version => "of another version",
+            MemoryRefusal::OtherDrone => "another drone's",
+            MemoryRefusal::Age => "too old",
+            MemoryRefusal::Damaged => "damaged",
+        })
+    }
+}
+
+/// Whether `m` counts for drone `drone` at `now`.
+fn judge(now: DroneTime, drone: u32, m: &MissionMemory) -> Result<(), MemoryRefusal> {
+    if m.header.version != MESSAGE_VERSION || m.state.header.version != MESSAGE_VERSION {
+        return Err(MemoryRefusal::Version);
+    }
+    if m.header.drone != drone {
+        return Err(MemoryRefusal::OtherDrone);
+    }
+    if !(Span::from_millis(-50)..=MAX_AGE).contains(&(now - m.header.at)) {
+        return Err(MemoryRefusal::Age);
+    }
+    m.check().map_err(|_field| MemoryRefusal::Damaged)
+}
+
+/// A mission that does not know yet whether it is a successor.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Beginning {
+    since: Option<DroneTime>,
+    /// Who keeps the memory has answered, with this.
+    answer: Option<MissionMemory>,
+    /// What came meanwhile, in order.
+    commands: Vec<Command>,
+}
+
+/// How a mission begins.
+pub(super) struct Begun {
+    pub(super) memory: Option<MissionMemory>,
+    pub(super) refused: Option<MemoryRefusal>,
+    pub(super) commands: Vec<Command>,
+}
+
+impl Beginning {
+    /// Takes what arrives, and gives how the mission begins once it knows. `boot` is its own; `complete` says
+    /// that it sees the drone and its deck.
+    pub(super) fn step(
+        &mut self,
+        now: DroneTime,
+        ids: [u32; 2],
+        memory: Option<&MissionMemory>,
+        commands: &[Command],
+        complete: bool,
+    ) -> Option<Begun> {
+        let [drone, boot] = ids;
+        if let Some(m) = memory.filter(|m| m.header.boot != boot) {
+            self.answer = Some(*m);
+        }
+        let left = MAX_COMMANDS.saturating_sub(self.commands.len());
+        self.commands.extend(commands.iter().take(left));
+        let waited = now - *self.since.get_or_insert(now);
+        let answered = self.answer.is_some() || waited >= MEMORY_WAIT;
+        if !answered || !(complete || waited >= EVIDENCE_WAIT) {
+            return None;
+        }
+        // Boot 0: who keeps it has nothing.
+        let memory = self.answer.filter(|m| m.header.boot != 0);
+        let refused = memory.and_then(|m| judge(now, drone, &m).err());
+        Some(Begun {
+            memory: memory.filter(|_| refused.is_none()),
+            refused,
+            commands: core::mem::take(&mut self.commands),
+        })
+    }
+}
+
+/// The phase that `m` tells of, and why it is another than the one before; a place in another frame than the
+/// present (`same_frame`) counts as none.
+pub(super) fn remembered(
+    m: &MissionMemory,
+    same_frame: bool,
+    s: &Situation,
+    c: &MissionConfig,
+) -> (MissionPhase, Option<Reason>) {
+    // The pilot has left the plan meanwhile and climbs: the landing is begun anew, unless it is over.
+    let left = s.now - m.header.at > topics::MISSION.stale_after;
+    if left && m.state.state.phase() == Phase::Landing && !s.motors_stopped && !rests(s, c) {
+        let clearance = s.fresh_deck().map_or(0.0, |d| d.clearance_m);
+        let why = Reason::new(ReasonCode::Restarted, clearance, 0.0);
+        return (MissionPhase::TRACKING, Some(why));
+    }
+    (phase_of(m, same_frame, s, c), None)
+}
+
+/// Its feet are on the deck, by the forecast.
+fn rests(s: &Situation, c: &MissionConfig) -> bool {
+    s.fresh_deck().is_some_and(|d| d.clearance_m.abs() < AT_REST_M) && s.outside_m < c.lost_outside_m
+}
+
+fn phase_of(m: &MissionMemory, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {
+    let (at, yaw) = (m.state.hold_position(), m.state.hold_yaw);
+    match m.state.state {
+        State::Idle => MissionPhase::Idle,
+        State::GetAltitude => {
+            let own = s.own.filter(|_| !same_frame).map_or(at, |own| own.position);
+            MissionPhase::GetAltitude { from: [own.x, own.y] }
+        }
+        State::Approach => MissionPhase::APPROACH,
+        // What it knew of the wind is gone: it begins its watch anew.
+        State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
+        State::Descent => MissionPhase::DESCENT,
+        State::Flare => MissionPhase::Flare {
+            committed: m.committed,
+            violated: None,
+        },
+        State::Landed => MissionPhase::Landed {
+            disarmed: m.disarmed,
+            airborne: None,
+        },
+        State::Hold => {
+            let cause = if m.stopped {
+                HoldCause::Operator
+            } else {
+                HoldCause::Data
+            };
+            if same_frame {
+                MissionPhase::Hold {
+                    cause,
+                    at,
+                    yaw,
+                    fresh: None,
+                }
+            } else {
+                holding(cause, s, c)
+            }
+        }
+        State::GaveUp if same_frame => MissionPhase::GaveUp { at, yaw },
+        State::GaveUp => gave_up(s, c),
+    }
+}
+
+/// The progress that `m` tells of.
+pub(super) fn progress(m: &MissionMemory) -> Progress {
+    Progress {
+        landing: m.landing,
+        attempts: m.state.attempts,
+        started: m.started,
+        reserve_waived: m.reserve_waived,
+        stopped: m.stopped,
+        overruled: false,
+    }
+}
+
+/// What an idle mission without a memory does about a drone that flies, or rests with motors on, near a deck: it
+/// was landing or leaving, and holding a fixed place there lets the deck rise into it. `Err`: it cannot tell yet.
+pub(super) fn safe_start(s: &Situation, c: &MissionConfig) -> Result<Option<(MissionPhase, Reason)>, ()> {
+    match s.flight {
+        // The autopilot's own hold is a lapse of the link, after which the drone is ours again.
+        ControlState::Unknown | ControlState::OtherControl(AutopilotMode::Hold) => return Err(()),
+        ControlState::Disarmed | ControlState::OtherControl(_) => return Ok(None),
+        ControlState::OnGround | ControlState::Ours => {}
+    }
+    if s.motors_stopped {
+        return Ok(Some((MissionPhase::LANDED, ReasonCode::Touchdown.into())));
+    }
+    let Some(deck) = s.fresh_deck() else {
+        return Err(());
+    };
+    // At the tracking height it may stay, deck or not.
+    let low = deck.clearance_m < c.tracking_height_m - c.steady_height_m;
+    let near = low && deck.distance_m < c.resume_distance_m;
+    if !near {
+        return Ok(None);
+    }
+    let why = Reason::new(ReasonCode::Restarted, deck.clearance_m, 0.0);
+    let phase = if rests(s, c) {
+        // The pilot's evidence of a touchdown decides.
+        MissionPhase::Flare {
+            committed: true,
+            violated: None,
+        }
+    } else {
+        gave_up(s, c)
+    };
+    Ok(Some((phase, why)))
+}
