@@ -58,7 +58,10 @@ fn estimate_reports_an_nmea_log_as_text_and_json() {
         .find(|p| p["what"] == "roll")
         .unwrap();
     assert!(roll["rms"][2].as_f64() < roll["hold_rms"][2].as_f64(), "{roll}");
-    assert!(roll["ridge_rms"][2].as_f64() < roll["hold_rms"][2].as_f64(), "{roll}");
+    assert!(
+        roll["ridge_rms"][2].as_f64() < roll["hold_rms"][2].as_f64(),
+        "{roll}"
+    );
     assert!(text.contains("ridge"), "{text}");
 }
 
