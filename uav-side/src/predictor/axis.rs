@@ -199,6 +199,21 @@ impl Axis {
         self.p[i][i] = var;
         self.p[i + 1][i + 1] = var * o.omega * o.omega;
     }
+    /// One oscillator in the place of all: their sum, with its covariance `T P T'`.
+    pub fn fold_oscillators(&mut self) {
+        for k in (HEAD + 2..self.n).step_by(2) {
+            for (to, from) in [(HEAD, k), (HEAD + 1, k + 1)] {
+                self.x[to] += self.x[from];
+                for j in 0..self.n {
+                    self.p[to][j] += self.p[from][j];
+                }
+                for j in 0..self.n {
+                    self.p[j][to] += self.p[j][from];
+                }
+            }
+        }
+        self.n = self.n.min(HEAD + 2);
+    }
     /// `x <- A x`, `P <- A P A' + Q` over `step`.
     pub fn propagate(&mut self, noise: &AxisNoise, oscillators: &[Oscillator], axis: usize, step: &Step) {
         let dt = step.dt;

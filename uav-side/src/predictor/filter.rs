@@ -181,6 +181,21 @@ impl Filter {
             }
         }
     }
+    /// The vessel has identified its motion: what the bank of oscillators held becomes modes and what they leave.
+    pub fn adopt_modes(&mut self, waves: &Waves) {
+        let newest = self.entries.len().saturating_sub(1);
+        // What came before was reckoned about no modes.
+        self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
+        let Some(e) = self.entries.back_mut() else { return };
+        e.observation = None;
+        let modes = waves.motion(e.at);
+        for (i, a) in e.after.iter_mut().enumerate() {
+            a.fold_oscillators();
+            // Where the path of a velocity begins is no motion of the waves.
+            a.x[if i < 2 { MEAN } else { HEAD }] -= modes.value[i];
+            a.x[HEAD + 1] -= modes.rate[i];
+        }
+    }
     /// A newer message has come: what was known since its time of validity is reckoned again about its modes.
     pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));

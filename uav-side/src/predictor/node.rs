@@ -161,11 +161,11 @@ impl Predictor {
     fn wave(&mut self, now: Time<DroneClock>, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
         self.slopes = Some((m.header.at, m.slopes));
-        if self.waves.receive(m) {
-            // Began on the bank, whose oscillators hold what the modes know better.
-            self.filter = None;
-        } else if let Some(f) = &mut self.filter {
-            f.rebase(&self.waves, m.header.at);
+        let identified = self.waves.receive(m);
+        match &mut self.filter {
+            Some(f) if identified => f.adopt_modes(&self.waves),
+            Some(f) => f.rebase(&self.waves, m.header.at),
+            None => {}
         }
         Ok(())
     }

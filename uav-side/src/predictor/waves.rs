@@ -198,7 +198,7 @@ impl Waves {
     }
 
     /// Takes the vessel's wave model, once it is known how far it is off; true when the bank has gone, and the filters
-    /// have to drop all oscillators but the first.
+    /// have to fold its oscillators into the first.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
         if !(self.confidence > 0.0) || self.spread.is_empty() {
