@@ -47,6 +47,10 @@ pub struct Supervisor {
     /// Processes write errors where the supervisor does, not into files.
     inherit_stderr: bool,
     lines: (Sender<String>, Receiver<String>),
+    /// In flight a process that cannot be started does not end the others.
+    keeps_others: bool,
+    /// Of the first start of a process, for the next poll.
+    events: Vec<Event>,
 }
 
 /// What happened to a process.
@@ -56,6 +60,8 @@ pub enum Event {
     Ended(ProcessKind, String),
     /// It reported nothing for this long and is killed, s.
     Silent(ProcessKind, f64),
+    /// It could not be started; it is tried again.
+    NotStarted(ProcessKind, String),
 }
 
 impl fmt::Display for Event {
@@ -70,6 +76,9 @@ impl fmt::Display for Event {
                     "{} reported nothing for {silence_s:.1} s and is killed",
                     kind.name()
                 )
+            }
+            Event::NotStarted(kind, error) => {
+                write!(f, "{} is not started, and tried again: {error}", kind.name())
             }
         }
     }
@@ -91,6 +100,8 @@ impl Supervisor {
             None => None,
         };
         Ok(Supervisor {
+            keeps_others: limits.max_failures.is_none(),
+            events: Vec::new(),
             node: SupervisorNode::new(limits),
             node_log,
             processes: Vec::new(),
@@ -124,7 +135,8 @@ impl Supervisor {
             arguments,
             child: None,
         });
-        self.poll(|_| None).map(drop)
+        self.events = self.poll(|_| None)?;
+        Ok(())
     }
 
     fn spawn(&mut self, kind: ProcessKind) -> Result<(), CliError> {
@@ -169,7 +181,7 @@ impl Supervisor {
     /// Looks after all: what ended is started again after a delay, what is silent for too long is killed.
     /// `reported` says when a process's newest report came, on the steady clock, ns.
     pub fn poll(&mut self, reported: impl Fn(ProcessKind) -> Option<i64>) -> Result<Vec<Event>, CliError> {
-        let mut events = Vec::new();
+        let mut events = core::mem::take(&mut self.events);
         let mut observed = Vec::new();
         for managed in &mut self.processes {
             if let Some(child) = &mut managed.child
@@ -192,7 +204,10 @@ impl Supervisor {
         }
         for action in actions {
             match action {
-                Action::Start(kind) => self.spawn(kind)?,
+                Action::Start(kind) => match self.spawn(kind) {
+                    Err(e) if self.keeps_others => events.push(Event::NotStarted(kind, e.to_string())),
+                    started => started?,
+                },
                 Action::Kill(kind, silence_s) => {
                     self.kill(kind);
                     events.push(Event::Silent(kind, silence_s));
@@ -302,4 +317,46 @@ fn own_program() -> std::io::Result<PathBuf> {
 #[allow(clippy::disallowed_methods)]
 pub fn pause(span: Duration) {
     std::thread::sleep(span);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn missing(limits: Limits) -> (Supervisor, Result<(), CliError>) {
+        let mut supervisor = Supervisor::new(std::env::temp_dir(), None, limits)
+            .unwrap()
+            .inheriting_stderr();
+        let prefix = vec!["/nonexistent/program".into()];
+        let started = supervisor.start(ProcessKind::Camera, Vec::new(), prefix);
+        (supervisor, started)
+    }
+
+    #[test]
+    fn supervisor_in_flight_tries_a_process_again_that_cannot_be_started() {
+        let (mut supervisor, started) = missing(Limits::default());
+        started.unwrap();
+        let not_started = |events: &[Event]| {
+            let of_camera = |e: &Event| matches!(e, Event::NotStarted(ProcessKind::Camera, _));
+            events.iter().filter(|e| of_camera(e)).count()
+        };
+        assert_eq!(not_started(&supervisor.poll(|_| None).unwrap()), 1);
+        assert!(supervisor.pid(ProcessKind::Camera).is_none());
+        let mut again = 0;
+        for _ in 0..50 {
+            pause(Duration::from_millis(20));
+            again += not_started(&supervisor.poll(|_| None).unwrap());
+        }
+        assert!(again > 0);
+    }
+
+    #[test]
+    fn supervisor_of_a_trial_says_what_cannot_be_started() {
+        let limits = Limits {
+            silence_timeout_s: None,
+            max_failures: Some(3),
+        };
+        let (_, started) = missing(limits);
+        assert!(started.unwrap_err().to_string().contains("camera"));
+    }
 }

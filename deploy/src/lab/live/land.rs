@@ -441,7 +441,7 @@ impl<'a> Landing<'a> {
             for event in self.supervisor.poll(|kind| reports.get(&kind).map(|p| p.at_ns))? {
                 let (kind, status) = match event {
                     Event::Ended(kind, status) => (kind, status),
-                    Event::Silent(..) => {
+                    Event::Silent(..) | Event::NotStarted(..) => {
                         eprintln!("{event}");
                         continue;
                     }
