@@ -139,7 +139,7 @@ mod tests {
                     shape: shape(0.2),
                 },
                 Mode {
-                    pole: Complex::new(-0.8, 0.0),
+                    pole: Complex::new(-0.8, 0.6),
                     shape: shape(-0.4),
                 },
             ],
