@@ -125,10 +125,10 @@ pub fn table(origin: &str, r: &Review) -> String {
     line(predictions.text());
     if let Some(p) = r.predictions.first() {
         line(format!(
-            "  rms against the later estimate, {} predictions; modes: the vessel's broadcast; ridge: a regression",
+            "  rms against the later estimate, {} predictions; modes: as broadcast; ridge: regression on two",
             p.count
         ));
-        line("  on the estimates of the last two minutes; held: the last estimate stands still".into());
+        line("  minutes of estimates; held: the last estimate stands still".into());
     } else {
         line("  too short for a prediction to be compared".into());
     }
