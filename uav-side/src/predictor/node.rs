@@ -343,15 +343,17 @@ impl Predictor {
         let lever_arm = self.track.newest().map_or(Vector3::zeros(), |d| {
             Vector3::from_fn(|i, _| axes[i].project(MeasurementRow::Vision).0) - d.position()
         });
-        let mount = self.config.camera_mount_sd_m.powi(2);
         let turn = |i: usize| axes[i].p[VISION][VISION].max(0.0);
-        let mount = mount + (self.config.vision_scale_sd * lever_arm.norm()).powi(2);
+        // An error of scale lies along the line of sight.
+        let mount = |i: usize| {
+            self.config.camera_mount_sd_m.powi(2) + (self.config.vision_scale_sd * lever_arm[i]).powi(2)
+        };
         core::array::from_fn(|i| {
             let (v, r) = self.stated[i];
             match i {
-                0 | 1 if vision => (mount, k * r),
+                0 | 1 if vision => (mount(i), k * r),
                 2 if vision => (
-                    turn(3) * lever_arm.y * lever_arm.y + turn(4) * lever_arm.x * lever_arm.x + mount,
+                    turn(3) * lever_arm.y * lever_arm.y + turn(4) * lever_arm.x * lever_arm.x + mount(i),
                     k * r,
                 ),
                 5 if vision => (0.0, k * r),
