@@ -9,7 +9,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::VesselPrediction;
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
-use alight_usv::review::ridge::{Published, REFIT_S, Ridge};
+use alight_usv::review::ridge::{Published, RefittedRidge};
 use alight_usv::{VesselNode, VesselNodeConfig};
 use serde::Serialize;
 
@@ -23,9 +23,6 @@ const HORIZONS: usize = HORIZONS_S.len();
 pub const JUDGED_FROM_S: [f64; 2] = [60.0, 180.0];
 /// Length of a judged stretch, s.
 pub const JUDGED_S: f64 = 120.0;
-
-/// Before that the estimator has not settled, s.
-const SETTLED_S: f64 = 10.0;
 
 /// Quantities: roll, pitch (rad), heave (m down).
 pub const QUANTITIES: [&str; 3] = ["roll rad", "pitch rad", "heave m"];
@@ -178,7 +175,7 @@ fn judge(
     truth: &[[f64; 3]],
 ) -> RunErrors {
     let mut errors = RunErrors::default();
-    let mut fitted: Option<(u64, Option<Ridge>)> = None;
+    let mut ridge = RefittedRidge::new(began, &HORIZONS_S);
     for message in messages {
         let at = message.prediction.header.at;
         let t = (at - began).secs();
@@ -186,24 +183,10 @@ fn judge(
             .iter()
             .position(|from| (*from..from + JUDGED_S).contains(&t));
         let Some(stretch) = stretch else { continue };
-        let fit = (t / REFIT_S).floor() as u64;
-        if fitted.as_ref().is_none_or(|f| f.0 != fit) {
-            let ridge = Ridge::fit(
-                published,
-                began + Span::from_secs(fit as f64 * REFIT_S),
-                began + Span::from_secs(SETTLED_S),
-                &HORIZONS_S,
-            );
-            fitted = Some((fit, ridge));
-        }
-        let past = published.until(at);
-        let Some(now) = past.at(at) else {
+        let Some(now) = published.until(at).at(at) else {
             continue;
         };
-        let reference = fitted
-            .as_ref()
-            .and_then(|f| f.1.as_ref())
-            .and_then(|r| r.predict(&past, at));
+        let reference = ridge.predict(published, at);
         for (h, ahead) in HORIZONS_S.into_iter().enumerate() {
             let Some(then) = truth_at(truth, at - began + Span::from_secs(ahead)) else {
                 continue;

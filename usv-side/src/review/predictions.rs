@@ -7,7 +7,7 @@ use alight_shared::msg::{VesselEstimate, VesselPrediction};
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::Serialize;
 
-use super::ridge::{Published, REFIT_S, Ridge};
+use super::ridge::{Published, RefittedRidge};
 
 /// Times ahead, s.
 pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
@@ -18,8 +18,6 @@ const HEAVE: usize = 2;
 const MAX_PENDING: usize = 64;
 /// Degrees of freedom that the regression predicts.
 const RIDGE_DOFS: [usize; 3] = [3, 4, HEAVE];
-/// Before that the estimator has not settled, s.
-const SETTLED_S: f64 = 10.0;
 /// Longest time between two estimates over which they are interpolated, s.
 const MAX_GAP_S: f64 = 0.2;
 
@@ -70,8 +68,8 @@ pub(super) struct Predictions {
     last: Option<(Time<VesselClock>, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
     published: Published,
-    began: Option<Time<VesselClock>>,
-    fitted: Option<(Time<VesselClock>, Option<Ridge>)>,
+    /// Since the first estimate.
+    ridge: Option<RefittedRidge>,
 }
 
 fn difference(dof: usize, a: f64, b: f64) -> f64 {
@@ -82,7 +80,10 @@ impl Predictions {
     /// Keeps a prediction, made when the mean water level was at `level` (m down).
     pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>, level: f64) {
         let Some((held, _)) = p.at(0.0) else { return };
-        let ridge = self.ridge(p.header.at);
+        let ridge = self
+            .ridge
+            .as_mut()
+            .and_then(|r| r.predict(&self.published, p.header.at));
         for (horizon, h) in HORIZONS_S.iter().enumerate() {
             if let Some((predicted, sd)) = p.at(*h)
                 && self.pending.len() < MAX_PENDING
@@ -101,21 +102,12 @@ impl Predictions {
             }
         }
     }
-    /// Roll, pitch and heave at every horizon after `at` by the regression, which is fitted anew every ten seconds.
-    fn ridge(&mut self, at: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
-        let due = |(fitted, _): &(Time<VesselClock>, _)| (at - *fitted).secs() >= REFIT_S;
-        if self.fitted.as_ref().is_none_or(due) {
-            let settled = self.began? + Span::from_secs(SETTLED_S);
-            self.fitted = Some((at, Ridge::fit(&self.published, at, settled, &HORIZONS_S)));
-        }
-        let (_, ridge) = self.fitted.as_ref()?;
-        ridge.as_ref()?.predict(&self.published.until(at), at)
-    }
     /// Compares what is due with an estimate, made when the mean water level was at `level` (m down).
     pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>, level: f64) {
         let (at, eta) = (estimate.header.at, estimate.eta);
         if self.last.is_none_or(|(before, _)| at > before) {
-            self.began.get_or_insert(at);
+            self.ridge
+                .get_or_insert_with(|| RefittedRidge::new(at, &HORIZONS_S));
             self.published.push(estimate, level);
             self.published.forget();
         }

@@ -18,7 +18,9 @@ const RIDGE: f64 = 3e-3;
 /// It is fitted to so much of the past, s, and as often, s.
 const WINDOW_S: f64 = 120.0;
 /// Time after which it is fitted anew, s.
-pub const REFIT_S: f64 = 10.0;
+const REFIT_S: f64 = 10.0;
+/// Before that the estimator has not settled, s.
+const SETTLED_S: f64 = 10.0;
 /// Fewest rows of a fit.
 const MIN_ROWS: usize = 200;
 const CHANNELS: usize = 6;
@@ -175,6 +177,37 @@ impl Ridge {
             core::array::from_fn(|q| self.mean[q] + self.scale[q] * y[q])
         };
         Some(self.weights.iter().map(of).collect())
+    }
+}
+
+/// The regression in use: fitted anew every 10 s since the node began, once the estimator has settled.
+#[derive(Clone, Debug)]
+pub struct RefittedRidge {
+    began: Time<VesselClock>,
+    horizons_s: &'static [f64],
+    /// By which 10 s.
+    fitted: Option<(u64, Option<Ridge>)>,
+}
+
+impl RefittedRidge {
+    /// For these times ahead (s), of a node that began to publish at `began`.
+    pub fn new(began: Time<VesselClock>, horizons_s: &'static [f64]) -> Self {
+        RefittedRidge {
+            began,
+            horizons_s,
+            fitted: None,
+        }
+    }
+    /// Roll, pitch and heave at every horizon after `t`, of what was published until then; times do not decrease.
+    pub fn predict(&mut self, published: &Published, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
+        let period = ((t - self.began).secs() / REFIT_S).floor();
+        if self.fitted.as_ref().is_none_or(|f| f.0 != period as u64) {
+            let at = self.began + Span::from_secs(period * REFIT_S);
+            let settled = self.began + Span::from_secs(SETTLED_S);
+            self.fitted = Some((period as u64, Ridge::fit(published, at, settled, self.horizons_s)));
+        }
+        let (_, ridge) = self.fitted.as_ref()?;
+        ridge.as_ref()?.predict(&published.until(t), t)
     }
 }
 
