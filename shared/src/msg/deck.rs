@@ -113,8 +113,12 @@ pub struct DeckStage {
     pub position_sd: [f64; 3],
     /// Standard deviations of `velocity`, m/s.
     pub velocity_sd: [f64; 3],
+    /// Standard deviations of `acceleration`, m/s².
+    pub acceleration_sd: [f64; 3],
     /// Standard deviations of `euler`, rad.
     pub euler_sd: [f64; 3],
+    /// Standard deviations of `euler_rates`, rad/s.
+    pub euler_rates_sd: [f64; 3],
 }
 
 impl DeckStage {
@@ -143,7 +147,9 @@ impl DeckStage {
             euler_rates: mix(self.euler_rates, other.euler_rates),
             position_sd: mix(self.position_sd, other.position_sd),
             velocity_sd: mix(self.velocity_sd, other.velocity_sd),
+            acceleration_sd: mix(self.acceleration_sd, other.acceleration_sd),
             euler_sd: mix(self.euler_sd, other.euler_sd),
+            euler_rates_sd: mix(self.euler_rates_sd, other.euler_rates_sd),
         }
     }
 }
@@ -229,6 +235,7 @@ message!(DeckForecast, DroneClock, |m| {
             && within(&s.euler_rates, MAX_RATE_RPS)
     }) => "stages",
     m.stages.iter().all(|s| {
-        deviations([&s.position_sd, &s.velocity_sd, &s.euler_sd], f64::INFINITY)
+        deviations([&s.position_sd, &s.velocity_sd, &s.acceleration_sd], f64::INFINITY)
+            && deviations([&s.euler_sd, &s.euler_rates_sd], f64::INFINITY)
     }) => "standard deviations",
 });

@@ -69,7 +69,7 @@ impl Horizon {
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
-        let knots: [[(f64, f64); KNOTS.len()]; AXES] =
+        let knots: [[[f64; 3]; KNOTS.len()]; AXES] =
             core::array::from_fn(|i| core::array::from_fn(|k| self.variance(&axes[i], &noise[i], i, k)));
         let mut modes = waves.modes(now, self.stage_s);
         let mut out = Seq::new();
@@ -80,7 +80,7 @@ impl Horizon {
                 modes.advance();
             }
             let predicted = waves.variance(now, k as f64 * self.stage_s);
-            let frequency = self.oscillators.first().map_or(0.0, |o| o.omega);
+            let square = self.oscillators.first().map_or(0.0, |o| o.omega * o.omega);
             while knot + 2 < KNOTS.len() && KNOTS[knot + 1] < k {
                 knot += 1;
             }
@@ -90,10 +90,9 @@ impl Horizon {
                 &mean,
                 |i| {
                     let (p, q) = (knots[i][knot], knots[i][knot + 1]);
-                    (
-                        p.0 + f * (q.0 - p.0) + common[i].0 + predicted[i],
-                        p.1 + f * (q.1 - p.1) + common[i].1 + predicted[i] * frequency * frequency,
-                    )
+                    let of_modes = [1.0, square, square * square].map(|w| predicted[i] * w);
+                    let common = [common[i].0, common[i].1, 0.0];
+                    core::array::from_fn(|k| p[k] + f * (q[k] - p[k]) + common[k] + of_modes[k])
                 },
                 clock_var,
                 waves.lever_arm(),
@@ -119,7 +118,7 @@ impl Horizon {
         let mut modes = waves.modes(now, self.stage_s);
         let mut forces = [Vector3::zeros(); PREDICTED_SLOPES + 2 * SLOPE_STEPS];
         for force in &mut forces {
-            let s = self.stage(&mean, |_| (0.0, 0.0), 0.0, waves.lever_arm(), &modes.motion());
+            let s = self.stage(&mean, |_| [0.0; 3], 0.0, waves.lever_arm(), &modes.motion());
             *force = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
             self.advance(&mut mean, &heads);
             modes.advance();
@@ -158,14 +157,14 @@ impl Horizon {
         }
     }
 
-    /// Variance of value and rate at knot `k`, from the covariance now and the noise until then.
-    fn variance(&self, a: &Axis, noise: &AxisNoise, axis: usize, k: usize) -> (f64, f64) {
+    /// Variance of value, rate and acceleration at knot `k`, from the covariance now and the noise until then.
+    fn variance(&self, a: &Axis, noise: &AxisNoise, axis: usize, k: usize) -> [f64; 3] {
         let Some(step) = self.knots.get(k) else {
-            return (0.0, 0.0);
+            return [0.0; 3];
         };
         let n = a.n.min(HEAD + 2 * step.count);
         let head = Head::new(noise, step.dt);
-        let (mut h, mut g) = ([0.0; MAX_STATES], [0.0; MAX_STATES]);
+        let (mut h, mut g, mut f) = ([0.0; MAX_STATES], [0.0; MAX_STATES], [0.0; MAX_STATES]);
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
@@ -173,7 +172,7 @@ impl Horizon {
         // drifts now. What nobody knows of its drift to come is left out: it moves drone and plan alike
         // until the next detection.
         let q = head.noise(noise, step.dt);
-        let (mut value, mut rate) = (q.mean, q.rate);
+        let (mut value, mut rate, mut acceleration) = (q.mean, q.rate, 0.0);
         if in_vision_frame(axis) {
             h[VISION] = 1.0;
             h[DRIFT] = head.wander;
@@ -189,27 +188,34 @@ impl Horizon {
         {
             let i = HEAD + 2 * j;
             (h[i], h[i + 1], g[i], g[i + 1]) = (t[0], t[1], t[2], t[3]);
+            // x'' = -omega² x - 2 lambda omega x'.
+            let (stiff, damped) = (-o.omega * o.omega, -2.0 * o.damping * o.omega);
+            (f[i], f[i + 1]) = (stiff * t[0] + damped * t[2], stiff * t[1] + damped * t[3]);
             let var = o.sd[axis].powi(2);
             value += var * n[0];
             rate += var * n[2];
+            acceleration +=
+                var * (stiff * stiff * n[0] + 2.0 * stiff * damped * n[1] + damped * damped * n[2]);
         }
         for i in 0..n {
-            let (mut ph, mut pg) = (0.0, 0.0);
-            for ((p, h), g) in a.p[i].iter().zip(&h).zip(&g).take(n) {
+            let (mut ph, mut pg, mut pf) = (0.0, 0.0, 0.0);
+            for (((p, h), g), f) in a.p[i].iter().zip(&h).zip(&g).zip(&f).take(n) {
                 ph += p * h;
                 pg += p * g;
+                pf += p * f;
             }
             value += h[i] * ph;
             rate += g[i] * pg;
+            acceleration += f[i] * pf;
         }
-        (value.max(0.0), rate.max(0.0))
+        [value, rate, acceleration].map(|v: f64| v.max(0.0))
     }
 
-    /// One stage from the means; `var` gives (value, rate) variances per degree of freedom.
+    /// One stage from the means; `var` gives the variances of value, rate and acceleration per degree of freedom.
     fn stage(
         &self,
         mean: &[[f64; MAX_STATES]; AXES],
-        var: impl Fn(usize) -> (f64, f64),
+        var: impl Fn(usize) -> [f64; 3],
         clock_var: f64,
         lever_arm: &Vector3<f64>,
         modes: &DeckMotion,
@@ -245,10 +251,12 @@ impl Horizon {
             a[0] -= mean[5][RATE] * mean[1][RATE];
             a[1] += mean[5][RATE] * mean[0][RATE];
         }
-        let all: [(f64, f64); AXES] = core::array::from_fn(var);
-        let sd = |i: usize| (all[i].0 + r[i] * r[i] * clock_var).sqrt();
-        let rate_sd = |i: usize| (all[i].1 + a[i] * a[i] * clock_var).sqrt();
-        let (tn, te) = (sd(3), sd(4));
+        let all: [[f64; 3]; AXES] = core::array::from_fn(var);
+        let sd = |i: usize| (all[i][0] + r[i] * r[i] * clock_var).sqrt();
+        let rate_sd = |i: usize| (all[i][1] + a[i] * a[i] * clock_var).sqrt();
+        let acceleration_sd = |i: usize| all[i][2].sqrt();
+        let turned = |n: f64, e: f64| ((c * n).hypot(s * e), (s * n).hypot(c * e));
+        let (tilt_sd, tilt_rate_sd) = (turned(sd(3), sd(4)), turned(rate_sd(3), rate_sd(4)));
         DeckStage {
             position: [v[0], v[1], v[2]],
             velocity: [r[0], r[1], r[2]],
@@ -257,7 +265,9 @@ impl Horizon {
             euler_rates: [dr + r[5] * pitch, dp - r[5] * roll, r[5]],
             position_sd: [sd(0), sd(1), sd(2)],
             velocity_sd: [rate_sd(0), rate_sd(1), rate_sd(2)],
-            euler_sd: [(c * tn).hypot(s * te), (s * tn).hypot(c * te), sd(5)],
+            acceleration_sd: [0, 1, 2].map(acceleration_sd),
+            euler_sd: [tilt_sd.0, tilt_sd.1, sd(5)],
+            euler_rates_sd: [tilt_rate_sd.0, tilt_rate_sd.1, rate_sd(5)],
         }
     }
 }

@@ -21,16 +21,27 @@ pub fn aligned_acceleration(deck: &DeckStage) -> Vector2<f64> {
     Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
 }
 
-/// What touching this deck in `wind` (its horizontal acceleration, m/s²) costs, besides waiting for
-/// it.
-pub fn cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
+/// What touching this deck in `wind` (its horizontal acceleration, m/s²) is expected to cost, besides waiting for it:
+/// `E[x²] = E[x]² + var x` of each quantity, so that an instant of which little is known counts as an average one.
+pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
+    let variance = |sd: &[f64]| sd.iter().map(|s| s * s).sum::<f64>();
+    let tilt_var = variance(&deck.euler_sd[..2]);
     let a = Vector3::from(deck.acceleration).xy();
-    let mismatch = (a - aligned_acceleration(deck) - wind).norm() / c.mismatch_mps2;
+    let mismatch = (a - aligned_acceleration(deck) - wind).norm_squared()
+        + variance(&deck.acceleration_sd[..2])
+        + GRAVITY * GRAVITY * tilt_var;
     let n = deck.normal();
-    let tilt = n.x.hypot(n.y).min(1.0).asin().to_degrees() / c.tilt_deg;
-    let rate = deck.euler_rates[0].hypot(deck.euler_rates[1]).to_degrees() / c.tilt_rate_dps;
-    let rising = (-deck.velocity[2]).max(0.0) / c.rising_mps;
-    mismatch * mismatch + 0.5 * (tilt * tilt + rate * rate + rising * rising)
+    let tilt = n.x.hypot(n.y).min(1.0).asin().powi(2) + tilt_var;
+    let [roll, pitch, _] = deck.euler_rates;
+    let rate = roll * roll + pitch * pitch + variance(&deck.euler_rates_sd[..2]);
+    // Half of the deviations of a velocity are upwards.
+    let rising = (-deck.velocity[2]).max(0.0).powi(2) + 0.5 * variance(&deck.velocity_sd[2..]);
+    let over = |square: f64, scale: f64| square / (scale * scale);
+    over(mismatch, c.mismatch_mps2)
+        + 0.5
+            * (over(tilt, c.tilt_deg.to_radians())
+                + over(rate, c.tilt_rate_dps.to_radians())
+                + over(rising, c.rising_mps))
 }
 
 /// The chosen instant.
@@ -61,7 +72,7 @@ impl TouchdownTime {
         let price = |t: Time<DroneClock>| {
             // Beyond the forecast every instant is like its end.
             let deck = forecast.at(t.min(end).max(forecast.header.at))?;
-            Some(cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
+            Some(expected_cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
         };
         let earliest = now + Span::from_secs(min_time);
         let old = self.at;
@@ -150,6 +161,25 @@ mod tests {
     }
 
     #[test]
+    fn touchdown_time_does_not_wait_for_a_deck_that_is_level_only_on_average() {
+        let c = TouchdownTimeConfig::default();
+        let ahead = |spread: f64| {
+            let f = forecast(header(0, Time::EPOCH), |t| {
+                // What is known fades into the mean, and the spread about it grows.
+                let known = (-t / 2.0).exp();
+                DeckStage {
+                    euler: [0.15 * known, 0.0, 0.0],
+                    euler_sd: [spread * (1.0 - known * known).sqrt(); 3],
+                    ..DeckStage::default()
+                }
+            });
+            TouchdownTime::default().choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, false, &c)
+        };
+        assert!(ahead(0.0) > 3.5, "{}", ahead(0.0));
+        assert!(ahead(0.15) < 1.6, "{}", ahead(0.15));
+    }
+
+    #[test]
     fn touchdown_cost_is_zero_on_a_deck_that_accelerates_down_its_slope() {
         // Water slopes as it accelerates: a = g tan(tilt).
         let mut d = DeckStage {
@@ -162,15 +192,15 @@ mod tests {
             tilt_deg: 90.0,
             ..TouchdownTimeConfig::default()
         };
-        let stuck = cost(&d, &STILL, &c);
+        let stuck = expected_cost(&d, &STILL, &c);
         d.acceleration = [a.x, a.y, 0.0];
-        assert!(cost(&d, &STILL, &c) < 0.01 && stuck > 1.0);
+        assert!(expected_cost(&d, &STILL, &c) < 0.01 && stuck > 1.0);
         // So does a level deck in wind that accelerates as the wind pushes.
         let level = DeckStage {
             acceleration: [0.8, 0.0, 0.0],
             ..DeckStage::default()
         };
         let wind = Vector2::new(0.8, 0.0);
-        assert!(cost(&level, &wind, &c) < 1e-9 && cost(&level, &STILL, &c) > 1.0);
+        assert!(expected_cost(&level, &wind, &c) < 1e-9 && expected_cost(&level, &STILL, &c) > 1.0);
     }
 }
