@@ -33,6 +33,7 @@ impl Sea {
             position_sd: [0.05; 3],
             velocity_sd: [0.05; 3],
             euler_sd: [0.01; 3],
+            ..DeckStage::default()
         }
     }
 }
