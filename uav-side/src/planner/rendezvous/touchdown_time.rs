@@ -175,7 +175,7 @@ mod tests {
             });
             TouchdownTime::default().choose(Time::EPOCH, &f, &STILL, 1.5, 1.5, false, &c)
         };
-        assert!(ahead(0.0) > 3.5, "{}", ahead(0.0));
+        assert!(ahead(0.0) > 3.0, "{}", ahead(0.0));
         assert!(ahead(0.15) < 1.6, "{}", ahead(0.15));
     }
 
