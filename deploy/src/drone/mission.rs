@@ -6,7 +6,7 @@ use alight_shared::msg::{
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
-use alight_shared::transport::memory::{Listener, Memory, Publisher};
+use alight_shared::transport::memory::{Listener, Memory, Publisher, Subscriber};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::mission::{Mission, MissionIn, MissionOut};
 use tracing::warn;
@@ -24,7 +24,7 @@ reads! {
         newest set_point: SetPoint,
         all commands: Command,
         newest deck: DeckGrant<DroneClock>,
-        newest memory: MissionMemory,
+        ; memory
     }
 }
 
@@ -32,6 +32,8 @@ reads! {
 pub struct MissionShell {
     state: Publisher<MissionState>,
     memory: Publisher<MissionMemory>,
+    /// What the one before this one said; None: this one has begun, and what it hears there are its own words.
+    before: Option<Subscriber<MissionMemory>>,
 }
 
 impl Shell for MissionShell {
@@ -41,12 +43,13 @@ impl Shell for MissionShell {
 
     fn node(computer: &DroneComputer, boot: u32) -> Mission {
         let (drone, id) = (&computer.drone, computer.bridge.drone_id);
-        Mission::successor(&drone.mission(), &drone.airframe, &drone.deck, id, boot)
+        Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, boot).as_successor()
     }
     fn join(memory: &Memory) -> Result<Self, TransportError> {
         Ok(MissionShell {
             state: memory.publisher()?,
             memory: memory.publisher()?,
+            before: Some(memory.subscriber()?),
         })
     }
     fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
@@ -56,7 +59,13 @@ impl Shell for MissionShell {
             memory.listener::<Command>()?,
         ])
     }
+    fn complete(&mut self, t: i64, input: &mut MissionIn) {
+        input.memory = self.before.as_mut().and_then(|before| before.newest(t));
+    }
     fn send(&mut self, out: &MissionOut) -> bool {
+        if out.state.is_some() {
+            self.before = None;
+        }
         // First what must not be lost.
         self.memory.send_any(out.memory.as_ref());
         self.state.send_any(out.state.as_ref());

@@ -34,9 +34,12 @@ pub trait Reads: Sized {
 }
 
 /// Declares the topics that a node reads, with the names of its input's fields: `newest` is a state
-/// stream, `all` an event stream.
+/// stream, `all` an event stream; the field after the semicolon is filled in by [`Shell::complete`].
 macro_rules! reads {
-    ($(#[$doc:meta])* $name:ident => $input:ident { $($how:ident $field:ident: $message:ty,)* }) => {
+    ($(#[$doc:meta])* $name:ident => $input:ident {
+        $($how:ident $field:ident: $message:ty,)*
+        $(; $later:ident)?
+    }) => {
         $(#[$doc])*
         pub struct $name { $($field: alight_shared::transport::memory::Subscriber<$message>,)* }
         impl $crate::process::shell::Reads for $name {
@@ -45,7 +48,7 @@ macro_rules! reads {
                 Ok($name { $($field: memory.subscriber()?,)* })
             }
             fn read(&mut self, t: i64) -> $input {
-                $input { $($field: self.$field.$how(t),)* }
+                $input { $($field: self.$field.$how(t),)* $($later: None)? }
             }
             fn states(&self, t: i64) -> Vec<alight_shared::transport::process::InputState> {
                 vec![$(self.$field.statistics().state(t),)*]
@@ -112,6 +115,8 @@ pub trait Shell: Sized {
     fn join(memory: &Memory) -> Result<Self, TransportError>;
     /// What wakes it.
     fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError>;
+    /// Completes the input with what is not read all the time; `t` is the drone's clock, ns.
+    fn complete(&mut self, _t: i64, _input: &mut <Self::Node as Node>::In) {}
     /// Publishes; true when the node had something to do.
     fn send(&mut self, out: &<Self::Node as Node>::Out) -> bool;
     /// Messages that could not be published.
@@ -138,7 +143,9 @@ pub fn run<S: Shell>(args: &ProcessArgs) -> Result<Exit, CliError> {
     let wakes = S::wakes(&memory)?;
 
     wake::run(&wakes.iter().collect::<Vec<_>>(), MAX_WAIT, || {
-        let input = reads.read(process.now().nanos());
+        let t = process.now().nanos();
+        let mut input = reads.read(t);
+        shell.complete(t, &mut input);
         // Read after the messages: a step is never earlier than a message that it consumes, however long
         // the process was kept waiting in between.
         let now = process.now();

@@ -94,15 +94,16 @@ impl Nodes {
             None => Planner::new(planner, airframe, deck, l),
             Some(law) => Planner::with_law(law, planner, airframe, deck, l),
         };
+        let mission = Mission::new(&drone.mission(), &drone.airframe, &drone.deck, id, m);
         let mission = match number(LIVE)? {
-            0 => Mission::new,
-            _ => Mission::successor,
+            0 => mission,
+            _ => mission.as_successor(),
         };
         Ok(Nodes {
             vessel: VesselNode::new(&vessel, vessel_id, v),
             bridge: Bridge::new(&bridge, b),
             predictor: Predictor::new(&drone.predictor(), p),
-            mission: mission(&drone.mission(), &drone.airframe, &drone.deck, id, m),
+            mission,
             planner,
             pilot: Pilot::new(&drone.pilot, &drone.airframe, id, t),
             computed: Computed::default(),

@@ -183,7 +183,7 @@ impl World {
         drone.mission_starts += 1;
         let boot = drone.boot + drone.mission_starts;
         let (airframe, deck) = (&nodes.drone.airframe, &nodes.drone.deck);
-        drone.mission = Some(Mission::successor(&config, airframe, deck, id, boot));
+        drone.mission = Some(Mission::new(&config, airframe, deck, id, boot).as_successor());
         drone.memory.given = drone.memory.kept.filter(|_| remembered == Remembered::Kept);
     }
     /// A drone's pilot process dies and starts anew at once.

@@ -6,7 +6,8 @@
 use core::fmt;
 
 use alight_shared::msg::{
-    AutopilotMode, Command, MESSAGE_VERSION, Message, MissionMemory, Phase, Reason, ReasonCode, State,
+    AutopilotMode, Command, CommandKind, MESSAGE_VERSION, Message, MissionMemory, Phase, Reason, ReasonCode,
+    State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -23,7 +24,7 @@ const MAX_AGE: Span = Span::from_millis(5000);
 const MEMORY_WAIT: Span = Span::from_millis(300);
 /// ... and so long for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
-/// Commands kept while it waits.
+/// Commands kept while it waits: an abort, and of the others the newest.
 const MAX_COMMANDS: usize = 16;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
 const AT_REST_M: f64 = 0.15;
@@ -84,6 +85,13 @@ pub(super) struct Begun {
 }
 
 impl Beginning {
+    fn keep(&mut self, command: &Command) {
+        if self.commands.len() >= MAX_COMMANDS {
+            let spare = self.commands.iter().position(|c| c.kind != CommandKind::Abort);
+            self.commands.remove(spare.unwrap_or(0));
+        }
+        self.commands.push(*command);
+    }
     /// Takes what arrives, and gives how the mission begins once it knows. `boot` is its own; `complete` says
     /// that it sees the drone and its deck.
     pub(super) fn step(
@@ -98,8 +106,7 @@ impl Beginning {
         if let Some(m) = memory.filter(|m| m.header.boot != boot) {
             self.answer = Some(*m);
         }
-        let left = MAX_COMMANDS.saturating_sub(self.commands.len());
-        self.commands.extend(commands.iter().take(left));
+        commands.iter().for_each(|c| self.keep(c));
         let waited = now - *self.since.get_or_insert(now);
         let answered = self.answer.is_some() || waited >= MEMORY_WAIT;
         if !answered || !(complete || waited >= EVIDENCE_WAIT) {

@@ -150,17 +150,12 @@ impl Mission {
         }
     }
 
-    /// The same, but a mission before it may have flown: it asks for that one's memory first.
-    pub fn successor(
-        config: &MissionConfig,
-        drone: &DroneGeometry,
-        deck: &DeckGeometry,
-        drone_id: u32,
-        boot: u32,
-    ) -> Self {
+    /// A mission before this one may have flown: it asks for that one's memory first.
+    #[must_use]
+    pub fn as_successor(self) -> Self {
         Mission {
             beginning: Some(Beginning::default()),
-            ..Mission::new(config, drone, deck, drone_id, boot)
+            ..self
         }
     }
 
@@ -405,18 +400,6 @@ impl Mission {
     }
 
     fn memory(&self, state: &MissionState) -> MissionMemory {
-        let (committed, disarmed) = match self.phase {
-            MissionPhase::Flare { committed, .. } => (committed, false),
-            MissionPhase::Landed { disarmed, .. } => (false, disarmed),
-            MissionPhase::Idle
-            | MissionPhase::GetAltitude { .. }
-            | MissionPhase::Approach { .. }
-            | MissionPhase::Tracking { .. }
-            | MissionPhase::TrackingStable
-            | MissionPhase::Descent { .. }
-            | MissionPhase::Hold { .. }
-            | MissionPhase::GaveUp { .. } => (false, false),
-        };
         let (recent_tilt_rad, friction_used_mps2) = self.worst.map_or((0.0, 0.0), |(_, worst)| worst);
         MissionMemory {
             header: state.header,
@@ -425,8 +408,8 @@ impl Mission {
             started: self.progress.started,
             reserve_waived: self.progress.reserve_waived,
             stopped: self.progress.stopped,
-            committed,
-            disarmed,
+            committed: matches!(self.phase, MissionPhase::Flare { committed: true, .. }),
+            disarmed: matches!(self.phase, MissionPhase::Landed { disarmed: true, .. }),
             command: self.command,
             abort: self.abort,
             origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),

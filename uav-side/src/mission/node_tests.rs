@@ -216,7 +216,7 @@ fn memory(state: State, t: f64) -> MissionMemory {
 /// why it refused it.
 fn begun(memory: Option<MissionMemory>, height: f64) -> (MissionState, Option<MemoryRefusal>) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    let mut m = Mission::successor(&config(), &drone, &deck, 1, 2);
+    let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
     for k in 0..100_u32 {
         let t = at(10.0 + 0.01 * f64::from(k));
         let z = -1.3 - drone.feet_below_m - height;
@@ -298,6 +298,35 @@ fn successor_without_a_sound_memory_climbs_from_the_deck_and_says_why() {
     // On the deck the pilot's evidence decides; away from it nothing happens.
     assert_eq!(begun(None, 0.05).0.state, State::Flare);
     assert_eq!(begun(None, 12.0).0.state, State::Idle);
+}
+
+#[test]
+fn abort_among_many_commands_to_a_waiting_successor_is_heard() {
+    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+    for abort_at in [0, 15, 16, 29] {
+        let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
+        let mut entered = None;
+        for k in 0..100_u32 {
+            let t = at(10.0 + 0.01 * f64::from(k));
+            let kind = if k == abort_at {
+                CommandKind::Abort
+            } else {
+                CommandKind::Land
+            };
+            let input = MissionIn {
+                commands: (k < 30)
+                    .then(|| command(header(k + 1, t), kind))
+                    .into_iter()
+                    .collect(),
+                memory: (k == 29).then(|| memory(State::Tracking, 10.2)),
+                ..fresh_input(k, t, [0.1, 0.0, -8.3])
+            };
+            if let Some(state) = m.step(t, &input).state {
+                entered.get_or_insert(state.state);
+            }
+        }
+        assert_eq!(entered, Some(State::GaveUp), "abort as command {abort_at}");
+    }
 }
 
 #[test]

@@ -58,18 +58,9 @@ pub fn decide(
 
 /// Whether there is something that an operator can stop: a drone in the air that is ours.
 fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
-    match phase {
-        MissionPhase::Idle => s.flight == ControlState::Ours && s.own.is_some(),
-        MissionPhase::Landed { disarmed, .. } => !disarmed && s.false_touchdown().is_some(),
-        MissionPhase::GetAltitude { .. }
-        | MissionPhase::Approach { .. }
-        | MissionPhase::Tracking { .. }
-        | MissionPhase::TrackingStable
-        | MissionPhase::Descent { .. }
-        | MissionPhase::Flare { .. }
-        | MissionPhase::Hold { .. }
-        | MissionPhase::GaveUp { .. } => true,
-    }
+    let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
+    let stands = matches!(phase, MissionPhase::Landed { disarmed: false, .. });
+    phase.flies() || waits || stands && s.false_touchdown().is_some()
 }
 
 /// What holds in every state that flies.
