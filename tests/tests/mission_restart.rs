@@ -238,7 +238,7 @@ fn pilot_restarted_after_its_stop_leaves_the_motors_off() {
         }
     }
     assert_eq!(world.mission_state().state, State::Landed);
-    world.restart_pilot(0, &nodes);
+    world.start_pilot(0, &nodes);
     for _ in 0..500 {
         world.tick(&mut NoTap);
         assert!(!world.observation().motors_on);

@@ -93,6 +93,8 @@ pub struct FakeAutopilot {
     rates: Vector3<f64>,
     force: Vector3<f64>,
     target: Option<Target>,
+    /// Where its set-points were lost, and it holds.
+    lost_at: Option<Vector3<f64>>,
     /// The mode reported last in CURRENT_MODE, and when.
     reported_mode: Option<(f64, u32)>,
     streams: BTreeMap<u32, f64>,
@@ -156,7 +158,7 @@ impl FakeAutopilot {
         }
         self.chosen = mode;
         self.mode = mode;
-        self.target = None;
+        (self.target, self.lost_at) = (None, None);
         true
     }
     /// Set-points came above 2 Hz for a second.
@@ -318,6 +320,9 @@ impl FakeAutopilot {
         if self.chosen == FakeAutopilot::offboard_mode(self.firmware) {
             if lost {
                 self.target = None;
+                self.lost_at.get_or_insert(self.position);
+            } else {
+                self.lost_at = None;
             }
             if self.firmware == Firmware::Px4 {
                 self.mode = if lost { PX4_HOLD } else { PX4_OFFBOARD };
@@ -339,7 +344,8 @@ impl FakeAutopilot {
             Some(Target::Attitude(q, thrust)) => return (q, thrust / self.tilt_compensation(&q)),
             Some(Target::Place(place, yaw)) => (place, yaw),
             None => {
-                let place = self.manual_hold_position.unwrap_or(self.position);
+                let place = self.lost_at.or(self.manual_hold_position);
+                let place = place.unwrap_or(self.position);
                 ([place, Vector3::zeros(), Vector3::zeros()], heading)
             }
         };

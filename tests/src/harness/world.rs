@@ -17,7 +17,7 @@ use alight_uav::camera::node::CameraIdentity;
 use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
-use alight_uav::planner::{Planner, PlannerIn};
+use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_usv::deck::{ArbiterIn, DeckArbiter, OperatorIn, OperatorRelay};
 use alight_usv::{VesselIn, VesselNode};
@@ -186,11 +186,20 @@ impl World {
         drone.mission = Some(Mission::new(&config, airframe, deck, id, boot).as_successor());
         drone.memory.given = drone.memory.kept.filter(|_| remembered == Remembered::Kept);
     }
-    /// A drone's pilot process dies and starts anew at once.
-    pub fn restart_pilot(&mut self, k: usize, nodes: &NodeConfigs) {
+    /// A drone's pilot process dies.
+    pub fn kill_pilot(&mut self, k: usize) {
+        self.drones[k].pilot = None;
+    }
+    /// It starts anew.
+    pub fn start_pilot(&mut self, k: usize, nodes: &NodeConfigs) {
         let drone = &mut self.drones[k];
         let (settings, boot) = (nodes.settings(), drone.boot + 1);
-        drone.pilot = Pilot::new(&settings.pilot, &settings.airframe, DRONE_ID + k as u32, boot);
+        let pilot = Pilot::new(&settings.pilot, &settings.airframe, DRONE_ID + k as u32, boot);
+        drone.pilot = Some(pilot);
+    }
+    /// A drone's planner process dies for good.
+    pub fn kill_planner(&mut self, k: usize) {
+        self.drones[k].planner = None;
     }
 
     /// A test flies a drone from now on: this set-point stands in place of the pilot's.
@@ -348,8 +357,10 @@ pub struct DroneComputer {
     mission_starts: u32,
     /// What it must not forget, in the supervisor's hands.
     memory: KeptMemory,
-    planner: Planner,
-    pilot: Pilot,
+    /// None: its process is dead.
+    planner: Option<Planner>,
+    /// None: its process is dead.
+    pilot: Option<Pilot>,
     plans: DelayLine<Plan>,
     solve_delay: Span,
     firmware: Option<Box<dyn FirmwareLink>>,
@@ -402,8 +413,8 @@ impl DroneComputer {
             mission: Some(Mission::new(&mission, &drone.airframe, &drone.deck, id, boot)),
             mission_starts: 0,
             memory: KeptMemory::default(),
-            planner: nodes.planner(boot),
-            pilot: Pilot::new(&drone.pilot, &drone.airframe, id, boot),
+            planner: Some(nodes.planner(boot)),
+            pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
             plans: DelayLine::new(MAX_PLANS),
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             firmware: None,
@@ -505,8 +516,11 @@ impl DroneComputer {
             drone: odometry,
             autopilot,
         };
-        let solved = self.planner.step(now, &input);
-        tap.planner(t, now, &input, &solved);
+        let mut solved = PlannerOut::default();
+        if let Some(planner) = &mut self.planner {
+            solved = planner.step(now, &input);
+            tap.planner(t, now, &input, &solved);
+        }
         if let Some(plan) = solved.plan {
             // A full line means plans that nobody fetches: the oldest state is lost, no more.
             let _full = self.plans.push(t + self.solve_delay, plan);
@@ -516,8 +530,12 @@ impl DroneComputer {
         let stands_still = self
             .pilot_outage_window
             .is_some_and(|[from, until]| from <= t && t < until);
-        let mut outputs = NodeOutputs::default();
-        if !stands_still {
+        let mut outputs = NodeOutputs {
+            set_point: None,
+            mission,
+            forecast,
+        };
+        if let Some(pilot) = self.pilot.as_mut().filter(|_| !stands_still) {
             let input = PilotIn {
                 plan,
                 mission,
@@ -526,15 +544,10 @@ impl DroneComputer {
                 autopilot,
                 ranges: readings.ranges,
             };
-            let flown = self.pilot.step(now, &input);
+            let flown = pilot.step(now, &input);
             tap.pilot(t, now, &input, &flown);
-            let set_point = self.external.or(flown.set_point);
-            self.last_set_point = set_point.or(self.last_set_point);
-            outputs = NodeOutputs {
-                set_point,
-                mission,
-                forecast,
-            };
+            outputs.set_point = self.external.or(flown.set_point);
+            self.last_set_point = outputs.set_point.or(self.last_set_point);
         }
         match (&mut self.firmware, &outputs.set_point) {
             (Some(firmware), _) => firmware.send(now, &outputs),

@@ -7,7 +7,7 @@ use alight_uav::autopilot::modes::Firmware;
 
 use crate::pair::{Pair, press, stop};
 use crate::{BOTH, config};
-use alight_sim::autopilots::fake::FakeAutopilot;
+use alight_sim::autopilots::fake::{FakeAutopilot, PX4_HOLD};
 
 /// Pressed on the deck by the pilot until it would detect a touchdown.
 fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
@@ -128,4 +128,57 @@ fn takeover_on_the_deck_ends_the_disarm_commands() {
     let n = p.commands_of(command::ARM_DISARM).len();
     p.run(5.0);
     assert_eq!(p.commands_of(command::ARM_DISARM).len(), n);
+}
+
+/// On the deck, stopped by the pilot, and the autopilot denies the first disarm.
+fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> Pair {
+    let mut p = pressed(firmware, config);
+    p.wired.autopilot.answer = Some(CommandResult::Denied);
+    p.pilot = Some(stop);
+    p.mission = State::Landed;
+    p.run(0.1);
+    p
+}
+
+#[test]
+fn disarm_goes_on_without_the_pilot_through_the_hold_of_the_autopilot() {
+    for firmware in BOTH {
+        for cut_s in [0.0, 2.0] {
+            let mut p = stopped(firmware, &config());
+            p.pilot = None;
+            p.wired.cut = true;
+            p.run(cut_s);
+            let held = firmware == Firmware::Px4 && cut_s > 0.0;
+            assert_eq!(p.wired.autopilot.mode == PX4_HOLD, held, "{firmware:?}");
+            p.wired.cut = false;
+            p.run(1.0);
+            assert!(p.wired.autopilot.armed);
+            p.wired.autopilot.answer = None;
+            p.run(3.0);
+            let a = &p.wired.autopilot;
+            assert!(!a.armed && a.on_deck, "{firmware:?}, {cut_s} s");
+        }
+    }
+}
+
+#[test]
+fn disarm_without_the_pilot_needs_the_evidence_and_never_overrules_a_person() {
+    for firmware in BOTH {
+        // The mission says landed, wrongly.
+        for height in [0.7, 0.8, 5.0] {
+            let mut p = Pair::commanding(firmware, height, &config());
+            p.mission = State::Landed;
+            p.pilot = None;
+            p.run(10.0);
+            assert!(p.commands_of(command::ARM_DISARM).is_empty() && p.wired.autopilot.armed);
+        }
+        let mut p = stopped(firmware, &config());
+        p.wired.autopilot.answer = None;
+        p.wired.autopilot.choose(FakeAutopilot::manual_mode(firmware));
+        p.run(0.1);
+        let n = p.commands_of(command::ARM_DISARM).len();
+        p.pilot = None;
+        p.run(5.0);
+        assert_eq!(p.commands_of(command::ARM_DISARM).len(), n, "{firmware:?}");
+    }
 }

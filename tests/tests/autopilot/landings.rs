@@ -1,6 +1,9 @@
 //! Whole landings over MAVLink in lock-step: the drone's nodes, the link's node, its bytes on a wire that takes
 //! its time, and an autopilot at protocol level whose rotor outputs fly the simulated drone.
 
+use std::cell::Cell;
+use std::rc::Rc;
+
 use alight_shared::time::{DroneClock, Time};
 use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_sim::harness::outcome::Outcome;
@@ -11,31 +14,62 @@ use alight_sim::harness::world::{FirmwareLink, FirmwareOutputs, NodeOutputs, Wor
 use alight_sim::physics::drone::PlantState;
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::config::AutopilotLinkConfig;
+use alight_uav::autopilot::message::CommandResult;
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink};
+use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut};
 
 use crate::wired::Wired;
 
+/// What a test does to the link and the autopilot.
+#[derive(Default)]
+pub struct Faults {
+    /// The link's process is dead; alive again it is a new one.
+    pub dead: Cell<bool>,
+    /// Its cable is out.
+    pub cut: Cell<bool>,
+    /// The autopilot denies every command.
+    pub denies: Cell<bool>,
+}
+
 /// Both ends of the wire in the simulated world.
-struct Linked {
+pub struct Linked {
     wired: Wired,
     now_s: f64,
     since_s: Option<f64>,
+    pub faults: Rc<Faults>,
+    /// Makes the link of a boot.
+    link: Box<dyn Fn(u32) -> AutopilotLink>,
+    boot: u32,
+    died: bool,
 }
 
 impl Linked {
-    fn new(firmware: Firmware, wire_s: f64, nodes: &NodeConfigs) -> Linked {
+    pub fn new(firmware: Firmware, wire_s: f64, nodes: &NodeConfigs) -> Linked {
         let mut autopilot = FakeAutopilot::new(firmware, 0.0);
         autopilot.fly_plant();
-        let d = &nodes.drone;
+        let (d, id) = (nodes.drone.clone(), nodes.bridge.drone_id);
         let config = AutopilotLinkConfig::default();
-        let id = nodes.bridge.drone_id;
-        let link = AutopilotLink::new(&config, &d.odometry, &d.airframe, true, None, id, 1);
+        let link = move |boot| AutopilotLink::new(&config, &d.odometry, &d.airframe, true, None, id, boot);
         Linked {
-            wired: Wired::new(link, autopilot, wire_s),
+            wired: Wired::new(link(1), autopilot, wire_s),
             now_s: 0.0,
             since_s: None,
+            faults: Rc::default(),
+            link: Box::new(link),
+            boot: 1,
+            died: false,
         }
+    }
+    fn step_link(&mut self, now: Time<DroneClock>, input: &AutopilotIn) -> AutopilotOut {
+        if self.faults.dead.get() {
+            self.died = true;
+            return AutopilotOut::default();
+        }
+        if core::mem::take(&mut self.died) {
+            self.boot += 1;
+            self.wired.link = (self.link)(self.boot);
+        }
+        self.wired.step_link(self.now_s, now, input)
     }
 }
 
@@ -57,6 +91,8 @@ impl FirmwareLink for Linked {
             // PX4 refuses until set-points were streamed long enough: a person tries again.
             let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
         }
+        a.answer = self.faults.denies.get().then_some(CommandResult::Denied);
+        self.wired.cut = self.faults.cut.get();
         // It was switched on long ago.
         self.wired.step_autopilot(self.now_s, 1000.0);
         let a = &self.wired.autopilot;
@@ -64,7 +100,7 @@ impl FirmwareLink for Linked {
     }
     fn receive(&mut self, now: Time<DroneClock>) -> FirmwareOutputs {
         let input = self.wired.received(self.now_s);
-        let out = self.wired.step_link(self.now_s, now, &input);
+        let out = self.step_link(now, &input);
         FirmwareOutputs {
             odometry: out.odometry.last().copied(),
             state: out.state,
@@ -77,7 +113,7 @@ impl FirmwareLink for Linked {
             mission: outputs.mission,
             forecast: outputs.forecast,
         };
-        self.wired.step_link(self.now_s, now, &input);
+        self.step_link(now, &input);
     }
 }
 

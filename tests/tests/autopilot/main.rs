@@ -7,6 +7,7 @@ mod disarm;
 mod firmwares;
 mod landings;
 mod pair;
+mod restarts;
 mod wired;
 
 use alight_shared::frames::{Datum, DroneNed};

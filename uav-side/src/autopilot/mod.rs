@@ -163,6 +163,8 @@ pub struct AutopilotLink {
 
     authority: AuthorityStateMachine,
     disarm: DisarmSequence,
+    /// The same while the autopilot holds on its own.
+    alone: DisarmSequence,
     inhibited: Option<DisarmInhibit>,
     /// Where it holds after a false touchdown.
     held: Option<SetPoint>,
@@ -287,7 +289,7 @@ impl AutopilotLink {
 
     /// The autopilot's state as the other nodes know it: OFFBOARD is reported only while it is ours.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
-        if !alive || !self.timers.state.is_ready(now) && !changed {
+        if !alive || self.is_undecided() || !self.timers.state.is_ready(now) && !changed {
             return None;
         }
         self.timers.state.restart(now, STATE);
@@ -310,6 +312,21 @@ impl AutopilotLink {
                 .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
         })
+    }
+    /// Armed in our mode, and what confirms or forbids our command is under way: after a lapse of the link the mission
+    /// must not take that for a person's takeover.
+    fn is_undecided(&self) -> bool {
+        let ours = |p: &Peer| p.armed && p.mode == AutopilotMode::Offboard;
+        self.peer.as_ref().is_some_and(ours)
+            && matches!(
+                self.control_authority(),
+                ControlAuthority::Searching
+                    | ControlAuthority::LinkLost
+                    | ControlAuthority::NoOrigin
+                    | ControlAuthority::OptionUnknown
+                    | ControlAuthority::Standby { .. }
+                    | ControlAuthority::TakenOver { .. }
+            )
     }
     /// What of the autopilot is reported at once when it changes.
     fn mode_and_arming(&self) -> Option<(AutopilotMode, bool, LandedState)> {

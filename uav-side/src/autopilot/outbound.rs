@@ -9,10 +9,11 @@ use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::Vector3;
 
-use super::disarm::{ContactEvidence, DisarmDecision};
+use super::config::DisarmConfig;
+use super::disarm::{self, ContactEvidence, DisarmDecision};
 use super::message::{Address, AttitudeTarget, CUSTOM_MODE, CommandLong, Message, PositionTarget, command};
 use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime, thrust};
+use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, thrust};
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;
@@ -20,6 +21,10 @@ const REPEAT_S: f64 = 0.02;
 const OFFER_WITHIN_M: f64 = 3.0;
 /// A range counts as evidence for so long.
 const RANGE_STALE: Span = Span::from_millis(200);
+/// Without the pilot's set-points the evidence must hold for so long, s: several time constants of its figures.
+const HOLD_ALONE_S: f64 = 0.2;
+/// Thrust with which a link that began on the deck presses while it looks for the evidence, as a fraction of hover.
+const PRESS_OF_HOVER: f64 = 0.5;
 /// The drone climbs by this when it is not on the deck although the pilot reports so, m.
 const CLEAR_M: f64 = 1.0;
 /// With the rangefinder below this the deck may carry the drone, m.
@@ -100,7 +105,6 @@ impl AutopilotLink {
             return Some(*wanted);
         }
         let evidence = self.contact(now);
-        let before = self.disarm.sent();
         let thrust_off = SetPoint {
             kind: SetPointKind::Attitude,
             thrust: 0.0,
@@ -108,22 +112,18 @@ impl AutopilotLink {
             ..*wanted
         };
         match self.disarm.step(now, &evidence, &self.config.disarm) {
-            DisarmDecision::Press => match self.flown {
-                Some(flown) => Some(flown),
-                None => self.hold_above(now),
+            DisarmDecision::Press => match (self.flown, disarm::inhibit(&evidence, &self.config.disarm)) {
+                (Some(flown), _) => Some(flown),
+                (None, None | Some(DisarmInhibit::NotSupported)) => Some(self.press(*wanted)),
+                // What it does not know yet arrives.
+                (None, Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown)) => None,
+                (
+                    None,
+                    Some(DisarmInhibit::RangeHigh | DisarmInhibit::ForecastHigh | DisarmInhibit::Fast),
+                ) => self.hold_above(now),
             },
             DisarmDecision::Command => {
-                let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
-                out.messages.push(Message::Command(CommandLong {
-                    confirmation: u8::try_from(before).unwrap_or(u8::MAX),
-                    ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
-                }));
-                if self.disarm.sent() == self.config.disarm.tries {
-                    out.texts.push(format!(
-                        "still armed after {} commands to disarm on the deck: disarm it by hand",
-                        self.disarm.sent()
-                    ));
-                }
+                self.command_disarm(self.disarm.sent(), out);
                 Some(thrust_off)
             }
             DisarmDecision::Idle => {
@@ -139,6 +139,79 @@ impl AutopilotLink {
                 }
                 self.hold_above(now)
             }
+        }
+    }
+
+    /// The command number `sent`.
+    fn command_disarm(&self, sent: u32, out: &mut AutopilotOut) {
+        let to = self.peer.as_ref().map(|p| p.address).unwrap_or_default();
+        out.messages.push(Message::Command(CommandLong {
+            confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
+            ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
+        }));
+        if sent == self.config.disarm.tries {
+            out.texts.push(format!(
+                "still armed after {sent} commands to disarm on the deck: disarm it by hand"
+            ));
+        }
+    }
+
+    /// The drone has landed, and its autopilot follows no set-points because they, the pilot or the link failed: it
+    /// holds by itself.
+    fn lapsed_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
+        let lapsed = match self.control_authority() {
+            ControlAuthority::TakenOver { mode } | ControlAuthority::Standby { mode } => {
+                mode == AutopilotMode::Hold
+            }
+            ControlAuthority::Commanding => wanted.is_none(),
+            ControlAuthority::Searching
+            | ControlAuthority::LinkLost
+            | ControlAuthority::NoClock
+            | ControlAuthority::NoOrigin
+            | ControlAuthority::NoOdometry
+            | ControlAuthority::OptionUnknown
+            | ControlAuthority::OptionMissing
+            | ControlAuthority::Disarmed
+            | ControlAuthority::Diverted(_) => false,
+        };
+        let landed = self.fresh_mission(now).is_some_and(|m| m.state == State::Landed);
+        lapsed && landed && self.peer.as_ref().is_some_and(|p| p.armed)
+    }
+    /// The disarm goes on meanwhile, on lasting evidence; near the deck with a set-point that presses, on which PX4
+    /// comes back from its failsafe to the mode that the person chose.
+    fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
+        let c = self.config.disarm;
+        let lasting = DisarmConfig {
+            hold_s: c.hold_s.max(HOLD_ALONE_S),
+            ..c
+        };
+        let evidence = self.contact(now);
+        let decision = self.alone.step(now, &evidence, &lasting);
+        if decision == DisarmDecision::Command {
+            self.command_disarm(self.alone.sent(), out);
+        }
+        let near = matches!(
+            disarm::inhibit(&evidence, &lasting),
+            None | Some(DisarmInhibit::NotSupported)
+        );
+        // What it holds against is ignored; what it follows ends when the evidence stays away.
+        let follows = self.control_authority().commands();
+        let in_air = matches!(decision, DisarmDecision::InAir(_));
+        let attitude = self.state.filter(|_| near && !(follows && in_air))?.attitude;
+        Some(self.press(SetPoint {
+            header: Header::new(0, self.drone_id, self.boot, 0, now),
+            attitude,
+            ..SetPoint::default()
+        }))
+    }
+    /// Presses the drone gently on the deck.
+    fn press(&self, at: SetPoint) -> SetPoint {
+        SetPoint {
+            kind: SetPointKind::Attitude,
+            motors: Motors::Run,
+            thrust: PRESS_OF_HOVER * self.hover.value(),
+            rates: [0.0; 3],
+            ..at
         }
     }
 
@@ -177,30 +250,23 @@ impl AutopilotLink {
 
     /// The pilot's set-point, as far as it may be sent now.
     pub(super) fn send_set_point(&mut self, now: DroneTime, new: bool, out: &mut AutopilotOut) {
-        let authority = self.control_authority();
         let wanted = self.set_point.fresh(now, topics::SET_POINT.stale_after).copied();
         let since = self.sent_at.map_or(f64::INFINITY, |t| (now - t).secs());
         let due = since >= REPEAT_S || new && since >= 0.8 / self.config.set_point_hz;
-        let Some(wanted) = wanted else {
+        let alone = self.lapsed_on_deck(now, wanted.as_ref());
+        if alone || wanted.is_none() {
             self.disarm.clear();
-            return;
-        };
+        }
+        if !alone {
+            self.alone.clear();
+        }
         if !due {
             return;
         }
-        let px4 = self.peer.as_ref().is_some_and(|p| p.firmware == Firmware::Px4);
-        // GUIDED holds by itself, and a hold would override its own take-off command. (OFFBOARD is left
-        // without a stream of set-points.)
-        let guided_holds = !px4 && self.holds_before_landing(&wanted, false);
-        let outgoing = if authority.commands() && !guided_holds {
-            self.apply(now, &wanted, out)
+        let outgoing = if alone {
+            self.disarm_in_hold(now, out)
         } else {
-            self.disarm.clear();
-            // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
-            // follows none. ArduCopter needs no stream.
-            (authority.may_offer() && px4)
-                .then(|| self.offered(&wanted))
-                .flatten()
+            wanted.and_then(|wanted| self.follow(now, &wanted, out))
         };
         if let Some(outgoing) = outgoing
             && let Some(to) = self.peer.as_ref().map(|p| p.address)
@@ -209,6 +275,24 @@ impl AutopilotLink {
             self.sent_at = Some(now);
             self.set_points = self.set_points.saturating_add(1);
         }
+    }
+
+    /// What to send of the pilot's set-point.
+    fn follow(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
+        let authority = self.control_authority();
+        let px4 = self.peer.as_ref().is_some_and(|p| p.firmware == Firmware::Px4);
+        // GUIDED holds by itself, and a hold would override its own take-off command. (OFFBOARD is left
+        // without a stream of set-points.)
+        let guided_holds = !px4 && self.holds_before_landing(wanted, false);
+        if authority.commands() && !guided_holds {
+            return self.apply(now, wanted, out);
+        }
+        self.disarm.clear();
+        // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
+        // follows none. ArduCopter needs no stream.
+        (authority.may_offer() && px4)
+            .then(|| self.offered(wanted))
+            .flatten()
     }
 
     /// A set-point in the autopilot's own frame.

@@ -26,8 +26,9 @@ pub use memory::MemoryRefusal;
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header, MESSAGE_VERSION,
-    MissionMemory, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve, State,
+    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
+    MESSAGE_VERSION, MissionMemory, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve,
+    State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -120,7 +121,7 @@ pub struct Mission {
 
     /// Does not know yet whether a mission before it flew.
     beginning: Option<Beginning>,
-    /// Began without a memory, and has not seen yet that the drone is safe.
+    /// Began without a memory or lost the drone to the autopilot's hold, and has not seen yet that the drone is safe.
     unjudged: bool,
     phase: MissionPhase,
     progress: Progress,
@@ -382,7 +383,7 @@ impl Mission {
         self.orders(now, &begun.commands)
     }
 
-    /// What a mission without a memory decides about a drone that it finds in flight.
+    /// What a mission without a memory, or after a lapse, decides about a drone that it finds in flight.
     fn safe_start(&mut self, s: &Situation) -> Option<Decision> {
         if !self.unjudged || self.phase != MissionPhase::Idle || self.progress.landing {
             self.unjudged = false;
@@ -499,6 +500,9 @@ impl Node for Mission {
         let was = self.phase.state();
         self.phase = decision.phase;
         let changed = decision.entered.is_some();
+        // Given back after a lapse it may be near the deck, with nothing to do there.
+        let lapsed = s.flight == ControlState::OtherControl(AutopilotMode::Hold);
+        self.unjudged |= changed && lapsed && self.phase == MissionPhase::Idle;
         if let Some(why) = decision.entered {
             self.previous = was;
             self.since = now;
