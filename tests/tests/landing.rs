@@ -84,6 +84,23 @@ fn drone_lands_from_vision_without_radio_from_tracking_on() {
 }
 
 #[test]
+fn drone_whose_battery_runs_low_above_the_deck_lands_there() {
+    let mut scenario = at_sea(0.5, 5.0);
+    // It reaches the reserve of 0.2 after 50 s, while it waits above the deck.
+    scenario.drone.autopilot.battery = 0.25;
+    scenario.drone.autopilot.endurance_s = 1000.0;
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.steady_s = 100.0;
+    let (flight, names) = flown(&scenario, &nodes, 24);
+    let o = &flight.outcome;
+    assert!(
+        o.success && !names.contains(&State::GaveUp.name()),
+        "{}, {names:?}",
+        o.reason
+    );
+}
+
+#[test]
 fn drone_lands_on_a_vessel_under_way() {
     let mut scenario = at_sea(0.3, 5.0);
     scenario.vessel.course = Course::Straight;

@@ -147,6 +147,8 @@ pub enum ReasonCode {
     FalseTouchdown,
     /// The mission began anew in flight near the deck, m above it.
     Restarted,
+    /// Battery below the reserve, fraction, with the deck below: the landing goes on within wider limits.
+    BatteryDeck,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -213,7 +215,18 @@ impl fmt::Display for Reason {
             ReasonCode::Deviated => write!(f, "{v:.2} m off the deck's centre (limit {l:.2})"),
             ReasonCode::Missed => write!(f, "deck missed: feet {v:.2} m below it (limit {l:.2})"),
             ReasonCode::Touchdown => write!(f, "touchdown"),
-            ReasonCode::BatteryLow => write!(f, "battery at {:.0} % (reserve {:.0} %)", v * 100.0, l * 100.0),
+            ReasonCode::BatteryLow => write!(
+                f,
+                "battery at {:.0} % (reserve {:.0} %) and no deck below: gives the landing up",
+                v * 100.0,
+                l * 100.0
+            ),
+            ReasonCode::BatteryDeck => write!(
+                f,
+                "battery at {:.0} % (reserve {:.0} %): lands on the deck below within wider limits",
+                v * 100.0,
+                l * 100.0
+            ),
             ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),

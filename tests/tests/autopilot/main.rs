@@ -368,12 +368,14 @@ fn denied_diversion_is_tried_a_bounded_number_of_times_without_set_points() {
 }
 
 #[test]
-fn battery_reserve_does_not_divert_in_the_flare() {
-    let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
-    p.mission = State::Flare;
-    p.wired.autopilot.battery = 0.05;
-    p.run(6.0);
-    assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+fn battery_reserve_does_not_divert_in_descent_and_flare() {
+    for state in [State::Descent, State::Flare] {
+        let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+        p.mission = state;
+        p.wired.autopilot.battery = 0.05;
+        p.run(6.0);
+        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+    }
 }
 
 #[test]

@@ -340,11 +340,12 @@ impl AutopilotLink {
         };
         let since = *self.low_since.get_or_insert(now);
         let authority = self.control_authority();
-        // So near the deck landing is the quickest way down; on it there is nothing to divert.
-        let flare = self.flares(now) && self.inhibited.is_none();
+        // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
+        let lands = |m: &MissionState| matches!(m.state, State::Descent | State::Flare | State::Landed);
+        let lands = self.fresh_mission(now).is_some_and(lands) && self.inhibited.is_none();
         let repeated =
             matches!(authority, ControlAuthority::Diverted(_)) && peer.mode == AutopilotMode::Offboard;
-        if !(authority.commands() && !flare || repeated)
+        if !(authority.commands() && !lands || repeated)
             || (now - since).secs() < b.for_s
             || !self.timers.command.is_ready(now)
             || self.diversions >= b.tries

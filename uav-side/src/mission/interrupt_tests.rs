@@ -2,8 +2,8 @@
 
 use alight_shared::msg::AutopilotMode;
 use alight_shared::msg::ReasonCode::{
-    BatteryLow, Commanded, Deviated, FalseTouchdown, ForecastStale, NotCommanded, NotFlying, OdometryStale,
-    Operator, OutOfRetries, Reached, TooFar, TooLong, Touchdown,
+    BatteryDeck, BatteryLow, Commanded, Deviated, FalseTouchdown, ForecastStale, NotCommanded, NotFlying,
+    OdometryStale, Operator, OutOfRetries, Reached, TooFar, TooLong, Touchdown,
 };
 use nalgebra::Vector3;
 
@@ -165,13 +165,52 @@ fn mission_gives_up_after_its_last_attempt() {
 
 #[test]
 fn mission_gives_up_on_low_battery_unless_landing_or_commanded_again() {
-    let low = with(|s| s.battery = Some(0.1));
-    let d = step(TRACKING, &low);
+    let far = with(|s| {
+        s.battery = Some(0.1);
+        s.deck.as_mut().unwrap().distance_m = 40.0;
+    });
+    let d = step(MissionPhase::APPROACH, &far);
     goes(&d, State::GaveUp, BatteryLow);
+    let low = with(|s| s.battery = Some(0.1));
     waits(&step(DESCENT, &low), State::Descent, TooFar);
     let d = commanded(&d, CommandKind::Land, &low);
     goes(&d, State::Hold, Commanded);
     goes(&run(&d, &low, 1.0), State::Tracking, Reached);
+}
+
+#[test]
+fn low_battery_above_the_deck_lands_there_within_wider_limits() {
+    // A deck that nobody lands on who has a choice.
+    let rough = |battery: f64| {
+        with(|s| {
+            s.battery = Some(battery);
+            (s.recent_tilt_rad, s.wind_peak_mps2) = (0.5, 4.0);
+            let deck = s.deck.as_mut().unwrap();
+            (deck.tilt_rad, deck.predicted_slope) = (0.5, Some(0.4));
+        })
+    };
+    let full = run(TRACKING, &rough(0.9), 5.0);
+    assert_eq!(run(&full, &rough(0.9), 5.0).phase.state(), State::TrackingStable);
+    for phase in [MissionPhase::APPROACH, TRACKING, MissionPhase::TrackingStable] {
+        let d = step(phase, &rough(0.1));
+        goes(&d, State::Tracking, BatteryDeck);
+        assert!(
+            d.entered
+                .is_some_and(|why| why.to_string().contains("lands on the deck below"))
+        );
+        let d = run(&d, &rough(0.1), 5.0);
+        goes(&run(&d, &rough(0.1), 5.0), State::Descent, Reached);
+    }
+    // The deck is no more: the next place.
+    let d = step(TRACKING, &rough(0.1));
+    let mut away = rough(0.1);
+    away.deck.as_mut().unwrap().distance_m = 40.0;
+    goes(&step(&d, &away), State::GaveUp, BatteryLow);
+    // Not what nothing survives.
+    let mut worse = rough(0.1);
+    worse.deck.as_mut().unwrap().tilt_rad = 0.8;
+    let d = run(&d, &worse, 5.0);
+    assert_eq!(run(&d, &worse, 5.0).phase.state(), State::TrackingStable);
 }
 
 #[test]

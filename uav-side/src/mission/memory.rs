@@ -195,6 +195,8 @@ pub(super) fn progress(m: &MissionMemory) -> Progress {
         attempts: m.state.attempts,
         started: m.started,
         reserve_waived: m.reserve_waived,
+        // Found again by the battery.
+        urgent: false,
         stopped: m.stopped,
         overruled: false,
     }

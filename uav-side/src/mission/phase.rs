@@ -142,6 +142,8 @@ pub struct Progress {
     pub started: DroneTime,
     /// The operator asked for a landing after the battery's reserve was reached.
     pub reserve_waived: bool,
+    /// The battery's reserve was reached above the deck, the nearest place: it lands there within wider limits.
+    pub urgent: bool,
     /// An operator stopped what the mission did, and has commanded no landing since.
     pub stopped: bool,
     /// The pilot's touchdown was false: its stop counts for nothing until it is taken back.

@@ -26,10 +26,10 @@ pub(super) fn step(
         MissionPhase::Idle => idle(progress, s, c),
         MissionPhase::GetAltitude { .. } => get_altitude(phase, s, c),
         MissionPhase::Approach { detected } => approach(detected, s, c),
-        MissionPhase::Tracking { steady } => tracking(steady, s, c),
+        MissionPhase::Tracking { steady } => tracking(steady, progress, s, c),
         MissionPhase::TrackingStable => tracking_stable(progress, s, c),
-        MissionPhase::Descent { violated, paused } => descent(violated, paused, s, c),
-        MissionPhase::Flare { committed, violated } => flare(committed, violated, s, c),
+        MissionPhase::Descent { violated, paused } => descent(violated, paused, progress, s, c),
+        MissionPhase::Flare { committed, violated } => flare(committed, violated, progress, s, c),
         MissionPhase::Landed { disarmed, airborne } => landed(disarmed, airborne, progress, s, c),
         MissionPhase::Hold {
             cause,
@@ -125,19 +125,24 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transiti
     Some(next.enter(why))
 }
 
+/// Factor on the limits of a landing: an empty battery leaves no other place.
+fn widening(progress: &Progress, c: &MissionConfig) -> f64 {
+    if progress.urgent { c.break_factor } else { 1.0 }
+}
+
 /// Tracking: until stably above the deck.
-fn tracking(steady: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
+fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &MissionConfig) -> Transition {
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::TRACKING.stay(NoVessel);
     };
     if let Some(lost) = vision_lost(deck, s, c) {
         return lost;
     }
-    if let Some(why) = unsteady(deck, s, c, 1.0) {
+    if let Some(why) = unsteady(deck, s, c, widening(progress, c)) {
         return MissionPhase::TRACKING.stay(why);
     }
     let (steady, lasted) = lasting(true, steady, s.now);
-    if lasted < c.steady_s {
+    if lasted < c.steady_s && !progress.urgent {
         return MissionPhase::Tracking { steady }.stay(Reason::new(NotSteady, lasted, c.steady_s));
     }
     MissionPhase::TrackingStable.enter(Reason::new(Reached, lasted, c.steady_s))
@@ -152,7 +157,8 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     if let Some(lost) = vision_lost(deck, s, c) {
         return lost;
     }
-    if let Some(why) = unsteady(deck, s, c, c.break_factor) {
+    let wide = widening(progress, c);
+    if let Some(why) = unsteady(deck, s, c, c.break_factor * wide) {
         return MissionPhase::TRACKING.enter(why);
     }
     if s.flight != ControlState::Ours {
@@ -166,25 +172,29 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         .or_else(|| {
             first_beyond([
                 (VisionLost, deck.vision_age_s, c.descent_vision_s),
-                (TooFar, deck.distance_m, c.descent_distance_m),
-                (TooFast, deck.relative_speed_mps, c.descent_speed_mps),
+                (TooFar, deck.distance_m, c.descent_distance_m * wide),
+                (TooFast, deck.relative_speed_mps, c.descent_speed_mps * wide),
+                (NoPlan, s.plan_age_s, s.plan_limit_s),
             ])
         })
-        .or_else(|| deck_infeasible(deck, c, 1.0))
-        .or_else(|| {
-            first_beyond([
-                (Infeasible, deck.turn_radps, c.deck_turn_radps),
-                (TooSteep, s.recent_tilt_rad, c.recent_tilt_rad),
-            ])
-        })
+        .or_else(|| deck_infeasible(deck, c, wide));
+    // What happens to a drone at rest on the deck is better than what happens to one with an empty battery.
+    let rejection = rejection.or_else(|| {
+        if progress.urgent {
+            return None;
+        }
+        first_beyond([
+            (Infeasible, deck.turn_radps, c.deck_turn_radps),
+            (TooSteep, s.recent_tilt_rad, c.recent_tilt_rad),
+        ])
         .or_else(|| slides(deck, s, c))
         .or_else(|| {
             first_beyond([
                 (TooWindy, s.wind_peak_mps2, c.wind_peak_mps2),
                 (TooWindy, s.wind_peak_mps2, friction_left),
-                (NoPlan, s.plan_age_s, s.plan_limit_s),
             ])
-        });
+        })
+    });
     if let Some(why) = rejection {
         return stable.stay(why);
     }
@@ -223,7 +233,7 @@ fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason>
 }
 
 /// What forbids the flare at the decision clearance.
-fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option<Reason> {
     first_beyond([
         (
             VisionLost,
@@ -231,20 +241,21 @@ fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<R
             c.vision_fresh_s,
         ),
         (VisionLost, deck.vision_age_s, c.descent_vision_s),
-        (TooFar, deck.distance_m, c.flare_distance_m),
-        (TooFast, deck.relative_speed_mps, c.flare_speed_mps),
-        (TooSteep, deck.tilt_rad, c.flare_tilt_rad),
-        (Infeasible, deck.turn_radps, c.deck_turn_radps),
-        (TooWindy, s.wind_mps2, c.wind_peak_mps2),
+        (TooFar, deck.distance_m, c.flare_distance_m * slack),
+        (TooFast, deck.relative_speed_mps, c.flare_speed_mps * slack),
+        (TooSteep, deck.tilt_rad, c.flare_tilt_rad * slack),
+        (Infeasible, deck.turn_radps, c.deck_turn_radps * slack),
+        (TooWindy, s.wind_mps2, c.wind_peak_mps2 * slack),
     ])
 }
 
-/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision.
-fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
+/// What violates the conditions of a landing that has begun; `blind_s`: longest time without vision; `slack` widens
+/// the deck's limits.
+fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind_s: f64, slack: f64) -> Option<Reason> {
     let cone = c.break_distance_m + c.break_cone * deck.clearance_m.max(0.0);
     exceeds(VisionLost, deck.vision_age_s, blind_s)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
-        .or_else(|| deck_infeasible(deck, c, c.break_factor))
+        .or_else(|| deck_infeasible(deck, c, c.break_factor * slack))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
@@ -252,13 +263,15 @@ fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind_s: f64) -> Opt
 fn descent(
     violated: Option<DroneTime>,
     paused: Option<DroneTime>,
+    progress: &Progress,
     s: &Situation,
     c: &MissionConfig,
 ) -> Transition {
+    let wide = widening(progress, c);
     let Some(deck) = s.fresh_deck() else {
         return Transition::BreakOff(NoVessel.into());
     };
-    let violation = violation(deck, s, c, c.descent_vision_s);
+    let violation = violation(deck, s, c, c.descent_vision_s, wide);
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     let close = deck.clearance_m < c.commit_clearance_m;
     // Below the commit clearance going on is safer than breaking off, while the deck is below.
@@ -271,7 +284,7 @@ fn descent(
     if let Some(why) = s.reservation.lost().filter(|_| !close) {
         return Transition::BreakOff(why);
     }
-    let rejection = not_ready_to_flare(deck, s, c);
+    let rejection = not_ready_to_flare(deck, s, c, wide);
     if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
         let flare = MissionPhase::Flare {
             committed: close,
@@ -290,7 +303,13 @@ fn descent(
 
 /// Flare: until touchdown; deck missed or lost breaks it off, soft reasons only while it is not
 /// committed.
-fn flare(committed: bool, violated: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
+fn flare(
+    committed: bool,
+    violated: Option<DroneTime>,
+    progress: &Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Transition {
     let Some(deck) = s.fresh_deck() else {
         return Transition::BreakOff(NoVessel.into());
     };
@@ -302,7 +321,7 @@ fn flare(committed: bool, violated: Option<DroneTime>, s: &Situation, c: &Missio
     if let Some(why) = hard.or_else(|| s.reservation.lost().filter(|_| !committed)) {
         return Transition::BreakOff(why);
     }
-    let violation = violation(deck, s, c, blind_limit(deck, c));
+    let violation = violation(deck, s, c, blind_limit(deck, c), widening(progress, c));
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     if let Some(why) = violation.filter(|_| lasted > c.violation_s && !committed) {
         return Transition::BreakOff(why);

@@ -108,6 +108,7 @@ fn interrupt(
         Some(CommandKind::Land) if phase == MissionPhase::Idle || gives_up || waits => {
             progress.landing = true;
             progress.stopped = false;
+            progress.urgent = false;
             progress.attempts = 0;
             progress.started = s.now;
             progress.reserve_waived = s.battery.is_some_and(|b| b < c.battery_reserve);
@@ -145,8 +146,16 @@ fn interrupt(
     }
     let low = |b: &f64| *b < c.battery_reserve && !progress.reserve_waived;
     if let Some(b) = s.battery.filter(low) {
-        let why = Reason::new(ReasonCode::BatteryLow, b, c.battery_reserve);
-        return Some(gave_up(s, c).enter(why));
+        let why = |code| Reason::new(code, b, c.battery_reserve);
+        let above = s
+            .fresh_deck()
+            .is_some_and(|d| d.distance_m <= c.resume_distance_m);
+        if !above {
+            return Some(gave_up(s, c).enter(why(ReasonCode::BatteryLow)));
+        }
+        if !core::mem::replace(&mut progress.urgent, true) {
+            return Some(MissionPhase::TRACKING.enter(why(ReasonCode::BatteryDeck)));
+        }
     }
     let took = (s.now - progress.started).secs();
     (took > c.mission_timeout_s)
