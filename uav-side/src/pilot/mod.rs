@@ -281,8 +281,8 @@ impl Pilot {
         }
     }
 
-    /// Velocity away from the deck `near` for a hold without the mission: with the deck, and gently up from it. It does
-    /// not follow a deck that sinks: that one comes back.
+    /// Velocity away from the deck `near` for a hold without mission or plan: with the deck, and gently up from it.
+    /// It does not follow a deck that sinks: that one comes back.
     fn away(&self, near: Option<&DeckBelow>) -> Vector3<f64> {
         near.map_or(Vector3::zeros(), |b| {
             let [north, east, down] = b.stage.velocity;
@@ -488,10 +488,7 @@ impl Pilot {
                     .track(&stage, body, &self.estimate, authority, lag, dt, c);
                 self.attitude(now, Some(&stage), a, body)
             }
-            (None, _, _) => {
-                let speed = near.map_or(0.0, |_| self.config.safety.climb_mps);
-                self.hold(now, body, dt, Vector3::new(0.0, 0.0, -speed))
-            }
+            (None, _, _) => self.hold(now, body, dt, self.away(near)),
         }
     }
 }
