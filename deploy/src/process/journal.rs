@@ -20,6 +20,8 @@ pub fn init() {
         .with_writer(stderr)
         .with_ansi(false)
         .with_level(false)
+        // Where standard error cannot be written, the report of that cannot either, and would end the process.
+        .log_internal_errors(false)
         .with_target(false)
         .without_time();
     let lines = journal.is_none().then(|| lines.with_filter(own()));

@@ -10,7 +10,7 @@ use alight_shared::msg::Seq;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_shared::transport::clock::{ProcessClock, steady_ns};
-use alight_shared::transport::metrics::Metrics;
+use alight_shared::transport::metrics::{MetricName, Metrics};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
 use alight_shared::transport::statistics::Quantiles;
 use alight_shared::transport::wake::end_requested;
@@ -18,7 +18,7 @@ use serde::Serialize;
 
 use crate::exit::{CliError, Doing};
 use crate::process::args::ProcessArgs;
-use crate::process::log::{LogHeader, LogWriter};
+use crate::process::log::{LogHeader, NodeLog};
 
 /// Time between two reports, ns.
 const STATE_PERIOD_NS: i64 = 500_000_000;
@@ -96,7 +96,7 @@ impl Life {
 /// A node whose steps are logged where the process logs.
 pub struct LoggedNode<N> {
     node: N,
-    log: Option<LogWriter>,
+    log: Option<NodeLog>,
 }
 
 impl<N: Node<In: Serialize, Out: Serialize>> LoggedNode<N> {
@@ -105,7 +105,7 @@ impl<N: Node<In: Serialize, Out: Serialize>> LoggedNode<N> {
         let log = args
             .log
             .as_ref()
-            .map(|directory| log_writer(directory, name, boot, &args.config));
+            .map(|directory| node_log(directory, name, boot, &args.config));
         let log = log.transpose()?;
         Ok(LoggedNode { node, log })
     }
@@ -117,12 +117,16 @@ impl<N: Node<In: Serialize, Out: Serialize>> LoggedNode<N> {
     }
     fn log(&mut self, now: Time<N::Clock>, input: &N::In, out: &N::Out) {
         if let Some(log) = &mut self.log {
-            log.write(now.nanos(), input, out);
+            log.write(steady_ns(), now.nanos(), input, out);
         }
     }
     /// Puts on disk what was logged.
     pub fn flush(&mut self) {
-        self.log.iter_mut().for_each(LogWriter::flush);
+        self.log.iter_mut().for_each(|log| log.flush(steady_ns()));
+    }
+    /// Steps that are not logged because the log could not be written; None where nothing is logged.
+    fn unlogged(&self) -> Option<u64> {
+        self.log.as_ref().map(NodeLog::unlogged)
     }
     /// The node.
     pub fn node(&self) -> &N {
@@ -211,26 +215,26 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     }
     /// The next report, when it is due.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
-        let state = self.life.state(inputs, unsent);
-        if state.is_some() {
-            self.node.flush();
+        let mut state = self.life.state(inputs, unsent)?;
+        self.node.flush();
+        if let Some(n) = self.node.unlogged() {
+            // A process has fewer metrics than there is place for.
+            let _full = state.metrics.push(MetricName::StepsUnlogged.count(n));
         }
-        state
+        Some(state)
     }
 }
 
 /// The log of the node `name` in `directory`.
-pub fn log_writer(directory: &Path, name: &str, boot: u32, config: &Path) -> Result<LogWriter, CliError> {
+pub fn node_log(directory: &Path, name: &str, boot: u32, config: &Path) -> Result<NodeLog, CliError> {
     let config = std::fs::read_to_string(config).doing(format_args!("reading {}", config.display()))?;
-    let process = name.into();
-    LogWriter::create(
-        directory,
-        &LogHeader {
-            process,
-            boot,
-            config,
-        },
-    )
+    let header = LogHeader {
+        process: name.into(),
+        boot,
+        first_step: 0,
+        config,
+    };
+    Ok(NodeLog::begin(directory, header, steady_ns()))
 }
 
 /// Processor time, s, and resident memory, bytes, of this process (Linux; zero elsewhere).

@@ -105,11 +105,21 @@ impl Child {
             return Some(Action::Start(self.kind));
         }
         self.was_running = true;
-        // Reports of the others come over the radio, or not at all.
-        let watched = !matches!(
-            self.kind,
-            ProcessKind::World | ProcessKind::Vessel | ProcessKind::Link
-        );
+        let watched = match self.kind {
+            // They report nothing.
+            ProcessKind::World | ProcessKind::Link => false,
+            // Its reports reach only a supervisor that is its service's manager.
+            ProcessKind::Vessel => seen.reported.is_some(),
+            ProcessKind::Bridge
+            | ProcessKind::Predictor
+            | ProcessKind::Mission
+            | ProcessKind::Planner
+            | ProcessKind::Pilot
+            | ProcessKind::Autopilot
+            | ProcessKind::Sensors
+            | ProcessKind::Camera
+            | ProcessKind::Uvdar => true,
+        };
         let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
         let newest = [Some(self.started), self.killed, seen.reported];
         let silence_s = (now - newest.into_iter().flatten().max().unwrap_or(now)).secs();
@@ -203,16 +213,21 @@ mod tests {
     }
 
     #[test]
-    fn supervisor_kills_a_silent_process_once_per_timeout_but_not_one_that_reports_over_the_radio() {
+    fn supervisor_kills_a_silent_process_once_per_timeout_but_not_a_vessel_that_it_never_received() {
         let limits = Limits {
             silence_timeout_s: Some(3.0),
             max_failures: None,
         };
-        for (kind, kills) in [(PILOT, vec![3010, 6020]), (ProcessKind::Vessel, vec![])] {
+        let cases = [
+            (PILOT, None, vec![3010, 6020]),
+            (ProcessKind::Vessel, None, vec![]),
+            (ProcessKind::Vessel, Some(1000), vec![4010, 7020]),
+        ];
+        for (kind, reported, kills) in cases {
             let mut node = SupervisorNode::new(limits);
             let mut killed = Vec::new();
             for ms in (0..8000).step_by(10) {
-                for action in node.step(at(ms), &observed(kind, ms > 0, None)) {
+                for action in node.step(at(ms), &observed(kind, ms > 0, reported.filter(|at| *at <= ms))) {
                     if matches!(action, Action::Kill(..)) {
                         killed.push(ms);
                     }

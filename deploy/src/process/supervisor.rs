@@ -20,7 +20,8 @@ use alight_shared::transport::process::ProcessKind;
 
 use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
-use crate::process::log::{LogHeader, LogWriter};
+use crate::process::log::{LogHeader, NodeLog};
+use crate::process::notify::{Notified, SOCKET_VARIABLE};
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
 
 /// The name of its log.
@@ -35,12 +36,14 @@ struct ManagedProcess {
     prefix: Vec<String>,
     arguments: Vec<String>,
     child: Option<Child>,
+    /// Of the vessel's process, whose other reports go over the radio.
+    notified: Option<Notified>,
 }
 
 /// The supervisor.
 pub struct Supervisor {
     node: SupervisorNode,
-    node_log: Option<LogWriter>,
+    node_log: Option<NodeLog>,
     processes: Vec<ManagedProcess>,
     directory: PathBuf,
     log: Option<PathBuf>,
@@ -93,9 +96,10 @@ impl Supervisor {
                 let header = LogHeader {
                     process: SUPERVISOR.into(),
                     boot: draw_boot(),
+                    first_step: 0,
                     config: toml::to_string(&limits).doing("writing limits")?,
                 };
-                Some(LogWriter::create(log, &header)?)
+                Some(NodeLog::begin(log, header, steady_ns()))
             }
             None => None,
         };
@@ -129,11 +133,19 @@ impl Supervisor {
         if let (Some(log), true) = (&self.log, logs) {
             arguments.extend(["--log".into(), log.display().to_string()]);
         }
+        let notified = if kind == ProcessKind::Vessel {
+            let path = self.directory.join("vessel.notify");
+            let doing = format_args!("receiving the vessel's reports at {}", path.display());
+            Some(Notified::bind(&path).doing(doing)?)
+        } else {
+            None
+        };
         self.processes.push(ManagedProcess {
             kind,
             prefix,
             arguments,
             child: None,
+            notified,
         });
         self.events = self.poll(|_| None)?;
         Ok(())
@@ -155,6 +167,9 @@ impl Supervisor {
         };
         let mut words = managed.prefix.iter().map(OsStr::new).chain([program.as_os_str()]);
         let mut command = Command::new(words.next().unwrap_or_default());
+        if let Some(notified) = &managed.notified {
+            command.env(SOCKET_VARIABLE, notified.path());
+        }
         // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
         let mut child = command
             .args(words)
@@ -183,6 +198,7 @@ impl Supervisor {
     pub fn poll(&mut self, reported: impl Fn(ProcessKind) -> Option<i64>) -> Result<Vec<Event>, CliError> {
         let mut events = core::mem::take(&mut self.events);
         let mut observed = Vec::new();
+        let now_ns = steady_ns();
         for managed in &mut self.processes {
             if let Some(child) = &mut managed.child
                 && let Ok(Some(status)) = child.try_wait()
@@ -193,14 +209,18 @@ impl Supervisor {
             observed.push(Observed {
                 kind: managed.kind,
                 running: managed.child.is_some(),
-                reported: reported(managed.kind).map(Time::from_nanos),
+                reported: match &mut managed.notified {
+                    Some(notified) => notified.poll(now_ns),
+                    None => reported(managed.kind),
+                }
+                .map(Time::from_nanos),
             });
         }
-        let now = Time::from_nanos(steady_ns());
+        let now = Time::from_nanos(now_ns);
         let actions = self.node.step(now, &observed);
         if let Some(log) = &mut self.node_log {
-            log.write(now.nanos(), &observed, &actions);
-            log.flush();
+            log.write(now.nanos(), now.nanos(), &observed, &actions);
+            log.flush(now.nanos());
         }
         for action in actions {
             match action {

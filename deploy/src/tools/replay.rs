@@ -48,7 +48,7 @@ pub fn run(args: &ReplayArgs, law: ForeignLaw) -> Result<Exit, CliError> {
     let nodes = if path.is_dir() || path.extension().is_some_and(|e| e == "log") {
         let logs = logs(path)?;
         logs.iter()
-            .map(|log| replay_log(log))
+            .filter_map(|log| replay_log(log).transpose())
             .collect::<Result<Vec<_>, CliError>>()?
     } else {
         contained(path, || replay(path, law))?
@@ -110,16 +110,24 @@ fn logs(path: &Path) -> Result<Vec<PathBuf>, CliError> {
     Ok(logs)
 }
 
-/// Replays one log of a process.
-fn replay_log(path: &Path) -> Result<NodeReplay, CliError> {
+/// Replays one log of a process; None for one that begins later than its process.
+fn replay_log(path: &Path) -> Result<Option<NodeReplay>, CliError> {
     let doing = format_args!("reading {}", path.display());
     let (log, head) = LogReader::open(path).doing(doing)?;
     let LogHeader {
         process,
         boot,
+        first_step,
         config,
     } = head;
     let origin = path.display().to_string();
+    if first_step > 0 {
+        note(
+            true,
+            format!("{origin}: begins at step {first_step} of {process}, and is not computed again"),
+        );
+        return Ok(None);
+    }
     let vessel = || config::parse::<VesselComputer>(&config, &origin);
     let drone = || config::parse::<DroneComputer>(&config, &origin);
     let replayed = match process.as_str() {
@@ -150,12 +158,12 @@ fn replay_log(path: &Path) -> Result<NodeReplay, CliError> {
     };
     let (steps, differs_at_step) = replayed.doing(doing)?;
     let name = path.file_stem().unwrap_or_default();
-    Ok(NodeReplay {
+    Ok(Some(NodeReplay {
         node: name.to_string_lossy().into_owned(),
         steps,
         differs_at_s: None,
         differs_at_step,
-    })
+    }))
 }
 
 fn through<N>(log: LogReader, mut node: N) -> Result<(u64, Option<u64>), LogError>

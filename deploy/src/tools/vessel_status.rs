@@ -71,6 +71,7 @@ pub fn run(path: &Path, computer: &VesselComputer, watch: bool, as_json: bool) -
 /// What the status means at `now_ns` of the steady clock.
 fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     let mut all = vec![process(status, now_ns)];
+    all.extend(log(status));
     all.extend(status.sources.iter().map(source));
     all.extend(estimator(&status.estimator));
     all.push(certificate(&status.certificate));
@@ -94,6 +95,17 @@ fn process(status: &VesselStatus, now_ns: i64) -> Finding {
         status.process.sent_bytes as f64 * 1e-6,
         status.process.dropped
     ))
+}
+
+/// A log that could not be written.
+fn log(status: &VesselStatus) -> Option<Finding> {
+    let steps = status.process.unlogged;
+    (steps > 0).then(|| {
+        Topic("log").warning(
+            format!("{steps} steps not logged"),
+            "the process goes on without; its journal names file and error: free space, or make it writable",
+        )
+    })
 }
 
 /// One source may be missing where another of its kind stands in: what is missing altogether is broken below.
@@ -317,7 +329,8 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 10] = [
+        let cases: [(Change<'_>, Level, &str); 11] = [
+            (&|w| w.process.unlogged = 9, Level::Warning, "log"),
             (
                 &|w| w.estimator.sensor_age_s[1] = Some(9.0),
                 Level::Broken,

@@ -154,6 +154,8 @@ pub struct ProcessStatus {
     pub sent_bytes: u64,
     /// Packets that it had to drop.
     pub dropped: u64,
+    /// Steps that are not logged because the log could not be written.
+    pub unlogged: u64,
 }
 
 /// JSON has no infinity and no NaN.
@@ -318,6 +320,7 @@ impl StatusFile {
                 resident_bytes: process.resident_bytes,
                 sent_bytes: process.count(MetricName::BytesSent),
                 dropped: process.count(MetricName::PacketsDropped),
+                unlogged: process.count(MetricName::StepsUnlogged),
             },
             listen: computer.radio.listen.clone(),
             peers: computer.radio.tls.peers.clone(),

@@ -27,7 +27,7 @@ pub fn directory(instance: &str) -> PathBuf {
 pub struct Land(Option<Child>);
 
 impl Land {
-    fn id(&self) -> u64 {
+    pub fn id(&self) -> u64 {
         u64::from(self.0.as_ref().expect("it runs").id())
     }
     pub fn output(mut self) -> Output {
@@ -76,7 +76,7 @@ pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     panic!("not within its time: {}", status(instance));
 }
 
-fn pid(status: &Value, process: &str) -> Option<u64> {
+pub fn pid(status: &Value, process: &str) -> Option<u64> {
     let kind = format!("{}{}", process[..1].to_uppercase(), &process[1..]);
     status["processes"]
         .as_array()?
@@ -91,7 +91,7 @@ fn pids(status: &Value) -> Vec<u64> {
 }
 
 /// What `status` prints once all processes run.
-fn running(instance: &str) -> Value {
+pub fn running(instance: &str) -> Value {
     status_when(instance, |s| pids(s).len() == PROCESSES.len())
 }
 
@@ -187,7 +187,7 @@ fn logs_and_recording_of_a_live_landing_replay_bit_for_bit() {
 }
 
 #[test]
-fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
+fn killed_or_frozen_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
     let name = instance("killed");
     let child = land(&name, "--warm-up 600 --link clean");
     let mut seen = running(&name);
@@ -202,13 +202,13 @@ fn killed_process_is_restarted_and_an_interrupt_leaves_nothing_behind() {
     let pids = pids(&seen);
     assert_eq!(pids.len(), PROCESSES.len());
 
-    // A vessel that was frozen for longer than a session's lease is restarted and received again.
-    let vessel = pid(&seen, "vessel").expect("it runs");
+    // One that is frozen for good is killed and started again. Without a vessel the drone's computer goes on.
+    let [pilot, vessel] = ["pilot", "vessel"].map(|p| pid(&seen, p).expect("it runs"));
+    signal(pilot, "-STOP");
     signal(vessel, "-STOP");
-    std::thread::sleep(Duration::from_millis(6000));
-    signal(vessel, "-CONT");
+    let another = |s: &Value, name, old| pid(s, name).is_some_and(|new| new != old);
     let seen = status_when(&name, |s| {
-        pid(s, "vessel").is_some_and(|new| new != vessel) && fresh(s)
+        another(s, "pilot", pilot) && another(s, "vessel", vessel) && fresh(s)
     });
     let pids = self::pids(&seen);
 

@@ -21,3 +21,4 @@ mod link;
 mod radio;
 mod real_firmware;
 mod sensors;
+mod survival;

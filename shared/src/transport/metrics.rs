@@ -86,6 +86,8 @@ names! {
     TimeSinceStart: "time since start",
     SlicesUnanswered: "slices unanswered",
     ImagesDropped: "images dropped",
+    // Of every process that logs.
+    StepsUnlogged: "steps not logged",
 }
 
 /// The value of a metric, with its unit.

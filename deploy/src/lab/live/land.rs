@@ -43,6 +43,7 @@ use crate::lab::{outcome_table, plot};
 use crate::process::instance::OwnedInstance;
 use crate::process::keeper::MemoryKeeper;
 use crate::process::life::{draw_boot, end_with_supervisor};
+use crate::process::log;
 use crate::process::observer::Observer;
 use crate::process::scheduling;
 use crate::process::supervision::Limits;
@@ -111,6 +112,9 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     let services = Services::create(&memory)?;
     owned.ready()?;
     let plan = LandingSetup::of(&scene, args, &owned)?;
+    if let Some(log) = &plan.log {
+        log::can_write(log)?;
+    }
     let landing = match Landing::begin(args, &memory, &plan, &owned) {
         // A signal can end a start half way; what it broke there is no error of the input.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {

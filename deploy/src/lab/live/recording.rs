@@ -123,6 +123,13 @@ fn open(directory: &Path, process: &str) -> Result<(LogReader, u32, PathBuf), Cl
     let first = logs(directory, process)?.into_iter().next();
     let path = first.ok_or_else(|| CliError(format!("the {process} has logged nothing to record")))?;
     let (log, head) = LogReader::open(&path).doing(format_args!("reading {}", path.display()))?;
+    if head.first_step > 0 {
+        return Err(CliError(format!(
+            "{}: begins at step {} of the {process}: nothing before could be written, and it cannot be recorded",
+            path.display(),
+            head.first_step
+        )));
+    }
     Ok((log, head.boot, path))
 }
 

@@ -28,7 +28,7 @@ use crate::lab::live::simulated_autopilot::SimulatedAutopilot;
 use crate::lab::live::truth::Truth;
 use crate::lab::plot;
 use crate::process::instance::owner;
-use crate::process::life::{Life, draw_boot, log_writer};
+use crate::process::life::{Life, draw_boot, node_log};
 use crate::terminal;
 
 /// What the world tells its supervisor, one JSON object per line.
@@ -83,7 +83,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let mut stays_until_s: Option<f64> = None;
 
     let mut truth = match &args.log {
-        Some(directory) if world.truth => Some(log_writer(
+        Some(directory) if world.truth => Some(node_log(
             directory,
             ProcessKind::World.name(),
             life.boot(),
@@ -126,7 +126,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             }
         }
         if let Some(log) = &mut truth {
-            log.write(physics.now().nanos(), &Truth::of(&physics), &());
+            log.write(before, physics.now().nanos(), &Truth::of(&physics), &());
         }
         let readings = physics.vessel_readings();
         sensors.send(&Readings {

@@ -1,0 +1,124 @@
+//! What a process outlives, and what outlives a process: a log that cannot be written. Nothing here asserts a time:
+//! the bounds on waiting are only against tests that never end.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::common::{Running, free_port, free_udp, instance, printed, run, scratch, signal};
+use crate::landing::{land, pid, running, status_when};
+
+/// A vessel's computer without sensors, on the loopback interface.
+struct Vessel {
+    directory: PathBuf,
+    config: PathBuf,
+}
+
+impl Vessel {
+    fn prepare(name: &str) -> Vessel {
+        let directory = scratch(name);
+        let _none = std::fs::remove_dir_all(&directory);
+        std::fs::create_dir_all(&directory).expect("made");
+        let config = directory.join("vessel.toml");
+        let endpoint = format!("udp/{}", free_udp());
+        let text = format!(
+            "sensors = \"127.0.0.1:{}\"\n[radio]\nlisten = [\"{endpoint}\"]\n",
+            free_port()
+        );
+        std::fs::write(&config, text).expect("written");
+        Vessel { directory, config }
+    }
+    /// The command that starts its process, after these words.
+    fn command(&self, before: &[&str]) -> Command {
+        let program = env!("CARGO_BIN_EXE_alight");
+        let words = [before, &[program, "vessel", "--supervised", "--config"]].concat();
+        let mut command = Command::new(words[0]);
+        command.args(&words[1..]).arg(&self.config);
+        command.stdin(Stdio::piped());
+        command
+    }
+    fn status(&self) -> Value {
+        let out = run(format!("status --json --config {}", self.config.display()));
+        serde_json::from_str(&printed(&out)).unwrap_or(Value::Null)
+    }
+    /// What `status` prints once `wanted` is true.
+    fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        for _ in 0..200 {
+            let now = self.status();
+            if wanted(&now) {
+                return now;
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        panic!("{what}: not within its time: {}", self.status());
+    }
+}
+
+impl Drop for Vessel {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            let _left = std::fs::remove_dir_all(&self.directory);
+        }
+    }
+}
+
+/// The finding about this topic.
+fn finding<'a>(status: &'a Value, topic: &str) -> Option<&'a Value> {
+    status["findings"]
+        .as_array()?
+        .iter()
+        .find(|f| f["topic"] == topic)
+}
+
+#[test]
+fn process_flies_on_without_a_log_that_cannot_be_written_and_logs_again_when_it_can() {
+    let name = instance("log");
+    let log = scratch("log-blocked");
+    let child = land(&name, &format!("--warm-up 600 --log {}", log.display()));
+    let old = pid(&running(&name), "pilot").expect("it runs");
+    // Permissions stop no test that runs as root: a file in the place of the directory does.
+    std::fs::rename(&log, log.with_extension("before")).expect("moved");
+    std::fs::write(&log, "").expect("written");
+    signal(old, "-KILL");
+    let unlogged = |s: &Value| s["metrics"]["pilot"]["steps_not_logged"].as_u64();
+    let seen = status_when(&name, |s| {
+        pid(s, "pilot").is_some_and(|new| new != old) && unlogged(s).is_some_and(|n| n > 0)
+    });
+    let new = pid(&seen, "pilot");
+    std::fs::remove_file(&log).expect("removed");
+    let logs = |directory: &Path| std::fs::read_dir(directory).map_or(0, Iterator::count);
+    let seen = status_when(&name, |_| logs(&log) > 0);
+    assert_eq!(pid(&seen, "pilot"), new, "the same process: {seen}");
+    signal(child.id(), "-INT");
+    child.output();
+    std::fs::remove_dir_all(&log).expect("removed");
+    std::fs::remove_dir_all(log.with_extension("before")).expect("removed");
+}
+
+#[test]
+fn vessel_outlives_a_limit_on_the_size_of_its_log_and_says_so() {
+    let vessel = Vessel::prepare("log-limit");
+    let log = vessel.directory.join("log");
+    // 64 blocks of 512 or 1024 bytes.
+    let mut command = vessel.command(&["sh", "-c", "ulimit -f 64 && exec \"$@\"", "sh"]);
+    let errors = vessel.directory.join("errors");
+    let file = std::fs::File::create(&errors).expect("made");
+    let mut running = Running(
+        command
+            .arg("--log")
+            .arg(&log)
+            .stderr(file)
+            .spawn()
+            .expect("starts"),
+    );
+    let status = vessel.status_when("the log is full", |s| finding(s, "log").is_some());
+    assert_eq!(finding(&status, "log").expect("there")["level"], "warning");
+    assert!(running.0.try_wait().expect("asked").is_none(), "it has ended");
+    let said = std::fs::read_to_string(&errors).expect("read");
+    assert!(
+        said.contains("goes on without its log: writing") && said.contains(&log.display().to_string()),
+        "{said}"
+    );
+}
