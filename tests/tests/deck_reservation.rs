@@ -8,6 +8,7 @@ use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::world::{DroneComputer, World};
+use alight_usv::deck::DeckOrder;
 
 /// Drones above one deck in a slight sea, each commanded to land; every state in which one was.
 struct Fleet {
@@ -135,6 +136,56 @@ fn drone_without_radio_begins_no_descent_but_completes_one_under_way() {
     fleet.assert_never_descended(second);
     let waiting = fleet.drone(second).mission_state.waiting.code;
     assert_eq!(waiting, ReasonCode::DeckGrantStale);
+}
+
+#[test]
+fn arbiter_keeps_the_deck_for_a_drone_that_landed_without_a_radio_until_the_crew_opens_it() {
+    let nodes = NodeConfigs::default();
+    let mut fleet = Fleet::new(2, &nodes, 26);
+    let (first, second) = fleet.first_descent();
+    let for_good = StateOutage {
+        state: State::Descent,
+        after_s: 0.0,
+        duration_s: f64::INFINITY,
+    };
+    fleet.world.radio_outage(first, &for_good);
+    // Half way the vessel is started anew.
+    fleet.fly(60.0, |_| false);
+    fleet.world.restart_vessel(&nodes);
+    fleet.fly(60.0, |_| false);
+    fleet.assert_state(first, State::Landed);
+    fleet.assert_never_descended(second);
+    // A person carries it off, and says so.
+    fleet.world.deck_order(DeckOrder::Open);
+    let scenario = fleet.scenario.clone();
+    fleet.world.restart_drone(first, &scenario, &nodes);
+    fleet.fly(120.0, |f| f.state(second) == State::Landed);
+    fleet.assert_state(second, State::Landed);
+}
+
+#[test]
+fn nobody_descends_to_a_deck_that_the_crew_has_closed() {
+    let nodes = NodeConfigs::default();
+    let mut fleet = Fleet::new(2, &nodes, 27);
+    let (first, second) = fleet.first_descent();
+    fleet.world.deck_order(DeckOrder::Closed);
+    fleet.fly(3.0, |f| f.state(first) != State::Descent);
+    assert_ne!(fleet.state(first), State::Descent, "it breaks off");
+    let before = fleet.visited.clone();
+    fleet.fly(60.0, |_| false);
+    assert!(fleet.using_the_deck().is_empty());
+    let descents = |visited: &[State]| visited.iter().filter(|s| **s == State::Descent).count();
+    for k in [first, second] {
+        assert_eq!(
+            descents(&fleet.visited[k]),
+            descents(&before[k]),
+            "{:?}",
+            fleet.visited
+        );
+    }
+    fleet.world.deck_order(DeckOrder::Open);
+    fleet.fly(120.0, |f| !f.using_the_deck().is_empty());
+    assert_eq!(fleet.using_the_deck().len(), 1, "{:?}", fleet.visited);
 }
 
 #[test]

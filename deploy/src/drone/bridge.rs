@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, Packet, PacketKind};
 use alight_shared::admission::Rejections;
-use alight_shared::msg::{AutopilotState, DroneStatus, Header, MissionState, Seq};
+use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, Seq};
 use alight_shared::time::Stamped;
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::clock::steady_ns;
@@ -49,6 +49,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut link = memory.publisher()?;
     let mut state: Publisher<ProcessState> = memory.publisher()?;
     let mut mission = memory.subscriber::<MissionState>()?;
+    let mut odometry = memory.subscriber::<DroneState>()?;
+    let mut forecasts = memory.subscriber::<DeckForecast>()?;
 
     let mut autopilot = memory.subscriber::<AutopilotState>()?;
     let (mut deck, mut flight) = (MissionState::default(), AutopilotState::default());
@@ -106,6 +108,9 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             state.send(&ProcessState { flows, ..said });
             radio.watch(age_s);
             sequence = sequence.wrapping_add(1);
+            let now = process.now();
+            let own = odometry.newest(now.nanos());
+            let forecast = forecasts.newest(now.nanos());
             let status = DroneStatus {
                 header: Header::new(
                     vessel,
@@ -120,6 +125,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 attempts: deck.attempts,
                 battery: flight.battery,
                 landed: flight.landed,
+                deck_distance_m: DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref()),
             };
             if let Ok(bytes) = wire::encode(&status) {
                 radio.send(1, bytes);

@@ -24,6 +24,8 @@ use crate::process::log::{LogHeader, NodeLog};
 use crate::process::notify::{Notified, SOCKET_VARIABLE};
 use crate::process::supervision::{Action, Limits, Observed, SupervisorNode};
 
+/// Names the directory of what outlives a process of the vessel, as systemd does.
+pub const STATE_VARIABLE: &str = "STATE_DIRECTORY";
 /// The name of its log.
 pub const SUPERVISOR: &str = "supervisor";
 /// Processes that were asked to end have this long.
@@ -169,6 +171,7 @@ impl Supervisor {
         let mut command = Command::new(words.next().unwrap_or_default());
         if let Some(notified) = &managed.notified {
             command.env(SOCKET_VARIABLE, notified.path());
+            command.env(STATE_VARIABLE, &self.directory);
         }
         // A group of its own: the terminal's Ctrl-C reaches the supervisor only, which ends all.
         let mut child = command

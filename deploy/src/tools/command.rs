@@ -1,5 +1,6 @@
 //! `alight command`: an operator's command to a mission, and its answer: on the drone's own computer
-//! through shared memory, or from ashore through the vessel, with an operator's certificate.
+//! through shared memory, or from ashore through the vessel, with an operator's certificate. And on the vessel's
+//! computer the crew's word on the deck.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -13,14 +14,17 @@ use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_shared::transport::wake::end_requested;
 use alight_shared::{topics, wire};
+use alight_usv::deck::DeckOrder;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use crate::config::DroneComputer;
+use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::{CliError, Exit};
 use crate::process::instance::is_running;
 use crate::process::life::draw_boot;
 use crate::process::radio_keys::vessel_key;
+use crate::process::supervisor::pause;
+use crate::vessel::{deck_file, status_file};
 use crate::{certificates, terminal};
 
 /// The mission has this long to show that it took the command: its state comes at 50 Hz ...
@@ -29,6 +33,8 @@ const MAX_POLLS: u32 = 40;
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 /// From ashore it takes a session and two radios.
 const MAX_POLLS_ASHORE: u32 = 240;
+/// The vessel's status comes twice a second.
+const MAX_POLLS_DECK: u32 = 120;
 /// A command that shows no effect is repeated after so many looks.
 const REPEAT_POLLS: u32 = 10;
 
@@ -43,6 +49,17 @@ pub enum Order {
     Hold,
     /// Say how the mission stands; commands nothing.
     Status,
+    /// On the vessel: close the deck or open it.
+    Deck,
+}
+
+/// What the crew says of the deck.
+#[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
+pub enum DeckWord {
+    /// Nobody descends; a descent that is still high is broken off.
+    Closed,
+    /// It is free, but for drones that report from it.
+    Open,
 }
 
 impl Order {
@@ -52,7 +69,7 @@ impl Order {
             Order::Land => Some(CommandKind::Land),
             Order::Abort => Some(CommandKind::Abort),
             Order::Hold => Some(CommandKind::Hold),
-            Order::Status => None,
+            Order::Status | Order::Deck => None,
         }
     }
 }
@@ -62,15 +79,20 @@ impl Order {
 #[command(
     after_help = "Run it as the user that runs Alight: sudo -u alight alight command abort\n\
 From ashore: alight command abort --vessel quic/192.168.7.1:7447 --keys keys/operator-1\n\
-Exit codes: 0 the mission took it, 1 it did not in time, 2 bad input or no mission answers."
+On the vessel: sudo -u alight alight command deck closed\n\
+Exit codes: 0 the mission or the vessel took it, 1 it did not in time, 2 bad input or no mission answers."
 )]
 pub struct CommandArgs {
     /// What to command
     #[arg(value_enum)]
     pub order: Order,
-    /// Configuration of the drone's computer (TOML)
-    #[arg(long, value_name = "FILE", default_value = "/etc/alight/drone.toml")]
-    pub config: PathBuf,
+    /// With `deck`: closed or open
+    #[arg(value_enum, required_if_eq("order", "deck"))]
+    pub deck: Option<DeckWord>,
+    /// Configuration of the drone's computer, with `deck` of the vessel's (TOML) [default: /etc/alight/drone.toml or
+    /// /etc/alight/vessel.toml]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
     /// Name of the set of processes [default: the configuration's]
     #[arg(long)]
     pub instance: Option<String>,
@@ -91,17 +113,65 @@ pub struct CommandArgs {
     pub json: bool,
 }
 
+impl CommandArgs {
+    fn config_or(&self, shipped: &str) -> PathBuf {
+        self.config.clone().unwrap_or_else(|| shipped.into())
+    }
+}
+
 /// Commands, waits for the mission's answer and shows it.
 pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
+    match (args.order, args.deck) {
+        (Order::Deck, Some(word)) => return deck(args, word),
+        (Order::Land | Order::Abort | Order::Hold | Order::Status, Some(_)) => {
+            return Err(CliError("closed and open belong to `alight command deck`".into()));
+        }
+        (_, None) => {}
+    }
     match (&args.vessel, &args.keys) {
         (Some(endpoint), Some(keys)) => ashore(args, endpoint, keys),
         (_, _) => here(args),
     }
 }
 
+/// To the vessel's process on this computer.
+fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
+    if args.vessel.is_some() || args.instance.is_some() {
+        return Err(CliError(
+            "the deck is closed and opened on the vessel's own computer: no --vessel, no --instance".into(),
+        ));
+    }
+    let computer: VesselComputer = config::load(&args.config_or("/etc/alight/vessel.toml"))?;
+    let order = match word {
+        DeckWord::Closed => DeckOrder::Closed,
+        DeckWord::Open => DeckOrder::Open,
+    };
+    let left = deck_file::leave(&computer, order).map_err(CliError)?;
+    let mut newest = None;
+    let taken = (0..MAX_POLLS_DECK).any(|_| {
+        pause(POLL_PERIOD);
+        newest = status_file::read(&computer).and_then(Result::ok);
+        let closed = newest.as_ref().map(|s| s.deck.closed.is_some());
+        !left.exists() && closed == Some(word == DeckWord::Closed)
+    });
+    if args.json {
+        terminal::line(json!({ "taken": taken, "deck": newest.map(|s| s.deck) }));
+    } else if taken {
+        terminal::line(match word {
+            DeckWord::Closed => "the deck is closed",
+            DeckWord::Open => "the deck is open",
+        });
+    } else {
+        terminal::line(
+            "the vessel's process has not taken it, and will when it runs: systemctl status alight-vessel",
+        );
+    }
+    Ok(Exit::of(taken))
+}
+
 /// Through the shared memory of the drone's computer.
 fn here(args: &CommandArgs) -> Result<Exit, CliError> {
-    let computer: DroneComputer = config::load(&args.config)?;
+    let computer: DroneComputer = config::load(&args.config_or("/etc/alight/drone.toml"))?;
     let name = args.instance.as_ref().unwrap_or(&computer.instance);
     let instance = Instance::new(name)?;
     if !is_running(&instance) {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use alight_shared::transport::clock::steady_ns;
+use alight_usv::deck::Closure;
 use serde_json::json;
 
 use crate::certificates::RENEWAL_DAYS;
@@ -76,7 +77,7 @@ fn judge(status: &VesselStatus, now_ns: i64) -> Vec<Finding> {
     all.extend(estimator(&status.estimator));
     all.push(certificate(&status.certificate));
     all.push(unauthorised_peers(status));
-    all.push(deck(status));
+    all.extend(deck(status));
     all.extend(drones(status));
     all
 }
@@ -217,7 +218,8 @@ fn unauthorised_peers(status: &VesselStatus) -> Finding {
     )
 }
 
-fn deck(status: &VesselStatus) -> Finding {
+fn deck(status: &VesselStatus) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("deck");
     let deck_owner = status
         .deck_owner
         .map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
@@ -226,7 +228,40 @@ fn deck(status: &VesselStatus) -> Finding {
     } else {
         ""
     };
-    Topic("deck").fine(format!("{deck_owner}{on}"))
+    let found = format!("{deck_owner}{on}");
+    let deck = &status.deck;
+    const OPEN: &str = "alight command deck open";
+    let mut all = match (deck.closed, deck.owner_age_s) {
+        (Some(Closure::Crew), _) => vec![TOPIC.warning(format!("closed by the crew; {found}"), OPEN)],
+        (Some(Closure::MemoryDamaged), _) => vec![TOPIC.warning(
+            "closed: the file of who stands on it was damaged",
+            format!("look, and once it is empty: {OPEN}"),
+        )],
+        (None, Some(age_s)) if age_s > LOST_CONTACT_S => vec![TOPIC.warning(
+            format!("{found}, silent for {}", time(age_s)),
+            format!("it may stand there; once it does not: {OPEN}"),
+        )],
+        (None, _) => vec![TOPIC.fine(found)],
+    };
+    all.extend(deck.doubles.iter().map(|id| {
+        TOPIC.broken(
+            format!("two drones have the number {id}: neither is given the deck"),
+            "change bridge.drone_id of one of them",
+        )
+    }));
+    all.extend(deck.aborts.iter().map(|id| {
+        TOPIC.warning(
+            format!("drone {id} has not acknowledged an abort"),
+            "it is repeated until it does",
+        )
+    }));
+    all.extend(deck.file_error.iter().map(|e| {
+        TOPIC.warning(
+            format!("its state would not outlive the process: {e}"),
+            "free space, or make it writable",
+        )
+    }));
+    all
 }
 
 fn drones(status: &VesselStatus) -> Vec<Finding> {
@@ -261,7 +296,7 @@ fn drones(status: &VesselStatus) -> Vec<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vessel::status_file::{DroneContact, ProcessStatus};
+    use crate::vessel::status_file::{DeckStatus, DroneContact, ProcessStatus};
 
     fn status() -> VesselStatus {
         VesselStatus {
@@ -280,6 +315,7 @@ mod tests {
             rejected_last: None,
             deck_owner: Some(1),
             occupied: false,
+            deck: DeckStatus::default(),
             drones: vec![DroneContact {
                 drone: 1,
                 age_s: 0.3,
@@ -329,7 +365,16 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 11] = [
+        let cases: [(Change<'_>, Level, &str); 16] = [
+            (&|w| w.deck.closed = Some(Closure::Crew), Level::Warning, "deck"),
+            (&|w| w.deck.owner_age_s = Some(60.0), Level::Warning, "deck"),
+            (&|w| w.deck.doubles = vec![1], Level::Broken, "deck"),
+            (&|w| w.deck.aborts = vec![1], Level::Warning, "deck"),
+            (
+                &|w| w.deck.file_error = Some("full".into()),
+                Level::Warning,
+                "deck",
+            ),
             (&|w| w.process.unlogged = 9, Level::Warning, "log"),
             (
                 &|w| w.estimator.sensor_age_s[1] = Some(9.0),

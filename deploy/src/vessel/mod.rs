@@ -1,5 +1,6 @@
 //! The vessel's node as a process: sensors in, zenoh out.
 
+pub mod deck_file;
 pub mod drone_monitor;
 pub mod sensor_supervisor;
 pub mod sensors;
@@ -33,9 +34,10 @@ use crate::process::radio_keys::{
     STATUS, any_drone_status, any_operator_command, any_time_request, vessel_key,
 };
 use crate::process::radio_rates::RadioRates;
+use crate::vessel::deck_file::{DeckFile, Kept};
 use crate::vessel::drone_monitor::DroneMonitor;
 use crate::vessel::sensor_supervisor::SensorSupervisor;
-use crate::vessel::status_file::StatusFile;
+use crate::vessel::status_file::{DeckStatus, StatusFile};
 
 /// A process without sensor readings wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(10);
@@ -103,6 +105,10 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut operator_relay = LoggedNode::new(OPERATOR_RELAY, args, boot, relay)?;
     let arbiter = DeckArbiter::new(&computer.deck, id, boot);
     let mut arbiter = LoggedNode::new(DECK_ARBITER, args, boot, arbiter)?;
+    let (mut deck_file, left) = DeckFile::open(&computer);
+    let (mut deck_memory, mut aborts) = (Some(left.deck), left.aborts);
+    let mut orders = Vec::new();
+    let mut doubles = Vec::new();
     let mut undecoded = 0_u64;
     let mut status_file = StatusFile::new(&computer);
 
@@ -158,6 +164,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let drone_statuses: Vec<DroneStatus> = statuses.iter().map(|(_, status)| *status).collect();
         let input = ArbiterIn {
             statuses: drone_statuses.clone(),
+            orders: std::mem::take(&mut orders),
+            memory: deck_memory.take(),
         };
         let ArbiterOut { grant } = arbiter.step(now, &input);
         publish(&mut radio, DECK, grant.as_ref());
@@ -165,6 +173,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let input = OperatorIn {
             commands,
             statuses: drone_statuses,
+            aborts: std::mem::take(&mut aborts),
         };
         let relayed = operator_relay.step(now, &input);
         for command in &relayed.accepted {
@@ -179,6 +188,18 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         for (_, status) in statuses.iter().filter(|_| operators) {
             publish(&mut radio, DRONES, Some(status));
         }
+        deck_file.keep(Kept {
+            deck: arbiter.node().memory(),
+            aborts: operator_relay.node().aborts(),
+        });
+        let now_double: Vec<_> = arbiter.node().doubles().collect();
+        for (id, [one, other]) in now_double.iter().filter(|d| !doubles.contains(*d)) {
+            warn!(
+                "two drones have the number {id} (boot ids {one:08x} and {other:08x}): neither is given the deck; \
+                 change bridge.drone_id of one of them"
+            );
+        }
+        doubles = now_double;
         if arbiter.node().owner() != former_owner {
             match arbiter.node().owner() {
                 Some(id) => info!("the deck is reserved for drone {id}"),
@@ -243,11 +264,15 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         if let Some(said) = &said {
             arbiter.flush();
             operator_relay.flush();
+            if let Some(order) = deck_file.order() {
+                info!("the crew says of the deck: {order:?}");
+                orders.push(order);
+            }
             status_file.write(
                 &computer,
                 process.node(),
                 said,
-                arbiter.node().owner(),
+                DeckStatus::of(now, arbiter.node(), operator_relay.node(), deck_file.error()),
                 &reported,
                 &sensor_supervisor,
             );

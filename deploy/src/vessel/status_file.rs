@@ -8,10 +8,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use alight_shared::msg::{DeckGrant, DroneStatus, MESSAGE_VERSION, Message};
-use alight_shared::time::VesselClock;
+use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
+use alight_usv::deck::{Closure, DeckArbiter, OperatorRelay};
 use alight_usv::{KINDS, VesselIn, VesselNode, VesselOut};
 use serde::{Deserialize, Serialize};
 
@@ -163,6 +164,43 @@ fn finite(v: f64) -> f64 {
     if v.is_finite() { v } else { 0.0 }
 }
 
+/// The deck, and the commands that concern it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DeckStatus {
+    /// Its owner.
+    #[serde(skip)]
+    owner: Option<u32>,
+    /// Why it is closed, if it is.
+    pub closed: Option<Closure>,
+    /// Since the owner's newest status, s.
+    pub owner_age_s: Option<f64>,
+    /// Numbers that two drones have.
+    pub doubles: Vec<u32>,
+    /// Drones that have not acknowledged an abort.
+    pub aborts: Vec<u32>,
+    /// Why its state would not outlive the process, if it would not.
+    pub file_error: Option<String>,
+}
+
+impl DeckStatus {
+    /// As arbiter and relay know it at `now`.
+    pub fn of(
+        now: Time<VesselClock>,
+        arbiter: &DeckArbiter,
+        relay: &OperatorRelay,
+        file_error: Option<String>,
+    ) -> DeckStatus {
+        DeckStatus {
+            owner: arbiter.owner(),
+            closed: arbiter.closed(),
+            owner_age_s: arbiter.owner_age_s(now).map(finite),
+            doubles: arbiter.doubles().map(|(id, _)| id).collect(),
+            aborts: relay.aborts().iter().map(|a| a.drone).collect(),
+            file_error,
+        }
+    }
+}
+
 /// The whole status.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VesselStatus {
@@ -184,6 +222,8 @@ pub struct VesselStatus {
     pub deck_owner: Option<u32>,
     /// A drone stands on it.
     pub occupied: bool,
+    /// What else is known of the deck.
+    pub deck: DeckStatus,
     /// Drones that were received.
     pub drones: Vec<DroneContact>,
     /// The estimator.
@@ -202,10 +242,15 @@ fn own_path(computer: &VesselComputer) -> PathBuf {
     if of_service { directory } else { &temporary }.join(name(computer))
 }
 
-fn name(computer: &VesselComputer) -> String {
+/// The name of a file of this computer's process.
+pub fn file_name(computer: &VesselComputer, extension: &str) -> String {
     let port = computer.sensors.rsplit(':').next().unwrap_or_default();
     let port: String = port.chars().filter(char::is_ascii_digit).collect();
-    format!("alight-vessel-{port}.json")
+    format!("alight-vessel-{port}.{extension}")
+}
+
+fn name(computer: &VesselComputer) -> String {
+    file_name(computer, "json")
 }
 
 /// The status of this computer's vessel process; None when there is none.
@@ -298,7 +343,7 @@ impl StatusFile {
         computer: &VesselComputer,
         node: &VesselNode,
         process: &ProcessState,
-        deck_owner: Option<u32>,
+        deck: DeckStatus,
         rejections: &AccessRejections,
         sensor_supervisor: &SensorSupervisor,
     ) {
@@ -331,8 +376,9 @@ impl StatusFile {
                 .filter(|(_, n)| *n > 0)
                 .collect(),
             rejected_last: rejections.last.map(|r| r.name().to_owned()),
-            deck_owner,
+            deck_owner: deck.owner,
             occupied: self.occupied,
+            deck,
             drones: self
                 .drones
                 .iter()

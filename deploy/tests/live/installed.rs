@@ -147,6 +147,7 @@ impl Installed {
         let child = command(words)
             .args([name, "--config", &config, "--supervised"])
             .env("NOTIFY_SOCKET", self.directory.join("notified"))
+            .env("STATE_DIRECTORY", &self.directory)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(errors)

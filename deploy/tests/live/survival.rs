@@ -1,19 +1,24 @@
-//! What a process outlives, and what outlives a process: a log that cannot be written. Nothing here asserts a time:
-//! the bounds on waiting are only against tests that never end.
+//! What a process outlives, and what outlives a process: a log that cannot be written, the deck's state. Nothing here
+//! asserts a time: the bounds on waiting are only against tests that never end.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
+use alight_shared::msg::{DroneStatus, Header, State};
+use alight_shared::time::Time;
+use alight_shared::transport::radio::{Radio, RadioConfig, TlsConfig};
+use alight_shared::wire;
 use serde_json::Value;
 
-use crate::common::{Running, free_port, free_udp, instance, printed, run, scratch, signal};
+use crate::common::{self, Running, alight, free_port, free_udp, instance, printed, run, scratch, signal};
 use crate::landing::{land, pid, running, status_when};
 
 /// A vessel's computer without sensors, on the loopback interface.
 struct Vessel {
     directory: PathBuf,
     config: PathBuf,
+    endpoint: String,
 }
 
 impl Vessel {
@@ -28,7 +33,11 @@ impl Vessel {
             free_port()
         );
         std::fs::write(&config, text).expect("written");
-        Vessel { directory, config }
+        Vessel {
+            directory,
+            config,
+            endpoint,
+        }
     }
     /// The command that starts its process, after these words.
     fn command(&self, before: &[&str]) -> Command {
@@ -37,14 +46,34 @@ impl Vessel {
         let mut command = Command::new(words[0]);
         command.args(&words[1..]).arg(&self.config);
         command.stdin(Stdio::piped());
+        command.env("STATE_DIRECTORY", &self.directory);
         command
+    }
+    fn start(&self) -> Running {
+        Running(self.command(&[]).spawn().expect("starts"))
+    }
+    /// The crew's word on the deck.
+    fn say(&self, word: &str) {
+        let config = self.config.display().to_string();
+        let out = alight(format!("command deck {word} --json --config {config}"))
+            .env("STATE_DIRECTORY", &self.directory)
+            .output()
+            .expect("runs");
+        assert!(out.status.success(), "{out:?}");
+    }
+    /// The file of the deck's state.
+    fn deck_file(&self) -> PathBuf {
+        let files = std::fs::read_dir(&self.directory).expect("read").flatten();
+        let mut paths = files.map(|f| f.path());
+        let deck = |p: &PathBuf| p.extension().is_some_and(|e| e == "deck");
+        paths.find(deck).expect("the deck's state")
     }
     fn status(&self) -> Value {
         let out = run(format!("status --json --config {}", self.config.display()));
         serde_json::from_str(&printed(&out)).unwrap_or(Value::Null)
     }
     /// What `status` prints once `wanted` is true.
-    fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    fn status_when(&self, what: &str, mut wanted: impl FnMut(&Value) -> bool) -> Value {
         for _ in 0..200 {
             let now = self.status();
             if wanted(&now) {
@@ -121,4 +150,58 @@ fn vessel_outlives_a_limit_on_the_size_of_its_log_and_says_so() {
         said.contains("goes on without its log: writing") && said.contains(&log.display().to_string()),
         "{said}"
     );
+}
+
+#[test]
+fn occupied_and_closed_deck_outlive_a_vessel_that_is_killed() {
+    let vessel = Vessel::prepare("deck");
+    let mut process = vessel.start();
+    let dial = RadioConfig::dialling(&vessel.endpoint, TlsConfig::default());
+    let mut drone =
+        Radio::open(&dial, common::publication("alight/drone-1/status"), Vec::new()).expect("opens");
+    let mut sequence = 0;
+    // It lands, and is switched off.
+    vessel.status_when("the drone is received on the deck", |s| {
+        sequence += 1;
+        let status = DroneStatus {
+            header: Header::new(1, 1, 7, sequence, Time::EPOCH),
+            state: State::Landed,
+            ..DroneStatus::default()
+        };
+        drone.send(0, wire::encode(&status).expect("small"));
+        s["status"]["occupied"] == true
+            && std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| text.contains("on_deck"))
+    });
+    drop(drone);
+    let again = |process: &mut Running| {
+        let pid = u64::from(process.0.id());
+        process.0.kill().expect("killed");
+        process.0.wait().expect("waited for");
+        *process = vessel.start();
+        vessel.status_when("another process reports", |s| {
+            s["status"]["process"]["pid"].as_u64().is_some_and(|p| p != pid)
+        })
+    };
+    let status = again(&mut process);
+    let (owner, occupied) = (&status["status"]["deck_owner"], &status["status"]["occupied"]);
+    assert!(owner == 1 && occupied == true, "{status}");
+
+    vessel.say("closed");
+    vessel.status_when("it is kept", |_| {
+        std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| text.contains("crew"))
+    });
+    let status = again(&mut process);
+    assert_eq!(status["status"]["deck"]["closed"], "crew", "{status}");
+
+    vessel.say("open");
+    let open = |s: &Value| s["status"]["deck"]["closed"].is_null() && s["status"]["deck_owner"].is_null();
+    vessel.status_when("the crew sees nobody there", open);
+    vessel.status_when("it is kept", |_| {
+        std::fs::read_to_string(vessel.deck_file()).is_ok_and(|text| !text.contains("on_deck"))
+    });
+    assert!(open(&again(&mut process)));
+
+    std::fs::write(vessel.deck_file(), "half a fi").expect("written");
+    let status = again(&mut process);
+    assert_eq!(status["status"]["deck"]["closed"], "memory_damaged", "{status}");
 }

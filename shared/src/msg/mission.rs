@@ -5,8 +5,12 @@ use core::fmt;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{FRACTION, Header, LandedState, MAX_ACCELERATION_MPS2, MAX_POSITION_M, deviations, within};
+use super::{
+    DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_ACCELERATION_MPS2,
+    MAX_POSITION_M, deviations, within,
+};
 use crate::time::{Clock, DroneClock, Time};
+use crate::topics;
 
 /// States of the landing mission (Procházka et al., section IV).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -232,6 +236,12 @@ impl fmt::Display for Reason {
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
             ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
             ReasonCode::DeckReserved if v == 0.0 => write!(f, "the deck is not reserved yet"),
+            ReasonCode::DeckReserved if v == f64::from(DECK_CLOSED) => {
+                write!(
+                    f,
+                    "the vessel's crew has closed the deck, or two drones have one number"
+                )
+            }
             ReasonCode::DeckReserved => write!(f, "the deck is drone {v:.0}'s"),
             ReasonCode::DeckGrantStale => write!(f, "newest deck grant {v:.1} s old (limit {l:.1})"),
             ReasonCode::SlideObserved if v < l => {
@@ -417,10 +427,29 @@ pub struct DroneStatus {
     pub battery: f64,
     /// The autopilot's own opinion of where it is.
     pub landed: LandedState,
+    /// Horizontal distance from the deck's centre by odometry and forecast, m; None while either is old.
+    pub deck_distance_m: Option<f32>,
+}
+
+impl DroneStatus {
+    /// Horizontal distance between odometry and the deck's centre in its forecast, m; None while one is missing or
+    /// older at `now` than its topic allows.
+    pub fn deck_distance_m(
+        now: Time<DroneClock>,
+        own: Option<&DroneState>,
+        forecast: Option<&DeckForecast>,
+    ) -> Option<f32> {
+        let own = own.filter(|m| now - m.header.at <= topics::DRONE_STATE.stale_after)?;
+        let forecast = forecast.filter(|m| now - m.header.at <= topics::FORECAST.stale_after)?;
+        let deck = forecast.stages.first()?;
+        let from_deck = Vector3::from(own.position) - Vector3::from(deck.position);
+        Some(from_deck.xy().norm() as f32)
+    }
 }
 
 message!(DroneStatus, DroneClock, |m| {
     FRACTION.contains(&m.battery) => "battery",
+    m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",

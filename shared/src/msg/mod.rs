@@ -49,7 +49,7 @@ pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, Motors, PLAN_STAGES, Plan, PlanStage, SetPoint,
     SetPointKind, Solve,
 };
-pub use grant::DeckGrant;
+pub use grant::{DECK_CLOSED, DeckGrant};
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{

@@ -19,7 +19,9 @@ use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn};
-use alight_usv::deck::{ArbiterIn, DeckArbiter, OperatorIn, OperatorRelay};
+use alight_usv::deck::{
+    ArbiterIn, DeckArbiter, DeckMemory, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
+};
 use alight_usv::{VesselIn, VesselNode};
 use serde::Serialize;
 
@@ -81,6 +83,11 @@ struct DeckServices {
     /// What the operator has given since the last tick.
     commands: Vec<OperatorCommand<VesselClock>>,
     operator_sequence: u32,
+    /// What the crew has said since the last tick.
+    orders: Vec<DeckOrder>,
+    /// What the vessel's former start left.
+    memory: Option<DeckMemory>,
+    aborts: Vec<PendingAbort>,
 }
 
 impl DeckServices {
@@ -90,6 +97,17 @@ impl DeckServices {
             relay: OperatorRelay::new(VESSEL_ID, boot),
             commands: Vec::new(),
             operator_sequence: 0,
+            orders: Vec::new(),
+            memory: None,
+            aborts: Vec::new(),
+        }
+    }
+    /// The vessel's next start, with what this one leaves in its file.
+    fn restarted(&self, nodes: &NodeConfigs, boot: u32) -> DeckServices {
+        DeckServices {
+            memory: Some(self.arbiter.memory()),
+            aborts: self.relay.aborts(),
+            ..DeckServices::new(nodes, boot)
         }
     }
 }
@@ -154,6 +172,12 @@ impl World {
             deck.commands.push(OperatorCommand { header, kind });
         }
     }
+    /// The vessel's crew says something of the deck.
+    pub fn deck_order(&mut self, order: DeckOrder) {
+        if let Some(deck) = &mut self.deck {
+            deck.orders.push(order);
+        }
+    }
     /// A person takes a drone away and starts it anew, its computer too: it appears in the air where it began.
     pub fn restart_drone(&mut self, k: usize, scenario: &Scenario, nodes: &NodeConfigs) {
         self.physics.place_drone(k);
@@ -213,7 +237,7 @@ impl World {
         self.deck = self
             .deck
             .take()
-            .map(|_| DeckServices::new(nodes, self.vessel_boot));
+            .map(|deck| deck.restarted(nodes, self.vessel_boot));
     }
 
     /// The outage of a drone's radio that a mission's new state brings about.
@@ -252,10 +276,16 @@ impl World {
         if let Some(deck) = &mut self.deck {
             let input = ArbiterIn {
                 statuses: statuses.clone(),
+                orders: core::mem::take(&mut deck.orders),
+                memory: deck.memory.take(),
             };
             let granted = deck.arbiter.step(now, &input);
-            let commands = core::mem::take(&mut deck.commands);
-            let relayed = deck.relay.step(now, &OperatorIn { commands, statuses });
+            let input = OperatorIn {
+                commands: core::mem::take(&mut deck.commands),
+                statuses,
+                aborts: core::mem::take(&mut deck.aborts),
+            };
+            let relayed = deck.relay.step(now, &input);
             self.broadcast(t, PacketKind::Deck, &granted.grant);
             self.broadcast(t, PacketKind::Command, &relayed.commands);
         }
@@ -507,7 +537,8 @@ impl DroneComputer {
         self.mission_state = mission.unwrap_or(self.mission_state);
         if reports_status && t >= self.status_due {
             self.status_due = t + STATUS_PERIOD;
-            self.send_status(t, physics.header(k));
+            let distance = DroneStatus::deck_distance_m(now, odometry.as_ref(), self.forecast.as_ref());
+            self.send_status(t, physics.header(k), distance);
         }
 
         let input = PlannerIn {
@@ -556,7 +587,7 @@ impl DroneComputer {
         }
     }
 
-    fn send_status(&mut self, t: Time<TrueTime>, header: Header<DroneClock>) {
+    fn send_status(&mut self, t: Time<TrueTime>, header: Header<DroneClock>, deck_distance_m: Option<f32>) {
         let (mission, autopilot) = (&self.mission_state, &self.autopilot_state);
         let status = DroneStatus {
             header,
@@ -566,6 +597,7 @@ impl DroneComputer {
             attempts: mission.attempts,
             battery: autopilot.battery,
             landed: autopilot.landed,
+            deck_distance_m,
         };
         if let Ok(bytes) = wire::encode(&status) {
             self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));

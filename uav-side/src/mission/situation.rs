@@ -2,7 +2,7 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState,
+    AutopilotMode, AutopilotState, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState,
     PREDICTED_SLOPE_STEP_S, Reason, ReasonCode, SLOPE_STEP,
 };
 use alight_shared::time::{DroneClock, Span, Time};
@@ -55,7 +55,7 @@ pub enum Reservation {
     NotNeeded,
     /// Ours.
     Ours,
-    /// That drone's; 0: nobody's.
+    /// That drone's; 0: nobody's; [`DECK_CLOSED`]: closed.
     Others(u32),
     /// The newest grant is this old, s.
     Unknown(f64),
@@ -69,12 +69,15 @@ impl Reservation {
         now: Time<DroneClock>,
         config: &MissionConfig,
     ) -> Self {
-        if !config.reservation_required {
+        let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
+        let fresh = age_s <= topics::DECK.stale_after.secs();
+        // A deck that is closed is closed to everybody.
+        let closed = grant.is_some_and(|g| fresh && g.owner == DECK_CLOSED);
+        if !config.reservation_required && !closed {
             return Reservation::NotNeeded;
         }
-        let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
         match grant {
-            Some(g) if age_s <= topics::DECK.stale_after.secs() => {
+            Some(g) if fresh => {
                 if g.owner == own {
                     Reservation::Ours
                 } else {

@@ -1,11 +1,11 @@
 //! Every row of the state table.
 
-use alight_shared::msg::AutopilotMode;
 use alight_shared::msg::ReasonCode::{
     Commanded, DeckGrantStale, DeckReserved, Deviated, ForecastStale, Infeasible, Missed, NoPlan, NoVessel,
     NoVision, NotCommanded, NotFlying, NotSteady, Reached, SlideObserved, SlidePredicted, TooFar, TooFast,
     TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
 };
+use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
 
 use super::*;
@@ -387,4 +387,22 @@ fn landed_is_left_only_after_disarming_and_arming() {
     let d = step(&d, &fair());
     goes(&d, State::Idle, Reached);
     assert!(!d.progress.landing);
+}
+
+#[test]
+fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
+    let grant = |owner, at_s| DeckGrant {
+        header: Header::new(1, 0, 1, 1, at(at_s)),
+        owner,
+        occupied: false,
+    };
+    let c = config();
+    assert!(!c.reservation_required);
+    let of = |owner, at_s| Reservation::of(Some(&grant(owner, at_s)), 1, at(10.0), &c);
+    assert_eq!(of(2, 9.5), Reservation::NotNeeded);
+    assert_eq!(of(DECK_CLOSED, 5.0), Reservation::NotNeeded, "stale");
+    let closed = of(DECK_CLOSED, 9.5);
+    assert!(closed.rejection().is_some() && closed.lost().is_some());
+    let why = closed.rejection().unwrap_or_default().to_string();
+    assert!(why.contains("closed the deck"), "{why}");
 }

@@ -2,26 +2,45 @@
 //!
 //! Every drone reports the state of its mission ([`DroneStatus`], 2 Hz); the arbiter publishes who owns the
 //! deck ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by tracking it stably. It owns the
-//! deck until it goes elsewhere, its status times out, or it has taken off again. A drone on the deck owns it
-//! without a timeout: it may have been switched off there.
+//! deck until there is evidence that it has left: it reports that it goes elsewhere, or from a distance, or the crew
+//! says so. Silence is no evidence: a drone that was granted the deck may have landed and been switched off.
+//!
+//! The crew closes and opens the deck ([`DeckOrder`]). What the arbiter must not forget outlives it ([`DeckMemory`]).
 
 use alight_shared::admission::check_message;
 use alight_shared::config;
-use alight_shared::msg::{DeckGrant, DroneStatus, Header, LandedState, State};
+use alight_shared::msg::{DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, State};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
+use super::memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim};
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
+/// A drone is silent after this long: four periods of its status.
+const FRESH: Span = Span::from_millis(2000);
+/// A drone that breaks off, or takes off from the deck, keeps it for its climb to the height of those that wait.
+const DEPARTURE: Span = Span::from_millis(10_000);
+/// A status with another boot id is that of a drone that was started anew once the former was silent for this long:
+/// three periods.
+const RESTART_SILENCE: Span = Span::from_millis(1500);
+/// Two drones with one number are taken for that until one was silent for this long.
+const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
+/// Alternations of two senders with one number until they count as two: late packets of a former start make one.
+const MIN_ALTERNATIONS: u32 = 2;
+/// A drone on the ground within this distance of the deck's centre stands on it, m: two GNSS receivers and half a deck.
+const ON_DECK_M: f32 = 5.0;
+/// One beyond this distance does not, m.
+const FAR_M: f32 = 15.0;
 
 config! {
     /// When the deck changes its owner.
     #[derive(Copy)]
     pub struct DeckConfig {
-        /// An airborne drone whose status is older than this loses the deck, s.
+        /// A drone in descent whose status is older than this counts as standing on the deck; one without the deck
+        /// is forgotten, s.
         /// Source: above the longest descent and flare together (30 and 8 s), which a drone may
         /// finish without a radio.
         pub status_timeout_s: f64 = 60.0, in 40.0..=3600.0;
@@ -34,21 +53,6 @@ config! {
     }
 }
 
-/// What a drone has to do with the deck.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Claim {
-    /// Nothing.
-    Away,
-    /// Above it, not stably: keeps it, does not request it.
-    Above,
-    /// Stably above it.
-    Requesting,
-    /// In descent or flare.
-    Landing,
-    /// Stands on it.
-    OnDeck,
-}
-
 #[derive(Clone, Copy, Debug)]
 struct Drone {
     /// Of its newest status.
@@ -57,27 +61,101 @@ struct Drone {
     claim: Claim,
     /// Since when it has requested the deck without owning it, or has owned it without descending.
     since: Time<VesselClock>,
+    /// When it left the deck or broke off.
+    left: Option<Time<VesselClock>>,
+    rival: Option<Rival>,
+}
+
+/// Another sender with the same number: the drone itself started anew, or a second drone.
+#[derive(Clone, Copy, Debug)]
+struct Rival {
+    header: Header<DroneClock>,
+    received: Time<VesselClock>,
+    /// The first sender was received since.
+    answered: bool,
+    /// How often both were received in turn.
+    alternations: u32,
+}
+
+impl Drone {
+    fn is_fresh(&self, now: Time<VesselClock>) -> bool {
+        now - self.received <= FRESH
+    }
+    /// Climbs from the deck.
+    fn is_leaving(&self, now: Time<VesselClock>) -> bool {
+        self.left.is_some_and(|t| now - t < DEPARTURE)
+    }
+    /// Two drones with this number.
+    fn is_double(&self) -> bool {
+        self.rival.is_some_and(|r| r.alternations >= MIN_ALTERNATIONS)
+    }
+    /// Whether a status is of the sender that is known, in order, or of its next start.
+    fn admit(&mut self, now: Time<VesselClock>, h: &Header<DroneClock>) -> bool {
+        if h.boot == self.header.boot {
+            let new = h.follows(&self.header);
+            if let Some(rival) = self.rival.as_mut().filter(|r| new && !r.answered) {
+                rival.answered = true;
+                rival.alternations = rival.alternations.saturating_add(1);
+            }
+            return new;
+        }
+        let known = self.rival.filter(|r| r.header.boot == h.boot);
+        if known.is_some_and(|r| !h.follows(&r.header)) {
+            return false;
+        }
+        let alternations = known.map_or(0, |r| r.alternations);
+        let restarted = now - self.received > RESTART_SILENCE;
+        let (header, received) = if restarted {
+            (self.header, self.received)
+        } else {
+            (*h, now)
+        };
+        self.rival = Some(Rival {
+            header,
+            received,
+            answered: restarted,
+            alternations,
+        });
+        restarted
+    }
 }
 
 impl Claim {
     fn of(status: &DroneStatus, before: Claim) -> Claim {
-        match status.state {
-            State::Landed => Claim::OnDeck,
-            // Switched on again, or not yet taken off.
-            State::Idle if before == Claim::OnDeck && status.landed != LandedState::InAir => Claim::OnDeck,
-            State::Descent | State::Flare => Claim::Landing,
-            State::TrackingStable => Claim::Requesting,
-            State::Tracking => Claim::Above,
-            State::Idle | State::GetAltitude | State::Approach | State::Hold | State::GaveUp => Claim::Away,
+        let near = status.deck_distance_m.is_some_and(|d| d <= ON_DECK_M);
+        let was_there = before >= Claim::Landing;
+        match (status.state, status.landed) {
+            (State::Landed, _) => Claim::OnDeck,
+            (State::Descent | State::Flare, _) => Claim::Landing,
+            (State::TrackingStable, _) => Claim::Requesting,
+            (State::Tracking, _) => Claim::Above,
+            // Carried off.
+            _ if is_far(status) => Claim::Away,
+            // Parked, switched on again, or its landing was given up when it stood already.
+            (_, LandedState::OnGround) if was_there || near => Claim::OnDeck,
+            // A mission that began anew knows less than it did.
+            (State::Idle, LandedState::Unknown) if was_there => before,
+            (
+                State::Idle | State::GetAltitude | State::Approach | State::Hold | State::GaveUp,
+                LandedState::Unknown | LandedState::OnGround | LandedState::InAir,
+            ) => Claim::Away,
         }
     }
 }
 
-/// Statuses that arrived since the last step.
+fn is_far(status: &DroneStatus) -> bool {
+    status.deck_distance_m.is_some_and(|d| d > FAR_M)
+}
+
+/// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArbiterIn {
-    /// In their order of arrival.
+    /// Statuses in their order of arrival.
     pub statuses: Vec<DroneStatus>,
+    /// Orders of the crew.
+    pub orders: Vec<DeckOrder>,
+    /// At the first step, what the former start left.
+    pub memory: Option<DeckMemory>,
 }
 
 /// What the arbiter publishes.
@@ -96,6 +174,8 @@ pub struct DeckArbiter {
     sequence: u32,
     drones: Vec<Drone>,
     owner: Option<u32>,
+    published: u32,
+    closed: Option<Closure>,
     began: Option<Time<VesselClock>>,
     due: Time<VesselClock>,
     rejected: u64,
@@ -116,23 +196,91 @@ impl DeckArbiter {
     pub fn owner(&self) -> Option<u32> {
         self.owner
     }
-    /// Statuses of another vessel or version, out of order, or of a drone beyond [`MAX_DRONES`].
+    /// The drone that was on its way down in its newest status, within the time that it takes.
+    pub fn landing(&self, now: Time<VesselClock>) -> Option<u32> {
+        let landing = |d: &&Drone| {
+            d.claim == Claim::Landing && (now - d.received).secs() <= self.config.status_timeout_s
+        };
+        self.drones.iter().find(landing).map(|d| d.header.drone)
+    }
+    /// Why the deck is closed, if it is.
+    pub fn closed(&self) -> Option<Closure> {
+        self.closed
+    }
+    /// The age of the owner's newest status, s.
+    pub fn owner_age_s(&self, now: Time<VesselClock>) -> Option<f64> {
+        let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
+        Some((now - owner.received).secs())
+    }
+    /// Numbers that two drones have, with the boot ids of both: neither is given the deck.
+    pub fn doubles(&self) -> impl Iterator<Item = (u32, [u32; 2])> {
+        let double = |d: &Drone| {
+            let rival = d.rival.filter(|_| d.is_double())?;
+            Some((d.header.drone, [d.header.boot, rival.header.boot]))
+        };
+        self.drones.iter().filter_map(double)
+    }
+    /// Statuses of another vessel or version, out of order, of a drone beyond [`MAX_DRONES`] or of a second one with
+    /// the same number.
     pub fn rejected(&self) -> u64 {
         self.rejected
+    }
+    /// What must not be forgotten.
+    pub fn memory(&self) -> DeckMemory {
+        let kept = |d: &&Drone| d.claim >= Claim::Landing || self.owner == Some(d.header.drone);
+        let claims = self.drones.iter().filter(kept).map(|d| DroneClaim {
+            drone: d.header.drone,
+            boot: d.header.boot,
+            claim: d.claim,
+        });
+        DeckMemory {
+            owner: self.owner,
+            closed: self.closed,
+            claims: claims.collect(),
+        }
+    }
+
+    fn remember(&mut self, now: Time<VesselClock>, memory: &DeckMemory) {
+        (self.owner, self.closed) = (memory.owner, memory.closed);
+        let drones = memory.claims.iter().take(MAX_DRONES).map(|c| Drone {
+            // Whatever comes next follows it.
+            header: Header::new(self.vessel, c.drone, c.boot, 0, Time::EPOCH),
+            // It was not received since.
+            received: now - FRESH - Span::from_millis(1),
+            claim: c.claim,
+            since: now,
+            // Whether it was about to leave is not kept.
+            left: Some(now).filter(|_| c.claim < Claim::Landing),
+            rival: None,
+        });
+        self.drones = drones.collect();
     }
 
     fn observe(&mut self, now: Time<VesselClock>, status: &DroneStatus) {
         let h = &status.header;
         let index = self.drones.iter().position(|d| d.header.drone == h.drone);
-        let before = index.and_then(|k| self.drones.get(k)).copied();
-        let old = before.is_some_and(|d| !h.follows(&d.header));
-        let valid = check_message(status).is_ok() && h.vessel == self.vessel && h.drone != 0;
-        let full = before.is_none() && self.drones.len() >= MAX_DRONES;
-        if !valid || old || full {
+        let named = h.vessel == self.vessel && h.drone != 0 && h.drone != DECK_CLOSED;
+        let valid = check_message(status).is_ok() && named;
+        let full = index.is_none() && self.drones.len() >= MAX_DRONES;
+        let mut known = index.and_then(|k| self.drones.get(k)).copied();
+        let before = known;
+        let admitted = valid && !full && known.as_mut().is_none_or(|d| d.admit(now, h));
+        if let (Some(k), Some(known)) = (index.filter(|_| valid), known)
+            && let Some(slot) = self.drones.get_mut(k)
+        {
+            slot.rival = known.rival;
+        }
+        if !admitted {
             self.rejected = self.rejected.saturating_add(1);
             return;
         }
         let claim = Claim::of(status, before.map_or(Claim::Away, |d| d.claim));
+        let left = match before {
+            _ if claim >= Claim::Landing || is_far(status) => None,
+            Some(d) if d.claim >= Claim::Landing => Some(now),
+            Some(d) => d.left,
+            None => None,
+        };
         let same = before.filter(|d| d.claim == claim || d.claim.max(claim) <= Claim::Requesting);
         let new_request = claim == Claim::Requesting && before.is_none_or(|d| d.claim == Claim::Away);
         let drone = Drone {
@@ -140,6 +288,8 @@ impl DeckArbiter {
             received: now,
             claim,
             since: same.filter(|_| !new_request).map_or(now, |d| d.since),
+            left,
+            rival: known.and_then(|d| d.rival),
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
             Some(slot) => *slot = drone,
@@ -147,31 +297,69 @@ impl DeckArbiter {
         }
     }
 
+    /// What the crew said.
+    fn obey(&mut self, now: Time<VesselClock>, order: DeckOrder) {
+        match order {
+            DeckOrder::Closed => self.closed = Some(Closure::Crew),
+            DeckOrder::Open => {
+                self.closed = None;
+                // Whoever stands there and is silent, the crew does not see.
+                self.drones.retain(|d| d.is_fresh(now));
+            }
+        }
+    }
+
     /// The owner from now on.
     fn assign(&mut self, now: Time<VesselClock>) -> Option<u32> {
         let c = self.config;
-        let fresh = |d: &Drone| d.claim == Claim::OnDeck || (now - d.received).secs() <= c.status_timeout_s;
-        self.drones.retain(fresh);
+        for d in &mut self.drones {
+            d.rival = d.rival.filter(|r| now - r.received < RIVAL_TIMEOUT);
+        }
+        let owner = self.owner;
+        let owns = |d: &Drone| owner == Some(d.header.drone);
+        self.drones.retain(|d| {
+            owns(d) || d.claim >= Claim::Landing || (now - d.received).secs() <= c.status_timeout_s
+        });
         let drones = || self.drones.iter();
         // Facts before permissions: who is on the deck or descends owns it, the owner before another.
         let fact = drones()
-            .filter(|d| d.claim >= Claim::Landing)
-            .max_by_key(|d| (d.claim, self.owner == Some(d.header.drone)));
+            .filter(|d| d.claim >= Claim::Landing || d.is_leaving(now))
+            .max_by_key(|d| (d.claim.max(Claim::Requesting), owns(d)));
         if let Some(d) = fact {
             return Some(d.header.drone);
         }
-        let current = drones().find(|d| self.owner == Some(d.header.drone) && d.claim > Claim::Away);
+        let current = drones().find(|d| owns(d) && d.claim > Claim::Away);
         let next = drones()
-            .filter(|d| d.claim == Claim::Requesting && self.owner != Some(d.header.drone))
+            .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && self.closed.is_none())
             .min_by_key(|d| d.since);
         match (current, next) {
-            (Some(d), Some(other)) if (now - d.since).secs() > c.idle_timeout_s => Some(other.header.drone),
+            // One that is silent may be on its way down.
+            (Some(d), Some(other)) if d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s => {
+                Some(other.header.drone)
+            }
             (Some(d), _) => Some(d.header.drone),
             (None, Some(d)) if self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) => {
                 Some(d.header.drone)
             }
             (None, _) => None,
         }
+    }
+
+    /// The owner as drones are to know it.
+    fn published(&self) -> u32 {
+        let double = |id: u32| self.drones.iter().any(|d| d.header.drone == id && d.is_double());
+        match self.owner {
+            _ if self.closed.is_some() => DECK_CLOSED,
+            // Both would take it for theirs.
+            Some(id) if double(id) => DECK_CLOSED,
+            owner => owner.unwrap_or(0),
+        }
+    }
+    fn occupied(&self, now: Time<VesselClock>) -> bool {
+        self.drones.iter().any(|d| {
+            d.claim == Claim::OnDeck
+                || d.claim == Claim::Landing && (now - d.received).secs() > self.config.status_timeout_s
+        })
     }
 }
 
@@ -181,13 +369,18 @@ impl Node for DeckArbiter {
     type Out = ArbiterOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &ArbiterIn) -> ArbiterOut {
+        if let Some(memory) = input.memory.as_ref().filter(|_| self.began.is_none()) {
+            self.remember(now, memory);
+        }
         self.began = self.began.or(Some(now));
         for status in &input.statuses {
             self.observe(now, status);
         }
+        for order in &input.orders {
+            self.obey(now, *order);
+        }
         let owner = self.assign(now);
-        let changed = owner != self.owner;
-        if changed {
+        if owner != self.owner {
             // The new owner's idle time begins; the former owner joins the end of the queue.
             for d in &mut self.drones {
                 if Some(d.header.drone) == owner || Some(d.header.drone) == self.owner {
@@ -196,143 +389,22 @@ impl Node for DeckArbiter {
             }
             self.owner = owner;
         }
-        if now < self.due && !changed {
+        let published = self.published();
+        if now < self.due && published == self.published {
             return ArbiterOut::default();
         }
+        self.published = published;
         self.due = now + PERIOD;
         self.sequence = self.sequence.wrapping_add(1);
         ArbiterOut {
             grant: Some(DeckGrant {
                 header: Header::new(self.vessel, 0, self.boot, self.sequence, now),
-                owner: owner.unwrap_or(0),
-                occupied: self.drones.iter().any(|d| d.claim == Claim::OnDeck),
+                owner: published,
+                occupied: self.occupied(now),
             }),
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    struct Rig {
-        arbiter: DeckArbiter,
-        t_s: f64,
-        sequence: u32,
-    }
-
-    impl Rig {
-        /// Four seconds after the arbiter's start.
-        fn new() -> Rig {
-            let mut rig = Rig {
-                arbiter: DeckArbiter::new(&DeckConfig::default(), 1, 1),
-                t_s: 100.0,
-                sequence: 0,
-            };
-            rig.run(&[], 4.0);
-            rig
-        }
-        /// The owner after the drones have reported these states at 2 Hz for `secs`.
-        fn run(&mut self, states: &[(u32, State)], secs: f64) -> u32 {
-            for _ in 0..(secs / 0.5).ceil() as u32 {
-                self.t_s += 0.5;
-                self.sequence += 1;
-                let statuses = states.iter().map(|s| self.status(*s)).collect();
-                self.arbiter
-                    .step(Time::from_secs(self.t_s), &ArbiterIn { statuses });
-            }
-            self.arbiter.owner().unwrap_or(0)
-        }
-        fn status(&self, (id, state): (u32, State)) -> DroneStatus {
-            let at = Time::<DroneClock>::from_secs(self.t_s);
-            DroneStatus {
-                header: Header::new(1, id, 7, self.sequence, at),
-                state,
-                battery: 0.8,
-                ..DroneStatus::default()
-            }
-        }
-    }
-
-    #[test]
-    fn deck_arbiter_grants_the_first_request_until_take_off() {
-        let mut rig = Rig::new();
-        assert_eq!(rig.run(&[(1, State::TrackingStable)], 0.5), 1);
-        for state in [State::Descent, State::Flare, State::Landed, State::Idle] {
-            let both = [(1, state), (2, State::TrackingStable)];
-            assert_eq!(rig.run(&both, 5.0), 1, "{state:?}");
-        }
-        // Switched off on the deck: however long.
-        assert_eq!(rig.run(&[(2, State::TrackingStable)], 600.0), 1);
-        let both = [(1, State::GetAltitude), (2, State::TrackingStable)];
-        assert_eq!(rig.run(&both, 0.5), 2);
-    }
-
-    #[test]
-    fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, State::Landed)], 5.0);
-        assert_eq!(rig.run(&[(1, State::Idle)], 5.0), 1);
-        rig.sequence += 1;
-        let status = DroneStatus {
-            landed: LandedState::InAir,
-            ..rig.status((1, State::Idle))
-        };
-        let statuses = vec![status];
-        let out = rig
-            .arbiter
-            .step(Time::from_secs(rig.t_s + 0.5), &ArbiterIn { statuses });
-        assert_eq!(out.grant.unwrap().owner, 0);
-    }
-
-    #[test]
-    fn deck_arbiter_withdraws_the_deck_after_silence_or_idling() {
-        let mut rig = Rig::new();
-        rig.run(&[(1, State::TrackingStable)], 0.5);
-        rig.run(&[(1, State::Descent)], 2.0);
-        assert_eq!(
-            rig.run(&[(2, State::TrackingStable)], 59.0),
-            1,
-            "it may finish without a radio"
-        );
-        assert_eq!(rig.run(&[(2, State::TrackingStable)], 4.0), 2);
-        let both = [(1, State::TrackingStable), (2, State::Tracking)];
-        assert_eq!(rig.run(&both, 20.0), 2);
-        assert_eq!(rig.run(&both, 20.0), 1, "the idle timeout has passed");
-        let both = [(1, State::TrackingStable), (2, State::TrackingStable)];
-        assert_eq!(rig.run(&both, 15.0), 1);
-        assert_eq!(rig.run(&both, 10.0), 2, "in turns");
-    }
-
-    #[test]
-    fn deck_arbiter_restart_respects_a_drone_in_descent() {
-        let mut rig = Rig::new();
-        rig.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
-        assert_eq!(rig.run(&[(2, State::TrackingStable)], 2.0), 0);
-        assert_eq!(
-            rig.run(&[(2, State::TrackingStable), (1, State::Descent)], 0.5),
-            1
-        );
-        assert_eq!(
-            rig.run(&[(2, State::TrackingStable), (1, State::Landed)], 60.0),
-            1
-        );
-    }
-
-    #[test]
-    fn deck_arbiter_rejects_foreign_statuses_and_surplus_drones() {
-        let mut rig = Rig::new();
-        let foreign = DroneStatus {
-            header: Header::new(9, 1, 7, 1, Time::EPOCH),
-            state: State::TrackingStable,
-            ..DroneStatus::default()
-        };
-        let statuses = vec![foreign];
-        rig.arbiter.step(Time::from_secs(200.0), &ArbiterIn { statuses });
-        assert_eq!((rig.arbiter.owner(), rig.arbiter.rejected()), (None, 1));
-        let crowd: Vec<_> = (1..=80).map(|id| (id, State::TrackingStable)).collect();
-        assert_eq!(rig.run(&crowd, 0.5), 1);
-        assert_eq!(rig.arbiter.rejected(), 1 + 80 - MAX_DRONES as u64);
-    }
-}
+mod tests;

@@ -1,6 +1,7 @@
 //! The operator relay: operators' commands on their way through the vessel to its drones.
 //!
-//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most. While an
+//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most; an abort for as
+//! long as it takes, also through a new start of the vessel's process ([`PendingAbort`]). While an
 //! abort has not shown its effect, no other command reaches that drone. Each repetition bears the time at which
 //! the command was given: what the drone was told since, by whomever, is newer.
 
@@ -10,10 +11,11 @@ use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
+use super::memory::PendingAbort;
 
 /// Time between two repetitions.
 const REPEAT_PERIOD: Span = Span::from_millis(500);
-/// A command that shows no effect is given up after this long.
+/// A command other than an abort that shows no effect is given up after this long.
 const TIMEOUT: Span = Span::from_millis(10_000);
 
 #[derive(Clone, Copy, Debug)]
@@ -35,6 +37,8 @@ pub struct OperatorIn {
     pub commands: Vec<OperatorCommand<VesselClock>>,
     /// From drones.
     pub statuses: Vec<DroneStatus>,
+    /// At the first step, the aborts that the former start left.
+    pub aborts: Vec<PendingAbort>,
 }
 
 /// What the relay sends and has accepted.
@@ -70,6 +74,33 @@ impl OperatorRelay {
     /// Commands that were not passed on.
     pub fn rejected(&self) -> u64 {
         self.rejected
+    }
+
+    /// Aborts that no drone has acknowledged.
+    pub fn aborts(&self) -> Vec<PendingAbort> {
+        let pending = |p: &&Pending| !p.finished && p.kind == CommandKind::Abort;
+        let abort = |p: &Pending| PendingAbort {
+            drone: p.drone,
+            given: p.given,
+            identity: p.identity,
+        };
+        self.pending.iter().filter(pending).map(abort).collect()
+    }
+
+    fn remember(&mut self, now: Time<VesselClock>, aborts: &[PendingAbort]) {
+        self.pending = aborts
+            .iter()
+            .take(MAX_DRONES)
+            .map(|a| Pending {
+                drone: a.drone,
+                kind: CommandKind::Abort,
+                // A computer that was started anew counts its time from zero.
+                given: a.given.min(now),
+                next: now,
+                identity: a.identity,
+                finished: false,
+            })
+            .collect();
     }
 
     /// Takes an operator's command; true when it is new and valid.
@@ -110,6 +141,9 @@ impl Node for OperatorRelay {
     type Out = OperatorOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &OperatorIn) -> OperatorOut {
+        if self.pending.is_empty() {
+            self.remember(now, &input.aborts);
+        }
         let new = |c: &&OperatorCommand<VesselClock>| self.accept(now, c);
         let mut out = OperatorOut {
             accepted: input.commands.iter().filter(new).copied().collect(),
@@ -120,7 +154,8 @@ impl Node for OperatorRelay {
             let met = |s: &DroneStatus| {
                 p.drone == s.header.drone && p.next > p.given && p.kind.is_met(s.state, s.waiting.code)
             };
-            p.finished |= input.statuses.iter().any(met) || now - p.given > TIMEOUT;
+            p.finished |=
+                input.statuses.iter().any(met) || p.kind != CommandKind::Abort && now - p.given > TIMEOUT;
             if p.finished || now < p.next {
                 continue;
             }
@@ -165,6 +200,7 @@ mod tests {
         let input = OperatorIn {
             commands: command.into_iter().collect(),
             statuses: status.into_iter().collect(),
+            aborts: Vec::new(),
         };
         let out = relay.step(Time::from_secs(t_s), &input);
         let sent = out.commands.iter().map(|c| c.kind).collect();
@@ -232,6 +268,36 @@ mod tests {
     }
 
     #[test]
+    fn operator_relay_repeats_an_abort_until_the_drone_shows_it_also_after_a_restart() {
+        let mut relay = OperatorRelay::new(1, 9);
+        let abort = Some(command(1, 3, CommandKind::Abort));
+        assert!(step(&mut relay, 1.0, abort, None).0);
+        let sent: usize = (1..1200)
+            .map(|k| step(&mut relay, 1.0 + f64::from(k) * 0.5, None, None).1.len())
+            .sum();
+        assert_eq!(sent, 1199, "ten minutes without a radio");
+        let left = relay.aborts();
+        assert_eq!(left.len(), 1);
+        // The vessel's process is started anew, then once more with its computer, whose clock begins at zero.
+        for (t_s, given_s) in [(700.0, 1.0), (0.5, 0.5)] {
+            let mut relay = OperatorRelay::new(1, 10);
+            let input = OperatorIn {
+                aborts: left.clone(),
+                ..OperatorIn::default()
+            };
+            let out = relay.step(Time::from_secs(t_s), &input);
+            assert_eq!(out.commands.len(), 1);
+            assert_eq!(out.commands[0].kind, CommandKind::Abort);
+            assert_eq!(out.commands[0].header.at, Time::from_secs(given_s));
+            let land = Some(command(2, 3, CommandKind::Land));
+            assert!(!step(&mut relay, t_s + 0.1, land, None).0);
+            let over = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+            assert!(step(&mut relay, t_s + 0.6, None, over).1.is_empty());
+            assert!(relay.aborts().is_empty());
+        }
+    }
+
+    #[test]
     fn operator_relay_repeats_a_command_with_the_time_at_which_it_was_given() {
         let mut relay = OperatorRelay::new(1, 4);
         let mut given = Vec::new();
@@ -239,7 +305,7 @@ mod tests {
             let land = (k == 0).then(|| command(1, 3, CommandKind::Land));
             let input = OperatorIn {
                 commands: land.into_iter().collect(),
-                statuses: Vec::new(),
+                ..OperatorIn::default()
             };
             let out = relay.step(Time::from_secs(1.0 + 0.1 * f64::from(k)), &input);
             given.extend(out.commands.iter().map(|c| (c.header.at, c.header.sequence)));

@@ -1,0 +1,317 @@
+//! Tests of the deck arbiter.
+
+use super::*;
+
+struct Rig {
+    arbiter: DeckArbiter,
+    t_s: f64,
+    sequence: u32,
+}
+
+impl Rig {
+    /// Four seconds after the arbiter's start.
+    fn new() -> Rig {
+        let mut rig = Rig {
+            arbiter: DeckArbiter::new(&DeckConfig::default(), 1, 1),
+            t_s: 100.0,
+            sequence: 0,
+        };
+        rig.run(&[], 4.0);
+        rig
+    }
+    /// The owner after the drones have reported these states at 2 Hz for `secs`.
+    fn run(&mut self, states: &[(u32, State)], secs: f64) -> u32 {
+        for _ in 0..(secs / 0.5).ceil() as u32 {
+            self.t_s += 0.5;
+            self.sequence += 1;
+            let statuses = states.iter().map(|s| self.status(*s)).collect();
+            self.step(statuses);
+        }
+        self.arbiter.owner().unwrap_or(0)
+    }
+    /// One step with these statuses; the newest grant, if one is due.
+    fn step(&mut self, statuses: Vec<DroneStatus>) -> Option<DeckGrant<VesselClock>> {
+        let input = ArbiterIn {
+            statuses,
+            ..ArbiterIn::default()
+        };
+        self.arbiter.step(Time::from_secs(self.t_s), &input).grant
+    }
+    /// The crew says something of the deck; the grant that follows.
+    fn order(&mut self, order: DeckOrder) -> DeckGrant<VesselClock> {
+        self.t_s += 0.5;
+        let input = ArbiterIn {
+            orders: vec![order],
+            ..ArbiterIn::default()
+        };
+        let out = self.arbiter.step(Time::from_secs(self.t_s), &input);
+        out.grant.unwrap()
+    }
+    /// The vessel is started anew with this memory.
+    fn restart(&mut self, memory: Option<DeckMemory>) {
+        self.t_s += 0.5;
+        self.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
+        let input = ArbiterIn {
+            memory,
+            ..ArbiterIn::default()
+        };
+        self.arbiter.step(Time::from_secs(self.t_s), &input);
+    }
+    fn status(&self, (id, state): (u32, State)) -> DroneStatus {
+        let at = Time::<DroneClock>::from_secs(self.t_s);
+        DroneStatus {
+            header: Header::new(1, id, 7, self.sequence, at),
+            state,
+            battery: 0.8,
+            ..DroneStatus::default()
+        }
+    }
+}
+
+#[test]
+fn deck_arbiter_grants_the_first_request_until_take_off() {
+    let mut rig = Rig::new();
+    assert_eq!(rig.run(&[(1, State::TrackingStable)], 0.5), 1);
+    for state in [State::Descent, State::Flare, State::Landed, State::Idle] {
+        let both = [(1, state), (2, State::TrackingStable)];
+        assert_eq!(rig.run(&both, 5.0), 1, "{state:?}");
+    }
+    // Switched off on the deck: however long.
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 600.0), 1);
+    // Until it has climbed.
+    let both = [(1, State::GetAltitude), (2, State::TrackingStable)];
+    assert_eq!(rig.run(&both, 9.5), 1);
+    assert_eq!(rig.run(&both, 1.5), 2);
+}
+
+#[test]
+fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 0.5);
+    rig.run(&[(1, State::Landed)], 5.0);
+    assert_eq!(rig.run(&[(1, State::Idle)], 5.0), 1);
+    rig.sequence += 1;
+    let flown = |rig: &mut Rig, secs: f64| {
+        for _ in 0..(secs / 0.5) as u32 {
+            rig.t_s += 0.5;
+            rig.sequence += 1;
+            let status = DroneStatus {
+                landed: LandedState::InAir,
+                ..rig.status((1, State::Idle))
+            };
+            rig.step(vec![status]);
+        }
+        rig.arbiter.owner().unwrap_or(0)
+    };
+    assert_eq!(flown(&mut rig, 9.5), 1, "it climbs");
+    assert_eq!(flown(&mut rig, 1.5), 0);
+}
+
+#[test]
+fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
+    for last in [
+        State::Descent,
+        State::Flare,
+        State::TrackingStable,
+        State::Tracking,
+    ] {
+        let mut rig = Rig::new();
+        rig.run(&[(1, State::TrackingStable)], 0.5);
+        rig.run(&[(1, last)], 2.0);
+        let waiting = [(2, State::TrackingStable)];
+        assert_eq!(rig.run(&waiting, 3600.0), 1, "{last:?}: it may have landed");
+        let occupied = rig.arbiter.occupied(Time::from_secs(rig.t_s));
+        assert_eq!(
+            occupied,
+            matches!(last, State::Descent | State::Flare),
+            "{last:?}"
+        );
+        // A person looks.
+        rig.order(DeckOrder::Open);
+        assert_eq!(rig.run(&waiting, 0.5), 2, "{last:?}");
+    }
+    let mut rig = Rig::new();
+    rig.run(&[(2, State::TrackingStable)], 0.5);
+    let both = [(1, State::TrackingStable), (2, State::Tracking)];
+    assert_eq!(rig.run(&both, 20.0), 2);
+    assert_eq!(rig.run(&both, 20.0), 1, "the idle timeout has passed");
+    let both = [(1, State::TrackingStable), (2, State::TrackingStable)];
+    assert_eq!(rig.run(&both, 15.0), 1);
+    assert_eq!(rig.run(&both, 20.0), 2, "in turns");
+}
+
+#[test]
+fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 0.5);
+    rig.run(&[(1, State::Descent)], 5.0);
+    let both = [(1, State::GaveUp), (2, State::TrackingStable)];
+    assert_eq!(rig.run(&both, 9.5), 1);
+    assert_eq!(rig.run(&both, 1.5), 2);
+}
+
+#[test]
+fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
+    let parked = |rig: &Rig, distance_m: Option<f32>, landed| DroneStatus {
+        landed,
+        deck_distance_m: distance_m,
+        ..rig.status((1, State::Idle))
+    };
+    let cases = [
+        (Some(1.0), LandedState::OnGround, 1),
+        (Some(200.0), LandedState::OnGround, 2),
+        (None, LandedState::OnGround, 2),
+        (Some(1.0), LandedState::InAir, 2),
+    ];
+    for (distance_m, landed, owner) in cases {
+        let mut rig = Rig::new();
+        for _ in 0..20 {
+            rig.t_s += 0.5;
+            rig.sequence += 1;
+            let statuses = vec![
+                parked(&rig, distance_m, landed),
+                rig.status((2, State::TrackingStable)),
+            ];
+            rig.step(statuses);
+        }
+        assert_eq!(rig.arbiter.owner(), Some(owner), "{distance_m:?}, {landed:?}");
+    }
+    // It was carried off, and is switched on ashore.
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 0.5);
+    rig.run(&[(1, State::Landed)], 5.0);
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 60.0), 1);
+    rig.t_s += 0.5;
+    let ashore = parked(&rig, Some(200.0), LandedState::OnGround);
+    let ashore = DroneStatus {
+        header: Header::new(1, 1, 8, 1, ashore.header.at),
+        ..ashore
+    };
+    rig.step(vec![ashore]);
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 0.5), 2);
+}
+
+#[test]
+fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 2.0);
+    assert_eq!(rig.order(DeckOrder::Closed).owner, DECK_CLOSED);
+    let waiting = [(2, State::TrackingStable)];
+    rig.run(&waiting, 60.0);
+    assert_eq!(rig.arbiter.published, DECK_CLOSED);
+    // Also through a restart.
+    rig.restart(Some(rig.arbiter.memory()));
+    rig.run(&waiting, 60.0);
+    assert_eq!(rig.arbiter.published, DECK_CLOSED);
+    rig.order(DeckOrder::Open);
+    assert_eq!(rig.run(&waiting, 0.5), 2);
+    // Whoever reports from the deck stands there, whatever the crew says.
+    rig.run(&[(2, State::Landed)], 5.0);
+    assert_eq!(rig.order(DeckOrder::Open).owner, 2);
+}
+
+#[test]
+fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_restart() {
+    for last in [State::Landed, State::Descent, State::TrackingStable] {
+        let mut rig = Rig::new();
+        rig.run(&[(1, State::TrackingStable)], 0.5);
+        rig.run(&[(1, last)], 5.0);
+        rig.restart(Some(rig.arbiter.memory()));
+        let waiting = [(2, State::TrackingStable)];
+        assert_eq!(rig.run(&waiting, 600.0), 1, "{last:?}");
+        // The crew's word counts at once: nobody was received since.
+        rig.restart(Some(rig.arbiter.memory()));
+        rig.order(DeckOrder::Open);
+        assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
+    }
+    // Of a file that is damaged nothing is known.
+    let mut rig = Rig::new();
+    rig.restart(Some(DeckMemory::damaged()));
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 600.0), 0);
+    assert_eq!(rig.arbiter.published, DECK_CLOSED);
+    rig.order(DeckOrder::Open);
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 0.5), 2);
+}
+
+#[test]
+fn deck_arbiter_gives_the_deck_to_neither_of_two_drones_with_one_number() {
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 0.5);
+    rig.run(&[(1, State::Descent)], 2.0);
+    let second = |rig: &Rig, state| {
+        let at = Time::from_secs(rig.t_s);
+        DroneStatus {
+            header: Header::new(1, 1, 8, rig.sequence, at),
+            ..rig.status((1, state))
+        }
+    };
+    for k in 0..20 {
+        rig.t_s += 0.5;
+        rig.sequence += 1;
+        let statuses = vec![rig.status((1, State::Descent)), second(&rig, State::Approach)];
+        rig.step(statuses);
+        if k >= 3 {
+            assert_eq!(
+                rig.arbiter.published, DECK_CLOSED,
+                "{k}: both would take it for theirs"
+            );
+        }
+    }
+    let doubles: Vec<_> = rig.arbiter.doubles().collect();
+    assert_eq!(doubles, [(1, [7, 8])]);
+    assert_eq!(rig.arbiter.owner(), Some(1), "the first is still on its way");
+    // One of them is switched off.
+    rig.run(&[(1, State::Descent)], 15.0);
+    assert_eq!((rig.arbiter.published, rig.arbiter.doubles().count()), (1, 0));
+}
+
+#[test]
+fn deck_arbiter_takes_a_drone_that_was_started_anew_for_itself() {
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 0.5);
+    rig.run(&[(1, State::Landed)], 5.0);
+    for k in 1..20 {
+        rig.t_s += 0.5;
+        let at = Time::from_secs(rig.t_s);
+        let status = DroneStatus {
+            header: Header::new(1, 1, 8, k, at),
+            ..rig.status((1, State::GetAltitude))
+        };
+        rig.step(vec![status]);
+        assert_eq!(rig.arbiter.doubles().count(), 0);
+    }
+    assert!(rig.arbiter.rejected() <= 3, "{}", rig.arbiter.rejected());
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 6.0), 2);
+}
+
+#[test]
+fn deck_arbiter_restart_respects_a_drone_in_descent() {
+    let mut rig = Rig::new();
+    rig.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 2.0), 0);
+    assert_eq!(
+        rig.run(&[(2, State::TrackingStable), (1, State::Descent)], 0.5),
+        1
+    );
+    assert_eq!(
+        rig.run(&[(2, State::TrackingStable), (1, State::Landed)], 60.0),
+        1
+    );
+}
+
+#[test]
+fn deck_arbiter_rejects_foreign_statuses_and_surplus_drones() {
+    let mut rig = Rig::new();
+    let foreign = DroneStatus {
+        header: Header::new(9, 1, 7, 1, Time::EPOCH),
+        state: State::TrackingStable,
+        ..DroneStatus::default()
+    };
+    let statuses = vec![foreign];
+    rig.t_s = 200.0;
+    rig.step(statuses);
+    assert_eq!((rig.arbiter.owner(), rig.arbiter.rejected()), (None, 1));
+    let crowd: Vec<_> = (1..=80).map(|id| (id, State::TrackingStable)).collect();
+    assert_eq!(rig.run(&crowd, 0.5), 1);
+    assert_eq!(rig.arbiter.rejected(), 1 + 80 - MAX_DRONES as u64);
+}

@@ -1,0 +1,85 @@
+//! What the vessel must not forget of its deck when its process or its computer is started anew: who stands on it or
+//! may, whether it is closed, and the aborts that no drone has acknowledged.
+
+use alight_shared::time::{Time, VesselClock};
+use serde::{Deserialize, Serialize};
+
+/// What the crew says of the deck.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DeckOrder {
+    /// Nobody descends.
+    Closed,
+    /// It is free but for drones that report from it now.
+    Open,
+}
+
+/// Why the deck is closed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Closure {
+    /// The crew closed it.
+    Crew,
+    /// Its memory is damaged: who stands on it is not known.
+    MemoryDamaged,
+}
+
+/// What a drone has to do with the deck.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Claim {
+    /// Nothing.
+    Away,
+    /// Above it, not stably: keeps it, does not request it.
+    Above,
+    /// Stably above it.
+    Requesting,
+    /// In descent or flare.
+    Landing,
+    /// Stands on it.
+    OnDeck,
+}
+
+/// A drone that has to do with the deck.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DroneClaim {
+    /// Its number.
+    pub drone: u32,
+    /// The boot id of its newest status.
+    pub boot: u32,
+    /// What it has to do with the deck.
+    pub claim: Claim,
+}
+
+/// The deck's part, of the arbiter.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DeckMemory {
+    /// The drone that owns the deck.
+    pub owner: Option<u32>,
+    /// Why the deck is closed, if it is.
+    pub closed: Option<Closure>,
+    /// The owner, and every drone that lands or stands there.
+    pub claims: Vec<DroneClaim>,
+}
+
+impl DeckMemory {
+    /// In the place of one that cannot be read.
+    pub fn damaged() -> DeckMemory {
+        DeckMemory {
+            closed: Some(Closure::MemoryDamaged),
+            ..DeckMemory::default()
+        }
+    }
+}
+
+/// An abort that its drone has not acknowledged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct PendingAbort {
+    /// For this drone.
+    pub drone: u32,
+    /// When it was given.
+    pub given: Time<VesselClock>,
+    /// Boot and sequence of the operator's message.
+    pub identity: (u32, u32),
+}
