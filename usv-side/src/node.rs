@@ -40,6 +40,8 @@ pub struct VesselIn {
     pub attitude: Vec<AttitudeFix>,
     /// Time requests of drones, stamped with their arrival.
     pub time_requests: Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
+    /// The drone that is on its way down.
+    pub landing: Option<u32>,
 }
 
 /// What the vessel publishes.
@@ -276,6 +278,7 @@ impl Node for VesselNode {
     type Out = VesselOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) -> VesselOut {
+        self.rate_control.landing = input.landing;
         self.take_measurements(now, input);
         self.estimator.tick(now);
         let mut out = VesselOut {

@@ -6,6 +6,9 @@
 //! delay. Loss is no sign of congestion here: a bad link loses whatever is sent. As in congestion control
 //! (Jacobson 1988) the rate rises quickly up to where the link was last congested, slowly beyond, and falls by
 //! a factor.
+//!
+//! All drones receive one broadcast. Its rate is the one that the worst link carries, and while a drone is on its way
+//! down the one that its own link carries: another that connects meanwhile waits.
 
 use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};
@@ -107,6 +110,8 @@ impl DroneLink {
 pub struct RateControl {
     config: RateControlConfig,
     links: Vec<DroneLink>,
+    /// The drone that is on its way down.
+    pub landing: Option<u32>,
 }
 
 impl RateControl {
@@ -115,6 +120,7 @@ impl RateControl {
         RateControl {
             config: config.clone(),
             links: Vec::with_capacity(MAX_DRONES),
+            landing: None,
         }
     }
 
@@ -134,13 +140,12 @@ impl RateControl {
         }
     }
 
-    /// The fraction of the full rates, that of the worst link; 1 without any. State estimates use it as it is.
+    /// The fraction of the full rates: that of the landing drone's link, else of the worst; 1 without any. State
+    /// estimates use it as it is.
     pub fn rate_fraction(&self) -> f64 {
-        self.links
-            .iter()
-            .map(|l| l.rate_fraction)
-            .reduce(f64::min)
-            .unwrap_or(1.0)
+        let landing = self.links.iter().find(|l| self.landing == Some(l.drone));
+        let worst = || self.links.iter().map(|l| l.rate_fraction).reduce(f64::min);
+        landing.map(|l| l.rate_fraction).or_else(worst).unwrap_or(1.0)
     }
     /// The fraction for wave model and prediction: the large messages give way first.
     pub fn model_fraction(&self) -> f64 {
@@ -194,6 +199,25 @@ mod tests {
         assert!(settled.iter().all(|s| *s < 0.75));
         let after = run(&mut rate_control, 120.0, 30.0, 10.0, 1.0);
         assert_eq!(*after.last().unwrap(), 1.0);
+    }
+
+    #[test]
+    fn rate_control_lets_a_newcomer_cut_no_rate_of_a_drone_on_its_way_down() {
+        let mut rate_control = RateControl::new(&RateControlConfig::default());
+        run(&mut rate_control, 0.0, 15.0, 10.0, 1.0);
+        rate_control.landing = Some(7);
+        for k in 0..8 {
+            let t = 15.0 + 0.5 * f64::from(k);
+            rate_control.observe(Time::from_secs(t), 8, Time::from_secs(t - 0.1), 0.033);
+            rate_control.observe(Time::from_secs(t), 7, Time::from_secs(t - 0.1), 0.033);
+            assert_eq!(rate_control.rate_fraction(), 1.0);
+        }
+        // Its own link still counts.
+        let congested = run(&mut rate_control, 19.0, 30.0, 0.4, 1.0);
+        assert!(*congested.last().unwrap() < 0.75, "{congested:?}");
+        rate_control.landing = None;
+        rate_control.observe(Time::from_secs(49.0), 9, Time::from_secs(48.9), 0.033);
+        assert_eq!(rate_control.rate_fraction(), 0.15);
     }
 
     #[test]

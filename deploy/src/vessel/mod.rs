@@ -212,6 +212,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             .collect();
         let input = VesselIn {
             time_requests,
+            landing: arbiter.node().landing(now),
             ..readings.input()
         };
         let out = process.step(now, &input, |_| true);

@@ -263,6 +263,7 @@ impl World {
         let (time_requests, statuses) = self.received_at_vessel(t);
         let input = VesselIn {
             time_requests,
+            landing: self.deck.as_ref().and_then(|deck| deck.arbiter.landing(now)),
             ..readings.input()
         };
         let output = self.vessel.step(now, &input);
