@@ -460,14 +460,16 @@ proptest! {
                 if b.mask & 8 == 0 { input.plan = None }
                 if b.stop && b.mask & 16 != 0 {
                     input.set_point = Some(SetPoint { header: header(n, then), motors: Motors::Stop, ..SetPoint::default() });
-                    if b.age_ms == 0 { stop_at = Some(now) }
+                    stop_at = stop_at.max(Some(then));
                 }
                 if r == 0 {
                     input.commands.extend(b.command.map(|kind| command(header(n, then), kind)));
                 }
                 let out = m.step(now, &input);
                 let state = m.phase.state();
-                followed |= state.phase() == Phase::Follow;
+                // After a lapse of the link a drone that stands on the deck with its motors running finishes its landing.
+                let stands = |s: &MissionState| s.entered.code == ReasonCode::Restarted && s.entered.value.abs() < 0.15;
+                followed |= state.phase() == Phase::Follow || out.state.as_ref().is_some_and(stands);
                 if state == State::Idle { followed = false }
                 prop_assert!(state.phase() != Phase::Landing || followed, "landing without following");
                 if let Some(s) = out.state {

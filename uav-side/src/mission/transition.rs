@@ -150,7 +150,8 @@ fn interrupt(
         let above = s
             .fresh_deck()
             .is_some_and(|d| d.distance_m <= c.resume_distance_m);
-        if !above {
+        // Whoever said to hold or to stop did not ask for the deck.
+        if !above || !progress.landing {
             return Some(gave_up(s, c).enter(why(ReasonCode::BatteryLow)));
         }
         if !core::mem::replace(&mut progress.urgent, true) {
