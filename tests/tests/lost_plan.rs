@@ -3,8 +3,7 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use alight_shared::msg::CommandKind;
-use alight_shared::msg::Phase;
+use alight_shared::msg::{CommandKind, Phase};
 use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};

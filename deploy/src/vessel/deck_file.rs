@@ -123,9 +123,9 @@ fn own_path(computer: &VesselComputer) -> PathBuf {
 fn existing(computer: &VesselComputer) -> Option<PathBuf> {
     let name = file_name(computer, "deck");
     let directories = [PathBuf::from(SERVICE_DIRECTORY), std::env::temp_dir()];
-    let mut paths = [own_path(computer)]
-        .into_iter()
-        .chain(directories.map(|d| d.join(&name)));
+    // Without a name for it the service's comes first: a process that somebody started by hand leaves files too.
+    let named = std::env::var_os(STATE_VARIABLE).map(|_| own_path(computer));
+    let mut paths = named.into_iter().chain(directories.map(|d| d.join(&name)));
     paths.find(|path| path.exists())
 }
 
@@ -160,7 +160,8 @@ impl DeckFile {
             Ok(None) => Kept::default(),
             Err(e) => {
                 let damaged = path.with_extension("damaged");
-                let _kept_aside = fs::rename(&path, damaged);
+                // A copy: until the closed state has replaced it, the next start must find it damaged too.
+                let _kept_aside = fs::copy(&path, damaged);
                 warn!(
                     "{}: {e}: who stands on the deck is not known, and it is closed: look, then alight command deck \
                      open",
@@ -210,7 +211,8 @@ impl DeckFile {
     pub fn order(&self) -> Option<DeckOrder> {
         let path = self.path.with_extension("order");
         let order = read(&path).transpose()?;
-        let _gone = fs::remove_file(&path);
+        // One that stays would be obeyed again and again, and free the deck of whoever lands later.
+        fs::remove_file(&path).ok()?;
         match order.and_then(|bytes| serde_json::from_slice(&bytes).map_err(|e| e.to_string())) {
             Ok(order) => Some(order),
             Err(e) => {

@@ -74,7 +74,7 @@ impl Vessel {
     }
     /// What `status` prints once `wanted` is true.
     fn status_when(&self, what: &str, mut wanted: impl FnMut(&Value) -> bool) -> Value {
-        for _ in 0..200 {
+        for _ in 0..600 {
             let now = self.status();
             if wanted(&now) {
                 return now;

@@ -157,7 +157,7 @@ impl AutopilotLink {
     }
 
     /// The drone has landed, and its autopilot follows no set-points because they, the pilot or the link failed: it
-    /// holds by itself.
+    /// holds by itself, or because a person chose Hold, which looks the same.
     fn lapsed_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
         let lapsed = match self.control_authority() {
             ControlAuthority::TakenOver { mode } | ControlAuthority::Standby { mode } => {

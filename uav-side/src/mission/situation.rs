@@ -78,7 +78,7 @@ impl Reservation {
         }
         match grant {
             Some(g) if fresh => {
-                if g.owner == own {
+                if g.owner == own && !matches!(own, 0 | DECK_CLOSED) {
                     Reservation::Ours
                 } else {
                     Reservation::Others(g.owner)

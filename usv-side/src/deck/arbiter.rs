@@ -125,7 +125,7 @@ impl Claim {
         let near = status.deck_distance_m.is_some_and(|d| d <= ON_DECK_M);
         let was_there = before >= Claim::Landing;
         match (status.state, status.landed) {
-            (State::Landed, _) => Claim::OnDeck,
+            (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare, _) => Claim::Landing,
             (State::TrackingStable, _) => Claim::Requesting,
             (State::Tracking, _) => Claim::Above,
@@ -136,7 +136,12 @@ impl Claim {
             // A mission that began anew knows less than it did.
             (State::Idle, LandedState::Unknown) if was_there => before,
             (
-                State::Idle | State::GetAltitude | State::Approach | State::Hold | State::GaveUp,
+                State::Idle
+                | State::GetAltitude
+                | State::Approach
+                | State::Landed
+                | State::Hold
+                | State::GaveUp,
                 LandedState::Unknown | LandedState::OnGround | LandedState::InAir,
             ) => Claim::Away,
         }

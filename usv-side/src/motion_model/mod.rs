@@ -4,9 +4,10 @@
 //! Stochastic subspace identification (Van Overschee and De Moor 1996, chapter 3; Larimore 1990) on ten samples a
 //! second of heave, tilt, their rates and horizontal acceleration: the future of the six degrees of freedom over three
 //! seconds is regressed on their past of six ([`regression`]); the best low-rank part of that regression is the state
-//! of a linear system, whose transition follows from the shift of the future by one step, and whose eigenvectors are the
-//! modes ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles, `C_wave`
-//! the shapes, and the hull's own response is part of both, because the motion that is seen has passed through it.
+//! of a linear system, whose transition follows from the shift of the future by one step, and whose eigenvectors are
+//! the modes ([`subspace`]). The wave forces of Procházka 2024, eq. 1 to 3, are these modes: `A_wave` holds the poles,
+//! `C_wave` the shapes, and the hull's own response is part of both, because the motion that is seen has passed
+//! through it.
 //!
 //! The error of its predictions is measured, not assumed: each is kept until it is due ([`errors`]).
 

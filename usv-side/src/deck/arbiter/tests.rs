@@ -176,6 +176,18 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
         }
         assert_eq!(rig.arbiter.owner(), Some(owner), "{distance_m:?}, {landed:?}");
     }
+    // It was carried off without having been switched off.
+    let mut rig = Rig::new();
+    rig.run(&[(1, State::TrackingStable)], 0.5);
+    rig.run(&[(1, State::Landed)], 5.0);
+    rig.t_s += 0.5;
+    rig.sequence += 1;
+    let ashore = DroneStatus {
+        deck_distance_m: Some(200.0),
+        ..rig.status((1, State::Landed))
+    };
+    rig.step(vec![ashore]);
+    assert_eq!(rig.run(&[(2, State::TrackingStable)], 0.5), 2);
     // It was carried off, and is switched on ashore.
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
