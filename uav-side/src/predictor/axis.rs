@@ -106,13 +106,6 @@ pub struct Step {
     pub dt: f64,
     /// Number of oscillators.
     pub count: usize,
-    /// Of the course, and of the rest.
-    transitions: [Transition; 2],
-}
-
-/// Blocks per oscillator.
-#[derive(Clone, Copy, Debug)]
-pub struct Transition {
     /// Row-major 2 x 2 blocks.
     pub a: [[f64; 4]; MAX_OSCILLATORS],
     /// `I - A diag(1, omega²) A'` in units of the stationary variance: q11, q12, q22.
@@ -123,44 +116,29 @@ impl Step {
     /// `exp(F dt)` of each damped oscillator in closed form, and the noise that keeps its
     /// stationary covariance `diag(1, omega²) sd²`.
     pub fn new(oscillators: &[Oscillator], dt: f64) -> Self {
-        let count = oscillators.len().min(MAX_OSCILLATORS);
-        let transitions = [0, 1].map(|kind| {
-            let mut s = Transition {
-                a: [[0.0; 4]; MAX_OSCILLATORS],
-                q: [[0.0; 3]; MAX_OSCILLATORS],
-            };
-            for (i, o) in oscillators.iter().take(MAX_OSCILLATORS).enumerate() {
-                let (w, l) = (o.omega, o.damping[kind]);
-                let wd = w * (1.0 - l * l).max(1e-6).sqrt();
-                let e = (-l * w * dt).exp();
-                let (sin, cos) = (wd * dt).sin_cos();
-                let (c, n) = (e * cos, e * sin / wd);
-                let a = [c + l * w * n, n, -w * w * n, c - l * w * n];
-                let w2 = w * w;
-                s.q[i] = [
-                    (1.0 - a[0] * a[0] - w2 * a[1] * a[1]).max(0.0),
-                    -(a[0] * a[2] + w2 * a[1] * a[3]),
-                    (w2 - a[2] * a[2] - w2 * a[3] * a[3]).max(0.0),
-                ];
-                s.a[i] = a;
-            }
-            s
-        });
-        Step {
+        let mut s = Step {
             dt,
-            count,
-            transitions,
+            count: oscillators.len().min(MAX_OSCILLATORS),
+            a: [[0.0; 4]; MAX_OSCILLATORS],
+            q: [[0.0; 3]; MAX_OSCILLATORS],
+        };
+        for (i, o) in oscillators.iter().take(MAX_OSCILLATORS).enumerate() {
+            let (w, l) = (o.omega, o.damping);
+            let wd = w * (1.0 - l * l).max(1e-6).sqrt();
+            let e = (-l * w * dt).exp();
+            let (sin, cos) = (wd * dt).sin_cos();
+            let (c, n) = (e * cos, e * sin / wd);
+            let a = [c + l * w * n, n, -w * w * n, c - l * w * n];
+            let w2 = w * w;
+            s.q[i] = [
+                (1.0 - a[0] * a[0] - w2 * a[1] * a[1]).max(0.0),
+                -(a[0] * a[2] + w2 * a[1] * a[3]),
+                (w2 - a[2] * a[2] - w2 * a[3] * a[3]).max(0.0),
+            ];
+            s.a[i] = a;
         }
+        s
     }
-    /// Of one degree of freedom.
-    pub fn of(&self, axis: usize) -> &Transition {
-        &self.transitions[kind(axis)]
-    }
-}
-
-/// Which damping of an oscillator a degree of freedom has: 0, the course, or 1, the rest.
-pub fn kind(axis: usize) -> usize {
-    usize::from(axis >= 2)
 }
 
 /// Mean and covariance of one degree of freedom.
@@ -241,7 +219,6 @@ impl Axis {
         let dt = step.dt;
         let n = self.n.min(HEAD + 2 * step.count);
         let h = Head::new(noise, dt);
-        let step_of = step.of(axis);
         // A P, row block by row block.
         self.x[MEAN] += h.reach * self.x[RATE];
         self.x[RATE] *= h.rate;
@@ -257,7 +234,7 @@ impl Axis {
             self.p[DRIFT][j] *= h.drift;
             self.p[TURN][j] *= h.turn;
         }
-        for (k, a) in step_of.a.iter().take(step.count).enumerate() {
+        for (k, a) in step.a.iter().take(step.count).enumerate() {
             let i = HEAD + 2 * k;
             let (v, r) = (self.x[i], self.x[i + 1]);
             self.x[i] = a[0] * v + a[1] * r;
@@ -276,7 +253,7 @@ impl Axis {
             row[VISION] = h.vision * row[VISION] + h.wander * row[DRIFT];
             row[DRIFT] *= h.drift;
             row[TURN] *= h.turn;
-            for (k, a) in step_of.a.iter().take(step.count).enumerate() {
+            for (k, a) in step.a.iter().take(step.count).enumerate() {
                 let i = HEAD + 2 * k;
                 let (v, r) = (row[i], row[i + 1]);
                 row[i] = a[0] * v + a[1] * r;
@@ -294,7 +271,7 @@ impl Axis {
         self.p[DRIFT][VISION] += q.wander;
         self.p[DRIFT][DRIFT] += q.drift;
         self.p[TURN][TURN] += q.turn;
-        for (k, (q, o)) in step_of.q.iter().zip(oscillators).take(step.count).enumerate() {
+        for (k, (q, o)) in step.q.iter().zip(oscillators).take(step.count).enumerate() {
             let (i, var) = (HEAD + 2 * k, o.sd[axis].powi(2));
             self.p[i][i] += var * q[0];
             self.p[i][i + 1] += var * q[1];

@@ -61,9 +61,8 @@ config! {
         pub residual_sd_m_rad: [f64; 6] = six([0.005, 0.005, 0.012], [0.35, 0.35, 0.2]), in 0.0..=1.0;
         /// Angular frequency of what they leave, rad/s, until they are known.
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
-        /// Damping ratio of that motion: of the course, which holds what errors of velocity have summed up to, and of
-        /// the rest, whose errors of prediction fade within a quarter of a wave.
-        pub residual_damping: [f64; 2] = [0.1, 0.9], in 0.05..=0.95;
+        /// Damping ratio of that motion.
+        pub residual_damping: f64 = 0.1, in 0.05..=0.95;
         /// Until the vessel has sent a wave model: angular frequencies, rad/s.
         /// Source: As the vessel model's broad default.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;

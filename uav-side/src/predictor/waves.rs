@@ -30,8 +30,8 @@ const MAX_BACK_S: f64 = 0.1;
 pub struct Oscillator {
     /// Angular frequency of encounter, rad/s.
     pub omega: f64,
-    /// Damping ratio of the course (north, east) and of the rest.
-    pub damping: [f64; 2],
+    /// Damping ratio.
+    pub damping: f64,
     /// Stationary standard deviation per axis, m, rad.
     pub sd: [f64; AXES],
 }
@@ -124,10 +124,10 @@ pub struct Waves {
 impl Waves {
     /// The bank of the configuration.
     pub fn new(c: &PredictorConfig) -> Self {
-        let own = |omega: f64, damping: [f64; 2], sd: [f64; AXES]| Oscillator { omega, damping, sd };
+        let own = |omega: f64, damping: f64, sd: [f64; AXES]| Oscillator { omega, damping, sd };
         let residual = own(c.residual_omega_radps, c.residual_damping, c.residual_sd_m_rad);
         let bank = c.bank_omega_radps.iter().take(MAX_BANK);
-        let bank = bank.map(|&w| own(w, [c.bank_damping; 2], c.bank_sd_m_rad));
+        let bank = bank.map(|&w| own(w, c.bank_damping, c.bank_sd_m_rad));
         Waves {
             oscillators: core::iter::once(residual).chain(bank).collect(),
             residual_sd: c.residual_sd_m_rad,
