@@ -44,7 +44,7 @@ fn flown(height_m: f64, seed: u64) -> (f64, bool, f64) {
         let t = world.physics().time_since_start().secs();
         let landing = world.mission_state().state.phase() == Phase::Landing;
         let o = world.observation();
-        let height = o.feet.iter().map(|f| f[2]).sum::<f64>() / 4.0;
+        let height = o.feet_height_m();
         hardest_mps = o.contacts.iter().fold(hardest_mps, |h, c| h.max(c.normal_mps));
         // A drone that landed may slide there all the same: such a deck is no safe one at this speed.
         lost |= o.in_water && o.motors_on;

@@ -95,7 +95,7 @@ fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: R
             Killed::AtContact => contact.is_some(),
             Killed::AfterStop(after_s) => stop.is_some_and(|at| t >= at + after_s),
         };
-        let height_m = o.feet.iter().map(|f| f[2]).sum::<f64>() / 4.0;
+        let height_m = o.feet_height_m();
         end = Some(End {
             state,
             motors_on: o.motors_on,
@@ -215,7 +215,7 @@ fn abort_of_an_idle_mission_above_the_deck_climbs() {
         assert_eq!(world.mission_state().state, State::GaveUp);
     }
     let o = world.observation();
-    let height_m = o.feet.iter().map(|f| f[2]).sum::<f64>() / 4.0;
+    let height_m = o.feet_height_m();
     assert!(o.contacts.is_empty() && height_m > 12.0, "{height_m} m");
 }
 

@@ -113,6 +113,13 @@ pub struct Observation<'a> {
     pub in_water: bool,
 }
 
+impl Observation<'_> {
+    /// Mean height of the feet above the deck, m.
+    pub fn feet_height_m(&self) -> f64 {
+        self.feet.iter().map(|f| f[2]).sum::<f64>() / 4.0
+    }
+}
+
 /// The outcome of a trial; null where there was no contact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {

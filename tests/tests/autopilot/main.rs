@@ -420,6 +420,26 @@ fn deck_is_published_to_the_autopilot_when_configured() {
 }
 
 #[test]
+fn autopilot_without_an_origin_in_our_mode_is_reported_as_not_ours_after_seconds() {
+    let mut p = Pair::at(
+        Firmware::ArduCopter,
+        5.0,
+        &config(),
+        Some(Datum::new(43.5, 16.3, 40.0)),
+    );
+    p.wired.autopilot.answer = Some(CommandResult::Denied);
+    p.wired.autopilot.no_origin = true;
+    p.run(3.0);
+    p.give_the_mode();
+    p.run(15.0);
+    assert_eq!(p.authority(), ControlAuthority::NoOrigin);
+    let before = p.states.len();
+    p.run(2.0);
+    assert!(p.states.len() > before + 10, "{} states", p.states.len() - before);
+    assert!(p.state().armed && p.state().mode == AutopilotMode::Other);
+}
+
+#[test]
 fn positions_and_set_points_are_converted_to_the_datum_and_back() {
     let datum = Datum::new(43.5, 16.3, 40.0);
     let origin = Datum::new(43.5005, 16.2993, 5.0);

@@ -118,7 +118,7 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
             hardest_mps = hardest_mps.max(c.normal_mps);
         }
         water |= o.in_water;
-        let height_m = o.feet.iter().map(|f| f[2]).sum::<f64>() / 4.0;
+        let height_m = o.feet_height_m();
         if o.motors_on {
             stopped_at_m = None;
         } else {

@@ -148,6 +148,10 @@ impl AuthorityStateMachine {
     pub(crate) fn control_authority(&self) -> ControlAuthority {
         self.control_authority
     }
+    /// Since when.
+    pub(crate) fn since(&self) -> DroneTime {
+        self.since
+    }
     /// The drone is handed to the autopilot; only a new permission brings it back.
     pub(crate) fn divert(&mut self, now: DroneTime, to: Diversion) {
         self.revoked = Some(to);

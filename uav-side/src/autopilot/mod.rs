@@ -64,6 +64,8 @@ const MAX_TIMESYNC_REQUESTS: usize = 16;
 const HEARTBEAT: Span = Span::from_millis(1000);
 /// Period of the autopilot's state to the other nodes.
 const STATE: Span = Span::from_millis(100);
+/// What confirms or forbids our command takes no longer: several heartbeats and requests.
+const UNDECIDED: Span = Span::from_millis(5000);
 /// Period of requests for an origin that is known: an estimator that restarts moves its origin.
 const ORIGIN: Span = Span::from_millis(5000);
 /// Period of requests for an unknown origin.
@@ -289,7 +291,7 @@ impl AutopilotLink {
 
     /// The autopilot's state as the other nodes know it: OFFBOARD is reported only while it is ours.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
-        if !alive || self.is_undecided() || !self.timers.state.is_ready(now) && !changed {
+        if !alive || self.is_undecided(now) || !self.timers.state.is_ready(now) && !changed {
             return None;
         }
         self.timers.state.restart(now, STATE);
@@ -315,9 +317,10 @@ impl AutopilotLink {
     }
     /// Armed in our mode, and what confirms or forbids our command is under way: after a lapse of the link the mission
     /// must not take that for a person's takeover.
-    fn is_undecided(&self) -> bool {
+    fn is_undecided(&self, now: DroneTime) -> bool {
         let ours = |p: &Peer| p.armed && p.mode == AutopilotMode::Offboard;
         self.peer.as_ref().is_some_and(ours)
+            && now - self.authority.since() <= UNDECIDED
             && matches!(
                 self.control_authority(),
                 ControlAuthority::Searching

@@ -159,21 +159,11 @@ impl AutopilotLink {
     /// The drone has landed, and its autopilot follows no set-points because they, the pilot or the link failed: it
     /// holds by itself, or because a person chose Hold, which looks the same.
     fn lapsed_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
-        let lapsed = match self.control_authority() {
-            ControlAuthority::TakenOver { mode } | ControlAuthority::Standby { mode } => {
-                mode == AutopilotMode::Hold
-            }
-            ControlAuthority::Commanding => wanted.is_none(),
-            ControlAuthority::Searching
-            | ControlAuthority::LinkLost
-            | ControlAuthority::NoClock
-            | ControlAuthority::NoOrigin
-            | ControlAuthority::NoOdometry
-            | ControlAuthority::OptionUnknown
-            | ControlAuthority::OptionMissing
-            | ControlAuthority::Disarmed
-            | ControlAuthority::Diverted(_) => false,
-        };
+        let mode = AutopilotMode::Hold;
+        let authority = self.control_authority();
+        let holds = authority == ControlAuthority::TakenOver { mode }
+            || authority == ControlAuthority::Standby { mode };
+        let lapsed = holds || authority.commands() && wanted.is_none();
         let landed = self.fresh_mission(now).is_some_and(|m| m.state == State::Landed);
         lapsed && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
