@@ -61,6 +61,24 @@ impl Published {
             self.values.drain(..old);
         }
     }
+    /// What was published until `t`.
+    pub fn until(&self, t: Time<VesselClock>) -> Past<'_> {
+        let n = self.times.partition_point(|at| *at <= t);
+        Past {
+            times: self.times.get(..n).unwrap_or_default(),
+            values: self.values.get(..n).unwrap_or_default(),
+        }
+    }
+}
+
+/// What was published until some time.
+#[derive(Clone, Copy, Debug)]
+pub struct Past<'a> {
+    times: &'a [Time<VesselClock>],
+    values: &'a [Motion],
+}
+
+impl Past<'_> {
     /// At time `t`: cubic between two estimates, from the last one on by its rates; None before the first.
     pub fn at(&self, t: Time<VesselClock>) -> Option<Motion> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
@@ -80,15 +98,6 @@ impl Published {
             }
             _ => a[c] + s * (b[c] - a[c]),
         }))
-    }
-    /// What was published until `t`.
-    #[must_use]
-    pub fn until(&self, t: Time<VesselClock>) -> Published {
-        let n = self.times.partition_point(|at| *at <= t);
-        Published {
-            times: self.times.iter().take(n).copied().collect(),
-            values: self.values.iter().take(n).copied().collect(),
-        }
     }
 }
 
@@ -164,7 +173,7 @@ impl Ridge {
         core::array::from_fn(|c| (s[c] - self.mean[c]) / self.scale[c])
     }
     /// Roll, pitch and heave at every horizon after `t`.
-    pub fn predict(&self, past: &Published, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
+    pub fn predict(&self, past: &Past<'_>, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
         let mut features = DVector::zeros(FEATURES);
         for (i, lag) in LAGS.into_iter().enumerate() {
             let sample = self.scaled(&past.at(t - Span::from_secs(lag as f64 * STEP_S))?);
@@ -184,17 +193,17 @@ impl Ridge {
 #[derive(Clone, Debug)]
 pub struct RefittedRidge {
     began: Time<VesselClock>,
-    horizons_s: &'static [f64],
+    horizons_s: Vec<f64>,
     /// By which 10 s.
     fitted: Option<(u64, Option<Ridge>)>,
 }
 
 impl RefittedRidge {
     /// For these times ahead (s), of a node that began to publish at `began`.
-    pub fn new(began: Time<VesselClock>, horizons_s: &'static [f64]) -> Self {
+    pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,
-            horizons_s,
+            horizons_s: horizons_s.to_vec(),
             fitted: None,
         }
     }
@@ -204,7 +213,10 @@ impl RefittedRidge {
         if self.fitted.as_ref().is_none_or(|f| f.0 != period as u64) {
             let at = self.began + Span::from_secs(period * REFIT_S);
             let settled = self.began + Span::from_secs(SETTLED_S);
-            self.fitted = Some((period as u64, Ridge::fit(published, at, settled, self.horizons_s)));
+            self.fitted = Some((
+                period as u64,
+                Ridge::fit(published, at, settled, &self.horizons_s),
+            ));
         }
         let (_, ridge) = self.fitted.as_ref()?;
         ridge.as_ref()?.predict(&published.until(t), t)
@@ -241,7 +253,12 @@ mod tests {
         let settled = Time::from_secs(10.0);
         let t = Time::from_secs(80.0);
         let ridge = Ridge::fit(&published, t, settled, &AHEAD_S).unwrap();
-        let again = Ridge::fit(&published.until(t), t, settled, &AHEAD_S).unwrap();
+        let mut known = Published::default();
+        for k in 0..=30 * 80 {
+            let t = Time::from_secs(f64::from(k) / 30.0);
+            known.push_motion(t, motion(t));
+        }
+        let again = Ridge::fit(&known, t, settled, &AHEAD_S).unwrap();
         assert_eq!(ridge, again);
         let t = Time::from_secs(85.0);
         let predicted = ridge.predict(&published.until(t), t).unwrap();
@@ -266,6 +283,11 @@ mod tests {
         }
         assert!(published.times.len() < 10 * 300);
         let last = *published.times.last().unwrap();
-        assert!(published.at(last - Span::from_secs(WINDOW_S)).is_some());
+        assert!(
+            published
+                .until(last)
+                .at(last - Span::from_secs(WINDOW_S))
+                .is_some()
+        );
     }
 }
