@@ -147,13 +147,19 @@ impl World {
 
     /// Runs the vessel's side until the start; the drones appear in the air a little before.
     pub fn warm_up(&mut self, tap: &mut impl Tap) {
-        while self.physics.now() < self.physics.hover_from() {
+        while self.warm_up_tick(tap) {}
+    }
+    /// One tick of the warm-up; false once it is over.
+    pub fn warm_up_tick(&mut self, tap: &mut impl Tap) -> bool {
+        let now = self.physics.now();
+        if now >= self.physics.hover_from() && self.physics.drone(0).is_none() {
+            (0..self.drones.len()).for_each(|k| self.physics.place_drone(k));
+        }
+        let warms_up = now < self.physics.started();
+        if warms_up {
             self.tick(tap);
         }
-        (0..self.drones.len()).for_each(|k| self.physics.place_drone(k));
-        while self.physics.now() < self.physics.started() {
-            self.tick(tap);
-        }
+        warms_up
     }
 
     /// Gives every mission a command.
@@ -342,6 +348,10 @@ impl World {
     /// The truth.
     pub fn physics(&self) -> &Physics {
         &self.physics
+    }
+    /// The vessel's node.
+    pub fn vessel_node(&self) -> &VesselNode {
+        &self.vessel
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[DroneComputer] {

@@ -251,9 +251,7 @@ pub fn drone(
 ) -> Result<Scores, SetupError> {
     let mut nodes = nodes.clone();
     if span_s.is_some() {
-        // Never near enough and never certain enough: it follows.
-        nodes.drone.mission.descent_distance_m = 0.01;
-        nodes.drone.mission.vertical_sd_m = 0.01;
+        follow_only(&mut nodes);
     }
     let mut world = World::new(scenario, &nodes, seed)?;
     world.warm_up(&mut NoTap);
@@ -335,7 +333,13 @@ pub fn drone(
     Ok(drone_scores(&decks, &predicted))
 }
 
-fn ticks(s: f64) -> usize {
+/// Never near enough and never certain enough to descend: it follows.
+pub(super) fn follow_only(nodes: &mut NodeConfigs) {
+    nodes.drone.mission.descent_distance_m = 0.01;
+    nodes.drone.mission.vertical_sd_m = 0.01;
+}
+
+pub(super) fn ticks(s: f64) -> usize {
     (s / TICK.secs()).round() as usize
 }
 
@@ -375,7 +379,7 @@ fn drone_scores(decks: &[Deck], predicted: &[ForecastSample]) -> Scores {
 
 /// The forecast of a tick with the drone's own position and that position's age, s.
 #[derive(Default)]
-struct Frame(Option<(alight_shared::msg::DeckForecast, Vector3<f64>, f64)>);
+pub(super) struct Frame(pub(super) Option<(alight_shared::msg::DeckForecast, Vector3<f64>, f64)>);
 
 impl crate::harness::tap::Tap for Frame {
     fn predictor(

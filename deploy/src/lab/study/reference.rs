@@ -1,4 +1,4 @@
-//! The vessel's prediction beside the reference, hold and constant velocity, in the same runs.
+//! The vessel's prediction and the drone's beside the reference, hold and constant velocity, in the same runs.
 
 use alight_sim::studies::reference::{
     self as reference, HORIZONS_S, JUDGED_FROM_S, Predictor, QUANTITIES, RunErrors,
@@ -19,9 +19,11 @@ const SHOWN: [usize; 3] = [1, 3, 5];
 /// The node's RMSE is at most so many times the reference's.
 const REQUIRED_RATIO: f64 = 1.1;
 
-/// What was measured on one deck.
+/// What was measured on one deck, of the vessel's prediction or of the drone's.
 struct DeckErrors {
     name: String,
+    /// The node that predicts.
+    node: &'static str,
     runs: Vec<RunErrors>,
 }
 
@@ -45,19 +47,27 @@ pub fn run(
 ) -> Result<(Vec<Block>, Vec<Value>), CliError> {
     let mut decks = Vec::new();
     for scene in scenes {
-        let runs = in_parallel(args.jobs, &scene.name, seeds, |seed| {
-            reference::run(&scene.world, &scene.nodes.vessel, *seed)
-                .map_err(|e| CliError::because(format!("setting up the run of seed {seed}"), e))
-        })?;
-        decks.push(DeckErrors {
-            name: scene.name.clone(),
-            runs,
-        });
+        let vessel = |seed| reference::run(&scene.world, &scene.nodes.vessel, seed);
+        let drone = |seed| reference::run_drone(&scene.world, &scene.nodes, seed);
+        let nodes: [(_, &(dyn Fn(u64) -> _ + Sync)); 2] = [("vessel", &vessel), ("drone", &drone)];
+        for (node, measure) in nodes {
+            let name = format!("{} {node}", scene.name);
+            let runs = in_parallel(args.jobs, &name, seeds, |seed| {
+                measure(*seed).map_err(|e| CliError::because(format!("setting up the run of seed {seed}"), e))
+            })?;
+            decks.push(DeckErrors {
+                name: scene.name.clone(),
+                node,
+                runs,
+            });
+        }
     }
     let text = format!(
         "Prediction against the truth, {} seeds from {} on: RMSE with each run's mean error removed (in brackets \
          that mean error), from {} s after the start on, and from {} s on; heave about its mean level. Reference: \
-         ridge regression on the node's own published estimates; required: at most {REQUIRED_RATIO} times it.",
+         ridge regression on the vessel's own published estimates; required: at most {REQUIRED_RATIO} times it. The \
+         drone follows over a radio that loses 10 % and delays by 100 ms; its height is the deck's, against the \
+         reference's at horizon plus age.",
         seeds.len(),
         args.seed0,
         JUDGED_FROM_S[1],
@@ -77,6 +87,7 @@ pub fn run(
 fn table(decks: &[DeckErrors]) -> Table {
     let heads = [
         "deck",
+        "by",
         "quantity",
         "horizon s",
         "node",
@@ -87,7 +98,7 @@ fn table(decks: &[DeckErrors]) -> Table {
         "node, 60 s",
         "reference, 60 s",
     ];
-    let mut table = Table::new(2.., heads);
+    let mut table = Table::new(3.., heads);
     for deck in decks {
         for (q, quantity) in QUANTITIES.into_iter().enumerate() {
             for h in SHOWN {
@@ -101,6 +112,7 @@ fn table(decks: &[DeckErrors]) -> Table {
                 let judged = |r: f64| Cell::number(r, 2).judged(r <= REQUIRED_RATIO);
                 table.row([
                     Cell::from(&deck.name),
+                    deck.node.into(),
                     quantity.into(),
                     HORIZONS_S.get(h).map_or("-".into(), Cell::from),
                     mean.map_or(node.clone(), |m| node.note(format_args!("{m:.4}"))),
@@ -131,7 +143,10 @@ fn charts(deck: &DeckErrors) -> Vec<Chart> {
             points: (0..HORIZONS_S.len()).map(|h| point(who, h)).collect(),
         };
         Chart {
-            caption: format!("{}: {quantity}, RMSE over the horizon, s", deck.name),
+            caption: format!(
+                "{}, {}: {quantity}, RMSE over the horizon, s",
+                deck.name, deck.node
+            ),
             svg: chart::curves(&labels, &Predictor::ALL.map(curve)),
         }
     };
@@ -154,5 +169,5 @@ fn json_of(deck: &DeckErrors) -> Value {
             }
         }
     }
-    json!({ "deck": deck.name, "seeds": deck.runs.len(), "predictors": scores })
+    json!({ "deck": deck.name, "by": deck.node, "seeds": deck.runs.len(), "predictors": scores })
 }
