@@ -13,6 +13,9 @@
 //! fastest request and the fastest reply bound the offset even if they belong to different
 //! exchanges: Mills' minimum-delay sample, per direction. Vessel estimates bound it from above:
 //! they cannot be valid after they arrived.
+//!
+//! Their middle is no estimate: where delays scatter, the direction with more messages has the faster fastest one. It
+//! is the median of Mills' estimates over the half of the exchanges with the shorter round trips, within the bounds.
 
 use std::collections::VecDeque;
 
@@ -40,8 +43,8 @@ pub struct Offset {
     pub offset_s: f64,
     /// Standard deviation, any asymmetry of the path included, s.
     pub sd_s: f64,
-    /// Half the width of the interval that must contain the offset, s.
-    pub half_width_s: f64,
+    /// The offset is off by no more than this, s.
+    pub max_error_s: f64,
 }
 
 /// Why an exchange was not used.
@@ -64,6 +67,8 @@ pub struct ClockOffset {
     steps: u32,
     /// Bounds combined at the time of the last change, to be loosened by drift.
     combined: Option<Bounds>,
+    /// Median estimate of the exchanges, s.
+    median_s: f64,
 }
 
 /// What a time stamp may be off by its own resolution, s.
@@ -79,6 +84,7 @@ impl ClockOffset {
             suspect: None,
             steps: 0,
             combined: None,
+            median_s: 0.0,
         }
     }
 
@@ -176,11 +182,12 @@ impl ClockOffset {
     /// The offset as known at `now`; None before the first exchange.
     pub fn at(&self, now: Time<DroneClock>) -> Option<Offset> {
         let b = self.widened(self.combined.as_ref()?, now);
-        let half_width_s = 0.5 * (b.high - b.low);
+        let offset_s = self.median_s.clamp(b.low, b.high);
+        let (half, beside) = (0.5 * (b.high - b.low), offset_s - 0.5 * (b.low + b.high));
         Some(Offset {
-            offset_s: 0.5 * (b.low + b.high),
-            sd_s: (half_width_s / 3f64.sqrt()).max(self.config.min_sd_s),
-            half_width_s,
+            offset_s,
+            sd_s: (half / 3f64.sqrt()).hypot(beside).max(self.config.min_sd_s),
+            max_error_s: half + beside.abs(),
         })
     }
 
@@ -241,6 +248,18 @@ impl ClockOffset {
             },
         };
         self.combined = Some(Bounds { at: now, low, high });
+        self.median_s = self.median();
+    }
+
+    /// Of the exchanges with the shorter round trips, s.
+    fn median(&self) -> f64 {
+        let mut sorted: Vec<Bounds> = self.samples.iter().copied().collect();
+        sorted.sort_by(|a, b| (a.high - a.low).total_cmp(&(b.high - b.low)));
+        sorted.truncate(sorted.len().div_ceil(2));
+        sorted.sort_by(|a, b| (a.low + a.high).total_cmp(&(b.low + b.high)));
+        let middle = |k: usize| sorted.get(k).map_or(0.0, |b| 0.5 * (b.low + b.high));
+        let last = sorted.len().saturating_sub(1);
+        0.5 * (middle(last / 2) + middle(last.div_ceil(2)))
     }
 }
 
@@ -322,10 +341,33 @@ mod tests {
         // Valid at vessel time 0.6 = drone time 1.0, arrived 10 ms later.
         c.one_way(t(0.6), t(1.01));
         let after = c.at(t(1.01)).unwrap();
-        assert!(after.sd_s < before.sd_s && (after.offset_s - 0.4).abs() <= after.half_width_s);
+        assert!(after.sd_s < before.sd_s && (after.offset_s - 0.4).abs() <= after.max_error_s);
         // Valid after its arrival: impossible, ignored.
         c.one_way(t(5.0), t(1.02));
         assert!((c.at(t(1.02)).unwrap().offset_s - after.offset_s).abs() < 1e-6);
+    }
+
+    #[test]
+    fn clock_offset_is_unbiased_where_one_direction_carries_more() {
+        let mut c = ClockOffset::new(&ClockConfig::default());
+        // Delays between 60 and 140 ms; thirty estimates for every two exchanges.
+        let delay = |k: u32, phase: f64| 0.1 + 0.04 * (f64::from(k) * 2.4 + phase).sin();
+        for k in 0..60 {
+            let now = 0.5 * f64::from(k);
+            run(&mut c, now, delay(k, 0.3), delay(k, 4.0), 0.4).unwrap();
+            for j in 0..15 {
+                // One of many comes after 10 ms.
+                let late = if (k, j) == (40, 7) {
+                    0.01
+                } else {
+                    delay(15 * k + j, 1.0)
+                };
+                let sent = now + 0.03 * f64::from(j);
+                c.one_way(t(sent - 0.4), t(sent + late));
+            }
+        }
+        let o = c.at(t(30.0)).unwrap();
+        assert!((o.offset_s - 0.4).abs() < 6e-3, "{o:?}");
     }
 
     #[test]

@@ -233,7 +233,7 @@ impl Bridge {
                 .nanos()
                 .saturating_add(Span::from_secs(offset.offset_s).nanos()),
         );
-        let slack = offset.half_width_s + self.config.future_margin_s;
+        let slack = offset.max_error_s + self.config.future_margin_s;
         let age = (arrival - at).secs();
         if age < -(slack + ahead) {
             return Err(RejectionReason::Future);
