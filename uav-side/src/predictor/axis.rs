@@ -9,7 +9,8 @@
 //! the drone sinks; the oscillators are Fossen's wave filter (2011, section 8.2.6), discretised exactly.
 //!
 //! The degrees of freedom are chosen so that they do not couple: position of the deck's centre
-//! (not of the vessel's reference point) in NED, its height as of a level vessel (see `lever_arm_heave`), and the tilt as that of a vessel heading north,
+//! (not of the vessel's reference point) in NED, its height as of a level vessel (see `lever_arm_heave`), and the tilt as
+//! that of a vessel heading north by the vessel's compass,
 //! so that a turn leaves the waves alone. Six filters of at most 18 states cost a tenth of a
 //! joint one.
 
@@ -33,6 +34,12 @@ pub const DRIFT: usize = 4;
 pub const TURN: usize = 5;
 /// Largest state.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
+
+/// By how much the vessel's compass reads more than the drone's, by the state of the heading, rad: tilt is that of a
+/// vessel heading north by the vessel's compass, for its modes and estimates are by far the most that is known of it.
+pub fn compass(heading: &[f64; MAX_STATES]) -> f64 {
+    heading[RADIO] - heading[VISION]
+}
 
 /// The row of the measurement matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +113,13 @@ pub struct Step {
     pub dt: f64,
     /// Number of oscillators.
     pub count: usize,
+    /// Per degree of freedom.
+    transitions: [Transition; AXES],
+}
+
+/// Blocks per oscillator.
+#[derive(Clone, Copy, Debug)]
+pub struct Transition {
     /// Row-major 2 x 2 blocks.
     pub a: [[f64; 4]; MAX_OSCILLATORS],
     /// `I - A diag(1, omega²) A'` in units of the stationary variance: q11, q12, q22.
@@ -116,14 +130,26 @@ impl Step {
     /// `exp(F dt)` of each damped oscillator in closed form, and the noise that keeps its
     /// stationary covariance `diag(1, omega²) sd²`.
     pub fn new(oscillators: &[Oscillator], dt: f64) -> Self {
-        let mut s = Step {
+        Step {
             dt,
             count: oscillators.len().min(MAX_OSCILLATORS),
+            transitions: core::array::from_fn(|axis| Transition::new(oscillators, axis, dt)),
+        }
+    }
+    /// Of one degree of freedom.
+    pub fn of(&self, axis: usize) -> &Transition {
+        &self.transitions[axis]
+    }
+}
+
+impl Transition {
+    fn new(oscillators: &[Oscillator], axis: usize, dt: f64) -> Self {
+        let mut s = Transition {
             a: [[0.0; 4]; MAX_OSCILLATORS],
             q: [[0.0; 3]; MAX_OSCILLATORS],
         };
         for (i, o) in oscillators.iter().take(MAX_OSCILLATORS).enumerate() {
-            let (w, l) = (o.omega, o.damping);
+            let (w, l) = (o.omega, o.damping[axis]);
             let wd = w * (1.0 - l * l).max(1e-6).sqrt();
             let e = (-l * w * dt).exp();
             let (sin, cos) = (wd * dt).sin_cos();
@@ -219,6 +245,7 @@ impl Axis {
         let dt = step.dt;
         let n = self.n.min(HEAD + 2 * step.count);
         let h = Head::new(noise, dt);
+        let step_of = step.of(axis);
         // A P, row block by row block.
         self.x[MEAN] += h.reach * self.x[RATE];
         self.x[RATE] *= h.rate;
@@ -234,7 +261,7 @@ impl Axis {
             self.p[DRIFT][j] *= h.drift;
             self.p[TURN][j] *= h.turn;
         }
-        for (k, a) in step.a.iter().take(step.count).enumerate() {
+        for (k, a) in step_of.a.iter().take(step.count).enumerate() {
             let i = HEAD + 2 * k;
             let (v, r) = (self.x[i], self.x[i + 1]);
             self.x[i] = a[0] * v + a[1] * r;
@@ -253,7 +280,7 @@ impl Axis {
             row[VISION] = h.vision * row[VISION] + h.wander * row[DRIFT];
             row[DRIFT] *= h.drift;
             row[TURN] *= h.turn;
-            for (k, a) in step.a.iter().take(step.count).enumerate() {
+            for (k, a) in step_of.a.iter().take(step.count).enumerate() {
                 let i = HEAD + 2 * k;
                 let (v, r) = (row[i], row[i + 1]);
                 row[i] = a[0] * v + a[1] * r;
@@ -271,7 +298,7 @@ impl Axis {
         self.p[DRIFT][VISION] += q.wander;
         self.p[DRIFT][DRIFT] += q.drift;
         self.p[TURN][TURN] += q.turn;
-        for (k, (q, o)) in step.q.iter().zip(oscillators).take(step.count).enumerate() {
+        for (k, (q, o)) in step_of.q.iter().zip(oscillators).take(step.count).enumerate() {
             let (i, var) = (HEAD + 2 * k, o.sd[axis].powi(2));
             self.p[i][i] += var * q[0];
             self.p[i][i + 1] += var * q[1];

@@ -63,6 +63,9 @@ config! {
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
         /// Damping ratio of that motion.
         pub residual_damping: f64 = 0.1, in 0.05..=0.95;
+        /// Damping ratio of what fresh modes leave of heave, tilt and heading: an error of prediction fades within a
+        /// quarter of a wave.
+        pub residual_fresh_damping: f64 = 0.9, in 0.05..=0.95;
         /// Until the vessel has sent a wave model: angular frequencies, rad/s.
         /// Source: As the vessel model's broad default.
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
@@ -70,16 +73,8 @@ config! {
         pub bank_damping: f64 = 0.1, in 1e-3..=0.95;
         /// Spread of each of these.
         pub bank_sd_m_rad: [f64; 6] = six([0.15, 0.15, 0.15], [2.0, 2.0, 0.5]), in 0.0..=10.0;
-        /// The vessel's estimates are filtered, so their errors persist: the variance of each is
-        /// multiplied by this before it is fused as if it were independent.
-        /// Chosen: about half a second of correlation at 30 Hz.
-        pub radio_inflation: f64 = 20.0, in 1.0..=1e3;
         /// Fraction of the vessel's stated variance that is common to all its estimates and stays.
         pub radio_floor: f64 = 0.5, in 0.0..=10.0;
-        /// Least standard deviation of a fused value of the radio.
-        pub radio_min_sd_m_rad: [f64; 6] = six([0.1, 0.1, 0.05], [0.3, 0.3, 0.5]), in 1e-4..=10.0;
-        /// Least standard deviation of a fused rate of the radio.
-        pub radio_min_rate_sd_mps_radps: [f64; 6] = six([0.1, 0.1, 0.05], [0.5, 0.5, 1.0]), in 1e-4..=10.0;
         /// Least standard deviation of a tag's position, m.
         /// Chosen: what remains however near the tag is; far away the detector's own variance counts.
         pub tag_min_sd_m: f64 = 0.003, in 1e-4..=1.0;

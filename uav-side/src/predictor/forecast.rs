@@ -7,7 +7,7 @@ use alight_shared::time::{DroneClock, Time};
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::Vector3;
 
-use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION};
+use super::axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, RATE, Step, VISION, compass};
 use super::lever_arm_heave::lever_arm_heave;
 use super::waves::{AXES, DeckMotion, Oscillator, Waves};
 
@@ -137,12 +137,12 @@ impl Horizon {
 
     /// The means one stage on. A turning vessel's mean velocity turns with it.
     fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
-        for (x, h) in mean.iter_mut().zip(heads) {
+        for (axis, (x, h)) in mean.iter_mut().zip(heads).enumerate() {
             x[MEAN] += h.reach * x[RATE];
             x[RATE] *= h.rate;
             x[VISION] += h.wander * x[DRIFT];
             x[DRIFT] *= h.drift;
-            for (k, a) in self.stage.a.iter().take(self.stage.count).enumerate() {
+            for (k, a) in self.stage.of(axis).a.iter().take(self.stage.count).enumerate() {
                 let i = HEAD + 2 * k;
                 let (v, r) = (x[i], x[i + 1]);
                 x[i] = a[0] * v + a[1] * r;
@@ -178,10 +178,11 @@ impl Horizon {
             h[DRIFT] = head.wander;
             g[DRIFT] = head.drift;
         }
-        for (j, ((t, n), o)) in step
+        let blocks = step.of(axis);
+        for (j, ((t, n), o)) in blocks
             .a
             .iter()
-            .zip(&step.q)
+            .zip(&blocks.q)
             .zip(&self.oscillators)
             .take(step.count)
             .enumerate()
@@ -189,7 +190,7 @@ impl Horizon {
             let i = HEAD + 2 * j;
             (h[i], h[i + 1], g[i], g[i + 1]) = (t[0], t[1], t[2], t[3]);
             // x'' = -omega² x - 2 lambda omega x'.
-            let (stiff, damped) = (-o.omega * o.omega, -2.0 * o.damping * o.omega);
+            let (stiff, damped) = (-o.omega * o.omega, -2.0 * o.damping[axis] * o.omega);
             (f[i], f[i + 1]) = (stiff * t[0] + damped * t[2], stiff * t[1] + damped * t[3]);
             let var = o.sd[axis].powi(2);
             value += var * n[0];
@@ -229,7 +230,7 @@ impl Horizon {
                 let j = HEAD + 2 * k;
                 v[i] += x[j];
                 r[i] += x[j + 1];
-                a[i] -= o.omega * o.omega * x[j] + 2.0 * o.damping * o.omega * x[j + 1];
+                a[i] -= o.omega * o.omega * x[j] + 2.0 * o.damping[i] * o.omega * x[j + 1];
             }
         }
         for i in 0..AXES {
@@ -238,8 +239,9 @@ impl Horizon {
             a[i] += modes.acceleration[i];
         }
         let yaw = alight_shared::frames::wrap_angle(v[5]);
-        let (s, c) = yaw.sin_cos();
-        let (roll, pitch) = turn_tilt(v[3], v[4], yaw);
+        let by_compass = yaw + compass(&mean[5]);
+        let (s, c) = by_compass.sin_cos();
+        let (roll, pitch) = turn_tilt(v[3], v[4], by_compass);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
         let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
         let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], [dr, dp], [ddr, ddp]);

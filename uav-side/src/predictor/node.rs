@@ -14,7 +14,7 @@ use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, VISION};
+use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, VISION, compass};
 use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
@@ -187,7 +187,7 @@ impl Predictor {
         if self.radio_sequence == Some(known) {
             return Err(RejectionReason::Duplicate);
         }
-        let o = observation::estimate(e, &origin, self.clock_sd_s, &self.config);
+        let o = observation::estimate(e, &origin, self.clock_sd_s);
         self.fuse(&o)?;
         if self.radio_at.is_none_or(|t| e.header.at > t) {
             self.radio_at = Some(e.header.at);
@@ -224,12 +224,14 @@ impl Predictor {
         let at = m.header().at;
         let pose = self.track.at(at).ok_or(RejectionReason::NoDroneState)?;
         let observation = observe(&pose, &self.mount(), &self.config);
-        let lever_arm_heave_m = match &self.filter {
-            Some(f) => self.plane(&f.at(&self.waves, at), at).1,
-            None => 0.0,
+        let (lever_arm_heave_m, compass) = match &self.filter {
+            Some(f) => {
+                let axes = f.at(&self.waves, at);
+                (self.plane(&axes, at).1, compass(&axes[5].x))
+            }
+            None => (0.0, 0.0),
         };
-        let o = observation.levelled(lever_arm_heave_m);
-        self.fuse(&o)?;
+        self.fuse(&observation.by_compass(compass).levelled(lever_arm_heave_m))?;
         let newer = |t: &mut Option<Time<DroneClock>>| {
             *t = Some(t.map_or(at, |old| old.max(at)));
         };
@@ -381,7 +383,7 @@ impl Predictor {
             deck(4, MeasurementRow::Level),
             deck(5, MeasurementRow::Vision),
         );
-        let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0);
+        let (roll, pitch) = turn_tilt(tn.0, te.0, yaw.0 + compass(&axes[5].x));
         let [lever_arm_heave_m, ..] =
             lever_arm_heave(self.waves.lever_arm(), [roll, pitch], [0.0; 2], [0.0; 2]);
         let plane = Plane {

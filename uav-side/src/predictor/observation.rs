@@ -14,6 +14,9 @@ use super::waves::{AXES, DeckMotion};
 /// its height, or by less than this distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
+/// Least standard deviation of a fused estimate: what its message resolves at least, m, rad, and per second.
+const LEAST_SD: f64 = 1e-3;
+
 /// Where an observation comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -62,6 +65,14 @@ impl Observation {
         }
         rest
     }
+    /// Turns the tilt from the drone's north to the vessel's, by which its compass reads `more` (rad) than the drone's.
+    #[must_use]
+    pub fn by_compass(mut self, more: f64) -> Self {
+        if let [.., Some((north, _)), Some((east, _)), _] = &mut self.value {
+            (*north, *east) = turn_tilt(*north, *east, -more);
+        }
+        self
+    }
     /// Takes out of the height what the tilt adds to it, m.
     #[must_use]
     pub fn levelled(mut self, lever_arm_heave_m: f64) -> Self {
@@ -99,13 +110,9 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
 }
 
 /// The vessel's estimate. `origin` is the vessel's NED origin in the drone's (m), `clock_sd` the
-/// clock offset's standard deviation (s): a value that changes at a rate is that much less certain.
-pub fn estimate(
-    e: &VesselEstimate<DroneClock>,
-    origin: &Vector3<f64>,
-    clock_sd: f64,
-    c: &PredictorConfig,
-) -> Observation {
+/// clock offset's standard deviation (s): a value that changes at a rate is that much less certain. What the vessel's
+/// filter errs by persists, but modes and estimate err alike, and the filter holds their difference.
+pub fn estimate(e: &VesselEstimate<DroneClock>, origin: &Vector3<f64>, clock_sd: f64) -> Observation {
     let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
     let dot = e.eta_dot.map(f64::from);
@@ -138,19 +145,12 @@ pub fn estimate(
     ];
     let tilt_acc = ddot[3].hypot(ddot[4]);
     let acc = [ddot[0], ddot[1], ddot[2], tilt_acc, tilt_acc, ddot[5]];
-    let k = c.radio_inflation;
+    let noise = |variance: f64, change: f64| variance.max(LEAST_SD.powi(2)) + (change * clock_sd).powi(2);
     Observation {
         at: e.header.at,
         kind: Kind::Estimate,
-        value: core::array::from_fn(|i| {
-            let r = (k * stated[i].0).max(c.radio_min_sd_m_rad[i].powi(2)) + (rates[i] * clock_sd).powi(2);
-            Some((values[i], r))
-        }),
-        rate: core::array::from_fn(|i| {
-            let r =
-                (k * stated[i].1).max(c.radio_min_rate_sd_mps_radps[i].powi(2)) + (acc[i] * clock_sd).powi(2);
-            Some((rates[i], r))
-        }),
+        value: core::array::from_fn(|i| Some((values[i], noise(stated[i].0, rates[i])))),
+        rate: core::array::from_fn(|i| Some((rates[i], noise(stated[i].1, acc[i])))),
         lever: [0.0; 2],
     }
 }

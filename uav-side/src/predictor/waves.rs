@@ -1,6 +1,7 @@
 //! The deck's motion in waves: the modes that the vessel has identified, rolled on, and for what they leave one short
 //! oscillator per degree of freedom. Until the vessel has identified its motion a broad bank of oscillators stands in.
 
+use core::f64::consts::FRAC_PI_2;
 use std::collections::VecDeque;
 
 use alight_shared::msg::{PREDICTION_STAGES, Seq, VesselPrediction, WaveModel};
@@ -30,8 +31,8 @@ const MAX_BACK_S: f64 = 0.1;
 pub struct Oscillator {
     /// Angular frequency of encounter, rad/s.
     pub omega: f64,
-    /// Damping ratio.
-    pub damping: f64,
+    /// Damping ratio per axis.
+    pub damping: [f64; AXES],
     /// Stationary standard deviation per axis, m, rad.
     pub sd: [f64; AXES],
 }
@@ -107,6 +108,8 @@ pub struct Waves {
     oscillators: Vec<Oscillator>,
     /// As configured: the least that the modes are taken to leave.
     residual_sd: [f64; AXES],
+    /// Damping ratio of what fresh modes leave of heave, tilt and heading, and of what stale ones leave.
+    residual_damping: [f64; 2],
     /// Newest last.
     messages: VecDeque<Modes<DroneClock>>,
     /// Centre of the deck from the vessel's reference point, m.
@@ -124,13 +127,18 @@ pub struct Waves {
 impl Waves {
     /// The bank of the configuration.
     pub fn new(c: &PredictorConfig) -> Self {
-        let own = |omega: f64, damping: f64, sd: [f64; AXES]| Oscillator { omega, damping, sd };
+        let own = |omega: f64, damping: f64, sd: [f64; AXES]| Oscillator {
+            omega,
+            damping: [damping; AXES],
+            sd,
+        };
         let residual = own(c.residual_omega_radps, c.residual_damping, c.residual_sd_m_rad);
         let bank = c.bank_omega_radps.iter().take(MAX_BANK);
         let bank = bank.map(|&w| own(w, c.bank_damping, c.bank_sd_m_rad));
         Waves {
             oscillators: core::iter::once(residual).chain(bank).collect(),
             residual_sd: c.residual_sd_m_rad,
+            residual_damping: [c.residual_fresh_damping, c.residual_damping],
             messages: VecDeque::with_capacity(MAX_MESSAGES + 1),
             lever_arm: c.deck.centre(),
             spread: Seq::new(),
@@ -143,13 +151,23 @@ impl Waves {
     pub fn are_identified(&self) -> bool {
         !self.messages.is_empty()
     }
-    /// The oscillators at time `at`. What the modes leave grows with their age.
+    /// The oscillators at time `at`. What the modes leave grows with their age. Of what they leave a quarter of a wave
+    /// later it is the share `(left now / left then)²`: of fresh modes little, it fades; of stale ones all, and it
+    /// rings on like the waves that it is. The damping lies between by that share. In the course, where errors of
+    /// velocity have summed up, it always rings.
     pub fn oscillators(&self, at: Time<DroneClock>) -> Seq<Oscillator, MAX_OSCILLATORS> {
         let mut all = Seq::filled(self.oscillators.iter().copied());
-        if let Some(newest) = self.messages.back() {
-            let left = self.left((at - newest.at).secs());
-            if let Some(residual) = all.first_mut() {
-                residual.sd = left;
+        if let (Some(newest), Some(residual)) = (self.messages.back(), all.first_mut()) {
+            let age = (at - newest.at).secs();
+            let (now, then) = (
+                self.left(age),
+                self.left(age.max(FIRST_S) + FRAC_PI_2 / residual.omega),
+            );
+            residual.sd = now;
+            let [fresh, stale] = self.residual_damping;
+            for i in 2..AXES {
+                let share = (now[i] / then[i]).powi(2).min(1.0);
+                residual.damping[i] = fresh + (stale - fresh) * share;
             }
         }
         all
