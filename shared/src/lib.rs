@@ -4,6 +4,7 @@
 //! what both computers estimate with: [`vessel_model`] and [`estimation`].
 
 pub mod admission;
+pub mod autopilot_parameters;
 pub mod config;
 pub mod estimation;
 pub mod frames;

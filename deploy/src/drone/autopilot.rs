@@ -30,15 +30,20 @@ const IDLE_WAIT: Duration = Duration::from_millis(2);
 /// A step is due after this long without input, ns.
 const MAX_STEP_PERIOD_NS: i64 = 10_000_000;
 
+/// Whether its pilot sends attitude set-points.
+pub fn sends_attitudes(computer: &DroneComputer) -> bool {
+    let p = &computer.drone.pilot;
+    [p.navigation_output, p.follow_output, p.landing_output].contains(&Output::Attitude)
+}
+
 /// The node of this computer, for a start with this boot id.
 pub fn node(computer: &DroneComputer, boot: u32) -> AutopilotLink {
-    let (drone, p) = (&computer.drone, &computer.drone.pilot);
-    let attitudes = [p.navigation_output, p.follow_output, p.landing_output].contains(&Output::Attitude);
+    let drone = &computer.drone;
     AutopilotLink::new(
         &computer.autopilot,
         &drone.odometry,
         &drone.airframe,
-        attitudes,
+        sends_attitudes(computer),
         drone.predictor.datum,
         computer.bridge.drone_id,
         boot,

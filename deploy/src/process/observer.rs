@@ -1,6 +1,6 @@
 //! Receives the reports of an instance's processes.
 
-use alight_shared::msg::{LinkState, MissionState, Plan};
+use alight_shared::msg::{AutopilotState, LinkState, MissionState, Plan};
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Memory, Subscriber};
 use alight_shared::transport::process::ProcessState;
@@ -12,6 +12,7 @@ use crate::process::snapshot::Snapshot;
 pub struct Observer {
     processes: Subscriber<ProcessState>,
     mission: Subscriber<MissionState>,
+    autopilot: Subscriber<AutopilotState>,
     link: Subscriber<LinkState>,
     plan: Subscriber<Plan>,
     /// What was seen.
@@ -26,6 +27,7 @@ impl Observer {
         Ok(Observer {
             processes: memory.subscriber()?,
             mission: memory.subscriber()?,
+            autopilot: memory.subscriber()?,
             link: memory.subscriber()?,
             plan: memory.subscriber()?,
             snapshot: Snapshot::default(),
@@ -40,6 +42,7 @@ impl Observer {
         }
         let t = drone_ns.unwrap_or(now);
         self.snapshot.mission = self.mission.newest(t).or(self.snapshot.mission);
+        self.snapshot.autopilot = self.autopilot.newest(t).or(self.snapshot.autopilot);
         let links = self.link.all(t);
         // Who does not take them does not keep them.
         self.ages_s.truncate(64);

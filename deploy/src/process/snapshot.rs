@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::msg::{LinkState, MissionState, Plan};
+use alight_shared::msg::{AutopilotState, LinkState, MissionState, Plan};
 use alight_shared::topics::{self, Topic};
 use alight_shared::transport::process::{InputState, ProcessKind, ProcessState};
 
@@ -29,6 +29,8 @@ pub struct Snapshot {
     pub processes: BTreeMap<ProcessKind, ProcessState>,
     /// Mission.
     pub mission: Option<MissionState>,
+    /// The autopilot's state.
+    pub autopilot: Option<AutopilotState>,
     /// Link.
     pub link: Option<LinkState>,
     /// Plan, and its age when it was looked at, s.

@@ -4,6 +4,7 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use alight_shared::msg::ReasonCode;
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
 use clap::Args;
@@ -129,6 +130,7 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliErr
             "processes": snapshot.processes.values().collect::<Vec<_>>(),
             "metrics": metrics,
             "mission": snapshot.mission,
+            "autopilot": snapshot.autopilot,
             "link": snapshot.link,
         });
         terminal::line(object);
@@ -150,6 +152,11 @@ fn show(args: &StatusArgs, name: &str, snapshot: &Snapshot) -> Result<(), CliErr
             m.state.name()
         ));
         terminal::line(format_args!("  waiting   {}", m.waiting));
+    }
+    if let Some(a) = &snapshot.autopilot
+        && a.parameters.code != ReasonCode::None
+    {
+        terminal::line(format_args!("  autopilot no landing: {}", a.parameters));
     }
     if let Some(l) = &snapshot.link {
         terminal::line(format_args!(

@@ -30,7 +30,7 @@ const WARM_UP_S: &str = "80";
 /// Parameters of the makers' simulators, as deploy/README.md has them; the last ones stand for what a
 /// calibrated vehicle has.
 const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM 0.02\nMOT_SPIN_MIN 0.02\n\
-                      MOT_SPIN_MAX 1\nGUID_OPTIONS 8\nFS_THR_ENABLE 0\nBATT_MONITOR 4\nCOMPASS_OFS_X 5\n\
+                      MOT_SPIN_MAX 1\nGUID_OPTIONS 8\nGUID_TIMEOUT 0.3\nFS_THR_ENABLE 0\nBATT_MONITOR 4\nCOMPASS_OFS_X 5\n\
                       COMPASS_OFS_Y 13\nCOMPASS_OFS_Z -18\nCOMPASS_OFS2_X 5\nCOMPASS_OFS2_Y 13\n\
                       COMPASS_OFS2_Z -18\nCOMPASS_OFS3_X 5\nCOMPASS_OFS3_Y 13\nCOMPASS_OFS3_Z -18\n\
                       INS_ACCOFFS_X 0.001\nINS_ACCOFFS_Y 0.001\nINS_ACCOFFS_Z 0.001\nINS_ACCSCAL_X 1.001\n\
@@ -275,6 +275,9 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
                 ("MC_ROLL_P", "12"),
                 ("MC_PITCH_P", "12"),
                 ("MIS_TAKEOFF_ALT", "8"),
+                ("COM_OF_LOSS_T", "0.25"),
+                ("COM_OBL_RC_ACT", "5"),
+                ("MPC_ACC_UP_MAX", "8"),
             ] {
                 command.env(format!("PX4_PARAM_{key}"), value);
             }

@@ -4,8 +4,8 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Seq,
-    deviations, within,
+    FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS,
+    Reason, Seq, deviations, within,
 };
 use crate::frames::wrap_angle;
 use crate::time::{DroneClock, Span, Time};
@@ -128,6 +128,8 @@ pub struct AutopilotState {
     pub thrust: f64,
     /// Its own estimate of the collective thrust that hovers, 0 to 1.
     pub hover_thrust: f64,
+    /// Why no landing is permitted with its parameters as they are; without a code: they suit.
+    pub parameters: Reason,
 }
 
 /// How a solve ended.

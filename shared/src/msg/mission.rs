@@ -9,6 +9,7 @@ use super::{
     DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_ACCELERATION_MPS2,
     MAX_POSITION_M, deviations, within,
 };
+use crate::autopilot_parameters::{REQUESTS, numbered};
 use crate::time::{Clock, DroneClock, Time};
 use crate::topics;
 
@@ -153,6 +154,11 @@ pub enum ReasonCode {
     Restarted,
     /// Battery below the reserve, fraction, with the deck below: the landing goes on within wider limits.
     BatteryDeck,
+    /// A parameter of the autopilot must be another: its value; the limit is its number in
+    /// [`crate::autopilot_parameters::PARAMETERS`].
+    AutopilotParameter,
+    /// A parameter of the autopilot was not reported: requests so far; the limit is its number, as above.
+    AutopilotParameterUnknown,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -263,6 +269,21 @@ impl fmt::Display for Reason {
                 write!(f, "no touchdown: feet {v:.2} m above the deck (limit {l:.2})")
             }
             ReasonCode::Restarted => write!(f, "mission restarted in flight, feet {v:.2} m above the deck"),
+            ReasonCode::AutopilotParameter => match numbered(l) {
+                Some(p) => write!(f, "{}", p.describe(v)),
+                None => write!(f, "a parameter of the autopilot is {v}"),
+            },
+            ReasonCode::AutopilotParameterUnknown => {
+                let name = numbered(l).map_or("a parameter", |p| p.name);
+                write!(f, "the autopilot has not reported {name} ({v:.0} requests)")?;
+                if v < f64::from(REQUESTS) {
+                    return Ok(());
+                }
+                write!(
+                    f,
+                    "; for a firmware without it set autopilot.check_parameters = false"
+                )
+            }
             ReasonCode::TooWindy => write!(f, "wind pushes with up to {v:.1} m/s² (limit {l:.1})"),
         }
     }

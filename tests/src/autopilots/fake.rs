@@ -24,8 +24,10 @@ pub const FEET_M: f64 = 0.3;
 const OFFBOARD_HZ: f64 = 2.0;
 /// ... for so long, s.
 const OFFBOARD_S: f64 = 1.0;
-/// Without set-points for this long PX4 holds, ArduCopter brakes, s.
-const LOSS_S: f64 = 0.5;
+/// Time until it notices a loss of set-points, without a parameter for it, s.
+const DEFAULT_LOSS_S: f64 = 1.0;
+/// PX4's parameters that are integers.
+const INTEGERS: [&str; 2] = ["COM_OBL_RC_ACT", "MC_AIRMODE"];
 
 /// What it is commanded to fly.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,8 +66,8 @@ pub struct FakeAutopilot {
     pub on_deck: bool,
     /// Charge, 0 to 1.
     pub battery: f64,
-    /// ArduCopter's GUID_OPTIONS.
-    pub options: u32,
+    /// Its parameters; it does not answer for others.
+    pub parameters: BTreeMap<&'static str, f64>,
     /// Jumps of its estimate.
     pub resets: u8,
     /// Fault: sends nothing.
@@ -129,13 +131,41 @@ impl FakeAutopilot {
             position: Vector3::new(0.0, 0.0, -height_m),
             thrust: HOVER,
             battery: 0.9,
-            options: 8,
+            parameters: FakeAutopilot::parameters(firmware),
             hover: HOVER,
             force: Vector3::new(0.0, 0.0, -GRAVITY),
             // What an onboard link sends without being asked.
             streams: BTreeMap::from([(id::HEARTBEAT, 1.0)]),
             ..FakeAutopilot::default()
         }
+    }
+    /// Parameters as a landing needs them.
+    fn parameters(firmware: Firmware) -> BTreeMap<&'static str, f64> {
+        BTreeMap::from_iter(match firmware {
+            Firmware::Px4 => [
+                ("COM_OF_LOSS_T", 0.5),
+                ("COM_OBL_RC_ACT", 5.0),
+                ("MPC_ACC_UP_MAX", 8.0),
+                ("MC_AIRMODE", 1.0),
+            ]
+            .to_vec(),
+            Firmware::ArduCopter => [
+                ("GUID_TIMEOUT", 0.5),
+                ("GUID_OPTIONS", 8.0),
+                ("ATC_THR_MIX_MIN", 0.1),
+                ("FS_THR_ENABLE", 1.0),
+                ("FS_GCS_ENABLE", 0.0),
+            ]
+            .to_vec(),
+        })
+    }
+    /// Without set-points for this long PX4 holds, ArduCopter brakes, s.
+    fn loss_s(&self) -> f64 {
+        let name = match self.firmware {
+            Firmware::Px4 => "COM_OF_LOSS_T",
+            Firmware::ArduCopter => "GUID_TIMEOUT",
+        };
+        self.parameters.get(name).copied().unwrap_or(DEFAULT_LOSS_S)
     }
     /// A mode in which a person flies.
     pub fn manual_mode(firmware: Firmware) -> u32 {
@@ -238,11 +268,12 @@ impl FakeAutopilot {
                     result,
                 });
             }
-            Message::ParameterRequest { to, name } if *to == self.address && name == "GUID_OPTIONS" => {
-                replies.push(Message::Parameter {
+            Message::ParameterRequest { to, name } if *to == self.address => {
+                let integer = INTEGERS.contains(&name.as_str());
+                replies.extend(self.parameters.get(name.as_str()).map(|v| Message::Parameter {
                     name: name.clone(),
-                    value: f64::from(self.options),
-                });
+                    value: self.firmware.parameter_value(*v, integer),
+                }));
             }
             Message::Position(p) if p.to == self.address => {
                 self.count_set_point();
@@ -316,7 +347,10 @@ impl FakeAutopilot {
 
     /// Set-point loss: PX4 goes to its hold and comes back with the stream; ArduCopter stays.
     fn failsafe(&mut self) {
-        let lost = self.set_points.back().is_none_or(|t| self.now_s - t > LOSS_S);
+        let lost = self
+            .set_points
+            .back()
+            .is_none_or(|t| self.now_s - t > self.loss_s());
         if self.chosen == FakeAutopilot::offboard_mode(self.firmware) {
             if lost {
                 self.target = None;

@@ -5,7 +5,7 @@ use alight_shared::node::Node;
 use alight_shared::time::Time;
 use alight_uav::autopilot::message::{
     Address, AttitudeReport, CommandLong, CommandResult, DistanceReport, Frame, Heartbeat, HilGps, ImuReport,
-    Message, OdometryReport, PositionReport, VelocityFrame,
+    Message, OdometryReport, ParameterValue, PositionReport, VelocityFrame,
 };
 use alight_uav::autopilot::wire::{Decoder, encode};
 use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
@@ -91,10 +91,17 @@ fn message() -> impl Strategy<Value = Message> {
         number().prop_map(|thrust| Message::AttitudeTargetThrust { thrust }),
         any::<u32>().prop_map(|custom_mode| Message::Mode { custom_mode }),
         (
-            prop_oneof!["[A-Z_]{0,20}", Just("GUID_OPTIONS".to_owned())],
-            number()
+            prop_oneof![
+                "[A-Z_]{0,20}",
+                Just("GUID_OPTIONS".to_owned()),
+                Just("COM_OBL_RC_ACT".to_owned())
+            ],
+            any::<(u32, bool)>()
         )
-            .prop_map(|(name, value)| Message::Parameter { name, value }),
+            .prop_map(|(name, (bits, integer))| {
+                let value = ParameterValue { bits, integer };
+                Message::Parameter { name, value }
+            }),
         (commands(), any::<u8>()).prop_map(|(command, confirmation)| {
             Message::Command(CommandLong {
                 confirmation,

@@ -9,7 +9,7 @@ use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::trial::{Watch, land};
+use alight_sim::harness::trial::{Event, Watch, land};
 use alight_sim::harness::world::{FirmwareLink, FirmwareOutputs, NodeOutputs, World};
 use alight_sim::physics::drone::PlantState;
 use alight_sim::physics::sea::SeaConfig;
@@ -41,6 +41,8 @@ pub struct Linked {
     link: Box<dyn Fn(u32) -> AutopilotLink>,
     boot: u32,
     died: bool,
+    /// For so long its failsafe is the firmware's default, s.
+    pub failsafe_after_s: f64,
 }
 
 impl Linked {
@@ -58,6 +60,7 @@ impl Linked {
             link: Box::new(link),
             boot: 1,
             died: false,
+            failsafe_after_s: 0.0,
         }
     }
     fn step_link(&mut self, now: Time<DroneClock>, input: &AutopilotIn) -> AutopilotOut {
@@ -90,6 +93,11 @@ impl FirmwareLink for Linked {
         if self.now_s > since_s + 2.0 && a.chosen == FakeAutopilot::manual_mode(a.firmware) {
             // PX4 refuses until set-points were streamed long enough: a person tries again.
             let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
+        }
+        if a.firmware == Firmware::Px4 {
+            let is_set = self.now_s - since_s >= self.failsafe_after_s;
+            let timeout_s = if is_set { 0.5 } else { 1.0 };
+            a.parameters.insert("COM_OF_LOSS_T", timeout_s);
         }
         a.answer = self.faults.denies.get().then_some(CommandResult::Denied);
         self.wired.cut = self.faults.cut.get();
@@ -156,4 +164,31 @@ fn drone_lands_over_arducopter_mavlink_at_moderate_with_5_to_40_ms_on_the_wire()
     for wire_s in [0.005, 0.02, 0.04] {
         lands(Firmware::ArduCopter, wire_s);
     }
+}
+
+#[test]
+fn mission_begins_no_landing_before_the_autopilots_failsafe_is_set() {
+    // The landing is commanded after 8 s, and a person sets the parameter 10 s later.
+    let (commanded_s, set_s) = (8.0, 18.0);
+    let mut scenario = Scenario::default();
+    scenario.start.hover_s = commanded_s;
+    let nodes = NodeConfigs::default();
+    let mut world = World::new(&scenario, &nodes, 300).unwrap();
+    let mut linked = Linked::new(Firmware::Px4, 0.005, &nodes);
+    linked.failsafe_after_s = set_s;
+    world.attach_firmware(0, Box::new(linked));
+    let mut began_s = None;
+    let watch = Watch {
+        on_event: &mut |Event::Phase { t_s, .. }| {
+            began_s.get_or_insert(*t_s);
+        },
+        trace_step_s: None,
+    };
+    let o = land(world, &scenario, &nodes, 300, "default", watch, &mut NoTap).outcome;
+    let waited = set_s - commanded_s;
+    assert!(
+        began_s.is_some_and(|t| (waited..waited + 2.5).contains(&t)),
+        "{began_s:?}"
+    );
+    assert!(o.success, "{o:?}");
 }

@@ -11,7 +11,7 @@ mod restarts;
 mod wired;
 
 use alight_shared::frames::{Datum, DroneNed};
-use alight_shared::msg::{AutopilotMode, SetPoint, State};
+use alight_shared::msg::{AutopilotMode, Reason, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::fake::{FakeAutopilot, HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN};
 use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
@@ -248,7 +248,7 @@ fn link_flies_nothing_without_timesync() {
 #[test]
 fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
     let mut p = Pair::new(Firmware::ArduCopter, 5.0, &config());
-    p.wired.autopilot.options = 0;
+    p.wired.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
     p.run(5.0);
     assert_eq!(p.authority(), ControlAuthority::OptionMissing);
     assert!(
@@ -262,9 +262,82 @@ fn ardu_copter_without_the_thrust_option_is_not_flown_and_explained() {
     // The mission does not have the drone.
     assert_eq!(p.state().mode, AutopilotMode::Other);
     // The person sets it.
-    p.wired.autopilot.options = 8;
+    p.wired.autopilot.parameters.insert("GUID_OPTIONS", 8.0);
     p.run(2.0);
     p.assert_commanding();
+}
+
+#[test]
+fn parameters_that_do_not_suit_are_reported_by_name_until_a_person_sets_them() {
+    for (firmware, name, wrong, good) in [
+        (Firmware::Px4, "COM_OF_LOSS_T", 1.0, 0.25),
+        (Firmware::Px4, "COM_OBL_RC_ACT", 0.0, 5.0),
+        (Firmware::Px4, "MPC_ACC_UP_MAX", 4.0, 8.0),
+        (Firmware::ArduCopter, "GUID_TIMEOUT", 3.0, 0.3),
+    ] {
+        let mut p = Pair::new(firmware, 5.0, &config());
+        p.wired.autopilot.parameters.insert(name, wrong);
+        p.run(3.0);
+        let why = p.state().parameters;
+        assert_eq!(why.code, ReasonCode::AutopilotParameter, "{firmware:?}: {why}");
+        let text = format!("{name} is {wrong}");
+        assert!(why.to_string().starts_with(&text), "{firmware:?}: {why}");
+        assert_eq!(
+            p.texts.iter().filter(|t| t.contains(&text)).count(),
+            1,
+            "{:?}",
+            p.texts
+        );
+        // Who commands does not depend on it: a descent under way goes on.
+        p.give_the_mode();
+        p.run(1.0);
+        p.assert_commanding();
+        p.wired.autopilot.parameters.insert(name, good);
+        p.run(1.5);
+        assert_eq!(p.state().parameters, Reason::default(), "{firmware:?}");
+        // It was not saved.
+        p.wired.autopilot.parameters.insert(name, wrong);
+        p.wired.autopilot.restart();
+        p.run(5.0);
+        assert_eq!(p.state().parameters, why, "{firmware:?}");
+    }
+}
+
+#[test]
+fn parameter_that_an_autopilot_does_not_have_is_named_and_the_check_can_be_left_out() {
+    for check_parameters in [true, false] {
+        let c = AutopilotLinkConfig {
+            check_parameters,
+            ..config()
+        };
+        let mut p = Pair::new(Firmware::Px4, 5.0, &c);
+        p.wired.autopilot.parameters.remove("MPC_ACC_UP_MAX");
+        p.run(8.0);
+        assert!(
+            p.texts.iter().any(|t| t.contains("MPC_ACC_UP_MAX")),
+            "{:?}",
+            p.texts
+        );
+        let why = p.state().parameters;
+        assert_eq!(
+            why.to_string().contains("has not reported MPC_ACC_UP_MAX"),
+            check_parameters,
+            "{why}"
+        );
+    }
+}
+
+#[test]
+fn parameter_that_warns_permits_a_landing_and_is_told() {
+    let mut p = Pair::new(Firmware::Px4, 5.0, &config());
+    p.wired.autopilot.parameters.insert("MC_AIRMODE", 0.0);
+    p.run(3.0);
+    assert_eq!(p.state().parameters, Reason::default());
+    assert!(
+        p.texts.iter().any(|t| t.contains("MC_AIRMODE is 0")),
+        "{:?}",
+        p.texts
+    );
 }
 
 #[test]

@@ -78,6 +78,9 @@ config! {
         /// Height of mean sea level above the ellipsoid (geoid) at this place, m: the autopilot reports
         /// its origin above the sea, a datum is above the ellipsoid.
         pub geoid_m: f64 = 0.0, in -120.0..=120.0;
+        /// No landing before the autopilot's parameters that it relies on were read and suit. Without: what does not
+        /// suit is reported only.
+        pub check_parameters: bool = true;
         /// Alight may arm a drone that stands on the ground in the mode that a person gave.
         pub may_arm: bool = false;
         /// The forced disarm on the deck.

@@ -44,6 +44,7 @@ impl AutopilotLink {
                         .answered(now, *local_ns, *remote_ns, c.timesync_limit_s);
                     if self.clock.restarts != before {
                         self.drone_state.restart();
+                        peer.parameters.read_again();
                     }
                 }
             }
@@ -106,7 +107,7 @@ impl AutopilotLink {
                 let attitude = self.state.map(|s| s.attitude);
                 peer.thrust(now, *thrust / attitude.map_or(1.0, |a| peer.tilt_compensation(a)));
             }
-            Message::Parameter { name, value } => peer.parameter(name, *value),
+            Message::Parameter { name, value } => peer.parameters.received(name, *value),
             Message::Origin(origin) => self.on_origin(origin),
             Message::CommandAck { command, result } => {
                 if *command == command::MESSAGE_INTERVAL {
@@ -155,7 +156,7 @@ impl AutopilotLink {
             Some(p) if (p.address, p.firmware) == (from, firmware) => {}
             Some(p) if (now - p.heartbeat_at).secs() <= OTHER_AFTER_S => return false,
             peer => {
-                *peer = Some(Peer::new(from, firmware, now, &self.config));
+                *peer = Some(Peer::new(from, firmware, now, &self.config, self.attitudes));
                 self.clock.forget();
                 self.drone_state.restart();
             }

@@ -235,6 +235,15 @@ pub struct ImuReport {
     pub gyro: [f64; 3],
 }
 
+/// A parameter's value as it stands in the message: what the bits mean depends on the firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ParameterValue {
+    /// The message's float.
+    pub bits: u32,
+    /// Of an integer type, by the message.
+    pub integer: bool,
+}
+
 /// `DISTANCE_SENSOR` that looks down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DistanceReport {
@@ -303,8 +312,8 @@ pub enum Message {
     Parameter {
         /// At most 16 characters.
         name: String,
-        /// Its value as the autopilot casts it.
-        value: f64,
+        /// Its value.
+        value: ParameterValue,
     },
     /// `GPS_GLOBAL_ORIGIN`: where the autopilot's NED begins; height above mean sea level.
     Origin(Datum),

@@ -4,7 +4,8 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`clock`], [`streams`], [`drone_state`], [`modes`], and [`wire`] for the bytes.
+//! halves), [`clock`], [`streams`], [`drone_state`], [`modes`], [`parameters`] (what a landing relies
+//! on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
 //! COM_OF_LOSS_T for the failsafe that COM_OBL_RC_ACT names; ArduCopter stops after GUID_TIMEOUT and
@@ -20,6 +21,7 @@ mod inbound;
 pub mod message;
 pub mod modes;
 mod outbound;
+pub mod parameters;
 mod peer;
 mod streams;
 mod thrust;
@@ -36,7 +38,7 @@ use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, MissionState, RangeSample,
-    SetPoint,
+    Reason, SetPoint,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -244,7 +246,7 @@ impl AutopilotLink {
             odometry: self
                 .state
                 .is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s)),
-            thrust: p.and_then(|p| p.thrust_option_suits(self.attitudes)),
+            thrust: p.and_then(|p| p.parameters.thrust_is_thrust()),
             heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),
             armed: p.is_some_and(|p| p.armed),
@@ -277,7 +279,7 @@ impl AutopilotLink {
             });
         }
         out.messages.extend(peer.streams.ask(now, peer.address));
-        out.messages.extend(peer.ask_option(now, self.attitudes));
+        out.messages.extend(peer.parameters.ask(now, peer.address));
         let period = match self.shift {
             Some(_) => ORIGIN,
             None => UNKNOWN_ORIGIN,
@@ -313,6 +315,11 @@ impl AutopilotLink {
                 .thrust_now(now)
                 .map_or(0.0, |t| thrust::fraction(t, self.config.thrust_curve)),
             hover_thrust: if settled { self.hover.value() } else { 0.0 },
+            parameters: if self.config.check_parameters {
+                p.parameters.rejection()
+            } else {
+                Reason::default()
+            },
         })
     }
     /// Armed in our mode, and what confirms or forbids our command is under way: after a lapse of the link the mission
@@ -373,6 +380,8 @@ impl Node for AutopilotLink {
         if after.1 != before.1 {
             out.texts.push(after.1.to_string());
         }
+        out.texts
+            .extend(self.peer.iter_mut().flat_map(|p| p.parameters.news()));
         out.state = self.state_report(now, after != before, evidence.alive);
         out.texts.truncate(MAX_TEXTS);
         out.from = self.address();

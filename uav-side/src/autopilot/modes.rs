@@ -4,7 +4,7 @@ use alight_shared::msg::AutopilotMode;
 use serde::{Deserialize, Serialize};
 
 use super::config::Diversion;
-use super::message::{ARDUPILOT, PX4};
+use super::message::{ARDUPILOT, PX4, ParameterValue};
 
 /// Which firmware flies.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -58,6 +58,21 @@ impl Firmware {
                 _ => AutopilotMode::Other,
             },
         }
+    }
+    /// A parameter's value: PX4 puts an integer's bytes in the place of the float, ArduCopter casts it.
+    pub fn parameter(self, value: ParameterValue) -> f64 {
+        match (self, value.integer) {
+            (Firmware::Px4, true) => f64::from(value.bits.cast_signed()),
+            (Firmware::Px4, false) | (Firmware::ArduCopter, _) => f64::from(f32::from_bits(value.bits)),
+        }
+    }
+    /// The same as the firmware sends it.
+    pub fn parameter_value(self, value: f64, integer: bool) -> ParameterValue {
+        let bits = match (self, integer) {
+            (Firmware::Px4, true) => (value as i32).cast_unsigned(),
+            (Firmware::Px4, false) | (Firmware::ArduCopter, _) => (value as f32).to_bits(),
+        };
+        ParameterValue { bits, integer }
     }
     /// Second and third parameter of `MAV_CMD_DO_SET_MODE` for a diversion.
     pub fn diversion(self, to: Diversion) -> Option<[f64; 2]> {

@@ -5,15 +5,11 @@ use alight_shared::time::Span;
 
 use super::DroneTime;
 use super::config::AutopilotLinkConfig;
-use super::message::{ARMED, Address, Message};
+use super::message::{ARMED, Address};
 use super::modes::Firmware;
+use super::parameters::Parameters;
 use super::streams::Streams;
 
-/// ArduCopter's parameter of how it reads a set-point's thrust, and the bit that makes it a thrust.
-pub(crate) const OPTION: &str = "GUID_OPTIONS";
-const THRUST_IS_THRUST: u32 = 8;
-/// Time between two requests for it, s.
-const OPTION_PAUSE_S: f64 = 1.0;
 /// A reported thrust is used for so long.
 const THRUST_STALE: Span = Span::from_millis(300);
 /// Batteries, at most.
@@ -31,13 +27,17 @@ pub(crate) struct Peer {
     pub(crate) streams: Streams,
     batteries: [Option<f64>; MAX_BATTERIES],
     thrust: Option<(DroneTime, f64)>,
-    /// Whether a set-point's thrust is read as thrust; None: not known yet.
-    thrust_is_thrust: Option<bool>,
-    option_next: DroneTime,
+    pub(crate) parameters: Parameters,
 }
 
 impl Peer {
-    pub(crate) fn new(address: Address, firmware: Firmware, now: DroneTime, c: &AutopilotLinkConfig) -> Peer {
+    pub(crate) fn new(
+        address: Address,
+        firmware: Firmware,
+        now: DroneTime,
+        c: &AutopilotLinkConfig,
+        attitudes: bool,
+    ) -> Peer {
         Peer {
             address,
             firmware,
@@ -48,11 +48,7 @@ impl Peer {
             streams: Streams::new(firmware, c, now),
             batteries: [None; MAX_BATTERIES],
             thrust: None,
-            thrust_is_thrust: match firmware {
-                Firmware::Px4 => Some(true),
-                Firmware::ArduCopter => None,
-            },
-            option_next: now,
+            parameters: Parameters::new(firmware, attitudes, now),
         }
     }
     /// Its heartbeat.
@@ -97,26 +93,5 @@ impl Peer {
         self.thrust
             .filter(|(at, _)| now - *at <= THRUST_STALE)
             .map(|(_, t)| t)
-    }
-    /// One of its parameters.
-    pub(crate) fn parameter(&mut self, name: &str, value: f64) {
-        if name == OPTION && self.firmware == Firmware::ArduCopter && (0.0..=1e9).contains(&value) {
-            self.thrust_is_thrust = Some(value as u32 & THRUST_IS_THRUST != 0);
-        }
-    }
-    /// Whether it reads a set-point's thrust as needed; `needed` when attitude set-points will be sent.
-    pub(crate) fn thrust_option_suits(&self, needed: bool) -> Option<bool> {
-        if needed { self.thrust_is_thrust } else { Some(true) }
-    }
-    /// Requests the option until it is as needed: a person may set it meanwhile.
-    pub(crate) fn ask_option(&mut self, now: DroneTime, needed: bool) -> Option<Message> {
-        if self.thrust_option_suits(needed) == Some(true) || now < self.option_next {
-            return None;
-        }
-        self.option_next = now + Span::from_secs(OPTION_PAUSE_S);
-        Some(Message::ParameterRequest {
-            to: self.address,
-            name: OPTION.into(),
-        })
     }
 }

@@ -273,6 +273,9 @@ impl Mission {
         Situation {
             now,
             flight: ControlState::of(autopilot),
+            parameters: autopilot
+                .map(|a| a.parameters)
+                .filter(|why| why.code != ReasonCode::None),
             // A link that does not report it gives zero, at which nothing flies.
             battery: autopilot.map(|a| a.battery).filter(|b| *b > 0.0),
             own,

@@ -275,6 +275,8 @@ pub struct Situation {
     pub now: Time<DroneClock>,
     /// Whether the drone flies and who controls it.
     pub flight: ControlState,
+    /// Why the autopilot's parameters permit no landing; None when they do.
+    pub parameters: Option<Reason>,
     /// Remaining battery; None when not reported.
     pub battery: Option<f64>,
     /// The newest odometry.

@@ -55,6 +55,9 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     if !progress.landing {
         return idle.stay(if progress.stopped { Operator } else { NotCommanded });
     }
+    if let Some(why) = s.parameters {
+        return idle.stay(why);
+    }
     if s.flight != ControlState::Ours {
         return idle.stay(NotFlying);
     }
@@ -183,17 +186,18 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         if progress.urgent {
             return None;
         }
-        first_beyond([
+        let motion = first_beyond([
             (Infeasible, deck.turn_radps, c.deck_turn_radps),
             (TooSteep, s.recent_tilt_rad, c.recent_tilt_rad),
-        ])
-        .or_else(|| slides(deck, s, c))
-        .or_else(|| {
-            first_beyond([
-                (TooWindy, s.wind_peak_mps2, c.wind_peak_mps2),
-                (TooWindy, s.wind_peak_mps2, friction_left),
-            ])
-        })
+        ]);
+        (s.parameters.or(motion))
+            .or_else(|| slides(deck, s, c))
+            .or_else(|| {
+                first_beyond([
+                    (TooWindy, s.wind_peak_mps2, c.wind_peak_mps2),
+                    (TooWindy, s.wind_peak_mps2, friction_left),
+                ])
+            })
     });
     if let Some(why) = rejection {
         return stable.stay(why);

@@ -1,9 +1,9 @@
 //! Every row of the state table.
 
 use alight_shared::msg::ReasonCode::{
-    Commanded, DeckGrantStale, DeckReserved, Deviated, ForecastStale, Infeasible, Missed, NoPlan, NoVessel,
-    NoVision, NotCommanded, NotFlying, NotSteady, Reached, SlideObserved, SlidePredicted, TooFar, TooFast,
-    TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
+    AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, ForecastStale, Infeasible, Missed,
+    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, Reached, SlideObserved, SlidePredicted,
+    TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -31,6 +31,7 @@ pub(super) fn fair() -> Situation {
     Situation {
         now: at(10.0),
         flight: ControlState::Ours,
+        parameters: None,
         battery: Some(0.9),
         own: Some(OwnState {
             position: Vector3::new(0.0, 0.0, -8.3),
@@ -171,6 +172,8 @@ fn idle_waits_for_command_flight_and_vessel() {
         let s = with(|s| s.flight = flight);
         waits(&step(idle, &s), State::Idle, NotFlying);
     }
+    let s = with(|s| s.parameters = Some(AutopilotParameter.into()));
+    waits(&step(idle, &s), State::Idle, AutopilotParameter);
     let s = with(|s| (s.deck, s.forecast_age_s) = (None, f64::INFINITY));
     waits(&step(idle, &s), State::Idle, ForecastStale);
     let s = with_deck(|d| d.radio_age_s = f64::INFINITY);
@@ -256,6 +259,10 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
         (
             with(|s| s.apparent_slope = ApparentSlopeHistory::of(&[10, 60], 0.45)),
             SlideObserved,
+        ),
+        (
+            with(|s| s.parameters = Some(AutopilotParameter.into())),
+            AutopilotParameter,
         ),
         (with(|s| s.wind_peak_mps2 = 3.6), TooWindy),
         (with(|s| s.reservation = Reservation::Others(2)), DeckReserved),

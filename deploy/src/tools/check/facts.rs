@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use alight_shared::autopilot_parameters::Parameter;
+use alight_uav::autopilot::parameters::Finding;
 use alight_usv::sensors::SourceStatus;
 
 use crate::certificates::Certificate;
@@ -103,6 +105,9 @@ pub struct SourceCheck {
     pub received: Result<(usize, SourceStatus), String>,
 }
 
+/// What an autopilot reported of its parameters; None when no heartbeat of one came.
+pub type AutopilotParameters = Option<Vec<(&'static Parameter, Finding)>>;
+
 /// The place for shared memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharedMemory {
@@ -152,6 +157,8 @@ pub struct Facts {
     pub dialled: Vec<(String, Reach)>,
     /// The autopilot's link as configured, and whether it can be had; None where none is.
     pub autopilot: Option<(String, Result<Reach, String>)>,
+    /// The autopilot's parameters that a landing relies on; None when the link is another's or cannot be had.
+    pub parameters: Option<AutopilotParameters>,
     /// Each camera that is configured.
     pub cameras: Vec<CameraCheck>,
     /// What the sensors sent; None when it was not listened to.

@@ -23,7 +23,7 @@ use crate::process::{instance, scheduling};
 use crate::tools::check::facts::{
     CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings, SharedMemory,
 };
-use crate::tools::check::sources;
+use crate::tools::check::{autopilot, sources};
 
 /// Longest look into a file of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
@@ -47,6 +47,7 @@ pub fn gather(path: &Path) -> Facts {
         ports: Vec::new(),
         dialled: Vec::new(),
         autopilot: None,
+        parameters: None,
         cameras: Vec::new(),
         sensors: None,
         sources: None,
@@ -80,11 +81,18 @@ pub fn gather(path: &Path) -> Facts {
             let instance = Instance::new(&d.instance);
             facts.running = instance.as_ref().is_ok_and(instance::is_running);
             facts.radio(&d.radio);
-            facts.autopilot = d.supervision.autopilot.then(|| {
+            if d.supervision.autopilot {
                 let name = d.autopilot.connect.clone();
-                let reach = name.parse().map(|url| autopilot(&url));
-                (name, reach)
-            });
+                let url: Result<LinkUrl, String> = name.parse();
+                let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
+                facts.parameters = match (&url, &reach) {
+                    (Ok(url), Ok(Reach::Answers | Reach::Routed)) if !facts.running => {
+                        Some(autopilot::parameters(d, url))
+                    }
+                    (_, _) => None,
+                };
+                facts.autopilot = Some((name, reach));
+            }
             let settings = &d.drone.camera;
             let ultraviolet = d.ultraviolet();
             let cameras = [
@@ -280,7 +288,7 @@ fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
 }
 
 /// Whether the autopilot's link can be had.
-fn autopilot(url: &LinkUrl) -> Reach {
+fn reach_autopilot(url: &LinkUrl) -> Reach {
     let bound = |tried: std::io::Result<()>| {
         tried.map_or_else(|e| Reach::Unreachable(e.to_string()), |()| Reach::Routed)
     };

@@ -1,6 +1,7 @@
 //! `alight check`: what keeps this computer from flying, and the remedy. [`gather`] collects facts, [`rules`]
 //! judges them; nothing is changed.
 
+mod autopilot;
 pub mod facts;
 pub mod gather;
 pub mod rules;

@@ -1,12 +1,15 @@
 //! What is fine, what is worth a warning and what is broken: pure rules over gathered facts.
 
+use alight_shared::autopilot_parameters::Severity;
 use alight_shared::transport::radio::RadioConfig;
+use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use serde::Serialize;
 
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
 use crate::exit::Exit;
 use crate::tools::check::facts::{
-    CameraCheck, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory, SourceCheck,
+    AutopilotParameters, CameraCheck, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory,
+    SourceCheck,
 };
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
@@ -114,6 +117,9 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     all.extend(facts.dialled.iter().map(|(to, reach)| dialled(to, reach)));
     all.extend(facts.memory.as_ref().map(memory).into_iter().flatten());
     all.extend(facts.autopilot.as_ref().map(|a| autopilot(a, facts.running)));
+    if let (Computer::Drone(d), Some(reported)) = (computer, &facts.parameters) {
+        all.extend(parameters(reported, d.autopilot.check_parameters));
+    }
     all.extend(facts.cameras.iter().map(camera));
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
@@ -307,6 +313,40 @@ fn autopilot((url, reach): &(String, Result<Reach, String>), running: bool) -> F
         ),
         Err(why) => TOPIC.broken(why, "correct autopilot.connect"),
     }
+}
+
+fn parameters(reported: &AutopilotParameters, refuses: bool) -> Vec<Finding> {
+    const TOPIC: Topic = Topic("parameters");
+    let Some(reported) = reported else {
+        return vec![TOPIC.warning(
+            "no heartbeat of an autopilot came while listening: they were not read",
+            "is it powered, and does it send to this link?",
+        )];
+    };
+    let mut all: Vec<Finding> = reported
+        .iter()
+        .filter_map(|(p, found)| {
+            let (found, remedy) = match found {
+                ParameterFinding::Suits => return None,
+                ParameterFinding::Wrong(value) => (
+                    p.describe(*value).to_string(),
+                    format!("set {} at the autopilot", p.name),
+                ),
+                ParameterFinding::Unknown(requests) => (
+                    format!("the autopilot has not reported {} ({requests} requests)", p.name),
+                    "check the link; for a firmware without it set autopilot.check_parameters = false".into(),
+                ),
+            };
+            Some(match p.severity {
+                Severity::Refuse if refuses => TOPIC.broken(found, remedy),
+                Severity::Refuse | Severity::Warn => TOPIC.warning(found, remedy),
+            })
+        })
+        .collect();
+    if all.is_empty() {
+        all.push(TOPIC.fine("the autopilot's suit a landing"));
+    }
+    all
 }
 
 fn camera(found: &CameraCheck) -> Finding {

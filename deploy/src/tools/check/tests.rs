@@ -3,15 +3,17 @@
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 
+use alight_shared::autopilot_parameters::{Parameter, of_px4};
 use alight_shared::transport::radio::TlsConfig;
+use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
 use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::tools::check::facts::{
-    CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings, SharedMemory,
-    SourceCheck,
+    AutopilotParameters, CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach,
+    SensorReadings, SharedMemory, SourceCheck,
 };
 use crate::tools::check::rules::{Finding, Level, judge};
 use crate::tools::check::{CheckArgs, gather, run, sources};
@@ -64,6 +66,7 @@ fn vessel() -> Facts {
         }],
         dialled: Vec::new(),
         autopilot: None,
+        parameters: None,
         cameras: Vec::new(),
         sensors: Some(SensorReadings {
             imu: 300,
@@ -96,6 +99,19 @@ fn drone() -> Facts {
     facts.sensors = None;
     facts.sources = None;
     facts
+}
+
+/// PX4 reports this of one parameter, and of all others what suits.
+fn reported(name: &str, value: f64) -> Option<AutopilotParameters> {
+    let finding = |p: &Parameter| {
+        let of_it = p.name == name;
+        if of_it {
+            ParameterFinding::Wrong(value)
+        } else {
+            ParameterFinding::Suits
+        }
+    };
+    Some(Some(of_px4().map(|(_, p)| (p, finding(p))).collect()))
 }
 
 fn worst(findings: &[Finding]) -> Level {
@@ -210,6 +226,22 @@ fn check_finds_each_fault_alone_with_its_remedy() {
                     |f| f.cameras.push(camera("/dev/video0", Ok(()), false)),
                     "simulated camera's",
                 ),
+                (|f| f.parameters = Some(None), "no heartbeat"),
+                (
+                    |f| f.parameters = reported("MC_AIRMODE", 0.0),
+                    "MC_AIRMODE is 0, 1 to 2 is needed",
+                ),
+                (
+                    |f| {
+                        f.parameters = reported("COM_OF_LOSS_T", 1.0);
+                        let mut d = DroneComputer::default();
+                        d.radio.connect = vec!["quic/192.168.7.1:7447".into()];
+                        d.radio.tls = tls(&["vessel-1"]);
+                        d.autopilot.check_parameters = false;
+                        f.computer = Ok(Computer::Drone(Box::new(d)));
+                    },
+                    "COM_OF_LOSS_T is 1 s",
+                ),
                 (|f| f.realtime = false, "real-time"),
                 (|f| f.processors = 1, "one processor"),
             ],
@@ -221,6 +253,10 @@ fn check_finds_each_fault_alone_with_its_remedy() {
                 (|f| shared(f).free_bytes = Some(1 << 20), "1 MB free"),
                 (|f| shared(f).writable = Err("read-only".into()), "read-only"),
                 (|f| shared(f).directory = Err("another's".into()), "another's"),
+                (
+                    |f| f.parameters = reported("COM_OF_LOSS_T", 1.0),
+                    "COM_OF_LOSS_T is 1 s, 0.1 to 0.5 s is needed",
+                ),
                 (
                     |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),
                     "no kind of link",

@@ -408,6 +408,7 @@ impl SimulatedDrone {
             battery: a.battery(),
             thrust: a.thrust(),
             hover_thrust: a.hover_thrust(),
+            ..AutopilotState::default()
         }
     }
     /// Greatest nominal thrust, N: what a normalised thrust of 1 commands.

@@ -5,7 +5,8 @@ use alight_shared::mavlink::{Fields, dialect as m};
 
 use super::super::message::{
     Address, AttitudeReport, AttitudeTarget, CommandLong, CommandResult, DistanceReport, Heartbeat, HilGps,
-    HilSensor, ImuReport, Message, OdometryReport, PositionReport, PositionTarget, VelocityFrame,
+    HilSensor, ImuReport, Message, OdometryReport, ParameterValue, PositionReport, PositionTarget,
+    VelocityFrame,
 };
 use super::extension::RESET_COUNTER_AT;
 use super::{text, wide};
@@ -84,7 +85,13 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mess
         },
         M::PARAM_VALUE(d) => Message::Parameter {
             name: text(&d.param_id),
-            value: d.param_value.into(),
+            value: ParameterValue {
+                bits: d.param_value.to_bits(),
+                integer: !matches!(
+                    d.param_type,
+                    m::MavParamType::MAV_PARAM_TYPE_REAL32 | m::MavParamType::MAV_PARAM_TYPE_REAL64
+                ),
+            },
         },
         M::GPS_GLOBAL_ORIGIN(d) => Message::Origin(Datum::new(
             f64::from(d.latitude) * 1e-7,

@@ -86,7 +86,12 @@ pub(super) fn encode(message: &Message) -> Option<m::MavMessage> {
         }),
         Message::Parameter { name, value } => M::PARAM_VALUE(m::PARAM_VALUE_DATA {
             param_id: chars(name),
-            param_value: *value as f32,
+            param_value: f32::from_bits(value.bits),
+            param_type: if value.integer {
+                m::MavParamType::MAV_PARAM_TYPE_INT32
+            } else {
+                m::MavParamType::MAV_PARAM_TYPE_REAL32
+            },
             ..m::PARAM_VALUE_DATA::DEFAULT
         }),
         Message::Origin(o) => M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {

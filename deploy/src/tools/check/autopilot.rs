@@ -1,0 +1,81 @@
+//! Reads the autopilot's parameters as the link does before a landing. It sends heartbeats and requests, nothing else.
+
+use alight_shared::admission::Periodic;
+use alight_shared::autopilot_parameters::Parameter;
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::transport::clock::steady_ns;
+use alight_uav::autopilot::message::{
+    AUTOPILOT_COMPONENT, Address, COMPANION_TYPE, CUSTOM_MODE, Heartbeat, Message, NO_AUTOPILOT,
+};
+use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::parameters::{Finding, Parameters};
+use alight_uav::autopilot::wire::{Decoder, encode};
+
+use crate::config::DroneComputer;
+use crate::drone::autopilot::sends_attitudes;
+use crate::io::byte_link::ByteLink;
+use crate::io::link_url::LinkUrl;
+use crate::process::supervisor::pause;
+
+/// Time between two looks at the link.
+const ROUND: std::time::Duration = std::time::Duration::from_millis(10);
+/// The link is listened to so many times: 9 s, of which a parameter that is never reported takes 5.
+const ROUNDS: u32 = 900;
+/// Without an autopilot's heartbeat after so many it is not there: three of its usual periods.
+const ROUNDS_WITHOUT: u32 = 300;
+/// Period of our heartbeats.
+const HEARTBEAT: Span = Span::from_millis(1000);
+
+/// What the autopilot reports; None when no heartbeat of one came.
+pub fn parameters(computer: &DroneComputer, url: &LinkUrl) -> Option<Vec<(&'static Parameter, Finding)>> {
+    let c = &computer.autopilot;
+    let mut link = ByteLink::new(url.clone(), steady_ns()).ok()?;
+    let (mut decoder, mut sequence) = (Decoder::default(), 0_u8);
+    let mut heartbeat = Periodic::<DroneClock>::default();
+    let mut found: Option<(Address, Parameters)> = None;
+    for round in 0..ROUNDS {
+        let now = Time::from_nanos(steady_ns());
+        link.read(now.nanos(), |bytes| decoder.push(bytes));
+        while let Some(frame) = decoder.next_frame() {
+            match (&frame.message, &mut found) {
+                (Message::Heartbeat(h), None) if frame.from.component == AUTOPILOT_COMPONENT => {
+                    found = Firmware::of(h.autopilot, h.vehicle)
+                        .filter(|_| c.vehicle == 0 || c.vehicle == frame.from.system)
+                        .map(|f| (frame.from, Parameters::new(f, sends_attitudes(computer), now)));
+                }
+                (Message::Parameter { name, value }, Some((from, p))) if *from == frame.from => {
+                    p.received(name, *value);
+                }
+                (_, _) => {}
+            }
+        }
+        let own = Message::Heartbeat(Heartbeat {
+            autopilot: NO_AUTOPILOT,
+            vehicle: COMPANION_TYPE,
+            base_mode: CUSTOM_MODE,
+            custom_mode: 0,
+        });
+        let alive = heartbeat.is_due_spaced(now, HEARTBEAT).then_some(own);
+        let request = found.as_mut().and_then(|(to, p)| p.ask(now, *to));
+        let system = match (c.system, &found) {
+            (0, Some((from, _))) => from.system,
+            (0, None) => 1,
+            (configured, _) => configured,
+        };
+        for message in alive.iter().chain(&request) {
+            sequence = sequence.wrapping_add(1);
+            if let Some(bytes) = encode(Address::new(system, c.component), sequence, message) {
+                link.write(now.nanos(), &bytes);
+            }
+        }
+        let done = match &found {
+            Some((_, p)) => p.complete(),
+            None => round >= ROUNDS_WITHOUT,
+        };
+        if done {
+            break;
+        }
+        pause(ROUND);
+    }
+    found.map(|(_, p)| p.findings().collect())
+}

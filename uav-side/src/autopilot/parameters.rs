@@ -1,0 +1,291 @@
+//! Reads back the parameters of the autopilot that a landing relies on, and judges them.
+
+use alight_shared::autopilot_parameters::{
+    Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,
+};
+use alight_shared::msg::{Reason, ReasonCode};
+use alight_shared::time::Span;
+
+use super::DroneTime;
+use super::message::{Address, Message, ParameterValue};
+use super::modes::Firmware;
+
+/// Time between two requests on the link.
+const SPACING: Span = Span::from_millis(20);
+/// Time for an answer: a telemetry radio's, several times over.
+const ANSWER: Span = Span::from_millis(500);
+/// Time until one that does not suit is read again: a person may set it meanwhile.
+const REVIEW: Span = Span::from_millis(1000);
+/// Time until one that was never reported is requested again.
+const SILENT: Span = Span::from_millis(5000);
+
+/// What is known of one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Finding {
+    /// It suits.
+    Suits,
+    /// It has not been reported after so many requests.
+    Unknown(u32),
+    /// It has this value, and must have another.
+    Wrong(f64),
+}
+
+#[derive(Clone, Debug)]
+struct Item {
+    number: usize,
+    parameter: &'static Parameter,
+    value: Option<f64>,
+    requests: u32,
+    next: DroneTime,
+    /// The autopilot restarted since it was read.
+    old: bool,
+    /// Nobody was told yet.
+    new: bool,
+}
+
+impl Item {
+    fn finding(&self) -> Finding {
+        match self.value {
+            None => Finding::Unknown(self.requests),
+            Some(value) if self.parameter.suits(value) => Finding::Suits,
+            Some(value) => Finding::Wrong(value),
+        }
+    }
+    fn reason(&self) -> Option<Reason> {
+        let number = self.number as f64;
+        match self.finding() {
+            Finding::Suits => None,
+            Finding::Wrong(value) => Some(Reason::new(ReasonCode::AutopilotParameter, value, number)),
+            Finding::Unknown(requests) => {
+                let code = ReasonCode::AutopilotParameterUnknown;
+                Some(Reason::new(code, f64::from(requests), number))
+            }
+        }
+    }
+}
+
+/// The parameters of one autopilot.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    firmware: Firmware,
+    items: Vec<Item>,
+    next: DroneTime,
+}
+
+impl Parameters {
+    /// Those that are needed of this firmware; `attitudes`: attitude set-points will be sent.
+    pub fn new(firmware: Firmware, attitudes: bool, now: DroneTime) -> Parameters {
+        let own: Vec<_> = match firmware {
+            Firmware::Px4 => of_px4().collect(),
+            Firmware::ArduCopter => of_ardu_copter().collect(),
+        };
+        let items = own
+            .into_iter()
+            .filter(|(_, p)| attitudes || p.name != THRUST_OPTION);
+        Parameters {
+            firmware,
+            items: items
+                .map(|(number, parameter)| Item {
+                    number,
+                    parameter,
+                    value: None,
+                    requests: 0,
+                    next: now,
+                    old: false,
+                    new: false,
+                })
+                .collect(),
+            next: now,
+        }
+    }
+    /// The autopilot reported one of its parameters.
+    pub fn received(&mut self, name: &str, value: ParameterValue) {
+        let value = self.firmware.parameter(value);
+        if let Some(item) = self.items.iter_mut().find(|i| i.parameter.name == name)
+            && value.is_finite()
+        {
+            item.new |= item.value != Some(value);
+            item.value = Some(value);
+            item.old = false;
+        }
+    }
+    /// The autopilot restarted: all are read again, and count as they were until then.
+    pub fn read_again(&mut self) {
+        self.items.iter_mut().for_each(|i| i.old = true);
+    }
+    /// The next request, when one is due: for what was not reported yet, and now and then for what does not suit.
+    pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<Message> {
+        if now < self.next {
+            return None;
+        }
+        let due = |i: &&mut Item| now >= i.next && (i.old || i.finding() != Finding::Suits);
+        let item = self.items.iter_mut().find(due)?;
+        self.next = now + SPACING;
+        if item.value.is_none() {
+            item.requests = item.requests.saturating_add(1);
+            item.new |= item.requests == REQUESTS;
+        }
+        item.next = now
+            + match item.finding() {
+                Finding::Unknown(requests) if requests < REQUESTS => ANSWER,
+                Finding::Unknown(_) => SILENT,
+                Finding::Suits | Finding::Wrong(_) => REVIEW,
+            };
+        Some(Message::ParameterRequest {
+            to,
+            name: item.parameter.name.into(),
+        })
+    }
+    /// Each with what is known of it.
+    pub fn findings(&self) -> impl Iterator<Item = (&'static Parameter, Finding)> + '_ {
+        self.items.iter().map(|i| (i.parameter, i.finding()))
+    }
+    /// Every one was reported, or given up.
+    pub fn complete(&self) -> bool {
+        self.findings()
+            .all(|(_, f)| !matches!(f, Finding::Unknown(requests) if requests < REQUESTS))
+    }
+    /// Why no landing is permitted; without a code: nothing is against it. A wrong one before one that is missing.
+    pub fn rejection(&self) -> Reason {
+        let refusing = |i: &&Item| i.parameter.severity == Severity::Refuse;
+        let reasons = || self.items.iter().filter(refusing).filter_map(Item::reason);
+        reasons()
+            .find(|r| r.code == ReasonCode::AutopilotParameter)
+            .or_else(|| reasons().next())
+            .unwrap_or_default()
+    }
+    /// Whether a set-point's thrust is read as thrust; None: not known yet.
+    pub(super) fn thrust_is_thrust(&self) -> Option<bool> {
+        let of_option = |i: &&Item| i.parameter.name == THRUST_OPTION;
+        match self.items.iter().find(of_option).map(Item::finding) {
+            None | Some(Finding::Suits) => Some(true),
+            Some(Finding::Unknown(_)) => None,
+            Some(Finding::Wrong(_)) => Some(false),
+        }
+    }
+    /// What a person has to know of what was found since the last call.
+    pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
+        let firmware = self.firmware.name();
+        self.items.iter_mut().filter_map(move |i| {
+            let told = core::mem::take(&mut i.new);
+            i.reason().filter(|_| told).map(|why| match i.parameter.severity {
+                Severity::Refuse => format!("{firmware}, against a landing: {why}"),
+                Severity::Warn => format!("{firmware}, a warning: {why}"),
+            })
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::time::Time;
+
+    const TO: Address = Address::new(1, 1);
+
+    /// The names asked for over `seconds`, a step of 10 ms each.
+    fn asked(p: &mut Parameters, from_s: f64, seconds: f64) -> Vec<String> {
+        (0..(seconds * 100.0) as u32)
+            .filter_map(
+                |k| match p.ask(Time::from_secs(from_s + 0.01 * f64::from(k)), TO) {
+                    Some(Message::ParameterRequest { name, .. }) => Some(name),
+                    _ => None,
+                },
+            )
+            .collect()
+    }
+    fn report(p: &mut Parameters, name: &str, value: f64) {
+        let firmware = p.firmware;
+        p.received(name, firmware.parameter_value(value, value.fract() == 0.0));
+    }
+
+    #[test]
+    fn parameters_that_suit_are_read_once_and_permit() {
+        let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
+        assert_eq!(p.rejection().code, ReasonCode::AutopilotParameterUnknown);
+        let first = asked(&mut p, 0.0, 0.2);
+        assert_eq!(
+            first,
+            ["COM_OF_LOSS_T", "COM_OBL_RC_ACT", "MPC_ACC_UP_MAX", "MC_AIRMODE"]
+        );
+        report(&mut p, "COM_OF_LOSS_T", 0.25);
+        report(&mut p, "COM_OBL_RC_ACT", 5.0);
+        p.received("MPC_ACC_UP_MAX", Firmware::Px4.parameter_value(8.0, false));
+        // It warns only.
+        assert!(!p.complete());
+        assert_eq!(p.rejection(), Reason::default());
+        report(&mut p, "MC_AIRMODE", 1.0);
+        assert!(p.complete() && asked(&mut p, 0.2, 60.0).is_empty());
+        assert_eq!(p.news().count(), 0);
+    }
+
+    #[test]
+    fn parameters_that_do_not_suit_refuse_by_name_and_are_read_again_until_they_do() {
+        let mut p = Parameters::new(Firmware::ArduCopter, true, Time::from_secs(0.0));
+        asked(&mut p, 0.0, 0.2);
+        for (name, value) in [
+            ("GUID_TIMEOUT", 3.0),
+            ("GUID_OPTIONS", 8.0),
+            ("ATC_THR_MIX_MIN", 0.1),
+        ] {
+            report(&mut p, name, value);
+        }
+        report(&mut p, "FS_THR_ENABLE", 3.0);
+        report(&mut p, "FS_GCS_ENABLE", 0.0);
+        let why = p.rejection();
+        assert_eq!(why.code, ReasonCode::AutopilotParameter);
+        assert!(
+            why.to_string()
+                .starts_with("GUID_TIMEOUT is 3 s, 0.1 to 0.5 s is needed"),
+            "{why}"
+        );
+        let news: Vec<String> = p.news().collect();
+        assert_eq!(news.len(), 2, "{news:?}");
+        assert!(news[1].contains("a warning: FS_THR_ENABLE is 3"), "{news:?}");
+        assert_eq!(p.news().count(), 0);
+        let again = asked(&mut p, 0.2, 3.0);
+        let of_timeout = again.iter().filter(|n| *n == "GUID_TIMEOUT").count();
+        assert!((2..=4).contains(&of_timeout), "{again:?}");
+        report(&mut p, "GUID_TIMEOUT", 0.3);
+        assert_eq!(p.rejection(), Reason::default());
+    }
+
+    #[test]
+    fn parameter_that_is_never_reported_is_named_and_asked_for_a_bounded_number_of_times() {
+        let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
+        for (name, value) in [
+            ("COM_OF_LOSS_T", 0.25),
+            ("COM_OBL_RC_ACT", 5.0),
+            ("MC_AIRMODE", 1.0),
+        ] {
+            report(&mut p, name, value);
+        }
+        let names = asked(&mut p, 0.0, 4.9);
+        assert_eq!(names.len(), REQUESTS as usize);
+        assert!(p.complete());
+        assert!(asked(&mut p, 4.9, 60.0).len() <= 12);
+        let why = p.rejection().to_string();
+        assert!(
+            why.contains("MPC_ACC_UP_MAX") && why.contains("check_parameters"),
+            "{why}"
+        );
+        assert!(p.news().next().is_some_and(|t| t.contains("MPC_ACC_UP_MAX")));
+    }
+
+    #[test]
+    fn parameters_of_px4_are_integers_byte_by_byte_and_of_ardu_copter_casts() {
+        let value = Firmware::Px4.parameter_value(5.0, true);
+        assert_eq!(value.bits, 5);
+        assert_eq!(Firmware::Px4.parameter(value), 5.0);
+        assert_eq!(
+            Firmware::Px4.parameter(ParameterValue {
+                bits: u32::MAX,
+                integer: true
+            }),
+            -1.0
+        );
+        let value = Firmware::ArduCopter.parameter_value(8.0, true);
+        assert_eq!(value.bits, 8.0_f32.to_bits());
+        assert_eq!(Firmware::ArduCopter.parameter(value), 8.0);
+    }
+}
