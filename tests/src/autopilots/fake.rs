@@ -14,6 +14,8 @@ use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use alight_uav::autopilot::wire::{Decoder, encode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+use crate::physics::drone::Mixer;
+
 /// Lag of the attitude loop, s.
 const LAG_S: f64 = 0.2;
 /// Hover thrust, fraction of the greatest.
@@ -26,6 +28,8 @@ const OFFBOARD_HZ: f64 = 2.0;
 const OFFBOARD_S: f64 = 1.0;
 /// Time until it notices a loss of set-points, without a parameter for it, s.
 const DEFAULT_LOSS_S: f64 = 1.0;
+/// Least output of a running motor.
+const IDLE: f64 = 0.05;
 /// PX4's parameters that are integers.
 const INTEGERS: [&str; 2] = ["COM_OBL_RC_ACT", "MC_AIRMODE"];
 
@@ -146,7 +150,7 @@ impl FakeAutopilot {
                 ("COM_OF_LOSS_T", 0.5),
                 ("COM_OBL_RC_ACT", 5.0),
                 ("MPC_ACC_UP_MAX", 8.0),
-                ("MC_AIRMODE", 1.0),
+                ("MC_AIRMODE", 0.0),
             ]
             .to_vec(),
             Firmware::ArduCopter => [
@@ -428,17 +432,29 @@ impl FakeAutopilot {
         let moment = turn
             .component_mul(&Vector3::new(18.0, 18.0, 6.0))
             .component_mul(&Vector3::from(g.inertia_kgm2));
-        let side = g.arm_m / 2.0_f64.sqrt();
-        [
+        let layout = [
             [1.0, 1.0, 1.0],
             [-1.0, -1.0, 1.0],
             [1.0, -1.0, -1.0],
             [-1.0, 1.0, -1.0],
-        ]
-        .map(|[x, y, sense]: [f64; 3]| {
-            let force = -y * moment.x / side + x * moment.y / side + sense * moment.z / g.moment_per_force_m;
-            (thrust + force / g.max_thrust_n).clamp(0.05, 1.0)
-        })
+        ];
+        let side = g.arm_m / 2.0_f64.sqrt();
+        let tilt = layout.map(|[x, y, _]: [f64; 3]| (x * moment.y - y * moment.x) / side / g.max_thrust_n);
+        let turn = layout.map(|[_, _, sense]| sense * moment.z / g.moment_per_force_m / g.max_thrust_n);
+        self.mixer().mix(thrust, &tilt, &turn).out.map(|u| u.max(IDLE))
+    }
+    /// The firmware's mixer, as its parameters set it.
+    fn mixer(&self) -> Mixer {
+        let parameter = |name| self.parameters.get(name).copied().unwrap_or(0.0);
+        match self.firmware {
+            Firmware::Px4 => Mixer::Px4 {
+                airmode: parameter("MC_AIRMODE") > 0.0,
+            },
+            Firmware::ArduCopter => Mixer::ArduCopter {
+                hover: self.hover,
+                mix: parameter("ATC_THR_MIX_MIN"),
+            },
+        }
     }
 
     fn fly(&mut self, dt: f64) {

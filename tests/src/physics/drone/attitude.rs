@@ -5,6 +5,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::airframe::{LAYOUT, ROTORS};
 use super::config::AutopilotConfig;
+use super::mixer::Mixer;
 
 /// What the outer loop or a set-point asks of the attitude loop.
 #[derive(Clone, Copy, Debug)]
@@ -68,6 +69,7 @@ pub(crate) struct RateLoop {
     moment_per_force: f64,
     rotor_max: f64,
     integral: Vector3<f64>,
+    mixer: Mixer,
     saturated: [bool; 3],
 }
 
@@ -79,6 +81,7 @@ impl RateLoop {
             moment_per_force: drone.moment_per_force_m,
             rotor_max: drone.max_thrust_n / ROTORS as f64,
             integral: Vector3::zeros(),
+            mixer: Mixer::Px4 { airmode: false },
             saturated: [false; 3],
         }
     }
@@ -110,41 +113,16 @@ impl RateLoop {
         self.mix(thrust, &moment)
     }
 
-    /// Priority when rotors saturate, as PX4 without air mode: roll and pitch over thrust at the
-    /// upper end (thrust gives way), thrust over roll and pitch at the lower end (they are scaled
-    /// down), heading last.
+    /// Rotor commands for a collective thrust and moments, as PX4's default mixer gives them.
     fn mix(&mut self, thrust: f64, moment: &Vector3<f64>) -> [f64; ROTORS] {
-        let n = ROTORS as f64;
-        let thrust = thrust.clamp(0.0, 1.0);
-        let scale = 1.0 / (n * self.rotor_max);
+        let scale = 1.0 / (ROTORS as f64 * self.rotor_max);
         // Lift at (x, y) gives the moment (-y T, x T).
         let tilt = LAYOUT.map(|[x, y, _]| (x * moment.y - y * moment.x) / self.side * scale);
         let yaw = LAYOUT.map(|[_, _, s]| s * moment.z / self.moment_per_force * scale);
-        let (low, high) = span(&tilt);
-        let room = if -low > thrust { thrust / -low } else { 1.0 }.min(1.0 / (high - low).max(1.0));
-        let base = thrust.min(1.0 - high * room).max(0.0);
-        let mut out = tilt.map(|t| base + t * room);
-        // The share of heading that every rotor has room for.
-        let mut yaw_fraction: f64 = 1.0;
-        for (o, y) in out.iter().zip(yaw) {
-            if y > 0.0 {
-                yaw_fraction = yaw_fraction.min((1.0 - o).max(0.0) / y);
-            } else if y < 0.0 {
-                yaw_fraction = yaw_fraction.min(o.max(0.0) / -y);
-            }
-        }
-        for (o, y) in out.iter_mut().zip(yaw) {
-            *o = (*o + yaw_fraction * y).clamp(0.0, 1.0);
-        }
-        self.saturated = [room < 1.0, room < 1.0, yaw_fraction < 1.0];
-        out
+        let mixed = self.mixer.mix(thrust, &tilt, &yaw);
+        self.saturated = mixed.saturated;
+        mixed.out
     }
-}
-
-fn span(values: &[f64; ROTORS]) -> (f64, f64) {
-    values.iter().fold((0.0, 0.0), |(low, high): (f64, f64), v| {
-        (low.min(*v), high.max(*v))
-    })
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ mod autopilot;
 mod config;
 mod contact;
 mod estimator;
+mod mixer;
 pub(crate) mod noise;
 mod wind;
 
@@ -35,6 +36,7 @@ pub use config::{
     AirframeConfig, AutopilotConfig, ContactConfig, DroneConfig, LossAction, NavigationConfig, WindConfig,
 };
 pub use contact::{Impact, Part};
+pub use mixer::Mixer;
 
 /// Longest sub-step, s.
 const SUB_STEP_S: f64 = 0.002;
