@@ -62,6 +62,16 @@ fn drone_lands_on_every_hull_and_a_seed_gives_the_same_bits() {
 }
 
 #[test]
+fn drone_whose_attitude_loop_is_hardly_damped_keeps_its_attitude_and_lands() {
+    let (mut scenario, nodes) = world("mono-5m", "jonswap:1.5,6");
+    // A quick attitude loop above slow rotors oscillates; at little thrust PX4's mixer then cuts its torque.
+    scenario.drone.autopilot.attitude_lag_s = 0.083;
+    scenario.drone.airframe.rotor_lag_s = 0.05;
+    let o = flown(&scenario, &nodes, 112);
+    assert!(o.success && o.water_contacts == 0, "{}", o.reason);
+}
+
+#[test]
 fn calm_water_leaves_a_hull_at_its_trim() {
     let (mut scenario, _) = world("mono-5m", "calm");
     scenario.vessel.course = Course::Straight;

@@ -154,6 +154,8 @@ pub enum ReasonCode {
     Restarted,
     /// Battery below the reserve, fraction, with the deck below: the landing goes on within wider limits.
     BatteryDeck,
+    /// The drone tilts beyond what was commanded, rad: its autopilot loses the attitude.
+    TiltExcess,
     /// A parameter of the autopilot must be another: its value; the limit is its number in
     /// [`crate::autopilot_parameters::PARAMETERS`].
     AutopilotParameter,
@@ -269,6 +271,12 @@ impl fmt::Display for Reason {
                 write!(f, "no touchdown: feet {v:.2} m above the deck (limit {l:.2})")
             }
             ReasonCode::Restarted => write!(f, "mission restarted in flight, feet {v:.2} m above the deck"),
+            ReasonCode::TiltExcess => write!(
+                f,
+                "tilts {:.0} deg beyond what was commanded (limit {:.0})",
+                v.to_degrees(),
+                l.to_degrees()
+            ),
             ReasonCode::AutopilotParameter => match numbered(l) {
                 Some(p) => write!(f, "{}", p.describe(v)),
                 None => write!(f, "a parameter of the autopilot is {v}"),

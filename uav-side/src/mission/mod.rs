@@ -10,6 +10,7 @@ mod memory;
 mod phase;
 mod situation;
 mod states;
+mod tilt;
 mod transition;
 mod wind;
 
@@ -42,6 +43,7 @@ use memory::{Beginning, Begun};
 use phase::{MissionPhase, Progress};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
 use states::blind_limit;
+use tilt::TiltMonitor;
 use transition::{Decision, decide};
 use wind::WindMonitor;
 
@@ -114,6 +116,7 @@ pub struct Mission {
     origin: OriginResets,
     mean_deck_z: MeanDeckHeight,
     wind: WindMonitor,
+    tilt: TiltMonitor,
     /// Steepest recent tilt, rad, greatest friction used, m/s², and when they were updated.
     worst: Option<(Time<DroneClock>, (f64, f64))>,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
@@ -186,8 +189,10 @@ impl Mission {
         if let Some(m) = &input.plan {
             self.plan.offer(now, m);
         }
-        if let Some(m) = &input.set_point {
-            self.set_point.offer(now, m);
+        if let Some(m) = &input.set_point
+            && self.set_point.offer(now, m)
+        {
+            self.tilt.update(m);
         }
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);
@@ -283,6 +288,7 @@ impl Mission {
             odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
             deck,
             mean_deck_z,
+            tilt_excess_rad: drone.map_or(0.0, |d| self.tilt.excess(d)),
             wind_peak_mps2: self.wind.peak(c),
             wind_mps2: self.wind.now(),
             recent_tilt_rad: 0.0,

@@ -295,6 +295,8 @@ pub struct Situation {
     pub recent_tilt_rad: f64,
     /// The deck's apparent slope recently.
     pub apparent_slope: ApparentSlopeHistory,
+    /// How far the drone tilts beyond what was commanded lately, rad.
+    pub tilt_excess_rad: f64,
     /// Acceleration by the wind to be expected on the deck, m/s²; 0 before it is known.
     pub wind_peak_mps2: f64,
     /// Acceleration by the wind now, m/s².

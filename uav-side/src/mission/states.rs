@@ -4,8 +4,8 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::Reason;
 use alight_shared::msg::ReasonCode::{
     Commanded, Deviated, Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady,
-    Operator, Reached, SlideObserved, SlidePredicted, TooFar, TooFast, TooSteep, TooWindy, Uncertain,
-    VisionLost,
+    Operator, Reached, SlideObserved, SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep, TooWindy,
+    Uncertain, VisionLost,
 };
 
 use super::config::MissionConfig;
@@ -263,6 +263,16 @@ fn violation(deck: &Deck, s: &Situation, c: &MissionConfig, blind_s: f64, slack:
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
+/// An autopilot that keeps the attitude tilts less than this beyond what is commanded, rad: 10 deg; landings reach 2.
+const MAX_TILT_EXCESS_RAD: f64 = 0.175;
+/// Below this clearance the deck may tilt a drone that touches it, m: the forecast's error.
+const MAY_TOUCH_M: f64 = 0.3;
+
+/// The attitude is being lost: more thrust, as a climb takes, gives the rotors their torque back.
+fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
+    exceeds(TiltExcess, s.tilt_excess_rad, MAX_TILT_EXCESS_RAD).filter(|_| deck.clearance_m > MAY_TOUCH_M)
+}
+
 /// Descent: until the flare; an unmet condition of the flare pauses it at the decision clearance.
 fn descent(
     violated: Option<DroneTime>,
@@ -275,6 +285,9 @@ fn descent(
     let Some(deck) = s.fresh_deck() else {
         return Transition::BreakOff(NoVessel.into());
     };
+    if let Some(why) = attitude_lost(deck, s) {
+        return Transition::BreakOff(why);
+    }
     let violation = violation(deck, s, c, c.descent_vision_s, wide);
     let (violated, lasted) = lasting(violation.is_some(), violated, s.now);
     let close = deck.clearance_m < c.commit_clearance_m;
@@ -322,6 +335,7 @@ fn flare(
     let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
         exceeds(Deviated, s.outside_m, c.lost_outside_m).filter(|_| deck.clearance_m < c.commit_clearance_m)
     });
+    let hard = hard.or_else(|| attitude_lost(deck, s));
     if let Some(why) = hard.or_else(|| s.reservation.lost().filter(|_| !committed)) {
         return Transition::BreakOff(why);
     }

@@ -3,7 +3,7 @@
 use alight_shared::msg::ReasonCode::{
     AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, ForecastStale, Infeasible, Missed,
     NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, Reached, SlideObserved, SlidePredicted,
-    TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
+    TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -60,6 +60,7 @@ pub(super) fn fair() -> Situation {
             predicted_slope: None,
         }),
         mean_deck_z: Some(-1.3),
+        tilt_excess_rad: 0.0,
         wind_peak_mps2: 0.0,
         wind_mps2: 0.0,
         friction_used_mps2: 0.0,
@@ -323,6 +324,37 @@ fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
         waits(&d, State::Descent, why);
         assert!(matches!(d.phase, MissionPhase::Descent { paused: Some(_), .. }));
         goes(&run(DESCENT, &s, 9.0), State::Tracking, why);
+    }
+}
+
+#[test]
+fn descent_and_flare_break_off_at_once_when_the_drone_tilts_beyond_the_command_in_the_air() {
+    let flare = MissionPhase::Flare {
+        committed: true,
+        violated: None,
+    };
+    for (phase, clearance) in [
+        (MissionPhase::DESCENT, 4.0),
+        (MissionPhase::DESCENT, 1.0),
+        (flare, 0.5),
+    ] {
+        let tilted = |excess_deg: f64, clearance: f64| {
+            with(|s| {
+                s.tilt_excess_rad = excess_deg.to_radians();
+                s.deck.as_mut().unwrap().clearance_m = clearance;
+            })
+        };
+        goes(
+            &step(phase, &tilted(11.0, clearance)),
+            State::Tracking,
+            TiltExcess,
+        );
+        assert_ne!(
+            step(phase, &tilted(9.0, clearance)).phase.state(),
+            State::Tracking
+        );
+        // The deck tilts what touches it.
+        assert_ne!(step(phase, &tilted(30.0, 0.1)).phase.state(), State::Tracking);
     }
 }
 

@@ -39,6 +39,18 @@ pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, least_up: f64) -> Vector3<
     Vector3::new(thrust.x * fraction, thrust.y * fraction, -up)
 }
 
+/// `attitude` itself, or, when it tilts by more than `tilt` (rad) from the vertical, the one that tilts by as much in the
+/// same direction.
+pub fn upright(attitude: &UnitQuaternion<f64>, tilt: f64) -> UnitQuaternion<f64> {
+    let up = attitude * -Vector3::z();
+    let sideways = up.xy().norm();
+    if -up.z >= tilt.cos() || sideways < 1e-9 {
+        return *attitude;
+    }
+    let limited = (up.xy() * (tilt.sin() / sideways)).push(-tilt.cos());
+    UnitQuaternion::rotation_between(&up, &limited).map_or(*attitude, |turn| turn * attitude)
+}
+
 /// The Euler angles to command now so that a loop of first-order lag `lag` (s) has `euler` now:
 /// the inverse of `lag x' = c - x`, i.e. `c = x + lag x'` (rad). For a second-order loop of the
 /// same total lag it is exact to first order in frequency.

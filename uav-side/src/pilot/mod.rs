@@ -33,7 +33,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::odometry::origin::OriginResets;
-use attitude::rates_of;
+use attitude::{rates_of, upright};
 use delay::Delay;
 use estimate::FlightEstimator;
 use lag::AttitudeLagEstimator;
@@ -265,9 +265,18 @@ impl Pilot {
         body: &Body,
     ) -> SetPoint {
         self.hold = None;
+        let presses = stage.is_none();
         let stage = stage.copied().unwrap_or_default();
         let (_, _, yaw) = a.attitude.euler_angles();
+        // Making up for the lag lengthens the turn, and must not tip the drone over.
         let attitude = self.lag.command(&a.attitude, &body.attitude, &self.config.lag);
+        let attitude = upright(&attitude, self.config.tracking.tilt_limit_rad);
+        let least = if presses {
+            0.0
+        } else {
+            let turn = (attitude * Vector3::z()).angle(&(body.attitude * Vector3::z()));
+            self.least_thrust(turn)
+        };
         SetPoint {
             kind: SetPointKind::Attitude,
             position: stage.position,
@@ -276,9 +285,22 @@ impl Pilot {
             yaw,
             attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
             rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
-            thrust: a.thrust,
+            thrust: a.thrust.max(least),
             ..self.set_point(now)
         }
+    }
+
+    /// Collective thrust at which no rotor has to stop for the torque that turns the drone by `angle` (rad): the attitude
+    /// loop asks for the rate `angle / T`, the rate loop below for its change within `T_r`, so for the torque
+    /// `tau = J angle / (T T_r)`; four rotors at the arm `l` in an X give it by `tau / (4 l / sqrt 2)` each. Mixers take
+    /// torque before they raise the collective (PX4 without air mode), or raise it no higher than hover (ArduCopter);
+    /// nor does this.
+    fn least_thrust(&self, angle: f64) -> f64 {
+        let (g, c) = (&self.geometry, &self.config.lag);
+        let [roll, pitch, _] = g.inertia_kgm2;
+        let torque = roll.max(pitch) * angle / (c.design_s * c.rate_loop_s);
+        let rotor_n = torque / (4.0 * g.arm_m / core::f64::consts::SQRT_2);
+        (4.0 * rotor_n / g.max_thrust_n).min(self.estimate.hover())
     }
 
     /// Velocity away from the deck `near` for a hold without mission or plan: with the deck, and gently up from it.

@@ -4,7 +4,7 @@ use alight_shared::config::parse;
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
-use super::attitude::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited};
+use super::attitude::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited, upright};
 use super::config::TrackingConfig;
 use super::*;
 use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
@@ -19,6 +19,16 @@ proptest! {
         prop_assert!(attitude_of_thrust(&t, yaw).angle_to(&q) < 1e-6);
         let tilt = tilt_limited(&t, 0.3, 1.0);
         prop_assert!(tilt.x.hypot(tilt.y) <= -tilt.z * 0.3_f64.tan() + 1e-9 && tilt.z <= -1.0);
+    }
+
+    #[test]
+    fn upright_attitude_tilts_no_further_than_allowed_and_in_the_same_direction(roll in -3.1..3.1_f64, pitch in -1.5..1.5_f64, yaw in -3.1..3.1_f64) {
+        let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let (is, limited) = (q * -Vector3::z(), upright(&q, 0.6) * -Vector3::z());
+        let tilt = |up: &Vector3<f64>| up.angle(&-Vector3::z());
+        prop_assert!(tilt(&limited) <= 0.6 + 1e-6);
+        prop_assert!(tilt(&is) > 0.6 || upright(&q, 0.6) == q);
+        prop_assert!(is.xy().perp(&limited.xy()).abs() < 1e-6 && is.xy().dot(&limited.xy()) >= 0.0);
     }
 
     #[test]
@@ -139,6 +149,30 @@ fn pilot_sends_the_set_point_kind_of_each_phase() {
     }
     let s = after(State::Tracking, 5.0, 0.0, |_| ());
     assert_eq!(s.position, [1.0, 2.0, -6.6]);
+}
+
+#[test]
+fn pilot_commands_no_more_than_its_tilt_limit_and_thrust_for_the_way_back_when_the_attitude_is_off() {
+    let geometry = DroneGeometry::default();
+    let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n;
+    let limit = TrackingConfig::default().tilt_limit_rad;
+    // On its place and rising: what the plan asks for is little thrust.
+    for (tilt, of_hover) in [
+        (0.0, 0.25..0.6),
+        (0.7, 0.7..1.1),
+        (-0.7, 0.7..1.1),
+        (1.2, 0.9..1.1),
+    ] {
+        let s = after(State::Descent, 5.0, 0.1, |i| {
+            let attitude = UnitQuaternion::from_euler_angles(tilt, 0.0, 0.0);
+            let d = i.drone.as_mut().unwrap();
+            (d.position, d.velocity) = ([1.0, 2.0, -6.6], [0.0, 0.0, -3.0]);
+            d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
+        });
+        let commanded = (s.attitude() * Vector3::z()).angle(&Vector3::z());
+        assert!(commanded <= limit + 1e-6, "{tilt}: {s:?}");
+        assert!(of_hover.contains(&(s.thrust / hover)), "{tilt}: {s:?}");
+    }
 }
 
 #[test]

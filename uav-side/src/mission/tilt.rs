@@ -1,0 +1,99 @@
+//! The drone's tilt against the commanded one: an autopilot that loses the attitude tilts beyond every command.
+
+use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
+use alight_shared::time::{DroneClock, Time};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// Time constant with which a commanded tilt is forgotten, s: twice the lag of a usual attitude loop, which follows a
+/// smaller command sooner.
+const MEMORY_S: f64 = 0.5;
+
+/// Keeps the largest tilt commanded lately.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct TiltMonitor {
+    commanded: Option<(Time<DroneClock>, f64)>,
+}
+
+impl TiltMonitor {
+    /// The pilot's newest set-point.
+    pub(super) fn update(&mut self, s: &SetPoint) {
+        if s.kind != SetPointKind::Attitude {
+            // The autopilot chooses its own tilt.
+            self.commanded = None;
+            return;
+        }
+        let at = s.header.at;
+        let kept = self.kept(at).unwrap_or(0.0);
+        self.commanded = Some((at, kept.max(tilt(&s.attitude()))));
+    }
+    /// How far the drone tilts beyond what was commanded, rad; 0 while no attitude is.
+    pub(super) fn excess(&self, drone: &DroneState) -> f64 {
+        let is = tilt(&drone.attitude());
+        self.kept(drone.header.at)
+            .map_or(0.0, |most| (is - most).max(0.0))
+    }
+    fn kept(&self, at: Time<DroneClock>) -> Option<f64> {
+        let fade = |t: Time<DroneClock>| (-(at - t).secs().max(0.0) / MEMORY_S).exp();
+        self.commanded.map(|(t, most)| most * fade(t))
+    }
+}
+
+/// Angle from the vertical, rad.
+fn tilt(attitude: &UnitQuaternion<f64>) -> f64 {
+    (attitude * Vector3::z()).angle(&Vector3::z())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+
+    fn header(t_s: f64) -> Header<DroneClock> {
+        Header::new(1, 1, 1, (t_s * 100.0) as u32, Time::from_secs(t_s))
+    }
+    fn quaternion(roll: f64) -> [f64; 4] {
+        let q = UnitQuaternion::from_euler_angles(roll, 0.0, 1.0);
+        [q.w, q.i, q.j, q.k]
+    }
+    fn commanded(t_s: f64, roll: f64) -> SetPoint {
+        SetPoint {
+            header: header(t_s),
+            kind: SetPointKind::Attitude,
+            attitude: quaternion(roll),
+            ..SetPoint::default()
+        }
+    }
+    fn drone(t_s: f64, roll: f64) -> DroneState {
+        DroneState {
+            header: header(t_s),
+            attitude: quaternion(roll),
+            ..DroneState::default()
+        }
+    }
+
+    #[test]
+    fn tilt_that_follows_a_command_back_with_an_attitude_loops_lag_is_no_excess() {
+        let mut m = TiltMonitor::default();
+        let mut is = 0.4;
+        m.update(&commanded(0.0, 0.4));
+        for k in 0..200 {
+            let t = 0.01 * f64::from(k);
+            // Reversed at once; the slowest loop measured has 0.32 s.
+            m.update(&commanded(t, -0.05));
+            is += (-0.05 - is) * 0.01 / 0.32;
+            assert!(m.excess(&drone(t, is)) < 0.01, "{t}");
+        }
+    }
+
+    #[test]
+    fn tilt_beyond_every_command_is_excess_and_none_while_the_autopilot_chooses_it() {
+        let mut m = TiltMonitor::default();
+        m.update(&commanded(1.0, -0.2));
+        assert!((m.excess(&drone(1.0, 0.5)) - 0.3).abs() < 1e-9);
+        m.update(&SetPoint {
+            kind: SetPointKind::Trajectory,
+            ..commanded(1.1, 0.0)
+        });
+        assert_eq!(m.excess(&drone(1.1, 0.5)), 0.0);
+    }
+}
