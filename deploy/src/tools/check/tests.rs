@@ -2,9 +2,14 @@
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use alight_shared::autopilot_parameters::{Parameter, of_px4};
 use alight_shared::transport::radio::TlsConfig;
+use alight_sim::autopilots::fake::FakeAutopilot;
+use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::parameters::Finding as ParameterFinding;
 use alight_usv::sensors::{SourceConfig, SourceStatus};
 
@@ -16,7 +21,7 @@ use crate::tools::check::facts::{
     SensorReadings, SharedMemory, SourceCheck,
 };
 use crate::tools::check::rules::{Finding, Level, judge};
-use crate::tools::check::{CheckArgs, gather, run, sources};
+use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
 
 fn certificate(name: &str, days_left: i64) -> Certificate {
     Certificate {
@@ -436,4 +441,48 @@ fn check_of_a_broken_configuration_exits_with_code_2() {
     }
     assert_eq!(check(&directory.join("none.toml")), Exit::Broken);
     std::fs::remove_dir_all(&directory).unwrap();
+}
+
+#[test]
+fn parameter_check_reads_what_the_autopilot_at_the_link_has_and_finds_none_at_a_silent_one() {
+    let free = || UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let computer = DroneComputer::default();
+    let silent = format!("udpin://{}", free()).parse().unwrap();
+    assert_eq!(autopilot::parameters(&computer, &silent), None);
+
+    let at = free();
+    let done = Arc::new(AtomicBool::new(false));
+    let ended = done.clone();
+    let flown = std::thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.connect(at).unwrap();
+        socket.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+        let mut px4 = FakeAutopilot::new(Firmware::Px4, 0.0);
+        px4.parameters.insert("MPC_ACC_UP_MAX", 4.0);
+        let (mut t_s, mut bytes) = (1000.0, [0; 1024]);
+        while !ended.load(Ordering::Relaxed) {
+            t_s += 0.005;
+            let received = socket.recv(&mut bytes).map(|n| bytes[..n].to_vec());
+            let received: Vec<Vec<u8>> = received.into_iter().collect();
+            for sent in px4.step(t_s, &received) {
+                // Nobody may listen yet.
+                let _lost = socket.send(&sent);
+            }
+        }
+        px4.commands
+    });
+    let found = autopilot::parameters(&computer, &format!("udpin://{at}").parse().unwrap());
+    done.store(true, Ordering::Relaxed);
+    assert!(flown.join().unwrap().is_empty(), "commanded something");
+    let wrong: Vec<_> = found
+        .unwrap()
+        .into_iter()
+        .filter(|(_, f)| *f != ParameterFinding::Suits)
+        .map(|(p, f)| (p.name, f))
+        .collect();
+    let expected = [
+        ("MPC_ACC_UP_MAX", ParameterFinding::Wrong(4.0)),
+        ("MC_AIRMODE", ParameterFinding::Wrong(0.0)),
+    ];
+    assert_eq!(wrong, expected);
 }
