@@ -305,6 +305,9 @@ pub enum Study {
     Prediction,
     /// Hover, tracking and aborted approaches in all seas: motor stops in the air.
     Airborne,
+    /// Landings that are aborted, held or lose their planner at a random height, on all hulls in all seas, with a
+    /// vessel at 0, 2 and 7 m/s: contacts afterwards.
+    Aborts,
     /// Join the rows of shards: `study merge --out ALL shard-1 shard-2`.
     Merge,
 }

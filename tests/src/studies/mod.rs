@@ -1,5 +1,6 @@
 //! Measurements over many seeds that are not landings.
 
+pub mod aborts;
 pub mod airborne;
 pub mod camera;
 pub mod estimator;

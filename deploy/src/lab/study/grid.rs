@@ -136,6 +136,7 @@ pub fn rows(study: Study, args: &SceneArgs, base: &Scene) -> Result<Vec<StudySce
         Study::Camera
         | Study::Estimator
         | Study::Prediction
+        | Study::Aborts
         | Study::Airborne
         | Study::Merge
         | Study::Search => Vec::new(),

@@ -1,6 +1,7 @@
 //! `alight study` and `alight rao`: one thing measured over many seeds.
 
 mod ablation;
+mod aborts;
 mod airborne;
 mod camera;
 mod estimator;
@@ -36,6 +37,7 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     }
     let value = match (args.name, args.live) {
         (Study::Link, Some(n)) => compare::run(args, n)?,
+        (Study::Aborts, _) => aborts::run(args)?,
         (Study::Airborne, _) => airborne::run(args)?,
         (Study::Camera, _) => camera::run(args)?,
         (Study::Estimator, _) => estimator::run(args)?,

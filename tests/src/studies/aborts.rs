@@ -1,0 +1,180 @@
+//! Landings that end on the way down: aborted, held or without a planner from a random height on, over the hulls and
+//! seas of `study seas` with a vessel that drifts or drives. What the drone touches afterwards, and how hard.
+
+use alight_shared::msg::{CommandKind, Phase};
+use serde::Serialize;
+
+use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
+use crate::harness::tap::NoTap;
+use crate::harness::world::World;
+use crate::physics::streams::Streams;
+use crate::physics::vessel::Course;
+use crate::sensors::noise::Noise;
+
+/// Time in which the drone comes so low, s.
+const LIMIT_S: f64 = 150.0;
+/// Flown on afterwards, s: longer than a climb to the tracking height.
+const REST_S: f64 = 15.0;
+/// Flown on after the motors stopped, s.
+const STOPPED_S: f64 = 4.0;
+/// Until its feet are so high above the deck the drone has to stay above it, m ...
+const CLEAR_M: f64 = 3.0;
+/// ... no further from above its centre than this, m.
+const STRAYED_M: f64 = 3.0;
+
+/// What ends a landing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interruption {
+    /// An operator aborts it.
+    Abort,
+    /// An operator says hold.
+    Hold,
+    /// The planner's process dies for good.
+    PlanLost,
+}
+
+impl Interruption {
+    /// All of them.
+    pub const ALL: [Interruption; 3] = [Interruption::Abort, Interruption::Hold, Interruption::PlanLost];
+
+    /// The name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Interruption::Abort => "abort",
+            Interruption::Hold => "hold",
+            Interruption::PlanLost => "plan lost",
+        }
+    }
+}
+
+/// What is drawn for a seed: the same for every hull and interruption.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Draw {
+    /// Which of the seas.
+    pub sea: usize,
+    /// The vessel's speed, m/s.
+    pub speed_mps: f64,
+    /// The landing ends when its lowest foot is this high above the deck, m.
+    pub height_m: f64,
+}
+
+impl Draw {
+    /// Of this seed, with so many seas to choose from: half of the landings end below a metre, where the deck is
+    /// met within two seconds, the others anywhere up to the tracking height.
+    pub fn of(seed: u64, seas: usize) -> Draw {
+        let mut draw = Noise::new(&Streams::new(seed), "aborts.draw");
+        let mut one_of = |n: usize| ((draw.uniform() * n as f64) as usize).min(n.saturating_sub(1));
+        let (sea, speed) = (one_of(seas), one_of(3));
+        let height_m = if draw.chance(0.5) {
+            draw.uniform()
+        } else {
+            6.0 * draw.uniform()
+        };
+        Draw {
+            sea,
+            speed_mps: [0.0, 2.0, 7.0][speed],
+            height_m,
+        }
+    }
+}
+
+/// A vessel that drifts, or drives straight on at this speed (m/s).
+pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
+    let vessel = &mut scenario.vessel;
+    vessel.course = if speed_mps > 0.0 {
+        Course::Straight
+    } else {
+        Course::Drift
+    };
+    vessel.speed_mps = speed_mps;
+    // As much more thrust as its drag takes there.
+    let more = (speed_mps / 1.5).powi(2).max(1.0);
+    vessel.thrust_forward_n *= more;
+    vessel.thrust_reverse_n *= more;
+}
+
+/// What came of a landing that was interrupted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Interrupted {
+    /// The hardest impact afterwards along the deck's normal, m/s; 0 without one.
+    pub hardest_mps: f64,
+    /// Something else than feet on the deck met it, or at more than the limit of a successful landing.
+    pub unsafe_contact: bool,
+    /// In the water, motors on.
+    pub water: bool,
+    /// In the water after the motors stopped.
+    pub slid: bool,
+    /// How far from above the deck's centre it came before it was clear of the deck, m.
+    pub strayed_m: f64,
+    /// It landed: the motors stopped, and it was not in the water.
+    pub landed: bool,
+}
+
+impl Interrupted {
+    /// It left the place above the deck before it was clear of it.
+    pub fn strayed(&self) -> bool {
+        self.strayed_m > STRAYED_M
+    }
+    /// Nothing that must not happen has happened.
+    pub fn safe(&self) -> bool {
+        !self.unsafe_contact && !self.water && !self.strayed()
+    }
+    fn touch(&mut self, c: &ContactEvent) {
+        self.hardest_mps = self.hardest_mps.max(c.normal_mps);
+        self.unsafe_contact |= !c.foot || !c.on_deck || c.normal_mps > MAX_CONTACT_MPS;
+    }
+}
+
+/// Lands until the lowest foot is `height_m` above the deck, and flies on after the interruption. None when the drone
+/// never came so low.
+pub fn fly(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    interruption: Interruption,
+    height_m: f64,
+) -> Result<Option<Interrupted>, SetupError> {
+    let mut world = World::new(scenario, nodes, seed)?;
+    world.warm_up(&mut NoTap);
+    world.command(CommandKind::Land);
+    let (mut began, mut stopped, mut near) = (None, None, true);
+    let mut end_s = LIMIT_S;
+    let mut report = Interrupted::default();
+    loop {
+        world.tick(&mut NoTap);
+        let t = world.physics().time_since_start().secs();
+        let landing = world.mission_state().state.phase() == Phase::Landing;
+        let o = world.observation();
+        let lowest = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
+        if began.is_some() {
+            o.contacts.iter().for_each(|c| report.touch(c));
+            report.water |= o.in_water && o.motors_on;
+            report.slid |= o.in_water && !o.motors_on;
+            near &= o.motors_on && lowest < CLEAR_M;
+            if near {
+                report.strayed_m = report.strayed_m.max(o.horizontal_m);
+            }
+            if !o.motors_on && stopped.is_none() {
+                stopped = Some(t);
+                end_s = t + STOPPED_S;
+            }
+        } else if !o.motors_on {
+            return Ok(None);
+        } else if landing && lowest < height_m {
+            began = Some(t);
+            end_s = t + REST_S;
+            match interruption {
+                Interruption::Abort => world.command(CommandKind::Abort),
+                Interruption::Hold => world.command(CommandKind::Hold),
+                Interruption::PlanLost => world.kill_planner(0),
+            }
+        }
+        if t > end_s || report.water || report.slid {
+            break;
+        }
+    }
+    report.landed = stopped.is_some() && !report.water && !report.slid;
+    Ok(began.map(|_| report))
+}
