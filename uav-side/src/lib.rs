@@ -3,6 +3,7 @@ pub mod autopilot;
 pub mod calibrate;
 pub mod camera;
 mod deck_height;
+mod escape;
 #[cfg(test)]
 mod fixtures;
 pub mod mission;

@@ -161,6 +161,8 @@ pub enum ReasonCode {
     AutopilotParameter,
     /// A parameter of the autopilot was not reported: requests so far; the limit is its number, as above.
     AutopilotParameterUnknown,
+    /// Stopped by an operator where a climb would meet the deck harder than the landing does: it is completed.
+    CompletesLanding,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -241,6 +243,12 @@ impl fmt::Display for Reason {
             ),
             ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
             ReasonCode::Operator => write!(f, "operator's command"),
+            ReasonCode::CompletesLanding => {
+                write!(
+                    f,
+                    "stopped where a climb would meet the deck harder than the landing: completes it"
+                )
+            }
             ReasonCode::TooLow => write!(f, "{v:.2} m above the water (minimum {l:.2})"),
             ReasonCode::TooLong => write!(f, "took {v:.1} s (limit {l:.1})"),
             ReasonCode::DeckReserved if v == 0.0 => write!(f, "the deck is not reserved yet"),
@@ -325,6 +333,8 @@ pub struct MissionState {
     pub hold_position: [f64; 3],
     /// Heading to hold there, rad.
     pub hold_yaw: f64,
+    /// Low over the deck: until it is as high as there, the drone climbs in place over the deck and moves with it.
+    pub with_deck: bool,
 }
 
 impl MissionState {
@@ -378,7 +388,8 @@ pub enum CommandKind {
     /// Land on the vessel.
     #[default]
     Land,
-    /// Stop landing, climb and hold; always wins.
+    /// Stop landing, climb and hold; always wins. Where a climb would meet the deck harder
+    /// than the landing does, that is completed.
     Abort,
     /// Hold where you are (not below the tracking height over the deck).
     Hold,
@@ -429,10 +440,12 @@ impl CommandKind {
             CommandKind::Abort => {
                 matches!(state, State::GaveUp | State::Landed)
                     || state == State::Idle && waiting == ReasonCode::Operator
+                    || waiting == ReasonCode::CompletesLanding
             }
             CommandKind::Hold => {
                 matches!(state, State::Hold | State::Idle) && waiting == ReasonCode::Operator
                     || state == State::Landed
+                    || waiting == ReasonCode::CompletesLanding
             }
         }
     }

@@ -4,7 +4,7 @@
 use alight_shared::msg::{CommandKind, Phase};
 use serde::Serialize;
 
-use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
+use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS, SETTLE_S};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
 use crate::harness::world::World;
@@ -149,7 +149,10 @@ pub fn fly(
         let o = world.observation();
         let lowest = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
         if began.is_some() {
-            o.contacts.iter().for_each(|c| report.touch(c));
+            // What slides off the deck later was a landing.
+            if stopped.is_none_or(|at| t <= at + SETTLE_S) {
+                o.contacts.iter().for_each(|c| report.touch(c));
+            }
             report.water |= o.in_water && o.motors_on;
             report.slid |= o.in_water && !o.motors_on;
             near &= o.motors_on && lowest < CLEAR_M;

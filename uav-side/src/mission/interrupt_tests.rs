@@ -2,8 +2,8 @@
 
 use alight_shared::msg::AutopilotMode;
 use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryLow, Commanded, Deviated, FalseTouchdown, ForecastStale, NotCommanded, NotFlying,
-    OdometryStale, Operator, OutOfRetries, Reached, TooFar, TooLong, Touchdown,
+    BatteryDeck, BatteryLow, Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale,
+    NotCommanded, NotFlying, OdometryStale, Operator, OutOfRetries, Reached, TooFar, TooLong, Touchdown,
 };
 use nalgebra::Vector3;
 
@@ -74,6 +74,85 @@ fn abort_ends_every_flying_state() {
         );
         assert!(!d.progress.landing);
         waits(&run(&d, &fair(), 5.0), State::GaveUp, NotCommanded);
+    }
+}
+
+/// A drone low over the deck that a climb would meet at this speed.
+fn low(contact_mps: f64) -> Situation {
+    with_deck(|d| (d.clearance_m, d.climb_contact_mps) = (0.3, Some(contact_mps)))
+}
+
+#[test]
+fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
+    for command in [CommandKind::Abort, CommandKind::Hold] {
+        let climbs = if command == CommandKind::Abort {
+            State::GaveUp
+        } else {
+            State::Hold
+        };
+        goes(&commanded(COMMITTED, command, &low(0.4)), climbs, Operator);
+        let on_it = with_deck(|d| d.clearance_m = 0.05);
+        for s in [low(0.8), on_it] {
+            let d = commanded(COMMITTED, command, &s);
+            waits(&d, State::Flare, CompletesLanding);
+            assert!(command.is_met(State::Flare, CompletesLanding) && !command.is_met(State::Flare, TooFar));
+            // Twice is once, also where the climb has become possible.
+            let d = commanded(&d, command, &low(0.1));
+            waits(&d, State::Flare, CompletesLanding);
+            let mut stopped = s;
+            stopped.motors_stopped = true;
+            goes(&step(&d, &stopped), State::Landed, Touchdown);
+        }
+        // Not beside the deck.
+        let mut beside = low(0.8);
+        beside.outside_m = 0.5;
+        goes(&commanded(COMMITTED, command, &beside), climbs, Operator);
+    }
+}
+
+#[test]
+fn abort_is_not_lost_when_the_landing_that_it_completes_is_broken_off() {
+    let d = commanded(COMMITTED, CommandKind::Abort, &low(0.8));
+    let mut missed = low(0.8);
+    missed.outside_m = 0.5;
+    goes(&step(&d, &missed), State::GaveUp, Deviated);
+    let mut stale = low(0.8);
+    stale.forecast_age_s = 0.4;
+    let gone = step(&d, &stale);
+    goes(&gone, State::GaveUp, ForecastStale);
+    waits(&run(&gone, &fair(), 5.0), State::GaveUp, NotCommanded);
+    // A later order to land counts.
+    let again = commanded(&d, CommandKind::Land, &low(0.8));
+    goes(&step(&again, &missed), State::Tracking, Deviated);
+}
+
+#[test]
+fn place_to_hold_moves_with_the_deck_until_the_drone_is_as_high() {
+    let at_height = |z: f64, distance_m: f64| {
+        with(|s| {
+            s.own.as_mut().unwrap().position = Vector3::new(30.0, 4.0, z);
+            s.deck.as_mut().unwrap().distance_m = distance_m;
+        })
+    };
+    for command in [CommandKind::Abort, CommandKind::Hold] {
+        let d = commanded(
+            DESCENT,
+            command,
+            &with(|s| s.own.as_mut().unwrap().position.z = -3.0),
+        );
+        let place = |d: &Decision, s: &Situation| match step(d, s).phase {
+            MissionPhase::GaveUp { at, .. } | MissionPhase::Hold { at, .. } => {
+                (at.x, super::phase::moving_place(&at, s, &config()).0)
+            }
+            phase => panic!("{phase:?}"),
+        };
+        assert_eq!(place(&d, &at_height(-5.0, 1.0)), (30.0, true));
+        // High enough; the vessel is gone; the deck is not known.
+        assert_eq!(place(&d, &at_height(-17.0, 1.0)), (0.0, false));
+        assert_eq!(place(&d, &at_height(-5.0, 11.0)), (0.0, false));
+        let mut stale = at_height(-5.0, 1.0);
+        stale.forecast_age_s = 0.4;
+        assert_eq!(place(&d, &stale), (0.0, false));
     }
 }
 

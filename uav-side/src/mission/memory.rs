@@ -27,7 +27,7 @@ const EVIDENCE_WAIT: Span = Span::from_millis(500);
 /// Commands kept while it waits: an abort, and of the others the newest.
 const MAX_COMMANDS: usize = 16;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
-const AT_REST_M: f64 = 0.15;
+pub(super) const AT_REST_M: f64 = 0.15;
 
 /// Why a memory does not count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -136,7 +136,12 @@ pub(super) fn remembered(
     if left && m.state.state.phase() == Phase::Landing && !s.motors_stopped && !rests(s, c) {
         let clearance = s.fresh_deck().map_or(0.0, |d| d.clearance_m);
         let why = Reason::new(ReasonCode::Restarted, clearance, 0.0);
-        return (MissionPhase::TRACKING, Some(why));
+        let phase = if m.stopped {
+            gave_up(s, c)
+        } else {
+            MissionPhase::TRACKING
+        };
+        return (phase, Some(why));
     }
     (phase_of(m, same_frame, s, c), None)
 }

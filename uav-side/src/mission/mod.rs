@@ -40,7 +40,7 @@ use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::OriginResets;
 use apparent_slope::ApparentSlopeHistory;
 use memory::{Beginning, Begun};
-use phase::{MissionPhase, Progress};
+use phase::{MissionPhase, Progress, gave_up, moving_place};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
 use states::blind_limit;
 use tilt::TiltMonitor;
@@ -318,7 +318,7 @@ impl Mission {
     }
 
     /// Back to tracking after the longest time in a landing state: the loop is bounded.
-    fn limit_duration(&self, decision: Decision, now: Time<DroneClock>) -> Decision {
+    fn limit_duration(&self, decision: Decision, now: Time<DroneClock>, s: &Situation) -> Decision {
         let limit = match decision.phase.state() {
             State::Descent => self.config.descent_timeout_s,
             State::Flare => self.config.flare_timeout_s,
@@ -336,8 +336,13 @@ impl Mission {
             return decision;
         }
         let why = Reason::new(ReasonCode::TooLong, lasted, limit);
+        let phase = if decision.progress.stopped {
+            gave_up(s, &self.config)
+        } else {
+            MissionPhase::TRACKING
+        };
         Decision {
-            phase: MissionPhase::TRACKING,
+            phase,
             entered: Some(why),
             waiting: why,
             ..decision
@@ -447,6 +452,17 @@ impl Mission {
             | MissionPhase::Flare { .. }
             | MissionPhase::Landed { .. } => (own.0, own.1, c.tracking_height_m),
         };
+        let with_deck = match self.phase {
+            MissionPhase::Hold { at, .. } | MissionPhase::GaveUp { at, .. } => moving_place(&at, s, c).0,
+            MissionPhase::Idle
+            | MissionPhase::GetAltitude { .. }
+            | MissionPhase::Approach { .. }
+            | MissionPhase::Tracking { .. }
+            | MissionPhase::TrackingStable
+            | MissionPhase::Descent { .. }
+            | MissionPhase::Flare { .. }
+            | MissionPhase::Landed { .. } => false,
+        };
         let state = self.phase.state();
         let altitude = if state.phase() == Phase::Landing || state == State::Landed {
             c.minimum_altitude_landing_m
@@ -469,6 +485,7 @@ impl Mission {
             minimum_altitude_m: altitude - s.water_z,
             hold_position,
             hold_yaw,
+            with_deck,
         }
     }
 }
@@ -504,7 +521,7 @@ impl Node for Mission {
             Some(_) => None,
         };
         let decision = decision.unwrap_or_else(|| decide(self.phase, self.progress, order, &s, &self.config));
-        let decision = self.limit_duration(decision, now);
+        let decision = self.limit_duration(decision, now, &s);
         self.progress = decision.progress;
         let was = self.phase.state();
         self.phase = decision.phase;

@@ -144,7 +144,8 @@ pub struct Progress {
     pub reserve_waived: bool,
     /// The battery's reserve was reached above the deck, the nearest place: it lands there within wider limits.
     pub urgent: bool,
-    /// An operator stopped what the mission did, and has commanded no landing since.
+    /// An operator stopped what the mission did, and has commanded no landing since. In descent or flare: too
+    /// near to the deck for a climb, the landing is completed.
     pub stopped: bool,
     /// The pilot's touchdown was false: its stop counts for nothing until it is taken back.
     pub overruled: bool,
@@ -188,7 +189,7 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
     (Some(since), (now - since).secs())
 }
 
-/// Hold where the drone is, not below the tracking height over the deck nor the minimum altitude.
+/// Hold where the drone is, not below the tracking height over the deck nor the minimum altitude ([`moving_place`]).
 pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, c.tracking_height_m);
     MissionPhase::Hold {
@@ -199,10 +200,21 @@ pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> Mis
     }
 }
 
-/// Climb straight up to the approach height over the deck.
+/// Climb straight up to the approach height over the deck ([`moving_place`]).
 pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, c.approach_height_m);
     MissionPhase::GaveUp { at, yaw }
+}
+
+/// Whether the drone is low over the deck on its way to `at`, and where it holds. Until it is as high as there, it stays
+/// in place over the deck and moves with it: what stands on a vessel under way would meet a drone that stops before it is
+/// clear of all that. A drone that comes so high, a deck far away or a stale forecast leave the place where it is then.
+pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, c: &MissionConfig) -> (bool, Vector3<f64>) {
+    let near = s.fresh_deck().is_some_and(|d| d.distance_m < c.resume_distance_m);
+    let low = s.own.filter(|own| own.position.z > at.z + c.height_tolerance_m);
+    low.filter(|_| near).map_or((false, *at), |own| {
+        (true, Vector3::new(own.position.x, own.position.y, at.z))
+    })
 }
 
 /// Straight above (or at) the drone, at least `height` over the deck's mean level.

@@ -11,6 +11,7 @@ use nalgebra::{Vector2, Vector3};
 
 use super::apparent_slope::ApparentSlopeHistory;
 use super::config::MissionConfig;
+use crate::escape::contact_speed;
 
 /// Whether the drone flies and who controls it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -173,6 +174,9 @@ pub struct Deck {
     pub predicted_slope: Option<f64>,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
+    /// The speed at which the deck would meet a drone that climbs away from now on, m/s; None when it clears the
+    /// deck, and above the commit clearance.
+    pub climb_contact_mps: Option<f64>,
 }
 
 impl Deck {
@@ -193,6 +197,7 @@ impl Deck {
         let v = own.velocity - Vector3::from(here.velocity);
         let feet = here.rotation().transpose() * (r + attitude * (Vector3::z() * drone.feet_below_m));
 
+        let clearance_m = r.dot(&here.normal()) - drone.feet_below_m;
         let step = forecast.step.secs();
         let since = (start - forecast.header.at).secs();
         let (mut speed, mut heave, mut acceleration, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
@@ -217,7 +222,7 @@ impl Deck {
             alight_shared::frames::wrap_angle(s.euler[2] - here.euler[2]).abs()
         });
         Some(Deck {
-            clearance_m: r.dot(&here.normal()) - drone.feet_below_m,
+            clearance_m,
             distance_m: r.x.hypot(r.y),
             bearing_rad: (-r.y).atan2(-r.x),
             feet: feet.xy(),
@@ -238,6 +243,9 @@ impl Deck {
             turn_radps: turn,
             predicted_slope: steepest(forecast, config),
             mean_z: sum / forecast.stages.len().max(1) as f64,
+            climb_contact_mps: (clearance_m < config.commit_clearance_m)
+                .then(|| contact_speed(now, forecast, &own.position, &own.velocity, drone))
+                .flatten(),
         })
     }
     /// How far the centre of the feet is outside the part of the deck on which all feet stand, m;

@@ -11,7 +11,7 @@ use alight_shared::msg::ReasonCode::{
 use super::config::MissionConfig;
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, first_beyond, gave_up, holding,
-    lasting, old_data,
+    lasting, moving_place, old_data,
 };
 use super::situation::{ControlState, Deck, Situation};
 
@@ -37,6 +37,7 @@ pub(super) fn step(
             yaw,
             fresh,
         } => {
+            let (_, at) = moving_place(&at, s, c);
             let hold = |fresh| MissionPhase::Hold {
                 cause,
                 at,
@@ -45,7 +46,10 @@ pub(super) fn step(
             };
             held(cause, hold, fresh, progress, s, c)
         }
-        MissionPhase::GaveUp { .. } => phase.stay(NotCommanded),
+        MissionPhase::GaveUp { at, yaw } => {
+            let (_, at) = moving_place(&at, s, c);
+            MissionPhase::GaveUp { at, yaw }.stay(NotCommanded)
+        }
     }
 }
 

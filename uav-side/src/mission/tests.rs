@@ -57,6 +57,7 @@ pub(super) fn fair() -> Situation {
             tilt_rad: 0.1,
             friction_used_mps2: 1.0,
             mean_z: -1.3,
+            climb_contact_mps: None,
             predicted_slope: None,
         }),
         mean_deck_z: Some(-1.3),

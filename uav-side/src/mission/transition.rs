@@ -4,9 +4,10 @@
 //! Interrupts first (touchdown, abort, loss of control, stale data, hold, battery, time limit), then
 //! what the state itself does, in `states`.
 
-use alight_shared::msg::{AutopilotMode, CommandKind, Reason, ReasonCode};
+use alight_shared::msg::{AutopilotMode, CommandKind, Phase, Reason, ReasonCode};
 
 use super::config::MissionConfig;
+use super::memory::AT_REST_M;
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Situation};
 use super::states;
@@ -38,6 +39,7 @@ pub fn decide(
     let (phase, entered, waiting) = match transition {
         Transition::Stay(phase, waiting) => (phase, None, waiting),
         Transition::Go(phase, why) => (phase, Some(why), Reason::default()),
+        Transition::BreakOff(why) if progress.stopped => (gave_up(s, c), Some(why), why),
         Transition::BreakOff(why) if progress.attempts >= c.max_attempts => {
             let (attempts, limit) = (f64::from(progress.attempts), f64::from(c.max_attempts));
             let spent = Reason::new(ReasonCode::OutOfRetries, attempts, limit);
@@ -48,6 +50,12 @@ pub fn decide(
     if matches!(phase, MissionPhase::GaveUp { .. } | MissionPhase::Landed { .. }) {
         progress.landing = false;
     }
+    let completes = progress.stopped && phase.state().phase() == Phase::Landing;
+    let waiting = if completes {
+        ReasonCode::CompletesLanding.into()
+    } else {
+        waiting
+    };
     Decision {
         phase,
         progress,
@@ -61,6 +69,26 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
     let stands = matches!(phase, MissionPhase::Landed { disarmed: false, .. });
     phase.flies() || waits || stands && s.false_touchdown().is_some()
+}
+
+/// Whether an operator who stops the landing now lets it be completed, because that is the softer contact: the feet are
+/// on the deck already, or the predicted deck would meet a climbing drone faster than a flare meets the deck.
+/// Once completed it stays so: each new forecast could change the decision, over a height that shrinks.
+fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &MissionConfig) -> bool {
+    let harder = s
+        .fresh_deck()
+        .is_some_and(|d| d.clearance_m < AT_REST_M || d.climb_contact_mps.is_some_and(|v| v > c.flare_mps));
+    let beneath = s.outside_m <= c.lost_outside_m && !s.motors_stopped;
+    phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
+}
+
+/// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.
+fn without_data(progress: &Progress, s: &Situation, c: &MissionConfig) -> MissionPhase {
+    if progress.stopped {
+        gave_up(s, c)
+    } else {
+        holding(HoldCause::Data, s, c)
+    }
 }
 
 /// What holds in every state that flies.
@@ -88,24 +116,27 @@ fn interrupt(
         | MissionPhase::Landed { .. }
         | MissionPhase::GaveUp { .. } => false,
     };
+    let stopped = progress.stopped && phase.state().phase() == Phase::Landing;
     match command {
         Some(CommandKind::Abort) => {
+            let completes = completes(phase, progress, s, c);
             progress.landing = false;
             progress.stopped = true;
-            if can_stop(phase, s) && !gives_up {
+            if can_stop(phase, s) && !gives_up && !completes {
                 progress.overruled = s.motors_stopped;
                 return Some(gave_up(s, c).enter(ReasonCode::Operator));
             }
         }
         Some(CommandKind::Hold) => {
+            let completes = completes(phase, progress, s, c);
             progress.landing = false;
             progress.stopped = true;
-            if can_stop(phase, s) {
+            if can_stop(phase, s) && !completes {
                 progress.overruled = s.motors_stopped;
                 return Some(holding(HoldCause::Operator, s, c).enter(ReasonCode::Operator));
             }
         }
-        Some(CommandKind::Land) if phase == MissionPhase::Idle || gives_up || waits => {
+        Some(CommandKind::Land) if phase == MissionPhase::Idle || gives_up || waits || stopped => {
             progress.landing = true;
             progress.stopped = false;
             progress.urgent = false;
@@ -132,12 +163,12 @@ fn interrupt(
             return Some(MissionPhase::Idle.enter(ReasonCode::NotFlying));
         }
         ControlState::Unknown if phase.needs_data() => {
-            return Some(holding(HoldCause::Data, s, c).enter(ReasonCode::NotFlying));
+            return Some(without_data(progress, s, c).enter(ReasonCode::NotFlying));
         }
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => {}
     }
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
-        return Some(holding(HoldCause::Data, s, c).enter(why));
+        return Some(without_data(progress, s, c).enter(why));
     }
     // In the air with the vessel below, landing is the quickest way out of an empty battery.
     let landing = matches!(phase, MissionPhase::Descent { .. } | MissionPhase::Flare { .. });

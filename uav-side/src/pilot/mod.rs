@@ -120,6 +120,10 @@ pub struct Pilot {
     last_step: Option<Time<DroneClock>>,
 }
 
+/// A drone no further than this from above the deck's centre is over the vessel or beside it, m.
+const WITH_DECK_M: f64 = 10.0;
+/// So far below the height that the mission asks for the drone is clear of the vessel, m.
+const HEIGHT_TOLERANCE_M: f64 = 1.0;
 /// Steps further apart than this count as this long: a pilot that was away must not jump, s.
 const MAX_STEP_S: f64 = 0.05;
 
@@ -303,6 +307,16 @@ impl Pilot {
         (4.0 * rotor_n / g.max_thrust_n).min(self.estimate.hover())
     }
 
+    /// Whether the drone, without mission or plan, has to climb with the deck: near enough to be reached by it or what
+    /// stands on the vessel, and not yet as high as the mission has asked for.
+    fn is_near(&self, b: &DeckBelow, body: &Body) -> bool {
+        let safety = &self.config.safety;
+        let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
+        let height = self.mission.get().map_or(0.0, |m| m.height_m) - HEIGHT_TOLERANCE_M;
+        let clear = (height - self.geometry.feet_below_m).max(safety.near_deck_m);
+        aside < WITH_DECK_M && b.clearance < clear
+    }
+
     /// Velocity away from the deck `near` for a hold without mission or plan: with the deck, and gently up from it.
     /// It does not follow a deck that sinks: that one comes back.
     fn away(&self, near: Option<&DeckBelow>) -> Vector3<f64> {
@@ -427,7 +441,7 @@ impl Pilot {
         // A pilot before this one stopped the motors, and this one has to find the touchdown again.
         let landed = mission.is_some_and(|m| m.state == State::Landed);
         let close = below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
-        let near = below.filter(|b| b.clearance < self.config.safety.near_deck_m);
+        let near = below.filter(|b| self.is_near(b, body));
         let Some(mission) = mission else {
             // Hold for a moment after the mission's last message, then let the failsafe act.
             let silence = self.mission.age_s(now);

@@ -183,6 +183,17 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     let s = after(State::Descent, 2.0, 1.0, |i| i.plan = None);
     assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0, 0.0, -0.5]));
     assert!(s.position[2] < -3.7, "{s:?}");
+    // Not before it is as high as the mission has asked for is it clear of the vessel, unless that is far away.
+    let high = |i: &mut PilotIn| (i.plan, i.mission.as_mut().unwrap().height_m) = (None, 7.0);
+    let s = after(State::Tracking, 5.0, 1.0, high);
+    assert_eq!(s.velocity, [0.0, 0.0, -0.5]);
+    let s = after(State::Tracking, 6.0, 1.0, high);
+    assert_eq!(s.velocity, [0.0; 3]);
+    let s = after(State::Tracking, 2.0, 1.0, |i| {
+        high(i);
+        i.drone.as_mut().unwrap().position[0] += 20.0;
+    });
+    assert_eq!(s.velocity, [0.0; 3]);
     // Committed: level, sinking onto the deck.
     let s = after(State::Flare, 0.4, 1.0, |i| i.plan = None);
     assert_eq!(s.kind, SetPointKind::Attitude);

@@ -162,9 +162,10 @@ impl Planner {
             .observe(drone, self.forecast.get(), &self.reference);
     }
 
-    fn due(&mut self, now: Time<DroneClock>, phase: Phase) -> bool {
+    fn due(&mut self, now: Time<DroneClock>, phase: Phase, with_deck: bool) -> bool {
         let rate = match phase {
             Phase::None => return false,
+            Phase::Navigation if with_deck => self.config.landing_hz,
             Phase::Navigation => self.config.navigation_hz,
             Phase::Follow | Phase::Landing => self.config.landing_hz,
         };
@@ -375,7 +376,7 @@ impl Node for Planner {
                 PlannerOut::default()
             }
             Phase::Navigation | Phase::Follow | Phase::Landing => {
-                if !self.due(now, phase) {
+                if !self.due(now, phase, mission.with_deck) {
                     return PlannerOut::default();
                 }
                 self.begin_landing(phase);

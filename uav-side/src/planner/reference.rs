@@ -15,9 +15,15 @@ use super::mpc_faa::Problem;
 use super::qp::NO_CEILING;
 use super::view::View;
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
+use crate::escape::Climb;
 
 /// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
+/// A drone on its way up climbs away from the deck at full rate while it is nearer to it than this, upwards and sideways,
+/// m: more than a deck rises within the time in which it gets there.
+const NEAR_DECK_M: f64 = 3.0;
+/// A drone this far below the height that it is to have is on its way up, m.
+const BELOW_M: f64 = 1.0;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
 const HEIGHT_JUMP_M: f64 = 3.0;
 
@@ -62,6 +68,19 @@ struct Request<'a> {
     mean_z: Option<f64>,
     start: State,
     reference: &'a Reference,
+}
+
+impl Request<'_> {
+    /// Whether the plan begins so near above the deck that the deck could reach it.
+    fn near_deck(&self) -> bool {
+        let aside = |d: &DeckStage| (self.start[0] - d.position[0]).hypot(self.start[1] - d.position[1]);
+        let over = self
+            .reference
+            .deck
+            .first()
+            .is_some_and(|d| aside(d) < NEAR_DECK_M);
+        over && self.reference.clearance_m < NEAR_DECK_M
+    }
 }
 
 impl ReferenceGenerator {
@@ -142,10 +161,12 @@ impl ReferenceGenerator {
             Mode::Flare => (Goal::Touch, c.landing),
         };
         let (goal, hold) = match (goal, mean_z) {
-            (Goal::Hold, _) => {
+            (Goal::Hold, mean) => {
                 self.frozen = None;
                 let [x, y, z] = mission.hold_position;
-                (Goal::Hold, [x, y, z, mission.hold_yaw])
+                let leaves = mission.with_deck && mean.is_some();
+                let goal = if leaves { Goal::Leave } else { Goal::Hold };
+                (goal, [x, y, z, mission.hold_yaw])
             }
             (goal, Some(_)) => {
                 self.frozen = None;
@@ -184,6 +205,12 @@ impl ReferenceGenerator {
         // The target at stage k (0 = now), and tilt with its rate.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (Motion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
+            (Goal::Leave, Some(d)) => {
+                // Where it is over the deck, wherever the deck goes.
+                let aside = |i: usize| q.start[i] - q.reference.deck.first().map_or(0.0, |d| d.position[i]);
+                let place = [d.position[0] + aside(0), d.position[1] + aside(1)];
+                (Motion::new(place, [d.velocity[0], d.velocity[1]]), [0.0; 4])
+            }
             (Goal::Above | Goal::Sink, Some(d)) => {
                 let ([x, y, _], [vx, vy, _]) = (d.position, d.velocity);
                 (Motion::new([x, y], [vx, vy]), [0.0; 4])
@@ -208,6 +235,9 @@ impl ReferenceGenerator {
         };
         let start = Motion::new([q.start[0], q.start[1]], [q.start[6], q.start[7]]);
         let follows = q.goal.follows_deck();
+        if q.goal == Goal::Leave {
+            self.horizontal = ReferenceGovernor::default();
+        }
         self.horizontal
             .update(q.now, follows, &target(0).0, &start, &pace, [0.5, 3.0]);
         let mut governor = self.horizontal.gap;
@@ -227,16 +257,26 @@ impl ReferenceGenerator {
         let (feet, step_s) = (self.drone.feet_below_m, self.config.step_s);
         let mission = &q.view.mission;
         match q.goal {
-            Goal::Hold | Goal::Above => {
+            Goal::Hold | Goal::Leave | Goal::Above => {
                 let z = match (q.goal, q.mean_z) {
                     (Goal::Above, Some(mean)) => mean - mission.height_m,
                     _ => q.hold[2],
                 };
                 let z = z.min(-mission.minimum_altitude_m);
+                if q.near_deck() && q.start[2] > z + BELOW_M {
+                    self.vertical = ReferenceGovernor::default();
+                    let mut climb = Climb::new(q.start[2], q.start[8], &self.drone);
+                    for (r, deck) in problem.reference.iter_mut().zip(&q.reference.deck) {
+                        climb.advance(step_s, deck.velocity[2]);
+                        (r[2], r[8]) = (climb.z.max(z), climb.velocity);
+                    }
+                    return;
+                }
                 let s = self.config.shaping;
                 // A person may abort a descent at any height over a deck that comes up: the sink is
                 // braked as hard as a descent brakes, only the climb is gentle.
-                let sinks = matches!(q.goal, Goal::Hold) && q.start[8] > 0.3 && q.start[2] > z - 1.0;
+                let sinks =
+                    matches!(q.goal, Goal::Hold | Goal::Leave) && q.start[8] > 0.3 && q.start[2] > z - 1.0;
                 let pace = Pace {
                     speed: s.vertical_mps,
                     acceleration: if sinks {
@@ -266,7 +306,9 @@ impl ReferenceGenerator {
                             let turn = angular_velocity(d).cross(&n) * feet;
                             (d.position[2] + feet * n.z, d.velocity[2] + turn.z)
                         }
-                        Goal::Sink | Goal::Hold | Goal::Above => (d.position[2] - feet, d.velocity[2]),
+                        Goal::Sink | Goal::Hold | Goal::Leave | Goal::Above => {
+                            (d.position[2] - feet, d.velocity[2])
+                        }
                     })
                 };
                 let start_at = contact_z(0).map_or(0.0, |(z, _)| z - q.start[2]);
@@ -291,7 +333,7 @@ impl ReferenceGenerator {
             .map(|d| Vector2::new(d.position[0] - q.start[0], d.position[1] - q.start[1]));
         // Heading and its rate at stage k.
         let target = |k: usize| match (q.goal, deck.get(k)) {
-            (Goal::Hold, _) | (_, None) => (q.hold[3], 0.0),
+            (Goal::Hold | Goal::Leave, _) | (_, None) => (q.hold[3], 0.0),
             (Goal::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),
             (Goal::Above | Goal::Sink, Some(_)) => match (q.view.mission.state, far) {
                 (Mode::Approach, Some(far)) if far.norm() > self.config.heading_from_m => {
@@ -363,6 +405,8 @@ impl ReferenceGenerator {
 enum Goal {
     /// Stay at a place.
     Hold,
+    /// Up from the deck, in place over it.
+    Leave,
     /// Over the deck at a height above its mean.
     Above,
     /// Down towards the deck, level.
@@ -375,7 +419,7 @@ impl Goal {
     fn follows_deck(self) -> bool {
         match self {
             Goal::Hold => false,
-            Goal::Above | Goal::Sink | Goal::Touch => true,
+            Goal::Leave | Goal::Above | Goal::Sink | Goal::Touch => true,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The planner in a closed loop, its solver against a dense one, and bad input.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{AutopilotState, Header, State as Mode};
+use alight_shared::msg::{AutopilotState, DeckStage, Header, State as Mode};
 use nalgebra::{DMatrix, DVector, SVector};
 use proptest::prelude::*;
 
@@ -351,6 +351,50 @@ fn planner_does_not_follow_heave_while_tracking() {
         "{low} {high}"
     );
     assert!(off < 0.05, "{off}");
+}
+
+#[test]
+fn planner_leaves_a_deck_under_way_with_it_and_faster_than_it_rises() {
+    // A deck that drives at 7 m/s and has begun to rise at 2 m/s; half a metre above it, sinking onto it.
+    let deck = |t: f64| DeckStage {
+        position: [7.0 * t, 0.0, -1.3 - 2.0 * t],
+        velocity: [7.0, 0.0, -2.0],
+        ..DeckStage::default()
+    };
+    let drone = DroneGeometry::default();
+    let at_deck = MissionState {
+        with_deck: true,
+        ..hold([0.0, 0.0, -16.3])
+    };
+    let break_off = landing(Mode::Tracking);
+    for (kind, mission) in [
+        (PlannerKind::Alight, at_deck),
+        (PlannerKind::Alight, break_off),
+        (PlannerKind::MpcFaa, at_deck),
+    ] {
+        let mut planner = Planner::new(&config(kind), &drone, &DeckGeometry::default(), 7);
+        let now = Time::from_secs(10.0);
+        let header = crate::fixtures::header(1, now);
+        let input = PlannerIn {
+            forecast: Some(crate::fixtures::forecast(header, deck)),
+            mission: Some(MissionState { header, ..mission }),
+            drone: Some(DroneState {
+                velocity: [7.0, 0.0, -1.5],
+                ..crate::fixtures::drone(header, [0.3, 0.0, -2.1])
+            }),
+            autopilot: None,
+        };
+        let plan = planner.step(now, &input).plan.expect("plans");
+        let step_s = plan.step.secs();
+        for (k, s) in plan.stages.iter().enumerate() {
+            let d = deck(step_s * k as f64).position;
+            let clearance = d[2] - s.position[2] - drone.feet_below_m;
+            assert!(clearance > 0.35, "{kind:?} stage {k}: {clearance}");
+            assert!((s.position[0] - d[0]).abs() < 0.5, "{kind:?} stage {k}: {s:?}");
+        }
+        let last = plan.stages.last().expect("stages");
+        assert!(last.velocity[2] < -3.0, "{kind:?}: {last:?}");
+    }
 }
 
 #[test]

@@ -1,0 +1,47 @@
+//! Near the deck of a vessel under way an operator stops the landing, or the planner's process dies for good: the drone
+//! completes the landing or leaves with the deck, which must not pass beneath a drone that stays at a fixed place.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::studies::aborts::{Interruption, drive, fly};
+
+/// The flights that end in an unsafe way when the landing is interrupted at these heights (m) on these seeds.
+fn unsafe_flights(
+    interruption: Interruption,
+    heights_m: &[f64],
+    seeds: core::ops::Range<u64>,
+) -> Vec<String> {
+    let mut scenario = Scenario {
+        sea: SeaConfig::paper(0.3, 5.0),
+        ..Scenario::default()
+    };
+    drive(&mut scenario, 7.0);
+    let mut wrong = Vec::new();
+    for height_m in heights_m {
+        for seed in seeds.clone() {
+            let nodes = NodeConfigs::default();
+            let flown = fly(&scenario, &nodes, seed, interruption, *height_m).unwrap();
+            let flown = flown.unwrap_or_else(|| panic!("seed {seed} never came down to {height_m} m"));
+            if !flown.safe() {
+                wrong.push(format!("{height_m} m, seed {seed}: {flown:?}"));
+            }
+        }
+    }
+    wrong
+}
+
+#[test]
+fn drone_without_plans_near_a_deck_at_7_mps_stays_with_the_deck() {
+    let wrong = unsafe_flights(Interruption::PlanLost, &[3.0, 1.5, 0.5], 61..65);
+    assert!(wrong.is_empty(), "{} of 12:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+#[test]
+fn drone_that_is_stopped_near_a_deck_at_7_mps_leaves_with_the_deck_or_lands() {
+    for interruption in [Interruption::Abort, Interruption::Hold] {
+        let wrong = unsafe_flights(interruption, &[1.5, 0.3], 61..64);
+        assert!(wrong.is_empty(), "{} of 6:\n{}", wrong.len(), wrong.join("\n"));
+    }
+}
