@@ -5,6 +5,7 @@
 //! only the deck; motors stopped within 2 s of first contact; then, after 1 s to settle, 3 s with
 //! all four feet on the deck and inside its edges; all within 180 s of the start.
 
+use alight_shared::msg::Reason;
 use serde::{Deserialize, Serialize};
 
 /// Greatest normal or tangential speed at any contact, m/s.
@@ -109,6 +110,8 @@ pub struct Observation<'a> {
     pub attempts: u32,
     /// The mission has given up.
     pub gave_up: bool,
+    /// Why its next state is not entered yet.
+    pub waiting: Reason,
     /// A part of the drone is under water.
     pub in_water: bool,
 }
@@ -261,7 +264,10 @@ impl Judge {
         if o.t_s >= TIME_LIMIT_S {
             self.fail(
                 Ending::Timeout,
-                format!("not at rest on the deck after {TIME_LIMIT_S} s"),
+                format!(
+                    "not at rest on the deck after {TIME_LIMIT_S} s, mission waiting: {}",
+                    o.waiting
+                ),
             );
             self.ended = true;
         }
@@ -421,6 +427,7 @@ mod tests {
             descending: true,
             attempts: 1,
             gave_up: false,
+            waiting: Reason::default(),
             in_water: false,
         }
     }

@@ -397,6 +397,7 @@ impl Physics {
             descending: matches!(mission.state, State::Descent | State::Flare),
             attempts: mission.attempts,
             gave_up: mission.state == State::GaveUp,
+            waiting: mission.waiting,
             in_water: plant.is_some_and(|p| p.in_water),
         }
     }
