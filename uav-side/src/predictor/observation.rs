@@ -14,8 +14,9 @@ use super::waves::{AXES, DeckMotion};
 /// its height, or by less than this distance, m (ours: seeds 100 to 111 of Table II, and a hover at 1.5 m).
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
-/// Least standard deviation of a fused estimate: what its message resolves at least, m, rad, and per second.
-const LEAST_SD: f64 = 1e-3;
+/// What the vessel's filter errs by for seconds, standard deviation of value and rate, m, rad, and per second: GNSS
+/// wanders between noise, which the filter averages, and the slow error, which is a state here. Chosen.
+const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 
 /// Where an observation comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,8 +111,8 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
 }
 
 /// The vessel's estimate. `origin` is the vessel's NED origin in the drone's (m), `clock_sd` the
-/// clock offset's standard deviation (s): a value that changes at a rate is that much less certain. What the vessel's
-/// filter errs by persists, but modes and estimate err alike, and the filter holds their difference.
+/// clock offset's standard deviation (s): a value that changes at a rate is that much less certain. In tilt, modes and
+/// estimate err alike, and the filter holds their difference.
 pub fn estimate(e: &VesselEstimate<DroneClock>, origin: &Vector3<f64>, clock_sd: f64) -> Observation {
     let [roll, pitch, yaw] = [e.eta[3], e.eta[4], e.eta[5]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
@@ -145,12 +146,13 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, origin: &Vector3<f64>, clock_sd:
     ];
     let tilt_acc = ddot[3].hypot(ddot[4]);
     let acc = [ddot[0], ddot[1], ddot[2], tilt_acc, tilt_acc, ddot[5]];
-    let noise = |variance: f64, change: f64| variance.max(LEAST_SD.powi(2)) + (change * clock_sd).powi(2);
+    let noise =
+        |i: usize, variance: f64, change: f64| variance.max(WANDER[i].powi(2)) + (change * clock_sd).powi(2);
     Observation {
         at: e.header.at,
         kind: Kind::Estimate,
-        value: core::array::from_fn(|i| Some((values[i], noise(stated[i].0, rates[i])))),
-        rate: core::array::from_fn(|i| Some((rates[i], noise(stated[i].1, acc[i])))),
+        value: core::array::from_fn(|i| Some((values[i], noise(i, stated[i].0, rates[i])))),
+        rate: core::array::from_fn(|i| Some((rates[i], noise(i, stated[i].1, acc[i])))),
         lever: [0.0; 2],
     }
 }
