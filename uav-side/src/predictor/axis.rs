@@ -15,7 +15,7 @@
 //! joint one.
 
 use super::config::PredictorConfig;
-use super::waves::{AXES, MAX_OSCILLATORS, Oscillator};
+use super::waves::{AXES, HandOver, MAX_OSCILLATORS, Oscillator};
 
 /// Slots before the oscillators.
 pub const HEAD: usize = 6;
@@ -224,6 +224,22 @@ impl Axis {
         self.x[i + 1] = 0.0;
         self.p[i][i] = var;
         self.p[i + 1][i + 1] = var * o.omega * o.omega;
+    }
+    /// Oscillators in the place of modes, which the residual one was about.
+    pub fn hold(&mut self, oscillators: &[Oscillator], axis: usize, held: &HandOver) {
+        let left = [self.x[HEAD], self.x[HEAD + 1]];
+        self.n = HEAD;
+        let sum: f64 = oscillators.iter().map(|o| o.sd[axis].powi(2)).sum();
+        for (o, motion) in oscillators.iter().zip(&held.motions) {
+            let i = self.n;
+            self.append(o, axis);
+            let share = o.sd[axis].powi(2) / sum.max(f64::MIN_POSITIVE);
+            self.x[i] = motion.value[axis] + share * left[0];
+            self.x[i + 1] = motion.rate[axis] + share * left[1];
+            for k in [i, i + 1] {
+                self.p[k][k] *= held.unknown[axis];
+            }
+        }
     }
     /// One oscillator in the place of all: their sum, with its covariance `T P T'`.
     pub fn fold_oscillators(&mut self) {

@@ -196,6 +196,23 @@ impl Filter {
             a.x[HEAD + 1] -= modes.rate[i];
         }
     }
+    /// The modes are too old to be rolled on: the filters hold them from the newest observation on, each as an
+    /// oscillator. What the residual one held is theirs in proportion to their variances.
+    pub fn hold_modes(&mut self, waves: &mut Waves) {
+        let Some(at) = self.newest() else { return };
+        let Some(held) = waves.hand_over(at) else {
+            return;
+        };
+        let oscillators = waves.oscillators(at);
+        let newest = self.entries.len().saturating_sub(1);
+        // What came before was reckoned about the modes.
+        self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
+        let Some(e) = self.entries.back_mut() else { return };
+        e.observation = None;
+        for (i, a) in e.after.iter_mut().enumerate() {
+            a.hold(&oscillators, i, &held);
+        }
+    }
     /// A newer message has come: what was known since its time of validity is reckoned again about its modes.
     pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));

@@ -413,6 +413,10 @@ impl Node for Predictor {
             done[1] = self.drone(now, d);
         }
         let c = &self.config;
+        let modes_age_s = self.waves.newest().map_or(0.0, |at| (now - at).secs());
+        if let Some(f) = self.filter.as_mut().filter(|_| modes_age_s > c.fresh_s) {
+            f.hold_modes(&mut self.waves);
+        }
         let vision_suffices = self
             .tag_at
             .is_some_and(|t| (now - t).secs() < c.radio_after_vision_s);

@@ -23,6 +23,8 @@ const MAX_MESSAGES: usize = 12;
 const FREQUENCY_RADPS: [f64; 2] = [0.4, 7.0];
 /// What the modes leave is measured no sooner after their time of validity than this, s.
 const FIRST_S: f64 = 0.2;
+/// Least damping of a mode that the filters hold.
+const LEAST_DAMPING: f64 = 1e-3;
 /// Modes are rolled back by no more than this, s: what fades fast grows backwards.
 const MAX_BACK_S: f64 = 0.1;
 
@@ -90,15 +92,31 @@ impl DeckModes {
     pub fn motion(&self) -> DeckMotion {
         let mut out = DeckMotion::default();
         for (pole, c) in &self.modes {
-            let square = pole * pole;
-            for i in 0..AXES {
-                out.value[i] += c[i].re;
-                out.rate[i] += (c[i] * pole).re;
-                out.acceleration[i] += (c[i] * square).re;
-            }
+            out.add(*pole, c);
         }
         out
     }
+}
+
+impl DeckMotion {
+    /// Adds a mode with these phasors.
+    fn add(&mut self, pole: Complex<f64>, phasors: &[Complex<f64>; AXES]) {
+        let square = pole * pole;
+        for (i, c) in phasors.iter().enumerate() {
+            self.value[i] += c.re;
+            self.rate[i] += (c * pole).re;
+            self.acceleration[i] += (c * square).re;
+        }
+    }
+}
+
+/// What the modes said when they were too old to be rolled on.
+#[derive(Clone, Debug)]
+pub struct HandOver {
+    /// Of each oscillator, the residual one first.
+    pub motions: Vec<DeckMotion>,
+    /// Per degree of freedom: share of the motion's variance that they no longer tell.
+    pub unknown: [f64; AXES],
 }
 
 /// What is known of the waves.
@@ -149,7 +167,7 @@ impl Waves {
     }
     /// The vessel has identified its motion.
     pub fn are_identified(&self) -> bool {
-        !self.messages.is_empty()
+        self.confidence > 0.0 && !self.spread.is_empty()
     }
     /// The oscillators at time `at`. What the modes leave grows with their age. Of what they leave a quarter of a wave
     /// later it is the share `(left now / left then)²`: of fresh modes little, it fades; of stale ones all, and it
@@ -246,6 +264,43 @@ impl Waves {
             }
         }
         begun
+    }
+
+    /// When the newest modes were valid; None before the first, and after [`Waves::hand_over`].
+    pub fn newest(&self) -> Option<Time<DroneClock>> {
+        self.messages.back().map(|m| m.at)
+    }
+    /// What the modes say of time `at` becomes oscillators that the filters hold and correct by what they see
+    /// themselves. Gives the motion of each, that of the residual one first; None without modes.
+    pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
+        let newest = self.messages.back()?;
+        let age = (at - newest.at).secs();
+        let (left, largest) = (self.left(age), self.largest);
+        let known = |i: usize| largest[i].max(f64::MIN_POSITIVE);
+        let unknown = core::array::from_fn(|i| (left[i] / known(i)).powi(2).min(1.0));
+        let [then, moved] = [0.0, age].map(|t| DeckModes::new(newest, t, &self.lever_arm, 0.0).modes);
+        let mut modes: Vec<_> = then.iter().zip(&moved).collect();
+        // The largest ones in heave and tilt are kept apart.
+        let weight =
+            |c: &[Complex<f64>; AXES]| -> f64 { (2..5).map(|i| (c[i].norm() / known(i)).powi(2)).sum() };
+        modes.sort_by(|((_, a), _), ((_, b), _)| weight(b).total_cmp(&weight(a)));
+        let mut motions = vec![DeckMotion::default()];
+        for (k, ((pole, c), (_, moved))) in modes.into_iter().enumerate() {
+            let mut motion = DeckMotion::default();
+            motion.add(*pole, moved);
+            if k < MAX_BANK && pole.im != 0.0 {
+                self.oscillators.push(Oscillator {
+                    omega: pole.norm().clamp(FREQUENCY_RADPS[0], FREQUENCY_RADPS[1]),
+                    damping: [(-pole.re / pole.norm()).clamp(LEAST_DAMPING, 0.95); AXES],
+                    sd: c.map(|c| c.norm()),
+                });
+                motions.push(motion);
+            } else if let Some(rest) = motions.first_mut() {
+                rest.add(*pole, moved);
+            }
+        }
+        self.messages.clear();
+        Some(HandOver { motions, unknown })
     }
 
     /// The modes at time `t`, by the message that was the newest then; `step_s` is their step.
