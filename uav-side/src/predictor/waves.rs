@@ -196,13 +196,19 @@ impl Waves {
     fn left(&self, age: f64) -> [f64; AXES] {
         let last = self.spread_step_s * self.spread.len().saturating_sub(1) as f64;
         let spread = self.spread(age.max(FIRST_S));
-        let memory_s = self.oscillators.first().map_or(1.0, |o| 1.0 / o.omega);
         core::array::from_fn(|i| {
-            // The error of a velocity, over the oscillator's memory, is one of place.
-            let unit = if i < 2 { memory_s } else { 1.0 };
+            let unit = self.unit(i);
             let further = (age / last.max(FIRST_S)).max(1.0).sqrt();
             ((spread[i] * further).min(self.largest[i]).max(spread[i]) * unit).max(self.residual_sd[i])
         })
+    }
+
+    /// The error of the course's velocity, over the residual oscillator's memory, is one of place: that memory, s.
+    fn unit(&self, axis: usize) -> f64 {
+        match (axis, self.oscillators.first()) {
+            (0 | 1, Some(o)) => 1.0 / o.omega,
+            _ => 1.0,
+        }
     }
 
     /// Standard deviation per degree of freedom of what predicting `ahead` seconds on adds: m/s, m, rad; held after the
@@ -275,22 +281,23 @@ impl Waves {
     pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
         let newest = self.messages.back()?;
         let age = (at - newest.at).secs();
-        let (left, largest) = (self.left(age), self.largest);
-        let known = |i: usize| largest[i].max(f64::MIN_POSITIVE);
-        let unknown = core::array::from_fn(|i| (left[i] / known(i)).powi(2).min(1.0));
+        let left = self.left(age);
+        let largest: [f64; AXES] =
+            core::array::from_fn(|i| (self.largest[i] * self.unit(i)).max(f64::MIN_POSITIVE));
+        let unknown = core::array::from_fn(|i| (left[i] / largest[i]).powi(2).min(1.0));
         let [then, moved] = [0.0, age].map(|t| DeckModes::new(newest, t, &self.lever_arm, 0.0).modes);
         let mut modes: Vec<_> = then.iter().zip(&moved).collect();
         // The largest ones in heave and tilt are kept apart.
         let weight =
-            |c: &[Complex<f64>; AXES]| -> f64 { (2..5).map(|i| (c[i].norm() / known(i)).powi(2)).sum() };
+            |c: &[Complex<f64>; AXES]| -> f64 { (2..5).map(|i| (c[i].norm() / largest[i]).powi(2)).sum() };
         modes.sort_by(|((_, a), _), ((_, b), _)| weight(b).total_cmp(&weight(a)));
         let mut motions = vec![DeckMotion::default()];
         for (k, ((pole, c), (_, moved))) in modes.into_iter().enumerate() {
             let mut motion = DeckMotion::default();
             motion.add(*pole, moved);
-            if k < MAX_BANK && pole.im != 0.0 {
+            if k < MAX_BANK && pole.im.abs() >= FREQUENCY_RADPS[0] {
                 self.oscillators.push(Oscillator {
-                    omega: pole.norm().clamp(FREQUENCY_RADPS[0], FREQUENCY_RADPS[1]),
+                    omega: pole.norm().min(FREQUENCY_RADPS[1]),
                     damping: [(-pole.re / pole.norm()).clamp(LEAST_DAMPING, 0.95); AXES],
                     sd: c.map(|c| c.norm()),
                 });
