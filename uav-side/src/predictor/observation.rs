@@ -283,3 +283,29 @@ pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -
         lever: [0.0; 2],
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tilt_of_a_tag_by_the_vessels_compass_is_that_of_its_estimate() {
+        let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
+        let seen = turn_tilt(roll, pitch, -yaw);
+        let tag = Observation {
+            at: Time::EPOCH,
+            kind: Kind::Tag,
+            value: [0.0, 0.0, 0.0, seen.0, seen.1, yaw].map(|v| Some((v, 1.0))),
+            rate: [None; AXES],
+            lever: [0.0; 2],
+        };
+        let estimated = turn_tilt(roll, pitch, -(yaw + more));
+        let tilt = [3, 4].map(|i| tag.by_compass(more).value[i].map_or(f64::NAN, |v| v.0));
+        assert!(
+            (tilt[0] - estimated.0).hypot(tilt[1] - estimated.1) < 1e-9,
+            "{tilt:?}"
+        );
+        // Taken as it is, a tenth of the roll would be pitch.
+        assert!((seen.0 - estimated.0).hypot(seen.1 - estimated.1) > 0.01);
+    }
+}
