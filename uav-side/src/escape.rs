@@ -11,6 +11,11 @@ use alight_shared::msg::DeckForecast;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 
+/// A drone no further than this from above the deck's centre is over the vessel or beside it, m: the deck and what
+/// stands on the vessel can reach it.
+pub(crate) const WITH_DECK_M: f64 = 10.0;
+/// So far below the height that it is to have the drone is clear of the vessel, and no longer on its way up, m.
+pub(crate) const BELOW_M: f64 = 1.0;
 /// Climb relative to a deck that rises or rests, m/s: the planner's for any climb.
 const CLIMB_MPS: f64 = 3.0;
 /// Greatest climb, m/s: the planner's limit on vertical speed.

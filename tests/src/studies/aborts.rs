@@ -4,7 +4,7 @@
 use alight_shared::msg::{CommandKind, Phase};
 use serde::Serialize;
 
-use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS, SETTLE_S};
+use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::NoTap;
 use crate::harness::world::World;
@@ -15,9 +15,7 @@ use crate::sensors::noise::Noise;
 /// Time in which the drone comes so low, s.
 const LIMIT_S: f64 = 150.0;
 /// Flown on afterwards, s: longer than a climb to the tracking height.
-const REST_S: f64 = 15.0;
-/// Flown on after the motors stopped, s.
-const STOPPED_S: f64 = 4.0;
+const REST_S: f64 = 20.0;
 /// Until its feet are so high above the deck the drone has to stay above it, m ...
 const CLEAR_M: f64 = 3.0;
 /// ... no further from above its centre than this, m.
@@ -89,10 +87,7 @@ pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
         Course::Drift
     };
     vessel.speed_mps = speed_mps;
-    // As much more thrust as its drag takes there.
-    let more = (speed_mps / 1.5).powi(2).max(1.0);
-    vessel.thrust_forward_n *= more;
-    vessel.thrust_reverse_n *= more;
+    vessel.power_for(speed_mps);
 }
 
 /// What came of a landing that was interrupted.
@@ -139,7 +134,7 @@ pub fn fly(
     let mut world = World::new(scenario, nodes, seed)?;
     world.warm_up(&mut NoTap);
     world.command(CommandKind::Land);
-    let (mut began, mut stopped, mut near) = (None, None, true);
+    let (mut began, mut stopped, mut near) = (false, false, true);
     let mut end_s = LIMIT_S;
     let mut report = Interrupted::default();
     loop {
@@ -148,25 +143,19 @@ pub fn fly(
         let landing = world.mission_state().state.phase() == Phase::Landing;
         let o = world.observation();
         let lowest = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
-        if began.is_some() {
-            // What slides off the deck later was a landing.
-            if stopped.is_none_or(|at| t <= at + SETTLE_S) {
-                o.contacts.iter().for_each(|c| report.touch(c));
-            }
+        if began {
+            o.contacts.iter().for_each(|c| report.touch(c));
             report.water |= o.in_water && o.motors_on;
             report.slid |= o.in_water && !o.motors_on;
             near &= o.motors_on && lowest < CLEAR_M;
             if near {
                 report.strayed_m = report.strayed_m.max(o.horizontal_m);
             }
-            if !o.motors_on && stopped.is_none() {
-                stopped = Some(t);
-                end_s = t + STOPPED_S;
-            }
+            stopped |= !o.motors_on;
         } else if !o.motors_on {
             return Ok(None);
         } else if landing && lowest < height_m {
-            began = Some(t);
+            began = true;
             end_s = t + REST_S;
             match interruption {
                 Interruption::Abort => world.command(CommandKind::Abort),
@@ -174,10 +163,10 @@ pub fn fly(
                 Interruption::PlanLost => world.kill_planner(0),
             }
         }
-        if t > end_s || report.water || report.slid {
+        if t > end_s || report.water {
             break;
         }
     }
-    report.landed = stopped.is_some() && !report.water && !report.slid;
-    Ok(began.map(|_| report))
+    report.landed = stopped && !report.water && !report.slid;
+    Ok(began.then_some(report))
 }

@@ -306,9 +306,7 @@ pub fn drone(
         let Some((forecast, own, age_s)) = frame.0 else {
             continue;
         };
-        let at = (tick as f64 - age_s / TICK.secs()).max(0.0);
-        let truth = |i: usize| drones.get(i).copied().flatten();
-        let (Some(a), b) = (truth(at.floor() as usize), truth(at.floor() as usize + 1)) else {
+        let Some(frame_error) = frame_error(&drones, tick, &own, age_s) else {
             continue;
         };
         let seen = forecast.tag_age_s <= MAX_TAG_AGE_S || source == Source::DroneDescending;
@@ -324,13 +322,27 @@ pub fn drone(
             tick,
             source,
             stages,
-            frame: own - a.lerp(&b.unwrap_or(a), at.fract()),
+            frame: frame_error,
         });
     }
     if let Some(touched) = touched {
         predicted.retain(|s| s.tick + ticks(FINAL_S) >= touched);
     }
     Ok(drone_scores(&decks, &predicted))
+}
+
+/// The drone's own position, `age_s` old at `tick`, less the truth (by ticks) at its time, m.
+pub(super) fn frame_error(
+    truth: &[Option<Vector3<f64>>],
+    tick: usize,
+    own: &Vector3<f64>,
+    age_s: f64,
+) -> Option<Vector3<f64>> {
+    let at = (tick as f64 - age_s / TICK.secs()).max(0.0);
+    let position = |i: usize| truth.get(i).copied().flatten();
+    let a = position(at.floor() as usize)?;
+    let b = position(at.floor() as usize + 1).unwrap_or(a);
+    Some(own - a.lerp(&b, at.fract()))
 }
 
 /// Never near enough and never certain enough to descend: it follows.

@@ -14,10 +14,9 @@ use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_usv::review::ridge::{Published, RefittedRidge};
 use alight_usv::{VesselIn, VesselNode, VesselNodeConfig, VesselOut};
-use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::prediction::{Frame, follow_only, ticks};
+use super::prediction::{Frame, follow_only, frame_error, ticks};
 use crate::harness::physics::{Physics, TICK};
 use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
 use crate::harness::tap::Tap;
@@ -32,7 +31,7 @@ pub const JUDGED_FROM_S: [f64; 2] = [60.0, 180.0];
 pub const JUDGED_S: f64 = 120.0;
 
 /// The drone's radio: mean delay, s, and share of the packets lost.
-const DRONE_RADIO: (f64, f64) = (0.1, 0.1);
+pub const DRONE_RADIO: (f64, f64) = (0.1, 0.1);
 /// Mean age of the newest estimate that such a radio has let through, s: its delay, half a period of 30 Hz, what is
 /// lost, and the drone's own period.
 const DRONE_AGE_S: f64 = 0.13;
@@ -318,12 +317,9 @@ pub fn run_drone(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<
         }
     }
     for (tick, now, (forecast, position, age_s)) in forecasts {
-        let at = (tick as f64 - age_s / TICK.secs()).max(0.0);
-        let truth_of = |i: usize| own.get(i).copied().flatten();
-        let (Some(a), Some(b)) = (truth_of(at.floor() as usize), truth_of(at.floor() as usize + 1)) else {
+        let Some(frame) = frame_error(&own, tick, &position, age_s) else {
             continue;
         };
-        let frame: Vector3<f64> = position - a.lerp(&b, at.fract());
         judged.push(Judged {
             at: now,
             predicted: HORIZONS_S.map(|h| {

@@ -34,6 +34,7 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
@@ -437,31 +438,21 @@ impl Mission {
     fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
         let c = &self.config;
         let own = s.own.map_or(([0.0; 3], 0.0), |o| (o.position.into(), o.yaw));
-        let (hold_position, hold_yaw, height_m) = match self.phase {
+        let moves = |at: &Vector3<f64>| moving_place(at, s).0;
+        let (hold_position, hold_yaw, height_m, with_deck) = match self.phase {
             MissionPhase::GetAltitude { from } => {
                 let z = s.mean_deck_z.map_or(own.0[2], |m| m - c.approach_height_m);
                 let yaw = s.deck.map_or(own.1, |d| d.bearing_rad);
-                ([from[0], from[1], z], yaw, c.approach_height_m)
+                ([from[0], from[1], z], yaw, c.approach_height_m, false)
             }
-            MissionPhase::Hold { at, yaw, .. } => (at.into(), yaw, c.tracking_height_m),
-            MissionPhase::GaveUp { at, yaw } => (at.into(), yaw, c.approach_height_m),
-            MissionPhase::Idle | MissionPhase::Approach { .. } => (own.0, own.1, c.approach_height_m),
+            MissionPhase::Hold { at, yaw, .. } => (at.into(), yaw, c.tracking_height_m, moves(&at)),
+            MissionPhase::GaveUp { at, yaw } => (at.into(), yaw, c.approach_height_m, moves(&at)),
+            MissionPhase::Idle | MissionPhase::Approach { .. } => (own.0, own.1, c.approach_height_m, false),
             MissionPhase::Tracking { .. }
             | MissionPhase::TrackingStable
             | MissionPhase::Descent { .. }
             | MissionPhase::Flare { .. }
-            | MissionPhase::Landed { .. } => (own.0, own.1, c.tracking_height_m),
-        };
-        let with_deck = match self.phase {
-            MissionPhase::Hold { at, .. } | MissionPhase::GaveUp { at, .. } => moving_place(&at, s, c).0,
-            MissionPhase::Idle
-            | MissionPhase::GetAltitude { .. }
-            | MissionPhase::Approach { .. }
-            | MissionPhase::Tracking { .. }
-            | MissionPhase::TrackingStable
-            | MissionPhase::Descent { .. }
-            | MissionPhase::Flare { .. }
-            | MissionPhase::Landed { .. } => false,
+            | MissionPhase::Landed { .. } => (own.0, own.1, c.tracking_height_m, false),
         };
         let state = self.phase.state();
         let altitude = if state.phase() == Phase::Landing || state == State::Landed {

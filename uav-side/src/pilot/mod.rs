@@ -32,6 +32,7 @@ use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::escape::{BELOW_M, WITH_DECK_M};
 use crate::odometry::origin::OriginResets;
 use attitude::{rates_of, upright};
 use delay::Delay;
@@ -120,10 +121,6 @@ pub struct Pilot {
     last_step: Option<Time<DroneClock>>,
 }
 
-/// A drone no further than this from above the deck's centre is over the vessel or beside it, m.
-const WITH_DECK_M: f64 = 10.0;
-/// So far below the height that the mission asks for the drone is clear of the vessel, m.
-const HEIGHT_TOLERANCE_M: f64 = 1.0;
 /// Steps further apart than this count as this long: a pilot that was away must not jump, s.
 const MAX_STEP_S: f64 = 0.05;
 
@@ -312,7 +309,7 @@ impl Pilot {
     fn is_near(&self, b: &DeckBelow, body: &Body) -> bool {
         let safety = &self.config.safety;
         let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
-        let height = self.mission.get().map_or(0.0, |m| m.height_m) - HEIGHT_TOLERANCE_M;
+        let height = self.mission.get().map_or(0.0, |m| m.height_m) - BELOW_M;
         let clear = (height - self.geometry.feet_below_m).max(safety.near_deck_m);
         aside < WITH_DECK_M && b.clearance < clear
     }

@@ -15,15 +15,13 @@ use super::mpc_faa::Problem;
 use super::qp::NO_CEILING;
 use super::view::View;
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
-use crate::escape::Climb;
+use crate::escape::{BELOW_M, Climb};
 
 /// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
 /// A drone on its way up climbs away from the deck at full rate while it is nearer to it than this, upwards and sideways,
 /// m: more than a deck rises within the time in which it gets there.
 const NEAR_DECK_M: f64 = 3.0;
-/// A drone this far below the height that it is to have is on its way up, m.
-const BELOW_M: f64 = 1.0;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
 const HEIGHT_JUMP_M: f64 = 3.0;
 

@@ -181,13 +181,17 @@ impl Filter {
             }
         }
     }
+    /// Forgets all but the newest state: what came before was reckoned with other oscillators.
+    fn begin_anew(&mut self) -> Option<&mut Entry> {
+        let newest = self.entries.len().saturating_sub(1);
+        self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
+        let e = self.entries.back_mut()?;
+        e.observation = None;
+        Some(e)
+    }
     /// The vessel has identified its motion: what the bank of oscillators held becomes modes and what they leave.
     pub fn adopt_modes(&mut self, waves: &Waves) {
-        let newest = self.entries.len().saturating_sub(1);
-        // What came before was reckoned about no modes.
-        self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
-        let Some(e) = self.entries.back_mut() else { return };
-        e.observation = None;
+        let Some(e) = self.begin_anew() else { return };
         let modes = waves.motion(e.at);
         for (i, a) in e.after.iter_mut().enumerate() {
             a.fold_oscillators();
@@ -204,11 +208,7 @@ impl Filter {
             return;
         };
         let oscillators = waves.oscillators(at);
-        let newest = self.entries.len().saturating_sub(1);
-        // What came before was reckoned about the modes.
-        self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
-        let Some(e) = self.entries.back_mut() else { return };
-        e.observation = None;
+        let Some(e) = self.begin_anew() else { return };
         for (i, a) in e.after.iter_mut().enumerate() {
             a.hold(&oscillators, i, &held);
         }

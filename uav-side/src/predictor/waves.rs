@@ -285,25 +285,30 @@ impl Waves {
         let largest: [f64; AXES] =
             core::array::from_fn(|i| (self.largest[i] * self.unit(i)).max(f64::MIN_POSITIVE));
         let unknown = core::array::from_fn(|i| (left[i] / largest[i]).powi(2).min(1.0));
-        let [then, moved] = [0.0, age].map(|t| DeckModes::new(newest, t, &self.lever_arm, 0.0).modes);
-        let mut modes: Vec<_> = then.iter().zip(&moved).collect();
+        let mut modes = DeckModes::new(newest, 0.0, &self.lever_arm, 0.0).modes;
         // The largest ones in heave and tilt are kept apart.
         let weight =
             |c: &[Complex<f64>; AXES]| -> f64 { (2..5).map(|i| (c[i].norm() / largest[i]).powi(2)).sum() };
-        modes.sort_by(|((_, a), _), ((_, b), _)| weight(b).total_cmp(&weight(a)));
+        modes.sort_by(|(_, a), (_, b)| weight(b).total_cmp(&weight(a)));
         let mut motions = vec![DeckMotion::default()];
-        for (k, ((pole, c), (_, moved))) in modes.into_iter().enumerate() {
-            let mut motion = DeckMotion::default();
-            motion.add(*pole, moved);
-            if k < MAX_BANK && pole.im.abs() >= FREQUENCY_RADPS[0] {
+        for (k, (pole, c)) in modes.into_iter().enumerate() {
+            let grown = (pole * age).exp();
+            let apart = k < MAX_BANK && pole.im.abs() >= FREQUENCY_RADPS[0];
+            if apart {
                 self.oscillators.push(Oscillator {
                     omega: pole.norm().min(FREQUENCY_RADPS[1]),
                     damping: [(-pole.re / pole.norm()).clamp(LEAST_DAMPING, 0.95); AXES],
                     sd: c.map(|c| c.norm()),
                 });
-                motions.push(motion);
-            } else if let Some(rest) = motions.first_mut() {
-                rest.add(*pole, moved);
+                motions.push(DeckMotion::default());
+            }
+            let motion = if apart {
+                motions.last_mut()
+            } else {
+                motions.first_mut()
+            };
+            if let Some(motion) = motion {
+                motion.add(pole, &c.map(|c| c * grown));
             }
         }
         self.messages.clear();

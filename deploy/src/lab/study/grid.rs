@@ -163,9 +163,7 @@ fn moving(
             w.sea = calm.clone();
             w.vessel.course = Course::Straight;
             w.vessel.speed_mps = speed;
-            // The thrust that this speed needs: quadratic drag, with a reserve.
-            w.vessel.thrust_forward_n = 250.0 * (speed / 1.5_f64).powi(2);
-            w.vessel.thrust_reverse_n = 100.0 * (speed / 1.5_f64).powi(2);
+            w.vessel.power_for(speed);
         }));
     }
     Ok(rows)

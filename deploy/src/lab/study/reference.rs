@@ -1,7 +1,7 @@
 //! The vessel's prediction and the drone's beside the reference, hold and constant velocity, in the same runs.
 
 use alight_sim::studies::reference::{
-    self as reference, HORIZONS_S, JUDGED_FROM_S, Predictor, QUANTITIES, RunErrors,
+    self as reference, DRONE_RADIO, HORIZONS_S, JUDGED_FROM_S, Predictor, QUANTITIES, RunErrors,
 };
 use serde_json::{Value, json};
 
@@ -66,12 +66,14 @@ pub fn run(
         "Prediction against the truth, {} seeds from {} on: RMSE with each run's mean error removed (in brackets \
          that mean error), from {} s after the start on, and from {} s on; heave about its mean level. Reference: \
          ridge regression on the vessel's own published estimates; required: at most {REQUIRED_RATIO} times it. The \
-         drone follows over a radio that loses 10 % and delays by 100 ms; its height is the deck's, against the \
+         drone follows over a radio that loses {:.0} % and delays by {:.0} ms; its height is the deck's, against the \
          reference's at horizon plus age.",
         seeds.len(),
         args.seed0,
         JUDGED_FROM_S[1],
         JUDGED_FROM_S[0],
+        100.0 * DRONE_RADIO.1,
+        1000.0 * DRONE_RADIO.0,
     );
     let table = table(&decks);
     note(args.json, format_args!("{text}\n{}", table.text()));

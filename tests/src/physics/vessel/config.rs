@@ -105,3 +105,13 @@ config! {
         )?;
     }
 }
+
+impl VesselConfig {
+    /// Gives the engines the thrust that this speed (m/s) needs: quadratic drag, with a reserve; never less than they
+    /// have for 1.5 m/s.
+    pub fn power_for(&mut self, speed_mps: f64) {
+        let more = (speed_mps / 1.5).powi(2).max(1.0);
+        self.thrust_forward_n *= more;
+        self.thrust_reverse_n *= more;
+    }
+}
