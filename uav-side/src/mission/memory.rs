@@ -131,19 +131,32 @@ pub(super) fn remembered(
     s: &Situation,
     c: &MissionConfig,
 ) -> (MissionPhase, Option<Reason>) {
-    // The pilot has left the plan meanwhile and climbs: the landing is begun anew, unless it is over.
-    let left = s.now - m.header.at > topics::MISSION.stale_after;
-    if left && m.state.state.phase() == Phase::Landing && !s.motors_stopped && !rests(s, c) {
-        let clearance = s.fresh_deck().map_or(0.0, |d| d.clearance_m);
-        let why = Reason::new(ReasonCode::Restarted, clearance, 0.0);
-        let phase = if m.stopped {
-            gave_up(s, c)
-        } else {
-            MissionPhase::TRACKING
-        };
-        return (phase, Some(why));
+    match interrupted(m.header.at, m.state.state, m.stopped, s, c) {
+        Some((phase, why)) => (phase, Some(why)),
+        None => (phase_of(m, same_frame, s, c), None),
     }
-    (phase_of(m, same_frame, s, c), None)
+}
+
+/// What becomes of a mission in `state` whose last word was said at `said`: where that is too old the pilot has left
+/// the plan meanwhile and climbs, and a landing is begun anew, unless it is over or the operator `stopped` it.
+pub(super) fn interrupted(
+    said: DroneTime,
+    state: State,
+    stopped: bool,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<(MissionPhase, Reason)> {
+    let left = s.now - said > topics::MISSION.stale_after;
+    if !left || state.phase() != Phase::Landing || s.motors_stopped || rests(s, c) {
+        return None;
+    }
+    let clearance = s.fresh_deck().map_or(0.0, |d| d.clearance_m);
+    let phase = if stopped {
+        gave_up(s, c)
+    } else {
+        MissionPhase::TRACKING
+    };
+    Some((phase, Reason::new(ReasonCode::Restarted, clearance, 0.0)))
 }
 
 /// Its feet are on the deck, by the forecast.

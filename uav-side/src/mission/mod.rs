@@ -133,6 +133,8 @@ pub struct Mission {
     since: Time<DroneClock>,
     entered: Reason,
     due: Time<DroneClock>,
+    /// When it last said its state.
+    said: Option<Time<DroneClock>>,
 }
 
 impl Mission {
@@ -398,6 +400,19 @@ impl Mission {
         self.orders(now, &begun.commands)
     }
 
+    /// A process that stood still for longer than the others wait for its word goes on as its successor would.
+    fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
+        let state = self.phase.state();
+        let stopped = self.progress.stopped;
+        if let Some((phase, why)) = self
+            .said
+            .and_then(|said| memory::interrupted(said, state, stopped, s, &self.config))
+        {
+            (self.previous, self.since, self.entered) = (state, now, why);
+            self.phase = phase;
+        }
+    }
+
     /// What a mission without a memory, or after a lapse, decides about a drone that it finds in flight.
     fn safe_start(&mut self, s: &Situation) -> Option<Decision> {
         if !self.unjudged || self.phase != MissionPhase::Idle || self.progress.landing {
@@ -503,6 +518,7 @@ impl Node for Mission {
             refused = begun.refused;
             s = self.situation(now);
         } else {
+            self.resume(now, &s);
             order = self.orders(now, &input.commands).or(order);
         }
         self.follows = self.follows(&s);
@@ -536,6 +552,7 @@ impl Node for Mission {
         } else {
             self.due + PERIOD
         };
+        self.said = Some(now);
         let state = self.message(now, &s, decision.waiting);
         MissionOut {
             state: Some(state),

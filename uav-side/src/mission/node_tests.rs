@@ -5,7 +5,7 @@ use alight_shared::msg::{AutopilotMode, Message, Phase, PlanStage};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use super::tests::{DroneTime, at, config};
+use super::tests::{COMMITTED, DroneTime, at, config};
 use super::*;
 use crate::fixtures::{airborne, command, drone, forecast, header, level, plan};
 
@@ -265,6 +265,28 @@ fn successor_goes_on_where_the_mission_before_it_was() {
     );
     assert_eq!(begun(Some(memory(State::Flare, 9.0)), 0.05).0.state, State::Flare);
     assert_eq!(begun(Some(memory(State::Descent, 9.8)), 3.0).0.attempts, 1);
+}
+
+#[test]
+fn mission_that_stood_still_in_its_flare_begins_the_landing_anew_but_not_from_the_deck() {
+    for (height, still_s, wanted) in [
+        (0.5, 0.3, State::Flare),
+        (0.5, 0.8, State::Tracking),
+        (0.05, 0.8, State::Flare),
+    ] {
+        let z = -1.3 - DroneGeometry::default().feet_below_m - height;
+        let mut m = node();
+        (m.phase, m.since, m.progress.landing) = (COMMITTED, at(9.9), true);
+        m.step(at(10.0), &fresh_input(1, at(10.0), [0.1, 0.0, z]));
+        assert_eq!(m.phase.state(), State::Flare);
+        let t = at(10.0 + still_s);
+        let out = m.step(t, &fresh_input(2, t, [0.1, 0.0, z]));
+        assert_eq!(
+            out.state.map(|s| s.state),
+            Some(wanted),
+            "{height} m, {still_s} s"
+        );
+    }
 }
 
 #[test]
