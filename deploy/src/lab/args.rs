@@ -58,13 +58,14 @@ pub enum Course {
 }
 
 /// Phases of the mission by their names on the command line.
-pub const PHASES: [(&str, State); 6] = [
+pub const PHASES: [(&str, State); 7] = [
     ("get-altitude", State::GetAltitude),
     ("approach", State::Approach),
     ("tracking", State::Tracking),
     ("tracking-stable", State::TrackingStable),
     ("descent", State::Descent),
     ("flare", State::Flare),
+    ("landed", State::Landed),
 ];
 
 /// The phase of that name.

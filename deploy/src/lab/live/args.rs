@@ -79,8 +79,8 @@ pub struct LandArgs {
     /// Every process logs what it consumed into this directory, for `alight replay`
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
-    /// Kill a process, or freeze it for 2 s, in a phase: PROCESS:kill|freeze:PHASE, such as
-    /// planner:kill:descent
+    /// Kill a process, or freeze it for 0.2 to 2 s, in a phase or at the first contact:
+    /// PROCESS:kill|freeze:PHASE|contact, such as planner:kill:descent
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
     /// Print the outcome as one JSON object, the last line

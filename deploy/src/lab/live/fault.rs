@@ -1,4 +1,4 @@
-//! A fault put into a running landing: a process killed, or frozen for two seconds, in a phase.
+//! A fault put into a running landing: a process killed, or frozen for a moment, in a phase or at the first contact.
 
 use core::fmt;
 use core::str::FromStr;
@@ -13,8 +13,10 @@ use crate::exit::{CliError, Doing};
 use crate::lab::args::{PHASES, phase};
 use crate::process::snapshot::Snapshot;
 
-/// How long a frozen process stays frozen, ns.
-const FREEZE_DURATION_NS: i64 = 2_000_000_000;
+/// How long a frozen process stays frozen, s: shorter and longer than its readers wait for its messages.
+const FREEZE_S: [f64; 2] = [0.2, 2.0];
+/// The name of the first contact among the phases.
+const CONTACT: &str = "contact";
 
 /// What happens to the process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -22,7 +24,7 @@ const FREEZE_DURATION_NS: i64 = 2_000_000_000;
 pub enum FaultKind {
     /// SIGKILL: it is gone at once and started again by its supervisor.
     Kill,
-    /// SIGSTOP, and SIGCONT after two seconds: it knows nothing of the time between.
+    /// SIGSTOP, and SIGCONT 0.2 to 2 s later: it knows nothing of the time between.
     Freeze,
 }
 
@@ -45,30 +47,55 @@ pub struct FaultSpec {
     pub process: ProcessKind,
     /// What happens to it.
     pub kind: FaultKind,
-    /// After this state was entered for the first time.
-    pub state: State,
+    /// When.
+    pub moment: Moment,
+}
+
+/// When a fault happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Moment {
+    /// After this state was entered for the first time. `Landed` begins with the stop of the motors.
+    In(State),
+    /// At the first contact.
+    Contact,
+}
+
+impl Moment {
+    /// Its name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Moment::In(state) => state.name(),
+            Moment::Contact => "Contact",
+        }
+    }
 }
 
 /// Processes that a fault can meet: all but the world, which stands for the vehicles and the laws
-/// of physics.
-pub const PROCESSES: [ProcessKind; 6] = [
+/// of physics. The link to an autopilot is there with a firmware only.
+pub const PROCESSES: [ProcessKind; 7] = [
     ProcessKind::Vessel,
     ProcessKind::Bridge,
     ProcessKind::Predictor,
     ProcessKind::Mission,
     ProcessKind::Planner,
     ProcessKind::Pilot,
+    ProcessKind::Autopilot,
 ];
 
-/// The longest time that a fault waits after its phase was entered, s: less than the phase usually lasts.
-fn max_delay_s(state: State) -> f64 {
-    match state {
-        State::Approach => 2.0,
-        State::GetAltitude | State::Tracking => 0.5,
-        State::TrackingStable => 0.1,
-        State::Descent => 2.5,
-        State::Flare => 0.8,
-        State::Idle | State::Hold | State::Landed | State::GaveUp => 0.0,
+/// The longest time that a fault waits after its moment began, s: less than the phase usually lasts; after the stop of
+/// the motors as long as a disarm that is denied at first takes.
+fn max_delay_s(moment: Moment) -> f64 {
+    match moment {
+        Moment::In(state) => match state {
+            State::Approach => 2.0,
+            State::GetAltitude | State::Tracking => 0.5,
+            State::TrackingStable => 0.1,
+            State::Descent => 2.5,
+            State::Flare => 0.8,
+            State::Landed => 0.3,
+            State::Idle | State::Hold | State::GaveUp => 0.0,
+        },
+        Moment::Contact => 0.0,
     }
 }
 
@@ -93,15 +120,26 @@ impl FromStr for FaultSpec {
             .iter()
             .find(|k| k.name() == kind)
             .ok_or_else(form)?;
-        let state = phase(state)?;
-        Ok(FaultSpec { process, kind, state })
+        let moment = if state == CONTACT {
+            Moment::Contact
+        } else {
+            Moment::In(phase(state).map_err(|e| format!("{e}, {CONTACT}"))?)
+        };
+        Ok(FaultSpec {
+            process,
+            kind,
+            moment,
+        })
     }
 }
 
 impl fmt::Display for FaultSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let state = PHASES.iter().find(|p| p.1 == self.state).map_or("?", |p| p.0);
-        write!(f, "{}:{}:{state}", self.process.name(), self.kind.name())
+        let moment = match self.moment {
+            Moment::In(state) => PHASES.iter().find(|p| p.1 == state).map_or("?", |p| p.0),
+            Moment::Contact => CONTACT,
+        };
+        write!(f, "{}:{}:{moment}", self.process.name(), self.kind.name())
     }
 }
 
@@ -139,18 +177,24 @@ enum FaultStage {
 pub struct Fault {
     spec: FaultSpec,
     delay_ns: i64,
+    /// How long a frozen process stays frozen, ns.
+    freeze_ns: i64,
     stage: FaultStage,
     /// What came of it so far.
     pub report: FaultReport,
 }
 
 impl Fault {
-    /// The fault, with its delay after the state's beginning drawn from the seed.
+    /// The fault, with its delay after the moment's beginning, and for how long it freezes, drawn from the seed.
     pub fn new(spec: FaultSpec, seed: u64) -> Fault {
-        let delay_s = max_delay_s(spec.state) * Noise::new(&Streams::new(seed), "fault").uniform();
+        let mut noise = Noise::new(&Streams::new(seed), "fault");
+        let delay_s = max_delay_s(spec.moment) * noise.uniform();
+        let [shortest_s, longest_s] = FREEZE_S;
+        let freeze_s = shortest_s + (longest_s - shortest_s) * noise.uniform();
         Fault {
             spec,
             delay_ns: (delay_s * 1e9) as i64,
+            freeze_ns: (freeze_s * 1e9) as i64,
             stage: FaultStage::Waits,
             report: FaultReport {
                 fault: spec.to_string(),
@@ -166,15 +210,25 @@ impl Fault {
         matches!(self.stage, FaultStage::Happened { .. })
     }
 
-    /// Looks whether it is time for something; `t_s` is the time since the start. True when the
-    /// fault has just happened.
-    pub fn poll(&mut self, now_ns: i64, t_s: f64, snapshot: &Snapshot) -> Result<bool, CliError> {
+    /// Looks whether it is time for something; `t_s` is the time since the start, `contact` whether there was one.
+    /// True when the fault has just happened.
+    pub fn poll(
+        &mut self,
+        now_ns: i64,
+        t_s: f64,
+        snapshot: &Snapshot,
+        contact: bool,
+    ) -> Result<bool, CliError> {
         let Some(mission) = snapshot.mission else {
             return Ok(false);
         };
         match self.stage {
             FaultStage::Waits => {
-                if mission.state == self.spec.state {
+                let begun = match self.spec.moment {
+                    Moment::In(state) => mission.state == state,
+                    Moment::Contact => contact,
+                };
+                if begun {
                     self.stage = FaultStage::Due(now_ns + self.delay_ns);
                 }
             }
@@ -222,7 +276,7 @@ impl Fault {
             }
             FaultKind::Freeze => {
                 self.send(process.pid, Signal::Freeze)?;
-                Some(now_ns + FREEZE_DURATION_NS)
+                Some(now_ns + self.freeze_ns)
             }
         };
         self.report.at_s = Some(t_s);
@@ -248,8 +302,13 @@ mod tests {
     fn fault_spec_round_trips_and_rejects_others() {
         for process in PROCESSES {
             for kind in FaultKind::ALL {
-                for (_, state) in PHASES {
-                    let spec = FaultSpec { process, kind, state };
+                let moments = PHASES.map(|(_, state)| Moment::In(state));
+                for moment in moments.into_iter().chain([Moment::Contact]) {
+                    let spec = FaultSpec {
+                        process,
+                        kind,
+                        moment,
+                    };
                     assert_eq!(spec.to_string().parse(), Ok(spec));
                 }
             }

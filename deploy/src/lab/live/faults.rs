@@ -2,12 +2,13 @@
 //! of it.
 
 use alight_shared::msg::State;
+use alight_shared::transport::process::ProcessKind;
 use alight_sim::harness::outcome::Ending;
 use serde::Serialize;
 
 use crate::exit::{CliError, Exit};
 use crate::lab::live::args::FaultsArgs;
-use crate::lab::live::fault::{FaultKind, FaultSpec, PROCESSES};
+use crate::lab::live::fault::{FaultKind, FaultSpec, Moment, PROCESSES};
 use crate::lab::live::fleet::{self, Done, Job};
 use crate::table::{Cell, Table, verdict};
 use crate::terminal::note;
@@ -104,10 +105,14 @@ impl Case {
 pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
     let mut specs = args.fault.clone();
     if specs.is_empty() {
-        for state in PHASES {
-            for process in PROCESSES {
+        for moment in PHASES.map(Moment::In) {
+            for process in PROCESSES.into_iter().filter(|p| *p != ProcessKind::Autopilot) {
                 for kind in FaultKind::ALL {
-                    specs.push(FaultSpec { process, kind, state });
+                    specs.push(FaultSpec {
+                        process,
+                        kind,
+                        moment,
+                    });
                 }
             }
         }
@@ -148,26 +153,26 @@ pub fn run(args: &FaultsArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(held == cases.len()))
 }
 
-/// Process and kind by phase: landed of flown, unsafe contacts.
+/// Process and kind by moment: landed of flown, unsafe contacts.
 fn matrix(specs: &[FaultSpec], cases: &[Case]) -> Table {
-    let mut states: Vec<State> = specs.iter().map(|s| s.state).collect();
-    states.sort_unstable();
-    states.dedup();
+    let mut moments: Vec<Moment> = specs.iter().map(|s| s.moment).collect();
+    moments.sort_unstable();
+    moments.dedup();
     let mut table = Table::new(
         ..,
         ["process", "fault"]
             .into_iter()
-            .chain(states.iter().map(|s| s.name())),
+            .chain(moments.iter().map(|m| m.name())),
     );
     for (process, kind) in PROCESSES.into_iter().flat_map(|p| FaultKind::ALL.map(|k| (p, k))) {
         if !specs.iter().any(|s| (s.process, s.kind) == (process, kind)) {
             continue;
         }
-        let cell = |state: &State| {
+        let cell = |moment: &Moment| {
             let spec = FaultSpec {
                 process,
                 kind,
-                state: *state,
+                moment: *moment,
             };
             let these = || {
                 specs
@@ -192,7 +197,7 @@ fn matrix(specs: &[FaultSpec], cases: &[Case]) -> Table {
         table.row(
             cells![process.name(), kind.name()]
                 .into_iter()
-                .chain(states.iter().map(cell)),
+                .chain(moments.iter().map(cell)),
         );
     }
     table

@@ -35,7 +35,7 @@ use crate::lab::live::fault::Fault;
 use crate::lab::live::relay::Tap;
 use crate::lab::live::report::{LiveOutcome, LiveReport, PhaseEntry};
 use crate::lab::live::usage::UsageLog;
-use crate::lab::live::world::WorldReport;
+use crate::lab::live::world::{CONTACT, WorldReport};
 use crate::lab::live::{follow, recording};
 use crate::lab::record::Subject;
 use crate::lab::scene::Scene;
@@ -194,6 +194,7 @@ impl Ending {
                     note(true, report);
                     let live = LiveReport {
                         first_contact_s: landed.first_contact_s,
+                        motors_on_deck_s: landed.motors_on_deck_s,
                         ..self.report
                     };
                     terminal::json(&LiveOutcome { outcome, live })?;
@@ -347,9 +348,13 @@ struct Landing<'a> {
     boot: u32,
     sequence: u32,
     commanded_s: f64,
+    /// The mission has left its idle state for the landing.
+    begun: bool,
     state: State,
     phases: Vec<PhaseEntry>,
     fault: Option<Fault>,
+    /// The drone has touched something.
+    contact: bool,
     stop_requested: Arc<AtomicBool>,
     usage: Option<UsageLog>,
     watch: RadioWatch,
@@ -392,9 +397,11 @@ impl<'a> Landing<'a> {
             boot: draw_boot(),
             sequence: 0,
             commanded_s: f64::NEG_INFINITY,
+            begun: false,
             state: State::Idle,
             phases: Vec::new(),
             fault: args.fault.map(|spec| Fault::new(spec, args.seed)),
+            contact: false,
             stop_requested: end_with_supervisor(args.supervised),
             usage: args
                 .usage
@@ -430,6 +437,7 @@ impl<'a> Landing<'a> {
                 usage.note(steady_ns(), &self.observer.snapshot)?;
             }
             let said = self.supervisor.output_lines();
+            self.contact |= said.iter().any(|line| line == CONTACT);
             let state = self.observer.snapshot.mission.map(|m| m.state);
             let ages_s = std::mem::take(&mut self.observer.ages_s);
             let (watch, air) = (&mut self.watch, &self.plan.air);
@@ -477,7 +485,7 @@ impl<'a> Landing<'a> {
         let Some(fault) = &mut self.fault else {
             return Ok(());
         };
-        if fault.poll(steady_ns(), t_s, &self.observer.snapshot)? {
+        if fault.poll(steady_ns(), t_s, &self.observer.snapshot, self.contact)? {
             note(
                 self.args.json,
                 format!("{t_s:>7.2} s  fault {}", fault.report.fault),
@@ -528,14 +536,16 @@ impl<'a> Landing<'a> {
         }
     }
 
-    /// Commands the landing when it is time, and again while a mission that began anew waits for it.
+    /// Commands the landing when it is time, until the mission has begun it: a mission that has must not need to be
+    /// told again, whatever happens to its process.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =
             self.observer.snapshot.mission.is_some_and(|m| {
                 m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotCommanded)
             });
         let first = self.sequence == 0;
-        if t_s < 0.0 || !(first || waits && t_s > self.commanded_s + COMMAND_REPEAT_S) {
+        self.begun |= !first && self.state != State::Idle;
+        if t_s < 0.0 || self.begun || !(first || waits && t_s > self.commanded_s + COMMAND_REPEAT_S) {
             return;
         }
         self.sequence += 1;

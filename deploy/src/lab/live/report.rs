@@ -54,6 +54,9 @@ pub struct LiveReport {
     pub world_late_ticks: u64,
     /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,
+    /// Time on the deck with motors on, s.
+    #[serde(default)]
+    pub motors_on_deck_s: f64,
     /// The mission's states.
     pub phases: Vec<PhaseEntry>,
     /// The link.

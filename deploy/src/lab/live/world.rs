@@ -12,7 +12,7 @@ use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::{ProcessKind, ProcessState};
 use alight_sim::autopilots::FirmwareSensors;
-use alight_sim::harness::outcome::{Ending, Judge, Outcome, TIME_LIMIT_S};
+use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::trace::Trace;
 use serde::{Deserialize, Serialize};
@@ -31,7 +31,10 @@ use crate::process::instance::owner;
 use crate::process::life::{Life, draw_boot, node_log};
 use crate::terminal;
 
-/// What the world tells its supervisor, one JSON object per line.
+/// The line with which it tells of the first contact.
+pub const CONTACT: &str = "world: first contact";
+
+/// What the world tells its supervisor in the end, as one JSON object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldReport {
@@ -48,6 +51,8 @@ pub struct Landed {
     pub outcome: Outcome,
     /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,
+    /// Time on the deck with motors on, s.
+    pub motors_on_deck_s: f64,
 }
 
 /// Runs until the trial is over or it is told to end. Its figures: the most that a tick was late
@@ -81,6 +86,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let mut history = History::new(world.plot.is_some());
     let mut followed = Followed::default();
     let mut stays_until_s: Option<f64> = None;
+    let (mut touched, mut motors_on_deck_s) = (false, 0.0);
 
     let mut truth = match &args.log {
         Some(directory) if world.truth => Some(node_log(
@@ -184,6 +190,16 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         }
         forecast = forecasts.newest(drone_ns).or(forecast);
         if judge.first_contact_s().is_some() {
+            if !touched {
+                terminal::line(CONTACT);
+            }
+            touched = true;
+            let on_deck = seen.feet_height_m() < FALSE_STOP_M && seen.horizontal_m < deck.length_m;
+            motors_on_deck_s += if on_deck && seen.motors_on {
+                TICK.secs()
+            } else {
+                0.0
+            };
             ages = ages.or(forecast.map(|f| [f.radio_age_s, f.vision_age_s]));
         }
         if stays_until_s.is_some_and(|until| t_s >= until) {
@@ -216,6 +232,7 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
         WorldReport::Landed(Box::new(Landed {
             outcome,
             first_contact_s: judge.first_contact_s(),
+            motors_on_deck_s,
         }))
     };
     let report = serde_json::to_string(&report).doing("writing the outcome")?;
