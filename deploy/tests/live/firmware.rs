@@ -1,10 +1,11 @@
-//! One landing of all processes with the drone flown by a firmware of the tests' own, which speaks
+//! Landings of all processes with the drone flown by a firmware of the tests' own, which speaks
 //! ArduPilot's JSON backend or PX4's simulator API to the world and MAVLink to `alight autopilot`: the whole way through, with
 //! an origin of its own. Nothing here asserts a time.
+use std::io::ErrorKind::WouldBlock;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use alight_shared::frames::Datum;
@@ -12,12 +13,13 @@ use alight_shared::time::{Time, TrueTime};
 use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_sim::autopilots::stand_in;
 use alight_sim::physics::drone::PlantState;
-use alight_uav::autopilot::message::Message;
+use alight_uav::autopilot::message::{CommandResult, Message, command};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::Decoder;
 
 use crate::common::{errors, free_port, printed, run};
 use nalgebra::{UnitQuaternion, Vector3};
+use serde_json::Value;
 
 /// Where `alight land` lays its sea for a firmware, and where this firmware's estimate begins.
 const SEA: Datum = Datum::new(43.5, 16.3, 0.0);
@@ -28,8 +30,45 @@ const FIELD_DECLINATION: f64 = 0.0807;
 const GYROSCOPES_HZ: f64 = 1.8 * 400.0;
 /// PX4 answers every so many samples, as it does with its own IMU_GYRO_RATEMAX.
 const PX4_ANSWERS: u32 = 2;
+/// What its own clock reads at the world's time zero, s.
+const BOOTED_S: f64 = 1000.0;
 /// Height above its pad that the person takes off to, m.
 const TAKE_OFF_M: f64 = 8.0;
+/// Commanded thrust below this fraction of hover presses the drone onto the deck: in the air no wave asks for it.
+const PRESSES: f64 = 0.6;
+/// So long the cable is silent, s.
+const CABLE_OUT_S: f64 = 1.0;
+/// A commanded tilt is forgotten with this time constant, s, as the mission forgets it.
+const TILT_MEMORY_S: f64 = 0.5;
+/// Good sensors for PX4: the stand-in's estimator is a poor one.
+const GOOD_SENSORS: &str = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m = 0.02\ngnss_velocity_mps = 0.02\n\
+                            gyro_bias_rps = 0.0\ngyro_noise_rps = 0.001\naccelerometer_bias_mps2 = 0.0\n";
+
+/// One landing to fly.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    pub firmware: Firmware,
+    /// Further words of `alight land`: sea, seed, fault.
+    pub words: String,
+    /// Further lines of the scenario.
+    pub scenario: String,
+    /// The MAVLink cable is silent for a second from when the pilot presses the drone onto the deck.
+    pub cable_out: bool,
+    /// The autopilot denies commands for so long from the first disarm on, s.
+    pub denies_s: f64,
+}
+
+impl Flight {
+    pub fn new(firmware: Firmware, words: impl Into<String>) -> Flight {
+        Flight {
+            firmware,
+            words: words.into(),
+            scenario: String::new(),
+            cable_out: false,
+            denies_s: 0.0,
+        }
+    }
+}
 
 /// The firmware's MAVLink.
 enum Link {
@@ -52,7 +91,12 @@ impl Link {
                         s.set_nodelay(true).unwrap();
                     });
                 }
-                stream.as_mut().and_then(|s| s.read(&mut buffer).ok())
+                let read = stream.as_mut().map(|s| s.read(&mut buffer));
+                // A link that is started anew connects again.
+                if matches!(&read, Some(Ok(0))) || matches!(&read, Some(Err(e)) if e.kind() != WouldBlock) {
+                    *stream = None;
+                }
+                read.and_then(Result::ok)
             }
             Link::Udp(socket) => socket.recv(&mut buffer).ok(),
         };
@@ -68,23 +112,46 @@ impl Link {
 }
 
 /// A firmware and the person at its controls.
-struct Flown {
+struct Controls {
     a: FakeAutopilot,
     link: Link,
+    flight: Flight,
     pad: Option<Vector3<f64>>,
     slice: Option<Time<TrueTime>>,
+    /// When the pilot first pressed the drone onto the deck, s.
+    pressed_s: Option<f64>,
+    /// The greatest tilt commanded lately, and how far the drone has tilted beyond it before that, rad.
+    commanded_tilt: f64,
+    tilt_beyond: f64,
 }
 
-impl Flown {
-    fn new(firmware: Firmware, link: Link) -> Flown {
-        let mut a = FakeAutopilot::new(firmware, 0.0);
+impl Controls {
+    fn new(flight: Flight, link: Link) -> Controls {
+        let mut a = FakeAutopilot::new(flight.firmware, 0.0);
         a.fly_plant();
         (a.origin, a.armed) = (ORIGIN, false);
-        Flown {
+        Controls {
             a,
             link,
+            flight,
             pad: None,
             slice: None,
+            pressed_s: None,
+            commanded_tilt: 0.0,
+            tilt_beyond: 0.0,
+        }
+    }
+    /// Follows what is commanded from when the drone was given.
+    fn observe(&mut self, t_s: f64, dt: f64) {
+        let tilt = |q: &UnitQuaternion<f64>| (q * Vector3::z()).angle(&Vector3::z());
+        let (wanted, thrust) = self.a.wanted();
+        self.commanded_tilt = (self.commanded_tilt * (-dt / TILT_MEMORY_S).exp()).max(tilt(&wanted));
+        if self.a.mode != FakeAutopilot::offboard_mode(self.a.firmware) || self.pressed_s.is_some() {
+            return;
+        }
+        self.tilt_beyond = self.tilt_beyond.max(tilt(&self.a.attitude) - self.commanded_tilt);
+        if thrust < PRESSES * self.a.hover {
+            self.pressed_s = Some(t_s);
         }
     }
     /// One slice with the drone's motion in this firmware's own NED: rotor outputs.
@@ -93,7 +160,8 @@ impl Flown {
         a.set_motion(f.position, f.velocity, f.attitude, f.rates, f.specific_force);
         // The person: arms, takes off, and gives the drone once it is up.
         let pad = *self.pad.get_or_insert(f.position);
-        let hz = 1.0 / (f.at - self.slice.replace(f.at).unwrap_or_default()).secs();
+        let dt = (f.at - self.slice.replace(f.at).unwrap_or_default()).secs();
+        let hz = 1.0 / dt;
         let armable = a.firmware == Firmware::Px4 || hz >= GYROSCOPES_HZ;
         if t_s > 3.0 && armable && a.manual_hold_position.is_none() {
             a.armed = true;
@@ -103,16 +171,29 @@ impl Flown {
             // PX4 refuses until an offer has lasted: a person tries again.
             let _refused = a.choose(FakeAutopilot::offboard_mode(a.firmware));
         }
-        let received = self.link.receive();
-        for bytes in a.step(t_s + 1000.0, &received) {
-            self.link.send(&bytes);
+        let mut received = self.link.receive();
+        let out = self.flight.cable_out && self.pressed_s.is_some_and(|at| t_s < at + CABLE_OUT_S);
+        if out {
+            received.clear();
         }
-        a.motors()
+        let now_s = t_s + BOOTED_S;
+        let first = a.commands.iter().find(|(_, c)| c.command == command::ARM_DISARM);
+        let denied = first.is_none_or(|(at, _)| now_s < at + self.flight.denies_s);
+        a.answer = (denied && self.pressed_s.is_some() && self.flight.denies_s > 0.0)
+            .then_some(CommandResult::Denied);
+        for bytes in a.step(now_s, &received) {
+            if !out {
+                self.link.send(&bytes);
+            }
+        }
+        let motors = a.motors();
+        self.observe(t_s, dt);
+        motors
     }
 }
 
 /// ArduPilot's JSON backend, until `end`.
-fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
+fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let local = ORIGIN.offset_to::<alight_shared::frames::TrueNed>(&SEA).0;
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.connect(("127.0.0.1", plant)).unwrap();
@@ -139,11 +220,11 @@ fn fly_json(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
         sensed.position += local;
         outputs = flown.step(&sensed);
     }
-    flown.a
+    flown
 }
 
 /// PX4's simulator API, until `end`: with an estimator of its own, because there are sensors only.
-fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
+fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<PlantState>);
     let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
     while !end.load(Ordering::Relaxed) {
@@ -196,14 +277,39 @@ fn fly_hil(plant: u16, mut flown: Flown, end: &AtomicBool) -> FakeAutopilot {
             }
         }
     }
-    flown.a
+    flown
 }
 
-/// One landing of `firmware` in a scenario.
-fn land(firmware: Firmware, scenario: &str) {
-    // One after the other: they fly in real time.
-    static ONE: Mutex<()> = Mutex::new(());
-    let _turn = ONE.lock().unwrap_or_else(PoisonError::into_inner);
+/// What came of a flight.
+pub struct Flown {
+    /// What `alight land` says.
+    pub outcome: Value,
+    pub errors: String,
+    pub autopilot: FakeAutopilot,
+    /// Farthest beyond the commanded tilt until the drone touched the deck, rad.
+    pub tilt_beyond: f64,
+}
+
+impl Flown {
+    /// The mission has entered this state.
+    pub fn entered(&self, state: &str) -> bool {
+        let phases = self.outcome["live"]["phases"].as_array();
+        phases.is_some_and(|all| all.iter().any(|p| p["state"] == state))
+    }
+    /// Commands to disarm.
+    pub fn disarms(&self) -> usize {
+        let commands = self.autopilot.commands.iter();
+        commands.filter(|(_, c)| c.command == command::ARM_DISARM).count()
+    }
+    /// For a person, with --nocapture.
+    pub fn show(&self) -> String {
+        format!("{}\n{}", self.outcome, self.errors)
+    }
+}
+
+/// Flies a landing under this name.
+pub fn fly(name: &str, flight: &Flight) -> Flown {
+    let firmware = flight.firmware;
     let plant = free_port();
     let (link, connect) = match firmware {
         Firmware::ArduCopter => {
@@ -220,66 +326,70 @@ fn land(firmware: Firmware, scenario: &str) {
             (Link::Udp(socket), format!("udpin://127.0.0.1:{to}"))
         }
     };
-    let name = format!("fw-{}-{}", firmware.name().to_lowercase(), std::process::id());
     let file = |end: &str| std::env::temp_dir().join(format!("{name}-{end}.toml"));
     let (config, scene) = (file("plant"), file("scene"));
+    let (kind, scenario) = match firmware {
+        Firmware::ArduCopter => ("ardupilot", ""),
+        Firmware::Px4 => ("px4", GOOD_SENSORS),
+    };
     std::fs::write(&config, format!("port = {plant}\n")).unwrap();
-    std::fs::write(&scene, scenario).unwrap();
+    std::fs::write(&scene, format!("{scenario}{}", flight.scenario)).unwrap();
     let end = Arc::new(AtomicBool::new(false));
     let flown = {
-        let end = Arc::clone(&end);
+        let (end, flight) = (Arc::clone(&end), flight.clone());
         std::thread::spawn(move || {
-            let flown = Flown::new(firmware, link);
+            let controls = Controls::new(flight, link);
             match firmware {
-                Firmware::ArduCopter => fly_json(plant, flown, &end),
-                Firmware::Px4 => fly_hil(plant, flown, &end),
+                Firmware::ArduCopter => fly_json(plant, controls, &end),
+                Firmware::Px4 => fly_hil(plant, controls, &end),
             }
         })
     };
-    let kind = match firmware {
-        Firmware::ArduCopter => "ardupilot",
-        Firmware::Px4 => "px4",
-    };
     let out = run(format!(
-        "land --autopilot {kind} --connect {connect} --firmware {} --scenario {} --sea calm --warm-up 20 --seed 1 \
-         --json --instance {name}",
+        "land --autopilot {kind} --connect {connect} --firmware {} --scenario {} --warm-up 20 --json --instance {name} {}",
         config.display(),
-        scene.display()
+        scene.display(),
+        flight.words
     ));
     end.store(true, Ordering::Relaxed);
-    let a = flown.join().unwrap();
+    let controls = flown.join().unwrap();
     let _removed = [config, scene].map(std::fs::remove_file);
-    let (errors, text) = (errors(&out), printed(&out));
-    let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
-    // For a person, with --nocapture.
-    println!("{outcome}");
-    let phases = outcome["live"]["phases"].as_array().cloned().unwrap_or_default();
-    let landed = phases.iter().any(|p| p["state"] == "Landed");
-    let disarms = a.commands.iter().filter(|(_, c)| c.command == 400).count();
+    Flown {
+        outcome: serde_json::from_str(printed(&out).lines().last().unwrap_or("null")).unwrap(),
+        errors: errors(&out),
+        autopilot: controls.a,
+        tilt_beyond: controls.tilt_beyond,
+    }
+}
+
+/// One landing without faults.
+fn land(firmware: Firmware) {
+    let name = format!("fw-{}-{}", firmware.name().to_lowercase(), std::process::id());
+    let flown = fly(&name, &Flight::new(firmware, "--sea calm --seed 1"));
+    let (a, why) = (&flown.autopilot, flown.show());
+    println!("{}", flown.outcome);
     assert_eq!(
         a.chosen,
         FakeAutopilot::offboard_mode(firmware),
         "the mode was changed"
     );
+    let landed = flown.entered("Landed");
     if !landed {
-        assert_eq!(disarms, 0, "disarmed without a landing\n{errors}");
+        assert_eq!(flown.disarms(), 0, "disarmed without a landing\n{why}");
     }
-    assert!(landed, "{text}\n{errors}");
-    assert!(!a.armed, "it was not disarmed\n{errors}");
+    assert!(landed, "{why}");
+    assert!(!a.armed, "it was not disarmed\n{why}");
     // Motors off by one command or two, and by nothing else than the forced disarm.
-    assert!((1..=2).contains(&disarms), "{disarms}\n{errors}");
-    assert_eq!(outcome["outcome"], "success", "{text}\n{errors}");
+    assert!((1..=2).contains(&flown.disarms()), "{why}");
+    assert_eq!(flown.outcome["outcome"], "success", "{why}");
 }
 
 #[test]
 fn ardupilot_stand_in_is_handed_over_landed_and_disarmed() {
-    land(Firmware::ArduCopter, "");
+    land(Firmware::ArduCopter);
 }
 
 #[test]
 fn px4_stand_in_is_handed_over_landed_and_disarmed() {
-    // Good sensors: the stand-in's estimator is a poor one.
-    let scenario = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m = 0.02\ngnss_velocity_mps = 0.02\n\
-                    gyro_bias_rps = 0.0\ngyro_noise_rps = 0.001\naccelerometer_bias_mps2 = 0.0\n";
-    land(Firmware::Px4, scenario);
+    land(Firmware::Px4);
 }

@@ -6,10 +6,14 @@
 //! Nothing here asserts a time: the bounds on waiting are only against tests that never end.
 
 use std::io::{BufRead, BufReader};
+use std::net::UdpSocket;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use alight_shared::transport::clock::steady_ns;
@@ -339,6 +343,105 @@ fn shipped_configurations_land_in_a_moderate_sea_over_mutual_tls() {
         "{vessel}"
     );
     all.assert_success();
+}
+
+/// The way of the radio's datagrams between a drone and the vessel.
+struct Air {
+    silent: Arc<AtomicBool>,
+    end: Arc<AtomicBool>,
+    ways: Vec<JoinHandle<()>>,
+}
+
+impl Air {
+    /// From the drone's port `from` to the vessel's endpoint, and back.
+    fn open(from: u16, endpoint: &str) -> Air {
+        let drone = UdpSocket::bind(("127.0.0.1", from)).expect("a socket");
+        let vessel = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+        vessel
+            .connect(endpoint.trim_start_matches("quic/"))
+            .expect("an address");
+        let (silent, end) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
+        let who = Arc::new(Mutex::new(None));
+        let ways = [true, false].map(|there| {
+            let [drone, vessel] = [&drone, &vessel].map(|s| s.try_clone().expect("a socket"));
+            let (silent, end, who) = (Arc::clone(&silent), Arc::clone(&end), Arc::clone(&who));
+            std::thread::spawn(move || {
+                let socket = if there { &drone } else { &vessel };
+                socket
+                    .set_read_timeout(Some(Duration::from_millis(50)))
+                    .expect("set");
+                let mut buffer = vec![0; 1 << 16];
+                while !end.load(Ordering::Relaxed) {
+                    // A vessel that is started anew refuses meanwhile.
+                    let Ok((n, sender)) = socket.recv_from(&mut buffer) else {
+                        continue;
+                    };
+                    if there {
+                        *who.lock().expect("an address") = Some(sender);
+                    }
+                    let to = *who.lock().expect("an address");
+                    let _lost = match to {
+                        _ if silent.load(Ordering::Relaxed) => continue,
+                        _ if there => vessel.send(&buffer[..n]),
+                        Some(to) => drone.send_to(&buffer[..n], to),
+                        None => continue,
+                    };
+                }
+            })
+        });
+        Air {
+            silent,
+            end,
+            ways: ways.into(),
+        }
+    }
+    fn silence(&self, silent: bool) {
+        self.silent.store(silent, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Air {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        for way in self.ways.drain(..) {
+            let _ended = way.join();
+        }
+    }
+}
+
+#[test]
+fn abort_given_in_radio_silence_outlives_the_vessels_process_and_an_older_order_to_land() {
+    let port = free_port();
+    let mut all = Installed::prepare("silence", 108, |_, drone| {
+        let mission = table(table(drone, "drone"), "mission");
+        mission.insert("steady_s".into(), 100.0.into());
+        let connect = vec![format!("quic/127.0.0.1:{port}")];
+        table(drone, "radio").insert("connect".into(), connect.into());
+    });
+    let air = Air::open(port, &all.endpoint);
+    all.begin_landing();
+    all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
+    air.silence(true);
+    // Each waits for an answer in vain, 12 s long.
+    std::thread::scope(|scope| {
+        scope.spawn(|| all.order_from_ashore("land", "operator-1"));
+        std::thread::sleep(Duration::from_secs(2));
+        all.order_from_ashore("abort", "operator-1");
+    });
+    let age_s = |s: &Value| s["link"]["age_s"].as_f64();
+    all.status_when("10 s of silence", |s| age_s(s).is_some_and(|age| age > 10.0));
+    assert_ne!(all.state(), "GaveUp");
+    let vessel = all.vessel_status()["status"]["process"]["pid"].as_u64();
+    signal(vessel.expect("it runs"), "-KILL");
+    all.stop("vessel");
+    all.start_vessel();
+    air.silence(false);
+    all.status_when("the abort acts", |s| s["mission"]["state"] == "GaveUp");
+    all.status_when("the vessel has the answer", |_| {
+        let aborts = &all.vessel_status()["status"]["deck"]["aborts"];
+        aborts.as_array().is_some_and(Vec::is_empty)
+    });
+    assert_eq!(all.state(), "GaveUp");
 }
 
 /// A drone that follows the vessel for `steady_s` before it descends, and does so now.

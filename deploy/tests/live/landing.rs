@@ -64,9 +64,9 @@ pub fn status(instance: &str) -> Value {
     serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {}", errors(&out)))
 }
 
-/// What `status` prints once `wanted` is true; at most about a minute.
+/// What `status` prints once `wanted` is true; at most about two minutes.
 pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-    for _ in 0..40 {
+    for _ in 0..150 {
         let now = status(instance);
         if wanted(&now) {
             return now;

@@ -13,6 +13,7 @@ mod access;
 mod autopilot;
 mod cameras;
 mod common;
+mod faults;
 mod firmware;
 mod hostile;
 mod installed;

@@ -1,6 +1,7 @@
-//! What a process outlives, and what outlives a process: a log that cannot be written, the deck's state. Nothing here
-//! asserts a time: the bounds on waiting are only against tests that never end.
+//! What a process outlives, and what outlives a process: a log that cannot be written, a process that cannot be
+//! started, the deck's state. Nothing here asserts a time: the bounds on waiting are only against tests that never end.
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -124,6 +125,52 @@ fn process_flies_on_without_a_log_that_cannot_be_written_and_logs_again_when_it_
     child.output();
     std::fs::remove_dir_all(&log).expect("removed");
     std::fs::remove_dir_all(log.with_extension("before")).expect("removed");
+}
+
+#[test]
+fn pilot_and_link_outlive_a_camera_that_cannot_be_started() {
+    let name = instance("unstartable");
+    let directory = scratch("unstartable-files");
+    let _none = std::fs::remove_dir_all(&directory);
+    std::fs::create_dir_all(&directory).expect("made");
+    let file = |name: &str| directory.join(name);
+    // A program of its own, which can lose its permission to be executed; without one not even root may.
+    let program = file("alight");
+    std::fs::copy(env!("CARGO_BIN_EXE_alight"), &program).expect("copied");
+    let permit = |mode| {
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(mode)).expect("permitted");
+    };
+    // Its camera's device is not there either.
+    let text = format!(
+        "instance = {name:?}\n[camera]\nsource = \"/nonexistent/video0\"\n[autopilot]\nconnect = \"udpin://{}\"\n",
+        free_udp()
+    );
+    std::fs::write(file("drone.toml"), text).expect("written");
+    let errors = file("errors");
+    let running = Command::new(&program)
+        .args(["drone", "--supervised", "--config"])
+        .arg(file("drone.toml"))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(std::fs::File::create(&errors).expect("made"))
+        .spawn()
+        .map(Running)
+        .expect("starts");
+    let said = |what: &str| {
+        let text = std::fs::read_to_string(&errors).expect("read");
+        text.matches(what).count()
+    };
+    let both = |s: &Value| ["pilot", "autopilot"].map(|p| pid(s, p));
+    let ended = "camera ended";
+    let before = status_when(&name, |s| both(s).iter().all(Option::is_some) && said(ended) >= 2);
+    permit(0o644);
+    status_when(&name, |_| said("camera is not started, and tried again") >= 2);
+    let tried = said(ended);
+    permit(0o755);
+    let after = status_when(&name, |_| said(ended) > tried);
+    assert_eq!(both(&after), both(&before));
+    drop(running);
+    std::fs::remove_dir_all(&directory).expect("removed");
 }
 
 #[test]
