@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use alight_shared::admission::{Periodic, RejectionReason, Rejections, check_identity};
 use alight_shared::msg::{
     Command, CommandKind, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest,
-    VesselEstimate, VesselPrediction, WaveModel,
+    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -32,6 +32,8 @@ pub enum PacketKind {
     TimeReply,
     /// [`topics::DECK`].
     Deck,
+    /// [`topics::SURROUNDINGS`].
+    Surroundings,
     /// [`topics::OPERATOR`].
     Command,
 }
@@ -67,6 +69,8 @@ pub struct BridgeOut {
     pub prediction: Option<VesselPrediction<DroneClock>>,
     /// Whose its deck is.
     pub deck: Option<DeckGrant<DroneClock>>,
+    /// What stands around it.
+    pub surroundings: Option<VesselSurroundings<DroneClock>>,
     /// An operator's command.
     pub command: Option<Command>,
     /// The link's state, at its own rate.
@@ -171,6 +175,11 @@ impl Bridge {
                 let m: DeckGrant<VesselClock> = decode(&packet.bytes)?;
                 let (at, _) = self.admit(arrival, &m, kind, &topics::DECK, 0.0)?;
                 out.deck = Some(m.restamped(at));
+            }
+            PacketKind::Surroundings => {
+                let m: VesselSurroundings<VesselClock> = decode(&packet.bytes)?;
+                let (at, _) = self.admit(arrival, &m, kind, &topics::SURROUNDINGS, 0.0)?;
+                out.surroundings = Some(m.restamped(at));
             }
             PacketKind::Command => {
                 let m: OperatorCommand<VesselClock> = decode(&packet.bytes)?;

@@ -34,6 +34,15 @@ impl DeckGeometry {
     }
 }
 
+impl DroneGeometry {
+    /// Radius of a sphere about the centre of mass that holds the whole drone, m: the rotors of an X do not overlap.
+    pub fn body_radius_m(&self) -> f64 {
+        let rotors = self.arm_m * (1.0 + core::f64::consts::FRAC_1_SQRT_2);
+        let feet = 0.5 * self.feet_span_m[0].hypot(self.feet_span_m[1]);
+        rotors.max(feet.hypot(self.feet_below_m))
+    }
+}
+
 config! {
     /// The drone as its planner and pilot know it: nominal values, the real ones differ.
     ///

@@ -13,6 +13,7 @@ pub mod geometry;
 pub mod mavlink;
 pub mod msg;
 pub mod node;
+pub mod surroundings;
 pub mod time;
 pub mod topics;
 #[cfg(feature = "transport")]

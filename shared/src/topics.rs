@@ -66,6 +66,8 @@ topics! {
     WAVE: "wave", msg::WaveModel<VesselClock>, Radio, 5.0 Hz, 1200, 5000 ms, 2 deep;
     /// The vessel's own prediction.
     PREDICTION: "prediction", msg::VesselPrediction<VesselClock>, Radio, 1.0 Hz, 1200, 3000 ms, 2 deep;
+    /// What stands around the vessel's deck; only where there is something.
+    SURROUNDINGS: "surroundings", msg::VesselSurroundings<VesselClock>, Radio, 1.0 Hz, 300, 3000 ms, 2 deep;
     /// The drone's question for the vessel's time.
     TIME_REQUEST: "time/request", msg::TimeRequest<DroneClock>, Radio, 2.0 Hz, 64, 2000 ms, 2 deep;
     /// The vessel's answer.
@@ -94,6 +96,8 @@ topics! {
     BRIDGE_WAVE: "bridge/wave", msg::WaveModel<DroneClock>, Memory, 5.0 Hz, size_of::<msg::WaveModel<DroneClock>>(), 5000 ms, 2 deep;
     /// The vessel's own prediction on the drone's clock.
     BRIDGE_PREDICTION: "bridge/prediction", msg::VesselPrediction<DroneClock>, Memory, 1.0 Hz, size_of::<msg::VesselPrediction<DroneClock>>(), 3000 ms, 2 deep;
+    /// What stands around the vessel's deck, on the drone's clock.
+    BRIDGE_SURROUNDINGS: "bridge/surroundings", msg::VesselSurroundings<DroneClock>, Memory, 1.0 Hz, size_of::<msg::VesselSurroundings<DroneClock>>(), 3000 ms, 2 deep;
     /// Whose the vessel's deck is, on the drone's clock.
     BRIDGE_DECK: "bridge/deck", msg::DeckGrant<DroneClock>, Memory, 2.0 Hz, size_of::<msg::DeckGrant<DroneClock>>(), 2000 ms, 2 deep;
     /// The bridge's view of link and clocks.

@@ -2,6 +2,7 @@
 
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
+use alight_shared::surroundings::SurroundingsConfig;
 use alight_shared::vessel_model::VesselModelConfig;
 
 use crate::rate_control::RateControlConfig;
@@ -87,6 +88,8 @@ config! {
         pub model: VesselModelConfig;
         /// The landing deck.
         pub deck: DeckGeometry;
+        /// What stands around the deck, and from where and whereto drones fly.
+        pub surroundings: SurroundingsConfig;
         /// The inertial sensor.
         pub imu: ImuConfig;
         /// The GNSS receiver.
@@ -95,5 +98,8 @@ config! {
         pub heading: HeadingConfig;
         /// Rates of its messages.
         pub broadcast: BroadcastConfig;
+    }
+    check |this, at| {
+        this.surroundings.check_deck(&this.deck, &at.table("surroundings"))?;
     }
 }

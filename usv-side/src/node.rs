@@ -3,9 +3,10 @@
 use alight_shared::admission::{InOrder, Periodic, RejectionReason, Rejections, Rule};
 use alight_shared::msg::{
     AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, WaveModel,
+    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
+use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,9 @@ const SOURCE_TIMEOUT_S: f64 = 0.5;
 const MAX_ATTITUDE_AGE_S: f64 = 0.5;
 /// An older inertial sample is rejected, s.
 const MAX_IMU_AGE_S: f64 = 0.5;
+
+/// Time between two messages of what stands around the deck.
+const SURROUNDINGS_PERIOD: Span = Span::from_millis(1000);
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -53,6 +57,8 @@ pub struct VesselOut {
     pub wave: Option<WaveModel<VesselClock>>,
     /// Prediction, when due.
     pub prediction: Option<VesselPrediction<VesselClock>>,
+    /// What stands around the deck, when due; never where there is nothing.
+    pub surroundings: Option<VesselSurroundings<VesselClock>>,
     /// Answers to the time requests of this step.
     pub time_replies: Vec<TimeReply<VesselClock, DroneClock>>,
 }
@@ -116,6 +122,7 @@ pub struct VesselNode {
     estimate: (Periodic<VesselClock>, u32),
     wave: (Periodic<VesselClock>, u32),
     prediction: (Periodic<VesselClock>, u32),
+    around: (Surroundings, Periodic<VesselClock>, u32),
     replies: u32,
     apparent_slope: (Periodic<VesselClock>, ApparentSlope),
     rate_control: RateControl,
@@ -135,6 +142,7 @@ impl VesselNode {
             estimate: Default::default(),
             wave: Default::default(),
             prediction: Default::default(),
+            around: (config.surroundings.around(&config.deck), Periodic::default(), 0),
             replies: 0,
             apparent_slope: Default::default(),
             rate_control: RateControl::new(&config.broadcast.rate_control),
@@ -230,6 +238,18 @@ impl VesselNode {
         self.count_flood(input.time_requests.len());
     }
 
+    fn surroundings(&mut self, now: Time<VesselClock>) -> Option<VesselSurroundings<VesselClock>> {
+        let (surroundings, periodic, sequence) = &mut self.around;
+        if surroundings.is_empty() || !periodic.is_due(now, SURROUNDINGS_PERIOD) {
+            return None;
+        }
+        let message = VesselSurroundings {
+            header: Header::new(self.vessel, 0, self.boot, *sequence, now),
+            surroundings: *surroundings,
+        };
+        checked(message, sequence, &mut self.rejected)
+    }
+
     fn reply(&mut self, now: Time<VesselClock>, input: &VesselIn) -> Vec<TimeReply<VesselClock, DroneClock>> {
         let mut replies = Vec::new();
         for request in input.time_requests.iter().take(MAX_PER_STEP) {
@@ -283,6 +303,7 @@ impl Node for VesselNode {
         self.estimator.tick(now);
         let mut out = VesselOut {
             time_replies: self.reply(now, input),
+            surroundings: self.surroundings(now),
             ..VesselOut::default()
         };
         let Some(filter) = self

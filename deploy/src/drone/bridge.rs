@@ -24,12 +24,13 @@ use crate::process::radio_rates::RadioRates;
 /// A process without packets wakes this often.
 const MAX_WAIT: Duration = Duration::from_millis(5);
 /// What arrives on each subscription; the one after them is the report of the vessel's process.
-const SUBSCRIPTIONS: [(PacketKind, &Topic); 6] = [
+const SUBSCRIPTIONS: [(PacketKind, &Topic); 7] = [
     (PacketKind::Estimate, &topics::ESTIMATE),
     (PacketKind::Wave, &topics::WAVE),
     (PacketKind::Prediction, &topics::PREDICTION),
     (PacketKind::TimeReply, &topics::TIME_REPLY),
     (PacketKind::Deck, &topics::DECK),
+    (PacketKind::Surroundings, &topics::SURROUNDINGS),
     (PacketKind::Command, &topics::OPERATOR),
 ];
 
@@ -45,6 +46,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut wave = memory.publisher()?;
     let mut prediction = memory.publisher()?;
     let mut grant = memory.publisher()?;
+    let mut surroundings = memory.publisher()?;
     let mut command = memory.publisher()?;
     let mut link = memory.publisher()?;
     let mut state: Publisher<ProcessState> = memory.publisher()?;
@@ -93,6 +95,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         wave.send_any(out.wave.as_ref());
         prediction.send_any(out.prediction.as_ref());
         grant.send_any(out.deck.as_ref());
+        surroundings.send_any(out.surroundings.as_ref());
         command.send_any(out.command.as_ref());
         link.send_any(out.link.as_ref());
         age_s = out.link.map_or(age_s, |l| l.age_s);

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{
     DeckForecast, DroneState, LinkState, RangeSample, TagPose, UvdarFix, VesselEstimate, VesselPrediction,
-    WaveModel,
+    VesselSurroundings, WaveModel,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
@@ -18,6 +18,7 @@ node_process! {
         newest estimate: VesselEstimate<DroneClock>,
         newest wave: WaveModel<DroneClock>,
         newest prediction: VesselPrediction<DroneClock>,
+        newest surroundings: VesselSurroundings<DroneClock>,
         newest link: LinkState,
         newest drone: DroneState,
         all tags: TagPose,

@@ -50,12 +50,13 @@ const STATE: usize = 4;
 const DECK: usize = 5;
 const OPERATOR: usize = 6;
 const DRONES: usize = 7;
+const SURROUNDINGS: usize = 8;
 /// While the link is congested, one in so many reports of the process is sent.
 const STATUS_DECIMATION: u32 = 4;
 /// With real sensors, time between two summaries of their measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 /// Their topics and how urgent they are; None is the report of the process.
-const OUTLETS: [(Option<&Topic>, Urgency); 8] = [
+const OUTLETS: [(Option<&Topic>, Urgency); 9] = [
     (Some(&topics::ESTIMATE), Urgency::State),
     (Some(&topics::WAVE), Urgency::Model),
     (Some(&topics::PREDICTION), Urgency::Model),
@@ -64,6 +65,7 @@ const OUTLETS: [(Option<&Topic>, Urgency); 8] = [
     (Some(&topics::DECK), Urgency::State),
     (Some(&topics::OPERATOR), Urgency::State),
     (Some(&topics::DRONES), Urgency::Status),
+    (Some(&topics::SURROUNDINGS), Urgency::State),
 ];
 
 /// Names of the logs of the vessel's other nodes.
@@ -223,6 +225,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         }
         publish(&mut radio, WAVE, out.wave.as_ref());
         publish(&mut radio, PREDICTION, out.prediction.as_ref());
+        publish(&mut radio, SURROUNDINGS, out.surroundings.as_ref());
         for reply in &out.time_replies {
             publish(&mut radio, TIME_REPLY, Some(reply));
         }

@@ -12,7 +12,7 @@ use alight_shared::frames::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CommandKind, DeckGrant, DroneStatus, Header, Message, OperatorCommand, PredictedStage, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel, f16,
 };
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::transport::process::ProcessState;
@@ -90,6 +90,7 @@ fn all_hear(bytes: &[u8]) {
     let _sound = hears::<VesselEstimate<VesselClock>>(bytes).map(|m| m.check());
     let _sound = hears::<WaveModel<VesselClock>>(bytes).map(|m| m.check());
     let _sound = hears::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
+    let _sound = hears::<VesselSurroundings<VesselClock>>(bytes).map(|m| m.check());
     let _sound = hears::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
     let _sound = hears::<OperatorCommand<VesselClock>>(bytes).map(|m| m.check());
     let _sound = hears::<DroneStatus>(bytes).map(|m| m.check());

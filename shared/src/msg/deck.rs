@@ -8,6 +8,7 @@ use super::{
     Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, SLOPE_WINDOWS,
     Seq, deviations, positive, within,
 };
+use crate::surroundings::Surroundings;
 use crate::time::{DroneClock, Span};
 
 /// Stages of a deck forecast.
@@ -179,6 +180,8 @@ pub struct DeckForecast {
     /// Apparent slope of the deck of late, as the vessel reported it ([`super::WaveModel::slopes`]); empty while
     /// nothing recent is known.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
+    /// What stands around the deck, as the vessel reported it last.
+    pub surroundings: Surroundings,
     /// How steep the deck is predicted_slopes to feel, every [`PREDICTED_SLOPE_STEP_S`] from now on, in steps of
     /// [`super::SLOPE_STEP`]; empty while no wave is named with confidence.
     pub predicted_slopes: Seq<u8, PREDICTED_SLOPES>,
@@ -227,6 +230,7 @@ message!(LinkState, DroneClock, |m| {
 });
 message!(DeckForecast, DroneClock, |m| {
     m.step > Span::ZERO => "step",
+    m.surroundings.is_sound() => "surroundings",
     m.stages.iter().all(|s| {
         within(&s.position, MAX_POSITION_M)
             && within(&s.velocity, MAX_SPEED_MPS)

@@ -60,7 +60,7 @@ pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_
 pub use seq::Seq;
 pub use vessel::{
     MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, WaveMode, WaveModel,
+    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
 };
 
 use serde::{Deserialize, Serialize};
@@ -68,7 +68,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of every message's layout; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 10;
+pub const MESSAGE_VERSION: u16 = 11;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -54,6 +54,7 @@ use super::{
     within,
 };
 use crate::frames::{Datum, wrap_angle};
+use crate::surroundings::Surroundings;
 use crate::time::{Clock, Time, VesselClock};
 
 /// Most modes that a wave model carries.
@@ -155,6 +156,17 @@ pub struct VesselPrediction<C: Clock> {
     pub stages: Seq<PredictedStage, PREDICTION_STAGES>,
 }
 
+/// What stands around the vessel's deck.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+#[serde(bound = "")]
+pub struct VesselSurroundings<C: Clock> {
+    /// Identity.
+    pub header: Header<C>,
+    /// Volumes and directions, from the deck's centre.
+    pub surroundings: Surroundings,
+}
+
 /// The drone asks the vessel for its time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
@@ -205,6 +217,8 @@ restamped!(VesselPrediction {
     origin,
     stages
 });
+
+restamped!(VesselSurroundings { surroundings });
 
 impl<C: Clock> VesselEstimate<C> {
     /// Position of the reference point in the vessel's NED, m.
@@ -272,6 +286,9 @@ message!(@C WaveModel<C>, C, |m| {
     (0.0..=1.0).contains(&m.confidence) => "confidence",
     m.modes.iter().all(|c| (-1e3..=0.0).contains(&c.pole[0]) && (-40.0..=40.0).contains(&c.pole[1])) => "pole",
     m.modes.iter().all(|c| within(c.shape.iter().flatten(), 1e4)) => "shape",
+});
+message!(@C VesselSurroundings<C>, C, |m| {
+    m.surroundings.is_sound() => "surroundings",
 });
 message!(@C VesselPrediction<C>, C, |m| {
     (0.001..=10.0).contains(&m.step_s) => "step_s",

@@ -30,7 +30,7 @@ pub(super) trait Visitor {
 
 // SAFETY: every type below is plain data of fixed size without pointers, references or handles,
 // all the way down, and `repr(C)` but for two details whose layout Rust fixes only within one
-// compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in a plan, in the mission's memory and in
+// compilation: enumerations (`repr(u8)`) with few valid values, and `Option` in a plan, in surroundings, in the mission's memory and in
 // metrics. Both are sound here because a service's name carries `MESSAGE_VERSION` and the package's version, so
 // that only processes of one program ever share a service, and because no process writes a message
 // otherwise than by copying a whole valid value. Bounded lists check their length when they are read.
@@ -65,6 +65,7 @@ plain! {
     msg::VesselEstimate<DroneClock> => BRIDGE_ESTIMATE;
     msg::WaveModel<DroneClock> => BRIDGE_WAVE;
     msg::VesselPrediction<DroneClock> => BRIDGE_PREDICTION;
+    msg::VesselSurroundings<DroneClock> => BRIDGE_SURROUNDINGS;
     msg::DeckGrant<DroneClock> => BRIDGE_DECK;
     msg::DeckForecast => FORECAST;
     msg::MissionState => MISSION;

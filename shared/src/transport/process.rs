@@ -129,7 +129,7 @@ pub struct InputState {
 }
 
 /// Keys on which one process speaks over the radio, at most.
-pub const MAX_FLOWS: usize = 8;
+pub const MAX_FLOWS: usize = 9;
 
 /// What a process sent over the radio on one key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -277,6 +277,7 @@ impl World {
         self.broadcast(t, PacketKind::Estimate, &output.estimate);
         self.broadcast(t, PacketKind::Wave, &output.wave);
         self.broadcast(t, PacketKind::Prediction, &output.prediction);
+        self.broadcast(t, PacketKind::Surroundings, &output.surroundings);
         self.broadcast(t, PacketKind::TimeReply, &output.time_replies);
 
         // The vessel: status of the drones -> deck arbiter and operator relay -> broadcast.
@@ -515,6 +516,7 @@ impl DroneComputer {
             estimate: received.estimate,
             wave: received.wave,
             prediction: received.prediction,
+            surroundings: received.surroundings,
             link: received.link,
             drone: odometry,
             tags: readings.tags,

@@ -5,9 +5,10 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
     DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, RangeSample, SLOPE_WINDOWS,
-    Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveModel,
+    Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
+use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use alight_shared::vessel_model::turn_tilt;
@@ -32,6 +33,8 @@ pub struct PredictorIn {
     pub wave: Option<WaveModel<DroneClock>>,
     /// The vessel's own prediction, for how far it is off.
     pub prediction: Option<VesselPrediction<DroneClock>>,
+    /// What stands around the vessel's deck.
+    pub surroundings: Option<VesselSurroundings<DroneClock>>,
     /// Link and clocks.
     pub link: Option<LinkState>,
     /// The drone's state.
@@ -78,6 +81,7 @@ pub struct Predictor {
     range_at: Option<Time<DroneClock>>,
     /// Apparent slopes of the deck as reported by the vessel, and when.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
+    surroundings: Surroundings,
     next: Periodic<DroneClock>,
     rejections: Rejections,
 }
@@ -103,6 +107,7 @@ impl Predictor {
             tag_at: None,
             range_at: None,
             slopes: None,
+            surroundings: Surroundings::default(),
             next: Periodic::default(),
             rejections: Rejections::default(),
         }
@@ -323,6 +328,7 @@ impl Predictor {
                 Some((at, slopes)) if now - at < topics::BRIDGE_WAVE.stale_after => slopes,
                 Some(_) | None => Seq::new(),
             },
+            surroundings: self.surroundings,
             predicted_slopes,
         };
         if f.check().is_err() {
@@ -402,7 +408,7 @@ impl Node for Predictor {
     type Out = PredictorOut;
 
     fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
-        let mut done = [Ok(()); 5];
+        let mut done = [Ok(()); 6];
         if let Some(l) = &input.link {
             match Self::admit(now, l) {
                 Ok(()) if l.clock_offset_sd_s.is_finite() => self.clock_sd_s = l.clock_offset_sd_s.min(1.0),
@@ -425,6 +431,13 @@ impl Node for Predictor {
             match Self::admit(now, p) {
                 Ok(()) => self.waves.receive_prediction(p),
                 r => done[4] = r,
+            }
+        }
+        if let Some(m) = &input.surroundings {
+            match Self::admit(now, m) {
+                // They stand where they stood for as long as nothing else is reported.
+                Ok(()) => self.surroundings = m.surroundings,
+                r => done[5] = r,
             }
         }
         if let Some(w) = input.wave.as_ref().filter(|_| use_wave_model) {
