@@ -96,14 +96,18 @@ pub fn summary(s: &Summary) -> String {
         let name = core::iter::once(Cell::from(name));
         table.row(name.chain(columns.map(|v| Cell::number(v, 3))));
     }
+    let collisions = s
+        .keep_out_collisions
+        .map_or(String::new(), |n| format!(", {n} keep-out collisions"));
     format!(
-        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {} unsafe contacts\n{}",
+        "{} of {} landed ({:.1} %, 95 % interval {:.1} to {:.1} %), {} unsafe contacts{}\n{}",
         s.successes,
         s.trials,
         100.0 * s.successes as f64 / s.trials.max(1) as f64,
         100.0 * lo,
         100.0 * hi,
         s.unsafe_contacts,
+        collisions,
         table.text()
     )
 }
@@ -123,6 +127,9 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("contacts_above_2_mps", json!(s.contacts_above_2_mps)),
     ] {
         map.insert(name.into(), value);
+    }
+    if let Some(collisions) = s.keep_out_collisions {
+        map.insert("keep_out_collisions".into(), json!(collisions));
     }
     map.extend(
         s.metrics

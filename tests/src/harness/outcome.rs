@@ -2,7 +2,7 @@
 //!
 //! Success: at first foot contact normal and tangential speed relative to the deck at most
 //! 1.0 m/s and tilt difference at most 10 deg; later impacts at most 1.0 m/s; only feet touch and
-//! only the deck; motors stopped within 2 s of first contact; then, after 1 s to settle, 3 s with
+//! only the deck; no keep-out volume is entered; motors stopped within 2 s of first contact; then, after 1 s to settle, 3 s with
 //! all four feet on the deck and inside its edges; all within 180 s of the start.
 
 use alight_shared::msg::Reason;
@@ -53,6 +53,8 @@ pub enum Ending {
     Timeout,
     /// The mission gave up.
     GaveUp,
+    /// Within a keep-out volume.
+    Collision,
 }
 
 impl Ending {
@@ -70,6 +72,7 @@ impl Ending {
             Ending::FalseStop => "false-stop",
             Ending::Timeout => "timeout",
             Ending::GaveUp => "gave-up",
+            Ending::Collision => "collision",
         }
     }
 }
@@ -114,6 +117,8 @@ pub struct Observation<'a> {
     pub waiting: Reason,
     /// A part of the drone is under water.
     pub in_water: bool,
+    /// Distance from the drone's body to the nearest keep-out volume, m; negative within one, None without any.
+    pub keep_out_gap_m: Option<f64>,
 }
 
 impl Observation<'_> {
@@ -148,6 +153,12 @@ pub struct Outcome {
     /// Contacts at more than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
+    /// How often the drone entered a keep-out volume; absent where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub keep_out_collisions: Option<u32>,
+    /// Least distance from the drone's body to such a volume, m; negative within it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub keep_out_gap_m: Option<f64>,
     /// In the deck plane, deck centre to the feet's centroid at first contact, m.
     pub position_error_m: Option<f64>,
     /// The same at the end of the rest, m.
@@ -194,6 +205,14 @@ struct FirstContact {
     euler: [f64; 3],
 }
 
+/// What the judge has seen of keep-out volumes.
+#[derive(Clone, Copy)]
+struct KeepOutRecord {
+    collisions: u32,
+    least_m: f64,
+    within: bool,
+}
+
 /// Watches a trial and judges it.
 #[derive(Default)]
 pub struct Judge {
@@ -205,6 +224,7 @@ pub struct Judge {
     unsafe_contacts: u32,
     water_contacts: u32,
     fast_contacts: u32,
+    keep_out: Option<KeepOutRecord>,
     attempts: u32,
     rest_error: Option<f64>,
     ended: bool,
@@ -228,6 +248,22 @@ impl Judge {
         }
         for touch in o.contacts {
             self.touch(o, touch, half_deck);
+        }
+        if let Some(gap) = o.keep_out_gap_m {
+            let within = gap <= 0.0;
+            let seen = self.keep_out.get_or_insert(KeepOutRecord {
+                collisions: 0,
+                least_m: gap,
+                within: false,
+            });
+            seen.collisions += u32::from(within && !seen.within);
+            (seen.within, seen.least_m) = (within, seen.least_m.min(gap));
+            if within {
+                self.fail(
+                    Ending::Collision,
+                    format!("in a keep-out volume after {:.1} s", o.t_s),
+                );
+            }
         }
         if o.in_water {
             self.water_contacts += 1;
@@ -383,6 +419,8 @@ impl Judge {
             unsafe_contacts: self.unsafe_contacts,
             water_contacts: self.water_contacts,
             contacts_above_2_mps: self.fast_contacts,
+            keep_out_collisions: self.keep_out.map(|k| k.collisions),
+            keep_out_gap_m: self.keep_out.map(|k| k.least_m),
             position_error_m: first.map(|c| c.position_error),
             rest_position_error_m: self.rest_error,
             touchdown_speed_mps: first.map(|c| c.normal),
@@ -429,6 +467,7 @@ mod tests {
             gave_up: false,
             waiting: Reason::default(),
             in_water: false,
+            keep_out_gap_m: None,
         }
     }
     fn touch(normal_mps: f64, tangential_mps: f64) -> ContactEvent {
@@ -509,6 +548,25 @@ mod tests {
         );
         let o = judge.outcome(1, "", "", 0.0);
         assert_eq!((o.outcome, o.water_contacts), (Ending::Water, 1));
+    }
+
+    #[test]
+    fn judge_counts_each_entry_into_a_keep_out_volume() {
+        let mut judge = Judge::default();
+        for (k, gap) in [2.0, 0.3, -0.1, -0.2, 0.1, -0.05].into_iter().enumerate() {
+            let keep_out_gap_m = Some(gap);
+            judge.observe(
+                &Observation {
+                    keep_out_gap_m,
+                    ..at(5.0 + k as f64)
+                },
+                HALF,
+            );
+        }
+        let o = judge.outcome(1, "", "", 0.0);
+        assert_eq!((o.outcome, o.keep_out_collisions), (Ending::Collision, Some(2)));
+        assert_eq!(o.keep_out_gap_m, Some(-0.2));
+        assert_eq!(run(touch(0.4, 0.2), 0.05, 0.5, DOWN).keep_out_collisions, None);
     }
 
     #[test]

@@ -1,13 +1,15 @@
 //! The simulated world without any of Alight's nodes: sea, vessel, drones with their autopilots, the
 //! sensors of all. The lock-step [`super::world::World`] and the process of the simulated vehicles share it.
 //!
-//! Drones do not touch each other: each meets the deck and the water alone.
+//! Drones do not touch each other: each meets the deck and the water alone. They fly through keep-out volumes, which
+//! the judge counts.
 
 use core::f64::consts::TAU;
 
 use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::msg::{AutopilotState, DroneState, Header, MissionState, SetPoint, State};
+use alight_shared::surroundings::{KeepOut, SurroundingsConfig};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
@@ -137,6 +139,7 @@ pub struct Physics {
     vessel_clock: ClockModel,
     vessel_sensors: VesselSensors,
     drones: Vec<Plant>,
+    keep_out: Vec<KeepOut>,
     scenario: Scenario,
     streams: Streams,
     digest: u64,
@@ -180,6 +183,14 @@ impl Physics {
             drones: (0..scenario.drones as usize)
                 .map(|k| Plant::new(k, scenario, &streams))
                 .collect(),
+            keep_out: {
+                let keep_out_m = scenario.keep_out_m.clone();
+                let around = SurroundingsConfig {
+                    keep_out_m,
+                    ..SurroundingsConfig::default()
+                };
+                around.around(&scenario.deck).keep_out.to_vec()
+            },
             scenario: scenario.clone(),
             streams,
             digest: 0xcbf2_9ce4_8422_2325,
@@ -368,6 +379,14 @@ impl Physics {
         self.digest
     }
 
+    /// Distance from a drone's body to the nearest keep-out volume, m; negative within one, None without any.
+    fn keep_out_gap_m(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> Option<f64> {
+        let place = (deck.attitude.inverse() * (drone.position - deck.position)).0;
+        let body = self.scenario.airframe.body_radius_m();
+        let gaps = self.keep_out.iter().map(|v| v.distance(&place) - body);
+        gaps.min_by(f64::total_cmp)
+    }
+
     fn feet(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> [[f64; 3]; 4] {
         let g = &self.scenario.airframe;
         let (x, y) = (g.feet_span_m[0] / 2.0, g.feet_span_m[1] / 2.0);
@@ -399,6 +418,7 @@ impl Physics {
             gave_up: mission.state == State::GaveUp,
             waiting: mission.waiting,
             in_water: plant.is_some_and(|p| p.in_water),
+            keep_out_gap_m: self.keep_out_gap_m(&drone, &deck),
         }
     }
 

@@ -103,6 +103,8 @@ pub struct Interrupted {
     pub slid: bool,
     /// How far from above the deck's centre it came before it was clear of the deck, m.
     pub strayed_m: f64,
+    /// It entered a keep-out volume.
+    pub collided: bool,
     /// It landed: the motors stopped, and it was not in the water.
     pub landed: bool,
 }
@@ -114,7 +116,7 @@ impl Interrupted {
     }
     /// Nothing that must not happen has happened.
     pub fn safe(&self) -> bool {
-        !self.unsafe_contact && !self.water && !self.strayed()
+        !self.unsafe_contact && !self.water && !self.collided && !self.strayed()
     }
     fn touch(&mut self, c: &ContactEvent) {
         self.hardest_mps = self.hardest_mps.max(c.normal_mps);
@@ -146,6 +148,7 @@ pub fn fly(
         if began {
             o.contacts.iter().for_each(|c| report.touch(c));
             report.water |= o.in_water && o.motors_on;
+            report.collided |= o.keep_out_gap_m.is_some_and(|gap| gap <= 0.0);
             report.slid |= o.in_water && !o.motors_on;
             near &= o.motors_on && lowest < CLEAR_M;
             if near {

@@ -115,6 +115,8 @@ pub struct Summary {
     pub unsafe_contacts: u32,
     /// Contacts with water.
     pub water_contacts: u32,
+    /// Entries into keep-out volumes; None where there are none.
+    pub keep_out_collisions: Option<u32>,
     /// Contacts at more than 2 m/s.
     pub contacts_above_2_mps: u32,
     /// Figures under the names of [`METRICS`].
@@ -141,6 +143,10 @@ impl Summary {
             ],
             unsafe_contacts: outcomes.iter().map(|o| o.unsafe_contacts).sum(),
             water_contacts: outcomes.iter().map(|o| o.water_contacts).sum(),
+            keep_out_collisions: outcomes
+                .iter()
+                .filter_map(|o| o.keep_out_collisions)
+                .reduce(|a, b| a + b),
             contacts_above_2_mps: outcomes.iter().map(|o| o.contacts_above_2_mps).sum(),
             metrics: METRICS
                 .iter()
