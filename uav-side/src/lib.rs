@@ -12,3 +12,4 @@ pub mod pilot;
 pub mod planner;
 pub mod predictor;
 pub mod settings;
+mod surroundings;

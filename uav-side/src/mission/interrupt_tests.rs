@@ -142,7 +142,7 @@ fn place_to_hold_moves_with_the_deck_until_the_drone_is_as_high() {
         );
         let place = |d: &Decision, s: &Situation| match step(d, s).phase {
             MissionPhase::GaveUp { at, .. } | MissionPhase::Hold { at, .. } => {
-                (at.x, super::phase::moving_place(&at, s).0)
+                (at.x, super::phase::moving_place(&at, s, false).0)
             }
             phase => panic!("{phase:?}"),
         };

@@ -98,7 +98,10 @@ const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
 /// The mission node.
 #[derive(Clone, Debug, Default)]
 pub struct Mission {
+    /// Its heights are above all volumes around the deck.
     config: MissionConfig,
+    /// Configured heights of tracking and approach, m.
+    heights_m: [f64; 2],
     drone_geometry: DroneGeometry,
     deck_geometry: DeckGeometry,
     drone_id: u32,
@@ -148,6 +151,7 @@ impl Mission {
     ) -> Self {
         Mission {
             config: config.clone(),
+            heights_m: [config.tracking_height_m, config.approach_height_m],
             drone_geometry: *drone,
             deck_geometry: *deck,
             drone_id,
@@ -184,10 +188,14 @@ impl Mission {
         }
         if let Some(m) = &input.forecast
             && self.forecast.offer(now, m)
-            && let Some(z) = forecast_mean(m)
         {
-            self.mean_deck_z
-                .follow(m.header.at, z, LEVEL_TIME_S, LEVEL_STEP_M);
+            let least = m.surroundings.wait_height_m();
+            self.config.tracking_height_m = self.heights_m[0].max(least);
+            self.config.approach_height_m = self.heights_m[1].max(least);
+            if let Some(z) = forecast_mean(m) {
+                self.mean_deck_z
+                    .follow(m.header.at, z, LEVEL_TIME_S, LEVEL_STEP_M);
+            }
         }
         if let Some(m) = &input.plan {
             self.plan.offer(now, m);
@@ -453,15 +461,15 @@ impl Mission {
     fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
         let c = &self.config;
         let own = s.own.map_or(([0.0; 3], 0.0), |o| (o.position.into(), o.yaw));
-        let moves = |at: &Vector3<f64>| moving_place(at, s).0;
+        let moves = |at: &Vector3<f64>, leaves| moving_place(at, s, leaves).0;
         let (hold_position, hold_yaw, height_m, with_deck) = match self.phase {
             MissionPhase::GetAltitude { from } => {
                 let z = s.mean_deck_z.map_or(own.0[2], |m| m - c.approach_height_m);
                 let yaw = s.deck.map_or(own.1, |d| d.bearing_rad);
                 ([from[0], from[1], z], yaw, c.approach_height_m, false)
             }
-            MissionPhase::Hold { at, yaw, .. } => (at.into(), yaw, c.tracking_height_m, moves(&at)),
-            MissionPhase::GaveUp { at, yaw } => (at.into(), yaw, c.approach_height_m, moves(&at)),
+            MissionPhase::Hold { at, yaw, .. } => (at.into(), yaw, c.tracking_height_m, moves(&at, false)),
+            MissionPhase::GaveUp { at, yaw } => (at.into(), yaw, c.approach_height_m, moves(&at, true)),
             MissionPhase::Idle | MissionPhase::Approach { .. } => (own.0, own.1, c.approach_height_m, false),
             MissionPhase::Tracking { .. }
             | MissionPhase::TrackingStable

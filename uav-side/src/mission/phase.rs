@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::config::MissionConfig;
 use super::situation::Situation;
-use crate::escape::{BELOW_M, WITH_DECK_M};
+use crate::escape::BELOW_M;
 
 pub(super) type DroneTime = Time<DroneClock>;
 
@@ -201,7 +201,7 @@ pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> Mis
     }
 }
 
-/// Climb straight up to the approach height over the deck ([`moving_place`]).
+/// Climb to the approach height over the deck ([`moving_place`]).
 pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, c.approach_height_m);
     MissionPhase::GaveUp { at, yaw }
@@ -209,11 +209,13 @@ pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
 
 /// Whether the drone is low over the deck on its way to `at`, and where it holds. Until it is as high as there, it stays
 /// in place over the deck and moves with it: what stands on a vessel under way would meet a drone that stops before it is
-/// clear of all that. A drone that comes so high, a deck far away or a stale forecast leave the place where it is then.
-pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation) -> (bool, Vector3<f64>) {
-    let near = s.fresh_deck().is_some_and(|d| d.distance_m < WITH_DECK_M);
-    let low = s.own.filter(|own| own.position.z > at.z + BELOW_M);
-    low.filter(|_| near).map_or((false, *at), |own| {
+/// clear of all that. A drone that comes so high, a deck far away or a stale forecast leave the place where it is then. One
+/// that `leaves` a vessel with an escape direction goes on until it is away from her.
+pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (bool, Vector3<f64>) {
+    let near = s.fresh_deck().filter(|d| d.distance_m < d.ring_m);
+    let escapes = leaves && near.is_some_and(|d| d.escapes);
+    let low = s.own.filter(|own| escapes || own.position.z > at.z + BELOW_M);
+    low.filter(|_| near.is_some()).map_or((false, *at), |own| {
         (true, Vector3::new(own.position.x, own.position.y, at.z))
     })
 }

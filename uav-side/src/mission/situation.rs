@@ -12,6 +12,7 @@ use nalgebra::{Vector2, Vector3};
 use super::apparent_slope::ApparentSlopeHistory;
 use super::config::MissionConfig;
 use crate::escape::contact_speed;
+use crate::surroundings::ring_m;
 
 /// Whether the drone flies and who controls it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -143,6 +144,10 @@ pub struct Deck {
     pub clearance_m: f64,
     /// Horizontal distance of the centre of mass from the deck's centre, m.
     pub distance_m: f64,
+    /// Nearer than this the drone is over the vessel or beside it, m.
+    pub ring_m: f64,
+    /// The vessel asks drones to leave in a direction.
+    pub escapes: bool,
     /// Direction to the deck's centre from north towards east, rad.
     pub bearing_rad: f64,
     /// Centre of the feet in the deck's plane: along and across, m.
@@ -224,6 +229,8 @@ impl Deck {
         Some(Deck {
             clearance_m,
             distance_m: r.x.hypot(r.y),
+            ring_m: ring_m(&forecast.surroundings, drone),
+            escapes: forecast.surroundings.escape.is_some(),
             bearing_rad: (-r.y).atan2(-r.x),
             feet: feet.xy(),
             relative_speed_mps: v.x.hypot(v.y),

@@ -37,7 +37,7 @@ pub(super) fn step(
             yaw,
             fresh,
         } => {
-            let (_, at) = moving_place(&at, s);
+            let (_, at) = moving_place(&at, s, false);
             let hold = |fresh| MissionPhase::Hold {
                 cause,
                 at,
@@ -47,7 +47,7 @@ pub(super) fn step(
             held(cause, hold, fresh, progress, s, c)
         }
         MissionPhase::GaveUp { at, yaw } => {
-            let (_, at) = moving_place(&at, s);
+            let (_, at) = moving_place(&at, s, true);
             MissionPhase::GaveUp { at, yaw }.stay(NotCommanded)
         }
     }

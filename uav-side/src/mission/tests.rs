@@ -43,6 +43,8 @@ pub(super) fn fair() -> Situation {
         deck: Some(Deck {
             clearance_m: 6.7,
             distance_m: 0.1,
+            ring_m: 10.0,
+            escapes: false,
             bearing_rad: 0.0,
             feet: Vector2::zeros(),
             relative_speed_mps: 0.1,

@@ -27,13 +27,15 @@ use alight_shared::msg::{
     Motors, Phase, Plan, PlanStage, RangeSample, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
+use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::escape::{BELOW_M, WITH_DECK_M};
+use crate::escape::BELOW_M;
 use crate::odometry::origin::OriginResets;
+use crate::surroundings::{escape_velocity, ring_m};
 use attitude::{rates_of, upright};
 use delay::Delay;
 use estimate::FlightEstimator;
@@ -87,6 +89,7 @@ struct HoldPlace {
 #[derive(Clone, Copy, Debug)]
 struct DeckBelow {
     stage: DeckStage,
+    around: Surroundings,
     clearance: f64,
     normal_speed: f64,
 }
@@ -194,6 +197,7 @@ impl Pilot {
         let r = body.position - Vector3::from(stage.position);
         Some(DeckBelow {
             stage,
+            around: f.surroundings,
             clearance: up.dot(&r) - self.geometry.feet_below_m,
             normal_speed: up.dot(&(body.velocity - Vector3::from(stage.velocity))),
         })
@@ -311,15 +315,18 @@ impl Pilot {
         let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
         let height = self.mission.get().map_or(0.0, |m| m.height_m) - BELOW_M;
         let clear = (height - self.geometry.feet_below_m).max(safety.near_deck_m);
-        aside < WITH_DECK_M && b.clearance < clear
+        aside < ring_m(&b.around, &self.geometry) && b.clearance < clear
     }
 
-    /// Velocity away from the deck `near` for a hold without mission or plan: with the deck, and gently up from it.
+    /// Velocity away from the deck `near` for a hold without mission or plan: with the deck, gently up from it, and along
+    /// the vessel's escape direction.
     /// It does not follow a deck that sinks: that one comes back.
-    fn away(&self, near: Option<&DeckBelow>) -> Vector3<f64> {
+    fn away(&self, near: Option<&DeckBelow>, body: &Body) -> Vector3<f64> {
         near.map_or(Vector3::zeros(), |b| {
             let [north, east, down] = b.stage.velocity;
-            Vector3::new(north, east, down.min(0.0) - self.config.safety.climb_mps)
+            let out = escape_velocity(&b.around, &b.stage, &self.geometry, &body.position, b.clearance);
+            let climb = down.min(0.0) - self.config.safety.climb_mps;
+            Vector3::new(north + out.x, east + out.y, climb)
         })
     }
 
@@ -445,7 +452,7 @@ impl Pilot {
             let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
             let flew = self.mission.get().is_some_and(|m| m.state.phase() != Phase::None);
             return if flew && silence <= limit {
-                self.hold(now, body, dt, self.away(near))
+                self.hold(now, body, dt, self.away(near, body))
             } else {
                 self.no_set_point(now)
             };
@@ -521,7 +528,7 @@ impl Pilot {
                     .track(&stage, body, &self.estimate, authority, lag, dt, c);
                 self.attitude(now, Some(&stage), a, body)
             }
-            (None, _, _) => self.hold(now, body, dt, self.away(near)),
+            (None, _, _) => self.hold(now, body, dt, self.away(near, body)),
         }
     }
 }

@@ -189,6 +189,14 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     assert_eq!(s.velocity, [0.0, 0.0, -0.5]);
     let s = after(State::Tracking, 6.0, 1.0, high);
     assert_eq!(s.velocity, [0.0; 3]);
+    let s = after(State::Tracking, 5.0, 1.0, |i| {
+        high(i);
+        i.forecast.as_mut().unwrap().surroundings.escape = Some(core::f32::consts::FRAC_PI_2);
+    });
+    assert!(
+        s.velocity[1] > 1.99 && s.velocity[2] == -0.5,
+        "to starboard: {s:?}"
+    );
     let s = after(State::Tracking, 2.0, 1.0, |i| {
         high(i);
         i.drone.as_mut().unwrap().position[0] += 20.0;

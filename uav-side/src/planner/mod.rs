@@ -226,6 +226,7 @@ impl Planner {
             &mut self.problem,
             &mut self.reference,
         );
+        self.generator.keep_out(&self.reference, &mut self.problem);
         let (generator, reference) = (&self.generator, &self.reference);
         self.mpc.solve(
             &mut self.problem,

@@ -34,6 +34,8 @@ pub struct Problem {
     pub weight: Vec<State>,
     /// Soft upper bound of z (NED: the lowest height) at the stages 1..=N, m.
     pub ceiling: Vec<f64>,
+    /// Soft bounds of x and y (lower, upper) at the same stages, m; empty: none.
+    pub sides: Vec<[[f64; 2]; 2]>,
 }
 
 impl Problem {
@@ -70,6 +72,8 @@ pub struct Mpc {
     model: HoverModel,
     x: ChainMpc<4>,
     y: ChainMpc<4>,
+    /// The chains of x and y beside volumes: with bounds of the place.
+    beside: [ChainMpc<4>; 2],
     z: ChainMpc<2>,
     yaw: ChainMpc<2>,
     half: Roller,
@@ -84,30 +88,37 @@ impl Mpc {
         let l = &config.limits;
         let (tilt, rate) = (l.tilt_deg.to_radians(), l.rates_rps);
         let horizontal = [None, Some(l.horizontal_mps), Some(tilt), Some(rate)];
-        let tilting = |slew| ChainLimits {
+        let tilting = |slew, bounded| ChainLimits {
             input: [-bounds.tilt, bounds.tilt],
             slew,
             state: horizontal,
-            ceiling: false,
+            ceiling: bounded,
+            floor: bounded,
         };
         let vertical = ChainLimits {
             input: bounds.thrust,
             slew: slew_thrust,
             state: [None, Some(l.vertical_mps)],
             ceiling: true,
+            floor: false,
         };
         let turning = ChainLimits {
             input: [-bounds.yaw, bounds.yaw],
             slew: slew_yaw,
             state: [None, Some(rate)],
             ceiling: false,
+            floor: false,
         };
         Mpc {
             stages: config.stages,
             step_s: config.step_s,
             model,
-            x: ChainMpc::new(model.x_chain(), X, tilting(slew_pitch), config),
-            y: ChainMpc::new(model.y_chain(), Y, tilting(slew_roll), config),
+            x: ChainMpc::new(model.x_chain(), X, tilting(slew_pitch, false), config),
+            y: ChainMpc::new(model.y_chain(), Y, tilting(slew_roll, false), config),
+            beside: [
+                ChainMpc::new(model.x_chain(), X, tilting(slew_pitch, true), config),
+                ChainMpc::new(model.y_chain(), Y, tilting(slew_roll, true), config),
+            ],
             z: ChainMpc::new(model.z_chain(), Z, vertical, config),
             yaw: ChainMpc::new(model.yaw_chain(), YAW, turning, config),
             half: Roller::new(&model, 0.5 * config.step_s),
@@ -152,13 +163,20 @@ impl Mpc {
         }
         problem.ceiling.clear();
         problem.ceiling.resize(n, NO_CEILING);
-        self.x.solve(problem, solution);
-        self.y.solve(problem, solution);
+        let chains = if problem.sides.is_empty() {
+            [&mut self.x, &mut self.y]
+        } else {
+            self.beside.each_mut()
+        };
+        for (i, chain) in chains.into_iter().enumerate() {
+            let (low, high): (Vec<f64>, Vec<f64>) = problem.sides.iter().map(|s| (s[i][0], s[i][1])).unzip();
+            chain.solve(problem, [&low, &high], solution);
+        }
         for k in 0..n {
             problem.ceiling[k] = ceiling(k, solution.states[k][0], solution.states[k][1]);
         }
-        self.z.solve(problem, solution);
-        self.yaw.solve(problem, solution);
+        self.z.solve(problem, [&[], &problem.ceiling], solution);
+        self.yaw.solve(problem, [&[], &[]], solution);
     }
 
     /// Rolls half a step on, exactly.
@@ -234,6 +252,7 @@ struct ChainMpc<const N: usize> {
     fast: Condensed<N>,
     solver: ChainSolver<N>,
     cost: Vec<StageCost<N>>,
+    floor: Vec<f64>,
     ceiling: Vec<f64>,
     inputs: Vec<f64>,
     states: Vec<SVector<f64, N>>,
@@ -260,13 +279,14 @@ impl<const N: usize> ChainMpc<N> {
             fast: Condensed::new(model, n, r),
             solver: ChainSolver::new(SparseForm::new(model, n, r, limits, slack)),
             cost: Vec::with_capacity(n),
+            floor: vec![-NO_CEILING; n],
             ceiling: vec![NO_CEILING; n],
             inputs: vec![0.0; n],
             states: vec![SVector::zeros(); n],
         }
     }
 
-    fn solve(&mut self, problem: &Problem, solution: &mut Solution) {
+    fn solve(&mut self, problem: &Problem, [floor, ceiling]: [&[f64]; 2], solution: &mut Solution) {
         // Positions relative to here, so that a place far from the origin costs no digits.
         let origin = problem.state[self.index[0]];
         let local = |full: &State| {
@@ -287,8 +307,11 @@ impl<const N: usize> ChainMpc<N> {
                     weight: gather(&self.index, w),
                 }),
         );
-        for (own, given) in self.ceiling.iter_mut().zip(&problem.ceiling) {
+        for (own, given) in self.ceiling.iter_mut().zip(ceiling) {
             *own = (given - origin).min(NO_CEILING);
+        }
+        for (own, given) in self.floor.iter_mut().zip(floor) {
+            *own = (given - origin).max(-NO_CEILING);
         }
 
         let solved = self.fast.solve(&x0, previous, &self.cost, &mut self.inputs);
@@ -296,13 +319,14 @@ impl<const N: usize> ChainMpc<N> {
         if !solved
             || !self
                 .limits
-                .hold(previous, &self.inputs, &self.states, &self.ceiling)
+                .hold(previous, &self.inputs, &self.states, [&self.floor, &self.ceiling])
         {
             let instance = Instance {
                 state: x0,
                 previous_input: previous,
                 cost: &self.cost,
                 ceiling: &self.ceiling,
+                floor: &self.floor,
             };
             let (ending, iterations) = self.solver.solve(&instance, &mut self.inputs);
             solution.iterations += iterations;

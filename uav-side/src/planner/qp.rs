@@ -28,6 +28,8 @@ pub struct ChainLimits<const N: usize> {
     pub state: [Option<f64>; N],
     /// The first state has a soft upper bound of its own at each stage (height over the water).
     pub ceiling: bool,
+    /// ... and a soft lower bound.
+    pub floor: bool,
 }
 
 /// Cost of one unit of slack (a whole limit's worth), linear and quadratic.
@@ -56,7 +58,7 @@ impl<const N: usize> ChainLimits<N> {
         previous_input: f64,
         inputs: &[f64],
         states: &[SVector<f64, N>],
-        ceiling: &[f64],
+        [floor, ceiling]: [&[f64]; 2],
     ) -> bool {
         let mut before = previous_input;
         for (k, (u, x)) in inputs.iter().zip(states).enumerate() {
@@ -76,6 +78,9 @@ impl<const N: usize> ChainLimits<N> {
             if self.ceiling && !ceiling.get(k).is_none_or(|top| x[0] <= top + TOLERANCE) {
                 return false;
             }
+            if self.floor && !floor.get(k).is_none_or(|least| x[0] >= least - TOLERANCE) {
+                return false;
+            }
         }
         true
     }
@@ -92,6 +97,8 @@ pub struct Instance<'a, const N: usize> {
     pub cost: &'a [StageCost<N>],
     /// Upper bound of the first state per stage ([`NO_CEILING`] for none); read if the chain has one.
     pub ceiling: &'a [f64],
+    /// Its lower bound likewise.
+    pub floor: &'a [f64],
 }
 
 /// Fixed-structure problem data, in Clarabel's form `min x'Px/2 + q'x, Ax + s = b`.
@@ -202,6 +209,11 @@ impl<const N: usize> SparseForm<N> {
                 set(b.len(), s(k), -CEILING_SLACK_M);
                 b.push(NO_CEILING);
             }
+            if limits.floor {
+                set(b.len(), x(k), -1.0);
+                set(b.len(), s(k), -CEILING_SLACK_M);
+                b.push(NO_CEILING);
+            }
             for (i, limit) in limits.state.iter().enumerate() {
                 if let Some(limit) = limit {
                     for sign in [1.0, -1.0] {
@@ -244,6 +256,10 @@ impl<const N: usize> SparseForm<N> {
             if self.limits.ceiling {
                 // After two input, two slew and one slack row.
                 self.b[self.row_at[k] + 5] = instance.ceiling.get(k).copied().unwrap_or(NO_CEILING);
+            }
+            if self.limits.floor {
+                let row = self.row_at[k] + 5 + usize::from(self.limits.ceiling);
+                self.b[row] = -instance.floor.get(k).copied().unwrap_or(-NO_CEILING);
             }
         }
         self.q[0] = -2.0 * self.increment_weight * instance.previous_input;

@@ -16,12 +16,15 @@ use super::qp::NO_CEILING;
 use super::view::View;
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::escape::{BELOW_M, Climb};
+use crate::surroundings::{Passage, escape_velocity, margin_m, way_round};
 
 /// An aborted descent is braked by this, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;
 /// A drone on its way up climbs away from the deck at full rate while it is nearer to it than this, upwards and sideways,
 /// m: more than a deck rises within the time in which it gets there.
 const NEAR_DECK_M: f64 = 3.0;
+/// A volume further aside bounds no plan: beyond what a plan is off its reference, m.
+const FAR_M: f64 = 5.0;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
 const HEIGHT_JUMP_M: f64 = 3.0;
 
@@ -40,6 +43,8 @@ pub struct Reference {
     pub minimum_altitude_m: f64,
     /// Mean height of the deck, NED z, m; 0 while no deck is known.
     pub mean_z: f64,
+    /// Volumes around the deck, and where the plan passes each of them.
+    pub(super) passages: Vec<Passage>,
 }
 
 /// Builds references; remembers its governors and the deck's mean height.
@@ -54,6 +59,8 @@ pub struct ReferenceGenerator {
     mean_height: MeanDeckHeight,
     /// Where to stay when the deck is not known but should be: position and heading.
     frozen: Option<[f64; 4]>,
+    /// Within the approach sector.
+    admitted: bool,
 }
 
 /// What the references of one plan are made from.
@@ -137,10 +144,15 @@ impl ReferenceGenerator {
             Some(self.mean_height(now, f, here))
         });
         reference.mean_z = mean_z.unwrap_or(0.0);
-        let (p, up) = (
-            Vector3::new(start[0], start[1], start[2]),
-            up_of(start[3], start[4]),
-        );
+        let place = Vector3::new(start[0], start[1], start[2]);
+        reference.passages.clear();
+        if let (Some(f), Some(deck)) = (&view.forecast, reference.deck.first()) {
+            let margin = margin_m(&self.drone);
+            let passage = |v| Passage::of(v, margin, deck, &place);
+            let volumes = f.surroundings.keep_out.iter();
+            reference.passages.extend(volumes.map(passage));
+        }
+        let (p, up) = (place, up_of(start[3], start[4]));
         let feet = self.drone.feet_below_m;
         reference.clearance_m = reference
             .deck
@@ -194,24 +206,65 @@ impl ReferenceGenerator {
         self.horizontal_and_tilt(&request, problem);
         self.height(&request, problem);
         self.heading(&request, problem);
-        self.keep_above_water(reference, problem);
+        self.keep_above(reference, problem);
         reference.alignment = problem.alignment();
     }
 
+    /// Where above the deck a drone has to be now that is not there yet, from its centre, m: on the way round the vessel
+    /// into the approach sector.
+    fn way_round(&mut self, q: &Request<'_>) -> Option<Vector2<f64>> {
+        let (forecast, deck) = (q.view.forecast.as_ref()?, q.reference.deck.first()?);
+        let from = Vector2::new(q.start[0] - deck.position[0], q.start[1] - deck.position[1]);
+        if q.goal != Goal::Above || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
+            return None;
+        }
+        let heading = forecast.mean_heading;
+        way_round(
+            &forecast.surroundings,
+            &self.drone,
+            heading,
+            &from,
+            &mut self.admitted,
+        )
+    }
+
+    /// Horizontal velocity over the deck's in which the drone leaves, m/s.
+    fn escape(&self, q: &Request<'_>) -> Vector2<f64> {
+        match (&q.view.forecast, q.reference.deck.first()) {
+            (Some(f), Some(deck)) if q.goal == Goal::Leave => {
+                let place = Vector3::new(q.start[0], q.start[1], q.start[2]);
+                escape_velocity(
+                    &f.surroundings,
+                    deck,
+                    &self.drone,
+                    &place,
+                    q.reference.clearance_m,
+                )
+            }
+            _ => Vector2::zeros(),
+        }
+    }
+
     fn horizontal_and_tilt(&mut self, q: &Request<'_>, problem: &mut Problem) {
-        let feet = self.drone.feet_below_m;
+        let (feet, step_s) = (self.drone.feet_below_m, self.config.step_s);
+        let (round, out) = (self.way_round(q), self.escape(q));
+        let aside = round.unwrap_or_default();
         // The target at stage k (0 = now), and tilt with its rate.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (Motion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
             (Goal::Leave, Some(d)) => {
-                // Where it is over the deck, wherever the deck goes.
+                // Where it is over the deck, wherever the deck goes, and out along the escape direction.
+                let time = step_s * k as f64;
                 let aside = |i: usize| q.start[i] - q.reference.deck.first().map_or(0.0, |d| d.position[i]);
-                let place = [d.position[0] + aside(0), d.position[1] + aside(1)];
-                (Motion::new(place, [d.velocity[0], d.velocity[1]]), [0.0; 4])
+                let place = [0, 1].map(|i| d.position[i] + aside(i) + out[i] * time);
+                (
+                    Motion::new(place, [d.velocity[0] + out.x, d.velocity[1] + out.y]),
+                    [0.0; 4],
+                )
             }
             (Goal::Above | Goal::Sink, Some(d)) => {
                 let ([x, y, _], [vx, vy, _]) = (d.position, d.velocity);
-                (Motion::new([x, y], [vx, vy]), [0.0; 4])
+                (Motion::new([x + aside.x, y + aside.y], [vx, vy]), [0.0; 4])
             }
             (Goal::Touch, Some(d)) => {
                 // The full pose: the foot plane's centre over the deck's centre.
@@ -233,11 +286,13 @@ impl ReferenceGenerator {
         };
         let start = Motion::new([q.start[0], q.start[1]], [q.start[6], q.start[7]]);
         let follows = q.goal.follows_deck();
+        // A place that goes round the vessel ahead of the drone is approached, not followed.
+        let jump_m = if round.is_some() { 0.0 } else { 0.5 };
         if q.goal == Goal::Leave {
             self.horizontal = ReferenceGovernor::default();
         }
         self.horizontal
-            .update(q.now, follows, &target(0).0, &start, &pace, [0.5, 3.0]);
+            .update(q.now, follows, &target(0).0, &start, &pace, [jump_m, 3.0]);
         let mut governor = self.horizontal.gap;
         for (k, r) in problem.reference.iter_mut().enumerate() {
             governor.advance(self.config.step_s, &pace);
@@ -372,8 +427,8 @@ impl ReferenceGenerator {
         }
     }
 
-    /// No reference below the minimum altitude where it is not over the deck.
-    pub(super) fn keep_above_water(&self, reference: &Reference, problem: &mut Problem) {
+    /// No reference below the minimum altitude where it is not over the deck, nor below the top of a volume there.
+    pub(super) fn keep_above(&self, reference: &Reference, problem: &mut Problem) {
         for (k, r) in problem.reference.iter_mut().enumerate() {
             let ceiling = self.ceiling(reference, k, r[0], r[1]);
             if r[2] > ceiling {
@@ -383,8 +438,57 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Soft upper bound of z at a place: the minimum altitude over the water, nothing over the deck.
+    /// Keeps references beside the volumes that the plan passes on a side, and bounds how far from them the plan's
+    /// places may be off towards a volume: with the half-space `n . p >= b` and a reference `r` that is `s = n . r - b`
+    /// inside it, each axis may be off by `s / (|n_x| + |n_y|)`.
+    pub(super) fn keep_out(&self, reference: &Reference, problem: &mut Problem) {
+        problem.sides.clear();
+        if reference.passages.is_empty() {
+            return;
+        }
+        let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
+        for (r, deck) in stages {
+            let mut sides = [[-NO_CEILING, NO_CEILING]; 2];
+            // Away from one volume may be into another: twice suffices for two, a third leaves a soft bound.
+            let halves: Vec<_> = reference
+                .passages
+                .iter()
+                .filter_map(|p| p.side(deck, r[2]))
+                .collect();
+            for (n, b) in halves.iter().chain(&halves) {
+                let push = (b - n.x * r[0] - n.y * r[1]).max(0.0) / n.norm_squared();
+                (r[0], r[1]) = (r[0] + push * n.x, r[1] + push * n.y);
+            }
+            for (n, b) in &halves {
+                let room = (n.x * r[0] + n.y * r[1] - b).max(0.0) / (n.x.abs() + n.y.abs());
+                if room > FAR_M {
+                    continue;
+                }
+                for (i, side) in sides.iter_mut().enumerate() {
+                    if n[i] > 0.0 {
+                        side[0] = side[0].max(r[i] - room);
+                    } else if n[i] < 0.0 {
+                        side[1] = side[1].min(r[i] + room);
+                    }
+                }
+            }
+            problem.sides.push(sides);
+        }
+        self.keep_above(reference, problem);
+    }
+
+    /// Soft upper bound of z at a place: over volumes that the plan passes above, over the water outside the deck.
     pub fn ceiling(&self, reference: &Reference, stage: usize, x: f64, y: f64) -> f64 {
+        let water_z = self.water_ceiling(reference, stage, x, y);
+        let Some(deck) = reference.deck.get(stage + 1) else {
+            return water_z;
+        };
+        let tops = reference.passages.iter().filter_map(|p| p.top_z(deck, x, y));
+        tops.fold(water_z, f64::min)
+    }
+
+    /// The minimum altitude over the water, nothing over the deck.
+    fn water_ceiling(&self, reference: &Reference, stage: usize, x: f64, y: f64) -> f64 {
         if let Some(d) = reference.deck.get(stage + 1) {
             let (s, c) = d.euler[2].sin_cos();
             let (dx, dy) = (x - d.position[0], y - d.position[1]);

@@ -2,6 +2,7 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{AutopilotState, DeckStage, Header, State as Mode};
+use alight_shared::surroundings::{KeepOut, Surroundings};
 use nalgebra::{DMatrix, DVector, SVector};
 use proptest::prelude::*;
 
@@ -171,6 +172,7 @@ fn sparse_form_equals_the_condensed_form() {
         slew: 0.3,
         state: [None, Some(8.0), Some(0.8), Some(2.0)],
         ceiling: false,
+        floor: false,
     };
     let slack = SlackCost {
         linear: 1.0,
@@ -189,6 +191,7 @@ fn sparse_form_equals_the_condensed_form() {
         previous_input: 0.02,
         cost: &cost,
         ceiling: &[NO_CEILING; 20],
+        floor: &[],
     });
     let (n, m) = (form.q.len(), form.equalities);
     let mut kkt = DMatrix::zeros(n + m, n + m);
@@ -226,6 +229,7 @@ fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
 struct Bench {
     planner: Planner,
     follower: Follower,
+    around: Surroundings,
 }
 
 impl Bench {
@@ -237,6 +241,7 @@ impl Bench {
         Bench {
             planner: Planner::new(&config(kind), &drone, &deck, 7),
             follower: Follower::new(position),
+            around: Surroundings::default(),
         }
     }
     /// One tick of an ideal follower.
@@ -244,7 +249,10 @@ impl Bench {
         self.follower.follow();
         let (now, header) = (self.follower.now(), self.follower.header());
         let input = PlannerIn {
-            forecast: sea.map(|s| s.forecast(now, header.sequence)),
+            forecast: sea.map(|s| DeckForecast {
+                surroundings: self.around,
+                ..s.forecast(now, header.sequence)
+            }),
             mission: Some(MissionState { header, ..mission }),
             drone: Some(self.follower.drone),
             autopilot: None,
@@ -398,6 +406,37 @@ fn planner_leaves_a_deck_under_way_with_it_and_faster_than_it_rises() {
 }
 
 #[test]
+fn planner_leaves_along_the_escape_direction_and_goes_round_into_the_sector() {
+    let mut b = Bench::of(PlannerKind::Alight, [ABOVE[0], ABOVE[1], ABOVE[2]]);
+    b.around.escape = Some(core::f32::consts::PI);
+    let leave = MissionState {
+        with_deck: true,
+        ..hold([ABOVE[0], ABOVE[1], -16.3])
+    };
+    b.ticks(300, leave, Some(&MODERATE));
+    let aside = |b: &Bench| {
+        let deck = MODERATE.deck(b.follower.now().secs());
+        let r = b.follower.drone.position() - Vector3::from(deck.position);
+        nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), -deck.euler[2]) * r
+    };
+    let r = aside(&b);
+    assert!(r.x < -4.0 && r.y.abs() < 0.5, "astern: {r:?}");
+    // Back over the deck by the bow only.
+    b.around.sector = [-0.5, 1.0];
+    let mut came = None;
+    for _ in 0..3000 {
+        b.tick(landing(Mode::Tracking), Some(&MODERATE));
+        let r = aside(&b);
+        let low = (3.5..8.5).contains(&r.xy().norm());
+        if low && came.is_some() {
+            assert!(b.around.outside_sector(r.y.atan2(r.x), 0.0).abs() < 0.1, "{r:?}");
+        }
+        came = came.or((r.xy().norm() > 9.5).then_some(()));
+    }
+    assert!(came.is_some() && aside(&b).xy().norm() < 0.5, "{:?}", aside(&b));
+}
+
+#[test]
 fn planner_keeps_the_minimum_altitude_outside_the_deck() {
     // Commanded to land 6 m off the deck: it may descend only to the minimum altitude over the water.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
@@ -539,6 +578,7 @@ proptest! {
             reference: vec![target; 20],
             weight: vec![weight; 20],
             ceiling: Vec::new(),
+            sides: Vec::new(),
         };
         let mut solution = Solution::default();
         mpc.solve(&mut problem, |_, x, _| if x > 0.0 { -1.0 } else { NO_CEILING }, &mut solution);
@@ -605,6 +645,52 @@ proptest! {
                 for s in plan.stages.iter() {
                     prop_assert!(s.acceleration[2] <= GRAVITY + 1e-6 && s.acceleration[2] >= -up - 1e-6);
                 }
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+
+    /// A drone that begins outside a volume beside a rocking deck is asked to follow the deck, to land, to leave or to
+    /// hold a place anywhere, even within the volume.
+    #[test]
+    fn planner_stays_out_of_the_widened_volume_whatever_the_mission_asks(
+        low in prop::array::uniform2(-5.0..4.0_f64), size in prop::array::uniform3(0.2..3.0_f64),
+        top in 0.5..9.0_f64, from in prop::array::uniform3(-7.0..7.0_f64), to in prop::array::uniform3(-7.0..7.0_f64),
+        mode in 0_usize..5, escape in prop::option::of(-3.0..3.0_f32),
+    ) {
+        let margin = crate::surroundings::margin_m(&DroneGeometry::default());
+        let volume = KeepOut {
+            low: [low[0], low[1], -top].map(|v| v as f32),
+            high: [low[0] + size[0], low[1] + size[1], size[2]].map(|v| v as f32),
+        };
+        let q = |deck: &DeckStage, p: [f64; 3]| {
+            let r = Vector3::from(p) - Vector3::from(deck.position);
+            volume.beyond(&(deck.rotation().transpose() * r)).max() - margin
+        };
+        let near = |p: [f64; 3]| [ABOVE[0] + p[0], ABOVE[1] + p[1], ABOVE[2] + p[2]];
+        let (from, to) = (near(from), near(to));
+        let here = MODERATE.deck(0.0);
+        prop_assume!(q(&here, from) > 0.5 && q(&here, near([0.0, 0.0, 5.0])) > 0.6);
+        let mission = match mode {
+            0 => landing(Mode::Tracking),
+            1 => landing(Mode::Descent),
+            2 => landing(Mode::Flare),
+            3 => hold(to),
+            _ => MissionState { with_deck: true, ..hold([from[0], from[1], -16.0]) },
+        };
+        let mut b = Bench::of(PlannerKind::Alight, from);
+        b.around.escape = escape;
+        let _ = b.around.keep_out.push(volume);
+        for _ in 0..500 {
+            let Some(plan) = b.tick(mission, Some(&MODERATE)) else { continue };
+            for (k, s) in plan.stages.iter().enumerate() {
+                let deck = MODERATE.deck((plan.header.at + plan.step * k as i64).secs());
+                let gap = q(&deck, s.position);
+                // Bounds are soft: of what drone and forecast err by (0.5 m), half is left.
+                prop_assert!(gap > -0.25, "stage {k}: {gap:.2} {s:?}, from {from:?}");
             }
         }
     }

@@ -102,7 +102,7 @@ impl Law for Rendezvous {
         let left = self.write_references(now, &view.mission, forecast, problem, reference);
         reference.touch = left.is_some();
         reference.alignment = problem.alignment();
-        generator.keep_above_water(reference, problem);
+        generator.keep_above(reference, problem);
         left
     }
     fn attitude(&self, state: &State, vertical: f64) -> (f64, f64, f64) {

@@ -1,0 +1,132 @@
+//! A vessel with a mast forward of her landing deck and an A-frame abeam, under way in a moderate sea: drones that know of
+//! them pass both with room, come through the approach sector and leave along the escape direction.
+// Helpers of tests may panic, as tests do.
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use alight_shared::surroundings::SurroundingsConfig;
+use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::trace::TracePoint;
+use alight_sim::harness::trial::{self, Watch};
+use alight_sim::physics::sea::SeaConfig;
+use alight_sim::studies::aborts::{Interruption, drive, fly};
+
+/// The mast is 8 m higher than the deck, a metre higher than drones wait without it; the A-frame 3.5 m.
+const KEEP_OUT_M: [[[f64; 3]; 2]; 2] = [
+    [[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]],
+    [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
+];
+
+/// The vessel at this speed (m/s), and what her installer has configured.
+fn vessel(speed_mps: f64, surroundings: SurroundingsConfig) -> (Scenario, NodeConfigs) {
+    let mut scenario = Scenario {
+        sea: SeaConfig::paper(0.4, 5.0),
+        keep_out_m: KEEP_OUT_M.to_vec(),
+        ..Scenario::default()
+    };
+    drive(&mut scenario, speed_mps);
+    let mut nodes = NodeConfigs::default();
+    nodes.vessel.surroundings = surroundings;
+    (scenario, nodes)
+}
+
+fn known() -> SurroundingsConfig {
+    SurroundingsConfig {
+        keep_out_m: KEEP_OUT_M.to_vec(),
+        ..SurroundingsConfig::default()
+    }
+}
+
+fn land((scenario, nodes): &(Scenario, NodeConfigs), seed: u64) -> (Outcome, Vec<TracePoint>) {
+    let watch = Watch {
+        on_event: &mut |_| (),
+        trace_step_s: Some(0.05),
+    };
+    let flown = trial::fly(scenario, nodes, seed, "0.4,5", watch).unwrap();
+    (flown.outcome, flown.trace.unwrap().points)
+}
+
+#[test]
+fn drone_that_knows_of_a_mast_passes_it_with_room_and_lands() {
+    let without = vessel(2.0, SurroundingsConfig::default());
+    let with = vessel(2.0, known());
+    // These come from the mast's side.
+    for (seed, collides) in [(10, true), (33, true), (22, false), (58, false)] {
+        let (before, _) = land(&without, seed);
+        let gap = before.keep_out_gap_m.unwrap();
+        assert_eq!(
+            before.keep_out_collisions,
+            Some(u32::from(collides)),
+            "seed {seed}"
+        );
+        assert!(gap < 0.25, "seed {seed}: {gap}");
+        let (after, _) = land(&with, seed);
+        let gap = after.keep_out_gap_m.unwrap();
+        assert!(after.success && gap > 0.5, "seed {seed}: {gap} {}", after.reason);
+    }
+}
+
+#[test]
+fn drone_comes_in_through_the_approach_sector_only() {
+    let sector = SurroundingsConfig {
+        approach_sector_deg: [120.0, 240.0],
+        ..known()
+    };
+    let world = vessel(2.0, sector.clone());
+    let around = sector.around(&world.0.deck);
+    for seed in [10, 33, 22] {
+        let (o, points) = land(&world, seed);
+        assert!(o.success, "seed {seed}: {}", o.reason);
+        let mut worst = 0.0_f64;
+        for p in &points {
+            let (north, east) = (p.drone[0] - p.deck[0], p.drone[1] - p.deck[1]);
+            // Over the deck, or clear of the vessel.
+            if (3.5..9.5).contains(&north.hypot(east)) {
+                let out = around.outside_sector(east.atan2(north) - p.deck_euler[2], 0.0);
+                worst = worst.max(out.abs().to_degrees());
+            }
+        }
+        // What the vessel yaws about her mean heading.
+        assert!(worst < 5.0, "seed {seed}: {worst} deg outside the sector");
+    }
+}
+
+#[test]
+fn drone_that_holds_over_a_deck_under_way_is_not_met_by_a_mast_astern() {
+    let astern = vec![[[-3.4, -0.3, -9.3], [-3.0, 0.3, 0.0]]];
+    for told in [false, true] {
+        let mut around = SurroundingsConfig::default();
+        if told {
+            around.keep_out_m = astern.clone();
+        }
+        let (mut scenario, nodes) = vessel(4.0, around);
+        scenario.keep_out_m = astern.clone();
+        for seed in [10, 33] {
+            let flown = fly(&scenario, &nodes, seed, Interruption::Hold, 3.0)
+                .unwrap()
+                .unwrap();
+            assert_eq!(flown.collided, !told, "seed {seed}: {flown:?}");
+        }
+    }
+}
+
+#[test]
+fn drone_that_leaves_along_the_escape_direction_meets_no_volume() {
+    let around = SurroundingsConfig {
+        escape_deg: Some(180.0),
+        ..known()
+    };
+    let (scenario, nodes) = vessel(4.0, around);
+    for interruption in [Interruption::Abort, Interruption::PlanLost] {
+        for (seed, height_m) in [(10, 5.0), (33, 3.0), (22, 1.5), (58, 0.5)] {
+            let flown = fly(&scenario, &nodes, seed, interruption, height_m)
+                .unwrap()
+                .unwrap();
+            assert!(
+                flown.safe(),
+                "{} at {height_m} m, seed {seed}: {flown:?}",
+                interruption.name()
+            );
+        }
+    }
+}

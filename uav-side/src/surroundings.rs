@@ -1,0 +1,268 @@
+//! What stands around the deck, as the drone passes it: above its top, or beside it.
+//!
+//! A volume is widened by the drone and what it errs by ([`Clear::margin_m`]) and turns and heaves with the predicted
+//! deck. In the deck's frame `q = R' (p - c)` with the deck's centre `c`; the face on which a drone passes is that
+//! beyond which it is now, and `n . (p - c) >= b` holds at every stage with the face's normal `n` turned by that
+//! stage's `R`.
+
+use alight_shared::geometry::DroneGeometry;
+use alight_shared::msg::DeckStage;
+use alight_shared::surroundings::{KeepOut, Surroundings};
+use nalgebra::{Vector2, Vector3};
+
+use crate::escape::WITH_DECK_M;
+
+/// What forecast and tracking err by near the deck, m: the planner's reset distance halved.
+const MARGIN_M: f64 = 0.5;
+/// A drone goes round the vessel on points so far ahead, rad.
+const AHEAD_RAD: f64 = core::f64::consts::FRAC_PI_6;
+/// A drone has come through the sector when it is so far from its edges, rad; in a narrow one a quarter of it.
+const EDGE_RAD: f64 = 0.17;
+/// Above the deck by so much the escape direction is taken, m: clear of the deck and of who stands on it.
+const ESCAPE_ABOVE_M: f64 = 3.0;
+/// Speed along it over that of the deck, m/s: a drone under way tilts no more than 10 deg to reach it within a second.
+const ESCAPE_MPS: f64 = 2.0;
+/// Step in which the way out is looked at, m.
+const LOOK_STEP_M: f64 = 0.25;
+
+/// Widening of volumes for this drone, m.
+pub(crate) fn margin_m(drone: &DroneGeometry) -> f64 {
+    drone.body_radius_m() + MARGIN_M
+}
+
+/// Within this distance of the deck's centre a drone is with the vessel, m.
+pub(crate) fn ring_m(around: &Surroundings, drone: &DroneGeometry) -> f64 {
+    if around.keep_out.is_empty() {
+        return WITH_DECK_M;
+    }
+    WITH_DECK_M.max(around.reach_m() + margin_m(drone))
+}
+
+/// The place (from the deck's centre, NED, m) by which a drone at `from` goes round the vessel towards the approach
+/// sector; None from within it. `admitted`: it was within the sector before.
+pub(crate) fn way_round(
+    around: &Surroundings,
+    drone: &DroneGeometry,
+    heading: f64,
+    from: &Vector2<f64>,
+    admitted: &mut bool,
+) -> Option<Vector2<f64>> {
+    let bearing = from.y.atan2(from.x) - heading;
+    let edge = EDGE_RAD.min(0.25 * f64::from(around.sector[1]));
+    let turn = around.outside_sector(bearing, edge);
+    *admitted = turn == 0.0 || *admitted && around.outside_sector(bearing, 0.0) == 0.0;
+    if *admitted {
+        return None;
+    }
+    let next = heading + bearing + (turn + edge.copysign(turn)).clamp(-AHEAD_RAD, AHEAD_RAD);
+    // Who heads for a point so far ahead on a circle ends on a smaller one.
+    let radius = ring_m(around, drone) / AHEAD_RAD.cos();
+    Some(Vector2::new(next.cos(), next.sin()) * radius)
+}
+
+/// Horizontal velocity over that of the deck in which a drone at `position`, `clearance` above the deck, leaves, m/s;
+/// zero while it is low, without an escape direction, or where a volume stands in its way.
+pub(crate) fn escape_velocity(
+    around: &Surroundings,
+    deck: &DeckStage,
+    drone: &DroneGeometry,
+    position: &Vector3<f64>,
+    clearance: f64,
+) -> Vector2<f64> {
+    let Some([forward, right]) = around.escape_direction().filter(|_| clearance > ESCAPE_ABOVE_M) else {
+        return Vector2::zeros();
+    };
+    let q = in_deck(deck, position);
+    let margin = margin_m(drone);
+    let steps = (2.0 * ring_m(around, drone) / LOOK_STEP_M) as u32;
+    let blocked = (0..=steps).any(|k| {
+        let s = LOOK_STEP_M * f64::from(k);
+        let p = q + Vector3::new(s * forward, s * right, 0.0);
+        around.keep_out.iter().any(|v| v.distance(&p) < margin)
+    });
+    if blocked {
+        return Vector2::zeros();
+    }
+    let (sin, cos) = deck.euler[2].sin_cos();
+    Vector2::new(cos * forward - sin * right, sin * forward + cos * right) * ESCAPE_MPS
+}
+
+/// A place of the drone's NED in the deck's frame, m.
+fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
+    deck.rotation().transpose() * (p - Vector3::from(deck.position))
+}
+
+/// Where a drone passes a volume.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Face {
+    Top,
+    /// The deck's axis (0: forward, 1: right) and its sign.
+    Side(usize, f64),
+}
+
+/// A widened volume and the face beyond which the drone stays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Passage {
+    volume: KeepOut,
+    margin: f64,
+    face: Face,
+}
+
+impl Passage {
+    /// On the side on which a drone at `position` is now: above a volume that it is higher than, else the side that is
+    /// nearest to being free.
+    pub(crate) fn of(volume: &KeepOut, margin: f64, deck: &DeckStage, position: &Vector3<f64>) -> Passage {
+        let q = in_deck(deck, position);
+        let above = f64::from(volume.low[2]) - margin - q.z;
+        let (mut face, mut most) = (Face::Top, above);
+        if above < 0.0 {
+            for axis in 0..2 {
+                for (sign, bound) in [(1.0, volume.high[axis]), (-1.0, -volume.low[axis])] {
+                    let beyond = sign * q[axis] - f64::from(bound) - margin;
+                    if beyond > most {
+                        (face, most) = (Face::Side(axis, sign), beyond);
+                    }
+                }
+            }
+        }
+        Passage {
+            volume: *volume,
+            margin,
+            face,
+        }
+    }
+
+    /// Greatest NED z (lowest height) at the place (x, y) over a volume that is passed above it, m; None beside it.
+    ///
+    /// The vertical through (x, y) is `q(z) = R' (x - c_x, y - c_y, 0) + z R' e_z` over the deck's centre; between the
+    /// widened faces of all axes lies the part of it within the volume.
+    pub(crate) fn top_z(&self, deck: &DeckStage, x: f64, y: f64) -> Option<f64> {
+        if self.face != Face::Top {
+            return None;
+        }
+        let into = deck.rotation().transpose();
+        let q = into * Vector3::new(x - deck.position[0], y - deck.position[1], 0.0);
+        let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+        for i in 0..3 {
+            let (low, high) = (
+                f64::from(self.volume.low[i]) - self.margin - q[i],
+                f64::from(self.volume.high[i]) + self.margin - q[i],
+            );
+            let d = into[(i, 2)];
+            if d.abs() < 1e-6 {
+                if low > 0.0 || high < 0.0 {
+                    return None;
+                }
+                continue;
+            }
+            from = from.max((low / d).min(high / d));
+            to = to.min((low / d).max(high / d));
+        }
+        (from < to).then_some(deck.position[2] + from)
+    }
+
+    /// The half-space beside the volume at the height `z`: `n . (x, y) >= b`; None above it.
+    pub(crate) fn side(&self, deck: &DeckStage, z: f64) -> Option<(Vector2<f64>, f64)> {
+        let Face::Side(axis, sign) = self.face else {
+            return None;
+        };
+        let n = deck.rotation().column(axis) * sign;
+        let bound = if sign > 0.0 {
+            self.volume.high[axis]
+        } else {
+            -self.volume.low[axis]
+        };
+        let c = Vector3::from(deck.position);
+        let b = f64::from(bound) + self.margin + n.xy().dot(&c.xy()) - n.z * (z - c.z);
+        Some((n.xy(), b))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(500))]
+        /// Above the top or beyond the side on which it passes, a drone is outside the widened volume, however the deck
+        /// lies by then.
+        #[test]
+        fn passage_keeps_a_drone_out_of_the_widened_volume(
+            corner in prop::array::uniform3(-8.0..8.0f64), size in prop::array::uniform3(0.1..6.0f64),
+            now in prop::array::uniform3(-15.0..15.0f64), then in prop::array::uniform3(-15.0..15.0f64),
+            euler in prop::array::uniform3(-0.4..0.4f64), later in prop::array::uniform3(-0.4..0.4f64),
+        ) {
+            let volume = KeepOut {
+                low: corner.map(|v| v as f32),
+                high: core::array::from_fn(|i| (corner[i] + size[i]) as f32),
+            };
+            let stage = |position, euler| DeckStage { position, euler, ..DeckStage::default() };
+            let deck = stage([1.0, 2.0, -1.0], euler);
+            let passage = Passage::of(&volume, 1.0, &deck, &Vector3::from(now));
+            let after = stage([3.0, -1.0, -2.0], later);
+            let mut p = Vector3::from(then);
+            if let Some(z) = passage.top_z(&after, p.x, p.y) {
+                p.z = p.z.min(z);
+            }
+            if let Some((n, b)) = passage.side(&after, p.z) {
+                let push = (b - n.dot(&p.xy())).max(0.0) / n.norm_squared();
+                p.x += push * n.x;
+                p.y += push * n.y;
+            }
+            // On the other side of a widened volume's underside, nobody is above it.
+            let beyond = volume.beyond(&in_deck(&after, &p));
+            let widened = |v: f64| v >= 1.0 - 1e-5;
+            prop_assert!(beyond.iter().any(|v| widened(*v)), "{passage:?} {beyond:?}");
+        }
+    }
+
+    #[test]
+    fn escape_waits_for_clearance_and_for_a_free_way() {
+        let mut around = Surroundings {
+            escape: Some(core::f32::consts::PI),
+            ..Surroundings::default()
+        };
+        let (deck, drone) = (DeckStage::default(), DroneGeometry::default());
+        let velocity = |around: &Surroundings, clearance: f64| {
+            escape_velocity(
+                around,
+                &deck,
+                &drone,
+                &Vector3::new(0.0, 0.0, -clearance - 0.3),
+                clearance,
+            )
+        };
+        assert_eq!(velocity(&around, 2.9), Vector2::zeros());
+        assert!((velocity(&around, 3.1) - Vector2::new(-ESCAPE_MPS, 0.0)).norm() < 1e-6);
+        let _ = around.keep_out.push(KeepOut {
+            low: [-6.0, 0.0, -5.0],
+            high: [-5.0, 3.0, 0.0],
+        });
+        assert_eq!(velocity(&around, 3.1), Vector2::zeros());
+        assert!(velocity(&around, 6.0).norm() > 0.0, "above it");
+    }
+
+    #[test]
+    fn drone_goes_round_the_vessel_and_in_through_its_sector_only() {
+        let around = Surroundings {
+            sector: [2.1, 2.1],
+            ..Surroundings::default()
+        };
+        let drone = DroneGeometry::default();
+        for (heading, begins) in [(0.4, 0.5), (-2.0, -2.6), (3.0, 0.0)] {
+            let begins: f64 = begins + heading;
+            let (mut p, mut admitted) = (Vector2::new(begins.cos(), begins.sin()) * 50.0, false);
+            while p.norm() > 3.0 {
+                let to = way_round(&around, &drone, heading, &p, &mut admitted).unwrap_or_default();
+                let step = to - p;
+                p += step * (0.1 / step.norm().max(0.1));
+                let outside = around.outside_sector(p.y.atan2(p.x) - heading, 0.0) != 0.0;
+                assert!(
+                    !outside || p.norm() > ring_m(&around, &drone) - 0.2 || p.norm() < 0.1,
+                    "{p:?}"
+                );
+            }
+        }
+    }
+}
