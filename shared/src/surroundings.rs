@@ -89,20 +89,11 @@ impl SurroundingsConfig {
         Ok(())
     }
 
-    /// The same from the deck's centre; corners in order.
+    /// The same from the deck's centre.
     pub fn around(&self, deck: &DeckGeometry) -> Surroundings {
-        let boxes = self.keep_out_m.iter().map(|[a, b]| {
-            let corner = |pick: fn(f64, f64) -> f64| {
-                core::array::from_fn(|i| (pick(a[i], b[i]) - deck.centre_m[i]) as f32)
-            };
-            KeepOut {
-                low: corner(f64::min),
-                high: corner(f64::max),
-            }
-        });
         let from = wrap_angle(self.approach_sector_deg[0].to_radians());
         Surroundings {
-            keep_out: Seq::filled(boxes),
+            keep_out: KeepOut::all(&self.keep_out_m, deck),
             sector: [from as f32, self.sector_width_deg().to_radians() as f32],
             escape: self.escape_deg.map(|deg| wrap_angle(deg.to_radians()) as f32),
         }
@@ -120,6 +111,16 @@ pub struct KeepOut {
 }
 
 impl KeepOut {
+    /// Boxes by two opposite corners in the vessel's body frame (m), from the deck's centre; at most [`MAX_KEEP_OUT`].
+    pub fn all(corners: &[[[f64; 3]; 2]], deck: &DeckGeometry) -> Seq<KeepOut, MAX_KEEP_OUT> {
+        Seq::filled(corners.iter().map(|[a, b]| {
+            let place = |i: usize, v: f64| (v - deck.centre_m[i]) as f32;
+            KeepOut {
+                low: core::array::from_fn(|i| place(i, a[i].min(b[i]))),
+                high: core::array::from_fn(|i| place(i, a[i].max(b[i]))),
+            }
+        }))
+    }
     /// How far the place `p` (deck frame, m) is beyond the box along each axis, m; negative inside.
     pub fn beyond(&self, p: &Vector3<f64>) -> Vector3<f64> {
         Vector3::from_fn(|i, _| (f64::from(self.low[i]) - p[i]).max(p[i] - f64::from(self.high[i])))

@@ -103,3 +103,22 @@ config! {
         this.surroundings.check_deck(&this.deck, &at.table("surroundings"))?;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vessel_configuration_refuses_a_volume_over_its_own_deck() {
+        let text =
+            "[deck]\ncentre_m = [-4.0, 0.0, -1.0]\n[surroundings]\nkeep_out_m = [[[-3, 0, -4], [-2, 1, 0]]]";
+        let e = config::parse::<VesselNodeConfig>(text, "test")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            e.contains("`surroundings.keep_out_m[0]` is [[-3.0, 0.0, -4.0]"),
+            "{e}"
+        );
+        assert!(config::parse::<VesselNodeConfig>(&text.replace("-4.0", "4.0"), "test").is_ok());
+    }
+}

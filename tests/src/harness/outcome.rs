@@ -205,14 +205,6 @@ struct FirstContact {
     euler: [f64; 3],
 }
 
-/// What the judge has seen of keep-out volumes.
-#[derive(Clone, Copy)]
-struct KeepOutRecord {
-    collisions: u32,
-    least_m: f64,
-    within: bool,
-}
-
 /// Watches a trial and judges it.
 #[derive(Default)]
 pub struct Judge {
@@ -224,7 +216,8 @@ pub struct Judge {
     unsafe_contacts: u32,
     water_contacts: u32,
     fast_contacts: u32,
-    keep_out: Option<KeepOutRecord>,
+    /// Entries into keep-out volumes, the least distance from one, and whether it is within one, m.
+    keep_out: Option<(u32, f64, bool)>,
     attempts: u32,
     rest_error: Option<f64>,
     ended: bool,
@@ -251,13 +244,9 @@ impl Judge {
         }
         if let Some(gap) = o.keep_out_gap_m {
             let within = gap <= 0.0;
-            let seen = self.keep_out.get_or_insert(KeepOutRecord {
-                collisions: 0,
-                least_m: gap,
-                within: false,
-            });
-            seen.collisions += u32::from(within && !seen.within);
-            (seen.within, seen.least_m) = (within, seen.least_m.min(gap));
+            let (entries, least, was_within) = self.keep_out.unwrap_or((0, gap, false));
+            let entered = within && !was_within;
+            self.keep_out = Some((entries + u32::from(entered), least.min(gap), within));
             if within {
                 self.fail(
                     Ending::Collision,
@@ -419,8 +408,8 @@ impl Judge {
             unsafe_contacts: self.unsafe_contacts,
             water_contacts: self.water_contacts,
             contacts_above_2_mps: self.fast_contacts,
-            keep_out_collisions: self.keep_out.map(|k| k.collisions),
-            keep_out_gap_m: self.keep_out.map(|k| k.least_m),
+            keep_out_collisions: self.keep_out.map(|(entries, ..)| entries),
+            keep_out_gap_m: self.keep_out.map(|(_, least, _)| least),
             position_error_m: first.map(|c| c.position_error),
             rest_position_error_m: self.rest_error,
             touchdown_speed_mps: first.map(|c| c.normal),

@@ -8,8 +8,8 @@ use core::f64::consts::TAU;
 
 use alight_shared::config::{Check, Keys};
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
-use alight_shared::msg::{AutopilotState, DroneState, Header, MissionState, SetPoint, State};
-use alight_shared::surroundings::{KeepOut, SurroundingsConfig};
+use alight_shared::msg::{AutopilotState, DroneState, Header, MissionState, Seq, SetPoint, State};
+use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
@@ -139,7 +139,7 @@ pub struct Physics {
     vessel_clock: ClockModel,
     vessel_sensors: VesselSensors,
     drones: Vec<Plant>,
-    keep_out: Vec<KeepOut>,
+    keep_out: Seq<KeepOut, MAX_KEEP_OUT>,
     scenario: Scenario,
     streams: Streams,
     digest: u64,
@@ -183,14 +183,7 @@ impl Physics {
             drones: (0..scenario.drones as usize)
                 .map(|k| Plant::new(k, scenario, &streams))
                 .collect(),
-            keep_out: {
-                let keep_out_m = scenario.keep_out_m.clone();
-                let around = SurroundingsConfig {
-                    keep_out_m,
-                    ..SurroundingsConfig::default()
-                };
-                around.around(&scenario.deck).keep_out.to_vec()
-            },
+            keep_out: KeepOut::all(&scenario.keep_out_m, &scenario.deck),
             scenario: scenario.clone(),
             streams,
             digest: 0xcbf2_9ce4_8422_2325,

@@ -99,7 +99,7 @@ config! {
         pub deck_motion: Option<DeckMotionConfig> = None;
         /// The landing deck as it is.
         pub deck: DeckGeometry;
-        /// Keep-out volumes as they are: boxes by two opposite corners in the vessel's body frame, m.
+        /// Keep-out volumes as they are, at most 8: boxes by two opposite corners in the vessel's body frame, m.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub keep_out_m: Vec<[[f64; 3]; 2]> = Vec::new(), in -200.0..=200.0;
         /// The drone's nominal geometry as it is; mass and thrust errors are in `drone.airframe`.

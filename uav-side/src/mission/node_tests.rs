@@ -76,28 +76,21 @@ fn mission_waits_above_the_volumes_and_leaves_until_it_is_away_from_them() {
         let t = at(1.0 + f64::from(k) * 0.02);
         let mut input = fresh_input(k, t, position);
         let around = &mut input.forecast.as_mut().unwrap().surroundings;
-        let mast = KeepOut {
-            low: [2.0, 0.0, -14.0],
-            high: [9.0, 0.0, 0.0],
-        };
-        let _ = around.keep_out.push(mast);
+        let (low, high) = ([2.0, 0.0, -14.0], [9.0, 0.0, 0.0]);
+        let _ = around.keep_out.push(KeepOut { low, high });
         around.escape = Some(0.0);
         input.commands = kind.map(|kind| command(header(k, t), kind)).into_iter().collect();
         m.step(t, &input).state.unwrap()
     };
     let above = [0.0, 0.0, -1.3 - 14.0 - 5.0];
-    let (begins, goes) = (
-        state(5, &mut m, above, Some(CommandKind::Land)),
-        state(6, &mut m, above, None),
-    );
-    assert_eq!((begins.state, goes.state), (State::GetAltitude, State::Approach));
+    state(5, &mut m, above, Some(CommandKind::Land));
+    let goes = state(6, &mut m, above, None);
+    assert_eq!(goes.state, State::Approach);
     // 14 m, 3 m for waiting, and 0.2 of 9 m.
     assert!((goes.height_m - 18.8).abs() < 1e-6, "{goes:?}");
     let leaves = state(7, &mut m, above, Some(CommandKind::Abort));
-    assert!(
-        leaves.state == State::GaveUp && leaves.with_deck,
-        "as high as there, not away: {leaves:?}"
-    );
+    // As high as there, but not away.
+    assert!(leaves.state == State::GaveUp && leaves.with_deck, "{leaves:?}");
     // Beyond the volumes' 9 m and a drone with its margin.
     assert!(state(8, &mut m, [9.9, 0.0, above[2]], None).with_deck);
     assert!(!state(9, &mut m, [10.2, 0.0, above[2]], None).with_deck);

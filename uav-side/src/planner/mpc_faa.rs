@@ -307,11 +307,13 @@ impl<const N: usize> ChainMpc<N> {
                     weight: gather(&self.index, w),
                 }),
         );
-        for (own, given) in self.ceiling.iter_mut().zip(ceiling) {
-            *own = (given - origin).min(NO_CEILING);
-        }
-        for (own, given) in self.floor.iter_mut().zip(floor) {
-            *own = (given - origin).max(-NO_CEILING);
+        // A list that is too short, or none, bounds nothing.
+        let local_bound = |given: Option<&f64>, none: f64| {
+            given.map_or(none, |g| (g - origin).clamp(-NO_CEILING, NO_CEILING))
+        };
+        for (k, (low, high)) in self.floor.iter_mut().zip(&mut self.ceiling).enumerate() {
+            *low = local_bound(floor.get(k), -NO_CEILING);
+            *high = local_bound(ceiling.get(k), NO_CEILING);
         }
 
         let solved = self.fast.solve(&x0, previous, &self.cost, &mut self.inputs);

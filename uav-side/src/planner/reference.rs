@@ -218,31 +218,18 @@ impl ReferenceGenerator {
         if q.goal != Goal::Above || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
         }
-        let heading = forecast.mean_heading;
-        way_round(
-            &forecast.surroundings,
-            &self.drone,
-            heading,
-            &from,
-            &mut self.admitted,
-        )
+        let (around, heading) = (&forecast.surroundings, forecast.mean_heading);
+        way_round(around, &self.drone, heading, &from, &mut self.admitted)
     }
 
     /// Horizontal velocity over the deck's in which the drone leaves, m/s.
     fn escape(&self, q: &Request<'_>) -> Vector2<f64> {
-        match (&q.view.forecast, q.reference.deck.first()) {
-            (Some(f), Some(deck)) if q.goal == Goal::Leave => {
-                let place = Vector3::new(q.start[0], q.start[1], q.start[2]);
-                escape_velocity(
-                    &f.surroundings,
-                    deck,
-                    &self.drone,
-                    &place,
-                    q.reference.clearance_m,
-                )
-            }
-            _ => Vector2::zeros(),
-        }
+        let (Some(f), Some(deck), Goal::Leave) = (&q.view.forecast, q.reference.deck.first(), q.goal) else {
+            return Vector2::zeros();
+        };
+        let (around, clearance) = (&f.surroundings, q.reference.clearance_m);
+        let place = Vector3::new(q.start[0], q.start[1], q.start[2]);
+        escape_velocity(around, deck, &self.drone, &place, clearance)
     }
 
     fn horizontal_and_tilt(&mut self, q: &Request<'_>, problem: &mut Problem) {
@@ -257,10 +244,8 @@ impl ReferenceGenerator {
                 let time = step_s * k as f64;
                 let aside = |i: usize| q.start[i] - q.reference.deck.first().map_or(0.0, |d| d.position[i]);
                 let place = [0, 1].map(|i| d.position[i] + aside(i) + out[i] * time);
-                (
-                    Motion::new(place, [d.velocity[0] + out.x, d.velocity[1] + out.y]),
-                    [0.0; 4],
-                )
+                let velocity = [0, 1].map(|i| d.velocity[i] + out[i]);
+                (Motion::new(place, velocity), [0.0; 4])
             }
             (Goal::Above | Goal::Sink, Some(d)) => {
                 let ([x, y, _], [vx, vy, _]) = (d.position, d.velocity);
@@ -450,11 +435,8 @@ impl ReferenceGenerator {
         for (r, deck) in stages {
             let mut sides = [[-NO_CEILING, NO_CEILING]; 2];
             // Away from one volume may be into another: twice suffices for two, a third leaves a soft bound.
-            let halves: Vec<_> = reference
-                .passages
-                .iter()
-                .filter_map(|p| p.side(deck, r[2]))
-                .collect();
+            let passages = reference.passages.iter();
+            let halves: Vec<_> = passages.filter_map(|p| p.side(deck, r[2])).collect();
             for (n, b) in halves.iter().chain(&halves) {
                 let push = (b - n.x * r[0] - n.y * r[1]).max(0.0) / n.norm_squared();
                 (r[0], r[1]) = (r[0] + push * n.x, r[1] + push * n.y);
