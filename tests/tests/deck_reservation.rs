@@ -3,11 +3,12 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use alight_shared::msg::{CommandKind, ReasonCode, State};
+use alight_shared::msg::{BatteryPlace, CommandKind, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::world::{DroneComputer, World};
+use alight_sim::studies::fleet;
 use alight_usv::deck::DeckOrder;
 
 /// Drones above one deck in a slight sea, each commanded to land; every state in which one was.
@@ -24,6 +25,10 @@ impl Fleet {
             drones,
             ..Scenario::default()
         };
+        Fleet::of(scenario, nodes, seed)
+    }
+    fn of(scenario: Scenario, nodes: &NodeConfigs, seed: u64) -> Fleet {
+        let drones = scenario.drones;
         let mut world = World::new(&scenario, nodes, seed).unwrap();
         world.warm_up(&mut NoTap);
         world.command(CommandKind::Land);
@@ -64,6 +69,21 @@ impl Fleet {
     fn assert_state(&self, k: usize, state: State) {
         assert_eq!(self.state(k), state, "{:?}", self.visited);
     }
+    /// Its distance from above the deck, and its height over it, m.
+    fn place(&self, k: usize) -> [f64; 2] {
+        let physics = self.world.physics();
+        let r = physics.drone(k).unwrap().position.0 - physics.deck().position.0;
+        [r.xy().norm(), -r.z]
+    }
+    fn assert_waits_aside(&self, k: usize) {
+        let [aside, height] = self.place(k);
+        let waiting = height > 15.0 - 4.0 && (aside - WAITING_DISTANCE_M).abs() < 4.0;
+        assert!(
+            waiting,
+            "{aside:.1} m aside, {height:.1} m high, {:?}",
+            self.visited
+        );
+    }
     fn assert_never_descended(&self, k: usize) {
         assert!(!self.visited[k].contains(&State::Descent), "{:?}", self.visited);
     }
@@ -83,7 +103,8 @@ fn arbiter_lets_one_of_two_drones_descend_and_the_other_after_it_has_left() {
     fleet.fly(60.0, |f| f.state(first) == State::Landed);
     fleet.fly(30.0, |_| false);
     fleet.assert_state(first, State::Landed);
-    fleet.assert_state(second, State::TrackingStable);
+    fleet.assert_state(second, State::Approach);
+    fleet.assert_waits_aside(second);
     let waiting = fleet.drone(second).mission_state.waiting;
     assert_eq!(waiting.code, ReasonCode::DeckReserved);
     assert!(
@@ -123,7 +144,7 @@ fn drone_without_radio_begins_no_descent_but_completes_one_under_way() {
     let mut fleet = Fleet::new(2, &nodes, 23);
     let (first, second) = fleet.first_descent();
     fleet.fly(60.0, |f| {
-        f.state(second) == State::TrackingStable || f.state(first) == State::Landed
+        f.place(second)[1] > 15.0 || f.state(first) == State::Landed
     });
     let for_good = StateOutage {
         state: State::Descent,
@@ -134,8 +155,9 @@ fn drone_without_radio_begins_no_descent_but_completes_one_under_way() {
     fleet.fly(40.0, |_| false);
     fleet.assert_state(first, State::Landed);
     fleet.assert_never_descended(second);
-    let waiting = fleet.drone(second).mission_state.waiting.code;
-    assert_eq!(waiting, ReasonCode::DeckGrantStale);
+    // It holds at the height that it was given.
+    fleet.assert_state(second, State::Hold);
+    assert!(fleet.place(second)[1] > 11.0, "{:?}", fleet.place(second));
 }
 
 #[test]
@@ -174,6 +196,7 @@ fn nobody_descends_to_a_deck_that_the_crew_has_closed() {
     let before = fleet.visited.clone();
     fleet.fly(60.0, |_| false);
     assert!(fleet.using_the_deck().is_empty());
+    (0..2).for_each(|k| fleet.assert_waits_aside(k));
     let descents = |visited: &[State]| visited.iter().filter(|s| **s == State::Descent).count();
     for k in [first, second] {
         assert_eq!(
@@ -206,4 +229,95 @@ fn operators_abort_reaches_the_drone_through_the_vessel() {
     fleet.world.operator_command(0, CommandKind::Abort);
     fleet.fly(2.0, |f| f.state(0) != State::Descent);
     fleet.assert_state(0, State::GaveUp);
+}
+
+#[test]
+fn drone_that_aborts_climbs_and_leaves_the_deck_to_the_one_that_waits() {
+    let nodes = NodeConfigs::default();
+    let mut fleet = Fleet::new(2, &nodes, 28);
+    let (first, second) = fleet.first_descent();
+    fleet.world.operator_command(first, CommandKind::Abort);
+    fleet.fly(60.0, |f| f.state(second) == State::Descent);
+    fleet.assert_state(second, State::Descent);
+    fleet.assert_state(first, State::GaveUp);
+    fleet.assert_waits_aside(first);
+    fleet.fly(60.0, |f| f.state(second) == State::Landed);
+    fleet.assert_state(second, State::Landed);
+    assert_eq!(fleet.world.physics().collisions(), 0);
+}
+
+#[test]
+fn drones_with_random_orders_aborts_and_outages_meet_neither_each_other_nor_an_occupied_deck() {
+    for (seed, drones) in [(31, 2), (32, 3)] {
+        let report = fleet::fly(&Scenario::default(), &NodeConfigs::default(), seed, drones).unwrap();
+        assert!(report.safe(), "seed {seed}: {report:?}");
+        assert!(
+            report.landings > 0 && report.stops + report.outages > 0,
+            "seed {seed}: {report:?}"
+        );
+    }
+}
+
+/// A drone whose battery reaches its reserve, 0.5 s after it has first entered a state.
+fn low_battery_in(state: State, nodes: &NodeConfigs, seed: u64) -> Fleet {
+    let scenario = Scenario {
+        sea: "slight".parse().unwrap(),
+        ..Scenario::default()
+    };
+    let mut full = Fleet::of(scenario.clone(), nodes, seed);
+    full.fly(120.0, |f| f.state(0) == state);
+    full.assert_state(0, state);
+    let from_start_s = full.world.physics().time_since_start().secs() + scenario.start.hover_s + 0.5;
+    let mut low = scenario;
+    let autopilot = &mut low.drone.autopilot;
+    autopilot.battery = nodes.drone.mission.battery_reserve + from_start_s / autopilot.endurance_s;
+    Fleet::of(low, nodes, seed)
+}
+
+#[test]
+fn low_battery_above_the_deck_leads_onto_it_within_the_limits() {
+    let nodes = NodeConfigs::default();
+    for seed in 51..54 {
+        for state in [State::Tracking, State::Descent] {
+            let mut fleet = low_battery_in(state, &nodes, seed);
+            let mut hardest: f64 = 0.0;
+            fleet.fly(60.0, |f| f.drone(0).mission_state.low_battery.is_some());
+            let chosen = fleet.drone(0).mission_state;
+            assert_eq!(
+                chosen.low_battery,
+                Some(BatteryPlace::Deck),
+                "{:?}",
+                fleet.visited
+            );
+            assert_eq!(chosen.entered.code, ReasonCode::BatteryDeck);
+            for _ in 0..3000 {
+                fleet.fly(TICK.secs(), |_| false);
+                let o = fleet.world.observation();
+                assert!(o.contacts.iter().all(|c| c.foot && c.on_deck));
+                hardest = o
+                    .contacts
+                    .iter()
+                    .map(|c| c.normal_mps.hypot(c.tangential_mps))
+                    .fold(hardest, f64::max);
+            }
+            fleet.assert_state(0, State::Landed);
+            assert!(
+                fleet.place(0)[0] < 0.8 && hardest < 1.0,
+                "seed {seed}: {hardest} m/s"
+            );
+        }
+    }
+}
+
+#[test]
+fn low_battery_beside_a_closed_deck_leads_home() {
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.reservation_required = true;
+    let mut fleet = low_battery_in(State::Tracking, &nodes, 55);
+    fleet.world.deck_order(DeckOrder::Closed);
+    fleet.fly(60.0, |f| f.state(0) == State::GaveUp);
+    let mission = fleet.drone(0).mission_state;
+    assert_eq!(mission.low_battery, Some(BatteryPlace::Home));
+    assert_eq!(mission.entered.code, ReasonCode::BatteryHome);
+    fleet.assert_never_descended(0);
 }

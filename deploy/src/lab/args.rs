@@ -309,6 +309,9 @@ pub enum Study {
     /// Landings that are aborted, held or lose their planner at a random height, on all hulls in all seas, with a
     /// vessel at 0, 2 and 7 m/s: contacts afterwards.
     Aborts,
+    /// Two and three drones above one deck with random orders, aborts, radio outages and a deck that the crew closes and
+    /// opens: two below the waiting height, descents to an occupied or closed deck, collisions.
+    Fleet,
     /// Join the rows of shards: `study merge --out ALL shard-1 shard-2`.
     Merge,
 }

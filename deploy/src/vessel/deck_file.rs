@@ -21,7 +21,7 @@ use crate::process::supervisor::STATE_VARIABLE;
 use crate::vessel::status_file::file_name;
 
 /// Of this layout.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Directory of the installed service, which outlives the computer's restarts.
 const SERVICE_DIRECTORY: &str = "/var/lib/alight";
 /// Longest file, bytes.
@@ -279,6 +279,8 @@ mod tests {
                     drone: 3,
                     boot: 9,
                     claim: Claim::OnDeck,
+                    place: None,
+                    inside: true,
                 }],
             },
             aborts: Vec::new(),

@@ -1,4 +1,6 @@
-//! Whose the deck is.
+//! Whose the deck is, and where drones wait for it.
+
+use core::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
@@ -7,6 +9,35 @@ use crate::time::{Clock, Time};
 
 /// In the place of a drone's number: the deck is closed to all.
 pub const DECK_CLOSED: u32 = u32::MAX;
+
+/// Places at which drones wait for the deck.
+pub const PLACES: usize = 8;
+/// Drones wait so far from the deck's centre, m: a vessel's length and what the GNSS of both is off.
+pub const WAITING_DISTANCE_M: f64 = 25.0;
+/// Within this distance of the deck's centre there is its owner and nobody else, m.
+pub const OWNER_ONLY_M: f64 = 15.0;
+/// Each place is so much higher than the one before, m: 3.5 standard deviations of the difference between two drones'
+/// heights by GNSS, of 1 m each.
+const LAYER_M: f64 = 5.0;
+
+/// Where a drone waits for the deck: nobody else has this height, nor this bearing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaitingPlace {
+    /// Above the height of the approach, m.
+    pub above_m: f64,
+    /// From the deck's centre, from north towards east, rad.
+    pub bearing_rad: f64,
+}
+
+impl WaitingPlace {
+    /// The place of this number: the lowest first, bearings as far apart as they can be (van der Corput's sequence).
+    pub fn of(number: u8) -> WaitingPlace {
+        WaitingPlace {
+            above_m: LAYER_M * f64::from(number),
+            bearing_rad: TAU * f64::from(number.reverse_bits()) / 256.0,
+        }
+    }
+}
 
 /// The vessel announces which drone may descend to its deck. Repeated while it runs: a drone descends only
 /// on a fresh grant that names it, and breaks a descent off on one that names another.
@@ -20,7 +51,21 @@ pub struct DeckGrant<C: Clock> {
     pub owner: u32,
     /// It stands on it.
     pub occupied: bool,
+    /// The drones that have the waiting places, from the lowest on; 0: free.
+    pub places: [u32; PLACES],
 }
 
-restamped!(DeckGrant { owner, occupied });
+impl<C: Clock> DeckGrant<C> {
+    /// Where this drone waits.
+    pub fn place(&self, drone: u32) -> Option<WaitingPlace> {
+        let number = self.places.iter().position(|d| *d == drone && drone != 0)?;
+        u8::try_from(number).ok().map(WaitingPlace::of)
+    }
+}
+
+restamped!(DeckGrant {
+    owner,
+    occupied,
+    places
+});
 message!(@C DeckGrant<C>, C, |m| {});

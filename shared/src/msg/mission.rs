@@ -161,6 +161,12 @@ pub enum ReasonCode {
     AutopilotParameter,
     /// A parameter of the autopilot was not reported: requests so far; the limit is its number, as above.
     AutopilotParameterUnknown,
+    /// The vessel's waiting places are all taken: their number.
+    NoPlace,
+    /// Battery below the reserve, fraction: the autopilot returns home.
+    BatteryHome,
+    /// Battery below the reserve, fraction: the autopilot lands where it is.
+    BatteryHere,
     /// Stopped by an operator where a climb would meet the deck harder than the landing does: it is completed.
     CompletesLanding,
 }
@@ -231,16 +237,29 @@ impl fmt::Display for Reason {
             ReasonCode::Touchdown => write!(f, "touchdown"),
             ReasonCode::BatteryLow => write!(
                 f,
-                "battery at {:.0} % (reserve {:.0} %) and no deck below: gives the landing up",
+                "battery at {:.0} % (needs {:.0} %) and no place to land: gives the landing up",
                 v * 100.0,
                 l * 100.0
             ),
             ReasonCode::BatteryDeck => write!(
                 f,
-                "battery at {:.0} % (reserve {:.0} %): lands on the deck below within wider limits",
+                "battery at {:.0} % (needs {:.0} %): lands on the deck, within wider limits",
                 v * 100.0,
                 l * 100.0
             ),
+            ReasonCode::BatteryHome => write!(
+                f,
+                "battery at {:.0} % (needs {:.0} %): the autopilot returns home",
+                v * 100.0,
+                l * 100.0
+            ),
+            ReasonCode::BatteryHere => write!(
+                f,
+                "battery at {:.0} % (needs {:.0} %): the autopilot lands here",
+                v * 100.0,
+                l * 100.0
+            ),
+            ReasonCode::NoPlace => write!(f, "all {v:.0} waiting places at the vessel are taken"),
             ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
             ReasonCode::Operator => write!(f, "operator's command"),
             ReasonCode::CompletesLanding => {
@@ -305,6 +324,19 @@ impl fmt::Display for Reason {
     }
 }
 
+/// Where a drone with a low battery lands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[repr(u8)]
+#[serde(rename_all = "kebab-case")]
+pub enum BatteryPlace {
+    /// On the vessel's deck, within wider limits.
+    Deck,
+    /// Where the autopilot's return mode leads to.
+    Home,
+    /// Where it is: the autopilot's land mode.
+    Here,
+}
+
 /// The mission's state and what it permits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
@@ -335,6 +367,10 @@ pub struct MissionState {
     pub hold_yaw: f64,
     /// Low over the deck: until it is as high as there, the drone climbs in place over the deck and moves with it.
     pub with_deck: bool,
+    /// Waits beside the deck: there, from the deck's centre, north and east, m.
+    pub beside_deck: Option<[f64; 2]>,
+    /// Where it lands, once the battery is below the reserve.
+    pub low_battery: Option<BatteryPlace>,
 }
 
 impl MissionState {
@@ -495,6 +531,7 @@ message!(DroneStatus, DroneClock, |m| {
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
+    within(m.beside_deck.iter().flatten(), MAX_POSITION_M) => "beside_deck",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(MissionMemory, DroneClock, |m| {

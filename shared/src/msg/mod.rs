@@ -49,12 +49,12 @@ pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, Motors, PLAN_STAGES, Plan, PlanStage, SetPoint,
     SetPointKind, Solve,
 };
-pub use grant::{DECK_CLOSED, DeckGrant};
+pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace};
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{
-    Command, CommandKind, DroneStatus, MissionMemory, MissionState, OperatorCommand, Phase, Reason,
-    ReasonCode, State,
+    BatteryPlace, Command, CommandKind, DroneStatus, MissionMemory, MissionState, OperatorCommand, Phase,
+    Reason, ReasonCode, State,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

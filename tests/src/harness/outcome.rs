@@ -53,7 +53,7 @@ pub enum Ending {
     Timeout,
     /// The mission gave up.
     GaveUp,
-    /// Within a keep-out volume.
+    /// Within a keep-out volume, or into another drone.
     Collision,
 }
 
@@ -119,6 +119,8 @@ pub struct Observation<'a> {
     pub in_water: bool,
     /// Distance from the drone's body to the nearest keep-out volume, m; negative within one, None without any.
     pub keep_out_gap_m: Option<f64>,
+    /// Collisions with other drones so far.
+    pub collisions: u32,
 }
 
 impl Observation<'_> {
@@ -150,6 +152,9 @@ pub struct Outcome {
     /// Contacts with water.
     #[serde(default)]
     pub water_contacts: u32,
+    /// Collisions with other drones.
+    #[serde(default)]
+    pub collisions: u32,
     /// Contacts at more than [`FAST_CONTACT_MPS`].
     #[serde(default)]
     pub contacts_above_2_mps: u32,
@@ -218,6 +223,7 @@ pub struct Judge {
     fast_contacts: u32,
     /// Entries into keep-out volumes, the least distance from one, and whether it is within one, m.
     keep_out: Option<(u32, f64, bool)>,
+    collisions: u32,
     attempts: u32,
     rest_error: Option<f64>,
     ended: bool,
@@ -253,6 +259,10 @@ impl Judge {
                     format!("in a keep-out volume after {:.1} s", o.t_s),
                 );
             }
+        }
+        self.collisions = o.collisions;
+        if o.collisions > 0 {
+            self.fail(Ending::Collision, "met another drone".into());
         }
         if o.in_water {
             self.water_contacts += 1;
@@ -407,6 +417,7 @@ impl Judge {
             attempts: self.attempts,
             unsafe_contacts: self.unsafe_contacts,
             water_contacts: self.water_contacts,
+            collisions: self.collisions,
             contacts_above_2_mps: self.fast_contacts,
             keep_out_collisions: self.keep_out.map(|(entries, ..)| entries),
             keep_out_gap_m: self.keep_out.map(|(_, least, _)| least),
@@ -457,6 +468,7 @@ mod tests {
             waiting: Reason::default(),
             in_water: false,
             keep_out_gap_m: None,
+            collisions: 0,
         }
     }
     fn touch(normal_mps: f64, tangential_mps: f64) -> ContactEvent {

@@ -1,8 +1,8 @@
 //! The simulated world without any of Alight's nodes: sea, vessel, drones with their autopilots, the
 //! sensors of all. The lock-step [`super::world::World`] and the process of the simulated vehicles share it.
 //!
-//! Drones do not touch each other: each meets the deck and the water alone. They fly through keep-out volumes, which
-//! the judge counts.
+//! Each drone meets the deck and the water alone. Two whose spans overlap have collided: that is counted, and they fly on.
+//! Drones fly through keep-out volumes, which the judge counts.
 
 use core::f64::consts::TAU;
 
@@ -66,6 +66,9 @@ struct Plant {
     contacts: Vec<ContactEvent>,
     in_water: bool,
     motors_on: bool,
+    /// Overlaps another drone now, and how often it began to.
+    touches_drone: bool,
+    collisions: u32,
 }
 
 impl Plant {
@@ -88,6 +91,8 @@ impl Plant {
             contacts: Vec::new(),
             in_water: false,
             motors_on: true,
+            touches_drone: false,
+            collisions: 0,
         }
     }
     fn header(&mut self, t: Time<TrueTime>) -> Header<DroneClock> {
@@ -293,9 +298,33 @@ impl Physics {
                 self.hash(truth.attitude.0.coords.as_slice());
             }
         }
+        self.collide();
         self.hash(self.carrier.state().position.0.as_slice());
         self.t += TICK;
         self.ticks += 1;
+    }
+
+    /// Counts the collisions that begin: spheres as wide as rotors and arms.
+    fn collide(&mut self) {
+        let scenario = &self.scenario;
+        let span_m = 2.0 * (scenario.airframe.arm_m + scenario.drone.airframe.rotor_radius_m);
+        let places: Vec<_> = self
+            .drones
+            .iter()
+            .map(|p| p.truth().map(|t| t.position.0))
+            .collect();
+        for (k, plant) in self.drones.iter_mut().enumerate() {
+            let meets = |other: usize, at: &Vector3<f64>| {
+                let own = places.get(k).copied().flatten();
+                other != k && own.is_some_and(|own| (own - at).norm() < span_m)
+            };
+            let others = places.iter().enumerate();
+            let touches = others
+                .filter_map(|(i, at)| Some((i, at.as_ref()?)))
+                .any(|(i, at)| meets(i, at));
+            plant.collisions += u32::from(touches && !plant.touches_drone);
+            plant.touches_drone = touches;
+        }
     }
 
     fn hash(&mut self, values: &[f64]) {
@@ -367,6 +396,10 @@ impl Physics {
     pub fn drone(&self, k: usize) -> Option<RigidState<DroneBody>> {
         self.drones.get(k).and_then(Plant::truth)
     }
+    /// Collisions of drones so far.
+    pub fn collisions(&self) -> u32 {
+        self.drones.iter().map(|p| p.collisions).sum::<u32>().div_ceil(2)
+    }
     /// Hash of all true states and set-points so far.
     pub fn digest(&self) -> u64 {
         self.digest
@@ -412,6 +445,7 @@ impl Physics {
             waiting: mission.waiting,
             in_water: plant.is_some_and(|p| p.in_water),
             keep_out_gap_m: self.keep_out_gap_m(&drone, &deck),
+            collisions: plant.map_or(0, |p| p.collisions),
         }
     }
 

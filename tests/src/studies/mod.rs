@@ -5,6 +5,7 @@ pub mod airborne;
 pub mod camera;
 pub mod estimator;
 pub mod false_detections;
+pub mod fleet;
 pub mod paired;
 pub mod prediction;
 pub mod rao;

@@ -11,7 +11,7 @@ mod restarts;
 mod wired;
 
 use alight_shared::frames::{Datum, DroneNed};
-use alight_shared::msg::{AutopilotMode, Reason, ReasonCode, SetPoint, State};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, Reason, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::fake::{FakeAutopilot, HOVER, PX4_HOLD, PX4_LAND, PX4_OFFBOARD, PX4_RETURN};
 use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, Message, command, id};
@@ -427,6 +427,28 @@ fn battery_reserve_diverts_the_drone_as_configured() {
     p.wired.autopilot.battery = 0.05;
     p.run(10.0);
     assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
+}
+
+#[test]
+fn autopilot_returns_or_lands_where_the_mission_says_so_on_a_low_battery() {
+    for (place, mode) in [
+        (BatteryPlace::Home, PX4_RETURN),
+        (BatteryPlace::Here, PX4_LAND),
+        (BatteryPlace::Deck, PX4_OFFBOARD),
+    ] {
+        let mut p = Pair::commanding(Firmware::Px4, 5.0, &config());
+        p.mission = State::GaveUp;
+        // Below the mission's reserve, then for the deck below the link's own.
+        p.wired.autopilot.battery = 0.15;
+        p.run(1.0);
+        p.assert_commanding();
+        p.low_battery = Some(place);
+        p.run(1.0);
+        assert_eq!(p.wired.autopilot.mode, mode, "{place:?}");
+        p.wired.autopilot.battery = 0.05;
+        p.run(6.0);
+        assert_eq!(p.wired.autopilot.mode, mode, "{place:?}");
+    }
 }
 
 #[test]

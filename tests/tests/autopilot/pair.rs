@@ -5,8 +5,8 @@ use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors, RangeSample, Reason,
-    ReasonCode, SetPoint, SetPointKind, State,
+    AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors,
+    RangeSample, Reason, ReasonCode, SetPoint, SetPointKind, State,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_sim::autopilots::fake::{FEET_M, FakeAutopilot, HOVER};
@@ -31,6 +31,7 @@ pub struct Pair {
     pub t_s: f64,
     pub pilot: Option<Pilot>,
     pub mission: State,
+    pub low_battery: Option<BatteryPlace>,
     /// A forecast of the deck is there.
     pub forecast: bool,
     pub states: Vec<AutopilotState>,
@@ -100,6 +101,7 @@ impl Pair {
             t_s: 1000.0,
             pilot: Some(hold),
             mission: State::Idle,
+            low_battery: None,
             forecast: true,
             states: Vec::new(),
             odometry: Vec::new(),
@@ -165,6 +167,7 @@ impl Pair {
             input.mission = Some(MissionState {
                 header,
                 state: self.mission,
+                low_battery: self.low_battery,
                 waiting: Reason::plain(if self.waits_for_flight {
                     ReasonCode::NotFlying
                 } else {

@@ -127,10 +127,10 @@ config! {
 }
 
 config! {
-    /// The battery's last reserve; the mission gives up landings before.
+    /// The battery's last reserve, for a drone whose mission has chosen no place before (`drone.mission.battery_order`).
     #[derive(Copy)]
     pub struct BatteryConfig {
-        /// Remaining charge below which the drone is diverted, 0 to 1.
+        /// Remaining charge below which the drone is diverted, unless the mission lands it on the deck, 0 to 1.
         pub reserve: f64 = 0.1, in 0.0..=0.9;
         /// Time for which the charge must be below, s.
         pub for_s: f64 = 3.0, in 0.1..=60.0;

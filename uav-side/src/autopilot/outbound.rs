@@ -2,14 +2,14 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, Header, LandedState, MissionState, Motors, Phase, ReasonCode, SetPoint, SetPointKind,
-    State,
+    AutopilotMode, BatteryPlace, Header, LandedState, MissionState, Motors, Phase, ReasonCode, SetPoint,
+    SetPointKind, State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
 use nalgebra::Vector3;
 
-use super::config::DisarmConfig;
+use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
 use super::message::{Address, AttitudeTarget, CUSTOM_MODE, CommandLong, Message, PositionTarget, command};
 use super::modes::Firmware;
@@ -320,36 +320,44 @@ impl AutopilotLink {
         })
     }
 
-    /// The battery's last reserve: the autopilot is commanded to return or to land.
+    /// A low battery: the autopilot is commanded to return or to land, as the mission chose; at the last reserve also
+    /// where it has chosen nothing.
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
-        let Some(charge) = peer.charge().filter(|c| *c < b.reserve) else {
+        let mission = self.fresh_mission(now).filter(|_| self.inhibited.is_none());
+        let chosen = mission.and_then(|m| m.low_battery);
+        // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
+        let lands = mission.is_some_and(|m| matches!(m.state, State::Descent | State::Flare | State::Landed));
+        let lands = lands || chosen == Some(BatteryPlace::Deck);
+        let (to, limit, for_s) = match chosen {
+            Some(BatteryPlace::Home) => (Diversion::Return, f64::INFINITY, 0.0),
+            Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
+            Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
+        };
+        let Some(charge) = peer.charge().filter(|c| *c < limit) else {
             self.low_since = None;
             return;
         };
         let since = *self.low_since.get_or_insert(now);
         let authority = self.control_authority();
-        // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
-        let lands = |m: &MissionState| matches!(m.state, State::Descent | State::Flare | State::Landed);
-        let lands = self.fresh_mission(now).is_some_and(lands) && self.inhibited.is_none();
         let repeated =
             matches!(authority, ControlAuthority::Diverted(_)) && peer.mode == AutopilotMode::Offboard;
         if !(authority.commands() && !lands || repeated)
-            || (now - since).secs() < b.for_s
+            || (now - since).secs() < for_s
             || !self.timers.command.is_ready(now)
             || self.diversions >= b.tries
         {
             return;
         }
-        let Some([main, sub]) = peer.firmware.diversion(b.diversion) else {
+        let Some([main, sub]) = peer.firmware.diversion(to) else {
             return;
         };
         if !repeated {
             out.texts.push(format!(
-                "battery at {:.0} %, below the reserve of {:.0} %",
+                "battery at {:.0} %: the autopilot is commanded to {}",
                 100.0 * charge,
-                100.0 * b.reserve
+                if to == Diversion::Land { "land" } else { "return" }
             ));
         }
         let mode = [f64::from(CUSTOM_MODE), main, sub];
@@ -360,7 +368,7 @@ impl AutopilotLink {
         )));
         self.diversions += 1;
         self.timers.command.restart(now, COMMAND_PAUSE);
-        self.authority.divert(now, b.diversion);
+        self.authority.divert(now, to);
     }
 
     /// Arms on the ground, when that is configured, a person gave the mode and a landing is commanded.

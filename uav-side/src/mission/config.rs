@@ -1,6 +1,7 @@
 //! Parameters of the mission.
 
 use alight_shared::config;
+use alight_shared::msg::BatteryPlace;
 
 config! {
     /// Parameters of the state machine. Heights are of the drone's centre of mass above the deck's
@@ -175,8 +176,13 @@ config! {
         pub reservation_required: bool = false;
         /// Descents that may be begun.
         pub max_attempts: u32 = 10;
-        /// Remaining battery below which no landing on the vessel is begun, 0 to 1.
+        /// Remaining battery below which the drone lands at the first place of `battery_order` that can be had, 0 to 1.
         pub battery_reserve: f64 = 0.2, in 0.0..=0.9;
+        /// Where it lands then, in this order: "deck" (while a landing is commanded and the deck is known, open and
+        /// nobody else's; within limits wider by `break_factor`), "home" (the autopilot's return mode), "here" (its land
+        /// mode). Without a place it climbs and holds. A descent that has begun is ended on the deck.
+        /// Chosen: from above the deck no way home over open water.
+        pub battery_order: Vec<BatteryPlace> = vec![BatteryPlace::Deck, BatteryPlace::Home, BatteryPlace::Here];
         /// The whole landing, from the command on, may take this long, s.
         pub mission_timeout_s: f64 = 600.0, in 10.0..=36_000.0;
     }
@@ -204,6 +210,14 @@ config! {
             this.minimum_altitude_landing_m,
             0.0,
             this.minimum_altitude_m,
+        )?;
+        let order = &this.battery_order;
+        let repeats = (1..order.len()).any(|k| order.iter().skip(k).zip(order).any(|(a, b)| a == b));
+        at.require(
+            !repeats,
+            "battery_order",
+            format!("{order:?}"),
+            "each of \"deck\", \"home\", \"here\" once at most",
         )?;
         at.require(
             (1..=1000).contains(&this.max_attempts),

@@ -1,13 +1,14 @@
 //! What interrupts every state: stale data, operators, retries, battery, time limit, lost control.
 
-use alight_shared::msg::AutopilotMode;
 use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryLow, Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale,
-    NotCommanded, NotFlying, OdometryStale, Operator, OutOfRetries, Reached, TooFar, TooLong, Touchdown,
+    BatteryDeck, BatteryHere, BatteryHome, BatteryLow, Commanded, CompletesLanding, DeckGrantStale, Deviated,
+    FalseTouchdown, ForecastStale, NotCommanded, NotFlying, OdometryStale, Operator, OutOfRetries, Reached,
+    TooFar, TooLong, Touchdown,
 };
+use alight_shared::msg::{AutopilotMode, BatteryPlace, DECK_CLOSED};
 use nalgebra::Vector3;
 
-use super::phase::HoldCause;
+use super::phase::{HoldCause, holding};
 use super::tests::*;
 use super::*;
 
@@ -243,15 +244,52 @@ fn mission_gives_up_after_its_last_attempt() {
 }
 
 #[test]
-fn mission_gives_up_on_low_battery_unless_landing_or_commanded_again() {
-    let far = with(|s| {
-        s.battery = Some(0.1);
-        s.deck.as_mut().unwrap().distance_m = 40.0;
-    });
-    let d = step(MissionPhase::APPROACH, &far);
-    goes(&d, State::GaveUp, BatteryLow);
+fn low_battery_without_a_known_or_free_deck_leads_to_the_next_place_unless_commanded_again() {
+    use BatteryPlace::{Deck, Here, Home};
     let low = with(|s| s.battery = Some(0.1));
-    waits(&step(DESCENT, &low), State::Descent, TooFar);
+    let stale = with(|s| (s.battery, s.own) = (Some(0.1), None));
+    let stale = Situation {
+        forecast_age_s: 9.0,
+        ..stale
+    };
+    let closed = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(DECK_CLOSED)));
+    let reserved = with(|s| (s.battery, s.reservation) = (Some(0.1), Reservation::Others(2)));
+    let hold = holding(HoldCause::Data, &fair(), &config());
+    for (order, why) in [
+        (vec![Deck, Home, Here], BatteryHome),
+        (vec![Here, Deck, Home], BatteryHere),
+        (vec![Deck], BatteryLow),
+        (vec![], BatteryLow),
+    ] {
+        let c = MissionConfig {
+            battery_order: order,
+            ..config()
+        };
+        for (phase, s) in [
+            (hold, &stale),
+            (TRACKING, &closed),
+            (MissionPhase::APPROACH, &reserved),
+        ] {
+            let d = decide(phase, wanted(), None, s, &c);
+            goes(&d, State::GaveUp, why);
+            let text = d.entered.unwrap_or_default().to_string();
+            assert!(text.contains("10 %") && text.contains("needs 20 %"), "{text}");
+            assert_eq!(
+                d.progress.low_battery,
+                c.battery_order.iter().copied().find(|p| *p != Deck)
+            );
+            let d = decide(d.phase, d.progress, None, s, &c);
+            waits(&d, State::GaveUp, NotCommanded);
+        }
+        // A descent that has begun is the quickest way down, also to a deck that is not of the first choice.
+        let d = decide(DESCENT, attempt(), None, &low, &c);
+        assert_eq!(d.phase.state(), State::Descent);
+    }
+    // The deck is lost after it was chosen.
+    let d = step(TRACKING, &low);
+    goes(&d, State::Tracking, BatteryDeck);
+    goes(&step(&d, &closed), State::GaveUp, BatteryHome);
+    let d = step(MissionPhase::APPROACH, &reserved);
     let d = commanded(&d, CommandKind::Land, &low);
     goes(&d, State::Hold, Commanded);
     goes(&run(&d, &low, 1.0), State::Tracking, Reached);
@@ -275,16 +313,31 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
         goes(&d, State::Tracking, BatteryDeck);
         assert!(
             d.entered
-                .is_some_and(|why| why.to_string().contains("lands on the deck below"))
+                .is_some_and(|why| why.to_string().contains("lands on the deck"))
         );
         let d = run(&d, &rough(0.1), 5.0);
         goes(&run(&d, &rough(0.1), 5.0), State::Descent, Reached);
     }
-    // The deck is no more: the next place.
-    let d = step(TRACKING, &rough(0.1));
+    // Also on the way there, and in a descent.
     let mut away = rough(0.1);
     away.deck.as_mut().unwrap().distance_m = 40.0;
-    goes(&step(&d, &away), State::GaveUp, BatteryLow);
+    goes(&step(MissionPhase::APPROACH, &away), State::Approach, BatteryDeck);
+    let d = step(DESCENT, &rough(0.1));
+    goes(&d, State::Descent, BatteryDeck);
+    assert_eq!(run(&d, &rough(0.1), 5.0).phase.state(), State::Descent);
+    // Whose grant is stale has the deck.
+    let silent = |battery| Situation {
+        reservation: Reservation::Unknown(5.0),
+        ..with(|s| s.battery = Some(battery))
+    };
+    let d = run(TRACKING, &silent(0.1), 5.0);
+    let d = run(&d, &silent(0.1), 5.0);
+    goes(&run(&d, &silent(0.1), 5.0), State::Descent, Reached);
+    waits(
+        &step(MissionPhase::TrackingStable, &silent(0.9)),
+        State::TrackingStable,
+        DeckGrantStale,
+    );
     // Not what nothing survives.
     let mut worse = rough(0.1);
     worse.deck.as_mut().unwrap().tilt_rad = 0.8;

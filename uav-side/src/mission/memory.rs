@@ -213,8 +213,7 @@ pub(super) fn progress(m: &MissionMemory) -> Progress {
         attempts: m.state.attempts,
         started: m.started,
         reserve_waived: m.reserve_waived,
-        // Found again by the battery.
-        urgent: false,
+        low_battery: m.state.low_battery,
         stopped: m.stopped,
         overruled: false,
     }

@@ -41,7 +41,7 @@ use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::OriginResets;
 use apparent_slope::ApparentSlopeHistory;
 use memory::{Beginning, Begun};
-use phase::{MissionPhase, Progress, gave_up, moving_place};
+use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
 use states::blind_limit;
 use tilt::TiltMonitor;
@@ -320,6 +320,11 @@ impl Mission {
                 d.outside_m(&self.deck_geometry, &self.drone_geometry)
             }),
             reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
+            place: self
+                .grant
+                .get()
+                .filter(|_| c.reservation_required)
+                .and_then(|g| g.place(self.drone_id)),
             motors_stopped: self
                 .set_point
                 .fresh(now, topics::SET_POINT.stale_after)
@@ -462,15 +467,35 @@ impl Mission {
         let c = &self.config;
         let own = s.own.map_or(([0.0; 3], 0.0), |o| (o.position.into(), o.yaw));
         let moves = |at: &Vector3<f64>, leaves| moving_place(at, s, leaves).0;
+        let approach_height_m = s.approach_height_m(c);
+        let mut beside_deck = None;
         let (hold_position, hold_yaw, height_m, with_deck) = match self.phase {
             MissionPhase::GetAltitude { from } => {
-                let z = s.mean_deck_z.map_or(own.0[2], |m| m - c.approach_height_m);
-                let yaw = s.deck.map_or(own.1, |d| d.bearing_rad);
-                ([from[0], from[1], z], yaw, c.approach_height_m, false)
+                let z = s.mean_deck_z.map_or(own.0[2], |m| m - approach_height_m);
+                let leaves = s.place.is_some() && moves(&Vector3::new(from[0], from[1], z), false);
+                let yaw = s.deck.filter(|_| !leaves).map_or(own.1, |d| d.bearing_rad);
+                ([from[0], from[1], z], yaw, approach_height_m, leaves)
             }
-            MissionPhase::Hold { at, yaw, .. } => (at.into(), yaw, c.tracking_height_m, moves(&at, false)),
-            MissionPhase::GaveUp { at, yaw } => (at.into(), yaw, c.approach_height_m, moves(&at, true)),
-            MissionPhase::Idle | MissionPhase::Approach { .. } => (own.0, own.1, c.approach_height_m, false),
+            MissionPhase::Hold { at, yaw, .. } => {
+                beside_deck = stands_aside(&at, s, false);
+                (at.into(), yaw, hold_height(s, c), moves(&at, false))
+            }
+            MissionPhase::GaveUp { at, yaw } => {
+                beside_deck = stands_aside(&at, s, true);
+                (at.into(), yaw, approach_height_m, moves(&at, true))
+            }
+            MissionPhase::Approach { .. } => {
+                let waits = s.waits(c).is_some();
+                beside_deck = s.beside_deck().filter(|_| waits);
+                let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
+                let height_m = match (s.place, s.mean_deck_z) {
+                    (None, Some(mean)) if waits => mean - own.0[2],
+                    _ if above && !waits => c.approach_height_m,
+                    _ => approach_height_m,
+                };
+                (own.0, own.1, height_m, false)
+            }
+            MissionPhase::Idle => (own.0, own.1, approach_height_m, false),
             MissionPhase::Tracking { .. }
             | MissionPhase::TrackingStable
             | MissionPhase::Descent { .. }
@@ -500,6 +525,8 @@ impl Mission {
             hold_position,
             hold_yaw,
             with_deck,
+            beside_deck,
+            low_battery: self.progress.low_battery,
         }
     }
 }

@@ -1,12 +1,12 @@
 //! The states with what they remember, and what a state may do next.
 
-use alight_shared::msg::{Reason, ReasonCode, State};
+use alight_shared::msg::{BatteryPlace, Reason, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
-use super::situation::Situation;
-use crate::escape::BELOW_M;
+use super::situation::{Deck, Situation};
+use crate::escape::{BELOW_M, WITH_DECK_M};
 
 pub(super) type DroneTime = Time<DroneClock>;
 
@@ -143,13 +143,20 @@ pub struct Progress {
     pub started: DroneTime,
     /// The operator asked for a landing after the battery's reserve was reached.
     pub reserve_waived: bool,
-    /// The battery's reserve was reached above the deck, the nearest place: it lands there within wider limits.
-    pub urgent: bool,
+    /// The battery's reserve was reached: where it lands.
+    pub low_battery: Option<BatteryPlace>,
     /// An operator stopped what the mission did, and has commanded no landing since. In descent or flare: too
     /// near to the deck for a climb, the landing is completed.
     pub stopped: bool,
     /// The pilot's touchdown was false: its stop counts for nothing until it is taken back.
     pub overruled: bool,
+}
+
+impl Progress {
+    /// Lands on the deck because the battery is low: within wider limits.
+    pub(super) fn is_urgent(&self) -> bool {
+        self.low_battery == Some(BatteryPlace::Deck)
+    }
 }
 
 /// What a state does next.
@@ -190,9 +197,14 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
     (Some(since), (now - since).secs())
 }
 
-/// Hold where the drone is, not below the tracking height over the deck nor the minimum altitude ([`moving_place`]).
+/// Height of a hold over the deck, m: with a waiting place that one's, since between deck and place there may be others.
+pub(super) fn hold_height(s: &Situation, c: &MissionConfig) -> f64 {
+    s.place.map_or(c.tracking_height_m, |_| s.approach_height_m(c))
+}
+
+/// Hold where the drone is, not below the height of a hold over the deck ([`hold_height`]) nor the minimum altitude ([`moving_place`]).
 pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
-    let (at, yaw) = safe_place(s, c, c.tracking_height_m);
+    let (at, yaw) = safe_place(s, c, hold_height(s, c));
     MissionPhase::Hold {
         cause,
         at,
@@ -203,7 +215,7 @@ pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> Mis
 
 /// Climb to the approach height over the deck ([`moving_place`]).
 pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
-    let (at, yaw) = safe_place(s, c, c.approach_height_m);
+    let (at, yaw) = safe_place(s, c, s.approach_height_m(c));
     MissionPhase::GaveUp { at, yaw }
 }
 
@@ -218,6 +230,22 @@ pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (b
     low.filter(|_| near.is_some()).map_or((false, *at), |own| {
         (true, Vector3::new(own.position.x, own.position.y, at.z))
     })
+}
+
+/// Where a drone that has ended its landing, `at` a place or on its way up there, waits from the deck's centre (NED, m): it
+/// keeps out of the way of the deck's owner. None: it stays at that place.
+pub(super) fn stands_aside(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Option<[f64; 2]> {
+    let near = |d: &&Deck| d.distance_m < WAITING_DISTANCE_M + WITH_DECK_M;
+    let here = s.place.is_some() && s.fresh_deck().filter(near).is_some() && !moving_place(at, s, leaves).0;
+    s.beside_deck().filter(|_| here)
+}
+
+/// The place `at` where a drone holds, as it moves: with the deck on its way up, out of the way of others then.
+pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vector3<f64> {
+    match (stands_aside(at, s, leaves), s.own) {
+        (Some(_), Some(own)) => Vector3::new(own.position.x, own.position.y, at.z),
+        (Some(_) | None, _) => moving_place(at, s, leaves).1,
+    }
 }
 
 /// Straight above (or at) the drone, at least `height` over the deck's mean level.

@@ -1,9 +1,10 @@
 //! The situation: every quantity that a transition judges, computed once per step.
 
+use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState,
-    PREDICTED_SLOPE_STEP_S, Reason, ReasonCode, SLOPE_STEP,
+    PREDICTED_SLOPE_STEP_S, Reason, ReasonCode, SLOPE_STEP, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
@@ -223,9 +224,7 @@ impl Deck {
             .at(start + Span::from_secs(config.sd_lead_s))
             .or(forecast.stages.last().copied())?;
         let second = forecast.at(start + Span::from_secs(1.0));
-        let turn = second.map_or(0.0, |s| {
-            alight_shared::frames::wrap_angle(s.euler[2] - here.euler[2]).abs()
-        });
+        let turn = second.map_or(0.0, |s| wrap_angle(s.euler[2] - here.euler[2]).abs());
         Some(Deck {
             clearance_m,
             distance_m: r.x.hypot(r.y),
@@ -330,6 +329,8 @@ pub struct Situation {
     pub outside_m: f64,
     /// Whether the deck is ours to descend to.
     pub reservation: Reservation,
+    /// Where it waits for the deck; None: nowhere, or it reserves none.
+    pub place: Option<WaitingPlace>,
     /// The pilot has stopped the motors.
     pub motors_stopped: bool,
     /// Armed, and by the autopilot's report the rotors carry the drone.
@@ -359,6 +360,27 @@ impl Situation {
         let clearance = self.fresh_deck().map_or(f64::INFINITY, |d| d.clearance_m);
         (self.rotors_carry && clearance > ABOVE_DECK_M)
             .then(|| Reason::new(ReasonCode::FalseTouchdown, clearance.min(1e3), ABOVE_DECK_M))
+    }
+    /// Height of the approach above the deck's mean level: that of its waiting place, m.
+    pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
+        c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
+    }
+    /// Why it waits beside the deck.
+    pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {
+        self.reservation.rejection().filter(|_| c.reservation_required)
+    }
+    /// Where it goes to wait, or stays while it has no place, from the deck's centre, NED, m. The way there leads around
+    /// the deck: an eighth of a half turn at a time.
+    pub fn beside_deck(&self) -> Option<[f64; 2]> {
+        const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
+        let deck = self.fresh_deck()?;
+        let own = wrap_angle(deck.bearing_rad + core::f64::consts::PI);
+        let (distance_m, bearing) = self.place.map_or((deck.distance_m, own), |place| {
+            let from = (own / STEP_RAD).round() * STEP_RAD;
+            let turn = wrap_angle(place.bearing_rad - from).clamp(-STEP_RAD, STEP_RAD);
+            (WAITING_DISTANCE_M, from + turn)
+        });
+        Some([distance_m * bearing.cos(), distance_m * bearing.sin()])
     }
     /// The deck, when forecast and odometry are fresh.
     pub fn fresh_deck(&self) -> Option<&Deck> {

@@ -1,19 +1,20 @@
 //! The state table: one function per state, what it waits for and where it goes.
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::Reason;
 use alight_shared::msg::ReasonCode::{
-    Commanded, Deviated, Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady,
-    Operator, Reached, SlideObserved, SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep, TooWindy,
-    Uncertain, VisionLost,
+    Commanded, Deviated, Infeasible, Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying,
+    NotSteady, Operator, Reached, SlideObserved, SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep,
+    TooWindy, Uncertain, VisionLost,
 };
+use alight_shared::msg::{PLACES, Reason};
+use nalgebra::Vector3;
 
 use super::config::MissionConfig;
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, first_beyond, gave_up, holding,
-    lasting, moving_place, old_data,
+    DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, first_beyond, gave_up, held_place,
+    holding, lasting, moving_place, old_data,
 };
-use super::situation::{ControlState, Deck, Situation};
+use super::situation::{ControlState, Deck, Reservation, Situation};
 
 /// What the state of `phase` does in this situation.
 pub(super) fn step(
@@ -24,7 +25,7 @@ pub(super) fn step(
 ) -> Transition {
     match phase {
         MissionPhase::Idle => idle(progress, s, c),
-        MissionPhase::GetAltitude { .. } => get_altitude(phase, s, c),
+        MissionPhase::GetAltitude { from } => get_altitude(from, s, c),
         MissionPhase::Approach { detected } => approach(detected, s, c),
         MissionPhase::Tracking { steady } => tracking(steady, progress, s, c),
         MissionPhase::TrackingStable => tracking_stable(progress, s, c),
@@ -37,7 +38,7 @@ pub(super) fn step(
             yaw,
             fresh,
         } => {
-            let (_, at) = moving_place(&at, s, false);
+            let at = held_place(&at, s, false);
             let hold = |fresh| MissionPhase::Hold {
                 cause,
                 at,
@@ -47,7 +48,7 @@ pub(super) fn step(
             held(cause, hold, fresh, progress, s, c)
         }
         MissionPhase::GaveUp { at, yaw } => {
-            let (_, at) = moving_place(&at, s, true);
+            let at = held_place(&at, s, true);
             MissionPhase::GaveUp { at, yaw }.stay(NotCommanded)
         }
     }
@@ -65,6 +66,14 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
     if s.flight != ControlState::Ours {
         return idle.stay(NotFlying);
     }
+    if let Some(why) = s.waits(c).filter(|_| s.place.is_none()) {
+        let full = matches!(s.reservation, Reservation::Others(_));
+        return idle.stay(if full {
+            Reason::new(NoPlace, PLACES as f64, 0.0)
+        } else {
+            why
+        });
+    }
     if let Some(why) = old_data(s) {
         return idle.stay(why);
     }
@@ -79,26 +88,49 @@ fn idle(progress: &mut Progress, s: &Situation, c: &MissionConfig) -> Transition
 }
 
 /// Get altitude: until the approach height is reached.
-fn get_altitude(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> Transition {
+fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> Transition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
-        return phase.stay(NoVessel);
+        return MissionPhase::GetAltitude { from }.stay(NoVessel);
     };
-    let error = (own.position.z - (mean - c.approach_height_m)).abs();
+    let z = mean - s.approach_height_m(c);
+    let error = (own.position.z - z).abs();
     if error > c.height_tolerance_m {
-        return phase.stay(Reason::new(TooFar, error, c.height_tolerance_m));
+        let from = match s.place {
+            Some(_) => moving_place(&Vector3::new(from[0], from[1], z), s, false)
+                .1
+                .xy()
+                .into(),
+            None => from,
+        };
+        return MissionPhase::GetAltitude { from }.stay(Reason::new(TooFar, error, c.height_tolerance_m));
     }
     MissionPhase::APPROACH.enter(Reached)
 }
 
-/// Approach: until visual contact is confirmed.
+/// Straight up to the height of its waiting place, with the deck while it is over it.
+fn leave(s: &Situation, why: Reason) -> Transition {
+    let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());
+    MissionPhase::GetAltitude { from }.enter(why)
+}
+
+/// Approach: to its waiting place until the deck is its own, then until visual contact is confirmed.
 fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Transition {
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::APPROACH.stay(NoVessel);
     };
-    if deck.vision_age_s > c.vision_fresh_s {
-        if deck.radio_age_s > c.radio_lost_s {
-            return holding(HoldCause::Data, s, c).enter(NoVessel);
-        }
+    let blind = deck.vision_age_s > c.vision_fresh_s;
+    if blind && deck.radio_age_s > c.radio_lost_s {
+        return holding(HoldCause::Data, s, c).enter(NoVessel);
+    }
+    if let Some(why) = s.waits(c) {
+        let z = s.mean_deck_z.unwrap_or(f64::INFINITY) - s.approach_height_m(c);
+        return if moving_place(&Vector3::new(0.0, 0.0, z), s, false).0 && s.place.is_some() {
+            leave(s, why)
+        } else {
+            MissionPhase::APPROACH.stay(why)
+        };
+    }
+    if blind {
         return MissionPhase::APPROACH.stay(NoVision);
     }
     let (detected, lasted) = lasting(true, detected, s.now);
@@ -121,6 +153,14 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
     ])
 }
 
+/// The deck is another's, or closed: a drone that has a waiting place leaves for it.
+fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<Transition> {
+    let why = s
+        .waits(c)
+        .filter(|_| matches!(s.reservation, Reservation::Others(_)))?;
+    s.place.map(|_| leave(s, why))
+}
+
 /// Vision lost in a state that follows the vessel by vision: the radio leads back to it, or nothing.
 fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transition> {
     let why = exceeds(VisionLost, deck.vision_age_s, c.vision_lost_s)?;
@@ -134,7 +174,7 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Transiti
 
 /// Factor on the limits of a landing: an empty battery leaves no other place.
 fn widening(progress: &Progress, c: &MissionConfig) -> f64 {
-    if progress.urgent { c.break_factor } else { 1.0 }
+    if progress.is_urgent() { c.break_factor } else { 1.0 }
 }
 
 /// Tracking: until stably above the deck.
@@ -142,14 +182,14 @@ fn tracking(steady: Option<DroneTime>, progress: &Progress, s: &Situation, c: &M
     let Some(deck) = s.fresh_deck() else {
         return MissionPhase::TRACKING.stay(NoVessel);
     };
-    if let Some(lost) = vision_lost(deck, s, c) {
+    if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
         return lost;
     }
     if let Some(why) = unsteady(deck, s, c, widening(progress, c)) {
         return MissionPhase::TRACKING.stay(why);
     }
     let (steady, lasted) = lasting(true, steady, s.now);
-    if lasted < c.steady_s && !progress.urgent {
+    if lasted < c.steady_s && !progress.is_urgent() {
         return MissionPhase::Tracking { steady }.stay(Reason::new(NotSteady, lasted, c.steady_s));
     }
     MissionPhase::TrackingStable.enter(Reason::new(Reached, lasted, c.steady_s))
@@ -161,7 +201,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     let Some(deck) = s.fresh_deck() else {
         return stable.stay(NoVessel);
     };
-    if let Some(lost) = vision_lost(deck, s, c) {
+    if let Some(lost) = vision_lost(deck, s, c).or_else(|| deck_lost(s, c)) {
         return lost;
     }
     let wide = widening(progress, c);
@@ -175,7 +215,10 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         .predicted_slope
         .map_or(s.friction_used_mps2, |slope| slope * GRAVITY);
     let friction_left = c.friction * GRAVITY - used + c.friction_margin_mps2;
+    // Whose grant is stale keeps the deck: a silent owner does not lose it.
+    let stale = matches!(s.reservation, Reservation::Unknown(_));
     let rejection = (s.reservation.rejection())
+        .filter(|_| !(stale && progress.is_urgent()))
         .or_else(|| {
             first_beyond([
                 (VisionLost, deck.vision_age_s, c.descent_vision_s),
@@ -187,7 +230,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         .or_else(|| deck_infeasible(deck, c, wide));
     // What happens to a drone at rest on the deck is better than what happens to one with an empty battery.
     let rejection = rejection.or_else(|| {
-        if progress.urgent {
+        if progress.is_urgent() {
             return None;
         }
         let motion = first_beyond([
@@ -419,7 +462,8 @@ fn held(
     if lasted < c.recover_s {
         return hold(fresh).stay(Reason::new(NotSteady, lasted, c.recover_s));
     }
-    let next = if deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= c.resume_distance_m {
+    let above = deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= c.resume_distance_m;
+    let next = if above && s.waits(c).is_none() {
         MissionPhase::TRACKING
     } else {
         MissionPhase::GetAltitude {

@@ -76,6 +76,7 @@ pub(super) fn fair() -> Situation {
         plan_limit_s: 0.5,
         outside_m: -0.6,
         reservation: Reservation::NotNeeded,
+        place: None,
         motors_stopped: false,
         rotors_carry: true,
     }
@@ -436,7 +437,7 @@ fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
     let grant = |owner, at_s| DeckGrant {
         header: Header::new(1, 0, 1, 1, at(at_s)),
         owner,
-        occupied: false,
+        ..DeckGrant::default()
     };
     let c = config();
     assert!(!c.reservation_required);

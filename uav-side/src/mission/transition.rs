@@ -4,12 +4,12 @@
 //! Interrupts first (touchdown, abort, loss of control, stale data, hold, battery, time limit), then
 //! what the state itself does, in `states`.
 
-use alight_shared::msg::{AutopilotMode, CommandKind, Phase, Reason, ReasonCode};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
 use super::config::MissionConfig;
 use super::memory::AT_REST_M;
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
-use super::situation::{ControlState, Situation};
+use super::situation::{ControlState, Reservation, Situation};
 use super::states;
 
 /// What a step decided.
@@ -50,6 +50,9 @@ pub fn decide(
     if matches!(phase, MissionPhase::GaveUp { .. } | MissionPhase::Landed { .. }) {
         progress.landing = false;
     }
+    if !phase.flies() {
+        progress.low_battery = None;
+    }
     let completes = progress.stopped && phase.state().phase() == Phase::Landing;
     let waiting = if completes {
         ReasonCode::CompletesLanding.into()
@@ -89,6 +92,43 @@ fn without_data(progress: &Progress, s: &Situation, c: &MissionConfig) -> Missio
     } else {
         holding(HoldCause::Data, s, c)
     }
+}
+
+/// What a battery below the reserve brings about: the first place of the configured order that can be had. The deck can
+/// while a landing is wanted, its forecast is fresh and it is neither another's nor closed; a descent that has begun is
+/// the quickest way down in any case.
+fn low_battery(
+    phase: MissionPhase,
+    progress: &mut Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<Transition> {
+    let b = s.battery?;
+    if b >= c.battery_reserve || progress.reserve_waived {
+        return None;
+    }
+    let why = |code| Reason::new(code, b, c.battery_reserve);
+    let lands = phase.state().phase() == Phase::Landing;
+    let free = !matches!(s.reservation, Reservation::Others(_));
+    let deck = s.fresh_deck().filter(|_| progress.landing && free);
+    let had = |p: &&BatteryPlace| **p != BatteryPlace::Deck || deck.is_some();
+    let place = c.battery_order.iter().find(had).copied();
+    if lands && place != Some(BatteryPlace::Deck) {
+        return None;
+    }
+    let before = core::mem::replace(&mut progress.low_battery, place);
+    let code = match place {
+        Some(BatteryPlace::Deck) => {
+            let near = deck.is_some_and(|d| d.distance_m <= c.resume_distance_m);
+            let tracks = near && !lands && s.waits(c).is_none();
+            let next = if tracks { MissionPhase::TRACKING } else { phase };
+            return (before != place).then(|| next.enter(why(ReasonCode::BatteryDeck)));
+        }
+        Some(BatteryPlace::Home) => ReasonCode::BatteryHome,
+        Some(BatteryPlace::Here) => ReasonCode::BatteryHere,
+        None => ReasonCode::BatteryLow,
+    };
+    Some(gave_up(s, c).enter(why(code)))
 }
 
 /// What holds in every state that flies.
@@ -139,7 +179,7 @@ fn interrupt(
         Some(CommandKind::Land) if phase == MissionPhase::Idle || gives_up || waits || stopped => {
             progress.landing = true;
             progress.stopped = false;
-            progress.urgent = false;
+            progress.low_battery = None;
             progress.attempts = 0;
             progress.started = s.now;
             progress.reserve_waived = s.battery.is_some_and(|b| b < c.battery_reserve);
@@ -170,24 +210,16 @@ fn interrupt(
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
         return Some(without_data(progress, s, c).enter(why));
     }
-    // In the air with the vessel below, landing is the quickest way out of an empty battery.
-    let landing = matches!(phase, MissionPhase::Descent { .. } | MissionPhase::Flare { .. });
-    if landing || waits || gives_up {
+    // Whoever said to hold or to stop did not ask for another place.
+    let over = gives_up && (progress.stopped || !progress.is_urgent());
+    if waits || over {
         return None;
     }
-    let low = |b: &f64| *b < c.battery_reserve && !progress.reserve_waived;
-    if let Some(b) = s.battery.filter(low) {
-        let why = |code| Reason::new(code, b, c.battery_reserve);
-        let above = s
-            .fresh_deck()
-            .is_some_and(|d| d.distance_m <= c.resume_distance_m);
-        // Whoever said to hold or to stop did not ask for the deck.
-        if !above || !progress.landing {
-            return Some(gave_up(s, c).enter(why(ReasonCode::BatteryLow)));
-        }
-        if !core::mem::replace(&mut progress.urgent, true) {
-            return Some(MissionPhase::TRACKING.enter(why(ReasonCode::BatteryDeck)));
-        }
+    if let Some(transition) = low_battery(phase, progress, s, c) {
+        return Some(transition);
+    }
+    if phase.state().phase() == Phase::Landing || gives_up {
+        return None;
     }
     let took = (s.now - progress.started).secs();
     (took > c.mission_timeout_s)

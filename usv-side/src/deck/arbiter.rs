@@ -1,17 +1,23 @@
 //! The deck arbiter: of several drones one at a time may descend.
 //!
 //! Every drone reports the state of its mission ([`DroneStatus`], 2 Hz); the arbiter publishes who owns the
-//! deck ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by tracking it stably. It owns the
-//! deck until there is evidence that it has left: it reports that it goes elsewhere, or from a distance, or the crew
-//! says so. Silence is no evidence: a drone that was granted the deck may have landed and been switched off.
+//! deck ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the
+//! deck until there is evidence that it has left: it reports from a distance, or the crew says so.
+//! Silence is no evidence: a drone that was granted the deck may have landed and been switched off.
+//!
+//! Every drone in the air gets a waiting place of its own, beside the deck. Within [`OWNER_ONLY_M`] of the deck there is
+//! its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its place.
 //!
 //! The crew closes and opens the deck ([`DeckOrder`]). What the arbiter must not forget outlives it ([`DeckMemory`]).
 
 use alight_shared::admission::check_message;
 use alight_shared::config;
-use alight_shared::msg::{DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, State};
+use alight_shared::msg::{
+    DECK_CLOSED, DeckGrant, DroneStatus, Header, LandedState, OWNER_ONLY_M, PLACES, State,
+};
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
@@ -21,8 +27,6 @@ use super::memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim};
 const PERIOD: Span = Span::from_millis(500);
 /// A drone is silent after this long: four periods of its status.
 const FRESH: Span = Span::from_millis(2000);
-/// A drone that breaks off, or takes off from the deck, keeps it for its climb to the height of those that wait.
-const DEPARTURE: Span = Span::from_millis(10_000);
 /// A status with another boot id is that of a drone that was started anew once the former was silent for this long:
 /// three periods.
 const RESTART_SILENCE: Span = Span::from_millis(1500);
@@ -32,8 +36,8 @@ const RIVAL_TIMEOUT: Span = Span::from_millis(10_000);
 const MIN_ALTERNATIONS: u32 = 2;
 /// A drone on the ground within this distance of the deck's centre stands on it, m: two GNSS receivers and half a deck.
 const ON_DECK_M: f32 = 5.0;
-/// One beyond this distance does not, m.
-const FAR_M: f32 = 15.0;
+/// One beyond this distance does not, and has left the owner's surroundings, m.
+const FAR_M: f32 = OWNER_ONLY_M as f32;
 
 config! {
     /// When the deck changes its owner.
@@ -61,8 +65,9 @@ struct Drone {
     claim: Claim,
     /// Since when it has requested the deck without owning it, or has owned it without descending.
     since: Time<VesselClock>,
-    /// When it left the deck or broke off.
-    left: Option<Time<VesselClock>>,
+    /// Not known to be beyond [`OWNER_ONLY_M`] since it was within.
+    inside: bool,
+    place: Option<usize>,
     rival: Option<Rival>,
 }
 
@@ -80,10 +85,6 @@ struct Rival {
 impl Drone {
     fn is_fresh(&self, now: Time<VesselClock>) -> bool {
         now - self.received <= FRESH
-    }
-    /// Climbs from the deck.
-    fn is_leaving(&self, now: Time<VesselClock>) -> bool {
-        self.left.is_some_and(|t| now - t < DEPARTURE)
     }
     /// Two drones with this number.
     fn is_double(&self) -> bool {
@@ -127,7 +128,7 @@ impl Claim {
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare, _) => Claim::Landing,
-            (State::TrackingStable, _) => Claim::Requesting,
+            (State::GetAltitude | State::Approach | State::TrackingStable, _) => Claim::Requesting,
             (State::Tracking, _) => Claim::Above,
             // Carried off.
             _ if is_far(status) => Claim::Away,
@@ -136,12 +137,7 @@ impl Claim {
             // A mission that began anew knows less than it did.
             (State::Idle, LandedState::Unknown) if was_there => before,
             (
-                State::Idle
-                | State::GetAltitude
-                | State::Approach
-                | State::Landed
-                | State::Hold
-                | State::GaveUp,
+                State::Idle | State::Landed | State::Hold | State::GaveUp,
                 LandedState::Unknown | LandedState::OnGround | LandedState::InAir,
             ) => Claim::Away,
         }
@@ -182,6 +178,8 @@ pub struct DeckArbiter {
     published: u32,
     closed: Option<Closure>,
     began: Option<Time<VesselClock>>,
+    /// When the deck's owner was last to give way.
+    vacated: Option<Time<VesselClock>>,
     due: Time<VesselClock>,
     rejected: u64,
 }
@@ -232,11 +230,14 @@ impl DeckArbiter {
     }
     /// What must not be forgotten.
     pub fn memory(&self) -> DeckMemory {
-        let kept = |d: &&Drone| d.claim >= Claim::Landing || self.owner == Some(d.header.drone);
+        let kept =
+            |d: &&Drone| d.claim >= Claim::Landing || self.owner == Some(d.header.drone) || d.place.is_some();
         let claims = self.drones.iter().filter(kept).map(|d| DroneClaim {
             drone: d.header.drone,
             boot: d.header.boot,
             claim: d.claim,
+            place: d.place,
+            inside: d.inside,
         });
         DeckMemory {
             owner: self.owner,
@@ -254,8 +255,9 @@ impl DeckArbiter {
             received: now - FRESH - Span::from_millis(1),
             claim: c.claim,
             since: now,
-            // Whether it was about to leave is not kept.
-            left: Some(now).filter(|_| c.claim < Claim::Landing),
+            // The owner may have gone there meanwhile.
+            inside: c.inside || memory.owner == Some(c.drone),
+            place: c.place,
             rival: None,
         });
         self.drones = drones.collect();
@@ -280,20 +282,27 @@ impl DeckArbiter {
             return;
         }
         let claim = Claim::of(status, before.map_or(Claim::Away, |d| d.claim));
-        let left = match before {
-            _ if claim >= Claim::Landing || is_far(status) => None,
-            Some(d) if d.claim >= Claim::Landing => Some(now),
-            Some(d) => d.left,
-            None => None,
+        let was_inside = before.is_some_and(|d| d.inside);
+        let on_ground = claim == Claim::Away && status.landed == LandedState::OnGround;
+        let inside = match status.deck_distance_m {
+            _ if claim >= Claim::Landing => true,
+            _ if on_ground => false,
+            Some(_) => !is_far(status),
+            None => was_inside,
         };
+        let place = before
+            .and_then(|d| d.place)
+            .or_else(|| (0..PLACES).find(|number| self.drones.iter().all(|d| d.place != Some(*number))));
         let same = before.filter(|d| d.claim == claim || d.claim.max(claim) <= Claim::Requesting);
         let new_request = claim == Claim::Requesting && before.is_none_or(|d| d.claim == Claim::Away);
+        let arrived = self.owner == Some(h.drone) && inside && !was_inside;
         let drone = Drone {
             header: *h,
             received: now,
             claim,
-            since: same.filter(|_| !new_request).map_or(now, |d| d.since),
-            left,
+            since: same.filter(|_| !new_request && !arrived).map_or(now, |d| d.since),
+            inside,
+            place: place.filter(|_| !on_ground),
             rival: known.and_then(|d| d.rival),
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
@@ -323,31 +332,34 @@ impl DeckArbiter {
         let owner = self.owner;
         let owns = |d: &Drone| owner == Some(d.header.drone);
         self.drones.retain(|d| {
-            owns(d) || d.claim >= Claim::Landing || (now - d.received).secs() <= c.status_timeout_s
+            let holds = owns(d) || d.claim >= Claim::Landing || d.inside || d.place.is_some();
+            holds || (now - d.received).secs() <= c.status_timeout_s
         });
         let drones = || self.drones.iter();
         // Facts before permissions: who is on the deck or descends owns it, the owner before another.
         let fact = drones()
-            .filter(|d| d.claim >= Claim::Landing || d.is_leaving(now))
-            .max_by_key(|d| (d.claim.max(Claim::Requesting), owns(d)));
+            .filter(|d| d.claim >= Claim::Landing)
+            .max_by_key(|d| (d.claim, owns(d)));
         if let Some(d) = fact {
             return Some(d.header.drone);
         }
-        let current = drones().find(|d| owns(d) && d.claim > Claim::Away);
         let next = drones()
-            .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && self.closed.is_none())
+            .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && d.is_fresh(now))
+            .filter(|_| self.closed.is_none())
             .min_by_key(|d| d.since);
-        match (current, next) {
-            // One that is silent may be on its way down.
-            (Some(d), Some(other)) if d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s => {
-                Some(other.header.drone)
-            }
-            (Some(d), _) => Some(d.header.drone),
-            (None, Some(d)) if self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) => {
-                Some(d.header.drone)
-            }
-            (None, _) => None,
-        }
+        // One that is silent may be on its way down; one that goes elsewhere climbs first.
+        let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
+        let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
+        // Nobody is given the deck while another may be above it, or may not know yet that it lost it.
+        let free = |next: &&Drone| !drones().any(|d| d.inside && d.header.drone != next.header.drone);
+        let ready = self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s)
+            && self.vacated.is_none_or(|t| now - t > topics::DECK.stale_after);
+        let assigned = match current {
+            Some(d) if next.is_some() && idle(d) => None,
+            Some(d) => Some(d),
+            None => next.filter(free).filter(|_| ready),
+        };
+        assigned.map(|d| d.header.drone)
     }
 
     /// The owner as drones are to know it.
@@ -392,6 +404,7 @@ impl Node for DeckArbiter {
                     d.since = now;
                 }
             }
+            self.vacated = owner.map_or(Some(now), |_| self.vacated);
             self.owner = owner;
         }
         let published = self.published();
@@ -406,6 +419,10 @@ impl Node for DeckArbiter {
                 header: Header::new(self.vessel, 0, self.boot, self.sequence, now),
                 owner: published,
                 occupied: self.occupied(now),
+                places: core::array::from_fn(|k| {
+                    let holder = self.drones.iter().find(|d| d.place == Some(k));
+                    holder.map_or(0, |d| d.header.drone)
+                }),
             }),
         }
     }

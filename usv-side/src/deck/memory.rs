@@ -32,7 +32,7 @@ pub enum Claim {
     Away,
     /// Above it, not stably: keeps it, does not request it.
     Above,
-    /// Stably above it.
+    /// On its way there, waits for it, or is stably above it.
     Requesting,
     /// In descent or flare.
     Landing,
@@ -49,6 +49,10 @@ pub struct DroneClaim {
     pub boot: u32,
     /// What it has to do with the deck.
     pub claim: Claim,
+    /// Its waiting place.
+    pub place: Option<usize>,
+    /// It was where nobody but the deck's owner may be.
+    pub inside: bool,
 }
 
 /// The deck's part, of the arbiter.
@@ -58,7 +62,7 @@ pub struct DeckMemory {
     pub owner: Option<u32>,
     /// Why the deck is closed, if it is.
     pub closed: Option<Closure>,
-    /// The owner, and every drone that lands or stands there.
+    /// The owner, and every drone that lands, stands or waits there.
     pub claims: Vec<DroneClaim>,
 }
 

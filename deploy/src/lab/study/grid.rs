@@ -135,6 +135,7 @@ pub fn rows(study: Study, args: &SceneArgs, base: &Scene) -> Result<Vec<StudySce
         Study::Link => link::rows(&row),
         Study::Camera
         | Study::Estimator
+        | Study::Fleet
         | Study::Prediction
         | Study::Aborts
         | Study::Airborne

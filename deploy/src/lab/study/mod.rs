@@ -5,6 +5,7 @@ mod aborts;
 mod airborne;
 mod camera;
 mod estimator;
+mod fleet;
 mod grid;
 pub mod link;
 mod prediction;
@@ -41,6 +42,7 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
         (Study::Airborne, _) => airborne::run(args)?,
         (Study::Camera, _) => camera::run(args)?,
         (Study::Estimator, _) => estimator::run(args)?,
+        (Study::Fleet, _) => fleet::run(args)?,
         (Study::Prediction, _) => prediction::run(args)?,
         (Study::Merge, _) => merge(args)?,
         (Study::Search, _) => search::run(args)?,

@@ -63,8 +63,30 @@ impl Rig {
             header: Header::new(1, id, 7, self.sequence, at),
             state,
             battery: 0.8,
+            landed: match state {
+                State::Idle => LandedState::Unknown,
+                State::Landed => LandedState::OnGround,
+                _ => LandedState::InAir,
+            },
+            deck_distance_m: match state {
+                State::Idle => None,
+                State::GetAltitude | State::Approach | State::Hold | State::GaveUp => Some(25.0),
+                _ => Some(1.0),
+            },
             ..DroneStatus::default()
         }
+    }
+    /// The owner after a drone in this state has reported once from so far from the deck, beside one that waits.
+    fn run_at(&mut self, (id, state): (u32, State), distance_m: f32) -> u32 {
+        self.t_s += 0.5;
+        self.sequence += 1;
+        let status = DroneStatus {
+            landed: LandedState::InAir,
+            deck_distance_m: Some(distance_m),
+            ..self.status((id, state))
+        };
+        self.step(vec![status, self.status((2, State::Approach))]);
+        self.arbiter.owner().unwrap_or(0)
     }
 }
 
@@ -73,15 +95,19 @@ fn deck_arbiter_grants_the_first_request_until_take_off() {
     let mut rig = Rig::new();
     assert_eq!(rig.run(&[(1, State::TrackingStable)], 0.5), 1);
     for state in [State::Descent, State::Flare, State::Landed, State::Idle] {
-        let both = [(1, state), (2, State::TrackingStable)];
+        let both = [(1, state), (2, State::Approach)];
         assert_eq!(rig.run(&both, 5.0), 1, "{state:?}");
     }
     // Switched off on the deck: however long.
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 600.0), 1);
-    // Until it has climbed.
-    let both = [(1, State::GetAltitude), (2, State::TrackingStable)];
-    assert_eq!(rig.run(&both, 9.5), 1);
-    assert_eq!(rig.run(&both, 1.5), 2);
+    assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
+    // Until it has left, not before.
+    for (distance_m, owner) in [(1.0, 1), (14.0, 1), (16.0, 2)] {
+        assert_eq!(
+            rig.run_at((1, State::GaveUp), distance_m),
+            owner,
+            "{distance_m} m"
+        );
+    }
 }
 
 #[test]
@@ -90,21 +116,9 @@ fn deck_arbiter_frees_the_deck_after_a_manual_take_off() {
     rig.run(&[(1, State::TrackingStable)], 0.5);
     rig.run(&[(1, State::Landed)], 5.0);
     assert_eq!(rig.run(&[(1, State::Idle)], 5.0), 1);
-    rig.sequence += 1;
-    let flown = |rig: &mut Rig, secs: f64| {
-        for _ in 0..(secs / 0.5) as u32 {
-            rig.t_s += 0.5;
-            rig.sequence += 1;
-            let status = DroneStatus {
-                landed: LandedState::InAir,
-                ..rig.status((1, State::Idle))
-            };
-            rig.step(vec![status]);
-        }
-        rig.arbiter.owner().unwrap_or(0)
-    };
-    assert_eq!(flown(&mut rig, 9.5), 1, "it climbs");
-    assert_eq!(flown(&mut rig, 1.5), 0);
+    let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::Idle), distance_m);
+    assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
+    assert_eq!(at(&mut rig, 16.0), 2);
 }
 
 #[test]
@@ -118,7 +132,7 @@ fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
         let mut rig = Rig::new();
         rig.run(&[(1, State::TrackingStable)], 0.5);
         rig.run(&[(1, last)], 2.0);
-        let waiting = [(2, State::TrackingStable)];
+        let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 3600.0), 1, "{last:?}: it may have landed");
         let occupied = rig.arbiter.occupied(Time::from_secs(rig.t_s));
         assert_eq!(
@@ -131,13 +145,18 @@ fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
         assert_eq!(rig.run(&waiting, 0.5), 2, "{last:?}");
     }
     let mut rig = Rig::new();
-    rig.run(&[(2, State::TrackingStable)], 0.5);
-    let both = [(1, State::TrackingStable), (2, State::Tracking)];
+    rig.run(&[(2, State::Approach)], 0.5);
+    let both = [(1, State::Approach), (2, State::Tracking)];
     assert_eq!(rig.run(&both, 20.0), 2);
-    assert_eq!(rig.run(&both, 20.0), 1, "the idle timeout has passed");
-    let both = [(1, State::TrackingStable), (2, State::TrackingStable)];
-    assert_eq!(rig.run(&both, 15.0), 1);
-    assert_eq!(rig.run(&both, 20.0), 2, "in turns");
+    assert_eq!(
+        rig.run(&both, 20.0),
+        0,
+        "the idle timeout has passed, but it is still above the deck"
+    );
+    let waiting = [(1, State::Approach), (2, State::Approach)];
+    assert_eq!(rig.run(&waiting, 3.0), 1);
+    assert_eq!(rig.run(&[(1, State::Tracking), (2, State::Approach)], 20.0), 1);
+    assert_eq!(rig.run(&waiting, 20.0), 2, "in turns");
 }
 
 #[test]
@@ -145,9 +164,41 @@ fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
     rig.run(&[(1, State::Descent)], 5.0);
-    let both = [(1, State::GaveUp), (2, State::TrackingStable)];
-    assert_eq!(rig.run(&both, 9.5), 1);
-    assert_eq!(rig.run(&both, 1.5), 2);
+    let at = |rig: &mut Rig, distance_m| rig.run_at((1, State::GaveUp), distance_m);
+    assert_eq!([at(&mut rig, 1.0), at(&mut rig, 14.0)], [1, 1], "it climbs");
+    // It goes silent there: nobody knows where it is.
+    assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
+    assert_eq!(at(&mut rig, 16.0), 2);
+}
+
+#[test]
+fn deck_arbiter_gives_each_drone_a_place_of_its_own_and_keeps_those_of_silent_ones() {
+    let mut rig = Rig::new();
+    let crowd: Vec<_> = (1..=PLACES as u32 + 2).map(|id| (id, State::Approach)).collect();
+    rig.run(&crowd, 1.0);
+    let places = |rig: &Rig| -> Vec<u32> {
+        let holder = |k| rig.arbiter.drones.iter().find(|d| d.place == Some(k));
+        (0..PLACES)
+            .map(|k| holder(k).map_or(0, |d| d.header.drone))
+            .collect()
+    };
+    let mut held: Vec<u32> = (1..=PLACES as u32).collect();
+    assert_eq!(places(&rig), held, "the last two have none");
+    // Through silence and a restart of the vessel.
+    rig.run(&crowd[3..], 600.0);
+    rig.restart(Some(rig.arbiter.memory()));
+    rig.run(&crowd[3..], 600.0);
+    assert_eq!(places(&rig), held);
+    // One lands ashore: the next takes its place.
+    rig.sequence += 1;
+    let ashore = DroneStatus {
+        landed: LandedState::OnGround,
+        ..rig.status((5, State::Idle))
+    };
+    rig.step(vec![ashore]);
+    rig.run(&crowd[8..], 0.5);
+    held[4] = PLACES as u32 + 1;
+    assert_eq!(places(&rig), held);
 }
 
 #[test]
@@ -161,20 +212,22 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
         (Some(1.0), LandedState::OnGround, 1),
         (Some(200.0), LandedState::OnGround, 2),
         (None, LandedState::OnGround, 2),
-        (Some(1.0), LandedState::InAir, 2),
+        // Above it, whatever it means to do there.
+        (Some(1.0), LandedState::InAir, 0),
     ];
     for (distance_m, landed, owner) in cases {
         let mut rig = Rig::new();
         for _ in 0..20 {
             rig.t_s += 0.5;
             rig.sequence += 1;
-            let statuses = vec![
-                parked(&rig, distance_m, landed),
-                rig.status((2, State::TrackingStable)),
-            ];
+            let statuses = vec![parked(&rig, distance_m, landed), rig.status((2, State::Approach))];
             rig.step(statuses);
         }
-        assert_eq!(rig.arbiter.owner(), Some(owner), "{distance_m:?}, {landed:?}");
+        assert_eq!(
+            rig.arbiter.owner().unwrap_or(0),
+            owner,
+            "{distance_m:?}, {landed:?}"
+        );
     }
     // It was carried off without having been switched off.
     let mut rig = Rig::new();
@@ -187,12 +240,12 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
         ..rig.status((1, State::Landed))
     };
     rig.step(vec![ashore]);
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 0.5), 2);
+    assert_eq!(rig.run(&[(2, State::Approach)], 3.0), 2);
     // It was carried off, and is switched on ashore.
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
     rig.run(&[(1, State::Landed)], 5.0);
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 60.0), 1);
+    assert_eq!(rig.run(&[(2, State::Approach)], 60.0), 1);
     rig.t_s += 0.5;
     let ashore = parked(&rig, Some(200.0), LandedState::OnGround);
     let ashore = DroneStatus {
@@ -200,7 +253,7 @@ fn deck_arbiter_takes_a_drone_that_reports_from_the_deck_for_standing_there() {
         ..ashore
     };
     rig.step(vec![ashore]);
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 0.5), 2);
+    assert_eq!(rig.run(&[(2, State::Approach)], 0.5), 2);
 }
 
 #[test]
@@ -208,7 +261,7 @@ fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 2.0);
     assert_eq!(rig.order(DeckOrder::Closed).owner, DECK_CLOSED);
-    let waiting = [(2, State::TrackingStable)];
+    let waiting = [(2, State::Approach)];
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     // Also through a restart.
@@ -229,7 +282,7 @@ fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_resta
         rig.run(&[(1, State::TrackingStable)], 0.5);
         rig.run(&[(1, last)], 5.0);
         rig.restart(Some(rig.arbiter.memory()));
-        let waiting = [(2, State::TrackingStable)];
+        let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 600.0), 1, "{last:?}");
         // The crew's word counts at once: nobody was received since.
         rig.restart(Some(rig.arbiter.memory()));
@@ -239,10 +292,10 @@ fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_resta
     // Of a file that is damaged nothing is known.
     let mut rig = Rig::new();
     rig.restart(Some(DeckMemory::damaged()));
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 600.0), 0);
+    assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     rig.order(DeckOrder::Open);
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 0.5), 2);
+    assert_eq!(rig.run(&[(2, State::Approach)], 0.5), 2);
 }
 
 #[test]
@@ -287,28 +340,23 @@ fn deck_arbiter_takes_a_drone_that_was_started_anew_for_itself() {
         let at = Time::from_secs(rig.t_s);
         let status = DroneStatus {
             header: Header::new(1, 1, 8, k, at),
-            ..rig.status((1, State::GetAltitude))
+            deck_distance_m: Some(2.0 * k as f32),
+            ..rig.status((1, State::Idle))
         };
         rig.step(vec![status]);
         assert_eq!(rig.arbiter.doubles().count(), 0);
     }
     assert!(rig.arbiter.rejected() <= 3, "{}", rig.arbiter.rejected());
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 6.0), 2);
+    assert_eq!(rig.run(&[(2, State::Approach)], 6.0), 2);
 }
 
 #[test]
 fn deck_arbiter_restart_respects_a_drone_in_descent() {
     let mut rig = Rig::new();
     rig.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
-    assert_eq!(rig.run(&[(2, State::TrackingStable)], 2.0), 0);
-    assert_eq!(
-        rig.run(&[(2, State::TrackingStable), (1, State::Descent)], 0.5),
-        1
-    );
-    assert_eq!(
-        rig.run(&[(2, State::TrackingStable), (1, State::Landed)], 60.0),
-        1
-    );
+    assert_eq!(rig.run(&[(2, State::Approach)], 2.0), 0);
+    assert_eq!(rig.run(&[(2, State::Approach), (1, State::Descent)], 0.5), 1);
+    assert_eq!(rig.run(&[(2, State::Approach), (1, State::Landed)], 60.0), 1);
 }
 
 #[test]
@@ -323,7 +371,7 @@ fn deck_arbiter_rejects_foreign_statuses_and_surplus_drones() {
     rig.t_s = 200.0;
     rig.step(statuses);
     assert_eq!((rig.arbiter.owner(), rig.arbiter.rejected()), (None, 1));
-    let crowd: Vec<_> = (1..=80).map(|id| (id, State::TrackingStable)).collect();
+    let crowd: Vec<_> = (1..=80).map(|id| (id, State::Approach)).collect();
     assert_eq!(rig.run(&crowd, 0.5), 1);
     assert_eq!(rig.arbiter.rejected(), 1 + 80 - MAX_DRONES as u64);
 }

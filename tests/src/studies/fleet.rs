@@ -1,0 +1,259 @@
+//! Several drones above one deck: orders, aborts, outages of their radios, a deck that the crew closes and opens, drones
+//! that stay on the deck and drones that a person takes away, all at random. What must not happen: two drones below the
+//! waiting height, a descent to an occupied or closed deck, a collision.
+
+use alight_shared::msg::{CommandKind, State};
+use alight_usv::deck::DeckOrder;
+use serde::Serialize;
+
+use super::aborts::drive;
+use crate::harness::physics::TICK;
+use crate::harness::scenario::{NodeConfigs, Scenario, SetupError, StateOutage};
+use crate::harness::tap::NoTap;
+use crate::harness::world::World;
+use crate::physics::sea::SeaConfig;
+use crate::physics::streams::Streams;
+use crate::sensors::noise::Noise;
+
+/// Flown, s.
+const FLOWN_S: f64 = 180.0;
+/// A drone is below the waiting height when it is so far below the height of the approach, m: a layer of it.
+const BELOW_M: f64 = 5.0;
+/// A drone whose motors are off within this distance of the deck's centre stands there, m.
+const ON_DECK_M: f64 = 3.0;
+/// After the crew has closed the deck, drones know it or have no fresh grant, s.
+const KNOWN_AFTER_S: f64 = 2.5;
+
+/// What came of a trial.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct FleetReport {
+    /// Landings on the deck.
+    pub landings: u32,
+    /// Descents begun.
+    pub descents: u32,
+    /// Aborts and holds that were commanded.
+    pub stops: u32,
+    /// Outages of a drone's radio.
+    pub outages: u32,
+    /// How often the crew closed the deck.
+    pub closures: u32,
+    /// How often a second drone came below the waiting height.
+    pub two_below: u32,
+    /// Ticks of a descent to a deck on which another drone stood.
+    pub on_occupied: u32,
+    /// Descents begun to a closed deck.
+    pub on_closed: u32,
+    /// Collisions of drones.
+    pub collisions: u32,
+    /// Drones that fell into the water.
+    pub in_water: u32,
+    /// Smallest distance between two drones in the air, m.
+    pub nearest_m: f64,
+}
+
+impl FleetReport {
+    /// Nothing that must not happen has happened.
+    pub fn safe(&self) -> bool {
+        self.two_below + self.on_occupied + self.on_closed + self.collisions == 0
+    }
+    /// Of both trials.
+    #[must_use]
+    pub fn and(self, other: FleetReport) -> FleetReport {
+        FleetReport {
+            landings: self.landings + other.landings,
+            descents: self.descents + other.descents,
+            stops: self.stops + other.stops,
+            outages: self.outages + other.outages,
+            closures: self.closures + other.closures,
+            two_below: self.two_below + other.two_below,
+            on_occupied: self.on_occupied + other.on_occupied,
+            on_closed: self.on_closed + other.on_closed,
+            collisions: self.collisions + other.collisions,
+            in_water: self.in_water + other.in_water,
+            nearest_m: self.nearest_m.min(other.nearest_m),
+        }
+    }
+}
+
+/// A drone as the judge of the fleet sees it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Watched {
+    state: State,
+    /// It was as high as those that wait, since it appeared.
+    risen: bool,
+    below: bool,
+    on_deck: bool,
+    in_water: bool,
+    /// When somebody takes it away, s.
+    taken_at: Option<f64>,
+}
+
+/// A trial under way.
+struct Flight {
+    world: World,
+    scenario: Scenario,
+    draw: Noise,
+    drones: Vec<Watched>,
+    /// Since when the deck is closed, and until when, s.
+    closed: Option<[f64; 2]>,
+    /// A drone that stays on the deck once it has landed.
+    stays: Option<usize>,
+    report: FleetReport,
+}
+
+impl Flight {
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.draw.uniform()
+    }
+    fn one_of(&mut self, n: usize) -> usize {
+        ((self.draw.uniform() * n as f64) as usize).min(n.saturating_sub(1))
+    }
+
+    /// Something happens to a drone or the deck.
+    fn happen(&mut self, t: f64) {
+        let k = self.one_of(self.drones.len());
+        match self.one_of(10) {
+            0..=4 => self.world.operator_command(k, CommandKind::Land),
+            5 | 6 => {
+                self.report.stops += 1;
+                self.world.operator_command(k, CommandKind::Abort);
+            }
+            7 => {
+                self.report.stops += 1;
+                self.world.operator_command(k, CommandKind::Hold);
+            }
+            8 => {
+                self.report.outages += 1;
+                let outage = StateOutage {
+                    state: State::Idle,
+                    after_s: 0.0,
+                    duration_s: self.between(5.0, 20.0),
+                };
+                self.world.radio_outage(k, &outage);
+            }
+            _ if self.closed.is_none() => {
+                self.report.closures += 1;
+                self.world.deck_order(DeckOrder::Closed);
+                self.closed = Some([t, t + self.between(5.0, 30.0)]);
+            }
+            _ => {}
+        }
+    }
+
+    /// What is due: the crew opens the deck, a person takes a drone away that has landed.
+    fn attend(&mut self, t: f64, nodes: &NodeConfigs) {
+        if self.closed.is_some_and(|[_, until]| t >= until) {
+            self.closed = None;
+            self.world.deck_order(DeckOrder::Open);
+        }
+        for k in 0..self.drones.len() {
+            if self.drones[k].taken_at.is_some_and(|at| t >= at) {
+                self.drones[k] = Watched::default();
+                self.world.restart_drone(k, &self.scenario, nodes);
+            }
+        }
+    }
+
+    fn judge(&mut self, t: f64, waiting_m: f64) {
+        let physics = self.world.physics();
+        let deck = physics.deck().position.0;
+        let mut places = Vec::new();
+        let mut begun = 0;
+        let mut landed = None;
+        let had_below = self.drones.iter().filter(|d| d.below).count();
+        for (k, watched) in self.drones.iter_mut().enumerate() {
+            let Some(truth) = physics.drone(k) else { continue };
+            let mission = &self.world.drones()[k].mission_state;
+            let o = physics.observation(k, mission);
+            let at = truth.position.0;
+            let height = deck.z - at.z;
+            watched.risen |= height >= waiting_m - BELOW_M;
+            watched.below = o.motors_on && watched.risen && height < waiting_m - BELOW_M;
+            let stood = watched.on_deck;
+            watched.on_deck = !o.motors_on && !o.in_water && o.horizontal_m < ON_DECK_M;
+            if watched.on_deck && !stood {
+                self.report.landings += 1;
+                landed = Some(k);
+            }
+            self.report.in_water += u32::from(o.in_water && !watched.in_water);
+            watched.in_water = o.in_water;
+            begun += u32::from(mission.state == State::Descent && watched.state != State::Descent);
+            watched.state = mission.state;
+            if o.motors_on {
+                places.push(at);
+            }
+        }
+        let below = self.drones.iter().filter(|d| d.below).count();
+        self.report.two_below += u32::from(below > 1 && below > had_below);
+        let descends = |d: &Watched| matches!(d.state, State::Descent | State::Flare);
+        let stands = self.drones.iter().any(|d| d.on_deck);
+        self.report.on_occupied += u32::from(stands && self.drones.iter().any(descends));
+        self.report.descents += begun;
+        if self.closed.is_some_and(|[since, _]| t > since + KNOWN_AFTER_S) {
+            self.report.on_closed += begun;
+        }
+        for (i, a) in places.iter().enumerate() {
+            for b in places.iter().skip(i + 1) {
+                self.report.nearest_m = self.report.nearest_m.min((a - b).norm());
+            }
+        }
+        self.report.collisions = physics.collisions();
+        if let Some(k) = landed.filter(|k| Some(*k) != self.stays) {
+            self.drones[k].taken_at = Some(t + self.between(5.0, 25.0));
+        }
+    }
+}
+
+/// Flies so many drones; the sea, the vessel's speed and all that happens are drawn for the seed.
+pub fn fly(
+    scenario: &Scenario,
+    nodes: &NodeConfigs,
+    seed: u64,
+    drones: u32,
+) -> Result<FleetReport, SetupError> {
+    let mut draw = Noise::new(&Streams::new(seed), "fleet.draw");
+    let mut scenario = Scenario {
+        drones,
+        sea: SeaConfig::paper(0.6 * draw.uniform(), 5.0),
+        ..scenario.clone()
+    };
+    let speed = if draw.chance(0.5) {
+        0.0
+    } else {
+        3.0 * draw.uniform()
+    };
+    drive(&mut scenario, speed);
+    let stays = draw.chance(0.5).then_some(0);
+    let mut world = World::new(&scenario, nodes, seed)?;
+    world.warm_up(&mut NoTap);
+    let mut flight = Flight {
+        world,
+        scenario,
+        draw,
+        drones: vec![Watched::default(); drones as usize],
+        closed: None,
+        stays,
+        report: FleetReport {
+            nearest_m: f64::INFINITY,
+            ..FleetReport::default()
+        },
+    };
+    flight.stays = flight.stays.map(|_| flight.one_of(drones as usize));
+    let mut first: Vec<f64> = (0..drones).map(|_| flight.between(0.0, 20.0)).collect();
+    let mut next = flight.between(10.0, 30.0);
+    for tick in 0..(FLOWN_S / TICK.secs()) as u32 {
+        let t = f64::from(tick) * TICK.secs();
+        for (k, at) in first.iter_mut().enumerate().filter(|(_, at)| **at <= t) {
+            *at = f64::INFINITY;
+            flight.world.operator_command(k, CommandKind::Land);
+        }
+        if t >= next {
+            next = t + flight.between(3.0, 15.0);
+            flight.happen(t);
+        }
+        flight.attend(t, nodes);
+        flight.world.tick(&mut NoTap);
+        flight.judge(t, nodes.drone.mission.approach_height_m);
+    }
+    Ok(flight.report)
+}
