@@ -79,7 +79,7 @@ impl FleetReport {
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     state: State,
-    /// It was as high as those that wait, since it appeared.
+    /// Its mission has got its altitude once since it appeared.
     risen: bool,
     below: bool,
     on_deck: bool,
@@ -167,7 +167,10 @@ impl Flight {
             let o = physics.observation(k, mission);
             let at = truth.position.0;
             let height = deck.z - at.z;
-            watched.risen |= height >= waiting_m - BELOW_M;
+            watched.risen |= !matches!(
+                mission.state,
+                State::Idle | State::GetAltitude | State::Hold | State::GaveUp
+            );
             watched.below = o.motors_on && watched.risen && height < waiting_m - BELOW_M;
             let stood = watched.on_deck;
             watched.on_deck = !o.motors_on && !o.in_water && o.horizontal_m < ON_DECK_M;
@@ -185,7 +188,8 @@ impl Flight {
         }
         let below = self.drones.iter().filter(|d| d.below).count();
         self.report.two_below += u32::from(below > 1 && below > had_below);
-        let descends = |d: &Watched| matches!(d.state, State::Descent | State::Flare);
+        // The one that stands there may not know yet that it has landed.
+        let descends = |d: &Watched| !d.on_deck && matches!(d.state, State::Descent | State::Flare);
         let stands = self.drones.iter().any(|d| d.on_deck);
         self.report.on_occupied += u32::from(stands && self.drones.iter().any(descends));
         self.report.descents += begun;
