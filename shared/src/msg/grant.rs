@@ -16,9 +16,9 @@ pub const PLACES: usize = 8;
 pub const WAITING_DISTANCE_M: f64 = 25.0;
 /// Within this distance of the deck's centre there is its owner and nobody else, m.
 pub const OWNER_ONLY_M: f64 = 15.0;
-/// Each place is so much higher than the one before, m: 3.5 standard deviations of the difference between two drones'
-/// heights by GNSS, of 1 m each.
-const LAYER_M: f64 = 5.0;
+/// Each place is so much higher than the one before, m: the heights of two drones by GNSS differ by 1.4 m (rms) when each
+/// is off by 1 m; five times that, and a drone.
+const LAYER_M: f64 = 8.0;
 
 /// Where a drone waits for the deck: nobody else has this height, nor this bearing.
 #[derive(Clone, Copy, Debug, PartialEq)]
