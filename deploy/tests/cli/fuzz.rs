@@ -138,7 +138,7 @@ fn sound() -> Vec<Vec<u8>> {
     let grant = DeckGrant::<VesselClock> {
         header: Header::default(),
         owner: 1,
-        occupied: false,
+        ..DeckGrant::default()
     };
     let command = OperatorCommand::<VesselClock> {
         header: Header::default(),
