@@ -38,8 +38,9 @@ impl Check for WeightSchedule {
 config! {
     /// The way down: fast, braked, soft.
     ///
-    /// Chosen: after a prototype. The soft part is as long as the contact may come too soon (0.1 to 0.2 s): the tag is out
-    /// of view in it, and each 0.1 s of it adds 5 mm to the error of the place.
+    /// Chosen: after a prototype. The soft part is as long as the drone's lag makes the contact come too soon: with 40 ms on
+    /// the wire to the autopilot 79 of 80 landings stop their motors in time at 0.28 s, 76 at 0.2 s, 80 at 0.35 s. In it the
+    /// tag is out of view: each 0.1 s of it adds 8 mm to the error of the place.
     #[derive(Copy)]
     pub struct ProfileConfig {
         /// Greatest speed of sinking, m/s.
@@ -53,7 +54,7 @@ config! {
         /// Speed of the soft part relative to the deck, m/s.
         pub touch_mps: f64 = 0.28, in 0.05..=1.0;
         /// Duration of the soft part, s.
-        pub soft_s: f64 = 0.2, in 0.0..=5.0;
+        pub soft_s: f64 = 0.28, in 0.0..=5.0;
         /// After the contact the reference goes on into the deck down to here, m.
         pub press_m: f64 = 0.5, in 0.01..=1.0;
         /// Higher than this above the deck its heave is not followed, m ...
