@@ -19,6 +19,8 @@ pub const MAX_KEEP_OUT: usize = 8;
 const COLUMN_MARGIN_M: f64 = 0.5;
 /// Half the width that a drone needs on its way out along the escape direction, m: a drone and what it errs by.
 const ESCAPE_HALF_WIDTH_M: f64 = 1.0;
+/// Step in which the way out is looked at, m.
+const WAY_STEP_M: f64 = 0.25;
 /// The narrowest approach sector, deg: narrower ones are left by what the vessel yaws in waves.
 const MIN_SECTOR_DEG: f64 = 20.0;
 /// Drones wait so far above the highest volume, m: what a deck heaves about its mean and an approach to a height
@@ -79,9 +81,8 @@ impl SurroundingsConfig {
         if let (Some(deg), Some(u)) = (self.escape_deg, around.escape_direction()) {
             let reach = around.reach_m();
             let blocked = |v: &KeepOut| {
-                let beside = |s: f64| v.distance(&Vector3::new(s * u[0], s * u[1], f64::from(v.low[2])));
-                let steps = (reach / 0.25).ceil() as u32;
-                v.low[2] < 0.0 && (0..=steps).any(|k| beside(0.25 * f64::from(k)) < ESCAPE_HALF_WIDTH_M)
+                let from = Vector3::new(0.0, 0.0, f64::from(v.low[2]));
+                v.low[2] < 0.0 && v.blocks(&from, u, reach, ESCAPE_HALF_WIDTH_M)
             };
             let free = !around.keep_out.iter().any(blocked);
             at.require(free, "escape_deg", deg, "a direction without a keep-out volume")?;
@@ -128,6 +129,15 @@ impl KeepOut {
     /// Distance of the place `p` (deck frame, m) from the box, m; 0 inside.
     pub fn distance(&self, p: &Vector3<f64>) -> f64 {
         self.beyond(p).map(|v| v.max(0.0)).norm()
+    }
+    /// Whether it is nearer than `margin` to the level way of this `length` from the place `from` along the direction
+    /// `along` (forward and right); deck frame, m.
+    pub fn blocks(&self, from: &Vector3<f64>, along: [f64; 2], length: f64, margin: f64) -> bool {
+        let steps = (length / WAY_STEP_M).ceil() as u32;
+        (0..=steps).any(|k| {
+            let s = WAY_STEP_M * f64::from(k);
+            self.distance(&(from + Vector3::new(s * along[0], s * along[1], 0.0))) < margin
+        })
     }
     /// Horizontal distance of its furthest corner from the deck's centre, m.
     fn reach_m(&self) -> f64 {

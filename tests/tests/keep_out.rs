@@ -94,9 +94,9 @@ fn drone_comes_in_through_the_approach_sector_only() {
 #[test]
 fn drone_that_holds_over_a_deck_under_way_is_not_met_by_a_mast_astern() {
     let astern = vec![[[-3.4, -0.3, -9.3], [-3.0, 0.3, 0.0]]];
-    for told in [false, true] {
+    for informed in [false, true] {
         let mut around = SurroundingsConfig::default();
-        if told {
+        if informed {
             around.keep_out_m = astern.clone();
         }
         let (mut scenario, nodes) = vessel(4.0, around);
@@ -105,7 +105,7 @@ fn drone_that_holds_over_a_deck_under_way_is_not_met_by_a_mast_astern() {
             let flown = fly(&scenario, &nodes, seed, Interruption::Hold, 3.0)
                 .unwrap()
                 .unwrap();
-            assert_eq!(flown.collided, !told, "seed {seed}: {flown:?}");
+            assert_eq!(flown.collided, !informed, "seed {seed}: {flown:?}");
         }
     }
 }

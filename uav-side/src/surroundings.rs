@@ -22,8 +22,6 @@ const EDGE_RAD: f64 = 0.17;
 const ESCAPE_ABOVE_M: f64 = 3.0;
 /// Speed along it over that of the deck, m/s: a drone under way tilts no more than 10 deg to reach it within a second.
 const ESCAPE_MPS: f64 = 2.0;
-/// Step in which the way out is looked at, m.
-const LOOK_STEP_M: f64 = 0.25;
 
 /// Widening of volumes for this drone, m.
 pub(crate) fn margin_m(drone: &DroneGeometry) -> f64 {
@@ -74,13 +72,9 @@ pub(crate) fn escape_velocity(
     };
     let q = in_deck(deck, position);
     let margin = margin_m(drone);
-    let steps = (2.0 * ring_m(around, drone) / LOOK_STEP_M) as u32;
-    let blocked = (0..=steps).any(|k| {
-        let s = LOOK_STEP_M * f64::from(k);
-        let p = q + Vector3::new(s * forward, s * right, 0.0);
-        around.keep_out.iter().any(|v| v.distance(&p) < margin)
-    });
-    if blocked {
+    let length = 2.0 * ring_m(around, drone);
+    let mut volumes = around.keep_out.iter();
+    if volumes.any(|v| v.blocks(&q, [forward, right], length, margin)) {
         return Vector2::zeros();
     }
     let (sin, cos) = deck.euler[2].sin_cos();
@@ -114,13 +108,13 @@ impl Passage {
     pub(crate) fn of(volume: &KeepOut, margin: f64, deck: &DeckStage, position: &Vector3<f64>) -> Passage {
         let q = in_deck(deck, position);
         let above = f64::from(volume.low[2]) - margin - q.z;
-        let (mut face, mut most) = (Face::Top, above);
+        let (mut face, mut furthest) = (Face::Top, above);
         if above < 0.0 {
             for axis in 0..2 {
                 for (sign, bound) in [(1.0, volume.high[axis]), (-1.0, -volume.low[axis])] {
                     let beyond = sign * q[axis] - f64::from(bound) - margin;
-                    if beyond > most {
-                        (face, most) = (Face::Side(axis, sign), beyond);
+                    if beyond > furthest {
+                        (face, furthest) = (Face::Side(axis, sign), beyond);
                     }
                 }
             }

@@ -19,7 +19,7 @@ const MOTORS_ON_S: f64 = 5.0;
 const DENIES_S: f64 = 1.0;
 /// The drone never tilts further beyond what was commanded, deg.
 const TILT_BEYOND_DEG: f64 = 10.0;
-/// A world later than this says more of the computer than of the drone, s; half of it passes when a PX4 connects.
+/// A world later than this shows more of the computer than of the drone, s; half of it passes when a PX4 connects.
 const LATE_S: f64 = 1.0;
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 const MODERATE: &str = "moderate";
@@ -85,8 +85,8 @@ fn assert_safe(name: &str, flight: &Flight) -> Flown {
 
 /// A landing in this sea, with this fault.
 fn with_fault(firmware: Firmware, sea: &str, fault: Option<&str>, seed: usize) -> Flight {
-    let words = fault.map_or_else(String::new, |fault| format!("--fault {fault}"));
-    let mut flight = Flight::new(firmware, format!("--sea {sea} --seed {seed} {words}"));
+    let flag = fault.map_or_else(String::new, |fault| format!("--fault {fault}"));
+    let mut flight = Flight::new(firmware, format!("--sea {sea} --seed {seed} {flag}"));
     if fault.is_some_and(|fault| fault.ends_with("landed")) {
         flight.denies_s = DENIES_S;
     }

@@ -48,8 +48,8 @@ const GOOD_SENSORS: &str = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m 
 #[derive(Clone, Debug)]
 pub struct Flight {
     pub firmware: Firmware,
-    /// Further words of `alight land`: sea, seed, fault.
-    pub words: String,
+    /// Further flags of `alight land`: sea, seed, fault.
+    pub flags: String,
     /// Further lines of the scenario.
     pub scenario: String,
     /// The MAVLink cable is silent for a second from when the pilot presses the drone onto the deck.
@@ -59,10 +59,10 @@ pub struct Flight {
 }
 
 impl Flight {
-    pub fn new(firmware: Firmware, words: impl Into<String>) -> Flight {
+    pub fn new(firmware: Firmware, flags: impl Into<String>) -> Flight {
         Flight {
             firmware,
-            words: words.into(),
+            flags: flags.into(),
             scenario: String::new(),
             cable_out: false,
             denies_s: 0.0,
@@ -349,7 +349,7 @@ pub fn fly(name: &str, flight: &Flight) -> Flown {
         "land --autopilot {kind} --connect {connect} --firmware {} --scenario {} --warm-up 20 --json --instance {name} {}",
         config.display(),
         scene.display(),
-        flight.words
+        flight.flags
     ));
     end.store(true, Ordering::Relaxed);
     let controls = flown.join().unwrap();

@@ -372,7 +372,7 @@ impl Air {
                     .expect("set");
                 let mut buffer = vec![0; 1 << 16];
                 while !end.load(Ordering::Relaxed) {
-                    // A vessel that is started anew refuses meanwhile.
+                    // A vessel that is started anew accepts nothing meanwhile.
                     let Ok((n, sender)) = socket.recv_from(&mut buffer) else {
                         continue;
                     };
@@ -513,7 +513,7 @@ fn landed_drone_calibrates_the_deck_under_it() {
 
 #[test]
 fn abort_wins_and_a_frozen_process_is_restarted() {
-    // It stays above the deck until it is told otherwise.
+    // It stays above the deck until it is commanded otherwise.
     let all = following("abort", 105, 100.0);
     let out = all.run(format!("calibrate deck --config {}", all.file("drone.toml")));
     let errors = String::from_utf8_lossy(&out.stderr);

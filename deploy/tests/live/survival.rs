@@ -156,18 +156,20 @@ fn pilot_and_link_outlive_a_camera_that_cannot_be_started() {
         .spawn()
         .map(Running)
         .expect("starts");
-    let said = |what: &str| {
+    let printed = |what: &str| {
         let text = std::fs::read_to_string(&errors).expect("read");
         text.matches(what).count()
     };
     let both = |s: &Value| ["pilot", "autopilot"].map(|p| pid(s, p));
     let ended = "camera ended";
-    let before = status_when(&name, |s| both(s).iter().all(Option::is_some) && said(ended) >= 2);
+    let before = status_when(&name, |s| {
+        both(s).iter().all(Option::is_some) && printed(ended) >= 2
+    });
     permit(0o644);
-    status_when(&name, |_| said("camera is not started, and tried again") >= 2);
-    let tried = said(ended);
+    status_when(&name, |_| printed("camera is not started, and tried again") >= 2);
+    let tried = printed(ended);
     permit(0o755);
-    let after = status_when(&name, |_| said(ended) > tried);
+    let after = status_when(&name, |_| printed(ended) > tried);
     assert_eq!(both(&after), both(&before));
     drop(running);
     std::fs::remove_dir_all(&directory).expect("removed");

@@ -207,6 +207,14 @@ impl From<ReasonCode> for Reason {
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (v, l) = (self.value, self.limit);
+        let battery = |f: &mut fmt::Formatter<'_>, then: &str| {
+            write!(
+                f,
+                "battery at {:.0} % (needs {:.0} %){then}",
+                v * 100.0,
+                l * 100.0
+            )
+        };
         match self.code {
             ReasonCode::None => Ok(()),
             ReasonCode::Commanded => write!(f, "landing commanded"),
@@ -235,30 +243,10 @@ impl fmt::Display for Reason {
             ReasonCode::Deviated => write!(f, "{v:.2} m off the deck's centre (limit {l:.2})"),
             ReasonCode::Missed => write!(f, "deck missed: feet {v:.2} m below it (limit {l:.2})"),
             ReasonCode::Touchdown => write!(f, "touchdown"),
-            ReasonCode::BatteryLow => write!(
-                f,
-                "battery at {:.0} % (needs {:.0} %) and no place to land: gives the landing up",
-                v * 100.0,
-                l * 100.0
-            ),
-            ReasonCode::BatteryDeck => write!(
-                f,
-                "battery at {:.0} % (needs {:.0} %): lands on the deck, within wider limits",
-                v * 100.0,
-                l * 100.0
-            ),
-            ReasonCode::BatteryHome => write!(
-                f,
-                "battery at {:.0} % (needs {:.0} %): the autopilot returns home",
-                v * 100.0,
-                l * 100.0
-            ),
-            ReasonCode::BatteryHere => write!(
-                f,
-                "battery at {:.0} % (needs {:.0} %): the autopilot lands here",
-                v * 100.0,
-                l * 100.0
-            ),
+            ReasonCode::BatteryLow => battery(f, " and no place to land: gives the landing up"),
+            ReasonCode::BatteryDeck => battery(f, ": lands on the deck, within wider limits"),
+            ReasonCode::BatteryHome => battery(f, ": the autopilot returns home"),
+            ReasonCode::BatteryHere => battery(f, ": the autopilot lands here"),
             ReasonCode::NoPlace => write!(f, "all {v:.0} waiting places at the vessel are taken"),
             ReasonCode::OutOfRetries => write!(f, "{v:.0} attempts used (limit {l:.0})"),
             ReasonCode::Operator => write!(f, "operator's command"),
@@ -368,7 +356,7 @@ pub struct MissionState {
     /// Low over the deck: until it is as high as there, the drone climbs in place over the deck and moves with it.
     pub with_deck: bool,
     /// Waits beside the deck: there, from the deck's centre, north and east, m.
-    pub beside_deck: Option<[f64; 2]>,
+    pub waiting_offset: Option<[f64; 2]>,
     /// Where it lands, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
 }
@@ -531,7 +519,7 @@ message!(DroneStatus, DroneClock, |m| {
 });
 message!(MissionState, DroneClock, |m| {
     within(&m.hold_position, MAX_POSITION_M) && within([&m.hold_yaw], 50.0) => "hold_position",
-    within(m.beside_deck.iter().flatten(), MAX_POSITION_M) => "beside_deck",
+    within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(MissionMemory, DroneClock, |m| {

@@ -250,9 +250,9 @@ impl Judge {
         }
         if let Some(gap) = o.keep_out_gap_m {
             let within = gap <= 0.0;
-            let (entries, least, was_within) = self.keep_out.unwrap_or((0, gap, false));
+            let (entries, nearest, was_within) = self.keep_out.unwrap_or((0, gap, false));
             let entered = within && !was_within;
-            self.keep_out = Some((entries + u32::from(entered), least.min(gap), within));
+            self.keep_out = Some((entries + u32::from(entered), nearest.min(gap), within));
             if within {
                 self.fail(
                     Ending::Collision,
@@ -420,7 +420,7 @@ impl Judge {
             collisions: self.collisions,
             contacts_above_2_mps: self.fast_contacts,
             keep_out_collisions: self.keep_out.map(|(entries, ..)| entries),
-            keep_out_gap_m: self.keep_out.map(|(_, least, _)| least),
+            keep_out_gap_m: self.keep_out.map(|(_, nearest, _)| nearest),
             position_error_m: first.map(|c| c.position_error),
             rest_position_error_m: self.rest_error,
             touchdown_speed_mps: first.map(|c| c.normal),

@@ -17,7 +17,8 @@ use crate::sensors::noise::Noise;
 
 /// Flown, s.
 const FLOWN_S: f64 = 180.0;
-/// A drone is below the waiting height when it is so far below the height of the approach, m: a layer of it.
+/// A drone is below the waiting height when it is so far below the height of the approach, m: further than
+/// the heave and the height by GNSS take one that waits there.
 const BELOW_M: f64 = 5.0;
 /// A drone whose motors are off within this distance of the deck's centre stands there, m.
 const ON_DECK_M: f64 = 3.0;

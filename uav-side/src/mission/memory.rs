@@ -137,16 +137,16 @@ pub(super) fn remembered(
     }
 }
 
-/// What becomes of a mission in `state` whose last word was said at `said`: where that is too old the pilot has left
-/// the plan meanwhile and climbs, and a landing is begun anew, unless it is over or the operator `stopped` it.
+/// What becomes of a mission in `state` that was last `published`: where that is too long ago the pilot has left the plan
+/// meanwhile and climbs, and a landing is begun anew, unless it is over or the operator `stopped` it.
 pub(super) fn interrupted(
-    said: DroneTime,
+    published: DroneTime,
     state: State,
     stopped: bool,
     s: &Situation,
     c: &MissionConfig,
 ) -> Option<(MissionPhase, Reason)> {
-    let left = s.now - said > topics::MISSION.stale_after;
+    let left = s.now - published > topics::MISSION.stale_after;
     if !left || state.phase() != Phase::Landing || s.motors_stopped || rests(s, c) {
         return None;
     }

@@ -136,8 +136,8 @@ pub struct Mission {
     since: Time<DroneClock>,
     entered: Reason,
     due: Time<DroneClock>,
-    /// When it last said its state.
-    said: Option<Time<DroneClock>>,
+    /// When it last published its state.
+    published: Option<Time<DroneClock>>,
 }
 
 impl Mission {
@@ -189,9 +189,9 @@ impl Mission {
         if let Some(m) = &input.forecast
             && self.forecast.offer(now, m)
         {
-            let least = m.surroundings.wait_height_m();
-            self.config.tracking_height_m = self.heights_m[0].max(least);
-            self.config.approach_height_m = self.heights_m[1].max(least);
+            let lowest = m.surroundings.wait_height_m();
+            self.config.tracking_height_m = self.heights_m[0].max(lowest);
+            self.config.approach_height_m = self.heights_m[1].max(lowest);
             if let Some(z) = forecast_mean(m) {
                 self.mean_deck_z
                     .follow(m.header.at, z, LEVEL_TIME_S, LEVEL_STEP_M);
@@ -413,13 +413,13 @@ impl Mission {
         self.orders(now, &begun.commands)
     }
 
-    /// A process that stood still for longer than the others wait for its word goes on as its successor would.
+    /// A process that stood still for longer than the others wait for its state goes on as its successor would.
     fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
         let state = self.phase.state();
         let stopped = self.progress.stopped;
         if let Some((phase, why)) = self
-            .said
-            .and_then(|said| memory::interrupted(said, state, stopped, s, &self.config))
+            .published
+            .and_then(|at| memory::interrupted(at, state, stopped, s, &self.config))
         {
             (self.previous, self.since, self.entered) = (state, now, why);
             self.phase = phase;
@@ -468,7 +468,7 @@ impl Mission {
         let own = s.own.map_or(([0.0; 3], 0.0), |o| (o.position.into(), o.yaw));
         let moves = |at: &Vector3<f64>, leaves| moving_place(at, s, leaves).0;
         let approach_height_m = s.approach_height_m(c);
-        let mut beside_deck = None;
+        let mut waiting_offset = None;
         let (hold_position, hold_yaw, height_m, with_deck) = match self.phase {
             MissionPhase::GetAltitude { from } => {
                 let z = s.mean_deck_z.map_or(own.0[2], |m| m - approach_height_m);
@@ -477,16 +477,16 @@ impl Mission {
                 ([from[0], from[1], z], yaw, approach_height_m, leaves)
             }
             MissionPhase::Hold { at, yaw, .. } => {
-                beside_deck = stands_aside(&at, s, false);
+                waiting_offset = stands_aside(&at, s, false);
                 (at.into(), yaw, hold_height(s, c), moves(&at, false))
             }
             MissionPhase::GaveUp { at, yaw } => {
-                beside_deck = stands_aside(&at, s, true);
+                waiting_offset = stands_aside(&at, s, true);
                 (at.into(), yaw, approach_height_m, moves(&at, true))
             }
             MissionPhase::Approach { .. } => {
                 let waits = s.waits(c).is_some();
-                beside_deck = s.beside_deck().filter(|_| waits);
+                waiting_offset = s.waiting_offset().filter(|_| waits);
                 let above = s.fresh_deck().is_some_and(|d| d.distance_m < d.ring_m);
                 let height_m = match (s.place, s.mean_deck_z) {
                     (None, Some(mean)) if waits => mean - own.0[2],
@@ -525,7 +525,7 @@ impl Mission {
             hold_position,
             hold_yaw,
             with_deck,
-            beside_deck,
+            waiting_offset,
             low_battery: self.progress.low_battery,
         }
     }
@@ -587,7 +587,7 @@ impl Node for Mission {
         } else {
             self.due + PERIOD
         };
-        self.said = Some(now);
+        self.published = Some(now);
         let state = self.message(now, &s, decision.waiting);
         MissionOut {
             state: Some(state),

@@ -237,7 +237,7 @@ pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (b
 pub(super) fn stands_aside(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Option<[f64; 2]> {
     let near = |d: &&Deck| d.distance_m < WAITING_DISTANCE_M + WITH_DECK_M;
     let here = s.place.is_some() && s.fresh_deck().filter(near).is_some() && !moving_place(at, s, leaves).0;
-    s.beside_deck().filter(|_| here)
+    s.waiting_offset().filter(|_| here)
 }
 
 /// The place `at` where a drone holds, as it moves: with the deck on its way up, out of the way of others then.

@@ -371,7 +371,7 @@ impl Situation {
     }
     /// Where it goes to wait, or stays while it has no place, from the deck's centre, NED, m. The way there leads around
     /// the deck: an eighth of a half turn at a time.
-    pub fn beside_deck(&self) -> Option<[f64; 2]> {
+    pub fn waiting_offset(&self) -> Option<[f64; 2]> {
         const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let deck = self.fresh_deck()?;
         let own = wrap_angle(deck.bearing_rad + core::f64::consts::PI);

@@ -210,7 +210,7 @@ fn interrupt(
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
         return Some(without_data(progress, s, c).enter(why));
     }
-    // Whoever said to hold or to stop did not ask for another place.
+    // Whoever commanded a hold or a stop did not ask for another place.
     let over = gives_up && (progress.stopped || !progress.is_urgent());
     if waits || over {
         return None;

@@ -170,7 +170,7 @@ impl ReferenceGenerator {
             Mode::Descent => (Goal::Sink, c.landing),
             Mode::Flare => (Goal::Touch, c.landing),
         };
-        let (goal, weights) = match mission.beside_deck {
+        let (goal, weights) = match mission.waiting_offset {
             Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
             Some(_) | None => (goal, weights),
         };
@@ -239,7 +239,7 @@ impl ReferenceGenerator {
     fn horizontal_and_tilt(&mut self, q: &Request<'_>, problem: &mut Problem) {
         let (feet, step_s) = (self.drone.feet_below_m, self.config.step_s);
         let (round, out) = (self.way_round(q), self.escape(q));
-        let aside = round.unwrap_or_else(|| q.view.mission.beside_deck.unwrap_or_default().into());
+        let aside = round.unwrap_or_else(|| q.view.mission.waiting_offset.unwrap_or_default().into());
         // The target at stage k (0 = now), and tilt with its rate.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (Motion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),

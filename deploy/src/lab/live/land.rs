@@ -537,7 +537,7 @@ impl<'a> Landing<'a> {
     }
 
     /// Commands the landing when it is time, until the mission has begun it: a mission that has must not need to be
-    /// told again, whatever happens to its process.
+    /// commanded again, whatever happens to its process.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =
             self.observer.snapshot.mission.is_some_and(|m| {

@@ -31,10 +31,10 @@ use crate::process::instance::owner;
 use crate::process::life::{Life, draw_boot, node_log};
 use crate::terminal;
 
-/// The line with which it tells of the first contact.
+/// The line that reports the first contact.
 pub const CONTACT: &str = "world: first contact";
 
-/// What the world tells its supervisor in the end, as one JSON object.
+/// What the world reports to its supervisor in the end, as one JSON object.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldReport {
