@@ -103,26 +103,35 @@ pub(crate) struct Passage {
 }
 
 impl Passage {
-    /// On the side on which a drone at `position` is now: above a volume that it is higher than, else the side that is
-    /// nearest to being free.
-    pub(crate) fn of(volume: &KeepOut, margin: f64, deck: &DeckStage, position: &Vector3<f64>) -> Passage {
-        let q = in_deck(deck, position);
-        let above = f64::from(volume.low[2]) - margin - q.z;
-        let (mut face, mut furthest) = (Face::Top, above);
-        if above < 0.0 {
-            for axis in 0..2 {
-                for (sign, bound) in [(1.0, volume.high[axis]), (-1.0, -volume.low[axis])] {
-                    let beyond = sign * q[axis] - f64::from(bound) - margin;
-                    if beyond > furthest {
-                        (face, furthest) = (Face::Side(axis, sign), beyond);
-                    }
-                }
+    /// Above a volume that a drone at `here` is higher than; else, of the sides that it is beyond, the one that leaves
+    /// most room to where it should be at the plan's end, `there`; from within, the side that is nearest to being free.
+    /// Each place with the deck of that time.
+    pub(crate) fn of(
+        volume: &KeepOut,
+        margin: f64,
+        here: (&DeckStage, &Vector3<f64>),
+        there: (&DeckStage, &Vector3<f64>),
+    ) -> Passage {
+        let [from, to] = [here, there].map(|(deck, place)| in_deck(deck, place));
+        let above = f64::from(volume.low[2]) - margin - from.z;
+        // Who is beyond no face has to come out first.
+        let mut best = (Face::Top, above.min(0.0), f64::INFINITY);
+        for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
+            let bound = if sign > 0.0 {
+                volume.high[axis]
+            } else {
+                -volume.low[axis]
+            };
+            let beyond = |q: &Vector3<f64>| sign * q[axis] - f64::from(bound) - margin;
+            let side = (Face::Side(axis, sign), beyond(&from).min(0.0), beyond(&to));
+            if (side.1, side.2) > (best.1, best.2) {
+                best = side;
             }
         }
         Passage {
             volume: *volume,
             margin,
-            face,
+            face: best.0,
         }
     }
 
@@ -155,8 +164,8 @@ impl Passage {
         (from < to).then_some(deck.position[2] + from)
     }
 
-    /// The half-space beside the volume at the height `z`: `n . (x, y) >= b`; None above it.
-    pub(crate) fn side(&self, deck: &DeckStage, z: f64) -> Option<(Vector2<f64>, f64)> {
+    /// The half-space beside a volume that is passed on a side: `n . p >= b`.
+    pub(crate) fn side(&self, deck: &DeckStage) -> Option<(Vector3<f64>, f64)> {
         let Face::Side(axis, sign) = self.face else {
             return None;
         };
@@ -166,9 +175,8 @@ impl Passage {
         } else {
             -self.volume.low[axis]
         };
-        let c = Vector3::from(deck.position);
-        let b = f64::from(bound) + self.margin + n.xy().dot(&c.xy()) - n.z * (z - c.z);
-        Some((n.xy(), b))
+        let b = f64::from(bound) + self.margin + n.dot(&Vector3::from(deck.position));
+        Some((n, b))
     }
 }
 
@@ -193,14 +201,14 @@ mod tests {
             };
             let stage = |position, euler| DeckStage { position, euler, ..DeckStage::default() };
             let deck = stage([1.0, 2.0, -1.0], euler);
-            let passage = Passage::of(&volume, 1.0, &deck, &Vector3::from(now));
             let after = stage([3.0, -1.0, -2.0], later);
             let mut p = Vector3::from(then);
+            let passage = Passage::of(&volume, 1.0, (&deck, &Vector3::from(now)), (&after, &p));
             if let Some(z) = passage.top_z(&after, p.x, p.y) {
                 p.z = p.z.min(z);
             }
-            if let Some((n, b)) = passage.side(&after, p.z) {
-                let push = (b - n.dot(&p.xy())).max(0.0) / n.norm_squared();
+            if let Some((n, b)) = passage.side(&after) {
+                let push = (b - n.dot(&p)).max(0.0) / n.xy().norm_squared();
                 p.x += push * n.x;
                 p.y += push * n.y;
             }

@@ -34,8 +34,44 @@ pub struct Problem {
     pub weight: Vec<State>,
     /// Soft upper bound of z (NED: the lowest height) at the stages 1..=N, m.
     pub ceiling: Vec<f64>,
-    /// Soft bounds of x and y (lower, upper) at the same stages, m; empty: none.
-    pub sides: Vec<[[f64; 2]; 2]>,
+    /// Soft bounds of x and y; empty: none.
+    pub sides: Vec<Side>,
+}
+
+/// A stage's place lies beyond a plane: `n . (x, y, z) >= b`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Side {
+    /// From 0, as in [`Problem::reference`].
+    pub stage: usize,
+    /// Towards where the drone stays.
+    pub normal: [f64; 3],
+    /// m.
+    pub offset: f64,
+}
+
+impl Side {
+    /// Bounds the level axis that the normal is nearer to, given where the other two will be then.
+    fn bound(&self, axis: usize, states: &[State], [low, high]: &mut [Vec<f64>; 2]) {
+        let (n, across) = (self.normal[axis], self.normal[1 - axis]);
+        let nearer = if axis == 0 {
+            n.abs() >= across.abs()
+        } else {
+            n.abs() > across.abs()
+        };
+        let (Some(state), Some(low), Some(high)) = (
+            states.get(self.stage),
+            low.get_mut(self.stage),
+            high.get_mut(self.stage),
+        ) else {
+            return;
+        };
+        let place = (self.offset - across * state[1 - axis] - self.normal[2] * state[2]) / n;
+        match (nearer, n > 0.0) {
+            (true, true) => *low = low.max(place),
+            (true, false) => *high = high.min(place),
+            (false, _) => {}
+        }
+    }
 }
 
 impl Problem {
@@ -163,14 +199,21 @@ impl Mpc {
         }
         problem.ceiling.clear();
         problem.ceiling.resize(n, NO_CEILING);
-        let chains = if problem.sides.is_empty() {
-            [&mut self.x, &mut self.y]
-        } else {
-            self.beside.each_mut()
-        };
-        for (i, chain) in chains.into_iter().enumerate() {
-            let (low, high): (Vec<f64>, Vec<f64>) = problem.sides.iter().map(|s| (s[i][0], s[i][1])).unzip();
-            chain.solve(problem, [&low, &high], solution);
+        self.x.solve(problem, [&[], &[]], solution);
+        self.y.solve(problem, [&[], &[]], solution);
+        if !problem.sides.is_empty() {
+            self.z.solve(problem, [&[], &[]], solution);
+        }
+        // Each axis gives way to where the other one goes; the first once more, as the second went elsewhere.
+        for axis in [0, 1, 0, 1] {
+            let mut bounds = [vec![f64::NEG_INFINITY; n], vec![f64::INFINITY; n]];
+            for side in &problem.sides {
+                side.bound(axis, &solution.states, &mut bounds);
+            }
+            let [low, high] = &bounds;
+            if low.iter().chain(high).any(|bound| bound.is_finite()) {
+                self.beside[axis].solve(problem, [low, high], solution);
+            }
         }
         for k in 0..n {
             problem.ceiling[k] = ceiling(k, solution.states[k][0], solution.states[k][1]);

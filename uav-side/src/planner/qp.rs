@@ -4,7 +4,9 @@
 //! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, one slack `s_k` shared by the
 //! stage's state limits and measured in fractions of each limit. Inputs and their increments are hard
 //! limits, states soft with a linear and a quadratic cost of slack: 2.5 % of closed-loop problems
-//! have no solution with hard state limits (our measurement).
+//! have no solution with hard state limits (our measurement). A chain whose place is bounded on both
+//! sides has a slack of its own for the place: a drone on the wrong side of a bound must not gain the
+//! right to any tilt and speed by it.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -45,6 +47,10 @@ pub struct SlackCost {
 pub const NO_CEILING: f64 = 1.0e3;
 /// What one unit of slack buys at the ceiling, m: going below the minimum altitude is dear.
 pub const CEILING_SLACK_M: f64 = 0.1;
+/// ... and where the place has a slack of its own, m.
+const PLACE_SLACK_M: f64 = 1.0;
+/// There the slack of speed, tilt and rate costs so many times as much.
+const MOTION_OVER_PLACE: f64 = 100.0;
 /// How far a limit may be passed before the unconstrained optimum counts as violating it, in the
 /// limit's own unit: the solver's feasibility tolerance.
 const TOLERANCE: f64 = 1e-9;
@@ -52,6 +58,10 @@ const TOLERANCE: f64 = 1e-9;
 const MAX_ITERATIONS: u32 = 40;
 
 impl<const N: usize> ChainLimits<N> {
+    /// Variables of a stage: input, state, slack, and the place's own slack.
+    fn width(&self) -> usize {
+        N + 2 + usize::from(self.floor)
+    }
     /// True when no limit is passed by inputs and states (`states[k]` follows `inputs[k]`).
     pub fn hold(
         &self,
@@ -134,12 +144,17 @@ impl<const N: usize> SparseForm<N> {
         limits: ChainLimits<N>,
         slack: SlackCost,
     ) -> Self {
-        let width = N + 2;
+        let width = limits.width();
         let (u, x, s) = (
             |k: usize| k * width,
             |k: usize| k * width + 1,
             |k: usize| k * width + 1 + N,
         );
+        let (place, dear, unit) = if limits.floor {
+            (1, MOTION_OVER_PLACE, PLACE_SLACK_M)
+        } else {
+            (0, 1.0, CEILING_SLACK_M)
+        };
         let variables = stages * width;
 
         // P: u tridiagonal (squared increments), x diagonal (Q, explicit even if zero), s diagonal.
@@ -160,9 +175,11 @@ impl<const N: usize> SparseForm<N> {
                 nzval.push(2.0);
                 colptr.push(rowval.len());
             }
-            rowval.push(s(k));
-            nzval.push(2.0 * slack.quadratic);
-            colptr.push(rowval.len());
+            for (i, cost) in [dear, 1.0].into_iter().take(1 + place).enumerate() {
+                rowval.push(s(k) + i);
+                nzval.push(2.0 * cost * slack.quadratic);
+                colptr.push(rowval.len());
+            }
         }
         let p = CscMatrix::new(variables, variables, colptr, rowval, nzval);
 
@@ -202,17 +219,16 @@ impl<const N: usize> SparseForm<N> {
                 }
                 b.push(limits.slew);
             }
-            set(b.len(), s(k), -1.0);
-            b.push(0.0);
-            if limits.ceiling {
-                set(b.len(), x(k), 1.0);
-                set(b.len(), s(k), -CEILING_SLACK_M);
-                b.push(NO_CEILING);
+            for i in 0..=place {
+                set(b.len(), s(k) + i, -1.0);
+                b.push(0.0);
             }
-            if limits.floor {
-                set(b.len(), x(k), -1.0);
-                set(b.len(), s(k), -CEILING_SLACK_M);
-                b.push(NO_CEILING);
+            for (bounded, sign) in [(limits.ceiling, 1.0), (limits.floor, -1.0)] {
+                if bounded {
+                    set(b.len(), x(k), sign);
+                    set(b.len(), s(k) + place, -unit);
+                    b.push(NO_CEILING);
+                }
             }
             for (i, limit) in limits.state.iter().enumerate() {
                 if let Some(limit) = limit {
@@ -227,7 +243,10 @@ impl<const N: usize> SparseForm<N> {
         let a = CscMatrix::new_from_triplets(b.len(), variables, rows, cols, values);
         let mut q = vec![0.0; variables];
         for k in 0..stages {
-            q[s(k)] = slack.linear;
+            q[s(k)] = dear * slack.linear;
+            if limits.floor {
+                q[s(k) + place] = slack.linear;
+            }
         }
         SparseForm {
             stages,
@@ -247,18 +266,19 @@ impl<const N: usize> SparseForm<N> {
 
     /// Replaces the numbers by those of `instance`.
     pub fn fill(&mut self, instance: &Instance<'_, N>) {
-        let width = N + 2;
+        let width = self.limits.width();
         for (k, cost) in instance.cost.iter().take(self.stages).enumerate() {
             for i in 0..N {
                 self.p.nzval[self.weight_at[k] + i] = 2.0 * cost.weight[i];
                 self.q[k * width + 1 + i] = -2.0 * cost.weight[i] * cost.reference[i];
             }
+            // After two input, two slew and the slacks' rows.
+            let row = self.row_at[k] + 5 + usize::from(self.limits.floor);
             if self.limits.ceiling {
-                // After two input, two slew and one slack row.
-                self.b[self.row_at[k] + 5] = instance.ceiling.get(k).copied().unwrap_or(NO_CEILING);
+                self.b[row] = instance.ceiling.get(k).copied().unwrap_or(NO_CEILING);
             }
             if self.limits.floor {
-                let row = self.row_at[k] + 5 + usize::from(self.limits.ceiling);
+                let row = row + usize::from(self.limits.ceiling);
                 self.b[row] = -instance.floor.get(k).copied().unwrap_or(-NO_CEILING);
             }
         }
@@ -346,7 +366,7 @@ impl<const N: usize> ChainSolver<N> {
 fn take<const N: usize>(form: &SparseForm<N>, x: &[f64], previous_input: f64, inputs: &mut [f64]) {
     let mut before = previous_input;
     for (k, slot) in inputs.iter_mut().enumerate() {
-        let u = x.get(k * (N + 2)).copied().unwrap_or(f64::NAN);
+        let u = x.get(k * form.limits.width()).copied().unwrap_or(f64::NAN);
         if !u.is_finite() {
             // The caller sees it and calls the problem infeasible.
             *slot = f64::NAN;

@@ -11,7 +11,7 @@ use nalgebra::{Vector2, Vector3};
 use super::config::{PlannerConfig, Shaping};
 use super::governor::{Motion, Pace, ReferenceGovernor};
 use super::model::{State, angular_velocity, clearance, tilt_of, up_of};
-use super::mpc_faa::Problem;
+use super::mpc_faa::{Problem, Side};
 use super::qp::NO_CEILING;
 use super::view::View;
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
@@ -23,8 +23,6 @@ const ABORTED_DESCENT_MPS2: f64 = 6.0;
 /// A drone on its way up climbs away from the deck at full rate while it is nearer to it than this, upwards and sideways,
 /// m: more than a deck rises within the time in which it gets there.
 const NEAR_DECK_M: f64 = 3.0;
-/// A volume further aside bounds no plan: beyond what a plan is off its reference, m.
-const FAR_M: f64 = 5.0;
 /// A deck further from its mean height than this is no heave: the frame or the estimate moved, m.
 const HEIGHT_JUMP_M: f64 = 3.0;
 
@@ -145,13 +143,6 @@ impl ReferenceGenerator {
         });
         reference.mean_z = mean_z.unwrap_or(0.0);
         let place = Vector3::new(start[0], start[1], start[2]);
-        reference.passages.clear();
-        if let (Some(f), Some(deck)) = (&view.forecast, reference.deck.first()) {
-            let margin = margin_m(&self.drone);
-            let passage = |v| Passage::of(v, margin, deck, &place);
-            let volumes = f.surroundings.keep_out.iter();
-            reference.passages.extend(volumes.map(passage));
-        }
         let (p, up) = (place, up_of(start[3], start[4]));
         let feet = self.drone.feet_below_m;
         reference.clearance_m = reference
@@ -210,6 +201,7 @@ impl ReferenceGenerator {
         self.horizontal_and_tilt(&request, problem);
         self.height(&request, problem);
         self.heading(&request, problem);
+        self.pass(view, &place, reference, problem);
         self.keep_above(reference, problem);
         reference.alignment = problem.alignment();
     }
@@ -416,6 +408,19 @@ impl ReferenceGenerator {
         }
     }
 
+    /// Where the plan passes the volumes.
+    fn pass(&self, view: &View, here: &Vector3<f64>, reference: &mut Reference, problem: &Problem) {
+        reference.passages.clear();
+        let (deck, last) = (&reference.deck, problem.reference.last());
+        if let (Some(f), Some(now), Some(then), Some(r)) = (&view.forecast, deck.first(), deck.last(), last) {
+            let there = Vector3::new(r[0], r[1], r[2]);
+            let margin = margin_m(&self.drone);
+            let passage = |v| Passage::of(v, margin, (now, here), (then, &there));
+            let volumes = f.surroundings.keep_out.iter();
+            reference.passages.extend(volumes.map(passage));
+        }
+    }
+
     /// No reference below the minimum altitude where it is not over the deck, nor below the top of a volume there.
     pub(super) fn keep_above(&self, reference: &Reference, problem: &mut Problem) {
         for (k, r) in problem.reference.iter_mut().enumerate() {
@@ -427,38 +432,33 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Keeps references beside the volumes that the plan passes on a side, and bounds how far from them the plan's
-    /// places may be off towards a volume: with the half-space `n . p >= b` and a reference `r` that is `s = n . r - b`
-    /// inside it, each axis may be off by `s / (|n_x| + |n_y|)`.
+    /// Keeps references beside the volumes that the plan passes on a side, and the plan's places.
     pub(super) fn keep_out(&self, reference: &Reference, problem: &mut Problem) {
         problem.sides.clear();
         if reference.passages.is_empty() {
             return;
         }
         let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
-        for (r, deck) in stages {
-            let mut sides = [[-NO_CEILING, NO_CEILING]; 2];
+        for (stage, (r, deck)) in stages.enumerate() {
             // Away from one volume may be into another: twice suffices for two, a third leaves a soft bound.
             let passages = reference.passages.iter();
-            let halves: Vec<_> = passages.filter_map(|p| p.side(deck, r[2])).collect();
-            for (n, b) in halves.iter().chain(&halves) {
-                let push = (b - n.x * r[0] - n.y * r[1]).max(0.0) / n.norm_squared();
-                (r[0], r[1]) = (r[0] + push * n.x, r[1] + push * n.y);
+            let from = problem.sides.len();
+            let sides = passages.filter_map(|p| p.side(deck));
+            problem.sides.extend(sides.map(|(n, offset)| Side {
+                stage,
+                normal: n.into(),
+                offset,
+            }));
+            let sides = &problem.sides[from..];
+            for Side {
+                normal: [nx, ny, nz],
+                offset,
+                ..
+            } in sides.iter().chain(sides)
+            {
+                let push = (offset - nx * r[0] - ny * r[1] - nz * r[2]).max(0.0) / (nx * nx + ny * ny);
+                (r[0], r[1]) = (r[0] + push * nx, r[1] + push * ny);
             }
-            for (n, b) in &halves {
-                let room = (n.x * r[0] + n.y * r[1] - b).max(0.0) / (n.x.abs() + n.y.abs());
-                if room > FAR_M {
-                    continue;
-                }
-                for (i, side) in sides.iter_mut().enumerate() {
-                    if n[i] > 0.0 {
-                        side[0] = side[0].max(r[i] - room);
-                    } else if n[i] < 0.0 {
-                        side[1] = side[1].min(r[i] + room);
-                    }
-                }
-            }
-            problem.sides.push(sides);
         }
         self.keep_above(reference, problem);
     }
