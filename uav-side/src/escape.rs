@@ -54,11 +54,26 @@ impl Climb {
 
     /// `dt` later (s) over a deck that moves down at `deck` (m/s).
     pub(crate) fn advance(&mut self, dt: f64, deck: f64) {
-        let wanted = (deck.min(0.0) - CLIMB_MPS).max(-GREATEST_MPS);
+        self.towards((deck.min(0.0) - CLIMB_MPS).max(-GREATEST_MPS), dt);
+    }
+
+    /// `dt` later (s) on its way to a rest; at once from a standstill.
+    pub(crate) fn rest(&mut self, dt: f64) {
+        self.towards(0.0, dt);
+    }
+
+    fn towards(&mut self, wanted: f64, dt: f64) {
         let most = self.acceleration * dt;
         let before = self.velocity;
         self.velocity += (wanted - before).clamp(-most, most);
         self.z += 0.5 * (before + self.velocity) * dt;
+    }
+
+    /// The speed (m/s) at which a drone that sinks at `sinking` relative to the deck, `clearance` above it, meets it when it
+    /// brakes from now on, no slower than `least`: `v² = v0² - 2 a h`.
+    pub(crate) fn braked(&self, sinking: f64, clearance: f64, least: f64) -> f64 {
+        let left = sinking.max(0.0).powi(2) - 2.0 * self.acceleration * clearance.max(0.0);
+        left.max(0.0).sqrt().max(least)
     }
 }
 

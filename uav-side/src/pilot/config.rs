@@ -232,9 +232,7 @@ config! {
     pub struct SafetyConfig {
         /// Without a fresh plan and closer to the deck than this, the hold climbs, m.
         pub near_deck_m: f64 = 3.0, in 0.0..=50.0;
-        /// At this speed, m/s.
-        pub climb_mps: f64 = 0.5, in 0.0..=4.0;
-        /// Below this clearance in the flare the landing goes on without a fresh plan, m.
+        /// Below this clearance in the flare the landing goes on without mission or plan when a climb would end harder, m.
         pub commit_clearance_m: f64 = 0.8, in 0.0..=5.0;
         /// Sinking relative to the deck at this speed, m/s.
         pub sink_mps: f64 = 0.5, in 0.05..=2.0;

@@ -30,10 +30,10 @@ use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::escape::BELOW_M;
+use crate::escape::{BELOW_M, Climb, contact_speed};
 use crate::odometry::origin::OriginResets;
 use crate::surroundings::{escape_velocity, ring_m};
 use attitude::{rates_of, upright};
@@ -81,7 +81,8 @@ impl PilotOut {
 /// Where the pilot holds on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct HoldPlace {
-    position: Vector3<f64>,
+    level: Vector2<f64>,
+    climb: Climb,
     yaw: f64,
 }
 
@@ -117,6 +118,8 @@ pub struct Pilot {
     tracker: Tracker,
     detector: TouchdownDetector,
     hold: Option<HoldPlace>,
+    /// The landing goes on without the mission or a plan.
+    completes: bool,
     stopped_at: Option<Time<DroneClock>>,
     disarmed_since_stop: bool,
     /// The mission took notice of the stop.
@@ -150,6 +153,7 @@ impl Pilot {
             tracker: Tracker::default(),
             detector: TouchdownDetector::new(geometry.feet_below_m - geometry.rangefinder_m[2]),
             hold: None,
+            completes: false,
             stopped_at: None,
             disarmed_since_stop: false,
             landed_since_stop: false,
@@ -318,33 +322,50 @@ impl Pilot {
         aside < ring_m(&b.around, &self.geometry) && b.clearance < clear
     }
 
-    /// Velocity away from the deck `near` for a hold without mission or plan: with the deck, gently up from it, and along
-    /// the vessel's escape direction.
-    /// It does not follow a deck that sinks: that one comes back.
-    fn away(&self, near: Option<&DeckBelow>, body: &Body) -> Vector3<f64> {
-        near.map_or(Vector3::zeros(), |b| {
-            let [north, east, down] = b.stage.velocity;
-            let out = escape_velocity(&b.around, &b.stage, &self.geometry, &body.position, b.clearance);
-            let climb = down.min(0.0) - self.config.safety.climb_mps;
-            Vector3::new(north + out.x, east + out.y, climb)
-        })
+    /// Whether a drone low above the deck, without mission and plan, lands softer than it climbs away: the deck would meet it
+    /// harder on its way up.
+    fn lands_softer(&self, now: Time<DroneClock>, body: &Body, b: &DeckBelow) -> bool {
+        let sink_mps = self.config.safety.sink_mps;
+        let climb = Climb::new(body.position.z, body.velocity.z, &self.geometry);
+        let landing = climb.braked(-b.normal_speed, b.clearance, sink_mps);
+        let touched = self.detector.contact() != Contact::Clear;
+        let climbing = |f| {
+            contact_speed(now, f, &body.position, &body.velocity, &self.geometry).is_some_and(|v| v > landing)
+        };
+        touched || self.forecast.get().is_some_and(climbing)
     }
 
-    /// Stands where the drone is, or goes on from there with this velocity.
-    fn hold(&mut self, now: Time<DroneClock>, body: &Body, dt: f64, velocity: Vector3<f64>) -> SetPoint {
+    /// Stands where the drone is; away from a deck that is `near`: with it, up from it, and along the vessel's escape
+    /// direction.
+    fn hold(&mut self, now: Time<DroneClock>, body: &Body, dt: f64, near: Option<&DeckBelow>) -> SetPoint {
         self.tracker.reset();
         let (_, _, yaw) = body.attitude.euler_angles();
-        let mut place = self.hold.unwrap_or(HoldPlace {
-            position: body.position,
+        let sinks = near.map_or(0.0, |_| body.velocity.z);
+        let mut hold = self.hold.unwrap_or_else(|| HoldPlace {
+            level: body.position.xy(),
+            climb: Climb::new(body.position.z, sinks, &self.geometry),
             yaw,
         });
-        place.position += velocity * dt;
-        self.hold = Some(place);
+        let before = hold.climb.velocity;
+        let level = match near {
+            Some(b) => {
+                hold.climb.advance(dt, b.stage.velocity[2]);
+                let out = escape_velocity(&b.around, &b.stage, &self.geometry, &body.position, b.clearance);
+                Vector2::new(b.stage.velocity[0], b.stage.velocity[1]) + out
+            }
+            None => {
+                hold.climb.rest(dt);
+                Vector2::zeros()
+            }
+        };
+        hold.level += level * dt;
+        self.hold = Some(hold);
         SetPoint {
             kind: SetPointKind::Trajectory,
-            position: place.position.into(),
-            velocity: velocity.into(),
-            yaw: place.yaw,
+            position: [hold.level.x, hold.level.y, hold.climb.z],
+            velocity: [level.x, level.y, hold.climb.velocity],
+            acceleration: [0.0, 0.0, (hold.climb.velocity - before) / dt.max(1e-3)],
+            yaw: hold.yaw,
             ..self.set_point(now)
         }
     }
@@ -425,6 +446,13 @@ impl Pilot {
         }
     }
 
+    /// What the mission wanted last, for a moment after its last message: then the autopilot's failsafe acts.
+    fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
+        let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
+        let last = self.mission.get().filter(|m| m.state.phase() != Phase::None);
+        last.filter(|_| self.mission.age_s(now) <= limit).copied()
+    }
+
     /// The set-point of a step in which the motors run.
     fn fly(
         &mut self,
@@ -434,6 +462,7 @@ impl Pilot {
         body: &Body,
         below: Option<&DeckBelow>,
     ) -> SetPoint {
+        self.completes = false;
         let armed = self
             .autopilot
             .fresh(now, topics::AUTOPILOT.stale_after)
@@ -446,16 +475,9 @@ impl Pilot {
         let landed = mission.is_some_and(|m| m.state == State::Landed);
         let close = below.is_some_and(|b| b.clearance < self.config.safety.commit_clearance_m);
         let near = below.filter(|b| self.is_near(b, body));
-        let Some(mission) = mission else {
-            // Hold for a moment after the mission's last message, then let the failsafe act.
-            let silence = self.mission.age_s(now);
-            let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
-            let flew = self.mission.get().is_some_and(|m| m.state.phase() != Phase::None);
-            return if flew && silence <= limit {
-                self.hold(now, body, dt, self.away(near, body))
-            } else {
-                self.no_set_point(now)
-            };
+        let silent = mission.is_none();
+        let Some(mission) = mission.or_else(|| self.last_mission(now)) else {
+            return self.no_set_point(now);
         };
         let output = match mission.state.phase() {
             Phase::None if landed => {
@@ -470,7 +492,7 @@ impl Pilot {
                 if autopilot.mode != AutopilotMode::Offboard {
                     self.hold = None;
                 }
-                return self.hold(now, body, dt, Vector3::zeros());
+                return self.hold(now, body, dt, None);
             }
             Phase::Navigation => self.config.navigation_output,
             Phase::Follow => self.config.follow_output,
@@ -482,7 +504,14 @@ impl Pilot {
             .filter(|_| !landed)
             .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
         let flare = mission.state == State::Flare;
-        let committed = (flare || landed) && close;
+        let committed = close && (flare || landed);
+        if silent {
+            let lands = plan.is_some() || below.is_some_and(|b| self.lands_softer(now, body, b));
+            self.completes = committed && lands;
+            if !self.completes {
+                return self.hold(now, body, dt, near);
+            }
+        }
 
         if let (Contact::Suspected { since, .. }, Output::Attitude) = (self.detector.contact(), output) {
             let fraction = press_fraction(since, now, &self.config.touchdown);
@@ -528,7 +557,7 @@ impl Pilot {
                     .track(&stage, body, &self.estimate, authority, lag, dt, c);
                 self.attitude(now, Some(&stage), a, body)
             }
-            (None, _, _) => self.hold(now, body, dt, self.away(near, body)),
+            (None, _, _) => self.hold(now, body, dt, near),
         }
     }
 }
@@ -573,7 +602,8 @@ impl Node for Pilot {
             attitude: drone.attitude(),
         };
         let below = self.below(now, &body);
-        let evidence = self.evidence(now, mission.as_ref(), new.as_ref(), below.as_ref());
+        let landing = mission.or_else(|| self.last_mission(now).filter(|_| self.completes));
+        let evidence = self.evidence(now, landing.as_ref(), new.as_ref(), below.as_ref());
         if let Some(mut touchdown) = self.detector.step(now, dt, &evidence, &self.config.touchdown) {
             self.stop_from(now);
             let set_point = self.stop(now);

@@ -181,12 +181,12 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0; 3]));
     assert_eq!(s.position, [0.0, 0.0, -7.6]);
     let s = after(State::Descent, 2.0, 1.0, |i| i.plan = None);
-    assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0, 0.0, -0.5]));
-    assert!(s.position[2] < -3.7, "{s:?}");
+    assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0, 0.0, -3.0]));
+    assert!(s.position[2] < -4.4, "{s:?}");
     // Not before it is as high as the mission has asked for is it clear of the vessel, unless that is far away.
     let high = |i: &mut PilotIn| (i.plan, i.mission.as_mut().unwrap().height_m) = (None, 7.0);
     let s = after(State::Tracking, 5.0, 1.0, high);
-    assert_eq!(s.velocity, [0.0, 0.0, -0.5]);
+    assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
     let s = after(State::Tracking, 6.0, 1.0, high);
     assert_eq!(s.velocity, [0.0; 3]);
     let s = after(State::Tracking, 5.0, 1.0, |i| {
@@ -194,7 +194,7 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
         i.forecast.as_mut().unwrap().surroundings.escape = Some(core::f32::consts::FRAC_PI_2);
     });
     assert!(
-        s.velocity[1] > 1.99 && s.velocity[2] == -0.5,
+        s.velocity[1] > 1.99 && s.velocity[2] == -3.0,
         "to starboard: {s:?}"
     );
     let s = after(State::Tracking, 2.0, 1.0, |i| {
@@ -207,6 +207,28 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     assert_eq!(s.kind, SetPointKind::Attitude);
     assert!((s.velocity[2] - 0.5).abs() < 1e-9);
     assert!(s.attitude().angle() < 0.01 && s.thrust < 0.34, "{s:?}");
+}
+
+/// A second after plan and mission were lost in the flare, 0.3 m above a deck that rests and then rises at `rise_mps2`.
+fn alone(rise_mps2: f64) -> SetPoint {
+    after(State::Flare, 0.3, 1.0, |i| {
+        (i.plan, i.mission) = (None, None);
+        let deck = |t: f64| DeckStage {
+            velocity: [0.0, 0.0, -rise_mps2 * t],
+            ..level([0.0, 0.0, -1.3 - 0.5 * rise_mps2 * t * t])
+        };
+        i.forecast = i.drone.map(|d| forecast(d.header, deck));
+    })
+}
+
+#[test]
+fn pilot_without_plan_and_mission_lands_where_a_climb_would_meet_the_deck_harder() {
+    let climbs = alone(0.0);
+    let up = climbs.velocity[2];
+    assert!(climbs.kind == SetPointKind::Trajectory && up < -1.0, "{climbs:?}");
+    let lands = alone(12.0);
+    assert_eq!(lands.kind, SetPointKind::Attitude);
+    assert!((lands.velocity[2] - 0.5).abs() < 1e-9, "{lands:?}");
 }
 
 #[test]

@@ -365,9 +365,9 @@ impl Node for Planner {
 
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
-        let Some(mission) = usable(&self.mission, now, self.config.mission_age_s).copied() else {
-            return PlannerOut::default();
-        };
+        let mission = usable(&self.mission, now, self.config.mission_age_s).copied();
+        // Without a mission the pilot has flown on its own: no plan of before is what the drone does now.
+        let mission = mission.unwrap_or_default();
         let phase = mission.state.phase();
         match phase {
             Phase::None => {
