@@ -33,6 +33,23 @@ pub(crate) struct ContactEvidence {
     pub(crate) reports_on_ground: bool,
 }
 
+/// Pressed down at half of hover from here a drone meets the deck at 1 m/s, the limit of a successful landing, m:
+/// `h = v² / g`.
+const PRESS_BELOW_M: f64 = 0.1;
+/// The same by the forecast alone, which errs by as much.
+pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
+
+impl ContactEvidence {
+    /// So low that a drone that is not on the deck may be pressed onto it.
+    pub(crate) fn low(&self) -> bool {
+        match (self.range_height, self.forecast_height) {
+            (Some(h), _) => h <= PRESS_BELOW_M,
+            (None, Some(h)) => h <= PRESS_BELOW_BLIND_M,
+            (None, None) => false,
+        }
+    }
+}
+
 /// Why a disarm is inhibited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DisarmInhibit {

@@ -171,7 +171,7 @@ pub struct AutopilotLink {
     alone: DisarmSequence,
     inhibited: Option<DisarmInhibit>,
     /// Where it holds after a false touchdown.
-    held: Option<SetPoint>,
+    held: Option<outbound::Held>,
     /// The last set-point with motors running.
     flown: Option<SetPoint>,
     sent_at: Option<DroneTime>,

@@ -34,6 +34,15 @@ const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
+/// Where the link holds on its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Held {
+    place: Vector3<f64>,
+    /// From the deck's centre, where the deck was known.
+    from_deck: Option<Vector3<f64>>,
+    yaw: f64,
+}
+
 impl AutopilotLink {
     fn fresh_mission(&self, now: DroneTime) -> Option<&MissionState> {
         self.mission.fresh(now, topics::MISSION.stale_after)
@@ -114,13 +123,12 @@ impl AutopilotLink {
         match self.disarm.step(now, &evidence, &self.config.disarm) {
             DisarmDecision::Press => match (self.flown, disarm::inhibit(&evidence, &self.config.disarm)) {
                 (Some(flown), _) => Some(flown),
-                (None, None | Some(DisarmInhibit::NotSupported)) => Some(self.press(*wanted)),
+                (None, None | Some(DisarmInhibit::NotSupported)) if evidence.low() => {
+                    Some(self.press(*wanted))
+                }
                 // What it does not know yet arrives.
                 (None, Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown)) => None,
-                (
-                    None,
-                    Some(DisarmInhibit::RangeHigh | DisarmInhibit::ForecastHigh | DisarmInhibit::Fast),
-                ) => self.hold_above(now),
+                (None, _) => self.hold_above(now),
             },
             DisarmDecision::Command => {
                 self.command_disarm(self.disarm.sent(), out);
@@ -167,12 +175,14 @@ impl AutopilotLink {
         let landed = self.fresh_mission(now).is_some_and(|m| m.state == State::Landed);
         lapsed && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
-    /// The disarm goes on meanwhile, on lasting evidence; near the deck with a set-point that presses, on which PX4
-    /// comes back from its failsafe to the mode that the person chose.
+    /// The disarm goes on meanwhile, on lasting evidence; with a set-point that presses, above the deck with one
+    /// that climbs, on which PX4 comes back from its failsafe to the mode that the person chose.
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
         let c = self.config.disarm;
         let lasting = DisarmConfig {
             hold_s: c.hold_s.max(HOLD_ALONE_S),
+            // Its own hold sinks and climbs beside the pilot's touchdown detection.
+            height_m: c.height_m.min(disarm::PRESS_BELOW_BLIND_M),
             ..c
         };
         let evidence = self.contact(now);
@@ -180,19 +190,29 @@ impl AutopilotLink {
         if decision == DisarmDecision::Command {
             self.command_disarm(self.alone.sent(), out);
         }
-        let near = matches!(
-            disarm::inhibit(&evidence, &lasting),
-            None | Some(DisarmInhibit::NotSupported)
-        );
-        // What it holds against is ignored; what it follows ends when the evidence stays away.
+        // What it holds against is ignored; what it follows presses no longer when the evidence stays away.
         let follows = self.control_authority().commands();
         let in_air = matches!(decision, DisarmDecision::InAir(_));
-        let attitude = self.state.filter(|_| near && !(follows && in_air))?.attitude;
-        Some(self.press(SetPoint {
-            header: Header::new(0, self.drone_id, self.boot, 0, now),
-            attitude,
-            ..SetPoint::default()
-        }))
+        match disarm::inhibit(&evidence, &lasting) {
+            None | Some(DisarmInhibit::NotSupported) if evidence.low() && !(follows && in_air) => {
+                self.held = None;
+                let attitude = self.state?.attitude;
+                Some(self.press(SetPoint {
+                    header: Header::new(0, self.drone_id, self.boot, 0, now),
+                    attitude,
+                    ..SetPoint::default()
+                }))
+            }
+            Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown) => None,
+            // Its autopilot took off by itself and hovers where the deck comes up.
+            None
+            | Some(
+                DisarmInhibit::RangeHigh
+                | DisarmInhibit::ForecastHigh
+                | DisarmInhibit::Fast
+                | DisarmInhibit::NotSupported,
+            ) => self.hold_above(now),
+        }
     }
     /// Presses the drone gently on the deck.
     fn press(&self, at: SetPoint) -> SetPoint {
@@ -205,20 +225,38 @@ impl AutopilotLink {
         }
     }
 
-    /// A hold a little above where it was first asked for, for the autopilot's own position loop.
+    /// A hold a little above where it was first asked for, for the autopilot's own position loop: with the deck while its
+    /// forecast lives, but not down after one that sinks, because that one comes back.
     fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
+        let deck = self.deck(now);
+        let centre = deck.map(|d| Vector3::from(d.position));
         if self.held.is_none() {
             let s = self.state?;
-            self.held = Some(SetPoint {
-                kind: SetPointKind::Trajectory,
-                position: (s.position() - Vector3::z() * CLEAR_M).into(),
+            let place = s.position() - Vector3::z() * CLEAR_M;
+            self.held = Some(Held {
+                place,
+                from_deck: centre.map(|c| place - c),
                 yaw: s.euler().z,
-                ..SetPoint::default()
             });
         }
-        self.held.map(|s| SetPoint {
+        let held = self.held.as_mut()?;
+        let mut velocity = [0.0; 3];
+        if let (Some(d), Some(c), Some(r)) = (deck, centre, held.from_deck) {
+            let highest = held.place.z;
+            held.place = c + r;
+            velocity = d.velocity;
+            if held.place.z > highest {
+                (held.place.z, velocity[2]) = (highest, 0.0);
+            }
+        }
+        let (position, yaw) = (held.place.into(), held.yaw);
+        Some(SetPoint {
             header: Header::new(0, self.drone_id, self.boot, 0, now),
-            ..s
+            kind: SetPointKind::Trajectory,
+            position,
+            velocity,
+            yaw,
+            ..SetPoint::default()
         })
     }
 
