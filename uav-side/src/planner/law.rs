@@ -16,8 +16,8 @@ pub struct LandingStart {
     /// The first one at the measured state.
     pub measured: bool,
     /// Each one no higher above the drone, and sinking no slower, than the limits of
-    /// [`super::config::Reset`] allow.
-    pub not_behind: bool,
+    /// [`super::config::Reset`] allow; in place and velocity it yields to the drone's with this time constant, s.
+    pub not_behind: Option<f64>,
 }
 
 /// The law of a planner. The defaults are those of the paper's planner without attitude alignment.

@@ -192,9 +192,9 @@ impl Planner {
         let drone = *usable(&self.drone, now, c.odometry_age_s)?;
         let law = self.kind.law();
         let lands = self.last_solve.is_some_and(|(_, phase)| phase == Phase::Landing);
-        let not_behind = lands && law.landing_start().not_behind;
+        let landing = lands.then(|| law.landing_start());
         let previous = self.solved.as_ref();
-        let start = start::start(now, &drone, previous, &self.mpc, law.wind(), not_behind, &c.reset);
+        let start = start::start(now, &drone, previous, &self.mpc, law.wind(), landing, &c.reset);
         if start.measured {
             self.solved = None;
             self.generator.restart();

@@ -7,6 +7,7 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector2;
 
 use super::config::Reset;
+use super::law::LandingStart;
 use super::model::{INPUTS, State, measured_state};
 use super::mpc_faa::{Mpc, Solution};
 use super::rule;
@@ -57,15 +58,15 @@ pub(super) struct Start {
     pub measured: bool,
 }
 
-/// The start of the next plan of `previous` for a drone of this odometry in this wind (m/s²). In a landing that is
-/// `not_behind`, no higher above the drone and sinking no slower than `reset` allows.
+/// The start of the next plan of `previous` for a drone of this odometry in this wind (m/s²). In a `landing` that asks
+/// for it, no higher above the drone and sinking no slower than `reset` allows, and nearer to its place.
 pub(super) fn start(
     now: Time<DroneClock>,
     drone: &DroneState,
     previous: Option<&SolvedPlan>,
     mpc: &Mpc,
     wind: Vector2<f64>,
-    not_behind: bool,
+    landing: Option<LandingStart>,
     reset: &Reset,
 ) -> Start {
     let mut measured = measured_state(drone);
@@ -82,11 +83,19 @@ pub(super) fn start(
             && wrap_angle(gap[5]).abs() <= reset.yaw_deg.to_radians();
         if near {
             let (mut state, input) = previous.sample(now, mpc);
-            if not_behind {
+            if let Some(LandingStart {
+                not_behind: Some(yields_s),
+                ..
+            }) = landing
+            {
                 // A drone that is lower than its plan meets the deck sooner and faster than the plan believes.
                 // One that is higher keeps the plan: the gap is what presses it down.
                 for (i, max) in [(2, reset.ahead_m), (8, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
+                }
+                let share = 1.0 - (-(now - previous.at).secs() / yields_s).exp();
+                for i in [0, 1, 6, 7] {
+                    state[i] += share * gap[i];
                 }
             }
             return Start {

@@ -1,13 +1,14 @@
-//! Where a plan of the landing begins: with the drone when that is ahead, with the plan when it is behind.
+//! Where a plan of the landing begins: with the drone when that is ahead, with the plan when it is behind; aside of it,
+//! between the two.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 use super::tests::approach::{ABOVE, Approach, MODERATE};
 use super::*;
 
-/// A descent of two seconds, then one odometry with the drone `lower` (m) and sinking `faster` (m/s) than its
-/// plan. Gives how much lower and faster the plan begins than the last plan had it.
-fn begins(kind: PlannerKind, lower: f64, faster: f64) -> [f64; 2] {
+/// A descent of two seconds, then one odometry with the drone off its plan by `place` in place (m) and by `faster` in
+/// velocity (m/s) on this axis. Gives how far off the last plan the next one begins.
+fn begins(kind: PlannerKind, axis: usize, place: f64, faster: f64) -> [f64; 2] {
     let config = PlannerConfig {
         kind,
         ..PlannerConfig::default()
@@ -27,13 +28,16 @@ fn begins(kind: PlannerKind, lower: f64, faster: f64) -> [f64; 2] {
         flown.tick(|now, input| {
             let mut input = input.clone();
             if let Some(drone) = &mut input.drone {
-                drone.position[2] += lower;
-                drone.velocity[2] += faster;
+                drone.position[axis] += place;
+                drone.velocity[axis] += faster;
             }
             let plan = planner.step(now, &input).plan?;
             let then = before.and_then(|p| p.sample(now))?;
             let state = planner.problem().state;
-            gap.get_or_insert([state[2] - then.position[2], state[8] - then.velocity[2]]);
+            gap.get_or_insert([
+                state[axis] - then.position[axis],
+                state[6 + axis] - then.velocity[axis],
+            ]);
             Some(plan)
         });
     }
@@ -42,7 +46,7 @@ fn begins(kind: PlannerKind, lower: f64, faster: f64) -> [f64; 2] {
 
 #[test]
 fn plan_start_follows_a_drone_ahead_of_its_plan_and_not_one_behind() {
-    let [lower, faster] = begins(PlannerKind::Alight, 0.2, 0.4);
+    let [lower, faster] = begins(PlannerKind::Alight, 2, 0.2, 0.4);
     assert!(
         (lower - 0.2).abs() < 0.01 && (faster - 0.3).abs() < 0.03,
         "{lower} {faster}"
@@ -52,7 +56,21 @@ fn plan_start_follows_a_drone_ahead_of_its_plan_and_not_one_behind() {
         (PlannerKind::MpcFaa, 0.2, 0.4),
         (PlannerKind::MpcFaa, -0.2, -0.4),
     ] {
-        let gap = begins(kind, lower, faster);
+        let gap = begins(kind, 2, lower, faster);
         assert!(gap[0].abs() < 0.01 && gap[1].abs() < 0.03, "{kind:?} {gap:?}");
+    }
+}
+
+#[test]
+fn plan_start_yields_to_a_drone_aside_of_its_plan_within_a_third_of_a_second() {
+    // Plans come at 50 Hz: 1 - exp(-0.02 / 0.3) of the gap each.
+    for axis in [0, 1] {
+        let [place, velocity] = begins(PlannerKind::Alight, axis, 0.3, -0.6);
+        assert!(
+            (0.25..1.5).contains(&(place / 0.02)) && (0.25..1.5).contains(&(velocity / -0.04)),
+            "{place} {velocity}"
+        );
+        let stays = begins(PlannerKind::MpcFaa, axis, 0.3, -0.6);
+        assert!(stays[0].abs() < 0.005 && stays[1].abs() < 0.03, "{stays:?}");
     }
 }

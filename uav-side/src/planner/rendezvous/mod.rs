@@ -35,6 +35,10 @@ use touchdown_time::{TouchdownTime, aligned_acceleration};
 /// The deck's plane is followed this far from its centre, m: half the way across the default deck, and
 /// a little.
 const MAX_LATERAL_OFFSET_M: f64 = 1.0;
+/// Time constant with which the plans of a landing yield to the place and velocity that the drone has, s: what the pilot
+/// has not closed by then the plan takes for given and meets the deck from there. Longer than the pilot's loop, that two
+/// loops do not close the same gap; shorter than the second from the full descent to the contact.
+const YIELDS_S: f64 = 0.3;
 
 /// The law of `alight`: references and weights of a landing, and the wind that they allow for.
 #[derive(Clone, Debug)]
@@ -79,7 +83,7 @@ impl Law for Rendezvous {
     fn landing_start(&self) -> LandingStart {
         LandingStart {
             measured: self.config.start_from_measured,
-            not_behind: true,
+            not_behind: Some(YIELDS_S),
         }
     }
     fn refine(
