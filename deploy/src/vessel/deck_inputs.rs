@@ -13,6 +13,8 @@ use std::time::Duration;
 use alight_usv::deck::{DeckConfig, DeckInputs};
 use tracing::{info, warn};
 
+use crate::process::supervisor::pause;
+
 /// Time between two readings.
 const PERIOD: Duration = Duration::from_millis(500);
 /// A reading that takes longer is reported, ns: four periods, as the arbiter counts.
@@ -71,7 +73,7 @@ impl Input {
             // Ends after the receiver.
             std::thread::spawn(move || {
                 while sender.send(read_level(&file)).is_ok() {
-                    std::thread::sleep(PERIOD);
+                    pause(PERIOD);
                 }
             });
             Input {

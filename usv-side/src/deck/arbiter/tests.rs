@@ -430,15 +430,13 @@ fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_clo
 
 #[test]
 fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
-    let inputs: [(fn(&mut DeckInputs), Closure); 2] = [
-        (|i| i.closed = None, Closure::Switch),
-        (|i| i.occupied = None, Closure::Sensor),
-    ];
-    for (unread, closure) in inputs {
+    let free = Some(false);
+    for (closed, occupied, closure) in [(None, free, Closure::Switch), (free, None, Closure::Sensor)] {
+        let unread = DeckInputs { closed, occupied };
         let mut rig = with_inputs();
         let read = rig.inputs;
         let waiting = [(1, State::Approach)];
-        unread(&mut rig.inputs);
+        rig.inputs = unread;
         assert_eq!(
             (rig.run(&waiting, 2.0), rig.closed()),
             (1, None),
@@ -450,7 +448,7 @@ fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
         assert_eq!((rig.run(&waiting, 0.5), rig.closed()), (1, None));
         // Never read.
         rig.arbiter = DeckArbiter::new(&rig.arbiter.config, 1, 2);
-        unread(&mut rig.inputs);
+        rig.inputs = unread;
         assert_eq!((rig.run(&waiting, 9.0), rig.closed()), (0, Some(closure)));
     }
 }
