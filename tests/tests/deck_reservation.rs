@@ -9,7 +9,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
 use alight_sim::harness::tap::NoTap;
 use alight_sim::harness::world::{DroneComputer, World};
 use alight_sim::studies::fleet;
-use alight_usv::deck::DeckOrder;
+use alight_usv::deck::{DeckInputs, DeckOrder};
 
 /// Drones above one deck in a slight sea, each commanded to land; every state in which one was.
 struct Fleet {
@@ -209,6 +209,35 @@ fn nobody_descends_to_a_deck_that_the_crew_has_closed() {
     fleet.world.deck_order(DeckOrder::Open);
     fleet.fly(120.0, |f| !f.using_the_deck().is_empty());
     assert_eq!(fleet.using_the_deck().len(), 1, "{:?}", fleet.visited);
+}
+
+#[test]
+fn drone_leaves_a_deck_on_which_something_comes_to_lie_and_lands_once_it_is_free() {
+    let mut nodes = NodeConfigs::default();
+    nodes.drone.mission.reservation_required = true;
+    nodes.deck.occupancy_sensor = "sensor".into();
+    let mut fleet = Fleet::new(1, &nodes, 29);
+    let sense = |fleet: &mut Fleet, occupied| {
+        let closed = None;
+        let occupied = Some(occupied);
+        fleet.world.deck_inputs(DeckInputs { closed, occupied });
+    };
+    sense(&mut fleet, true);
+    fleet.fly(60.0, |_| false);
+    fleet.assert_never_descended(0);
+    let waiting = fleet.drone(0).mission_state.waiting;
+    assert!(waiting.to_string().contains("by its sensor"), "{waiting}");
+    sense(&mut fleet, false);
+    fleet.fly(120.0, |f| f.state(0) == State::Descent);
+    sense(&mut fleet, true);
+    fleet.fly(3.0, |f| f.state(0) != State::Descent);
+    assert!(fleet.using_the_deck().is_empty(), "it breaks off");
+    sense(&mut fleet, false);
+    fleet.fly(120.0, |f| f.state(0) == State::Landed);
+    // Its own weight.
+    sense(&mut fleet, true);
+    fleet.fly(10.0, |_| false);
+    fleet.assert_state(0, State::Landed);
 }
 
 #[test]

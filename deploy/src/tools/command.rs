@@ -14,7 +14,7 @@ use alight_shared::transport::memory::{Instance, Memory, Publisher, Subscriber};
 use alight_shared::transport::radio::{Publication, Radio, RadioConfig, Urgency};
 use alight_shared::transport::wake::end_requested;
 use alight_shared::{topics, wire};
-use alight_usv::deck::DeckOrder;
+use alight_usv::deck::{Closure, DeckOrder};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
@@ -151,14 +151,22 @@ fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
     let taken = (0..MAX_POLLS_DECK).any(|_| {
         pause(POLL_PERIOD);
         newest = status_file::read(&computer).and_then(Result::ok);
-        let closed = newest.as_ref().map(|s| s.deck.closed.is_some());
-        !left.exists() && closed == Some(word == DeckWord::Closed)
+        let ordered = newest.as_ref().map(|s| match s.deck.closed {
+            Some(Closure::Crew | Closure::MemoryDamaged) => DeckWord::Closed,
+            // These close it beside an order.
+            Some(Closure::Switch | Closure::Sensor) | None => DeckWord::Open,
+        });
+        !left.exists() && ordered == Some(word)
     });
+    let closed = newest.as_ref().is_some_and(|s| s.deck.closed.is_some());
     if args.json {
         terminal::line(json!({ "taken": taken, "deck": newest.map(|s| s.deck) }));
     } else if taken {
         terminal::line(match word {
             DeckWord::Closed => "the deck is closed",
+            DeckWord::Open if closed => {
+                "the order is taken, but switch or sensor keep the deck closed: alight status"
+            }
             DeckWord::Open => "the deck is open",
         });
     } else {
@@ -166,7 +174,7 @@ fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
             "the vessel's process has not taken it, and will when it runs: systemctl status alight-vessel",
         );
     }
-    Ok(Exit::of(taken))
+    Ok(Exit::of(taken && closed == (word == DeckWord::Closed)))
 }
 
 /// Through the shared memory of the drone's computer.

@@ -15,6 +15,7 @@ use crate::process::supervisor::pause;
 use crate::terminal;
 use crate::tools::check;
 use crate::tools::check::rules::{Finding, Level, Topic};
+use crate::vessel::deck_inputs;
 use crate::vessel::status_file::{self, CertificateStatus, EstimatorStatus, SourceHealth, VesselStatus};
 
 /// A status older than this is a dead or a frozen process's, s: six of its periods.
@@ -223,11 +224,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     let deck_owner = status
         .deck_owner
         .map_or_else(|| "free".to_owned(), |id| format!("reserved for drone {id}"));
-    let on = if status.occupied {
-        ", a drone stands on it"
-    } else {
-        ""
-    };
+    let on = if status.occupied { ", occupied" } else { "" };
     let found = format!("{deck_owner}{on}");
     let deck = &status.deck;
     const OPEN: &str = "alight command deck open";
@@ -236,6 +233,14 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
         (Some(Closure::MemoryDamaged), _) => vec![TOPIC.warning(
             "closed: the file of who stands on it was damaged",
             format!("look, and once it is empty: {OPEN}"),
+        )],
+        (Some(Closure::Switch), _) => vec![TOPIC.warning(
+            format!("closed by the crew's switch; {found}"),
+            "open it at the switch (deck.crew_switch)",
+        )],
+        (Some(Closure::Sensor), _) => vec![TOPIC.warning(
+            format!("closed: by its sensor something lies on it that is no drone; {found}"),
+            "look, and take it away (deck.occupancy_sensor)",
         )],
         (None, Some(age_s)) if age_s > LOST_CONTACT_S => vec![TOPIC.warning(
             format!("{found}, silent for {}", time(age_s)),
@@ -255,6 +260,11 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
             "it is repeated until it does",
         )
     }));
+    all.extend(
+        deck.input_errors
+            .iter()
+            .map(|e| TOPIC.warning(e, deck_inputs::REMEDY)),
+    );
     all.extend(deck.file_error.iter().map(|e| {
         TOPIC.warning(
             format!("its state would not outlive the process: {e}"),
@@ -365,8 +375,14 @@ mod tests {
             name: "vessel-1".into(),
             days_left,
         };
-        let cases: [(Change<'_>, Level, &str); 16] = [
+        let cases: [(Change<'_>, Level, &str); 18] = [
             (&|w| w.deck.closed = Some(Closure::Crew), Level::Warning, "deck"),
+            (&|w| w.deck.closed = Some(Closure::Sensor), Level::Warning, "deck"),
+            (
+                &|w| w.deck.input_errors = vec!["gone".into()],
+                Level::Warning,
+                "deck",
+            ),
             (&|w| w.deck.owner_age_s = Some(60.0), Level::Warning, "deck"),
             (&|w| w.deck.doubles = vec![1], Level::Broken, "deck"),
             (&|w| w.deck.aborts = vec![1], Level::Warning, "deck"),

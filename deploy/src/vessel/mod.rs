@@ -1,6 +1,7 @@
 //! The vessel's node as a process: sensors in, zenoh out.
 
 pub mod deck_file;
+pub mod deck_inputs;
 pub mod drone_monitor;
 pub mod sensor_supervisor;
 pub mod sensors;
@@ -35,6 +36,7 @@ use crate::process::radio_keys::{
 };
 use crate::process::radio_rates::RadioRates;
 use crate::vessel::deck_file::{DeckFile, Kept};
+use crate::vessel::deck_inputs::InputFiles;
 use crate::vessel::drone_monitor::DroneMonitor;
 use crate::vessel::sensor_supervisor::SensorSupervisor;
 use crate::vessel::status_file::{DeckStatus, StatusFile};
@@ -109,6 +111,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut arbiter = LoggedNode::new(DECK_ARBITER, args, boot, arbiter)?;
     let (mut deck_file, left) = DeckFile::open(&computer);
     let (mut deck_memory, mut aborts) = (Some(left.deck), left.aborts);
+    let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
     let mut orders = Vec::new();
     let mut doubles = Vec::new();
     let mut undecoded = 0_u64;
@@ -167,6 +170,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         let input = ArbiterIn {
             statuses: drone_statuses.clone(),
             orders: std::mem::take(&mut orders),
+            inputs: deck_inputs.poll(steady_ns()),
             memory: deck_memory.take(),
         };
         let ArbiterOut { grant } = arbiter.step(now, &input);
@@ -276,7 +280,11 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 &computer,
                 process.node(),
                 said,
-                DeckStatus::of(now, arbiter.node(), operator_relay.node(), deck_file.error()),
+                DeckStatus {
+                    file_error: deck_file.error(),
+                    input_errors: deck_inputs.errors(),
+                    ..DeckStatus::of(now, arbiter.node(), operator_relay.node())
+                },
                 &reported,
                 &sensor_supervisor,
             );

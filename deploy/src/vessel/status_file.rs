@@ -169,7 +169,7 @@ fn finite(v: f64) -> f64 {
 pub struct DeckStatus {
     /// Its owner.
     #[serde(skip)]
-    owner: Option<u32>,
+    pub owner: Option<u32>,
     /// Why it is closed, if it is.
     pub closed: Option<Closure>,
     /// Since the owner's newest status, s.
@@ -180,23 +180,20 @@ pub struct DeckStatus {
     pub aborts: Vec<u32>,
     /// Why its state would not outlive the process, if it would not.
     pub file_error: Option<String>,
+    /// Digital inputs that cannot be read, and why.
+    pub input_errors: Vec<String>,
 }
 
 impl DeckStatus {
     /// As arbiter and relay know it at `now`.
-    pub fn of(
-        now: Time<VesselClock>,
-        arbiter: &DeckArbiter,
-        relay: &OperatorRelay,
-        file_error: Option<String>,
-    ) -> DeckStatus {
+    pub fn of(now: Time<VesselClock>, arbiter: &DeckArbiter, relay: &OperatorRelay) -> DeckStatus {
         DeckStatus {
             owner: arbiter.owner(),
-            closed: arbiter.closed(),
+            closed: arbiter.closed(now),
             owner_age_s: arbiter.owner_age_s(now).map(finite),
             doubles: arbiter.doubles().map(|(id, _)| id).collect(),
             aborts: relay.aborts().iter().map(|a| a.drone).collect(),
-            file_error,
+            ..DeckStatus::default()
         }
     }
 }
@@ -220,7 +217,7 @@ pub struct VesselStatus {
     pub rejected_last: Option<String>,
     /// The drone that the deck is reserved for.
     pub deck_owner: Option<u32>,
-    /// A drone stands on it.
+    /// A drone stands on it, or its sensor reports something.
     pub occupied: bool,
     /// What else is known of the deck.
     pub deck: DeckStatus,

@@ -254,3 +254,28 @@ fn occupied_and_closed_deck_outlive_a_vessel_that_is_killed() {
     let status = again(&mut process);
     assert_eq!(status["status"]["deck"]["closed"], "memory_damaged", "{status}");
 }
+
+#[test]
+fn deck_is_closed_by_the_crews_switch_beside_their_order_and_while_the_switch_cannot_be_read() {
+    let vessel = Vessel::prepare("switch");
+    let switch = vessel.directory.join("value");
+    let text = std::fs::read_to_string(&vessel.config).expect("read");
+    let text = format!("{text}[deck]\ncrew_switch = \"{}\"\n", switch.display());
+    std::fs::write(&vessel.config, text).expect("written");
+    std::fs::write(&switch, "1\n").expect("written");
+    let _process = vessel.start();
+    let wait_for = |closed: Value| vessel.status_when("closed", |s| s["status"]["deck"]["closed"] == closed);
+    wait_for("switch".into());
+    vessel.say("closed");
+    std::fs::write(&switch, "0\n").expect("written");
+    wait_for("crew".into());
+    vessel.say("open");
+    wait_for(Value::Null);
+    std::fs::remove_file(&switch).expect("removed");
+    let errors = &wait_for("switch".into())["status"]["deck"]["input_errors"];
+    let named = format!("deck.crew_switch: {}", switch.display());
+    assert!(
+        errors[0].as_str().is_some_and(|e| e.starts_with(&named)),
+        "{errors}"
+    );
+}

@@ -49,7 +49,7 @@ pub struct DeckGrant<C: Clock> {
     pub header: Header<C>,
     /// The drone that has the deck; 0 when nobody has, [`DECK_CLOSED`] when nobody may.
     pub owner: u32,
-    /// It stands on it.
+    /// It stands on it, or the vessel's sensor reports something there.
     pub occupied: bool,
     /// The drones that have the waiting places, from the lowest on; 0: free.
     pub places: [u32; PLACES],

@@ -262,7 +262,7 @@ impl fmt::Display for Reason {
             ReasonCode::DeckReserved if v == f64::from(DECK_CLOSED) => {
                 write!(
                     f,
-                    "the vessel's crew has closed the deck, or two drones have one number"
+                    "the deck is closed: by its crew, by its sensor, or because two drones have one number"
                 )
             }
             ReasonCode::DeckReserved => write!(f, "the deck is drone {v:.0}'s"),

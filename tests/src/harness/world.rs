@@ -20,7 +20,7 @@ use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_usv::deck::{
-    ArbiterIn, DeckArbiter, DeckMemory, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
+    ArbiterIn, DeckArbiter, DeckInputs, DeckMemory, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
 };
 use alight_usv::{VesselIn, VesselNode};
 use serde::Serialize;
@@ -85,6 +85,8 @@ struct DeckServices {
     operator_sequence: u32,
     /// What the crew has said since the last tick.
     orders: Vec<DeckOrder>,
+    /// Levels of the digital inputs, read at each tick.
+    inputs: DeckInputs,
     /// What the vessel's former start left.
     memory: Option<DeckMemory>,
     aborts: Vec<PendingAbort>,
@@ -98,6 +100,7 @@ impl DeckServices {
             commands: Vec::new(),
             operator_sequence: 0,
             orders: Vec::new(),
+            inputs: DeckInputs::default(),
             memory: None,
             aborts: Vec::new(),
         }
@@ -107,6 +110,7 @@ impl DeckServices {
         DeckServices {
             memory: Some(self.arbiter.memory()),
             aborts: self.relay.aborts(),
+            inputs: self.inputs,
             ..DeckServices::new(nodes, boot)
         }
     }
@@ -182,6 +186,12 @@ impl World {
     pub fn deck_order(&mut self, order: DeckOrder) {
         if let Some(deck) = &mut self.deck {
             deck.orders.push(order);
+        }
+    }
+    /// The deck's digital inputs have these levels from now on.
+    pub fn deck_inputs(&mut self, inputs: DeckInputs) {
+        if let Some(deck) = &mut self.deck {
+            deck.inputs = inputs;
         }
     }
     /// A person takes a drone away and starts it anew, its computer too: it appears in the air where it began.
@@ -285,6 +295,7 @@ impl World {
             let input = ArbiterIn {
                 statuses: statuses.clone(),
                 orders: core::mem::take(&mut deck.orders),
+                inputs: deck.inputs,
                 memory: deck.memory.take(),
             };
             let granted = deck.arbiter.step(now, &input);

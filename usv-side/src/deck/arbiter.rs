@@ -9,6 +9,8 @@
 //! its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its place.
 //!
 //! The crew closes and opens the deck ([`DeckOrder`]). What the arbiter must not forget outlives it ([`DeckMemory`]).
+//! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
+//! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 
 use alight_shared::admission::check_message;
 use alight_shared::config;
@@ -25,7 +27,7 @@ use super::memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim};
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
-/// A drone is silent after this long: four periods of its status.
+/// A drone is silent after this long, and a digital input unread: four periods of either.
 const FRESH: Span = Span::from_millis(2000);
 /// A status with another boot id is that of a drone that was started anew once the former was silent for this long:
 /// three periods.
@@ -41,7 +43,6 @@ const FAR_M: f32 = OWNER_ONLY_M as f32;
 
 config! {
     /// When the deck changes its owner.
-    #[derive(Copy)]
     pub struct DeckConfig {
         /// A drone in descent whose status is older than this counts as standing on the deck; one without the deck
         /// is forgotten, s.
@@ -54,6 +55,12 @@ config! {
         /// After a start nobody is given the deck for this long, s: its owner before the restart reports first.
         /// Source: six periods of a drone's status.
         pub startup_hold_s: f64 = 3.0, in 1.0..=60.0;
+        /// Digital input of the crew's switch: a file that holds 1 while they close the deck and 0 while it is open
+        /// (`/sys/class/gpio/gpio17/value`); empty: none. Unreadable counts as 1.
+        pub crew_switch: String = String::new();
+        /// Digital input of a sensor of what lies on the deck: a file that holds 1 while it is occupied and 0 while
+        /// it is free; empty: none. Unreadable counts as 1.
+        pub occupancy_sensor: String = String::new();
     }
 }
 
@@ -69,6 +76,8 @@ struct Drone {
     inside: bool,
     place: Option<usize>,
     rival: Option<Rival>,
+    /// In descent, not in flare: it does not stand on the deck yet.
+    descends: bool,
 }
 
 /// Another sender with the same number: the drone itself started anew, or a second drone.
@@ -85,6 +94,10 @@ struct Rival {
 impl Drone {
     fn is_fresh(&self, now: Time<VesselClock>) -> bool {
         now - self.received <= FRESH
+    }
+    /// The deck's sensor may have its weight.
+    fn may_stand(&self, now: Time<VesselClock>) -> bool {
+        self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
     }
     /// Two drones with this number.
     fn is_double(&self) -> bool {
@@ -148,6 +161,29 @@ fn is_far(status: &DroneStatus) -> bool {
     status.deck_distance_m.is_some_and(|d| d > FAR_M)
 }
 
+/// Levels of the digital inputs that were read since the last step; None: not read, unreadable or not configured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DeckInputs {
+    /// The crew's switch is closed.
+    pub closed: Option<bool>,
+    /// The sensor reports something on the deck.
+    pub occupied: Option<bool>,
+}
+
+/// A digital input as it was last read.
+#[derive(Clone, Copy, Debug)]
+struct Reading {
+    level: bool,
+    at: Time<VesselClock>,
+}
+
+impl Reading {
+    /// Whether an input that is configured is active: also when it was not read for too long.
+    fn active(newest: Option<Reading>, configured: bool, now: Time<VesselClock>) -> bool {
+        configured && newest.is_none_or(|r| r.level || now - r.at > FRESH)
+    }
+}
+
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArbiterIn {
@@ -155,6 +191,8 @@ pub struct ArbiterIn {
     pub statuses: Vec<DroneStatus>,
     /// Orders of the crew.
     pub orders: Vec<DeckOrder>,
+    /// Digital inputs.
+    pub inputs: DeckInputs,
     /// At the first step, what the former start left.
     pub memory: Option<DeckMemory>,
 }
@@ -176,7 +214,10 @@ pub struct DeckArbiter {
     drones: Vec<Drone>,
     owner: Option<u32>,
     published: u32,
+    /// By an order or by the state of the memory: until the crew orders it open.
     closed: Option<Closure>,
+    switch: Option<Reading>,
+    sensor: Option<Reading>,
     began: Option<Time<VesselClock>>,
     /// When the deck's owner was last to give way.
     vacated: Option<Time<VesselClock>>,
@@ -188,7 +229,7 @@ impl DeckArbiter {
     /// The arbiter of vessel `vessel`, which started with this boot id; nobody owns the deck.
     pub fn new(config: &DeckConfig, vessel: u32, boot: u32) -> DeckArbiter {
         DeckArbiter {
-            config: *config,
+            config: config.clone(),
             vessel,
             boot,
             due: Time::from_nanos(i64::MIN),
@@ -206,9 +247,17 @@ impl DeckArbiter {
         };
         self.drones.iter().find(landing).map(|d| d.header.drone)
     }
-    /// Why the deck is closed, if it is.
-    pub fn closed(&self) -> Option<Closure> {
+    /// Why the deck is closed, if it is: an order before the inputs.
+    pub fn closed(&self, now: Time<VesselClock>) -> Option<Closure> {
+        let switch = Reading::active(self.switch, !self.config.crew_switch.is_empty(), now);
+        let foreign = || self.sensed(now) && !self.drones.iter().any(|d| d.may_stand(now));
         self.closed
+            .or_else(|| switch.then_some(Closure::Switch))
+            .or_else(|| foreign().then_some(Closure::Sensor))
+    }
+    /// The sensor does not show that nothing lies on the deck.
+    fn sensed(&self, now: Time<VesselClock>) -> bool {
+        Reading::active(self.sensor, !self.config.occupancy_sensor.is_empty(), now)
     }
     /// The age of the owner's newest status, s.
     pub fn owner_age_s(&self, now: Time<VesselClock>) -> Option<f64> {
@@ -259,6 +308,7 @@ impl DeckArbiter {
             inside: c.inside || memory.owner == Some(c.drone),
             place: c.place,
             rival: None,
+            descends: false,
         });
         self.drones = drones.collect();
     }
@@ -304,6 +354,7 @@ impl DeckArbiter {
             inside,
             place: place.filter(|_| !on_ground),
             rival: known.and_then(|d| d.rival),
+            descends: status.state == State::Descent,
         };
         match index.and_then(|k| self.drones.get_mut(k)) {
             Some(slot) => *slot = drone,
@@ -325,7 +376,7 @@ impl DeckArbiter {
 
     /// The owner from now on.
     fn assign(&mut self, now: Time<VesselClock>) -> Option<u32> {
-        let c = self.config;
+        let c = &self.config;
         for d in &mut self.drones {
             d.rival = d.rival.filter(|r| now - r.received < RIVAL_TIMEOUT);
         }
@@ -345,7 +396,7 @@ impl DeckArbiter {
         }
         let next = drones()
             .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && d.is_fresh(now))
-            .filter(|_| self.closed.is_none())
+            .filter(|_| self.closed(now).is_none())
             .min_by_key(|d| d.since);
         // One that is silent may be on its way down; one that goes elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
@@ -363,20 +414,21 @@ impl DeckArbiter {
     }
 
     /// The owner as drones are to know it.
-    fn published(&self) -> u32 {
+    fn published(&self, now: Time<VesselClock>) -> u32 {
         let double = |id: u32| self.drones.iter().any(|d| d.header.drone == id && d.is_double());
         match self.owner {
-            _ if self.closed.is_some() => DECK_CLOSED,
+            _ if self.closed(now).is_some() => DECK_CLOSED,
             // Both would take it for theirs.
             Some(id) if double(id) => DECK_CLOSED,
             owner => owner.unwrap_or(0),
         }
     }
     fn occupied(&self, now: Time<VesselClock>) -> bool {
-        self.drones.iter().any(|d| {
+        let stands = |d: &Drone| {
             d.claim == Claim::OnDeck
                 || d.claim == Claim::Landing && (now - d.received).secs() > self.config.status_timeout_s
-        })
+        };
+        self.drones.iter().any(stands) || self.sensed(now)
     }
 }
 
@@ -396,6 +448,9 @@ impl Node for DeckArbiter {
         for order in &input.orders {
             self.obey(now, *order);
         }
+        let reading = |level: Option<bool>| level.map(|level| Reading { level, at: now });
+        self.switch = reading(input.inputs.closed).or(self.switch);
+        self.sensor = reading(input.inputs.occupied).or(self.sensor);
         let owner = self.assign(now);
         if owner != self.owner {
             // The new owner's idle time begins; the former owner joins the end of the queue.
@@ -407,7 +462,7 @@ impl Node for DeckArbiter {
             self.vacated = owner.map_or(Some(now), |_| self.vacated);
             self.owner = owner;
         }
-        let published = self.published();
+        let published = self.published(now);
         if now < self.due && published == self.published {
             return ArbiterOut::default();
         }

@@ -22,6 +22,10 @@ pub enum Closure {
     Crew,
     /// Its memory is damaged: who stands on it is not known.
     MemoryDamaged,
+    /// The crew's switch is closed, or cannot be read.
+    Switch,
+    /// By its sensor something lies on it that is no drone, or the sensor cannot be read.
+    Sensor,
 }
 
 /// What a drone has to do with the deck.

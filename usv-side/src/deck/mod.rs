@@ -4,7 +4,7 @@ pub mod arbiter;
 pub mod memory;
 pub mod operator;
 
-pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig};
+pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs};
 pub use memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim, PendingAbort};
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
 

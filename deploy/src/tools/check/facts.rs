@@ -105,6 +105,17 @@ pub struct SourceCheck {
     pub received: Result<(usize, SourceStatus), String>,
 }
 
+/// A digital input of the vessel's deck.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DeckInputCheck {
+    /// Its key in the configuration.
+    pub key: &'static str,
+    /// Its file.
+    pub path: String,
+    /// Whether it is active, or why that cannot be known.
+    pub level: Result<bool, String>,
+}
+
 /// What an autopilot reported of its parameters; None when no heartbeat of one came.
 pub type AutopilotParameters = Option<Vec<(&'static Parameter, Finding)>>;
 
@@ -165,6 +176,8 @@ pub struct Facts {
     pub sensors: Option<SensorReadings>,
     /// The vessel's real sensors; None when they are the running process's.
     pub sources: Option<Vec<SourceCheck>>,
+    /// The deck's digital inputs that are configured.
+    pub deck_inputs: Vec<DeckInputCheck>,
     /// How the frequency of each processor is chosen; empty without frequency scaling.
     pub governors: Vec<String>,
     /// This user may ask for real-time priority.

@@ -21,9 +21,11 @@ use crate::io::link_url::LinkUrl;
 use crate::io::sensor_socket::SensorSocket;
 use crate::process::{instance, scheduling};
 use crate::tools::check::facts::{
-    CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach, SensorReadings, SharedMemory,
+    CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
+    SensorReadings, SharedMemory,
 };
 use crate::tools::check::{autopilot, sources};
+use crate::vessel::deck_inputs;
 
 /// Longest look into a file of the system.
 const TIMEOUT: Duration = Duration::from_secs(2);
@@ -51,6 +53,7 @@ pub fn gather(path: &Path) -> Facts {
         cameras: Vec::new(),
         sensors: None,
         sources: None,
+        deck_inputs: Vec::new(),
         governors: governors(),
         realtime: scheduling::real_time_permitted(),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
@@ -73,6 +76,15 @@ pub fn gather(path: &Path) -> Facts {
                 Err(e) => port.state = port_state(&e),
             }
             facts.ports.push(port);
+            let inputs = deck_inputs::configured(&v.deck).into_iter();
+            facts.deck_inputs = inputs
+                .filter(|(_, path)| !path.is_empty())
+                .map(|(key, path)| DeckInputCheck {
+                    key,
+                    path: path.into(),
+                    level: deck_inputs::read_level(Path::new(path)),
+                })
+                .collect();
             facts.sources = (!facts.running).then(|| sources::listen(v));
             // The service starts what would send to that port.
             facts.sensors = facts.sensors.filter(|_| v.sensor.sources.is_empty());

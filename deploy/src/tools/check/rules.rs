@@ -8,9 +8,10 @@ use serde::Serialize;
 use crate::certificates::{Certificate, RENEWAL_DAYS, common_name};
 use crate::exit::Exit;
 use crate::tools::check::facts::{
-    AutopilotParameters, CameraCheck, Computer, Facts, Identity, Port, PortState, Reach, SharedMemory,
-    SourceCheck,
+    AutopilotParameters, CameraCheck, Computer, DeckInputCheck, Facts, Identity, Port, PortState, Reach,
+    SharedMemory, SourceCheck,
 };
+use crate::vessel::deck_inputs;
 
 /// Shared memory that a drone's processes take, bytes: 7 MB measured with `alight land`; with people
 /// who look on, and a start whose predecessor was killed.
@@ -124,6 +125,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
     if matches!(computer, Computer::Vessel(_)) {
         all.extend(sensors(facts));
         all.extend(facts.sources.iter().flatten().map(source));
+        all.extend(facts.deck_inputs.iter().map(deck_input));
     }
     all.extend(processors(facts, matches!(computer, Computer::Drone(_))));
     all
@@ -454,6 +456,15 @@ fn source(found: &SourceCheck) -> Finding {
             s.given.iter().sum::<u64>(),
             s.decoded.corrupted
         )),
+    }
+}
+
+fn deck_input(found: &DeckInputCheck) -> Finding {
+    const TOPIC: Topic = Topic("deck");
+    let input = format!("{}: {}", found.key, found.path);
+    match &found.level {
+        Err(why) => TOPIC.warning(format!("{input}: {why}"), deck_inputs::REMEDY),
+        Ok(active) => TOPIC.fine(format!("{input} holds {}", u8::from(*active))),
     }
 }
 

@@ -17,8 +17,8 @@ use crate::certificates::{self, Certificate};
 use crate::config::{DroneComputer, VesselComputer};
 use crate::exit::Exit;
 use crate::tools::check::facts::{
-    AutopilotParameters, CameraCheck, ClockSync, Computer, Facts, Identity, Port, PortState, Reach,
-    SensorReadings, SharedMemory, SourceCheck,
+    AutopilotParameters, CameraCheck, ClockSync, Computer, DeckInputCheck, Facts, Identity, Port, PortState,
+    Reach, SensorReadings, SharedMemory, SourceCheck,
 };
 use crate::tools::check::rules::{Finding, Level, judge};
 use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
@@ -80,6 +80,7 @@ fn vessel() -> Facts {
             invalid: 0,
         }),
         sources: Some(Vec::new()),
+        deck_inputs: Vec::new(),
         governors: vec!["performance".into(); 4],
         realtime: true,
         processors: 4,
@@ -160,6 +161,13 @@ fn check_finds_each_fault_alone_with_its_remedy() {
             received,
         }]);
     }
+    fn input(f: &mut Facts, level: Result<bool, String>) {
+        f.deck_inputs = vec![DeckInputCheck {
+            key: "deck.crew_switch",
+            path: "/sys/class/gpio/gpio17/value".into(),
+            level,
+        }];
+    }
     let wrongs: [Wrongs; 4] = [
         (
             vessel,
@@ -207,6 +215,10 @@ fn check_finds_each_fault_alone_with_its_remedy() {
                 (|f| source(f, Err("no such device".into())), "no such device"),
                 (|f| source(f, Ok((0, SourceStatus::default()))), "nothing came"),
                 (|f| source(f, Ok((900, SourceStatus::default()))), "900 bytes"),
+                (
+                    |f| input(f, Err("not exported".into())),
+                    "gpio17/value: not exported",
+                ),
                 (|f| f.governors[2] = "powersave".into(), "powersave"),
             ],
         ),

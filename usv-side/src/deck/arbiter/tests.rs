@@ -6,15 +6,21 @@ struct Rig {
     arbiter: DeckArbiter,
     t_s: f64,
     sequence: u32,
+    inputs: DeckInputs,
 }
 
 impl Rig {
     /// Four seconds after the arbiter's start.
     fn new() -> Rig {
+        Rig::of(&DeckConfig::default(), DeckInputs::default())
+    }
+    /// The same, with these levels of the digital inputs.
+    fn of(config: &DeckConfig, inputs: DeckInputs) -> Rig {
         let mut rig = Rig {
-            arbiter: DeckArbiter::new(&DeckConfig::default(), 1, 1),
+            arbiter: DeckArbiter::new(config, 1, 1),
             t_s: 100.0,
             sequence: 0,
+            inputs,
         };
         rig.run(&[], 4.0);
         rig
@@ -33,6 +39,7 @@ impl Rig {
     fn step(&mut self, statuses: Vec<DroneStatus>) -> Option<DeckGrant<VesselClock>> {
         let input = ArbiterIn {
             statuses,
+            inputs: self.inputs,
             ..ArbiterIn::default()
         };
         self.arbiter.step(Time::from_secs(self.t_s), &input).grant
@@ -42,10 +49,17 @@ impl Rig {
         self.t_s += 0.5;
         let input = ArbiterIn {
             orders: vec![order],
+            inputs: self.inputs,
             ..ArbiterIn::default()
         };
         let out = self.arbiter.step(Time::from_secs(self.t_s), &input);
         out.grant.unwrap()
+    }
+    /// Why the deck is closed now; the grants then name nobody.
+    fn closed(&self) -> Option<Closure> {
+        let closed = self.arbiter.closed(Time::from_secs(self.t_s));
+        assert_eq!(closed.is_some(), self.arbiter.published == DECK_CLOSED);
+        closed
     }
     /// The vessel is started anew with this memory.
     fn restart(&mut self, memory: Option<DeckMemory>) {
@@ -374,4 +388,104 @@ fn deck_arbiter_rejects_foreign_statuses_and_surplus_drones() {
     let crowd: Vec<_> = (1..=80).map(|id| (id, State::Approach)).collect();
     assert_eq!(rig.run(&crowd, 0.5), 1);
     assert_eq!(rig.arbiter.rejected(), 1 + 80 - MAX_DRONES as u64);
+}
+
+/// With a switch of the crew, open, and a sensor of what lies on the deck, free.
+fn with_inputs() -> Rig {
+    let config = DeckConfig {
+        crew_switch: "switch".into(),
+        occupancy_sensor: "sensor".into(),
+        ..DeckConfig::default()
+    };
+    let inputs = DeckInputs {
+        closed: Some(false),
+        occupied: Some(false),
+    };
+    Rig::of(&config, inputs)
+}
+
+#[test]
+fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_closes_it() {
+    let mut rig = with_inputs();
+    let waiting = [(1, State::Approach)];
+    rig.inputs.closed = Some(true);
+    assert_eq!((rig.run(&waiting, 2.0), rig.closed()), (0, Some(Closure::Switch)));
+    rig.order(DeckOrder::Open);
+    assert_eq!(rig.closed(), Some(Closure::Switch), "the switch is closed still");
+    assert_eq!(
+        rig.arbiter.memory().closed,
+        None,
+        "it is read again after a restart"
+    );
+    rig.order(DeckOrder::Closed);
+    rig.inputs.closed = Some(false);
+    assert_eq!((rig.run(&waiting, 2.0), rig.closed()), (0, Some(Closure::Crew)));
+    rig.order(DeckOrder::Open);
+    assert_eq!((rig.run(&waiting, 0.5), rig.closed()), (1, None));
+    // Of a drone that has the deck already, as by an order.
+    rig.inputs.closed = Some(true);
+    rig.run(&[(1, State::Descent)], 0.5);
+    assert_eq!(rig.closed(), Some(Closure::Switch));
+}
+
+#[test]
+fn deck_arbiter_closes_a_deck_whose_configured_input_is_not_read() {
+    let free = Some(false);
+    for (closed, occupied, closure) in [(None, free, Closure::Switch), (free, None, Closure::Sensor)] {
+        let unread = DeckInputs { closed, occupied };
+        let mut rig = with_inputs();
+        let read = rig.inputs;
+        let waiting = [(1, State::Approach)];
+        rig.inputs = unread;
+        assert_eq!(
+            (rig.run(&waiting, 2.0), rig.closed()),
+            (1, None),
+            "one reading is missed"
+        );
+        rig.run(&waiting, 0.5);
+        assert_eq!(rig.closed(), Some(closure));
+        rig.inputs = read;
+        assert_eq!((rig.run(&waiting, 0.5), rig.closed()), (1, None));
+        // Never read.
+        rig.arbiter = DeckArbiter::new(&rig.arbiter.config, 1, 2);
+        rig.inputs = unread;
+        assert_eq!((rig.run(&waiting, 9.0), rig.closed()), (0, Some(closure)));
+    }
+}
+
+#[test]
+fn deck_arbiter_tells_a_drones_weight_on_the_sensor_from_anything_else() {
+    let mut rig = with_inputs();
+    let occupied = |rig: &Rig| rig.arbiter.occupied(Time::from_secs(rig.t_s));
+    rig.inputs.occupied = Some(true);
+    let first = |state| [(1, state), (2, State::Approach)];
+    assert_eq!(rig.run(&first(State::TrackingStable), 9.0), 0);
+    assert!(occupied(&rig) && rig.closed() == Some(Closure::Sensor));
+    rig.inputs.occupied = Some(false);
+    assert_eq!(rig.run(&first(State::TrackingStable), 0.5), 1);
+    // Something comes to lie there while it descends, and is taken away.
+    for (level, closed) in [(true, Some(Closure::Sensor)), (false, None)] {
+        rig.inputs.occupied = Some(level);
+        rig.run(&first(State::Descent), 2.0);
+        assert_eq!(rig.closed(), closed);
+    }
+    for state in [State::Flare, State::Landed, State::Idle] {
+        rig.inputs.occupied = Some(true);
+        assert_eq!(
+            (rig.run(&first(state), 9.0), rig.closed()),
+            (1, None),
+            "{state:?}"
+        );
+    }
+    // A sensor that reports nothing frees the deck of nobody, silent or not.
+    rig.inputs.occupied = Some(false);
+    assert_eq!(rig.run(&first(State::Landed), 9.0), 1);
+    assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 1);
+    assert!(occupied(&rig));
+    // It landed without a radio.
+    let mut rig = with_inputs();
+    rig.run(&first(State::TrackingStable), 0.5);
+    rig.run(&first(State::Descent), 0.5);
+    rig.inputs.occupied = Some(true);
+    assert_eq!((rig.run(&[(2, State::Approach)], 9.0), rig.closed()), (1, None));
 }
