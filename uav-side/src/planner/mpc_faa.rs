@@ -202,11 +202,21 @@ impl Mpc {
         self.x.solve(problem, [&[], &[]], solution);
         self.y.solve(problem, [&[], &[]], solution);
         if !problem.sides.is_empty() {
-            self.z.solve(problem, [&[], &[]], solution);
+            self.stay_beside(problem, solution);
         }
-        // Each axis gives way to where the other one goes; the first once more, as the second went elsewhere.
+        for k in 0..n {
+            problem.ceiling[k] = ceiling(k, solution.states[k][0], solution.states[k][1]);
+        }
+        self.z.solve(problem, [&[], &problem.ceiling], solution);
+        self.yaw.solve(problem, [&[], &[]], solution);
+    }
+
+    /// Keeps x and y beside the volumes: each gives way to where the other and z go; the first once more, as the second went
+    /// elsewhere.
+    fn stay_beside(&mut self, problem: &Problem, solution: &mut Solution) {
+        self.z.solve(problem, [&[], &[]], solution);
         for axis in [0, 1, 0, 1] {
-            let mut bounds = [vec![f64::NEG_INFINITY; n], vec![f64::INFINITY; n]];
+            let mut bounds = [f64::NEG_INFINITY, f64::INFINITY].map(|none| vec![none; self.stages]);
             for side in &problem.sides {
                 side.bound(axis, &solution.states, &mut bounds);
             }
@@ -215,11 +225,6 @@ impl Mpc {
                 self.beside[axis].solve(problem, [low, high], solution);
             }
         }
-        for k in 0..n {
-            problem.ceiling[k] = ceiling(k, solution.states[k][0], solution.states[k][1]);
-        }
-        self.z.solve(problem, [&[], &problem.ceiling], solution);
-        self.yaw.solve(problem, [&[], &[]], solution);
     }
 
     /// Rolls half a step on, exactly.
