@@ -120,7 +120,12 @@ impl AutopilotLink {
             rates: [0.0; 3],
             ..*wanted
         };
-        match self.disarm.step(now, &evidence, &self.config.disarm) {
+        // Who begins to press now sees the thrust cut at once, and what carried the drone before for a little longer.
+        let c = match self.flown {
+            Some(_) => self.config.disarm,
+            None => self.lasting(),
+        };
+        match self.disarm.step(now, &evidence, &c) {
             DisarmDecision::Press => match (self.flown, disarm::inhibit(&evidence, &self.config.disarm)) {
                 (Some(flown), _) => Some(flown),
                 (None, None | Some(DisarmInhibit::NotSupported)) if evidence.low() => {
@@ -147,6 +152,16 @@ impl AutopilotLink {
                 }
                 self.hold_above(now)
             }
+        }
+    }
+
+    /// The evidence that a disarm needs whose touchdown was not detected just now: the drone may have left the deck since.
+    fn lasting(&self) -> DisarmConfig {
+        let c = self.config.disarm;
+        DisarmConfig {
+            hold_s: c.hold_s.max(HOLD_ALONE_S),
+            height_m: c.height_m.min(disarm::PRESS_BELOW_BLIND_M),
+            ..c
         }
     }
 
@@ -178,13 +193,7 @@ impl AutopilotLink {
     /// The disarm goes on meanwhile, on lasting evidence; with a set-point that presses, above the deck with one
     /// that climbs, on which PX4 comes back from its failsafe to the mode that the person chose.
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
-        let c = self.config.disarm;
-        let lasting = DisarmConfig {
-            hold_s: c.hold_s.max(HOLD_ALONE_S),
-            // Its own hold sinks and climbs beside the pilot's touchdown detection.
-            height_m: c.height_m.min(disarm::PRESS_BELOW_BLIND_M),
-            ..c
-        };
+        let lasting = self.lasting();
         let evidence = self.contact(now);
         let decision = self.alone.step(now, &evidence, &lasting);
         if decision == DisarmDecision::Command {
@@ -284,6 +293,7 @@ impl AutopilotLink {
         let alone = self.lapsed_on_deck(now, wanted.as_ref());
         if alone || wanted.is_none() {
             self.disarm.clear();
+            self.flown = None;
         }
         if !alone {
             self.alone.clear();
@@ -316,6 +326,7 @@ impl AutopilotLink {
             return self.apply(now, wanted, out);
         }
         self.disarm.clear();
+        self.flown = None;
         // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
         // follows none. ArduCopter needs no stream.
         (authority.may_offer() && px4)

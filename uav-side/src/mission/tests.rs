@@ -447,5 +447,5 @@ fn closed_deck_is_closed_to_a_drone_that_reserves_nothing() {
     let closed = of(DECK_CLOSED, 9.5);
     assert!(closed.rejection().is_some() && closed.lost().is_some());
     let why = closed.rejection().unwrap_or_default().to_string();
-    assert!(why.contains("closed the deck"), "{why}");
+    assert!(why.contains("the deck is closed"), "{why}");
 }
