@@ -94,6 +94,15 @@ enum Face {
     Side(usize, f64),
 }
 
+/// How far this side of the volume is along its normal from the deck's centre, m.
+fn bound(volume: &KeepOut, axis: usize, sign: f64) -> f64 {
+    f64::from(if sign > 0.0 {
+        volume.high[axis]
+    } else {
+        -volume.low[axis]
+    })
+}
+
 /// A widened volume and the face beyond which the drone stays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Passage {
@@ -117,12 +126,7 @@ impl Passage {
         // Who is beyond no face has to come out first.
         let mut best = (Face::Top, above.min(0.0), f64::INFINITY);
         for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
-            let bound = if sign > 0.0 {
-                volume.high[axis]
-            } else {
-                -volume.low[axis]
-            };
-            let beyond = |q: &Vector3<f64>| sign * q[axis] - f64::from(bound) - margin;
+            let beyond = |q: &Vector3<f64>| sign * q[axis] - bound(volume, axis, sign) - margin;
             let side = (Face::Side(axis, sign), beyond(&from).min(0.0), beyond(&to));
             if (side.1, side.2) > (best.1, best.2) {
                 best = side;
@@ -170,12 +174,7 @@ impl Passage {
             return None;
         };
         let n = deck.rotation().column(axis) * sign;
-        let bound = if sign > 0.0 {
-            self.volume.high[axis]
-        } else {
-            -self.volume.low[axis]
-        };
-        let b = f64::from(bound) + self.margin + n.dot(&Vector3::from(deck.position));
+        let b = bound(&self.volume, axis, sign) + self.margin + n.dot(&Vector3::from(deck.position));
         Some((n, b))
     }
 }

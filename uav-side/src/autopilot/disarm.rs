@@ -41,7 +41,7 @@ pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
 
 impl ContactEvidence {
     /// So low that a drone that is not on the deck may be pressed onto it.
-    pub(crate) fn low(&self) -> bool {
+    pub(crate) fn is_low(&self) -> bool {
         match (self.range_height, self.forecast_height) {
             (Some(h), _) => h <= PRESS_BELOW_M,
             (None, Some(h)) => h <= PRESS_BELOW_BLIND_M,

@@ -126,15 +126,9 @@ impl AutopilotLink {
             None => self.lasting(),
         };
         match self.disarm.step(now, &evidence, &c) {
-            DisarmDecision::Press => match (self.flown, disarm::inhibit(&evidence, &self.config.disarm)) {
-                (Some(flown), _) => Some(flown),
-                (None, None | Some(DisarmInhibit::NotSupported)) if evidence.low() => {
-                    Some(self.press(*wanted))
-                }
-                // What it does not know yet arrives.
-                (None, Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown)) => None,
-                (None, _) => self.hold_above(now),
-            },
+            DisarmDecision::Press => self
+                .flown
+                .or_else(|| self.press_or_climb(now, &evidence, &c, wanted.attitude)),
             DisarmDecision::Command => {
                 self.command_disarm(self.disarm.sent(), out);
                 Some(thrust_off)
@@ -163,6 +157,12 @@ impl AutopilotLink {
             height_m: c.height_m.min(disarm::PRESS_BELOW_BLIND_M),
             ..c
         }
+    }
+
+    /// Nobody commanded for a moment: no touchdown of before is one of now.
+    fn interrupted(&mut self) {
+        self.disarm.clear();
+        self.flown = None;
     }
 
     /// The command number `sent`.
@@ -201,19 +201,35 @@ impl AutopilotLink {
         }
         // What it holds against is ignored; what it follows presses no longer when the evidence stays away.
         let follows = self.control_authority().commands();
-        let in_air = matches!(decision, DisarmDecision::InAir(_));
-        match disarm::inhibit(&evidence, &lasting) {
-            None | Some(DisarmInhibit::NotSupported) if evidence.low() && !(follows && in_air) => {
+        let carried_by_rotors = decision == DisarmDecision::InAir(DisarmInhibit::NotSupported);
+        if follows && carried_by_rotors {
+            return self.hold_above(now);
+        }
+        self.press_or_climb(now, &evidence, &lasting, self.state?.attitude)
+    }
+    /// For a drone that may have left the deck since its touchdown: presses it gently with this attitude where it is low,
+    /// and climbs where its autopilot took off by itself and hovers where the deck comes up.
+    fn press_or_climb(
+        &mut self,
+        now: DroneTime,
+        evidence: &ContactEvidence,
+        c: &DisarmConfig,
+        attitude: [f64; 4],
+    ) -> Option<SetPoint> {
+        match disarm::inhibit(evidence, c) {
+            None | Some(DisarmInhibit::NotSupported) if evidence.is_low() => {
                 self.held = None;
-                let attitude = self.state?.attitude;
-                Some(self.press(SetPoint {
+                Some(SetPoint {
                     header: Header::new(0, self.drone_id, self.boot, 0, now),
+                    kind: SetPointKind::Attitude,
+                    motors: Motors::Run,
+                    thrust: PRESS_OF_HOVER * self.hover.value(),
                     attitude,
                     ..SetPoint::default()
-                }))
+                })
             }
+            // What it does not know yet arrives.
             Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown) => None,
-            // Its autopilot took off by itself and hovers where the deck comes up.
             None
             | Some(
                 DisarmInhibit::RangeHigh
@@ -221,16 +237,6 @@ impl AutopilotLink {
                 | DisarmInhibit::Fast
                 | DisarmInhibit::NotSupported,
             ) => self.hold_above(now),
-        }
-    }
-    /// Presses the drone gently on the deck.
-    fn press(&self, at: SetPoint) -> SetPoint {
-        SetPoint {
-            kind: SetPointKind::Attitude,
-            motors: Motors::Run,
-            thrust: PRESS_OF_HOVER * self.hover.value(),
-            rates: [0.0; 3],
-            ..at
         }
     }
 
@@ -292,8 +298,7 @@ impl AutopilotLink {
         let due = since >= REPEAT_S || new && since >= 0.8 / self.config.set_point_hz;
         let alone = self.lapsed_on_deck(now, wanted.as_ref());
         if alone || wanted.is_none() {
-            self.disarm.clear();
-            self.flown = None;
+            self.interrupted();
         }
         if !alone {
             self.alone.clear();
@@ -325,8 +330,7 @@ impl AutopilotLink {
         if authority.commands() && !guided_holds {
             return self.apply(now, wanted, out);
         }
-        self.disarm.clear();
-        self.flown = None;
+        self.interrupted();
         // PX4 needs a stream of set-points before a person can choose OFFBOARD; in other modes it
         // follows none. ArduCopter needs no stream.
         (authority.may_offer() && px4)

@@ -81,7 +81,7 @@ impl PilotOut {
 /// Where the pilot holds on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct HoldPlace {
-    level: Vector2<f64>,
+    horizontal: Vector2<f64>,
     climb: Climb,
     yaw: f64,
 }
@@ -342,12 +342,12 @@ impl Pilot {
         let (_, _, yaw) = body.attitude.euler_angles();
         let sinks = near.map_or(0.0, |_| body.velocity.z);
         let mut hold = self.hold.unwrap_or_else(|| HoldPlace {
-            level: body.position.xy(),
+            horizontal: body.position.xy(),
             climb: Climb::new(body.position.z, sinks, &self.geometry),
             yaw,
         });
         let before = hold.climb.velocity;
-        let level = match near {
+        let velocity = match near {
             Some(b) => {
                 hold.climb.advance(dt, b.stage.velocity[2]);
                 let out = escape_velocity(&b.around, &b.stage, &self.geometry, &body.position, b.clearance);
@@ -358,12 +358,12 @@ impl Pilot {
                 Vector2::zeros()
             }
         };
-        hold.level += level * dt;
+        hold.horizontal += velocity * dt;
         self.hold = Some(hold);
         SetPoint {
             kind: SetPointKind::Trajectory,
-            position: [hold.level.x, hold.level.y, hold.climb.z],
-            velocity: [level.x, level.y, hold.climb.velocity],
+            position: [hold.horizontal.x, hold.horizontal.y, hold.climb.z],
+            velocity: [velocity.x, velocity.y, hold.climb.velocity],
             acceleration: [0.0, 0.0, (hold.climb.velocity - before) / dt.max(1e-3)],
             yaw: hold.yaw,
             ..self.set_point(now)
@@ -506,8 +506,8 @@ impl Pilot {
         let flare = mission.state == State::Flare;
         let committed = close && (flare || landed);
         if silent {
-            let lands = plan.is_some() || below.is_some_and(|b| self.lands_softer(now, body, b));
-            self.completes = committed && lands;
+            let softer = || below.is_some_and(|b| self.lands_softer(now, body, b));
+            self.completes = committed && (plan.is_some() || softer());
             if !self.completes {
                 return self.hold(now, body, dt, near);
             }

@@ -50,14 +50,13 @@ pub struct Side {
 }
 
 impl Side {
-    /// Bounds the level axis that the normal is nearer to, given where the other two will be then.
+    /// The level axis that the normal is nearer to.
+    fn axis(&self) -> usize {
+        usize::from(self.normal[1].abs() > self.normal[0].abs())
+    }
+    /// Bounds this axis, given where the other two will be then.
     fn bound(&self, axis: usize, states: &[State], [low, high]: &mut [Vec<f64>; 2]) {
         let (n, across) = (self.normal[axis], self.normal[1 - axis]);
-        let nearer = if axis == 0 {
-            n.abs() >= across.abs()
-        } else {
-            n.abs() > across.abs()
-        };
         let (Some(state), Some(low), Some(high)) = (
             states.get(self.stage),
             low.get_mut(self.stage),
@@ -66,10 +65,10 @@ impl Side {
             return;
         };
         let place = (self.offset - across * state[1 - axis] - self.normal[2] * state[2]) / n;
-        match (nearer, n > 0.0) {
-            (true, true) => *low = low.max(place),
-            (true, false) => *high = high.min(place),
-            (false, _) => {}
+        if n > 0.0 {
+            *low = low.max(place);
+        } else {
+            *high = high.min(place);
         }
     }
 }
@@ -211,19 +210,23 @@ impl Mpc {
         self.yaw.solve(problem, [&[], &[]], solution);
     }
 
-    /// Keeps x and y beside the volumes: each gives way to where the other and z go; the first once more, as the second went
-    /// elsewhere.
+    /// Keeps x and y beside the volumes: each gives way to where the other and z go, and once more when the other has gone
+    /// elsewhere by that.
     fn stay_beside(&mut self, problem: &Problem, solution: &mut Solution) {
         self.z.solve(problem, [&[], &[]], solution);
+        let mut due = [0, 1].map(|axis| problem.sides.iter().any(|s| s.axis() == axis));
+        let bounded = due;
         for axis in [0, 1, 0, 1] {
+            if !core::mem::take(&mut due[axis]) {
+                continue;
+            }
             let mut bounds = [f64::NEG_INFINITY, f64::INFINITY].map(|none| vec![none; self.stages]);
-            for side in &problem.sides {
+            for side in problem.sides.iter().filter(|s| s.axis() == axis) {
                 side.bound(axis, &solution.states, &mut bounds);
             }
             let [low, high] = &bounds;
-            if low.iter().chain(high).any(|bound| bound.is_finite()) {
-                self.beside[axis].solve(problem, [low, high], solution);
-            }
+            self.beside[axis].solve(problem, [low, high], solution);
+            due[1 - axis] = bounded[1 - axis];
         }
     }
 

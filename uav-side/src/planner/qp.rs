@@ -5,8 +5,8 @@
 //! stage's state limits and measured in fractions of each limit. Inputs and their increments are hard
 //! limits, states soft with a linear and a quadratic cost of slack: 2.5 % of closed-loop problems
 //! have no solution with hard state limits (our measurement). A chain whose place is bounded on both
-//! sides has a slack of its own for the place: a drone on the wrong side of a bound must not gain the
-//! right to any tilt and speed by it.
+//! sides has a slack of its own for the place: with a shared one, a drone on the wrong side of a bound
+//! had tilt and speed without a limit.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -150,7 +150,7 @@ impl<const N: usize> SparseForm<N> {
             |k: usize| k * width + 1,
             |k: usize| k * width + 1 + N,
         );
-        let (place, dear, unit) = if limits.floor {
+        let (place, motion, unit_m) = if limits.floor {
             (1, MOTION_OVER_PLACE, PLACE_SLACK_M)
         } else {
             (0, 1.0, CEILING_SLACK_M)
@@ -175,7 +175,7 @@ impl<const N: usize> SparseForm<N> {
                 nzval.push(2.0);
                 colptr.push(rowval.len());
             }
-            for (i, cost) in [dear, 1.0].into_iter().take(1 + place).enumerate() {
+            for (i, cost) in [motion, 1.0].into_iter().take(1 + place).enumerate() {
                 rowval.push(s(k) + i);
                 nzval.push(2.0 * cost * slack.quadratic);
                 colptr.push(rowval.len());
@@ -226,7 +226,7 @@ impl<const N: usize> SparseForm<N> {
             for (bounded, sign) in [(limits.ceiling, 1.0), (limits.floor, -1.0)] {
                 if bounded {
                     set(b.len(), x(k), sign);
-                    set(b.len(), s(k) + place, -unit);
+                    set(b.len(), s(k) + place, -unit_m);
                     b.push(NO_CEILING);
                 }
             }
@@ -243,7 +243,7 @@ impl<const N: usize> SparseForm<N> {
         let a = CscMatrix::new_from_triplets(b.len(), variables, rows, cols, values);
         let mut q = vec![0.0; variables];
         for k in 0..stages {
-            q[s(k)] = dear * slack.linear;
+            q[s(k)] = motion * slack.linear;
             if limits.floor {
                 q[s(k) + place] = slack.linear;
             }

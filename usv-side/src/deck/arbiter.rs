@@ -386,7 +386,7 @@ impl DeckArbiter {
             let holds = owns(d) || d.claim >= Claim::Landing || d.inside || d.place.is_some();
             holds || (now - d.received).secs() <= c.status_timeout_s
         });
-        let drones = || self.drones.iter();
+        let (drones, open) = (|| self.drones.iter(), self.closed(now).is_none());
         // Facts before permissions: who is on the deck or descends owns it, the owner before another.
         let fact = drones()
             .filter(|d| d.claim >= Claim::Landing)
@@ -396,7 +396,7 @@ impl DeckArbiter {
         }
         let next = drones()
             .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && d.is_fresh(now))
-            .filter(|_| self.closed(now).is_none())
+            .filter(|_| open)
             .min_by_key(|d| d.since);
         // One that is silent may be on its way down; one that goes elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
