@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_ACCELERATION_MPS2,
-    MAX_POSITION_M, deviations, within,
+    DECK_CLOSED, DeckForecast, DroneState, FRACTION, Header, LandedState, MAX_ANGLE_RAD, MAX_POSITION_M,
+    within,
 };
 use crate::autopilot_parameters::{REQUESTS, numbered};
 use crate::time::{Clock, DroneClock, Time};
@@ -143,11 +143,10 @@ pub enum ReasonCode {
     DeckReserved,
     /// The newest deck grant is too old, s.
     DeckGrantStale,
-    /// Deck motion that would make a landed drone slide was observed that long ago, s: too recently, or so long ago that the
-    /// next are due.
-    SlideObserved,
-    /// The deck is predicted_slopes to feel this steep before the drone would be at rest, tan of the angle.
+    /// Slope, motion and wind are predicted to use more than the friction before the drone would be at rest, part of it.
     SlidePredicted,
+    /// Waves and wind are predicted to move a landed drone so far in a minute, m.
+    DriftPredicted,
     /// The feet are above the deck although a touchdown was detected, m.
     FalseTouchdown,
     /// The mission began anew in flight near the deck, m above it.
@@ -267,20 +266,16 @@ impl fmt::Display for Reason {
             }
             ReasonCode::DeckReserved => write!(f, "the deck is drone {v:.0}'s"),
             ReasonCode::DeckGrantStale => write!(f, "newest deck grant {v:.1} s old (limit {l:.1})"),
-            ReasonCode::SlideObserved if v < l => {
+            ReasonCode::SlidePredicted => write!(
+                f,
+                "a landed drone would slide: slope and wind use {:.0} % of its friction",
+                v * 100.0
+            ),
+            ReasonCode::DriftPredicted => {
                 write!(
                     f,
-                    "deck motion that makes a drone slide {v:.0} s ago (calm after {l:.0})"
+                    "a landed drone would drift {v:.1} m in a minute, by waves and wind (limit {l:.1})"
                 )
-            }
-            ReasonCode::SlideObserved => {
-                write!(
-                    f,
-                    "deck motion that makes a drone slide {v:.0} s ago, the next is due (limit {l:.0})"
-                )
-            }
-            ReasonCode::SlidePredicted => {
-                write!(f, "predicted apparent slope of the deck {v:.2} (limit {l:.2})")
             }
             ReasonCode::FalseTouchdown => {
                 write!(f, "no touchdown: feet {v:.2} m above the deck (limit {l:.2})")
@@ -401,8 +396,6 @@ pub struct MissionMemory {
     pub mean_deck_z: Option<f64>,
     /// The deck's steepest tilt recently, rad.
     pub recent_tilt_rad: f64,
-    /// Greatest friction that the deck's motion used recently, m/s².
-    pub friction_used_mps2: f64,
 }
 
 /// What an operator wants.
@@ -525,6 +518,6 @@ message!(MissionState, DroneClock, |m| {
 message!(MissionMemory, DroneClock, |m| {
     super::Message::check(&m.state).is_ok() => "state",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
-    deviations([&[m.recent_tilt_rad, m.friction_used_mps2]], MAX_ACCELERATION_MPS2) => "recent deck",
+    within([&m.recent_tilt_rad], MAX_ANGLE_RAD) => "recent_tilt_rad",
 });
 message!(Command, DroneClock, |m| {});

@@ -78,8 +78,7 @@ impl Baseline {
 /// A mission that does not ask for the deck's apparent slope: these planners have no vessel that reports it.
 fn without_slope_warnings(base: MissionConfig) -> MissionConfig {
     MissionConfig {
-        slide_slope: 100.0,
-        slope_limit: 100.0,
+        friction: 2.0,
         ..base
     }
 }

@@ -103,49 +103,9 @@ config! {
         /// Chosen: 11 deg/s: a vessel in a tight turn is led sideways by its rudder as no forecast
         /// knows.
         pub deck_turn_radps: f64 = 0.2, in 0.01..=10.0;
-        /// No descent begins when the deck was steeper than this recently, rad.
-        /// Source: Friction of 0.4 holds a drone at rest up to atan 0.4 = 0.38 rad; on a
-        /// steeper deck it slides after any landing. Rocking at 0.4 rad, 18 trials: 18 unsafe contacts without,
-        /// none with.
-        pub recent_tilt_rad: f64 = 0.38, in 0.01..=1.5;
-        /// No descent begins when the wind's acceleration to be expected on the deck is larger, and no
-        /// flare in a larger one, m/s².
-        /// Source: Friction of 0.4 holds a stopped drone against 3.9 m/s² on a level deck at rest.
-        /// Seeds 100-119 without this limit: 10 m/s (mean 2.8) 13 of 20 landed and 5 slid off,
-        /// 12 m/s 5.
-        pub wind_peak_mps2: f64 = 2.8, in 0.01..=50.0;
-        /// Coefficient of friction between feet and deck, wet.
+        /// Coefficient of friction between feet and deck, wet: with it slope and wind are judged in which a landed drone
+        /// stays.
         pub friction: f64 = 0.4, in 0.01..=2.0;
-        /// No descent begins when the predicted apparent slope exceeds this before the drone is at rest
-        /// (`time_to_rest_s`): tan of the angle between the deck's normal and the specific force, over a
-        /// second.
-        /// Source: Friction of 0.4, and the prediction is wrong by 0.08 (rms) some seconds ahead.
-        /// 0.8 m, 5 s without sideways coupling, seeds 300-699: 400 landed and 15.5 s over the
-        /// deck; 0.28 and 9.5 s ahead: 399, 13.7 s; 0.30 and 9: 398, 12.7 s; 0.32 and 8.5: 394,
-        /// 11.9 s.
-        pub slope_limit: f64 = 0.25, in 0.01..=100.0;
-        /// Apparent slope on which a landed drone slides: tan of the angle between the deck's normal and
-        /// the specific force, over a second.
-        /// Source: Friction of 0.4 less what a second's mean hides. As above: 0.45 permits a
-        /// descent where the waves have just been too steep for any forecast.
-        pub slide_slope: f64 = 0.35, in 0.01..=100.0;
-        /// A group of waves is over when the slope has stayed below that for this long, s.
-        pub slide_over_s: f64 = 4.0, in 0.01..=60.0;
-        /// From the beginning of a descent to rest on the deck, s: so long before the next group it begins.
-        /// Source: Down in 4 to 6 s, at rest 4 s later.
-        pub time_to_rest_s: f64 = 10.0, in 0.01..=60.0;
-        /// The calm between two groups, before two were measured, s.
-        pub calm_prior_s: f64 = 20.0, in 0.01..=120.0;
-        /// No descent begins when the wind's acceleration is larger than the friction that the deck's recent motion
-        /// leaves and this, m/s².
-        /// Source: Half a second of it moves the feet by 6 cm.
-        pub friction_margin_mps2: f64 = 0.5, in 0.01..=50.0;
-        /// The wind's acceleration is the mean and this many standard deviations of its gusts.
-        /// Source: With two, the descents that begin in 8 and 10 m/s are those in a lull: of 80
-        /// trials (seeds 4000-4039 each) 31 landed and 2 were blown off the deck afterwards.
-        pub wind_gust_sds: f64 = 3.0, in 0.0..=10.0;
-        /// The wind is judged over this time, s.
-        pub wind_memory_s: f64 = 60.0, in 0.01..=3600.0;
         /// Descent needs a detection no older than this, s.
         pub descent_vision_s: f64 = 1.0, in 0.0..=120.0;
         /// A flare that is not committed ends after this long without detection and radio, s.

@@ -104,6 +104,20 @@ fn abort_climbs_unless_that_meets_the_deck_harder_than_the_landing() {
             stopped.motors_stopped = true;
             goes(&step(&d, &stopped), State::Landed, Touchdown);
         }
+        // Where the landed drone would slide overboard, only a harmful contact is worse than to climb.
+        let slides = |contact_mps| Situation {
+            staying: Staying {
+                used: 1.2,
+                drift_m: 0.0,
+            },
+            ..low(contact_mps)
+        };
+        goes(&commanded(COMMITTED, command, &slides(0.8)), climbs, Operator);
+        waits(
+            &commanded(COMMITTED, command, &slides(1.1)),
+            State::Flare,
+            CompletesLanding,
+        );
         // Not beside the deck.
         let mut beside = low(0.8);
         beside.outside_m = 0.5;
@@ -301,9 +315,8 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
     let rough = |battery: f64| {
         with(|s| {
             s.battery = Some(battery);
-            (s.recent_tilt_rad, s.wind_peak_mps2) = (0.5, 4.0);
-            let deck = s.deck.as_mut().unwrap();
-            (deck.tilt_rad, deck.predicted_slope) = (0.5, Some(0.4));
+            s.staying.used = 1.5;
+            s.deck.as_mut().unwrap().tilt_rad = 0.5;
         })
     };
     let full = run(TRACKING, &rough(0.9), 5.0);

@@ -1,15 +1,15 @@
 //! The mission: permits what the planner may fly, and gives the reason why it does not permit more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `situation` (every quantity it judges), then `memory` (what outlives the process). This file keeps
+//! remember), `situation` (every quantity it judges), `staying` (will the landed drone stay?), then `memory` (what outlives the process). This file keeps
 //! the inputs and writes the output.
 
-mod apparent_slope;
 pub mod config;
 mod memory;
 mod phase;
 mod situation;
 mod states;
+mod staying;
 mod tilt;
 mod transition;
 mod wind;
@@ -39,11 +39,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::OriginResets;
-use apparent_slope::ApparentSlopeHistory;
 use memory::{Beginning, Begun};
 use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
 use states::blind_limit;
+use staying::Staying;
 use tilt::TiltMonitor;
 use transition::{Decision, decide};
 use wind::WindMonitor;
@@ -121,8 +121,8 @@ pub struct Mission {
     mean_deck_z: MeanDeckHeight,
     wind: WindMonitor,
     tilt: TiltMonitor,
-    /// Steepest recent tilt, rad, greatest friction used, m/s², and when they were updated.
-    worst: Option<(Time<DroneClock>, (f64, f64))>,
+    /// The deck's steepest recent tilt, rad, and when it was updated.
+    steepest: Option<(Time<DroneClock>, f64)>,
     /// Flies over the deck at its speed: the wind now is the wind on the deck.
     follows: bool,
 
@@ -184,7 +184,7 @@ impl Mission {
         if let Some(m) = &input.drone
             && self.drone.offer(now, m)
         {
-            self.wind.update(m, self.follows, &self.config);
+            self.wind.update(m, self.follows);
         }
         if let Some(m) = &input.forecast
             && self.forecast.offer(now, m)
@@ -250,24 +250,17 @@ impl Mission {
         Some(command.kind)
     }
 
-    /// The steepest recent tilt of the predicted deck and the greatest friction that its motion used, both
-    /// decaying slowly: the forecast of a deck that rocks faster than the waves is too small between two
-    /// extremes, but not at them.
-    fn worst(&mut self, s: &Situation) -> (f64, f64) {
-        let Some(deck) = s.fresh_deck() else {
-            return self.worst.map_or((0.0, 0.0), |(_, worst)| worst);
-        };
-        let (tilt, taken) = self.worst.map_or((0.0, 0.0), |(at, (tilt, taken))| {
-            let left = (-(s.now - at).secs().max(0.0) / TILT_TIME_S).exp();
-            (tilt * left, taken * left)
+    /// The steepest recent tilt of the predicted deck, rad, which decays slowly: the forecast of a deck that rocks faster
+    /// than the waves is too small between two extremes, but not at them.
+    fn recent_tilt(&mut self, now: Time<DroneClock>, deck: Option<&Deck>) -> f64 {
+        let left = self.steepest.map_or(0.0, |(at, tilt)| {
+            tilt * (-(now - at).secs().max(0.0) / TILT_TIME_S).exp()
         });
-        let larger = |left: f64, new: f64| if new.is_finite() { left.max(new) } else { left };
-        let worst = (
-            larger(tilt, deck.tilt_rad),
-            larger(taken, deck.friction_used_mps2),
-        );
-        self.worst = Some((s.now, worst));
-        worst
+        let Some(tilt) = deck.map(|d| d.tilt_rad).filter(|t| t.is_finite()) else {
+            return left;
+        };
+        self.steepest = Some((now, left.max(tilt)));
+        left.max(tilt)
     }
 
     fn follows(&self, s: &Situation) -> bool {
@@ -300,14 +293,8 @@ impl Mission {
             deck,
             mean_deck_z,
             tilt_excess_rad: drone.map_or(0.0, |d| self.tilt.excess(d)),
-            wind_peak_mps2: self.wind.peak(c),
             wind_mps2: self.wind.now(),
-            recent_tilt_rad: 0.0,
-            apparent_slope: ApparentSlopeHistory::of(
-                self.forecast.get().map_or(&[], |f| &f.slopes),
-                c.slide_slope,
-            ),
-            friction_used_mps2: 0.0,
+            staying: Staying::default(),
             water_z: mean_deck_z.map_or(0.0, |z| z - self.deck_geometry.centre_m[2]),
             forecast_age_s: self.forecast.age_s(now),
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
@@ -405,7 +392,7 @@ impl Mission {
                 (self.previous, self.since, self.entered) = (m.state.state, now, why);
             }
             (self.command, self.abort) = (m.command, m.abort);
-            self.worst = Some((m.header.at, (m.recent_tilt_rad, m.friction_used_mps2)));
+            self.steepest = Some((m.header.at, m.recent_tilt_rad));
             if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
                 self.mean_deck_z.begin(m.header.at, z);
             }
@@ -444,7 +431,6 @@ impl Mission {
     }
 
     fn memory(&self, state: &MissionState) -> MissionMemory {
-        let (recent_tilt_rad, friction_used_mps2) = self.worst.map_or((0.0, 0.0), |(_, worst)| worst);
         MissionMemory {
             header: state.header,
             state: *state,
@@ -458,8 +444,7 @@ impl Mission {
             abort: self.abort,
             origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),
             mean_deck_z: self.mean_deck_z.value(),
-            recent_tilt_rad,
-            friction_used_mps2,
+            recent_tilt_rad: self.steepest.map_or(0.0, |(_, tilt)| tilt),
         }
     }
 
@@ -557,7 +542,8 @@ impl Node for Mission {
             order = self.orders(now, &input.commands).or(order);
         }
         self.follows = self.follows(&s);
-        (s.recent_tilt_rad, s.friction_used_mps2) = self.worst(&s);
+        let tilt = self.recent_tilt(now, s.fresh_deck());
+        s.staying = Staying::of(self.forecast.get(), tilt, &self.wind, self.config.friction);
         let decision = match order {
             None => self.safe_start(&s),
             Some(_) => None,

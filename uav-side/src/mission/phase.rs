@@ -132,7 +132,7 @@ impl MissionPhase {
     }
 }
 
-/// What survives_pause a state.
+/// What outlasts a state.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
     /// A landing is wanted.

@@ -3,15 +3,15 @@
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DECK_CLOSED, DeckForecast, DeckGrant, DeckStage, DroneState, LandedState,
-    PREDICTED_SLOPE_STEP_S, Reason, ReasonCode, SLOPE_STEP, WAITING_DISTANCE_M, WaitingPlace,
+    AutopilotMode, AutopilotState, DECK_CLOSED, DeckForecast, DeckGrant, DroneState, LandedState, Reason,
+    ReasonCode, WAITING_DISTANCE_M, WaitingPlace,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
-use super::apparent_slope::ApparentSlopeHistory;
 use super::config::MissionConfig;
+use super::staying::Staying;
 use crate::escape::contact_speed;
 use crate::surroundings::ring_m;
 
@@ -171,13 +171,8 @@ pub struct Deck {
     pub acceleration_mps2: f64,
     /// Greatest predicted tilt over the horizon, rad.
     pub tilt_rad: f64,
-    /// Greatest friction that the predicted motion uses of a level, resting deck's, m/s².
-    pub friction_used_mps2: f64,
     /// Mean rate of its heading over the next second, rad/s, without a sign.
     pub turn_radps: f64,
-    /// The steepest apparent slope predicted until a drone that descends now is at rest; None while none is
-    /// predicted.
-    pub predicted_slope: Option<f64>,
     /// Mean of the predicted height over the whole forecast, NED z, m.
     pub mean_z: f64,
     /// The speed at which the deck would meet a drone that climbs away from now on, m/s; None when it clears the
@@ -207,7 +202,7 @@ impl Deck {
         let step = forecast.step.secs();
         let since = (start - forecast.header.at).secs();
         let (mut speed, mut heave, mut acceleration, mut tilt) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
-        let (mut sum, mut grip_taken) = (0.0, 0.0_f64);
+        let mut sum = 0.0;
         for (i, s) in forecast.stages.iter().enumerate() {
             sum += s.position[2];
             let lead = i as f64 * step - since;
@@ -218,7 +213,6 @@ impl Deck {
             heave = heave.max(s.velocity[2].abs());
             acceleration = acceleration.max(Vector3::from(s.acceleration).norm());
             tilt = tilt.max(angle_from_vertical(s.euler[0], s.euler[1]));
-            grip_taken = grip_taken.max(taken(s, config.friction));
         }
         let ahead = forecast
             .at(start + Span::from_secs(config.sd_lead_s))
@@ -245,9 +239,7 @@ impl Deck {
             heave_mps: heave,
             acceleration_mps2: acceleration,
             tilt_rad: tilt,
-            friction_used_mps2: grip_taken,
             turn_radps: turn,
-            predicted_slope: steepest(forecast, config),
             mean_z: sum / forecast.stages.len().max(1) as f64,
             climb_contact_mps: (clearance_m < config.commit_clearance_m)
                 .then(|| contact_speed(now, forecast, &own.position, &own.velocity, drone))
@@ -261,20 +253,6 @@ impl Deck {
         let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
         along.max(across)
     }
-}
-
-/// The steepest apparent slope predicted from now until a drone that descends now is at rest.
-fn steepest(forecast: &DeckForecast, c: &MissionConfig) -> Option<f64> {
-    let stage = |t: f64| (t / PREDICTED_SLOPE_STEP_S) as usize;
-    let slopes = forecast.predicted_slopes.iter().take(stage(c.time_to_rest_s) + 1);
-    slopes.copied().max().map(|s| f64::from(s) * SLOPE_STEP)
-}
-
-/// What slope and motion of the deck use of the friction `mu g` of feet at rest on it, m/s²: with
-/// `f = R^T (a - g)` in the deck's axes, `mu g - (mu |f_z| - |f_xy|)`.
-fn taken(s: &DeckStage, friction: f64) -> f64 {
-    let f = s.rotation().transpose() * (Vector3::from(s.acceleration) - Vector3::z() * GRAVITY);
-    friction * (GRAVITY + f.z.min(0.0)) + f.xy().norm()
 }
 
 /// Angle between a body's down axis and the vertical for roll and pitch, rad.
@@ -303,16 +281,10 @@ pub struct Situation {
     pub deck: Option<Deck>,
     /// Low-pass of the deck's level, NED z, m; None before the first forecast.
     pub mean_deck_z: Option<f64>,
-    /// Greatest friction that the deck's motion used recently, m/s².
-    pub friction_used_mps2: f64,
-    /// The deck's steepest tilt recently, rad.
-    pub recent_tilt_rad: f64,
-    /// The deck's apparent slope recently.
-    pub apparent_slope: ApparentSlopeHistory,
+    /// Whether a drone that lands now will stay.
+    pub staying: Staying,
     /// How far the drone tilts beyond what was commanded lately, rad.
     pub tilt_excess_rad: f64,
-    /// Acceleration by the wind to be expected on the deck, m/s²; 0 before it is known.
-    pub wind_peak_mps2: f64,
     /// Acceleration by the wind now, m/s².
     pub wind_mps2: f64,
     /// The water's level in the drone's NED, from the deck's mean level, m; 0 until that is known.

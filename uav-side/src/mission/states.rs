@@ -3,8 +3,7 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::ReasonCode::{
     Commanded, Deviated, Infeasible, Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying,
-    NotSteady, Operator, Reached, SlideObserved, SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep,
-    TooWindy, Uncertain, VisionLost,
+    NotSteady, Operator, Reached, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Uncertain, VisionLost,
 };
 use alight_shared::msg::{PLACES, Reason};
 use nalgebra::Vector3;
@@ -211,10 +210,6 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     if s.flight != ControlState::Ours {
         return stable.stay(NotFlying);
     }
-    let used = deck
-        .predicted_slope
-        .map_or(s.friction_used_mps2, |slope| slope * GRAVITY);
-    let friction_left = c.friction * GRAVITY - used + c.friction_margin_mps2;
     // Whose grant is stale keeps the deck: a silent owner does not lose it.
     let stale = matches!(s.reservation, Reservation::Unknown(_));
     let rejection = (s.reservation.rejection())
@@ -233,18 +228,8 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
         if progress.is_urgent() {
             return None;
         }
-        let motion = first_beyond([
-            (Infeasible, deck.turn_radps, c.deck_turn_radps),
-            (TooSteep, s.recent_tilt_rad, c.recent_tilt_rad),
-        ]);
-        (s.parameters.or(motion))
-            .or_else(|| slides(deck, s, c))
-            .or_else(|| {
-                first_beyond([
-                    (TooWindy, s.wind_peak_mps2, c.wind_peak_mps2),
-                    (TooWindy, s.wind_peak_mps2, friction_left),
-                ])
-            })
+        let turns = exceeds(Infeasible, deck.turn_radps, c.deck_turn_radps);
+        s.parameters.or(turns).or_else(|| s.staying.rejection())
     });
     if let Some(why) = rejection {
         return stable.stay(why);
@@ -254,17 +239,6 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
     }
     progress.attempts += 1;
     MissionPhase::DESCENT.enter(Reason::new(Reached, deck.distance_m, c.descent_distance_m))
-}
-
-/// Why a drone that went down now would slide: a slope predicted before it has come to rest. Also one
-/// measured a moment ago, when none was predicted; while no slope is predicted, the next group of waves like the last.
-fn slides(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
-    let observed = |(since, limit)| Reason::new(SlideObserved, since, limit);
-    match deck.predicted_slope {
-        Some(slope) => exceeds(SlidePredicted, slope, c.slope_limit)
-            .or_else(|| s.apparent_slope.just_now(c).map(observed)),
-        None => s.apparent_slope.rejection(c).map(observed),
-    }
 }
 
 /// What makes the predicted deck infeasible for a landing: uncertainty, motion or tilt.
@@ -296,7 +270,7 @@ fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64)
         (TooFast, deck.relative_speed_mps, c.flare_speed_mps * slack),
         (TooSteep, deck.tilt_rad, c.flare_tilt_rad * slack),
         (Infeasible, deck.turn_radps, c.deck_turn_radps * slack),
-        (TooWindy, s.wind_mps2, c.wind_peak_mps2 * slack),
+        (TooWindy, s.wind_mps2, c.friction * GRAVITY * slack),
     ])
 }
 

@@ -1,9 +1,9 @@
 //! Every row of the state table.
 
 use alight_shared::msg::ReasonCode::{
-    AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, ForecastStale, Infeasible, Missed,
-    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, Reached, SlideObserved, SlidePredicted,
-    TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
+    AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, DriftPredicted, ForecastStale,
+    Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, Reached,
+    SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep, Touchdown, Uncertain, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -57,18 +57,13 @@ pub(super) fn fair() -> Situation {
             turn_radps: 0.0,
             acceleration_mps2: 1.0,
             tilt_rad: 0.1,
-            friction_used_mps2: 1.0,
             mean_z: -1.3,
             climb_contact_mps: None,
-            predicted_slope: None,
         }),
         mean_deck_z: Some(-1.3),
         tilt_excess_rad: 0.0,
-        wind_peak_mps2: 0.0,
         wind_mps2: 0.0,
-        friction_used_mps2: 0.0,
-        recent_tilt_rad: 0.0,
-        apparent_slope: ApparentSlopeHistory::default(),
+        staying: Staying::default(),
         water_z: 0.0,
         forecast_age_s: 0.01,
         forecast_limit_s: 0.3,
@@ -250,35 +245,16 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
         (with_deck(|d| d.tilt_rad = 0.5), TooSteep),
         (with_deck(|d| d.turn_radps = 0.3), Infeasible),
         (with(|s| s.plan_age_s = f64::INFINITY), NoPlan),
-        (with(|s| s.recent_tilt_rad = 0.41), TooSteep),
-        // Predicted waves make the deck too steep before the drone is at rest, or it was a moment ago, unpredicted.
-        (with_deck(|d| d.predicted_slope = Some(0.3)), SlidePredicted),
-        (
-            Situation {
-                apparent_slope: ApparentSlopeHistory::of(&[10, 60], 0.45),
-                ..with_deck(|d| d.predicted_slope = Some(0.1))
-            },
-            SlideObserved,
-        ),
-        // No slope is predicted, and a drone would have slid a moment ago.
-        (
-            with(|s| s.apparent_slope = ApparentSlopeHistory::of(&[10, 60], 0.45)),
-            SlideObserved,
-        ),
+        (with(|s| s.staying.used = 1.1), SlidePredicted),
+        (with(|s| s.staying.drift_m = 0.3), DriftPredicted),
         (
             with(|s| s.parameters = Some(AutopilotParameter.into())),
             AutopilotParameter,
         ),
-        (with(|s| s.wind_peak_mps2 = 3.6), TooWindy),
         (with(|s| s.reservation = Reservation::Others(2)), DeckReserved),
         (
             with(|s| s.reservation = Reservation::Unknown(2.5)),
             DeckGrantStale,
-        ),
-        (
-            // Half as much wind, on a deck whose motion uses most of the feet's friction.
-            with(|s| (s.wind_peak_mps2, s.friction_used_mps2) = (1.8, 3.4)),
-            TooWindy,
         ),
     ] {
         let d = step(stable, &s);

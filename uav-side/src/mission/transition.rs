@@ -67,6 +67,9 @@ pub fn decide(
     }
 }
 
+/// A contact up to this is that of a good landing, m/s.
+const HARMLESS_MPS: f64 = 1.0;
+
 /// Whether there is something that an operator can stop: a drone in the air that is ours.
 fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
     let waits = phase == MissionPhase::Idle && s.flight == ControlState::Ours && s.own.is_some();
@@ -76,11 +79,16 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
 
 /// Whether an operator who stops the landing now lets it be completed, because that is the softer contact: the feet are
 /// on the deck already, or the predicted deck would meet a climbing drone faster than a flare meets the deck.
-/// Once completed it stays so: each new forecast could change the decision, over a height that shrinks.
+/// A drone that would not stay on the deck climbs at the price of a harder contact, but no harmful one. Once completed it
+/// stays so: each new forecast could change the decision, over a height that shrinks.
 fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &MissionConfig) -> bool {
+    let limit = match s.staying.rejection() {
+        None => c.flare_mps,
+        Some(_) => HARMLESS_MPS,
+    };
     let harder = s
         .fresh_deck()
-        .is_some_and(|d| d.clearance_m < AT_REST_M || d.climb_contact_mps.is_some_and(|v| v > c.flare_mps));
+        .is_some_and(|d| d.clearance_m < AT_REST_M || d.climb_contact_mps.is_some_and(|v| v > limit));
     let beneath = s.outside_m <= c.lost_outside_m && !s.motors_stopped;
     phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
 }

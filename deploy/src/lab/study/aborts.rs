@@ -87,7 +87,7 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
         let row = json!({
             "hull": name, "interruption": what, "flights": flights.len(),
             "unsafe_contacts": count(|r| r.unsafe_contact), "hardest_mps": hardest,
-            "in_water": count(|r| r.water), "strayed": count(Interrupted::strayed), "slid": count(|r| r.slid),
+            "in_water": count(|r| r.water), "strayed": count(Interrupted::strayed), "slid": count(Interrupted::slid),
             "landed": landed, "landed_interval": <[f64; 2]>::from(wilson(landed, flights.len())),
         });
         table.row(cells![
@@ -98,7 +98,7 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
             format_args!("{hardest:.2}"),
             count(|r| r.water),
             count(Interrupted::strayed),
-            count(|r| r.slid),
+            count(Interrupted::slid),
             landed,
         ]);
         rows.push(row);
@@ -111,14 +111,17 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
     }
     add("all", "", &all.iter().collect::<Vec<_>>());
     note(args.json, table.text());
-    let wrong: Vec<&Flight> = all.iter().filter(|f| !f.report.safe()).collect();
+    let wrong: Vec<&Flight> = all
+        .iter()
+        .filter(|f| !f.report.safe() || f.report.slid())
+        .collect();
     // By these they can be flown again.
     for f in &wrong {
         let (r, d) = (&f.report, &f.draw);
         note(
             args.json,
             format_args!(
-                "{}, {} m/s, seed {}, {} at {:.2} m: {:.2} m/s, in water {}, {:.1} m off",
+                "{}, {} m/s, seed {}, {} at {:.2} m: {:.2} m/s, in water {}, {:.1} m off, slid {}",
                 f.scene,
                 d.speed_mps,
                 f.seed,
@@ -126,7 +129,8 @@ pub fn run(args: &StudyArgs) -> Result<Value, CliError> {
                 d.height_m,
                 r.hardest_mps,
                 r.water,
-                r.strayed_m
+                r.strayed_m,
+                r.slid_after_s.map_or("no".into(), |s| format!("after {s:.1} s"))
             ),
         );
     }
