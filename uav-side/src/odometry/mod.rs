@@ -31,6 +31,9 @@ const JUMP_M: f64 = 0.4;
 /// Further from the autopilot's position (m) or velocity (m/s) than this, one of the two is wrong:
 /// the smoothing starts again from the autopilot's odometry.
 const MAX_DIFFERENCE: f64 = 1.5;
+/// A step in which the sampled force and the autopilot's velocity differ by more than this is an impact, m/s. A fix of GNSS
+/// moves the velocity by less.
+const IMPACT_MPS: f64 = 0.3;
 /// Further from the autopilot's position than this, m, the smooth frame is drawn after it ...
 const LAG_M: f64 = 0.6;
 /// ... at this rate, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, moves it 0.5 m further.
@@ -128,6 +131,14 @@ impl Odometry {
             self.smoothed = Some(fresh);
             return *reported;
         }
+        // An impact lasts for milliseconds: a sample in it, or none, tells nothing of its impulse. The autopilot, which
+        // integrates its sensors at their own rate, has it.
+        let change = reported.velocity() - h.reported.velocity();
+        let force = if (force * dt - change).norm() > IMPACT_MPS {
+            change / dt
+        } else {
+            force
+        };
         let acceleration = force + h.bias + faster * c.velocity_gain + ahead * c.position_gain;
         let drift = (ahead - ahead.cap_magnitude(LAG_M)) * DRIFT_GAIN;
         h.position += (h.velocity + drift) * dt + acceleration * (0.5 * dt * dt);
@@ -202,6 +213,22 @@ mod tests {
         assert!(s.velocity[0].abs() < 2e-3, "{}", s.velocity[0]);
         // The frame stays off by b / (k_p + k_b): constant, so nobody minds.
         assert!((s.position[0] - 0.2).abs() < 0.01, "{}", s.position[0]);
+    }
+
+    #[test]
+    fn odometry_takes_an_impact_from_the_autopilots_velocity_not_from_a_sample_of_its_force() {
+        // Onto the deck at 0.6 m/s: the sample lasts 10 ms, the impact of 168 m/s² lasted 3 ms, or fell between samples.
+        for sampled in [-168.0, 0.0] {
+            let mut o = Odometry::new(&OdometryConfig::default());
+            let mut s = DroneState::default();
+            for k in 0..100_u32 {
+                let moves = if k < 50 { 0.6 } else { 0.0 };
+                let x = 0.6 * 0.01 * f64::from(k.min(50));
+                s = o.step(&state(k, x, moves, if k == 50 { sampled } else { 0.0 }));
+                assert!((s.velocity[0] - moves).abs() < 0.05, "{k}: {}", s.velocity[0]);
+            }
+            assert!((s.position[0] - 0.3).abs() < 0.02, "{}", s.position[0]);
+        }
     }
 
     #[test]
