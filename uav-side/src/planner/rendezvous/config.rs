@@ -54,7 +54,7 @@ config! {
         /// Speed of the soft part relative to the deck, m/s.
         pub touch_mps: f64 = 0.28, in 0.05..=1.0;
         /// Duration of the soft part, s.
-        pub soft_s: f64 = 0.28, in 0.0..=5.0;
+        pub soft_s: f64 = 0.2, in 0.0..=5.0;
         /// After the contact the reference goes on into the deck down to here, m.
         pub press_m: f64 = 0.5, in 0.01..=1.0;
         /// Higher than this above the deck its heave is not followed, m ...
