@@ -14,6 +14,7 @@ use alight_shared::msg::{
     DeckForecast, PREDICTED_SLOPE_STEP_S, Reason, ReasonCode, SLOPE_STEP, SLOPE_WINDOW_S,
 };
 
+use super::phase::exceeds;
 use super::wind::WindMonitor;
 
 /// The slope that has to be expected for one that is predicted: the prediction is wrong by 0.08 (rms) some seconds ahead.
@@ -80,9 +81,8 @@ impl Staying {
 
     /// Why no descent may begin.
     pub fn rejection(&self) -> Option<Reason> {
-        let beyond = |code, value: f64, limit| (!(value <= limit)).then(|| Reason::new(code, value, limit));
-        beyond(ReasonCode::SlidePredicted, self.used, 1.0)
-            .or_else(|| beyond(ReasonCode::DriftPredicted, self.drift_m, MAX_DRIFT_M))
+        exceeds(ReasonCode::SlidePredicted, self.used, 1.0)
+            .or_else(|| exceeds(ReasonCode::DriftPredicted, self.drift_m, MAX_DRIFT_M))
     }
 }
 
