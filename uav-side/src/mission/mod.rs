@@ -5,6 +5,7 @@
 //! outlives the process). This file keeps the inputs and writes the output.
 
 pub mod config;
+mod limits;
 mod memory;
 mod phase;
 mod situation;

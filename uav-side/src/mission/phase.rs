@@ -5,6 +5,7 @@ use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
+use super::limits::exceeds;
 use super::situation::{Deck, Situation};
 use crate::escape::{BELOW_M, WITH_DECK_M};
 
@@ -174,18 +175,6 @@ pub(super) fn old_data(s: &Situation) -> Option<Reason> {
     exceeds(ReasonCode::OdometryStale, s.odometry_age_s, s.odometry_limit_s)
         .or_else(|| exceeds(ReasonCode::ForecastStale, s.forecast_age_s, s.forecast_limit_s))
         .or_else(|| s.deck.is_none().then_some(ReasonCode::NoVessel.into()))
-}
-
-/// The reason when `value` is beyond `limit`; a NaN is beyond.
-pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason> {
-    (value > limit || value.is_nan()).then_some(Reason::new(code, value, limit))
-}
-
-/// The first figure of the list that is beyond its limit.
-pub(super) fn first_beyond<const N: usize>(figures: [(ReasonCode, f64, f64); N]) -> Option<Reason> {
-    figures
-        .into_iter()
-        .find_map(|(code, value, limit)| exceeds(code, value, limit))
 }
 
 /// Since when `holds` has been true, and for how long, s.

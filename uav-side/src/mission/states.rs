@@ -9,9 +9,10 @@ use alight_shared::msg::{PLACES, Reason};
 use nalgebra::Vector3;
 
 use super::config::MissionConfig;
+use super::limits::{exceeds, first_beyond};
 use super::phase::{
-    DroneTime, HoldCause, MissionPhase, Progress, Transition, exceeds, first_beyond, gave_up, held_place,
-    holding, lasting, moving_place, old_data,
+    DroneTime, HoldCause, MissionPhase, Progress, Transition, gave_up, held_place, holding, lasting,
+    moving_place, old_data,
 };
 use super::situation::{ControlState, Deck, Reservation, Situation};
 

@@ -14,7 +14,7 @@ use alight_shared::msg::{
     DeckForecast, PREDICTED_SLOPE_STEP_S, Reason, ReasonCode, SLOPE_STEP, SLOPE_WINDOW_S,
 };
 
-use super::phase::exceeds;
+use super::limits::exceeds;
 use super::wind::WindMonitor;
 
 /// The slope that has to be expected for one that is predicted: the prediction is wrong by 0.08 (rms) some seconds ahead.
