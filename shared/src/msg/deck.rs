@@ -182,8 +182,8 @@ pub struct DeckForecast {
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// What stands around the deck, as the vessel reported it last.
     pub surroundings: Surroundings,
-    /// The apparent slope that is predicted for a drone on the deck, every [`PREDICTED_SLOPE_STEP_S`] from now on, in steps of
-    /// [`super::SLOPE_STEP`]; empty while no wave is named with confidence.
+    /// The apparent slope that is predicted for a drone on the deck, every [`PREDICTED_SLOPE_STEP_S`] from now on, in
+    /// steps of [`super::SLOPE_STEP`]; empty while no wave is named with confidence.
     pub predicted_slopes: Seq<u8, PREDICTED_SLOPES>,
 }
 

@@ -258,6 +258,9 @@ fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason>
     ])
 }
 
+/// The wind in a flare uses less than this of the friction: the deck's slope needs the rest.
+const FLARE_WIND: f64 = 0.7;
+
 /// What forbids the flare at the decision clearance.
 fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option<Reason> {
     first_beyond([
@@ -271,7 +274,7 @@ fn not_ready_to_flare(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64)
         (TooFast, deck.relative_speed_mps, c.flare_speed_mps * slack),
         (TooSteep, deck.tilt_rad, c.flare_tilt_rad * slack),
         (Infeasible, deck.turn_radps, c.deck_turn_radps * slack),
-        (TooWindy, s.wind_mps2, c.friction * GRAVITY * slack),
+        (TooWindy, s.wind_mps2, FLARE_WIND * c.friction * GRAVITY * slack),
     ])
 }
 

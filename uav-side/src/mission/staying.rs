@@ -1,8 +1,8 @@
 //! Whether a drone that stands on the deck with its motors stopped will stay there: friction, slope, motion and wind.
 //!
 //! Feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes, wind included (Coulomb). The
-//! vessel and the forecast state its first part as the apparent slope `s = |f_xy| / |f_z|`, averaged over a second. With the
-//! wind's acceleration `w`:
+//! vessel and the forecast state its first part as the apparent slope `s = |f_xy| / |f_z|`, averaged over a second. With
+//! the wind's acceleration `w`:
 //!
 //! - until a drone that descends now is at rest, the friction used `u = (s + w / g) / mu` has to stay below one;
 //! - later no forecast reaches. In waves like those of the last two minutes feet slip now and then, to either side alike
@@ -44,8 +44,8 @@ pub struct Staying {
 }
 
 impl Staying {
-    /// By the forecast's slopes, predicted and measured, the deck's steepest tilt recently (rad) and the wind, on feet with the
-    /// coefficient of `friction`.
+    /// By the forecast's slopes, predicted and measured, the deck's steepest tilt recently (rad) and the wind, on feet with
+    /// the coefficient of `friction`.
     pub fn of(
         forecast: Option<&DeckForecast>,
         recent_tilt_rad: f64,
@@ -56,7 +56,7 @@ impl Staying {
         let steepest = |s: &[u8]| s.iter().map(slope).fold(0.0, f64::max);
         let (predicted, measured) =
             forecast.map_or((&[][..], &[][..]), |f| (&f.predicted_slopes[..], &f.slopes[..]));
-        let first = |slopes: &'_ [u8], span_s: f64, step_s: f64| {
+        let first = |slopes: &[u8], span_s: f64, step_s: f64| {
             steepest(slopes.get(..(span_s / step_s) as usize + 1).unwrap_or(slopes))
         };
         // While no wave is known the next group of waves is taken to be like the last.
@@ -119,6 +119,7 @@ mod tests {
         assert_eq!(rejected(&[15; 48], &[10; 60], 2.0), SLIDES);
         assert_eq!(rejected(&[15; 48], &[10; 60], 0.0), None);
         assert_eq!(rejected(&[], &[], 2.0), None);
+        assert_eq!(rejected(&[], &[], 3.6), SLIDES);
         let rocks = Staying::of(None, 0.41, &WindMonitor::default(), 0.4);
         assert_eq!(rocks.rejection().map(|r| r.code), SLIDES);
     }

@@ -3,7 +3,7 @@
 use alight_shared::msg::ReasonCode::{
     AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, DriftPredicted, ForecastStale,
     Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, Reached,
-    SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep, Touchdown, Uncertain, VisionLost,
+    SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -298,6 +298,11 @@ fn descent_pauses_at_the_decision_clearance_until_the_flare_is_possible() {
         (
             with_deck(|d| (d.clearance_m, d.radio_age_s, d.vision_age_s) = (1.2, 9.0, 0.8)),
             VisionLost,
+        ),
+        (
+            // A gust that leaves less than a third of the friction of 0.4 to the slope.
+            with(|s| (s.wind_mps2, s.deck.as_mut().unwrap().clearance_m) = (2.8, 1.2)),
+            TooWindy,
         ),
     ] {
         let d = run(DESCENT, &s, 2.0);
