@@ -69,6 +69,13 @@ impl Climb {
         self.z += 0.5 * (before + self.velocity) * dt;
     }
 
+    /// The constant deceleration (m/s²) by which a drone that sinks at `sinking` relative to the deck, `clearance` above it,
+    /// meets it at `least`: `a = (v0² - v²) / 2 h`, within its bound; 0 when it is slower.
+    pub(crate) fn braking(&self, sinking: f64, clearance: f64, least: f64) -> f64 {
+        let spare = sinking.max(0.0).powi(2) - least.powi(2);
+        (spare.max(0.0) / (2.0 * clearance.max(0.01))).min(self.acceleration)
+    }
+
     /// The speed (m/s) at which a drone that sinks at `sinking` relative to the deck, `clearance` above it, meets it when it
     /// brakes from now on, no slower than `least`: `v² = v0² - 2 a h`.
     pub(crate) fn braked(&self, sinking: f64, clearance: f64, least: f64) -> f64 {
@@ -148,6 +155,21 @@ mod tests {
         assert!(touch.is_some_and(|v| (0.05..=0.5).contains(&v)), "{touch:?}");
         // Away from a deck that it stands on: no impact.
         assert_eq!(contact(0.0, 0.0, |_| (-1.3, 0.0)), None);
+    }
+
+    #[test]
+    fn braking_ends_at_the_least_speed_on_the_deck() {
+        let drone = DroneGeometry::default();
+        let climb = Climb::new(-2.0, 2.0, &drone);
+        let (mut v, mut h) = (2.0_f64, 0.8_f64);
+        while h > 0.0 {
+            v -= climb.braking(v, h, 0.5) * 1e-3;
+            h -= v * 1e-3;
+        }
+        assert!((v - 0.5).abs() < 0.03, "{v}");
+        assert_eq!(climb.braking(0.4, 0.8, 0.5), 0.0);
+        // No more than its bound, at whatever height.
+        assert_eq!(climb.braking(9.0, -1.0, 0.5), climb.acceleration);
     }
 
     #[test]

@@ -36,7 +36,7 @@ use serde::{Deserialize, Serialize};
 use crate::escape::{BELOW_M, Climb, contact_speed};
 use crate::odometry::origin::OriginResets;
 use crate::surroundings::{escape_velocity, ring_m};
-use attitude::{rates_of, upright};
+use attitude::{attitude_of_thrust, rates_of, upright};
 use delay::Delay;
 use estimate::FlightEstimator;
 use lag::AttitudeLagEstimator;
@@ -129,6 +129,10 @@ pub struct Pilot {
 
 /// Steps further apart than this count as this long: a pilot that was away must not jump, s.
 const MAX_STEP_S: f64 = 0.05;
+/// A plan older than this, five periods of the planner, brakes by an old forecast of the deck, s.
+const OLD_PLAN_S: f64 = 0.1;
+/// A landing without a plan has braked so long before its contact as one with a plan, s.
+const SOFT_S: f64 = 0.2;
 
 impl Pilot {
     /// A pilot of the drone described by `geometry`.
@@ -370,18 +374,50 @@ impl Pilot {
         }
     }
 
-    /// Without a plan, committed to the deck: level with it, sinking onto it.
+    /// Onto the deck without a plan: braked at a constant rate to the speed of a soft contact, level, and in the end aligned
+    /// with the deck.
     fn sinking(&self, body: &Body, below: &DeckBelow) -> PlanStage {
-        let up = below.stage.normal();
-        let velocity = Vector3::from(below.stage.velocity) - up * self.config.safety.sink_mps;
+        let least = self.config.safety.sink_mps;
+        let (up, sinks) = (below.stage.normal(), -below.normal_speed);
+        let climb = Climb::new(body.position.z, body.velocity.z, &self.geometry);
+        let braking = climb.braking(sinks, below.clearance - SOFT_S * least, least);
         let (_, _, yaw) = body.attitude.euler_angles();
-        PlanStage {
+        let mut stage = PlanStage {
             position: body.position.into(),
-            velocity: velocity.into(),
-            acceleration: below.stage.acceleration,
+            velocity: (Vector3::from(below.stage.velocity) - up * least.max(sinks)).into(),
+            acceleration: (Vector3::from(below.stage.acceleration) + up * braking).into(),
             euler: [0.0, 0.0, yaw],
             euler_rates: [0.0; 3],
+        };
+        self.align(&mut stage, below);
+        stage
+    }
+
+    /// Tilts the attitude of `stage` towards the deck's, from the clearance down at which the feedback fades out.
+    fn align(&self, stage: &mut PlanStage, below: &DeckBelow) {
+        let near = 1.0 - (below.clearance / self.config.tracking.fade_clearance_m).clamp(0.0, 1.0);
+        let [roll, pitch, yaw] = stage.euler;
+        let deck = attitude_of_thrust(&below.stage.normal(), yaw).euler_angles();
+        stage.euler = [
+            roll + near * (deck.0 - roll),
+            pitch + near * (deck.1 - pitch),
+            yaw,
+        ];
+    }
+
+    /// Whether the plan's `stage` has to brake: it sinks onto the deck, faster than a soft contact, by a forecast that is not
+    /// the newest any more. Then it brakes and aligns by the newest.
+    fn renewed(&self, stage: &mut PlanStage, body: &Body, below: &DeckBelow) -> bool {
+        let relative = Vector3::from(stage.velocity) - Vector3::from(below.stage.velocity);
+        let brakes = -relative.dot(&below.stage.normal()) > self.config.safety.sink_mps;
+        if brakes {
+            let own = self.sinking(body, below);
+            stage.position[2] = own.position[2];
+            stage.velocity[2] = own.velocity[2];
+            stage.acceleration[2] = own.acceleration[2];
+            self.align(stage, below);
         }
+        brakes
     }
 
     /// Learns hover thrust, lag and disturbance from new odometry in free flight.
@@ -505,6 +541,7 @@ impl Pilot {
             .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
         let flare = mission.state == State::Flare;
         let committed = close && (flare || landed);
+        let lands = mission.state.phase() == Phase::Landing;
         if silent {
             let softer = || below.is_some_and(|b| self.lands_softer(now, body, b));
             self.completes = committed && (plan.is_some() || softer());
@@ -529,7 +566,7 @@ impl Pilot {
             (Some((plan, stage)), Output::Attitude, _) => {
                 let c = &self.config.tracking;
                 let then = self.acts_at(now);
-                let authority = Authority {
+                let mut authority = Authority {
                     planned: plan.disturbance.into(),
                     ..match self.below(then, body).as_ref().or(below) {
                         Some(b) if flare => Authority::flare(b.clearance, c),
@@ -542,16 +579,24 @@ impl Pilot {
                 if let Some(then) = plan.sample(then + Span::from_secs(c.thrust_lag_s)) {
                     led.acceleration[2] = then.acceleration[2];
                 }
+                let old = self.plan.age_s(now) > OLD_PLAN_S;
+                if let Some(b) = self.below(then, body).filter(|_| old) {
+                    authority.brakes = self.renewed(&mut led, body, &b);
+                }
                 let a = self
                     .tracker
                     .track(&led, body, &self.estimate, authority, lag, dt, c);
                 self.attitude(now, Some(&stage), a, body)
             }
-            (None, _, Some(b)) if committed => {
-                let stage = self.sinking(body, b);
+            (None, _, Some(b)) if committed || lands && self.lands_softer(now, body, b) => {
+                let b = self.below(self.acts_at(now), body).unwrap_or(*b);
+                let stage = self.sinking(body, &b);
                 let c = &self.config.tracking;
                 let lag = self.config.lag.design_s;
-                let authority = Authority::descent(c);
+                let authority = Authority {
+                    brakes: true,
+                    ..Authority::flare(b.clearance, c)
+                };
                 let a = self
                     .tracker
                     .track(&stage, body, &self.estimate, authority, lag, dt, c);

@@ -209,6 +209,46 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     assert!(s.attitude().angle() < 0.01 && s.thrust < 0.34, "{s:?}");
 }
 
+/// The thrust (of hover) so long (s) after the last plan, of a drone that sinks at 2 m/s 0.6 m above a resting deck, as its
+/// plan does, or more softly, tilted by `tilt`.
+fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
+    let geometry = DroneGeometry::default();
+    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
+    let mut thrust = 0.0;
+    for k in 0..=(20 + (100.0 * age_s) as u32) {
+        let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
+        let mut input = everything(k, now, State::Flare, 0.6);
+        let d = input.drone.as_mut().unwrap();
+        let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.0);
+        d.velocity = [0.0, 0.0, 2.0];
+        d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
+        let stage = PlanStage {
+            position: d.position,
+            velocity: [0.0, 0.0, planned_mps],
+            ..PlanStage::default()
+        };
+        let new = |p: Plan| plan(p.header, |_| stage);
+        input.plan = input.plan.map(new).filter(|_| k <= 20);
+        thrust = pilot.step(now, &input).set_point.unwrap().thrust;
+    }
+    thrust * geometry.max_thrust_n / (geometry.mass_kg * GRAVITY)
+}
+
+#[test]
+fn pilot_brakes_a_plan_that_is_not_renewed_by_the_newest_forecast() {
+    let followed = thrust_of_old_plan(0.05, 2.0, 0.0);
+    assert!((0.9..1.1).contains(&followed), "{followed}");
+    // (2² - 0.5²) / 2 (0.6 - 0.1) m/s² within half of what the rotors have beyond hover.
+    let braked = thrust_of_old_plan(0.2, 2.0, 0.0);
+    assert!((1.3..1.5).contains(&braked), "{braked}");
+    // Tilted by 0.5 rad the same force up takes more thrust.
+    let tilted = thrust_of_old_plan(0.2, 2.0, 0.5);
+    assert!(tilted > 1.1 * braked, "{tilted}");
+    // A plan that brakes harder already is followed.
+    let soft = thrust_of_old_plan(0.2, 0.2, 0.0);
+    assert!(soft > braked, "{soft}");
+}
+
 /// A second after plan and mission were lost in the flare, 0.3 m above a deck that rests and then rises at `rise_mps2`.
 fn alone(rise_mps2: f64) -> SetPoint {
     after(State::Flare, 0.3, 1.0, |i| {

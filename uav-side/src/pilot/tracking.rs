@@ -46,6 +46,8 @@ pub(crate) struct Authority {
     pub(crate) planned: Vector2<f64>,
     /// Whether the integral may move.
     pub(crate) integrate: bool,
+    /// The vertical force comes before the horizontal one, at any attitude.
+    pub(crate) brakes: bool,
 }
 
 impl Authority {
@@ -56,6 +58,7 @@ impl Authority {
             disturbance: 1.0,
             planned: Vector2::zeros(),
             integrate: true,
+            brakes: false,
         }
     }
     /// In the flare, fading linearly below `fade_clearance_m`.
@@ -67,6 +70,7 @@ impl Authority {
             disturbance: mix(c.contact_disturbance_fraction, 1.0),
             planned: Vector2::zeros(),
             integrate: clearance > c.fade_clearance_m,
+            brakes: false,
         }
     }
 }
@@ -140,7 +144,13 @@ impl Tracker {
         // Only the part along the drone's present up axis acts (Lee et al. 2010), and of that the air
         // gives the lift.
         let up = body.attitude * -Vector3::z();
-        let along = thrust.dot(&up) - estimate.lift() / (-up.z).max(0.5);
+        let upright = (-up.z).max(0.5);
+        let least = if authority.brakes {
+            -thrust.z / upright
+        } else {
+            0.0
+        };
+        let along = thrust.dot(&up).max(least) - estimate.lift() / upright;
         AttitudeCommand {
             attitude,
             rates: rates_of(&stage.euler, &stage.euler_rates),
