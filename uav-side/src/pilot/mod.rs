@@ -588,14 +588,20 @@ impl Pilot {
                     .track(&led, body, &self.estimate, authority, lag, dt, c);
                 self.attitude(now, Some(&stage), a, body)
             }
-            (None, _, Some(b)) if committed || lands && self.lands_softer(now, body, b) => {
+            (None, _, Some(b))
+                if committed && self.hold.is_none() || lands && self.lands_softer(now, body, b) =>
+            {
                 let b = self.below(self.acts_at(now), body).unwrap_or(*b);
                 let stage = self.sinking(body, &b);
                 let c = &self.config.tracking;
                 let lag = self.config.lag.design_s;
                 let authority = Authority {
                     brakes: true,
-                    ..Authority::flare(b.clearance, c)
+                    ..if b.clearance < c.fade_clearance_m {
+                        Authority::flare(b.clearance, c)
+                    } else {
+                        Authority::descent(c)
+                    }
                 };
                 let a = self
                     .tracker

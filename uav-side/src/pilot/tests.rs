@@ -209,6 +209,24 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     assert!(s.attitude().angle() < 0.01 && s.thrust < 0.34, "{s:?}");
 }
 
+#[test]
+fn pilot_that_climbs_without_a_plan_is_not_committed_by_a_deck_that_comes_near() {
+    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let mut last = SetPoint::default();
+    for k in 0..200 {
+        let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
+        let (state, height) = if k < 170 {
+            (State::Descent, 1.0)
+        } else {
+            (State::Flare, 0.6)
+        };
+        let mut input = everything(k, now, state, height);
+        input.plan = input.plan.filter(|_| k < 100);
+        last = pilot.step(now, &input).set_point.unwrap();
+    }
+    assert_eq!((last.kind, last.velocity[2]), (SetPointKind::Trajectory, -3.0));
+}
+
 /// The thrust (of hover) so long (s) after the last plan, of a drone that sinks at 2 m/s 0.6 m above a resting deck, as its
 /// plan does, or more softly, tilted by `tilt`.
 fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
