@@ -405,19 +405,19 @@ impl Pilot {
         ];
     }
 
-    /// Whether the plan's `stage` has to brake: it sinks onto the deck, faster than a soft contact, by a forecast that is not
-    /// the newest any more. Then it brakes and aligns by the newest.
-    fn renewed(&self, stage: &mut PlanStage, body: &Body, below: &DeckBelow) -> bool {
+    /// The `stage` of a plan that is not renewed, braked and aligned by the newest forecast; None when it sinks no faster than
+    /// a soft contact.
+    fn renewed(&self, stage: &PlanStage, body: &Body, below: &DeckBelow) -> Option<PlanStage> {
         let relative = Vector3::from(stage.velocity) - Vector3::from(below.stage.velocity);
-        let brakes = -relative.dot(&below.stage.normal()) > self.config.safety.sink_mps;
-        if brakes {
-            let own = self.sinking(body, below);
-            stage.position[2] = own.position[2];
-            stage.velocity[2] = own.velocity[2];
-            stage.acceleration[2] = own.acceleration[2];
-            self.align(stage, below);
+        if -relative.dot(&below.stage.normal()) <= self.config.safety.sink_mps {
+            return None;
         }
-        brakes
+        let (own, mut stage) = (self.sinking(body, below), *stage);
+        stage.position[2] = own.position[2];
+        stage.velocity[2] = own.velocity[2];
+        stage.acceleration[2] = own.acceleration[2];
+        self.align(&mut stage, below);
+        Some(stage)
     }
 
     /// Learns hover thrust, lag and disturbance from new odometry in free flight.
@@ -566,9 +566,10 @@ impl Pilot {
             (Some((plan, stage)), Output::Attitude, _) => {
                 let c = &self.config.tracking;
                 let then = self.acts_at(now);
+                let ahead = self.below(then, body);
                 let mut authority = Authority {
                     planned: plan.disturbance.into(),
-                    ..match self.below(then, body).as_ref().or(below) {
+                    ..match ahead.as_ref().or(below) {
                         Some(b) if flare => Authority::flare(b.clearance, c),
                         Some(_) | None => Authority::descent(c),
                     }
@@ -580,8 +581,9 @@ impl Pilot {
                     led.acceleration[2] = then.acceleration[2];
                 }
                 let old = self.plan.age_s(now) > OLD_PLAN_S;
-                if let Some(b) = self.below(then, body).filter(|_| old) {
-                    authority.brakes = self.renewed(&mut led, body, &b);
+                let ahead = ahead.filter(|_| old);
+                if let Some(braked) = ahead.and_then(|b| self.renewed(&led, body, &b)) {
+                    (led, authority.brakes) = (braked, true);
                 }
                 let a = self
                     .tracker

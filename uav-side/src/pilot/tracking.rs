@@ -145,12 +145,11 @@ impl Tracker {
         // gives the lift.
         let up = body.attitude * -Vector3::z();
         let upright = (-up.z).max(0.5);
-        let least = if authority.brakes {
-            -thrust.z / upright
-        } else {
-            0.0
-        };
-        let along = thrust.dot(&up).max(least) - estimate.lift() / upright;
+        let mut along = thrust.dot(&up);
+        if authority.brakes {
+            along = along.max(-thrust.z / upright);
+        }
+        let along = along - estimate.lift() / upright;
         AttitudeCommand {
             attitude,
             rates: rates_of(&stage.euler, &stage.euler_rates),
