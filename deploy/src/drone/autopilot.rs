@@ -1,5 +1,6 @@
 //! The link to a real autopilot as a process, in place of the simulated one: bytes of the link to the
-//! node and back, the node's output to the topics that predictor, mission, planner and pilot read.
+//! node and back, the node's output to the topics that predictor, mission, planner and pilot read. What it must
+//! not forget goes to the supervisor, which says it again to a link that begins.
 //! Its metrics: uncertainty of the autopilot's clock (s), samples rejected, resets of its clock, hover thrust,
 //! set-points sent, times the link was reopened.
 
@@ -7,7 +8,7 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, MissionState, RangeSample, Seq, SetPoint,
+    AutopilotState, DeckForecast, DroneState, LinkMemory, MissionState, RangeSample, Seq, SetPoint,
 };
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
@@ -62,6 +63,9 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut set_points = memory.subscriber::<SetPoint>()?;
     let mut missions = memory.subscriber::<MissionState>()?;
     let mut forecasts = memory.subscriber::<DeckForecast>()?;
+    // What the link before this one wrote; None: this one writes, and what it hears there are its own words.
+    let mut before = Some(memory.subscriber::<LinkMemory>()?);
+    let mut memories = memory.publisher::<LinkMemory>()?;
     let mut odometry = memory.publisher::<DroneState>()?;
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
@@ -81,8 +85,10 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
         input.set_point = set_points.newest(t);
         input.mission = missions.newest(t);
         input.forecast = forecasts.newest(t);
+        input.memory = before.as_mut().and_then(|before| before.newest(t));
         if input.received.is_empty()
             && input.set_point.is_none()
+            && input.memory.is_none()
             && steady_ns() - stepped_ns < MAX_STEP_PERIOD_NS
         {
             if !memory.wait(IDLE_WAIT) {
@@ -101,12 +107,16 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
                     link.write(steady_ns(), &bytes);
                 }
             }
+            memories.send_any(out.memory.as_ref());
             out.ranges.iter().for_each(|m| ranges.send(m));
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
             out.odometry.iter().for_each(|m| odometry.send(m));
             !input.received.is_empty()
         });
+        if out.memory.is_some() {
+            before = None;
+        }
         for text in out.texts.iter().chain(link.last_error().as_ref()) {
             info!("autopilot: {text}");
         }
@@ -126,7 +136,8 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
                 forecasts.statistics().state(t),
             ]
         };
-        let unsent = link.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
+        let unsent =
+            link.unsent() + memories.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
         let report = process.state(inputs, unsent);
         reports.send_any(report.as_ref());
     }

@@ -2,7 +2,7 @@
 //!
 //! One service and not one per process: the services of shared memory have to be created by one
 //! process before any other opens them, and what a killed process left has to be cleaned up while none
-//! lives. The supervisor restarts a process that ended, within 0.1 s at first, and kills one that reports
+//! lives. The supervisor restarts a process that ended, at once after a long run, and kills one that reports
 //! nothing for too long, so that it is restarted too; systemd watches the supervisor.
 
 pub mod autopilot;
@@ -37,7 +37,7 @@ use crate::process::supervision::Limits;
 use crate::process::supervisor::{self, Event, Supervisor};
 
 /// Time between two looks of the supervisor.
-const POLL_PERIOD: Duration = Duration::from_millis(50);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 impl Supervision {
     /// The scheduling of `kind`; `permitted` says whether the system permits real-time priorities.

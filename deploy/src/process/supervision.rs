@@ -6,11 +6,11 @@ use alight_shared::time::{Clock, Span, Time};
 use alight_shared::transport::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
-/// Delay before the first restart; doubles with each further failure.
+/// Delay before a process is started again that had not run for long; doubles with each further failure.
 const INITIAL_BACKOFF: Span = Span::from_millis(100);
 /// Longest delay before a restart.
 const MAX_BACKOFF: Span = Span::from_millis(2000);
-/// A process that ran for this long started well: its delay is the first again.
+/// A process that ran for this long started well: it is started again at the next look.
 const STABLE_RUN: Span = Span::from_millis(5000);
 
 /// The operating system's steady clock.
@@ -82,16 +82,18 @@ impl Child {
     fn on_exit(&mut self, now: Time<SteadyClock>) {
         self.was_running = false;
         if now - self.started > STABLE_RUN {
-            (self.backoff, self.failures) = (INITIAL_BACKOFF, 0);
+            (self.backoff, self.failures) = (Span::ZERO, 0);
         }
         self.failures = self.failures.saturating_add(1);
         self.due = now + self.backoff;
-        self.backoff = (self.backoff * 2).min(MAX_BACKOFF);
+        self.backoff = (self.backoff * 2).clamp(INITIAL_BACKOFF, MAX_BACKOFF);
     }
     fn step(&mut self, now: Time<SteadyClock>, seen: &Observed, limits: &Limits) -> Option<Action> {
         if !seen.running {
             if self.was_running {
+                // What it left in shared memory is cleaned up before the next begins.
                 self.on_exit(now);
+                return None;
             }
             // A simulated world that ended has lost its state: starting it again would be another flight.
             if self.starts > 0 && self.kind == ProcessKind::World || now < self.due {
@@ -207,9 +209,12 @@ mod tests {
         for ms in (8000..20_000).step_by(10) {
             assert!(node.step(at(ms), &observed(PILOT, true, Some(ms))).is_empty());
         }
-        assert!(node.step(at(20_000), &observed(PILOT, false, None)).is_empty());
-        let again = node.step(at(20_100), &observed(PILOT, false, None));
-        assert_eq!(again, [Action::Start(PILOT)]);
+        // Without a delay after a run that was long, and then with the first.
+        let starts = (20_000..20_200).step_by(10).filter(|&ms| {
+            let actions = node.step(at(ms), &observed(PILOT, false, None));
+            actions == [Action::Start(PILOT)]
+        });
+        assert_eq!(starts.collect::<Vec<_>>(), [20_010, 20_120]);
     }
 
     #[test]

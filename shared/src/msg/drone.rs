@@ -132,6 +132,43 @@ pub struct AutopilotState {
     pub parameters: Reason,
 }
 
+/// What the link to the autopilot must not forget: its successor goes on commanding before the autopilot's own
+/// failsafe begins.
+///
+/// It is written 50 times a second, outlives its writer where that keeps it (the supervisor), and is judged by the
+/// successor before it counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct LinkMemory {
+    /// Identity of the writer and time of writing; boot 0: nobody has written yet.
+    pub header: Header<DroneClock>,
+    /// The autopilot follows our set-points: armed, and in the mode that a person gave.
+    pub commanding: bool,
+    /// The vehicle's MAVLink system.
+    pub vehicle: u8,
+    /// Its `MAV_AUTOPILOT`.
+    pub autopilot: u8,
+    /// Its own opinion of where it is.
+    pub landed: LandedState,
+    /// Our clock less the autopilot's, ns.
+    pub clock_offset_ns: i64,
+    /// By how much that errs at most, s.
+    pub clock_error_s: f64,
+    /// Where the autopilot's NED begins, drone's NED, m.
+    pub origin: [f64; 3],
+    /// Jumps of its position estimate, as reported to the other nodes.
+    pub origin_resets: u8,
+    /// The same as it counts them, where it does.
+    pub reported_resets: Option<u8>,
+    /// Smooth odometry less the autopilot's: position (m) and velocity (m/s), NED; and the bias of its
+    /// acceleration, m/s².
+    pub smoothing: [[f64; 3]; 3],
+    /// Collective thrust that hovers, 0 to 1.
+    pub hover_thrust: f64,
+    /// For so long it was identified, s.
+    pub hover_learned_s: f64,
+}
+
 /// How a solve ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
@@ -322,6 +359,12 @@ message!(AutopilotState, DroneClock, |m| {
     FRACTION.contains(&m.battery) => "battery",
     FRACTION.contains(&m.thrust) => "thrust",
     FRACTION.contains(&m.hover_thrust) => "hover_thrust",
+});
+message!(LinkMemory, DroneClock, |m| {
+    (0.0..=1.0).contains(&m.clock_error_s) => "clock_error_s",
+    within(&m.origin, MAX_POSITION_M) => "origin",
+    m.smoothing.iter().all(|s| within(s, MAX_SPEED_MPS)) => "smoothing",
+    FRACTION.contains(&m.hover_thrust) && m.hover_learned_s >= 0.0 => "hover_thrust or hover_learned_s",
 });
 message!(Plan, DroneClock, |m| {
     m.step > Span::ZERO => "step",

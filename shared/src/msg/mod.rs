@@ -46,8 +46,8 @@ pub use deck::{
     RangeSample, Source, TagPose, UvdarFix,
 };
 pub use drone::{
-    AutopilotMode, AutopilotState, DroneState, LandedState, Motors, PLAN_STAGES, Plan, PlanStage, SetPoint,
-    SetPointKind, Solve,
+    AutopilotMode, AutopilotState, DroneState, LandedState, LinkMemory, Motors, PLAN_STAGES, Plan, PlanStage,
+    SetPoint, SetPointKind, Solve,
 };
 pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace};
 /// Numbers of which three digits suffice.

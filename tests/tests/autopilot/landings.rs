@@ -4,6 +4,7 @@
 use std::cell::Cell;
 use std::rc::Rc;
 
+use alight_shared::msg::LinkMemory;
 use alight_shared::time::{DroneClock, Time};
 use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_sim::harness::outcome::Outcome;
@@ -41,6 +42,8 @@ pub struct Linked {
     link: Box<dyn Fn(u32) -> AutopilotLink>,
     boot: u32,
     died: bool,
+    /// What its supervisor keeps of it.
+    kept: LinkMemory,
     /// For so long its failsafe is the firmware's default, s.
     pub failsafe_after_s: f64,
 }
@@ -60,6 +63,7 @@ impl Linked {
             link: Box::new(link),
             boot: 1,
             died: false,
+            kept: LinkMemory::default(),
             failsafe_after_s: 0.0,
         }
     }
@@ -72,7 +76,14 @@ impl Linked {
             self.boot += 1;
             self.wired.link = (self.link)(self.boot);
         }
-        self.wired.step_link(self.now_s, now, input)
+        let memory = Some(self.kept);
+        let input = AutopilotIn {
+            memory,
+            ..input.clone()
+        };
+        let out = self.wired.step_link(self.now_s, now, &input);
+        self.kept = out.memory.unwrap_or(self.kept);
+        out
     }
 }
 
@@ -120,6 +131,7 @@ impl FirmwareLink for Linked {
             set_point: outputs.set_point,
             mission: outputs.mission,
             forecast: outputs.forecast,
+            memory: None,
         };
         self.step_link(now, &input);
     }

@@ -6,6 +6,7 @@ mod arbitrary;
 mod disarm;
 mod firmwares;
 mod landings;
+mod memory;
 mod pair;
 mod restarts;
 mod wired;

@@ -5,8 +5,8 @@ use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors,
-    RangeSample, Reason, ReasonCode, SetPoint, SetPointKind, State,
+    AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, LinkMemory, MissionState,
+    Motors, RangeSample, Reason, ReasonCode, SetPoint, SetPointKind, State,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_sim::autopilots::fake::{FEET_M, FakeAutopilot, HOVER};
@@ -47,6 +47,11 @@ pub struct Pair {
     pub deck_messages: usize,
     sequence: u32,
     newest: Option<DroneState>,
+    /// What the link's supervisor keeps of it.
+    pub kept: LinkMemory,
+    link: Box<dyn Fn(u32) -> AutopilotLink>,
+    boot: u32,
+    dead: bool,
 }
 
 /// A pilot that holds where the drone is.
@@ -94,10 +99,12 @@ impl Pair {
             ..DroneGeometry::default()
         };
         let odometry = OdometryConfig::default();
-        let link = AutopilotLink::new(config, &odometry, &geometry, true, datum, 1, 7);
+        let config = config.clone();
+        let link = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, datum, 1, boot);
+        let boot = 7;
         let autopilot = FakeAutopilot::new(firmware, height_m);
         Pair {
-            wired: Wired::new(link, autopilot, WIRE_S),
+            wired: Wired::new(link(boot), autopilot, WIRE_S),
             t_s: 1000.0,
             pilot: Some(hold),
             mission: State::Idle,
@@ -113,6 +120,10 @@ impl Pair {
             deck_messages: 0,
             sequence: 0,
             newest: None,
+            kept: LinkMemory::default(),
+            link: Box::new(link),
+            boot,
+            dead: false,
         }
     }
     /// Ready, in our mode, flying under our command.
@@ -125,6 +136,14 @@ impl Pair {
         p
     }
 
+    /// The link's process is dead for so long, s; then a new one begins.
+    pub fn restart_link(&mut self, away_s: f64) {
+        self.dead = true;
+        self.run(away_s);
+        self.boot += 1;
+        self.wired.link = (self.link)(self.boot);
+        self.dead = false;
+    }
     /// A person chooses the mode that takes set-points.
     pub fn give_the_mode(&mut self) {
         let a = &mut self.wired.autopilot;
@@ -134,6 +153,7 @@ impl Pair {
     pub fn authority(&self) -> ControlAuthority {
         self.wired.link.control_authority()
     }
+    #[track_caller]
     pub fn assert_commanding(&self) {
         assert!(self.authority().commands(), "{}", self.authority());
     }
@@ -156,6 +176,10 @@ impl Pair {
         self.t_s += STEP_S;
         self.wired.step_autopilot(self.t_s, 0.0);
         let mut input = self.wired.received(self.t_s);
+        if self.dead {
+            return;
+        }
+        input.memory = Some(self.kept);
         self.sequence += 1;
         let now = Time::from_secs(self.t_s);
         let header = Header::new(1, 1, 1, self.sequence, now);
@@ -198,6 +222,7 @@ impl Pair {
     }
 
     fn take(&mut self, out: AutopilotOut) {
+        self.kept = out.memory.unwrap_or(self.kept);
         for m in &out.messages {
             match m {
                 Message::Position(_) | Message::AttitudeThrust(_) => self.sent.push((self.t_s, m.clone())),

@@ -152,6 +152,10 @@ impl AuthorityStateMachine {
     pub(crate) fn since(&self) -> DroneTime {
         self.since
     }
+    /// The link before this one commanded until a moment ago: its heartbeats confirm the permission.
+    pub(crate) fn resume(&mut self) {
+        self.confirmations = CONFIRMATIONS;
+    }
     /// The drone is handed to the autopilot; only a new permission brings it back.
     pub(crate) fn divert(&mut self, now: DroneTime, to: Diversion) {
         self.revoked = Some(to);

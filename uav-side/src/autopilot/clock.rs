@@ -77,6 +77,18 @@ impl RemoteClock {
             .min_by(|a, b| a.uncertainty_s(now).total_cmp(&b.uncertainty_s(now)))?;
         Some(best.offset_ns)
     }
+    /// Ours minus theirs, ns, and by how much it may be wrong, s; None while it is not known.
+    pub(crate) fn offset(&self, now: DroneTime) -> Option<(i64, f64)> {
+        Some((self.offset_ns(now)?, self.uncertainty_s(now)))
+    }
+    /// Begins with an offset that was known at `now`, wrong by at most `error_s`.
+    pub(crate) fn resume(&mut self, now: DroneTime, offset_ns: i64, error_s: f64) {
+        self.exchanges.push_back(Exchange {
+            at: now,
+            offset_ns,
+            round_trip: Span::from_secs(2.0 * error_s),
+        });
+    }
     /// Whether samples can be dated.
     pub(crate) fn is_synchronised(&self) -> bool {
         !self.exchanges.is_empty()

@@ -38,7 +38,7 @@ pub(crate) struct DroneStateAssembler {
     attitude: Option<(DroneTime, UnitQuaternion<f64>, Vector3<f64>)>,
     odometry_at: Option<DroneTime>,
     last: Option<DroneState>,
-    reported_resets: Option<u8>,
+    pub(crate) reported_resets: Option<u8>,
     /// Jumps of the autopilot's estimate so far.
     pub(crate) resets: u8,
     /// Samples rejected.
@@ -51,6 +51,10 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 }
 
 impl DroneStateAssembler {
+    /// Goes on counting from these, as [`Self::resets`] and as the autopilot counts.
+    pub(crate) fn resume(&mut self, resets: u8, reported: Option<u8>) {
+        (self.resets, self.reported_resets) = (resets, reported);
+    }
     fn reject<T>(&mut self) -> Option<T> {
         self.rejected = self.rejected.saturating_add(1);
         None

@@ -144,12 +144,14 @@ impl AutopilotLink {
         false
     }
 
-    fn on_heartbeat(&mut self, now: DroneTime, from: Address, h: &Heartbeat) -> bool {
+    /// The autopilot of the vehicle that is to be flown has this address.
+    pub(super) fn accepts(&self, from: Address) -> bool {
         let wanted = self.config.vehicle;
-        let Some(firmware) = Firmware::of(h.autopilot, h.vehicle)
-            .filter(|_| from.component == message::AUTOPILOT_COMPONENT)
-            .filter(|_| wanted == 0 || wanted == from.system)
-        else {
+        from.component == message::AUTOPILOT_COMPONENT && (wanted == 0 || wanted == from.system)
+    }
+
+    fn on_heartbeat(&mut self, now: DroneTime, from: Address, h: &Heartbeat) -> bool {
+        let Some(firmware) = Firmware::of(h.autopilot, h.vehicle).filter(|_| self.accepts(from)) else {
             return false;
         };
         match &mut self.peer {

@@ -4,8 +4,8 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`clock`], [`streams`], [`drone_state`], [`modes`], [`parameters`] (what a landing relies
-//! on), and [`wire`] for the bytes.
+//! halves), [`memory`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
 //! COM_OF_LOSS_T for the failsafe that COM_OBL_RC_ACT names; ArduCopter stops after GUID_TIMEOUT and
@@ -18,6 +18,7 @@ mod deck;
 mod disarm;
 mod drone_state;
 mod inbound;
+mod memory;
 pub mod message;
 pub mod modes;
 mod outbound;
@@ -37,8 +38,8 @@ use alight_shared::admission::{Latest, Periodic};
 use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, MissionState, RangeSample,
-    Reason, SetPoint,
+    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LinkMemory, MissionState,
+    RangeSample, Reason, SetPoint,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -84,6 +85,8 @@ pub struct AutopilotIn {
     pub mission: Option<MissionState>,
     /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
+    /// What the link before this one wrote; boot 0: nothing is kept. Read until this one writes.
+    pub memory: Option<LinkMemory>,
 }
 
 /// What is sent.
@@ -99,6 +102,8 @@ pub struct AutopilotOut {
     pub state: Option<AutopilotState>,
     /// Readings of the rangefinder.
     pub ranges: Vec<RangeSample>,
+    /// For the link after this one.
+    pub memory: Option<LinkMemory>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
@@ -124,6 +129,7 @@ enum Output {
     Odometry,
     State,
     Range,
+    Memory,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -134,6 +140,7 @@ struct Timers {
     state: Periodic<DroneClock>,
     deck: Periodic<DroneClock>,
     origin: Periodic<DroneClock>,
+    memory: Periodic<DroneClock>,
 }
 
 /// The link's node.
@@ -147,7 +154,11 @@ pub struct AutopilotLink {
     datum: Option<Datum>,
     drone_id: u32,
     boot: u32,
-    sequences: [u32; 3],
+    sequences: [u32; 4],
+    /// When its first step was.
+    began: Option<DroneTime>,
+    /// It asks no longer for the memory of a link before it.
+    has_begun: bool,
 
     peer: Option<Peer>,
     clock: RemoteClock,
@@ -353,6 +364,7 @@ impl Node for AutopilotLink {
         let mut out = AutopilotOut::default();
         let before = (self.mode_and_arming(), self.control_authority());
         let mut heartbeat = false;
+        self.begin(now, input.memory.as_ref(), &mut out);
         for frame in input.received.iter().take(MAX_FRAMES) {
             heartbeat |= self.receive(now, frame, &mut out);
         }
@@ -382,6 +394,7 @@ impl Node for AutopilotLink {
         }
         out.texts
             .extend(self.peer.iter_mut().flat_map(|p| p.parameters.news()));
+        out.memory = self.memory(now);
         out.state = self.state_report(now, after != before, evidence.alive);
         out.texts.truncate(MAX_TEXTS);
         out.from = self.address();

@@ -26,10 +26,21 @@ impl Firmware {
         if !COPTERS.contains(&vehicle) {
             return None;
         }
-        match autopilot {
+        Firmware::of_autopilot(autopilot)
+    }
+    /// The firmware of this `MAV_AUTOPILOT` on a multirotor.
+    pub(crate) const fn of_autopilot(number: u8) -> Option<Firmware> {
+        match number {
             PX4 => Some(Firmware::Px4),
             ARDUPILOT => Some(Firmware::ArduCopter),
             _ => None,
+        }
+    }
+    /// Its `MAV_AUTOPILOT`.
+    pub(crate) const fn number(self) -> u8 {
+        match self {
+            Firmware::Px4 => PX4,
+            Firmware::ArduCopter => ARDUPILOT,
         }
     }
     /// Its name.

@@ -70,6 +70,8 @@ pub struct Parameters {
     firmware: Firmware,
     items: Vec<Item>,
     next: DroneTime,
+    /// Thrust was read as thrust before this began.
+    thrust_was_thrust: bool,
 }
 
 impl Parameters {
@@ -96,7 +98,12 @@ impl Parameters {
                 })
                 .collect(),
             next: now,
+            thrust_was_thrust: false,
         }
+    }
+    /// Until the option is reported, thrust is read as thrust, as it was until a moment ago.
+    pub(super) fn trust_thrust(&mut self) {
+        self.thrust_was_thrust = true;
     }
     /// The autopilot reported one of its parameters.
     pub fn received(&mut self, name: &str, value: ParameterValue) {
@@ -159,7 +166,7 @@ impl Parameters {
         let of_option = |i: &&Item| i.parameter.name == THRUST_OPTION;
         match self.items.iter().find(of_option).map(Item::finding) {
             None | Some(Finding::Suits) => Some(true),
-            Some(Finding::Unknown(_)) => None,
+            Some(Finding::Unknown(_)) => self.thrust_was_thrust.then_some(true),
             Some(Finding::Wrong(_)) => Some(false),
         }
     }

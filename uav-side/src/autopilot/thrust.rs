@@ -42,6 +42,15 @@ impl HoverThrust {
     pub(crate) fn value(&self) -> f64 {
         self.value
     }
+    /// The same, and for how long it was learned, s.
+    pub(crate) fn learned(&self) -> (f64, f64) {
+        (self.value, self.learned_s)
+    }
+    /// Goes on from a value that was learned for so long, s.
+    pub(crate) fn resume(&mut self, value: f64, learned_s: f64) {
+        *self = HoverThrust::new(value);
+        self.learned_s = learned_s;
+    }
     /// Learned for long enough to be reported.
     pub(crate) fn settled(&self, time_s: f64) -> bool {
         self.learned_s >= time_s

@@ -3,69 +3,26 @@
 //! A mission that begins while the drone flies goes on where the last one was, or makes itself safe from what it
 //! sees. Until it knows which, it says nothing: the pilot goes on with the last state for its validity.
 
-use core::fmt;
-
 use alight_shared::msg::{
-    AutopilotMode, Command, CommandKind, MESSAGE_VERSION, Message, MissionMemory, Phase, Reason, ReasonCode,
-    State,
+    AutopilotMode, Command, CommandKind, MissionMemory, Phase, Reason, ReasonCode, State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
-use serde::{Deserialize, Serialize};
 
 use super::config::MissionConfig;
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Situation};
+use crate::memory::{self, MemoryRefusal};
 
 /// A memory older than this says nothing about the flight now: the pilot has left the drone to its autopilot
 /// meanwhile.
 const MAX_AGE: Span = Span::from_millis(5000);
-/// A mission that begins waits so long for a memory: six periods of who keeps it ...
-const MEMORY_WAIT: Span = Span::from_millis(300);
-/// ... and so long for autopilot, odometry and forecast: five periods of the slowest.
+/// A mission that begins waits so long for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
 /// Commands kept while it waits: an abort, and of the others the newest.
 const MAX_COMMANDS: usize = 16;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
 pub(super) const AT_REST_M: f64 = 0.15;
-
-/// Why a memory does not count.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum MemoryRefusal {
-    /// Another layout.
-    Version,
-    /// Another drone's.
-    OtherDrone,
-    /// Too old, or from the future.
-    Age,
-    /// A number in it is none that a mission writes.
-    Damaged,
-}
-
-impl fmt::Display for MemoryRefusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            MemoryRefusal::Version => "of another version",
-            MemoryRefusal::OtherDrone => "another drone's",
-            MemoryRefusal::Age => "too old",
-            MemoryRefusal::Damaged => "damaged",
-        })
-    }
-}
-
-/// Whether `m` counts for drone `drone` at `now`.
-fn judge(now: DroneTime, drone: u32, m: &MissionMemory) -> Result<(), MemoryRefusal> {
-    if m.header.version != MESSAGE_VERSION || m.state.header.version != MESSAGE_VERSION {
-        return Err(MemoryRefusal::Version);
-    }
-    if m.header.drone != drone {
-        return Err(MemoryRefusal::OtherDrone);
-    }
-    if !(Span::from_millis(-50)..=MAX_AGE).contains(&(now - m.header.at)) {
-        return Err(MemoryRefusal::Age);
-    }
-    m.check().map_err(|_field| MemoryRefusal::Damaged)
-}
 
 /// A mission that does not know yet whether it is a successor.
 #[derive(Clone, Debug, Default)]
@@ -108,13 +65,13 @@ impl Beginning {
         }
         commands.iter().for_each(|c| self.keep(c));
         let waited = now - *self.since.get_or_insert(now);
-        let answered = self.answer.is_some() || waited >= MEMORY_WAIT;
+        let answered = self.answer.is_some() || waited >= memory::WAIT;
         if !answered || !(complete || waited >= EVIDENCE_WAIT) {
             return None;
         }
         // Boot 0: who keeps it has nothing.
         let memory = self.answer.filter(|m| m.header.boot != 0);
-        let refused = memory.and_then(|m| judge(now, drone, &m).err());
+        let refused = memory.and_then(|m| memory::judge(now, drone, MAX_AGE, &m).err());
         Some(Begun {
             memory: memory.filter(|_| refused.is_none()),
             refused,

@@ -22,8 +22,8 @@ mod node_tests;
 #[cfg(test)]
 mod tests;
 
+pub use crate::memory::MemoryRefusal;
 pub use config::MissionConfig;
-pub use memory::MemoryRefusal;
 
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};

@@ -69,11 +69,23 @@ struct SmoothState {
     reported: DroneState,
 }
 
+impl SmoothState {
+    fn state(&self) -> DroneState {
+        DroneState {
+            position: self.position.into(),
+            velocity: self.velocity.into(),
+            ..self.reported
+        }
+    }
+}
+
 /// The smooth odometry.
 #[derive(Clone, Debug, Default)]
 pub struct Odometry {
     config: OdometryConfig,
     smoothed: Option<SmoothState>,
+    /// What a beginning adds to the autopilot's position and velocity, and its bias.
+    first: [[f64; 3]; 3],
 }
 
 impl Odometry {
@@ -82,7 +94,20 @@ impl Odometry {
         Odometry {
             config: *config,
             smoothed: None,
+            first: [[0.0; 3]; 3],
         }
+    }
+    /// How this differs from the autopilot's odometry: position (m), velocity (m/s), and the bias (m/s²).
+    pub(crate) fn difference(&self) -> [[f64; 3]; 3] {
+        self.smoothed.map_or([[0.0; 3]; 3], |h| {
+            let position = h.position - h.reported.position();
+            let velocity = h.velocity - h.reported.velocity();
+            [position.into(), velocity.into(), h.bias.into()]
+        })
+    }
+    /// Begins with such a difference, not with the autopilot's odometry: the frame stays where it was.
+    pub(crate) fn resume(&mut self, difference: [[f64; 3]; 3]) {
+        self.first = difference;
     }
 
     /// The autopilot's odometry with smooth position and velocity:
@@ -104,8 +129,15 @@ impl Odometry {
             reported: *reported,
         };
         let Some(mut h) = self.smoothed else {
-            self.smoothed = Some(fresh);
-            return *reported;
+            let [position, velocity, bias] = self.first.map(Vector3::from);
+            let first = SmoothState {
+                position: fresh.position + position,
+                velocity: fresh.velocity + velocity,
+                bias,
+                ..fresh
+            };
+            self.smoothed = Some(first);
+            return first.state();
         };
         let dt = (reported.header.at - h.at).secs();
         let force = reported.attitude() * Vector3::from(reported.specific_force) + Vector3::z() * GRAVITY;
@@ -148,11 +180,7 @@ impl Odometry {
         h.at = reported.header.at;
         h.reported = *reported;
         self.smoothed = Some(h);
-        DroneState {
-            position: h.position.into(),
-            velocity: h.velocity.into(),
-            ..*reported
-        }
+        h.state()
     }
 
     /// A set-point of the smooth frame in the autopilot's own, for a loop that the autopilot closes:

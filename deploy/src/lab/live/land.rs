@@ -53,7 +53,7 @@ use crate::terminal::{self, note};
 /// The world's time zero lies this much in the future when the processes start, ns.
 const START_DELAY_NS: i64 = 1_500_000_000;
 /// The supervisor looks after things this often.
-const SUPERVISION_PERIOD: Duration = Duration::from_millis(50);
+const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
 /// A process that a fault met has this long to be heard again after the landing, ns.
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 /// A process that reports nothing for this long is killed, s: longer than a start takes on a busy computer.

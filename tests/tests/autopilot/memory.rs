@@ -1,0 +1,88 @@
+//! A link whose process ends in flight: the next one commands on, or begins anew.
+
+use alight_shared::frames::Datum;
+use alight_shared::msg::{LinkMemory, State};
+use alight_sim::autopilots::fake::FakeAutopilot;
+use nalgebra::Vector3;
+
+use crate::pair::{Pair, lead};
+use crate::{BOTH, config};
+
+/// A restart takes so long, s.
+const AWAY_S: f64 = 0.2;
+
+#[test]
+fn link_that_begins_with_a_memory_commands_at_once_in_the_same_frame() {
+    for firmware in BOTH {
+        let mut p = Pair::at(firmware, 5.0, &config(), Some(Datum::new(43.5, 16.3, 5.0)));
+        p.wired.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
+        p.run(5.0);
+        p.give_the_mode();
+        p.run(1.0);
+        p.assert_commanding();
+        p.pilot = Some(lead);
+        p.mission = State::Tracking;
+        p.run(4.0);
+        p.assert_commanding();
+        let (_, before) = *p.odometry.last().unwrap();
+        p.restart_link(AWAY_S);
+        let (began_s, known) = (p.t_s, p.odometry.len());
+        p.run(1.0);
+        let (at_s, _) = *p.sent.iter().find(|(t, _)| *t > began_s).unwrap();
+        assert!(at_s - began_s <= 0.03, "{firmware:?}: {} s", at_s - began_s);
+        let (t_s, first) = p.odometry[known];
+        assert!(t_s - began_s <= 0.03, "{firmware:?}: {} s", t_s - began_s);
+        let moved = before.position() + before.velocity() * (first.header.at - before.header.at).secs();
+        assert!(
+            (first.position() - moved).norm() < 0.05,
+            "{firmware:?}: {:?}",
+            first.position() - moved
+        );
+        let resets = p.states.iter().map(|s| s.origin_resets);
+        assert_eq!(resets.min(), Some(p.state().origin_resets));
+        p.assert_commanding();
+        assert!(p.state().hover_thrust > 0.0);
+    }
+}
+
+#[test]
+fn link_that_begins_with_a_memory_gives_way_to_who_took_the_drone_meanwhile() {
+    for firmware in BOTH {
+        let mut p = Pair::commanding(firmware, 5.0, &config());
+        p.mission = State::Tracking;
+        // The report of the mode finds no link; the next one is due within half a second.
+        p.wired.cut = true;
+        let a = &mut p.wired.autopilot;
+        assert!(a.choose(FakeAutopilot::manual_mode(firmware)));
+        p.restart_link(AWAY_S);
+        p.wired.cut = false;
+        let began_s = p.t_s;
+        p.run(3.0);
+        assert!(!p.authority().commands(), "{}", p.authority());
+        assert_eq!(p.sent_since(began_s + 1.1), 0, "{firmware:?}");
+    }
+}
+
+#[test]
+fn link_begins_anew_where_the_memory_does_not_count() {
+    type Change = fn(&mut LinkMemory);
+    let cases: [(&str, f64, Change); 7] = [
+        ("too old", 0.6, |_| {}),
+        ("not commanding", AWAY_S, |m| m.commanding = false),
+        ("another drone's", AWAY_S, |m| m.header.drone = 2),
+        ("another version", AWAY_S, |m| m.header.version += 1),
+        ("damaged", AWAY_S, |m| m.origin[0] = f64::NAN),
+        ("another firmware", AWAY_S, |m| m.autopilot = 0),
+        ("nothing kept", AWAY_S, |m| *m = LinkMemory::default()),
+    ];
+    for firmware in BOTH {
+        for (what, away_s, change) in cases {
+            let mut p = Pair::commanding(firmware, 5.0, &config());
+            assert!(Vector3::from(p.kept.origin).norm() < 1e-9 && p.kept.commanding);
+            change(&mut p.kept);
+            p.restart_link(away_s);
+            p.run(0.02);
+            assert!(!p.authority().commands(), "{firmware:?}, {what}");
+        }
+    }
+}

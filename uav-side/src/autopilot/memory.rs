@@ -1,0 +1,102 @@
+//! What outlives the link's process: written while it runs, so that its successor commands again before the
+//! autopilot's own failsafe begins.
+//!
+//! A link that begins would otherwise wait for two heartbeats, the clock, the origin and ArduCopter's options.
+//! A person who took the drone meanwhile loses nothing: in another mode the autopilot follows no set-points, and
+//! its first heartbeat in that mode ends the command.
+
+use alight_shared::msg::{AutopilotMode, LinkMemory};
+use alight_shared::time::Span;
+
+use super::message::{AUTOPILOT_COMPONENT, Address};
+use super::modes::Firmware;
+use super::peer::Peer;
+use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
+use crate::memory;
+
+/// A memory older than this does not count: PX4 has left OFFBOARD meanwhile (COM_OF_LOSS_T as it is checked).
+const MAX_AGE: Span = Span::from_millis(500);
+/// Period of writing.
+const PERIOD: Span = Span::from_millis(20);
+
+impl AutopilotLink {
+    /// Takes the memory of the link before this one, once and only at the beginning. `given`: what its keeper
+    /// says; boot 0 where it keeps nothing.
+    pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkMemory>, out: &mut AutopilotOut) {
+        let began = *self.began.get_or_insert(now);
+        if self.has_begun {
+            return;
+        }
+        let given = given.filter(|m| m.header.boot != self.boot);
+        self.has_begun = given.is_some() || now - began > memory::WAIT;
+        let Some(m) = given.filter(|m| m.header.boot != 0 && m.commanding) else {
+            return;
+        };
+        match memory::judge(now, self.drone_id, MAX_AGE, m) {
+            Ok(()) => self.resume(now, m),
+            Err(why) => out.texts.push(format!(
+                "the memory of the link before this one does not count: it is {why}"
+            )),
+        }
+    }
+
+    /// Goes on where the link before this one was, unless the autopilot has said otherwise meanwhile.
+    fn resume(&mut self, now: DroneTime, m: &LinkMemory) {
+        let address = Address::new(m.vehicle, AUTOPILOT_COMPONENT);
+        let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
+            return;
+        };
+        let known = self.peer.take();
+        let mut peer = match known {
+            None => {
+                // It was alive; a heartbeat that came meanwhile is lost.
+                let mut peer = Peer::new(address, firmware, now, &self.config, self.attitudes);
+                (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
+                peer.landed = m.landed;
+                peer
+            }
+            Some(peer) => {
+                let same = (peer.address, peer.firmware) == (address, firmware);
+                if !same || peer.mode != AutopilotMode::Offboard || !peer.armed {
+                    self.peer = Some(peer);
+                    return;
+                }
+                peer
+            }
+        };
+        peer.parameters.trust_thrust();
+        self.peer = Some(peer);
+        self.clock.resume(now, m.clock_offset_ns, m.clock_error_s);
+        self.shift.get_or_insert(m.origin.into());
+        self.drone_state.resume(m.origin_resets, m.reported_resets);
+        self.smooth.resume(m.smoothing);
+        self.hover.resume(m.hover_thrust, m.hover_learned_s);
+        self.authority.resume();
+    }
+
+    /// What a successor has to know, when it is to be written.
+    pub(super) fn memory(&mut self, now: DroneTime) -> Option<LinkMemory> {
+        if !self.has_begun || !self.timers.memory.is_due_spaced(now, PERIOD) {
+            return None;
+        }
+        let header = self.header(Output::Memory, now);
+        let peer = self.peer.as_ref()?;
+        let (clock_offset_ns, clock_error_s) = self.clock.offset(now)?;
+        let (hover_thrust, hover_learned_s) = self.hover.learned();
+        Some(LinkMemory {
+            header,
+            commanding: self.control_authority().commands(),
+            vehicle: peer.address.system,
+            autopilot: peer.firmware.number(),
+            landed: peer.landed,
+            clock_offset_ns,
+            clock_error_s: clock_error_s.min(1.0),
+            origin: self.shift?.into(),
+            origin_resets: self.drone_state.resets,
+            reported_resets: self.drone_state.reported_resets,
+            smoothing: self.smooth.difference(),
+            hover_thrust,
+            hover_learned_s,
+        })
+    }
+}
