@@ -168,6 +168,8 @@ pub enum ReasonCode {
     BatteryHere,
     /// Stopped by an operator where a climb would meet the deck harder than the landing does: it is completed.
     CompletesLanding,
+    /// The deck's vertical speed may change too much before the drone has reacted, m/s.
+    SpeedUncertain,
 }
 
 /// A reason with the figure that decided and its limit.
@@ -228,6 +230,12 @@ impl fmt::Display for Reason {
             ReasonCode::TooFar => write!(f, "{v:.2} m from above the deck (limit {l:.2})"),
             ReasonCode::TooFast => write!(f, "{v:.2} m/s relative to the deck (limit {l:.2})"),
             ReasonCode::Uncertain => write!(f, "deck known to {v:.2} m only (limit {l:.2})"),
+            ReasonCode::SpeedUncertain => {
+                write!(
+                    f,
+                    "deck's speed may change by {v:.2} m/s before the drone reacts (limit {l:.2})"
+                )
+            }
             ReasonCode::Infeasible => write!(f, "deck moves too hard to follow: {v:.2} (limit {l:.2})"),
             ReasonCode::TooSteep => {
                 write!(

@@ -138,6 +138,10 @@ impl OwnState {
     }
 }
 
+/// What the deck does unforeseen for so long the drone does not follow: a tenth of a second from measurement to thrust,
+/// and two until its sink has changed.
+const REACTION: Span = Span::from_millis(300);
+
 /// The forecast deck relative to the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deck {
@@ -161,8 +165,8 @@ pub struct Deck {
     pub vision_age_s: f64,
     /// Horizontal standard deviation ahead, m.
     pub horizontal_sd_m: f64,
-    /// Vertical standard deviation ahead, m.
-    pub vertical_sd_m: f64,
+    /// By how much the deck's vertical speed may change unforeseen within the drone's reaction (1 sigma), m/s.
+    pub unforeseen_mps: f64,
     /// Greatest predicted horizontal speed over the horizon, m/s.
     pub speed_mps: f64,
     /// Greatest predicted vertical speed over the horizon, m/s.
@@ -217,6 +221,9 @@ impl Deck {
         let ahead = forecast
             .at(start + Span::from_secs(config.sd_lead_s))
             .or(forecast.stages.last().copied())?;
+        let reacted = forecast
+            .at(start + REACTION)
+            .or(forecast.stages.last().copied())?;
         let second = forecast.at(start + Span::from_secs(1.0));
         let turn = second.map_or(0.0, |s| wrap_angle(s.euler[2] - here.euler[2]).abs());
         Some(Deck {
@@ -234,7 +241,7 @@ impl Deck {
                 forecast.vision_age_s.min(forecast.radio_age_s)
             },
             horizontal_sd_m: ahead.position_sd[0].hypot(ahead.position_sd[1]),
-            vertical_sd_m: ahead.position_sd[2],
+            unforeseen_mps: reacted.acceleration_sd[2] * REACTION.secs(),
             speed_mps: speed,
             heave_mps: heave,
             acceleration_mps2: acceleration,

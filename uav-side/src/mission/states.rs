@@ -3,7 +3,8 @@
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::ReasonCode::{
     Commanded, Deviated, Infeasible, Missed, NoPlace, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying,
-    NotSteady, Operator, Reached, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Uncertain, VisionLost,
+    NotSteady, Operator, Reached, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Uncertain,
+    VisionLost,
 };
 use alight_shared::msg::{PLACES, Reason};
 use nalgebra::Vector3;
@@ -246,7 +247,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
 fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
     first_beyond([
         (Uncertain, deck.horizontal_sd_m, c.horizontal_sd_m * slack),
-        (Uncertain, deck.vertical_sd_m, c.vertical_sd_m * slack),
+        (SpeedUncertain, deck.unforeseen_mps, c.unforeseen_mps * slack),
         (Infeasible, deck.speed_mps, c.deck_speed_mps * slack),
         (Infeasible, deck.heave_mps, c.deck_heave_mps * slack),
         (

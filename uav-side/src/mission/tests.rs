@@ -3,7 +3,8 @@
 use alight_shared::msg::ReasonCode::{
     AutopilotParameter, Commanded, DeckGrantStale, DeckReserved, Deviated, DriftPredicted, ForecastStale,
     Infeasible, Missed, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotSteady, Reached,
-    SlidePredicted, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain, VisionLost,
+    SlidePredicted, SpeedUncertain, TiltExcess, TooFar, TooFast, TooSteep, TooWindy, Touchdown, Uncertain,
+    VisionLost,
 };
 use alight_shared::msg::{AutopilotMode, DECK_CLOSED};
 use nalgebra::{Vector2, Vector3};
@@ -51,7 +52,7 @@ pub(super) fn fair() -> Situation {
             radio_age_s: 0.1,
             vision_age_s: 0.05,
             horizontal_sd_m: 0.1,
-            vertical_sd_m: 0.05,
+            unforeseen_mps: 0.05,
             speed_mps: 0.5,
             heave_mps: 0.5,
             turn_radps: 0.0,
@@ -237,8 +238,8 @@ fn tracking_stable_reports_each_reason_not_to_descend() {
         (with_deck(|d| d.distance_m = 1.2), TooFar),
         (with_deck(|d| d.relative_speed_mps = 1.1), TooFast),
         (with_deck(|d| d.horizontal_sd_m = 0.7), Uncertain),
-        (with_deck(|d| d.vertical_sd_m = 0.5), Uncertain),
-        (with_deck(|d| d.vertical_sd_m = f64::NAN), Uncertain),
+        (with_deck(|d| d.unforeseen_mps = 0.2), SpeedUncertain),
+        (with_deck(|d| d.unforeseen_mps = f64::NAN), SpeedUncertain),
         (with_deck(|d| d.speed_mps = 8.0), Infeasible),
         (with_deck(|d| d.heave_mps = 4.0), Infeasible),
         (with_deck(|d| d.acceleration_mps2 = 7.0), Infeasible),
