@@ -201,6 +201,12 @@ fn link_restarted_in_descent_flare_or_at_contact_lands_or_flies_on() {
 }
 
 #[test]
+fn link_restarted_after_the_stop_before_the_failsafe_ends_disarmed() {
+    let (landed, of) = all_safe(Failing::Link, &AFTER_THE_STOP, &[0.1, 0.4]);
+    assert_eq!(landed, of);
+}
+
+#[test]
 fn link_restarted_after_the_stop_ends_disarmed_or_climbs() {
     let (landed, of) = all_safe(Failing::Link, &AFTER_THE_STOP, &[0.3, 0.6]);
     // An autopilot whose own hold has taken off from a deck that sinks is not pressed back onto it.
