@@ -64,6 +64,7 @@ impl Baseline {
             Baseline::GnssRadio(_) => MissionConfig {
                 vision_required: false,
                 horizontal_sd_m: 5.0,
+                vertical_sd_m: 5.0,
                 unforeseen_mps: 5.0,
                 flare_clearance_m: UNKNOWN_HEIGHT_M,
                 decision_clearance_m: UNKNOWN_HEIGHT_M + 0.7,

@@ -348,7 +348,7 @@ pub(super) fn frame_error(
 /// Never near enough and never certain enough to descend: it follows.
 pub(super) fn follow_only(nodes: &mut NodeConfigs) {
     nodes.drone.mission.descent_distance_m = 0.01;
-    nodes.drone.mission.unforeseen_mps = 0.01;
+    nodes.drone.mission.vertical_sd_m = 0.01;
 }
 
 pub(super) fn ticks(s: f64) -> usize {

@@ -4,7 +4,6 @@
 use std::cell::Cell;
 use std::rc::Rc;
 
-use alight_shared::msg::LinkMemory;
 use alight_shared::time::{DroneClock, Time};
 use alight_sim::autopilots::fake::FakeAutopilot;
 use alight_sim::harness::outcome::Outcome;
@@ -38,12 +37,7 @@ pub struct Linked {
     now_s: f64,
     since_s: Option<f64>,
     pub faults: Rc<Faults>,
-    /// Makes the link of a boot.
-    link: Box<dyn Fn(u32) -> AutopilotLink>,
-    boot: u32,
     died: bool,
-    /// What its supervisor keeps of it.
-    kept: LinkMemory,
     /// For so long its failsafe is the firmware's default, s.
     pub failsafe_after_s: f64,
 }
@@ -56,14 +50,11 @@ impl Linked {
         let config = AutopilotLinkConfig::default();
         let link = move |boot| AutopilotLink::new(&config, &d.odometry, &d.airframe, true, None, id, boot);
         Linked {
-            wired: Wired::new(link(1), autopilot, wire_s),
+            wired: Wired::new(link, autopilot, wire_s),
             now_s: 0.0,
             since_s: None,
             faults: Rc::default(),
-            link: Box::new(link),
-            boot: 1,
             died: false,
-            kept: LinkMemory::default(),
             failsafe_after_s: 0.0,
         }
     }
@@ -73,17 +64,9 @@ impl Linked {
             return AutopilotOut::default();
         }
         if core::mem::take(&mut self.died) {
-            self.boot += 1;
-            self.wired.link = (self.link)(self.boot);
+            self.wired.restart_link();
         }
-        let memory = Some(self.kept);
-        let input = AutopilotIn {
-            memory,
-            ..input.clone()
-        };
-        let out = self.wired.step_link(self.now_s, now, &input);
-        self.kept = out.memory.unwrap_or(self.kept);
-        out
+        self.wired.step_link(self.now_s, now, input)
     }
 }
 

@@ -78,8 +78,8 @@ fn link_begins_anew_where_the_memory_does_not_count() {
     for firmware in BOTH {
         for (what, away_s, change) in cases {
             let mut p = Pair::commanding(firmware, 5.0, &config());
-            assert!(Vector3::from(p.kept.origin).norm() < 1e-9 && p.kept.commanding);
-            change(&mut p.kept);
+            assert!(Vector3::from(p.wired.kept.origin).norm() < 1e-9 && p.wired.kept.commanding);
+            change(&mut p.wired.kept);
             p.restart_link(away_s);
             p.run(0.02);
             assert!(!p.authority().commands(), "{firmware:?}, {what}");

@@ -5,8 +5,8 @@ use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, LinkMemory, MissionState,
-    Motors, RangeSample, Reason, ReasonCode, SetPoint, SetPointKind, State,
+    AutopilotState, BatteryPlace, DeckForecast, DeckStage, DroneState, Header, MissionState, Motors,
+    RangeSample, Reason, ReasonCode, SetPoint, SetPointKind, State,
 };
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_sim::autopilots::fake::{FEET_M, FakeAutopilot, HOVER};
@@ -47,10 +47,6 @@ pub struct Pair {
     pub deck_messages: usize,
     sequence: u32,
     newest: Option<DroneState>,
-    /// What the link's supervisor keeps of it.
-    pub kept: LinkMemory,
-    link: Box<dyn Fn(u32) -> AutopilotLink>,
-    boot: u32,
     dead: bool,
 }
 
@@ -101,10 +97,9 @@ impl Pair {
         let odometry = OdometryConfig::default();
         let config = config.clone();
         let link = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, datum, 1, boot);
-        let boot = 7;
         let autopilot = FakeAutopilot::new(firmware, height_m);
         Pair {
-            wired: Wired::new(link(boot), autopilot, WIRE_S),
+            wired: Wired::new(link, autopilot, WIRE_S),
             t_s: 1000.0,
             pilot: Some(hold),
             mission: State::Idle,
@@ -120,9 +115,6 @@ impl Pair {
             deck_messages: 0,
             sequence: 0,
             newest: None,
-            kept: LinkMemory::default(),
-            link: Box::new(link),
-            boot,
             dead: false,
         }
     }
@@ -140,8 +132,7 @@ impl Pair {
     pub fn restart_link(&mut self, away_s: f64) {
         self.dead = true;
         self.run(away_s);
-        self.boot += 1;
-        self.wired.link = (self.link)(self.boot);
+        self.wired.restart_link();
         self.dead = false;
     }
     /// A person chooses the mode that takes set-points.
@@ -179,7 +170,6 @@ impl Pair {
         if self.dead {
             return;
         }
-        input.memory = Some(self.kept);
         self.sequence += 1;
         let now = Time::from_secs(self.t_s);
         let header = Header::new(1, 1, 1, self.sequence, now);
@@ -222,7 +212,6 @@ impl Pair {
     }
 
     fn take(&mut self, out: AutopilotOut) {
-        self.kept = out.memory.unwrap_or(self.kept);
         for m in &out.messages {
             match m {
                 Message::Position(_) | Message::AttitudeThrust(_) => self.sent.push((self.t_s, m.clone())),

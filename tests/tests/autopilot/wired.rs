@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use alight_shared::msg::LinkMemory;
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use alight_sim::autopilots::fake::FakeAutopilot;
@@ -25,6 +26,11 @@ impl Wire {
 /// Both ends of the wire.
 pub struct Wired {
     pub link: AutopilotLink,
+    /// What the link's supervisor keeps of it.
+    pub kept: LinkMemory,
+    /// Makes the link of a boot.
+    make: Box<dyn Fn(u32) -> AutopilotLink>,
+    boot: u32,
     pub autopilot: FakeAutopilot,
     /// Bytes are lost.
     pub cut: bool,
@@ -38,9 +44,18 @@ pub struct Wired {
 }
 
 impl Wired {
-    pub fn new(link: AutopilotLink, autopilot: FakeAutopilot, wire_s: f64) -> Wired {
+    /// `make` makes the link of a boot.
+    pub fn new(
+        make: impl Fn(u32) -> AutopilotLink + 'static,
+        autopilot: FakeAutopilot,
+        wire_s: f64,
+    ) -> Wired {
+        let boot = 7;
         Wired {
-            link,
+            link: make(boot),
+            kept: LinkMemory::default(),
+            make: Box::new(make),
+            boot,
             autopilot,
             cut: false,
             up: Wire::default(),
@@ -49,6 +64,11 @@ impl Wired {
             sequence: 0,
             wire_s,
         }
+    }
+    /// A new process of the link takes the place of the one before.
+    pub fn restart_link(&mut self) {
+        self.boot += 1;
+        self.link = (self.make)(self.boot);
     }
     fn arrived(cut: bool, wire: &mut Wire, now_s: f64) -> Vec<Vec<u8>> {
         let bytes = wire.arrived(now_s);
@@ -73,7 +93,13 @@ impl Wired {
     }
     /// One step of the link, whose messages go on the wire.
     pub fn step_link(&mut self, now_s: f64, now: Time<DroneClock>, input: &AutopilotIn) -> AutopilotOut {
-        let out = self.link.step(now, input);
+        let memory = Some(self.kept);
+        let input = AutopilotIn {
+            memory,
+            ..input.clone()
+        };
+        let out = self.link.step(now, &input);
+        self.kept = out.memory.unwrap_or(self.kept);
         for message in &out.messages {
             self.sequence = self.sequence.wrapping_add(1);
             let bytes = encode(out.from, self.sequence, message).expect("a message of ours");

@@ -7,6 +7,7 @@
 
 use alight_shared::msg::{AutopilotMode, LinkMemory};
 use alight_shared::time::Span;
+use alight_shared::topics;
 
 use super::message::{AUTOPILOT_COMPONENT, Address};
 use super::modes::Firmware;
@@ -15,7 +16,7 @@ use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::memory;
 
 /// A memory older than this does not count: PX4 has left OFFBOARD meanwhile (COM_OF_LOSS_T as it is checked).
-const MAX_AGE: Span = Span::from_millis(500);
+const MAX_AGE: Span = topics::LINK_MEMORY.stale_after;
 /// Period of writing.
 const PERIOD: Span = Span::from_millis(20);
 
@@ -46,26 +47,19 @@ impl AutopilotLink {
         let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
             return;
         };
-        let known = self.peer.take();
-        let mut peer = match known {
-            None => {
-                // It was alive; a heartbeat that came meanwhile is lost.
-                let mut peer = Peer::new(address, firmware, now, &self.config, self.attitudes);
-                (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
-                peer.landed = m.landed;
-                peer
-            }
-            Some(peer) => {
-                let same = (peer.address, peer.firmware) == (address, firmware);
-                if !same || peer.mode != AutopilotMode::Offboard || !peer.armed {
-                    self.peer = Some(peer);
-                    return;
-                }
-                peer
-            }
+        let otherwise = |p: &Peer| {
+            (p.address, p.firmware) != (address, firmware) || p.mode != AutopilotMode::Offboard || !p.armed
         };
+        if self.peer.as_ref().is_some_and(otherwise) {
+            return;
+        }
+        let peer = self.peer.get_or_insert_with(|| {
+            // It was alive; a heartbeat that came meanwhile is lost.
+            let mut peer = Peer::new(address, firmware, now, &self.config, self.attitudes);
+            (peer.mode, peer.armed, peer.landed) = (AutopilotMode::Offboard, true, m.landed);
+            peer
+        });
         peer.parameters.trust_thrust();
-        self.peer = Some(peer);
         self.clock.resume(now, m.clock_offset_ns, m.clock_error_s);
         self.shift.get_or_insert(m.origin.into());
         self.drone_state.resume(m.origin_resets, m.reported_resets);

@@ -75,11 +75,13 @@ config! {
         pub flare_speed_mps: f64 = 0.6, in 0.01..=10.0;
         /// Largest horizontal standard deviation of the predicted deck for a descent, m.
         pub horizontal_sd_m: f64 = 0.6, in 0.01..=10.0;
+        /// Largest vertical standard deviation of the predicted deck for a descent, m.
+        pub vertical_sd_m: f64 = 0.4, in 0.01..=10.0;
         /// Largest standard deviation of the change of the deck's vertical speed within the drone's reaction of
         /// 0.3 s for a descent, m/s.
         /// Source: A contact at 0.35 m/s and four of it stay below 1 m/s, the limit of a successful landing.
         pub unforeseen_mps: f64 = 0.16, in 0.01..=10.0;
-        /// The horizontal standard deviation is read this far ahead, s.
+        /// The standard deviations of place are read this far ahead, s.
         pub sd_lead_s: f64 = 1.0, in 0.0..=4.0;
         /// A descent that has begun is broken off beyond this multiple of the limits on standard
         /// deviation, deck motion and tilt.

@@ -4,7 +4,7 @@
 //! sees. Until it knows which, it says nothing: the pilot goes on with the last state for its validity.
 
 use alight_shared::msg::{
-    AutopilotMode, Command, CommandKind, MissionMemory, Phase, Reason, ReasonCode, State,
+    AutopilotMode, Command, CommandKind, MESSAGE_VERSION, MissionMemory, Phase, Reason, ReasonCode, State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -23,6 +23,14 @@ const EVIDENCE_WAIT: Span = Span::from_millis(500);
 const MAX_COMMANDS: usize = 16;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
 pub(super) const AT_REST_M: f64 = 0.15;
+
+/// Whether `m` counts for drone `drone` at `now`.
+fn judge(now: DroneTime, drone: u32, m: &MissionMemory) -> Result<(), MemoryRefusal> {
+    if m.state.header.version != MESSAGE_VERSION {
+        return Err(MemoryRefusal::Version);
+    }
+    memory::judge(now, drone, MAX_AGE, m)
+}
 
 /// A mission that does not know yet whether it is a successor.
 #[derive(Clone, Debug, Default)]
@@ -71,7 +79,7 @@ impl Beginning {
         }
         // Boot 0: who keeps it has nothing.
         let memory = self.answer.filter(|m| m.header.boot != 0);
-        let refused = memory.and_then(|m| memory::judge(now, drone, MAX_AGE, &m).err());
+        let refused = memory.and_then(|m| judge(now, drone, &m).err());
         Some(Begun {
             memory: memory.filter(|_| refused.is_none()),
             refused,

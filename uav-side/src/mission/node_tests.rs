@@ -329,6 +329,10 @@ fn successor_without_a_sound_memory_climbs_from_the_deck_and_says_why() {
         // Who keeps it has none.
         (Some(MissionMemory::default()), None),
         (change(|m| m.header.version -= 1), Some(MemoryRefusal::Version)),
+        (
+            change(|m| m.state.header.version -= 1),
+            Some(MemoryRefusal::Version),
+        ),
         (change(|m| m.header.drone = 2), Some(MemoryRefusal::OtherDrone)),
         (change(|m| m.header.at = at(4.0)), Some(MemoryRefusal::Age)),
         (change(|m| m.header.at = at(11.0)), Some(MemoryRefusal::Age)),

@@ -139,7 +139,7 @@ impl OwnState {
 }
 
 /// What the deck does unforeseen for so long the drone does not follow: a tenth of a second from measurement to thrust,
-/// and two until its sink has changed.
+/// and two tenths until its sink has changed.
 const REACTION: Span = Span::from_millis(300);
 
 /// The forecast deck relative to the drone.
@@ -165,6 +165,8 @@ pub struct Deck {
     pub vision_age_s: f64,
     /// Horizontal standard deviation ahead, m.
     pub horizontal_sd_m: f64,
+    /// Vertical standard deviation ahead, m.
+    pub vertical_sd_m: f64,
     /// By how much the deck's vertical speed may change unforeseen within the drone's reaction (1 sigma), m/s.
     pub unforeseen_mps: f64,
     /// Greatest predicted horizontal speed over the horizon, m/s.
@@ -241,6 +243,7 @@ impl Deck {
                 forecast.vision_age_s.min(forecast.radio_age_s)
             },
             horizontal_sd_m: ahead.position_sd[0].hypot(ahead.position_sd[1]),
+            vertical_sd_m: ahead.position_sd[2],
             unforeseen_mps: reacted.acceleration_sd[2] * REACTION.secs(),
             speed_mps: speed,
             heave_mps: heave,

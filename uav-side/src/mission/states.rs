@@ -247,6 +247,7 @@ fn tracking_stable(progress: &mut Progress, s: &Situation, c: &MissionConfig) ->
 fn deck_infeasible(deck: &Deck, c: &MissionConfig, slack: f64) -> Option<Reason> {
     first_beyond([
         (Uncertain, deck.horizontal_sd_m, c.horizontal_sd_m * slack),
+        (Uncertain, deck.vertical_sd_m, c.vertical_sd_m * slack),
         (SpeedUncertain, deck.unforeseen_mps, c.unforeseen_mps * slack),
         (Infeasible, deck.speed_mps, c.deck_speed_mps * slack),
         (Infeasible, deck.heave_mps, c.deck_heave_mps * slack),
