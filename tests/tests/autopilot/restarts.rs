@@ -1,4 +1,4 @@
-//! Pilot, link or its cable fail between the descent and the disarm, with one order to land: the drone ends disarmed
+//! Mission, pilot, link or its cable fail between the descent and the disarm, with one order to land: the drone ends disarmed
 //! on the deck or flies on, and is disarmed nowhere else.
 
 use std::rc::Rc;
@@ -8,7 +8,7 @@ use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::World;
+use alight_sim::harness::world::{Remembered, World};
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 
@@ -16,8 +16,9 @@ use crate::BOTH;
 use crate::landings::Linked;
 
 /// What fails.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Failing {
+    Mission,
     Pilot,
     Link,
     Cable,
@@ -94,6 +95,8 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
     world.warm_up(&mut NoTap);
     world.command(CommandKind::Land);
     let fail = |world: &mut World, failed: bool| match (failing, failed) {
+        (Failing::Mission, true) => world.kill_mission(0),
+        (Failing::Mission, false) => world.start_mission(0, &scenario, &nodes, Remembered::Kept),
         (Failing::Pilot, true) => world.kill_pilot(0),
         (Failing::Pilot, false) => world.start_pilot(0, &nodes),
         (Failing::Link, _) => faults.dead.set(failed),
@@ -113,7 +116,8 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
         }
         let o = world.observation();
         contact |= !o.contacts.is_empty();
-        let abandoned = failed_s.is_some() && over_s.is_none_or(|at| t < at + RESUME_S);
+        let abandoned =
+            failing != Failing::Mission && failed_s.is_some() && over_s.is_none_or(|at| t < at + RESUME_S);
         for c in o.contacts.iter().filter(|_| !abandoned) {
             hardest_mps = hardest_mps.max(c.normal_mps);
         }
@@ -182,6 +186,13 @@ fn all_safe(failing: Failing, cases: &[When], away_s: &[f64]) -> (usize, usize) 
         unsafe_ends.join("\n")
     );
     (landed, flights)
+}
+
+#[test]
+fn mission_away_in_the_flare_until_after_the_contact_ends_disarmed() {
+    let late = [0.3, 0.5, 0.7, 0.9].map(|s| When::In(State::Flare, s));
+    let (landed, of) = all_safe(Failing::Mission, &late, &[0.7, 0.9, 2.0]);
+    assert_eq!(landed, of);
 }
 
 #[test]

@@ -65,7 +65,6 @@ impl AutopilotLink {
     /// The evidence of contact, independent of the pilot's touchdown detection.
     fn contact(&self, now: DroneTime) -> ContactEvidence {
         let g = &self.geometry;
-        let mission = self.fresh_mission(now);
         let state = self
             .state
             .filter(|s| now - s.header.at <= topics::DRONE_STATE.stale_after);
@@ -81,7 +80,8 @@ impl AutopilotLink {
             .and_then(|p| p.thrust_now(now))
             .map(|t| thrust::fraction(t, self.config.thrust_curve));
         ContactEvidence {
-            landing: mission.is_some_and(|m| match m.state {
+            // A mission that fell silent in the flare lands still: the pilot ends the landing without it.
+            landing: self.mission.get().is_some_and(|m| match m.state {
                 State::Descent | State::Flare | State::Landed => true,
                 State::Idle
                 | State::GetAltitude
