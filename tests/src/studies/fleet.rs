@@ -25,6 +25,9 @@ const ON_DECK_M: f64 = 3.0;
 /// After the crew has closed the deck, drones know it or have no fresh grant, s.
 const KNOWN_AFTER_S: f64 = 2.5;
 
+/// After an outage of its radio the vessel has a drone's report again, s.
+const REPORTED_AFTER_S: f64 = 1.5;
+
 /// What came of a trial.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FleetReport {
@@ -87,6 +90,8 @@ struct Watched {
     in_water: bool,
     /// When somebody takes it away, s.
     taken_at: Option<f64>,
+    /// Until when its radio is out, s.
+    silent_until: f64,
 }
 
 /// A trial under way.
@@ -125,11 +130,14 @@ impl Flight {
             }
             8 => {
                 self.report.outages += 1;
+                let duration_s = self.between(5.0, 20.0);
                 let outage = StateOutage {
                     state: State::Idle,
                     after_s: 0.0,
-                    duration_s: self.between(5.0, 20.0),
+                    duration_s,
                 };
+                let watched = &mut self.drones[k];
+                watched.silent_until = watched.silent_until.max(t + duration_s);
                 self.world.radio_outage(k, &outage);
             }
             _ if self.closed.is_none() => {
@@ -141,9 +149,12 @@ impl Flight {
         }
     }
 
-    /// What is due: the crew opens the deck, a person takes a drone away that has landed.
+    /// What is due: the crew opens the deck, a person takes a drone away that has landed. To open the deck is to say that
+    /// no silent drone stands there, and the crew looks first.
     fn attend(&mut self, t: f64, nodes: &NodeConfigs) {
-        if self.closed.is_some_and(|[_, until]| t >= until) {
+        let silent = |d: &Watched| (d.on_deck || d.below) && t < d.silent_until + REPORTED_AFTER_S;
+        let seen = self.drones.iter().any(silent);
+        if self.closed.is_some_and(|[_, until]| t >= until) && !seen {
             self.closed = None;
             self.world.deck_order(DeckOrder::Open);
         }
