@@ -368,8 +368,12 @@ impl DeckArbiter {
             DeckOrder::Closed => self.closed = Some(Closure::Crew),
             DeckOrder::Open => {
                 self.closed = None;
-                // Whoever stands there and is silent, the crew does not see.
-                self.drones.retain(|d| d.is_fresh(now));
+                // Whoever is silent and stands there, the crew does not see; one that waits in the air keeps its place.
+                self.drones
+                    .retain(|d| d.is_fresh(now) || d.claim < Claim::Landing);
+                for d in self.drones.iter_mut().filter(|d| !d.is_fresh(now)) {
+                    (d.claim, d.inside) = (Claim::Away, false);
+                }
             }
         }
     }
@@ -475,8 +479,9 @@ impl Node for DeckArbiter {
                 owner: published,
                 occupied: self.occupied(now),
                 places: core::array::from_fn(|k| {
+                    // Two with one number would both go there.
                     let holder = self.drones.iter().find(|d| d.place == Some(k));
-                    holder.map_or(0, |d| d.header.drone)
+                    holder.filter(|d| !d.is_double()).map_or(0, |d| d.header.drone)
                 }),
             }),
         }

@@ -213,6 +213,13 @@ fn deck_arbiter_gives_each_drone_a_place_of_its_own_and_keeps_those_of_silent_on
     rig.run(&crowd[8..], 0.5);
     held[4] = PLACES as u32 + 1;
     assert_eq!(places(&rig), held);
+    // The crew frees the deck, not the air beside it: the second lay there.
+    rig.run(&[(2, State::Landed)], 1.0);
+    rig.run(&crowd[8..], 60.0);
+    rig.order(DeckOrder::Open);
+    rig.run(&crowd[8..], 0.5);
+    held[1] = PLACES as u32 + 2;
+    assert_eq!(places(&rig), held);
 }
 
 #[test]
@@ -328,8 +335,9 @@ fn deck_arbiter_gives_the_deck_to_neither_of_two_drones_with_one_number() {
         rig.t_s += 0.5;
         rig.sequence += 1;
         let statuses = vec![rig.status((1, State::Descent)), second(&rig, State::Approach)];
-        rig.step(statuses);
+        let grant = rig.step(statuses);
         if k >= 3 {
+            assert!(grant.is_some_and(|g| g.place(1).is_none()), "nor one place");
             assert_eq!(
                 rig.arbiter.published, DECK_CLOSED,
                 "{k}: both would take it for theirs"
