@@ -185,12 +185,17 @@ impl Supervisor {
             .map_err(fail)?;
         if let Some(output) = child.stdout.take() {
             let sender = self.lines.0.clone();
-            std::thread::spawn(move || {
+            let read = move || {
                 let lines = BufReader::new(output).lines().map_while(Result::ok);
                 lines
                     .take_while(|line| sender.send(line.clone()).is_ok())
                     .for_each(drop);
-            });
+            };
+            if let Err(e) = std::thread::Builder::new().spawn(read) {
+                // Nobody would empty its pipe.
+                let _gone = child.kill().and_then(|()| child.wait());
+                return Err(fail(e));
+            }
         }
         managed.child = Some(child);
         Ok(())
