@@ -212,8 +212,8 @@ fn here(args: &CommandArgs) -> Result<Exit, CliError> {
         if let Some(kind) = kind
             && poll % REPEAT_POLLS == 0
         {
+            // The time at which it was given stays: what the mission is told meanwhile is newer.
             header.sequence += 1;
-            header.at = now;
             commands.send(&Command { header, kind });
         }
         if !memory.wait(POLL_PERIOD) {

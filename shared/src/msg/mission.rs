@@ -10,7 +10,7 @@ use super::{
     within,
 };
 use crate::autopilot_parameters::{REQUESTS, numbered};
-use crate::time::{Clock, DroneClock, Time};
+use crate::time::{Clock, DroneClock, Span, Time};
 use crate::topics;
 
 /// States of the landing mission (Procházka et al., section IV).
@@ -419,6 +419,9 @@ pub enum CommandKind {
     /// Hold where you are (not below the tracking height over the deck).
     Hold,
 }
+
+/// An order to land within this time of an abort was given by somebody who cannot have seen the abort's effect.
+pub const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
 
 /// A command to the mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

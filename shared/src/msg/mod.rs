@@ -54,7 +54,7 @@ pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M
 pub use half::f16;
 pub use mission::{
     BatteryPlace, Command, CommandKind, DroneStatus, MissionMemory, MissionState, OperatorCommand, Phase,
-    Reason, ReasonCode, State,
+    Reason, ReasonCode, State, UNAWARE_OF_ABORT,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
 pub use seq::Seq;

@@ -30,7 +30,7 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
     MESSAGE_VERSION, MissionMemory, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve,
-    State,
+    State, UNAWARE_OF_ABORT,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -93,8 +93,8 @@ const TILT_TIME_S: f64 = 20.0;
 /// that moves for good shows in the count of origin resets.
 const LEVEL_STEP_M: f64 = 2.0;
 
-/// An order to land within this time of an abort was given by somebody who cannot have seen the abort's effect.
-const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
+/// Repetitions of one abort differ in time by the error of the clocks, at most.
+const SAME_ABORT: Span = Span::from_millis(100);
 
 /// The mission node.
 #[derive(Clone, Debug, Default)]
@@ -224,26 +224,33 @@ impl Mission {
         newest
     }
 
-    /// A command counts once, in order and while it is fresh; an abort counts however old it is. A landing that
-    /// somebody else ordered just after an abort was ordered without knowing of it.
+    /// A command counts once, in order and while it is fresh. An abort counts however old it is, also after newer
+    /// orders, but not again after them. A landing that somebody else ordered just after an abort was ordered without
+    /// knowing of it.
     fn order(&mut self, now: Time<DroneClock>, command: &Command) -> Option<CommandKind> {
         let h = &command.header;
+        let abort = command.kind == CommandKind::Abort;
+        let overtaken = self.command.is_some_and(|k| h.at < k.at);
+        let repeated = self
+            .abort
+            .is_some_and(|a| a.boot == h.boot && h.at <= a.at + SAME_ABORT);
         let known = self
             .command
-            .is_some_and(|k| (k.boot == h.boot && k.sequence == h.sequence) || (h.at < k.at));
+            .is_some_and(|k| k.boot == h.boot && k.sequence == h.sequence)
+            || overtaken && (!abort || repeated);
         let age = now - h.at;
         let fresh = (Span::from_millis(-500)..=topics::COMMAND.stale_after).contains(&age);
         let unaware = command.kind == CommandKind::Land
             && self
                 .abort
                 .is_some_and(|a| a.boot != h.boot && h.at < a.at + UNAWARE_OF_ABORT);
-        let abort = command.kind == CommandKind::Abort;
         if h.version != MESSAGE_VERSION || known || unaware || !(fresh || abort) {
             self.commands_rejected = self.commands_rejected.saturating_add(1);
             return None;
         }
-        // A damaged time far ahead must not lock out what follows.
-        let accepted = if fresh { *h } else { Header { at: now, ..*h } };
+        // A damaged time far ahead must not lock out what follows, nor a late abort let in what came before it.
+        let in_order = fresh && !overtaken;
+        let accepted = if in_order { *h } else { Header { at: now, ..*h } };
         self.command = Some(accepted);
         if abort {
             self.abort = Some(accepted);

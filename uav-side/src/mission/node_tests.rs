@@ -220,6 +220,33 @@ fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count
     assert_eq!(m.phase.state(), State::GaveUp);
 }
 
+#[test]
+fn abort_that_arrives_after_a_newer_order_counts_once() {
+    let mut m = node();
+    let mut step = |t: f64, commands: Vec<Command>| {
+        let input = MissionIn {
+            commands,
+            ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
+        };
+        m.step(at(t), &input);
+        m.phase.state()
+    };
+    let land = |boot: u32, sequence: u32, given: f64| Command {
+        header: Header::new(1, 1, boot, sequence, at(given)),
+        kind: CommandKind::Land,
+    };
+    let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
+    step(20.0, vec![land(7, 1, 20.0)]);
+    // Given before that landing, and late.
+    assert_eq!(step(21.0, vec![abort(1, 19.5)]), State::GaveUp);
+    // That landing again, by an operator who cannot know.
+    assert_eq!(step(21.5, vec![land(7, 2, 20.0)]), State::GaveUp);
+    assert_eq!(step(23.0, vec![land(7, 3, 22.9)]), State::Hold);
+    // The abort that was obeyed, again.
+    assert_eq!(step(23.2, vec![abort(2, 19.55)]), State::Hold);
+    assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
+}
+
 /// What a mission wrote that is over the deck in this state.
 fn memory(state: State, t: f64) -> MissionMemory {
     let header = Header::new(1, 1, 5, 9, at(t));

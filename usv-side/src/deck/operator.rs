@@ -2,10 +2,15 @@
 //!
 //! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most; an abort for as
 //! long as it takes, also through a new start of the vessel's process ([`PendingAbort`]). While an
-//! abort has not shown its effect, no other command reaches that drone. Each repetition bears the time at which
+//! abort has not shown its effect, no other command reaches that drone, and none that was given until then, nor a
+//! landing that somebody else orders within a second of it, counts afterwards. Each repetition bears the time at which
 //! the command was given: what the drone was told since, by whomever, is newer.
 
-use alight_shared::msg::{CommandKind, DroneStatus, Header, MESSAGE_VERSION, OperatorCommand};
+use std::collections::VecDeque;
+
+use alight_shared::msg::{
+    CommandKind, DroneStatus, Header, MESSAGE_VERSION, OperatorCommand, UNAWARE_OF_ABORT,
+};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -17,17 +22,39 @@ use super::memory::PendingAbort;
 const REPEAT_PERIOD: Span = Span::from_millis(500);
 /// A command other than an abort that shows no effect is given up after this long.
 const TIMEOUT: Span = Span::from_millis(10_000);
+/// Most commands for a drone that are remembered as void: an operator's terminal repeats its own for 12 s.
+const MAX_VOID: usize = 16;
 
-#[derive(Clone, Copy, Debug)]
+/// Boot and sequence of an operator's message.
+type Identity = (u32, u32);
+
+#[derive(Clone, Debug)]
 struct Pending {
     drone: u32,
     kind: CommandKind,
     given: Time<VesselClock>,
     next: Time<VesselClock>,
-    /// Boot and sequence of the operator's message.
-    identity: (u32, u32),
+    identity: Identity,
     /// In effect or given up: kept to recognise its repetitions.
     finished: bool,
+    /// Commands that an abort has made void, newest last: their repetitions never count.
+    void: VecDeque<Identity>,
+}
+
+impl Pending {
+    fn make_void(&mut self, identity: Identity) {
+        if self.void.len() >= MAX_VOID {
+            self.void.pop_front();
+        }
+        self.void.push_back(identity);
+    }
+    /// Whether this abort keeps a command of `kind` away at `now`.
+    fn forbids(&self, now: Time<VesselClock>, kind: CommandKind, identity: Identity) -> bool {
+        // Who gave the abort knows of it.
+        let unaware =
+            kind == CommandKind::Land && identity.0 != self.identity.0 && now - self.given < UNAWARE_OF_ABORT;
+        self.kind == CommandKind::Abort && kind != CommandKind::Abort && (!self.finished || unaware)
+    }
 }
 
 /// What arrived since the last step.
@@ -99,6 +126,7 @@ impl OperatorRelay {
                 next: now,
                 identity: a.identity,
                 finished: false,
+                void: VecDeque::new(),
             })
             .collect();
     }
@@ -108,14 +136,16 @@ impl OperatorRelay {
         let h = &command.header;
         let identity = (h.boot, h.sequence);
         let index = self.pending.iter().position(|p| p.drone == h.drone);
-        let before = index.and_then(|k| self.pending.get(k));
-        if before.is_some_and(|p| p.identity == identity) {
+        let full = index.is_none() && self.pending.len() >= MAX_DRONES;
+        let before = index.and_then(|k| self.pending.get_mut(k));
+        if before
+            .as_ref()
+            .is_some_and(|p| p.identity == identity || p.void.contains(&identity))
+        {
             return false;
         }
         let valid = h.version == MESSAGE_VERSION && h.vessel == self.vessel && h.drone != 0;
-        let aborting = before.is_some_and(|p| !p.finished && p.kind == CommandKind::Abort);
-        let full = before.is_none() && self.pending.len() >= MAX_DRONES;
-        if !valid || full || aborting && command.kind != CommandKind::Abort {
+        if !valid || full {
             self.rejected = self.rejected.saturating_add(1);
             return false;
         }
@@ -126,9 +156,21 @@ impl OperatorRelay {
             next: now,
             identity,
             finished: false,
+            void: VecDeque::new(),
         };
-        match index.and_then(|k| self.pending.get_mut(k)) {
-            Some(slot) => *slot = pending,
+        match before {
+            Some(p) if p.forbids(now, command.kind, identity) => {
+                p.make_void(identity);
+                self.rejected = self.rejected.saturating_add(1);
+                return false;
+            }
+            Some(p) => {
+                let mut before = core::mem::replace(p, pending);
+                if command.kind == CommandKind::Abort {
+                    before.make_void(before.identity);
+                }
+                p.void = before.void;
+            }
             None => self.pending.push(pending),
         }
         true
@@ -247,6 +289,35 @@ mod tests {
         assert!(step(&mut relay, 2.4, None, over).1.is_empty());
         assert!(step(&mut relay, 2.5, last, None).0);
         assert_eq!(relay.rejected(), 1);
+    }
+
+    #[test]
+    fn landing_ordered_without_knowledge_of_an_abort_never_counts() {
+        let of = |boot: u32, sequence: u32, kind: CommandKind| {
+            let mut c = command(sequence, 3, kind);
+            c.header.boot = boot;
+            Some(c)
+        };
+        let over = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+        let mut relay = OperatorRelay::new(1, 9);
+        let before = of(6, 1, CommandKind::Land);
+        assert!(step(&mut relay, 1.0, before, None).0);
+        assert!(step(&mut relay, 2.0, of(5, 1, CommandKind::Abort), None).0);
+        let meanwhile = of(7, 1, CommandKind::Land);
+        assert!(!step(&mut relay, 2.1, meanwhile, None).0);
+        assert!(step(&mut relay, 2.4, None, over).1.is_empty());
+        let just_after = of(8, 1, CommandKind::Land);
+        assert!(!step(&mut relay, 2.9, just_after, None).0);
+        // Their terminals repeat them.
+        for k in 0..24 {
+            for repeated in [before, meanwhile, just_after] {
+                let (accepted, sent) = step(&mut relay, 3.0 + 0.5 * f64::from(k), repeated, None);
+                assert!(!accepted && sent.is_empty(), "{repeated:?}");
+            }
+        }
+        assert_eq!(relay.rejected(), 2);
+        assert!(step(&mut relay, 15.0, of(7, 2, CommandKind::Land), None).0);
+        assert!(!step(&mut relay, 15.5, meanwhile, None).0);
     }
 
     #[test]
