@@ -185,8 +185,13 @@ pub(super) fn progress(m: &MissionMemory) -> Progress {
 }
 
 /// What an idle mission without a memory does about a drone that flies, or rests with motors on, near a deck: it
-/// was landing or leaving, and holding a fixed place there lets the deck rise into it. `Err`: it cannot tell yet.
-pub(super) fn safe_start(s: &Situation, c: &MissionConfig) -> Result<Option<(MissionPhase, Reason)>, ()> {
+/// was landing or leaving, and holding a fixed place there lets the deck rise into it. Where it is `landing` still, it
+/// climbs to begin anew. `Err`: it cannot tell yet.
+pub(super) fn safe_start(
+    s: &Situation,
+    landing: bool,
+    c: &MissionConfig,
+) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
         // The autopilot's own hold is a lapse of the link, after which the drone is ours again.
         ControlState::Unknown | ControlState::OtherControl(AutopilotMode::Hold) => return Err(()),
@@ -212,6 +217,9 @@ pub(super) fn safe_start(s: &Situation, c: &MissionConfig) -> Result<Option<(Mis
             committed: true,
             violated: None,
         }
+    } else if let Some(own) = s.own.filter(|_| landing) {
+        let from = own.position.xy().into();
+        MissionPhase::GetAltitude { from }
     } else {
         gave_up(s, c)
     };

@@ -423,11 +423,11 @@ impl Mission {
 
     /// What a mission without a memory, or after a lapse, decides about a drone that it finds in flight.
     fn safe_start(&mut self, s: &Situation) -> Option<Decision> {
-        if !self.unjudged || self.phase != MissionPhase::Idle || self.progress.landing {
+        if !self.unjudged || self.phase != MissionPhase::Idle {
             self.unjudged = false;
             return None;
         }
-        let found = memory::safe_start(s, &self.config);
+        let found = memory::safe_start(s, self.progress.landing, &self.config);
         self.unjudged = found.is_err();
         let (phase, why) = found.ok().flatten()?;
         Some(Decision {

@@ -345,6 +345,35 @@ fn mission_that_stood_still_in_its_flare_begins_the_landing_anew_but_not_from_th
 }
 
 #[test]
+fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_or_parameters() {
+    for (height, unfit, wanted) in [
+        (0.5, false, State::GetAltitude),
+        (0.5, true, State::GetAltitude),
+        (0.05, false, State::Flare),
+    ] {
+        let z = -1.3 - DroneGeometry::default().feet_below_m - height;
+        let mut m = node();
+        (m.phase, m.since, m.progress.landing) = (MissionPhase::DESCENT, at(9.9), true);
+        let mut step = |k: u32, mode: AutopilotMode| {
+            let t = at(10.0 + 0.01 * f64::from(k));
+            let mut input = fresh_input(k, t, [0.1, 0.0, z]);
+            input.forecast.as_mut().unwrap().radio_age_s = 9.0;
+            let a = input.autopilot.as_mut().unwrap();
+            a.mode = mode;
+            if unfit {
+                a.parameters = Reason::plain(ReasonCode::AutopilotParameterUnknown);
+            }
+            m.step(t, &input);
+            m.phase.state()
+        };
+        let ours = AutopilotMode::Offboard;
+        assert_eq!(step(1, ours).phase(), Phase::Landing);
+        assert_eq!(step(2, AutopilotMode::Hold), State::Idle);
+        assert_eq!(step(3, ours), wanted, "{height} m, {unfit}");
+    }
+}
+
+#[test]
 fn successor_without_a_sound_memory_climbs_from_the_deck_and_says_why() {
     let change = |f: fn(&mut MissionMemory)| {
         let mut m = memory(State::Descent, 9.8);
