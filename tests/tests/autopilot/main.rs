@@ -471,6 +471,12 @@ fn battery_reserve_does_not_divert_in_descent_and_flare() {
         p.wired.autopilot.battery = 0.05;
         p.run(6.0);
         assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+        // Nor while the pilot goes on without the mission.
+        p.mission_silent = true;
+        p.run(3.0);
+        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+        p.run(2.0);
+        assert!(!p.commands_of(command::SET_MODE).is_empty());
     }
 }
 

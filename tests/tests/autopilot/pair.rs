@@ -31,6 +31,8 @@ pub struct Pair {
     pub t_s: f64,
     pub pilot: Option<Pilot>,
     pub mission: State,
+    /// The mission says nothing any more.
+    pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
     /// A forecast of the deck is there.
     pub forecast: bool,
@@ -103,6 +105,7 @@ impl Pair {
             t_s: 1000.0,
             pilot: Some(hold),
             mission: State::Idle,
+            mission_silent: false,
             low_battery: None,
             forecast: true,
             states: Vec::new(),
@@ -178,7 +181,7 @@ impl Pair {
                 .newest
                 .zip(self.pilot)
                 .map(|(d, pilot)| SetPoint { header, ..pilot(&d) });
-            input.mission = Some(MissionState {
+            let mission = MissionState {
                 header,
                 state: self.mission,
                 low_battery: self.low_battery,
@@ -188,7 +191,8 @@ impl Pair {
                     ReasonCode::NotCommanded
                 }),
                 ..MissionState::default()
-            });
+            };
+            input.mission = (!self.mission_silent).then_some(mission);
             input.forecast = self.forecast.then(|| self.deck(header));
         }
         let out = self.wired.step_link(self.t_s, now, &input);

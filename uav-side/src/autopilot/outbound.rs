@@ -34,6 +34,9 @@ const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
+/// The pilot goes on for so long with a mission's last word.
+const PILOT_GOES_ON: Span = Span::from_millis(3500);
+
 /// Where the link holds on its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Held {
@@ -378,7 +381,10 @@ impl AutopilotLink {
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
-        let mission = self.fresh_mission(now).filter(|_| self.inhibited.is_none());
+        let mission = self
+            .mission
+            .fresh(now, PILOT_GOES_ON)
+            .filter(|_| self.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
         // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
         let lands = mission.is_some_and(|m| matches!(m.state, State::Descent | State::Flare | State::Landed));

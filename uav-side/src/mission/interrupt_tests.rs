@@ -356,6 +356,19 @@ fn low_battery_above_the_deck_lands_there_within_wider_limits() {
     worse.deck.as_mut().unwrap().tilt_rad = 0.8;
     let d = run(&d, &worse, 5.0);
     assert_eq!(run(&d, &worse, 5.0).phase.state(), State::TrackingStable);
+    // For that it waits until half of the reserve is left; the rest is for the next place.
+    worse.battery = Some(0.09);
+    let d = step(&d, &worse);
+    goes(&d, State::GaveUp, BatteryHome);
+    assert_eq!(d.progress.low_battery, Some(BatteryPlace::Home));
+    assert_eq!(step(DESCENT, &rough(0.09)).phase.state(), State::Descent);
+    // A deck that is nobody's is free.
+    let nobodys = with(|s| (s.battery, s.reservation) = (Some(0.15), Reservation::Others(0)));
+    goes(
+        &step(MissionPhase::APPROACH, &nobodys),
+        State::Tracking,
+        BatteryDeck,
+    );
 }
 
 #[test]

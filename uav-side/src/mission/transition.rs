@@ -102,9 +102,12 @@ fn without_data(progress: &Progress, s: &Situation, c: &MissionConfig) -> Missio
     }
 }
 
+/// Share of the reserve that is for waiting above a deck on which no descent can begin; the rest is for the next place.
+const FOR_WAITING: f64 = 0.5;
+
 /// What a battery below the reserve brings about: the first place of the configured order that can be had. The deck can
-/// while a landing is wanted, its forecast is fresh and it is neither another's nor closed; a descent that has begun is
-/// the quickest way down in any case.
+/// while a landing is wanted, its forecast is fresh, it is neither another's nor closed, and half of the reserve is left; a
+/// descent that has begun is the quickest way down in any case.
 fn low_battery(
     phase: MissionPhase,
     progress: &mut Progress,
@@ -117,8 +120,9 @@ fn low_battery(
     }
     let why = |code| Reason::new(code, b, c.battery_reserve);
     let lands = phase.state().phase() == Phase::Landing;
-    let free = !matches!(s.reservation, Reservation::Others(_));
-    let deck = s.fresh_deck().filter(|_| progress.landing && free);
+    let free = !matches!(s.reservation, Reservation::Others(holder) if holder != 0);
+    let lasts = lands || b >= (1.0 - FOR_WAITING) * c.battery_reserve;
+    let deck = s.fresh_deck().filter(|_| progress.landing && free && lasts);
     let had = |p: &&BatteryPlace| **p != BatteryPlace::Deck || deck.is_some();
     let place = c.battery_order.iter().find(had).copied();
     if lands && place != Some(BatteryPlace::Deck) {
