@@ -132,7 +132,7 @@ fn abort_is_not_lost_when_the_landing_that_it_completes_is_broken_off() {
     missed.outside_m = 0.5;
     goes(&step(&d, &missed), State::GaveUp, Deviated);
     let mut stale = low(0.8);
-    stale.forecast_age_s = 0.4;
+    stale.forecast_age_s = 1.1;
     let gone = step(&d, &stale);
     goes(&gone, State::GaveUp, ForecastStale);
     waits(&run(&gone, &fair(), 5.0), State::GaveUp, NotCommanded);
@@ -255,6 +255,35 @@ fn mission_gives_up_after_its_last_attempt() {
         State::GaveUp,
         OutOfRetries,
     );
+}
+
+#[test]
+fn landing_is_completed_for_a_moment_without_data_where_a_climb_is_worse() {
+    let harder = 2.0 * config().flare_mps;
+    for (clearance_m, climb_contact_mps, age_s, state) in [
+        (0.02, None, 0.4, State::Flare),
+        (0.02, None, 1.1, State::Hold),
+        (0.4, None, 0.4, State::Hold),
+        (0.4, Some(harder), 0.4, State::Flare),
+        (0.4, Some(harder), 1.1, State::Hold),
+    ] {
+        let deck = |s: &mut Situation| {
+            let d = s.deck.as_mut().unwrap();
+            (d.clearance_m, d.climb_contact_mps) = (clearance_m, climb_contact_mps);
+        };
+        let without_forecast = with(|s| {
+            deck(s);
+            s.forecast_age_s = age_s;
+        });
+        let without_odometry = with(|s| {
+            deck(s);
+            s.odometry_age_s = age_s;
+        });
+        for s in [without_forecast, without_odometry] {
+            let d = step(COMMITTED, &s);
+            assert_eq!(d.phase.state(), state, "{clearance_m} m, {age_s} s");
+        }
+    }
 }
 
 #[test]

@@ -11,7 +11,7 @@ use alight_shared::topics;
 
 use super::config::MissionConfig;
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
-use super::situation::{ControlState, Situation};
+use super::situation::{ControlState, Deck, Situation};
 use crate::memory::{self, MemoryRefusal};
 
 /// A memory older than this says nothing about the flight now: the pilot has left the drone to its autopilot
@@ -103,7 +103,8 @@ pub(super) fn remembered(
 }
 
 /// What becomes of a mission in `state` that was last `published`: where that is too long ago the pilot has left the plan
-/// meanwhile and climbs, and a landing is begun anew, unless it is over or the operator `stopped` it.
+/// meanwhile and climbs, and a landing is begun anew, unless it is over, a climb would meet the deck harder than the flare
+/// does, so that the pilot goes on, or the operator `stopped` it.
 pub(super) fn interrupted(
     published: DroneTime,
     state: State,
@@ -112,7 +113,7 @@ pub(super) fn interrupted(
     c: &MissionConfig,
 ) -> Option<(MissionPhase, Reason)> {
     let left = s.now - published > topics::MISSION.stale_after;
-    if !left || state.phase() != Phase::Landing || s.motors_stopped || rests(s, c) {
+    if !left || state.phase() != Phase::Landing || s.motors_stopped || completed(s, c) {
         return None;
     }
     let clearance = s.fresh_deck().map_or(0.0, |d| d.clearance_m);
@@ -124,9 +125,17 @@ pub(super) fn interrupted(
     Some((phase, Reason::new(ReasonCode::Restarted, clearance, 0.0)))
 }
 
-/// Its feet are on the deck, by the forecast.
+/// Its feet are on this deck, by the forecast.
+pub(super) fn rests_on(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
+    d.clearance_m.abs() < AT_REST_M && s.outside_m < c.lost_outside_m
+}
 fn rests(s: &Situation, c: &MissionConfig) -> bool {
-    s.fresh_deck().is_some_and(|d| d.clearance_m.abs() < AT_REST_M) && s.outside_m < c.lost_outside_m
+    s.fresh_deck().is_some_and(|d| rests_on(d, s, c))
+}
+/// The pilot completes the landing: the feet are on the deck, or a climb would meet it harder.
+fn completed(s: &Situation, c: &MissionConfig) -> bool {
+    let harder = |d: &Deck| d.climb_contact_mps.is_some_and(|v| v > c.flare_mps);
+    rests(s, c) || s.fresh_deck().is_some_and(harder)
 }
 
 fn phase_of(m: &MissionMemory, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {

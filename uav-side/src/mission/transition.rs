@@ -7,9 +7,9 @@
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
 use super::config::MissionConfig;
-use super::memory::AT_REST_M;
+use super::memory::{AT_REST_M, rests_on};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
-use super::situation::{ControlState, Reservation, Situation};
+use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
 
 /// What a step decided.
@@ -91,6 +91,17 @@ fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &Missio
         .is_some_and(|d| d.clearance_m < AT_REST_M || d.climb_contact_mps.is_some_and(|v| v > limit));
     let beneath = s.outside_m <= c.lost_outside_m && !s.motors_stopped;
     phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
+}
+
+/// Data may be this old where a landing is completed without them, s.
+const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
+
+/// Whether a landing is completed although data are old, for a moment: the feet are on the deck, or a climb would meet it
+/// harder than the flare does.
+fn completes_without_data(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
+    let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
+    let softer = |d: &Deck| rests_on(d, s, c) || d.climb_contact_mps.is_some_and(|v| v > c.flare_mps);
+    phase.state().phase() == Phase::Landing && known && s.deck.as_ref().is_some_and(softer)
 }
 
 /// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.
@@ -220,7 +231,11 @@ fn interrupt(
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => {}
     }
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
-        return Some(without_data(progress, s, c).enter(why));
+        return Some(if completes_without_data(phase, s, c) {
+            phase.stay(why)
+        } else {
+            without_data(progress, s, c).enter(why)
+        });
     }
     // Whoever commanded a hold or a stop did not ask for another place.
     let over = gives_up && (progress.stopped || !progress.is_urgent());

@@ -477,7 +477,10 @@ impl Pilot {
                 .fresh(now, limit)
                 .map(|a| self.estimate.specific(a.thrust)),
             hover_thrust: GRAVITY,
-            clearance: below.map(|b| b.clearance),
+            // A height less certain than what it is to decide is none.
+            clearance: below
+                .filter(|b| b.stage.position_sd[2] <= self.config.touchdown.clearance_veto_m)
+                .map(|b| b.clearance),
             normal_speed: below.map(|b| b.normal_speed),
         }
     }
@@ -540,8 +543,9 @@ impl Pilot {
             .filter(|_| !landed)
             .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
         let flare = mission.state == State::Flare;
-        let committed = close && (flare || landed);
         let lands = mission.state.phase() == Phase::Landing;
+        // A mission that fell silent in the descent would have gone on to the flare.
+        let committed = close && (flare || landed || silent && lands);
         if silent {
             let softer = || below.is_some_and(|b| self.lands_softer(now, body, b));
             self.completes = committed && (plan.is_some() || softer());

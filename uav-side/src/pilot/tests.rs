@@ -267,9 +267,9 @@ fn pilot_brakes_a_plan_that_is_not_renewed_by_the_newest_forecast() {
     assert!(soft > braked, "{soft}");
 }
 
-/// A second after plan and mission were lost in the flare, 0.3 m above a deck that rests and then rises at `rise_mps2`.
-fn alone(rise_mps2: f64) -> SetPoint {
-    after(State::Flare, 0.3, 1.0, |i| {
+/// A second after plan and mission were lost in this state, 0.3 m above a deck that rests and then rises at `rise_mps2`.
+fn alone(state: State, rise_mps2: f64) -> SetPoint {
+    after(state, 0.3, 1.0, |i| {
         (i.plan, i.mission) = (None, None);
         let deck = |t: f64| DeckStage {
             velocity: [0.0, 0.0, -rise_mps2 * t],
@@ -281,12 +281,15 @@ fn alone(rise_mps2: f64) -> SetPoint {
 
 #[test]
 fn pilot_without_plan_and_mission_lands_where_a_climb_would_meet_the_deck_harder() {
-    let climbs = alone(0.0);
-    let up = climbs.velocity[2];
-    assert!(climbs.kind == SetPointKind::Trajectory && up < -1.0, "{climbs:?}");
-    let lands = alone(12.0);
-    assert_eq!(lands.kind, SetPointKind::Attitude);
-    assert!((lands.velocity[2] - 0.5).abs() < 1e-9, "{lands:?}");
+    // Also one whose mission fell silent before it said flare.
+    for state in [State::Descent, State::Flare] {
+        let climbs = alone(state, 0.0);
+        let up = climbs.velocity[2];
+        assert!(climbs.kind == SetPointKind::Trajectory && up < -1.0, "{climbs:?}");
+        let lands = alone(state, 12.0);
+        assert_eq!(lands.kind, SetPointKind::Attitude);
+        assert!((lands.velocity[2] - 0.5).abs() < 1e-9, "{lands:?}");
+    }
 }
 
 #[test]
