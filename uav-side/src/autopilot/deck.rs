@@ -12,14 +12,17 @@ use super::{AutopilotLink, AutopilotOut, DroneTime};
 const DECK_PERIOD: Span = Span::from_millis(100);
 
 impl AutopilotLink {
-    /// The deck as forecast for now.
+    /// The deck as forecast for now, for as long as the newest forecast reaches: the pilot flies by no other.
     pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
-        let forecast = self.forecast.fresh(now, topics::FORECAST.stale_after)?;
+        let forecast = self.forecast.get()?;
         forecast.at(now.max(forecast.header.at))
     }
     /// Sends the deck in the autopilot's frame and at its time.
     pub(super) fn publish_deck(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if !self.config.publish_deck || !self.timers.deck.is_ready(now) || !self.clock.is_synchronised() {
+            return;
+        }
+        if self.forecast.fresh(now, topics::FORECAST.stale_after).is_none() {
             return;
         }
         let Some(d) = self.deck(now) else { return };

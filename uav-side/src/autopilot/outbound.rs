@@ -75,8 +75,6 @@ impl AutopilotLink {
         let below = state.zip(deck).map(|(s, d)| {
             let apart = s.position() - Vector3::from(d.position);
             let height = d.normal().dot(&apart) - g.feet_below_m;
-            // A height less certain than what it is to decide is none.
-            let height = (d.position_sd[2] <= self.config.disarm.height_m).then_some(height);
             (height, (s.velocity() - Vector3::from(d.velocity)).norm())
         });
         let feet = g.feet_below_m - g.rangefinder_m[2];
@@ -97,7 +95,7 @@ impl AutopilotLink {
                 | State::GaveUp => false,
             }),
             range_height: self.fresh_range(now).map(|r| r - feet),
-            forecast_height: below.and_then(|(h, _)| h),
+            forecast_height: below.map(|(h, _)| h),
             speed: below
                 .map(|(_, v)| v)
                 .or_else(|| state.map(|s| s.velocity().norm())),

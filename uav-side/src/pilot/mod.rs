@@ -477,10 +477,7 @@ impl Pilot {
                 .fresh(now, limit)
                 .map(|a| self.estimate.specific(a.thrust)),
             hover_thrust: GRAVITY,
-            // A height less certain than what it is to decide is none.
-            clearance: below
-                .filter(|b| b.stage.position_sd[2] <= self.config.touchdown.clearance_veto_m)
-                .map(|b| b.clearance),
+            clearance: below.map(|b| b.clearance),
             normal_speed: below.map(|b| b.normal_speed),
         }
     }
