@@ -12,8 +12,8 @@ use crate::common::{instance, run};
 use crate::firmware::{Flight, Flown, fly};
 use crate::landing::{directory, pid, status_when};
 
-/// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 is given back 2 s after its failsafe, and
-/// then a process that starts anew looks for the evidence.
+/// On the deck with motors on, at most, s: the autopilot denies for 1 s, PX4 comes back from its failsafe, and a
+/// process that starts anew looks for the evidence.
 const MOTORS_ON_S: f64 = 5.0;
 /// For so long from the first disarm on the autopilot denies it, s: longer than a fault waits after the stop.
 const DENIES_S: f64 = 1.0;

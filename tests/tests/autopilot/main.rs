@@ -177,13 +177,13 @@ fn silent_pilot_leaves_the_drone_to_the_failsafe_and_may_return() {
     assert_eq!(p.wired.autopilot.mode, PX4_HOLD);
     assert_eq!(
         p.authority(),
-        ControlAuthority::TakenOver {
+        ControlAuthority::Standby {
             mode: AutopilotMode::Hold
         }
     );
     // The person's choice is still OFFBOARD: PX4 returns to it with the stream.
     p.pilot = Some(hold);
-    p.run(4.0);
+    p.run(2.0);
     assert_eq!(p.wired.autopilot.mode, PX4_OFFBOARD);
     p.assert_commanding();
 }

@@ -131,6 +131,8 @@ pub(crate) struct Evidence {
     pub(crate) mode: AutopilotMode,
     /// Motors may turn.
     pub(crate) armed: bool,
+    /// Nothing was commanded for a moment.
+    pub(crate) lapsed: bool,
 }
 
 /// The state machine.
@@ -183,7 +185,7 @@ impl AuthorityStateMachine {
             ControlAuthority::LinkLost
         } else if let (true, Some(to)) = (ours, self.revoked) {
             ControlAuthority::Diverted(to)
-        } else if !ours && self.was_in_command() {
+        } else if !ours && self.was_in_command() && !self.fell_back(f) {
             ControlAuthority::TakenOver { mode: f.mode }
         } else if let (false, ControlAuthority::TakenOver { .. }) =
             (ours || now - self.since >= quiet, self.control_authority)
@@ -212,6 +214,12 @@ impl AuthorityStateMachine {
         };
         self.enter(now, next);
         self.control_authority
+    }
+    /// The autopilot holds by itself because nothing was commanded. A stream brings it back only to the mode that the
+    /// person chose, so nobody is overruled.
+    fn fell_back(&self, f: &Evidence) -> bool {
+        let commanded = self.control_authority == ControlAuthority::Commanding;
+        commanded && f.lapsed && f.mode == AutopilotMode::Hold
     }
     fn was_in_command(&self) -> bool {
         matches!(
@@ -242,6 +250,7 @@ mod tests {
         heartbeat: true,
         mode: AutopilotMode::Offboard,
         armed: true,
+        lapsed: false,
     };
 
     /// Steps 20 ms apart, each with a heartbeat.
@@ -311,6 +320,22 @@ mod tests {
                 run(&mut a, 60, &[by(mode)])[0],
                 ControlAuthority::TakenOver { mode }
             );
+        }
+    }
+
+    #[test]
+    fn authority_waits_for_no_person_when_the_autopilot_holds_because_nothing_was_commanded() {
+        for (mode, lapsed) in [
+            (AutopilotMode::Hold, true),
+            (AutopilotMode::Hold, false),
+            (AutopilotMode::Return, true),
+        ] {
+            let mut a = AuthorityStateMachine::default();
+            run(&mut a, 0, &[READY; 3]);
+            let gone = Evidence { lapsed, ..by(mode) };
+            let s = run(&mut a, 60, &[gone]);
+            assert_eq!(s[0].may_offer(), lapsed && mode == AutopilotMode::Hold, "{s:?}");
+            assert!(!s[0].commands());
         }
     }
 

@@ -69,6 +69,8 @@ const HEARTBEAT: Span = Span::from_millis(1000);
 const STATE: Span = Span::from_millis(100);
 /// What confirms or forbids our command takes no longer: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
+/// Nothing was commanded for longer than this, s: an autopilot that holds then does so by itself.
+const LAPSE_S: f64 = 0.1;
 /// Period of requests for an origin that is known: an estimator that restarts moves its origin.
 const ORIGIN: Span = Span::from_millis(5000);
 /// Period of requests for an unknown origin.
@@ -261,6 +263,7 @@ impl AutopilotLink {
             heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),
             armed: p.is_some_and(|p| p.armed),
+            lapsed: self.sent_at.is_none_or(|at| !recent(at, LAPSE_S)),
         }
     }
 
