@@ -144,7 +144,8 @@ config! {
         pub battery_reserve: f64 = 0.2, in 0.0..=0.9;
         /// Where it lands then, in this order: "deck" (while a landing is commanded and the deck is known, open and
         /// nobody else's, and half of the reserve is left to wait for it; within limits wider by `break_factor`), "home"
-        /// (the autopilot's return mode), "here" (its land mode). Without a place it climbs and holds. A descent that has begun is ended on the deck.
+        /// (the autopilot's return mode), "here" (its land mode). Without a place it climbs and holds. A descent that has
+        /// begun is ended on the deck.
         /// Chosen: from above the deck no way home over open water.
         pub battery_order: Vec<BatteryPlace> = vec![BatteryPlace::Deck, BatteryPlace::Home, BatteryPlace::Here];
         /// The whole landing, from the command on, may take this long, s.

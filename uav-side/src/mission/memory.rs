@@ -113,7 +113,8 @@ pub(super) fn interrupted(
     c: &MissionConfig,
 ) -> Option<(MissionPhase, Reason)> {
     let left = s.now - published > topics::MISSION.stale_after;
-    if !left || state.phase() != Phase::Landing || s.motors_stopped || completed(s, c) {
+    let goes_on = s.fresh_deck().is_some_and(|d| ends_softer(d, s, c));
+    if !left || state.phase() != Phase::Landing || s.motors_stopped || goes_on {
         return None;
     }
     let clearance = s.fresh_deck().map_or(0.0, |d| d.clearance_m);
@@ -126,16 +127,16 @@ pub(super) fn interrupted(
 }
 
 /// Its feet are on this deck, by the forecast.
-pub(super) fn rests_on(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
+fn rests_on(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
     d.clearance_m.abs() < AT_REST_M && s.outside_m < c.lost_outside_m
 }
 fn rests(s: &Situation, c: &MissionConfig) -> bool {
     s.fresh_deck().is_some_and(|d| rests_on(d, s, c))
 }
-/// The pilot completes the landing: the feet are on the deck, or a climb would meet it harder.
-fn completed(s: &Situation, c: &MissionConfig) -> bool {
-    let harder = |d: &Deck| d.climb_contact_mps.is_some_and(|v| v > c.flare_mps);
-    rests(s, c) || s.fresh_deck().is_some_and(harder)
+/// To complete the landing is softer than to climb: the feet are on this deck, or a climb would meet it harder than the
+/// flare does.
+pub(super) fn ends_softer(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
+    rests_on(d, s, c) || d.climb_contact_mps.is_some_and(|v| v > c.flare_mps)
 }
 
 fn phase_of(m: &MissionMemory, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {

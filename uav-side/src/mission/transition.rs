@@ -7,7 +7,7 @@
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
 use super::config::MissionConfig;
-use super::memory::{AT_REST_M, rests_on};
+use super::memory::{AT_REST_M, ends_softer};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;
@@ -96,11 +96,10 @@ fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &Missio
 /// Data may be this old where a landing is completed without them, s.
 const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 
-/// Whether a landing is completed although data are old, for a moment: the feet are on the deck, or a climb would meet it
-/// harder than the flare does.
+/// Whether a landing is completed although data are old, for a moment, because that is softer.
 fn completes_without_data(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
     let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
-    let softer = |d: &Deck| rests_on(d, s, c) || d.climb_contact_mps.is_some_and(|v| v > c.flare_mps);
+    let softer = |d: &Deck| ends_softer(d, s, c);
     phase.state().phase() == Phase::Landing && known && s.deck.as_ref().is_some_and(softer)
 }
 
