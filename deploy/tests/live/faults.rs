@@ -179,7 +179,7 @@ fn matrix() -> Vec<(Firmware, Option<String>)> {
 }
 
 #[test]
-#[ignore = "66 live landings, four at a time: takes 14 minutes"]
+#[ignore = "66 live landings, four at a time: takes 17 minutes"]
 fn faults_at_every_moment_are_survived_over_both_firmwares() {
     let flights: Vec<_> = (300_usize..)
         .zip(matrix())

@@ -1,5 +1,5 @@
-//! Mission, pilot, link or its cable fail between the descent and the disarm, with one order to land: the drone ends disarmed
-//! on the deck or flies on, and is disarmed nowhere else.
+//! Mission, pilot, link or its cable fail between the descent and the disarm, with one order to land: the drone ends
+//! disarmed on the deck or flies on, and is disarmed nowhere else.
 
 use std::rc::Rc;
 

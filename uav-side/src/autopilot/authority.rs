@@ -314,28 +314,18 @@ mod tests {
     #[test]
     fn authority_ends_at_a_failsafe_of_the_autopilot() {
         for mode in [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold] {
-            let mut a = AuthorityStateMachine::default();
-            run(&mut a, 0, &[READY; 3]);
-            assert_eq!(
-                run(&mut a, 60, &[by(mode)])[0],
-                ControlAuthority::TakenOver { mode }
-            );
-        }
-    }
-
-    #[test]
-    fn authority_waits_for_no_person_when_the_autopilot_holds_because_nothing_was_commanded() {
-        for (mode, lapsed) in [
-            (AutopilotMode::Hold, true),
-            (AutopilotMode::Hold, false),
-            (AutopilotMode::Return, true),
-        ] {
-            let mut a = AuthorityStateMachine::default();
-            run(&mut a, 0, &[READY; 3]);
-            let gone = Evidence { lapsed, ..by(mode) };
-            let s = run(&mut a, 60, &[gone]);
-            assert_eq!(s[0].may_offer(), lapsed && mode == AutopilotMode::Hold, "{s:?}");
-            assert!(!s[0].commands());
+            for lapsed in [false, true] {
+                let mut a = AuthorityStateMachine::default();
+                run(&mut a, 0, &[READY; 3]);
+                let s = run(&mut a, 60, &[Evidence { lapsed, ..by(mode) }])[0];
+                // It holds because nothing was commanded: no person to wait for.
+                let expected = if lapsed && mode == AutopilotMode::Hold {
+                    ControlAuthority::Standby { mode }
+                } else {
+                    ControlAuthority::TakenOver { mode }
+                };
+                assert_eq!(s, expected, "lapsed: {lapsed}");
+            }
         }
     }
 

@@ -34,7 +34,7 @@ const COMMAND_PAUSE: Span = Span::from_millis(1000);
 /// Commands to arm, at most.
 const ARM_TRIES: u32 = 3;
 
-/// The pilot goes on for so long with a mission's last word.
+/// The pilot goes on for so long with a mission's last word: `pilot.safety.hold_without_mission_s` after `topics::MISSION`.
 const PILOT_GOES_ON: Span = Span::from_millis(3500);
 
 /// Where the link holds on its own.
@@ -49,6 +49,10 @@ pub(super) struct Held {
 impl AutopilotLink {
     fn fresh_mission(&self, now: DroneTime) -> Option<&MissionState> {
         self.mission.fresh(now, topics::MISSION.stale_after)
+    }
+    /// The mission by its last word, for as long as the pilot goes on with it.
+    fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
+        self.mission.fresh(now, PILOT_GOES_ON)
     }
     /// The mission is in the flare or has landed.
     fn flares(&self, now: DroneTime) -> bool {
@@ -84,7 +88,7 @@ impl AutopilotLink {
             .map(|t| thrust::fraction(t, self.config.thrust_curve));
         ContactEvidence {
             // A mission that fell silent in the flare lands still: the pilot ends the landing without it.
-            landing: self.mission.get().is_some_and(|m| match m.state {
+            landing: self.last_mission(now).is_some_and(|m| match m.state {
                 State::Descent | State::Flare | State::Landed => true,
                 State::Idle
                 | State::GetAltitude
@@ -381,10 +385,7 @@ impl AutopilotLink {
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
-        let mission = self
-            .mission
-            .fresh(now, PILOT_GOES_ON)
-            .filter(|_| self.inhibited.is_none());
+        let mission = self.last_mission(now).filter(|_| self.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
         // A descent that has begun is the quickest way down; on the deck there is nothing to divert.
         let lands = mission.is_some_and(|m| matches!(m.state, State::Descent | State::Flare | State::Landed));

@@ -132,7 +132,7 @@ fn abort_is_not_lost_when_the_landing_that_it_completes_is_broken_off() {
     missed.outside_m = 0.5;
     goes(&step(&d, &missed), State::GaveUp, Deviated);
     let mut stale = low(0.8);
-    stale.forecast_age_s = 1.1;
+    stale.forecast_age_s = 0.4;
     let gone = step(&d, &stale);
     goes(&gone, State::GaveUp, ForecastStale);
     waits(&run(&gone, &fair(), 5.0), State::GaveUp, NotCommanded);

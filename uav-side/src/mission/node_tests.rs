@@ -181,12 +181,24 @@ fn mission_accepts_a_command_once_and_while_it_is_fresh() {
     assert_eq!(m.phase.state(), State::GaveUp);
 }
 
+/// The state after these commands at `t`, over the deck.
+fn told(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
+    let input = MissionIn {
+        commands,
+        ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
+    };
+    m.step(at(t), &input);
+    m.phase.state()
+}
+
+/// An order to land by the operator who has this boot id.
+fn land(boot: u32, sequence: u32, given: f64) -> Command {
+    command(Header::new(1, 1, boot, sequence, at(given)), CommandKind::Land)
+}
+
 #[test]
 fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count() {
-    let land_at = |boot: u32, given: f64| Command {
-        header: Header::new(1, 1, boot, 9, at(given)),
-        kind: CommandKind::Land,
-    };
+    let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
         // Pending since before the abort, and said again.
         (land_at(7, 19.9), State::GaveUp),
@@ -196,14 +208,7 @@ fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count
         (land_at(7, 21.2), State::Hold),
     ] {
         let mut m = node();
-        let mut step = |t: f64, commands: Vec<Command>| {
-            let input = MissionIn {
-                commands,
-                ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
-            };
-            m.step(at(t), &input);
-            m.phase.state()
-        };
+        let mut step = |t: f64, commands| told(&mut m, t, commands);
         step(19.5, vec![command(header(1, at(19.5)), CommandKind::Land)]);
         let abort = command(header(2, at(20.0)), CommandKind::Abort);
         assert_eq!(step(20.0, vec![abort]), State::GaveUp);
@@ -223,18 +228,7 @@ fn landing_ordered_before_or_just_after_an_abort_by_somebody_else_does_not_count
 #[test]
 fn abort_that_arrives_after_a_newer_order_counts_once() {
     let mut m = node();
-    let mut step = |t: f64, commands: Vec<Command>| {
-        let input = MissionIn {
-            commands,
-            ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
-        };
-        m.step(at(t), &input);
-        m.phase.state()
-    };
-    let land = |boot: u32, sequence: u32, given: f64| Command {
-        header: Header::new(1, 1, boot, sequence, at(given)),
-        kind: CommandKind::Land,
-    };
+    let mut step = |t: f64, commands| told(&mut m, t, commands);
     let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
     step(20.0, vec![land(7, 1, 20.0)]);
     // Given before that landing, and late.

@@ -96,11 +96,17 @@ fn completes(phase: MissionPhase, progress: &Progress, s: &Situation, c: &Missio
 /// Data may be this old where a landing is completed without them, s.
 const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 
-/// Whether a landing is completed although data are old, for a moment, because that is softer.
-fn completes_without_data(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
+/// Whether a landing that nobody has stopped is completed although data are old, for a moment, because that is softer.
+fn completes_without_data(
+    phase: MissionPhase,
+    progress: &Progress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> bool {
     let known = s.forecast_age_s.max(s.odometry_age_s) <= COMPLETES_WITHOUT_DATA_S;
     let softer = |d: &Deck| ends_softer(d, s, c);
-    phase.state().phase() == Phase::Landing && known && s.deck.as_ref().is_some_and(softer)
+    let lands = phase.state().phase() == Phase::Landing && !progress.stopped;
+    lands && known && s.deck.as_ref().is_some_and(softer)
 }
 
 /// What stale data lead to: hold until they are fresh, unless an operator has stopped the landing meanwhile.
@@ -230,7 +236,7 @@ fn interrupt(
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => {}
     }
     if let Some(why) = old_data(s).filter(|_| phase.needs_data()) {
-        return Some(if completes_without_data(phase, s, c) {
+        return Some(if completes_without_data(phase, progress, s, c) {
             phase.stay(why)
         } else {
             without_data(progress, s, c).enter(why)
