@@ -482,6 +482,15 @@ impl Pilot {
         }
     }
 
+    /// A landing that `mission` no longer wants, by a planner that has not answered it for several of its periods. A plan
+    /// of the same instant may have been begun before it was withdrawn.
+    fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
+        mission.state.phase() != Phase::Landing
+            && mission.previous.phase() == Phase::Landing
+            && (plan.header.at - mission.since).secs() < 0.2 * OLD_PLAN_S
+            && (now - mission.since).secs() > OLD_PLAN_S
+    }
+
     /// What the mission wanted last, for a moment after its last message: then the autopilot's failsafe acts.
     fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
         let limit = topics::MISSION.stale_after.secs() + self.config.safety.hold_without_mission_s;
@@ -537,7 +546,7 @@ impl Pilot {
         let plan = self
             .plan
             .fresh(now, topics::PLAN.stale_after)
-            .filter(|_| !landed)
+            .filter(|p| !landed && !self.is_withdrawn(now, p, &mission))
             .and_then(|p| p.sample(self.acts_at(now)).map(|stage| (*p, stage)));
         let flare = mission.state == State::Flare;
         let lands = mission.state.phase() == Phase::Landing;

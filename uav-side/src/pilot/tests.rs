@@ -176,6 +176,38 @@ fn pilot_commands_no_more_than_its_tilt_limit_and_thrust_for_the_way_back_when_t
 }
 
 #[test]
+fn pilot_climbs_when_a_landing_is_withdrawn_that_the_planner_goes_on_with() {
+    // Withdrawn at 6 s; the planner has published for the last time at `until`.
+    let climbs_from = |pilot: &mut Pilot, until: f64| {
+        let mut first = None;
+        for k in 0..150_u32 {
+            let t = 5.0 + f64::from(k) * 0.01;
+            let now = Time::from_secs(t);
+            let wanted = if t < 6.0 { State::Descent } else { State::GaveUp };
+            let mut i = everything(k, now, wanted, 2.0);
+            let mission = i.mission.as_mut().unwrap();
+            mission.since = Time::from_secs(if t < 6.0 { 4.0 } else { 6.0 });
+            mission.previous = if t < 6.0 { State::Tracking } else { State::Descent };
+            if t > until {
+                i.plan = None;
+            }
+            let s = pilot.step(now, &i).set_point.unwrap();
+            if t >= 6.0 && s.velocity[2] < -0.2 {
+                first.get_or_insert(t);
+            }
+        }
+        first
+    };
+    for until in [5.9, 6.0] {
+        let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+        let first = climbs_from(&mut pilot, until).unwrap();
+        assert!((6.1..6.3).contains(&first), "{first}");
+    }
+    let mut other = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    assert_eq!(climbs_from(&mut other, 7.0), None, "a planner that answers");
+}
+
+#[test]
 fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     let s = after(State::Tracking, 6.0, 1.0, |i| i.plan = None);
     assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0; 3]));
