@@ -49,7 +49,7 @@ impl Drop for Scene {
 
 impl Scene {
     fn begin(firmware: Firmware) -> Scene {
-        let name = format!("mav-{}-{}", firmware.name().to_lowercase(), std::process::id());
+        let name = format!("mav-{}-{}", firmware as u8, std::process::id());
         let instance = memory::Instance::new(&name).unwrap();
         std::fs::create_dir_all(instance.directory()).unwrap();
         let memory = memory::Memory::join(&instance, "test").unwrap();

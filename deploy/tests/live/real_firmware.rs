@@ -236,7 +236,7 @@ fn ports() -> u16 {
 
 /// One flight; whether it was a successful landing.
 fn flight(firmware: Firmware, program: &Path) -> bool {
-    let name = format!("own-{}-{}", firmware.name().to_lowercase(), std::process::id());
+    let name = format!("own-{}-{}", firmware as u8, std::process::id());
     let directory = std::env::temp_dir().join(&name);
     std::fs::create_dir_all(&directory).unwrap();
     let plant = match firmware {

@@ -13,6 +13,11 @@ pub(super) type Ipc = ipc::Service;
 /// Directory of the installed services (RuntimeDirectory and TMPDIR in their units).
 const SERVICE: &str = "/run/alight";
 
+/// Longest path of a socket, bytes (`sun_path` of unix(7)).
+const MAX_SOCKET_PATH: usize = 108;
+/// iceoryx2 names a socket by 32 digits and `.event`, in a directory of its own.
+const SOCKET_NAME: usize = 1 + 32 + 6;
+
 /// A name that only processes of the same program share: the version of the messages' layout and of
 /// the package are part of it.
 pub(super) fn service_name(name: &str) -> Result<ServiceName, TransportError> {
@@ -85,6 +90,16 @@ impl Instance {
     }
     pub(super) fn config(&self) -> Result<Config, TransportError> {
         let doing = || format!("naming the files of instance {}", self.name);
+        let path = self.middleware().as_os_str().len() + self.prefix().len() + SOCKET_NAME;
+        if path > MAX_SOCKET_PATH {
+            let spare = path - MAX_SOCKET_PATH;
+            let what = format!(
+                "in {} the paths of its sockets are longer than {MAX_SOCKET_PATH} bytes: a name that is {spare} shorter \
+                 fits",
+                self.middleware().display()
+            );
+            return Err(TransportError { doing: doing(), what });
+        }
         let mut config = Config::default();
         config.global.prefix = FileName::new(self.prefix().as_bytes()).doing(doing)?;
         let root = format!("{}/", self.middleware().display());
@@ -92,5 +107,21 @@ impl Instance {
             .global
             .set_root_path(&Path::new(root.as_bytes()).doing(doing)?);
         Ok(config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instance_whose_sockets_would_have_too_long_a_path_is_refused_with_advice() {
+        let instance = |bytes: usize| Instance::new(&"a".repeat(bytes)).map(|i| i.config());
+        assert!(matches!(instance(2), Ok(Ok(_))));
+        let Ok(Err(refused)) = instance(32) else {
+            panic!("32 bytes fit into no path of a socket");
+        };
+        assert!(refused.to_string().contains("shorter fits"), "{refused}");
+        assert!(instance(33).is_err());
     }
 }
