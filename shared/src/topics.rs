@@ -114,6 +114,8 @@ topics! {
     COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
     /// What the mission must not forget.
     MISSION_MEMORY: "mission/memory", msg::MissionMemory, Memory, 50.0 Hz, size_of::<msg::MissionMemory>(), 5000 ms, 4 deep;
+    /// What the predictor must not forget.
+    PREDICTOR_MEMORY: "deck/memory", msg::PredictorMemory, Memory, 50.0 Hz, size_of::<msg::PredictorMemory>(), 2000 ms, 4 deep;
     /// What the link to the autopilot must not forget.
     LINK_MEMORY: "drone/memory", msg::LinkMemory, Memory, 50.0 Hz, size_of::<msg::LinkMemory>(), 500 ms, 4 deep;
 }

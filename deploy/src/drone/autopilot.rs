@@ -24,6 +24,7 @@ use crate::exit::{CliError, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
 use crate::process::args::AutopilotArgs;
+use crate::process::keeper::OwnMemory;
 use crate::process::life::Process;
 
 /// Pause when the link had no bytes.
@@ -63,9 +64,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut set_points = memory.subscriber::<SetPoint>()?;
     let mut missions = memory.subscriber::<MissionState>()?;
     let mut forecasts = memory.subscriber::<DeckForecast>()?;
-    // What the link before this one wrote; None: this one writes, and what it hears there are its own words.
-    let mut before = Some(memory.subscriber::<LinkMemory>()?);
-    let mut memories = memory.publisher::<LinkMemory>()?;
+    let mut memories: OwnMemory<LinkMemory> = OwnMemory::join(&memory)?;
     let mut odometry = memory.publisher::<DroneState>()?;
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
@@ -85,7 +84,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
         input.set_point = set_points.newest(t);
         input.mission = missions.newest(t);
         input.forecast = forecasts.newest(t);
-        input.memory = before.as_mut().and_then(|before| before.newest(t));
+        input.memory = memories.before(t);
         if input.received.is_empty()
             && input.set_point.is_none()
             && input.memory.is_none()
@@ -107,16 +106,13 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
                     link.write(steady_ns(), &bytes);
                 }
             }
-            memories.send_any(out.memory.as_ref());
+            memories.write(out.memory.as_ref());
             out.ranges.iter().for_each(|m| ranges.send(m));
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
             out.odometry.iter().for_each(|m| odometry.send(m));
             !input.received.is_empty()
         });
-        if out.memory.is_some() {
-            before = None;
-        }
         for text in out.texts.iter().chain(link.last_error().as_ref()) {
             info!("autopilot: {text}");
         }

@@ -6,12 +6,13 @@ use alight_shared::msg::{
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
-use alight_shared::transport::memory::{Listener, Memory, Publisher, Subscriber};
+use alight_shared::transport::memory::{Listener, Memory, Publisher};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::mission::{Mission, MissionIn, MissionOut};
 use tracing::warn;
 
 use crate::config::DroneComputer;
+use crate::process::keeper::OwnMemory;
 use crate::process::shell::{Shell, reads};
 
 reads! {
@@ -31,9 +32,7 @@ reads! {
 /// What the mission says, to the others and to the one after it.
 pub struct MissionShell {
     state: Publisher<MissionState>,
-    memory: Publisher<MissionMemory>,
-    /// What the one before this one said; None: this one has begun, and what it hears there are its own words.
-    before: Option<Subscriber<MissionMemory>>,
+    memory: OwnMemory<MissionMemory>,
 }
 
 impl Shell for MissionShell {
@@ -48,8 +47,7 @@ impl Shell for MissionShell {
     fn join(memory: &Memory) -> Result<Self, TransportError> {
         Ok(MissionShell {
             state: memory.publisher()?,
-            memory: memory.publisher()?,
-            before: Some(memory.subscriber()?),
+            memory: OwnMemory::join(memory)?,
         })
     }
     fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
@@ -60,14 +58,11 @@ impl Shell for MissionShell {
         ])
     }
     fn complete(&mut self, t: i64, input: &mut MissionIn) {
-        input.memory = self.before.as_mut().and_then(|before| before.newest(t));
+        input.memory = self.memory.before(t);
     }
     fn send(&mut self, out: &MissionOut) -> bool {
-        if out.state.is_some() {
-            self.before = None;
-        }
         // First what must not be lost.
-        self.memory.send_any(out.memory.as_ref());
+        self.memory.write(out.memory.as_ref());
         self.state.send_any(out.state.as_ref());
         if let Some(why) = out.refused {
             warn!("the memory of the mission before this one does not count: it is {why}");

@@ -2,23 +2,49 @@
 
 use alight_shared::msg::{AutopilotState, DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::transport::TransportError;
-use alight_shared::transport::memory::{Listener, Memory};
+use alight_shared::transport::memory::{Listener, Memory, Publisher};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 
-use crate::process::shell::node_process;
+use crate::config::DroneComputer;
+use crate::process::shell::{Shell, reads};
 
-node_process! {
-    /// The planner's process: wakes with a forecast and with the mission's state.
-    PlannerShell runs Planner as Planner, reads PlannerIn {
+reads! {
+    /// What the planner reads.
+    Inputs => PlannerIn {
         newest forecast: DeckForecast,
         newest mission: MissionState,
         newest drone: DroneState,
         newest autopilot: AutopilotState,
-    },
-    publishes PlannerOut { plan: Plan }, wakes with [DeckForecast, MissionState],
-    makes |computer, boot| {
+    }
+}
+
+/// What the planner says.
+pub struct PlannerShell(Publisher<Plan>);
+
+impl Shell for PlannerShell {
+    type Node = Planner;
+    type Reads = Inputs;
+    const KIND: ProcessKind = ProcessKind::Planner;
+
+    fn node(computer: &DroneComputer, boot: u32) -> Planner {
         let drone = &computer.drone;
         Planner::new(&drone.planner, &drone.airframe, &drone.deck, boot)
+    }
+    fn join(memory: &Memory) -> Result<Self, TransportError> {
+        Ok(PlannerShell(memory.publisher()?))
+    }
+    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
+        Ok(vec![
+            memory.listener::<DeckForecast>()?,
+            memory.listener::<MissionState>()?,
+        ])
+    }
+    fn send(&mut self, out: &PlannerOut) -> bool {
+        self.0.send_any(out.plan.as_ref());
+        out.plan.is_some()
+    }
+    fn unsent(&self) -> u64 {
+        self.0.unsent()
     }
 }

@@ -1,20 +1,23 @@
-//! The drone's predictor as a process: wakes with the autopilot's odometry.
+//! The drone's predictor as a process: wakes with the autopilot's odometry. What it must not forget goes to the
+//! supervisor, which says it again to a predictor that begins.
 
 use alight_shared::msg::{
-    DeckForecast, DroneState, LinkState, RangeSample, TagPose, UvdarFix, VesselEstimate, VesselPrediction,
-    VesselSurroundings, WaveModel,
+    DeckForecast, DroneState, LinkState, PredictorMemory, RangeSample, TagPose, UvdarFix, VesselEstimate,
+    VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
-use alight_shared::transport::memory::{Listener, Memory};
+use alight_shared::transport::memory::{Listener, Memory, Publisher};
 use alight_shared::transport::process::ProcessKind;
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
-use crate::process::shell::node_process;
+use crate::config::DroneComputer;
+use crate::process::keeper::OwnMemory;
+use crate::process::shell::{Shell, reads};
 
-node_process! {
-    /// The predictor's process: wakes with odometry.
-    PredictorShell runs Predictor as Predictor, reads PredictorIn {
+reads! {
+    /// What the predictor reads.
+    Inputs => PredictorIn {
         newest estimate: VesselEstimate<DroneClock>,
         newest wave: WaveModel<DroneClock>,
         newest prediction: VesselPrediction<DroneClock>,
@@ -24,7 +27,42 @@ node_process! {
         all tags: TagPose,
         all uvdar: UvdarFix,
         all ranges: RangeSample,
-    },
-    publishes PredictorOut { forecast: DeckForecast }, wakes with [DroneState],
-    makes |computer, boot| Predictor::new(&computer.drone.predictor(), boot)
+        ; memory
+    }
+}
+
+/// What the predictor says, to the others and to the one after it.
+pub struct PredictorShell {
+    forecast: Publisher<DeckForecast>,
+    memory: OwnMemory<PredictorMemory>,
+}
+
+impl Shell for PredictorShell {
+    type Node = Predictor;
+    type Reads = Inputs;
+    const KIND: ProcessKind = ProcessKind::Predictor;
+
+    fn node(computer: &DroneComputer, boot: u32) -> Predictor {
+        Predictor::new(&computer.drone.predictor(), boot).as_successor()
+    }
+    fn join(memory: &Memory) -> Result<Self, TransportError> {
+        Ok(PredictorShell {
+            forecast: memory.publisher()?,
+            memory: OwnMemory::join(memory)?,
+        })
+    }
+    fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
+        Ok(vec![memory.listener::<DroneState>()?])
+    }
+    fn complete(&mut self, t: i64, input: &mut PredictorIn) {
+        input.memory = self.memory.before(t);
+    }
+    fn send(&mut self, out: &PredictorOut) -> bool {
+        self.forecast.send_any(out.forecast.as_ref());
+        self.memory.write(out.memory.as_ref());
+        out.forecast.is_some()
+    }
+    fn unsent(&self) -> u64 {
+        self.forecast.unsent() + self.memory.unsent()
+    }
 }

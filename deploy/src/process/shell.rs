@@ -58,48 +58,6 @@ macro_rules! reads {
 }
 pub(crate) use reads;
 
-/// Declares the process of a node that publishes one message: what it reads, what it publishes, what wakes it.
-macro_rules! node_process {
-    (
-        $(#[$doc:meta])*
-        $shell:ident runs $node:ident as $kind:ident, reads $input:ident { $($reads:tt)* },
-        publishes $output:ident { $field:ident: $message:ty }, wakes with [$($wake:ty),+],
-        makes |$computer:ident, $boot:ident| $make:expr
-    ) => {
-        $crate::process::shell::reads! {
-            /// The node's topics.
-            Inputs => $input { $($reads)* }
-        }
-
-        $(#[$doc])*
-        pub struct $shell(alight_shared::transport::memory::Publisher<$message>);
-
-        impl $crate::process::shell::Shell for $shell {
-            type Node = $node;
-            type Reads = Inputs;
-            const KIND: ProcessKind = ProcessKind::$kind;
-
-            fn node($computer: &$crate::config::DroneComputer, $boot: u32) -> $node {
-                $make
-            }
-            fn join(memory: &Memory) -> Result<Self, TransportError> {
-                Ok($shell(memory.publisher()?))
-            }
-            fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
-                Ok(vec![$(memory.listener::<$wake>()?),+])
-            }
-            fn send(&mut self, out: &$output) -> bool {
-                self.0.send_any(out.$field.as_ref());
-                out.$field.is_some()
-            }
-            fn unsent(&self) -> u64 {
-                self.0.unsent()
-            }
-        }
-    };
-}
-pub(crate) use node_process;
-
 /// A node of the drone as a process.
 pub trait Shell: Sized {
     /// The node.

@@ -169,6 +169,35 @@ pub struct LinkMemory {
     pub hover_learned_s: f64,
 }
 
+/// What the predictor must not forget: the camera's view of the deck against the radio's, which its successor could not
+/// find again where the deck is too near to be seen.
+///
+/// It is written with every forecast once the camera has seen the deck, outlives its writer where that keeps it (the
+/// supervisor), and is judged by the successor before it counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[repr(C)]
+pub struct PredictorMemory {
+    /// Identity of the writer and time of writing; boot 0: nobody has written yet.
+    pub header: Header<DroneClock>,
+    /// Boot of the vessel whose radio it is: another start of it has another error.
+    pub vessel_boot: u32,
+    /// Newest vision that was fused.
+    pub vision_at: Time<DroneClock>,
+    /// Newest tag that was fused.
+    pub tag_at: Option<Time<DroneClock>>,
+    /// Vision's slow error less the radio's: north, east, down (m), tilt about the vessel's pitch and roll axes at
+    /// heading north, heading (rad).
+    pub offset: [f64; 6],
+    /// Its standard deviations.
+    pub offset_sd: [f64; 6],
+    /// Where the drone was by its odometry, NED, m: an origin that moves since makes the offset void.
+    pub position: [f64; 3],
+    /// Its velocity, m/s.
+    pub velocity: [f64; 3],
+    /// When it was there.
+    pub odometry_at: Time<DroneClock>,
+}
+
 /// How a solve ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u8)]
@@ -365,6 +394,11 @@ message!(LinkMemory, DroneClock, |m| {
     within(&m.origin, MAX_POSITION_M) => "origin",
     m.smoothing.iter().all(|s| within(s, MAX_SPEED_MPS)) => "smoothing",
     FRACTION.contains(&m.hover_thrust) && m.hover_learned_s >= 0.0 => "hover_thrust or hover_learned_s",
+});
+message!(PredictorMemory, DroneClock, |m| {
+    within(&m.offset, MAX_POSITION_M) => "offset",
+    m.offset_sd.iter().all(|s| (0.0..=1e3).contains(s)) => "offset_sd",
+    within(&m.position, MAX_POSITION_M) && within(&m.velocity, MAX_SPEED_MPS) => "position or velocity",
 });
 message!(Plan, DroneClock, |m| {
     m.step > Span::ZERO => "step",

@@ -47,7 +47,7 @@ pub use deck::{
 };
 pub use drone::{
     AutopilotMode, AutopilotState, DroneState, LandedState, LinkMemory, Motors, PLAN_STAGES, Plan, PlanStage,
-    SetPoint, SetPointKind, Solve,
+    PredictorMemory, SetPoint, SetPointKind, Solve,
 };
 pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace};
 /// Numbers of which three digits suffice.

@@ -73,6 +73,7 @@ plain! {
     msg::SetPoint => SET_POINT;
     msg::Command => COMMAND;
     msg::MissionMemory => MISSION_MEMORY;
+    msg::PredictorMemory => PREDICTOR_MEMORY;
     msg::LinkMemory => LINK_MEMORY;
 }
 

@@ -533,6 +533,7 @@ impl DroneComputer {
             tags: readings.tags,
             uvdar: readings.uvdar,
             ranges: readings.ranges.clone(),
+            memory: None,
         };
         let predicted = self.predictor.step(now, &input);
         tap.predictor(t, now, &input, &predicted);

@@ -52,6 +52,8 @@ pub enum MeasurementRow {
     Vision,
     /// As the camera measures it, over this lever arm of vision's rotation, m.
     Camera(f64),
+    /// Vision's slow error less the radio's.
+    Offset,
     /// Vision's rotation.
     Turn,
     /// The rate of mean and waves.
@@ -338,6 +340,7 @@ impl Axis {
             MeasurementRow::Radio => ([(MEAN, 1.0), (RADIO, 1.0), (MEAN, 0.0)], Some(HEAD)),
             MeasurementRow::Vision => ([(MEAN, 1.0), (VISION, 1.0), (MEAN, 0.0)], Some(HEAD)),
             MeasurementRow::Camera(lever) => ([(MEAN, 1.0), (VISION, 1.0), (TURN, lever)], Some(HEAD)),
+            MeasurementRow::Offset => ([(VISION, 1.0), (RADIO, -1.0), (MEAN, 0.0)], None),
             MeasurementRow::Turn => ([(TURN, 1.0), (MEAN, 0.0), (MEAN, 0.0)], None),
             MeasurementRow::Residual => ([(MEAN, 0.0); 3], Some(HEAD)),
             MeasurementRow::ResidualRate => ([(MEAN, 0.0); 3], Some(HEAD + 1)),

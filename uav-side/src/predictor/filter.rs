@@ -189,6 +189,13 @@ impl Filter {
         e.observation = None;
         Some(e)
     }
+    /// Vision's slow error less the radio's was known before the filters began.
+    pub fn know_offset(&mut self, offset: &[f64; AXES], variance: &[f64; AXES]) {
+        let Some(e) = self.begin_anew() else { return };
+        for (i, a) in e.after.iter_mut().enumerate() {
+            a.update(MeasurementRow::Offset, offset[i], variance[i]);
+        }
+    }
     /// The vessel has identified its motion: what the bank of oscillators held becomes modes and what they leave.
     pub fn adopt_modes(&mut self, waves: &Waves) {
         let Some(e) = self.begin_anew() else { return };

@@ -4,8 +4,9 @@ use alight_shared::admission::{Periodic, RejectionReason, Rejections};
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, RangeSample, SLOPE_WINDOWS,
-    Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+    DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, PredictorMemory,
+    RangeSample, SLOPE_WINDOWS, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction,
+    VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -20,6 +21,7 @@ use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
+use super::memory::Beginning;
 use super::observation::{self, MountRotation, Observation, Plane};
 use super::track::Track;
 use super::waves::{AXES, Waves};
@@ -45,6 +47,8 @@ pub struct PredictorIn {
     pub uvdar: Vec<UvdarFix>,
     /// Rangefinder.
     pub ranges: Vec<RangeSample>,
+    /// What the predictor before this one left, where somebody keeps it.
+    pub memory: Option<PredictorMemory>,
 }
 
 /// What is published.
@@ -52,6 +56,8 @@ pub struct PredictorIn {
 pub struct PredictorOut {
     /// The deck's forecast, at the predictor's rate, while anything is known.
     pub forecast: Option<DeckForecast>,
+    /// What a successor has to know, with each forecast once the camera has seen the deck.
+    pub memory: Option<PredictorMemory>,
 }
 
 /// A message may be this much ahead of now: jitter between processes.
@@ -62,27 +68,29 @@ const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 /// Fuses radio and vision and predicts the deck.
 #[derive(Clone, Debug)]
 pub struct Predictor {
-    config: PredictorConfig,
-    boot: u32,
+    pub(super) config: PredictorConfig,
+    pub(super) boot: u32,
     sequence: u32,
     waves: Waves,
-    filter: Option<Filter>,
+    pub(super) filter: Option<Filter>,
     horizon: Horizon,
     /// The same further ahead, in longer steps.
     far: Horizon,
-    track: Track,
+    pub(super) track: Track,
     clock_sd_s: f64,
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
     radio_at: Option<Time<DroneClock>>,
-    radio_sequence: Option<(u32, u32)>,
-    vision_at: Option<Time<DroneClock>>,
-    tag_at: Option<Time<DroneClock>>,
+    pub(super) radio_sequence: Option<(u32, u32)>,
+    pub(super) vision_at: Option<Time<DroneClock>>,
+    pub(super) tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
     /// Apparent slopes of the deck as reported by the vessel, and when.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     surroundings: Surroundings,
     next: Periodic<DroneClock>,
+    /// Does not know yet whether a predictor before it flew.
+    pub(super) beginning: Option<Beginning>,
     rejections: Rejections,
 }
 
@@ -109,6 +117,7 @@ impl Predictor {
             slopes: None,
             surroundings: Surroundings::default(),
             next: Periodic::default(),
+            beginning: None,
             rejections: Rejections::default(),
         }
     }
@@ -464,10 +473,17 @@ impl Node for Predictor {
                 self.rejections.count(r);
             }
         }
+        self.begin(now, input.memory.as_ref());
         let period = Span::from_secs(1.0 / self.config.rate_hz);
         let due = self.next.is_due(now, period);
+        let forecast = if due && self.beginning.is_none() {
+            self.forecast(now)
+        } else {
+            None
+        };
         PredictorOut {
-            forecast: if due { self.forecast(now) } else { None },
+            memory: forecast.as_ref().and_then(|f| self.memory(&f.header)),
+            forecast,
         }
     }
 }

@@ -12,7 +12,7 @@ const MAX_STATES: usize = 128;
 const MAX_AHEAD_S: f64 = 0.1;
 /// A position that is further than this from where velocity would have brought it is a reset of
 /// the autopilot's origin, m.
-const JUMP_M: f64 = 0.7;
+pub(super) const JUMP_M: f64 = 0.7;
 
 /// The drone's pose at some instant, in its NED.
 #[derive(Clone, Copy, Debug)]

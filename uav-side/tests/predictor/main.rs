@@ -107,6 +107,25 @@ fn forecast_goes_on_in_silence_with_growing_uncertainty() {
 }
 
 #[test]
+fn predictor_that_begins_where_the_deck_is_too_near_to_be_seen_keeps_the_offset_of_the_frames() {
+    let v = Vessel::moderate();
+    for seed in 1..=5 {
+        let set = |remembers| Setup {
+            seed,
+            vision: (10.0, 30.0),
+            restart: Some((30.2, remembers)),
+            ..Default::default()
+        };
+        // From the first forecast on: one that lies beside the deck ends a landing.
+        let after = |remembers| run(&v, &set(remembers), 31.0).accuracy(&v, 30.2..31.0, 0.2);
+        let (kept, lost) = (after(true), after(false));
+        assert!(kept.horizontal < 0.3 && kept.vertical < 0.2, "{kept:?}");
+        assert!(kept.horizontal < 0.3 * lost.horizontal, "{kept:?} {lost:?}");
+        assert!(kept.nees_position < 3.0, "{kept:?}");
+    }
+}
+
+#[test]
 fn predictor_carries_on_by_vision_alone_when_the_radio_is_lost() {
     let v = Vessel::moderate();
     let set = Setup {

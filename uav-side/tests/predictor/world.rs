@@ -151,6 +151,8 @@ pub struct Setup {
     /// Radio latency: least and spread, s.
     pub latency: (f64, f64),
     pub height: f64,
+    /// A new process at this time (s), with or without what the one before it left.
+    pub restart: Option<(f64, bool)>,
 }
 impl Default for Setup {
     fn default() -> Self {
@@ -162,6 +164,7 @@ impl Default for Setup {
             clock_sd: 0.01,
             latency: (0.03, 0.04),
             height: 7.0,
+            restart: None,
         }
     }
 }
@@ -224,6 +227,8 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
     let mount = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * 0.6_f64.to_radians());
     let mut in_flight: Vec<(f64, PredictorIn)> = Vec::new();
     let mut samples = Vec::new();
+    let mut kept = None;
+    let mut given = None;
     for k in 0..(seconds * 100.0) as u32 {
         let now = f64::from(k) * 0.01;
         let dt = 0.01;
@@ -322,7 +327,16 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
             arrived.prediction = m.prediction.or(arrived.prediction);
             arrived.tags.extend(m.tags);
         }
-        if let Some(forecast) = predictor.step(time(now), &arrived).forecast {
+        if let Some((_, remembers)) = set.restart.filter(|(at, _)| k == (at * 100.0) as u32) {
+            predictor = Predictor::new(&PredictorConfig::default(), 2).as_successor();
+            // Boot 0: its keeper has nothing.
+            given = Some(kept.filter(|_| remembers).unwrap_or_default());
+        }
+        // Its keeper says it at 50 Hz.
+        arrived.memory = given.filter(|_| k % 2 == 0);
+        let out = predictor.step(time(now), &arrived);
+        kept = out.memory.or(kept);
+        if let Some(forecast) = out.forecast {
             forecast.check().unwrap();
             samples.push(Sample {
                 now,
