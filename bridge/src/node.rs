@@ -187,11 +187,13 @@ impl Bridge {
                 let at = match self.admit(arrival, &m, kind, &topics::OPERATOR, 0.0) {
                     Ok((at, _)) => at,
                     // An abort counts however old it is and whatever the clocks show.
-                    Err(RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock)
-                        if abort =>
-                    {
+                    Err(
+                        why @ (RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock),
+                    ) if abort => {
                         self.orders[kind as usize].admit(m.header.sequence);
-                        arrival
+                        // An old one keeps its time: the mission knows its repetitions by it.
+                        let given = self.on_own_clock(arrival, &m.header).map(|(at, _)| at);
+                        given.filter(|_| why == RejectionReason::Stale).unwrap_or(arrival)
                     }
                     Err(reason) => return Err(reason),
                 };
@@ -235,14 +237,10 @@ impl Bridge {
         } else {
             self.orders[kind as usize].advance(header.sequence)?
         };
-        let offset = self.clock.at(arrival).ok_or(RejectionReason::NoClock)?;
-        let at = Time::from_nanos(
-            header
-                .at
-                .nanos()
-                .saturating_add(Span::from_secs(offset.offset_s).nanos()),
-        );
-        let slack = offset.max_error_s + self.config.future_margin_s;
+        let (at, max_error_s) = self
+            .on_own_clock(arrival, header)
+            .ok_or(RejectionReason::NoClock)?;
+        let slack = max_error_s + self.config.future_margin_s;
         let age = (arrival - at).secs();
         if age < -(slack + ahead) {
             return Err(RejectionReason::Future);
@@ -256,6 +254,18 @@ impl Bridge {
         self.newest = Some(self.newest.map_or(header.at, |n| n.max(header.at)));
         self.orders[kind as usize].admit(header.sequence);
         Ok((at, advance))
+    }
+
+    /// A message's time on the drone's clock, and by how much that errs at most, s; None without an offset.
+    fn on_own_clock(
+        &self,
+        arrival: Time<DroneClock>,
+        header: &Header<VesselClock>,
+    ) -> Option<(Time<DroneClock>, f64)> {
+        let offset = self.clock.at(arrival)?;
+        let since = Span::from_secs(offset.offset_s).nanos();
+        let at = Time::from_nanos(header.at.nanos().saturating_add(since));
+        Some((at, offset.max_error_s))
     }
 
     fn adopt(&mut self, boot: u32) {

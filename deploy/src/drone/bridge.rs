@@ -129,6 +129,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
                 battery: flight.battery,
                 landed: flight.landed,
                 deck_distance_m: DroneStatus::deck_distance_m(now, own.as_ref(), forecast.as_ref()),
+                abort: deck.abort,
             };
             if let Ok(bytes) = wire::encode(&status) {
                 radio.send(1, bytes);

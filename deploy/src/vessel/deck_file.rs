@@ -12,7 +12,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use alight_shared::wire;
-use alight_usv::deck::{DeckMemory, DeckOrder, PendingAbort};
+use alight_usv::deck::{DeckMemory, DeckOrder, PendingAbort, VoidCommand};
 use serde::{Deserialize, Serialize};
 use tracing::{info, warn};
 
@@ -21,7 +21,7 @@ use crate::process::supervisor::STATE_VARIABLE;
 use crate::vessel::status_file::file_name;
 
 /// Of this layout.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Directory of the installed service, which outlives the computer's restarts.
 const SERVICE_DIRECTORY: &str = "/var/lib/alight";
 /// Longest file, bytes.
@@ -38,6 +38,8 @@ pub struct Kept {
     pub deck: DeckMemory,
     /// Aborts that no drone has acknowledged.
     pub aborts: Vec<PendingAbort>,
+    /// Commands that aborts have made void.
+    pub void: Vec<VoidCommand>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -169,7 +171,7 @@ impl DeckFile {
                 );
                 Kept {
                     deck: DeckMemory::damaged(),
-                    aborts: Vec::new(),
+                    ..Kept::default()
                 }
             }
         };
@@ -283,7 +285,7 @@ mod tests {
                     inside: true,
                 }],
             },
-            aborts: Vec::new(),
+            ..Kept::default()
         }
     }
     fn remove(path: &Path) {

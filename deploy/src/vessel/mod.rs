@@ -110,7 +110,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let arbiter = DeckArbiter::new(&computer.deck, id, boot);
     let mut arbiter = LoggedNode::new(DECK_ARBITER, args, boot, arbiter)?;
     let (mut deck_file, left) = DeckFile::open(&computer);
-    let (mut deck_memory, mut aborts) = (Some(left.deck), left.aborts);
+    let (mut deck_memory, mut aborts, mut void) = (Some(left.deck), left.aborts, left.void);
     let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
     let mut orders = Vec::new();
     let mut doubles = Vec::new();
@@ -180,6 +180,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             commands,
             statuses: drone_statuses,
             aborts: std::mem::take(&mut aborts),
+            void: std::mem::take(&mut void),
         };
         let relayed = operator_relay.step(now, &input);
         for command in &relayed.accepted {
@@ -197,6 +198,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         deck_file.keep(Kept {
             deck: arbiter.node().memory(),
             aborts: operator_relay.node().aborts(),
+            void: operator_relay.node().void(),
         });
         let now_double: Vec<_> = arbiter.node().doubles().collect();
         for (id, [one, other]) in now_double.iter().filter(|d| !doubles.contains(*d)) {

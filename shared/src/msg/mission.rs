@@ -362,6 +362,8 @@ pub struct MissionState {
     pub waiting_offset: Option<[f64; 2]>,
     /// Where it lands, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
+    /// Boot and sequence of the newest abort that it has received.
+    pub abort: Option<[u32; 2]>,
 }
 
 impl MissionState {
@@ -499,6 +501,8 @@ pub struct DroneStatus {
     pub landed: LandedState,
     /// Horizontal distance from the deck's centre by odometry and forecast, m; None while either is old.
     pub deck_distance_m: Option<f32>,
+    /// Boot and sequence of the newest abort that the mission has received.
+    pub abort: Option<[u32; 2]>,
 }
 
 impl DroneStatus {

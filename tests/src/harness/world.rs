@@ -21,6 +21,7 @@ use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_usv::deck::{
     ArbiterIn, DeckArbiter, DeckInputs, DeckMemory, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
+    VoidCommand,
 };
 use alight_usv::{VesselIn, VesselNode};
 use serde::Serialize;
@@ -90,6 +91,7 @@ struct DeckServices {
     /// What the vessel's former start left.
     memory: Option<DeckMemory>,
     aborts: Vec<PendingAbort>,
+    void: Vec<VoidCommand>,
 }
 
 impl DeckServices {
@@ -103,6 +105,7 @@ impl DeckServices {
             inputs: DeckInputs::default(),
             memory: None,
             aborts: Vec::new(),
+            void: Vec::new(),
         }
     }
     /// The vessel's next start, with what this one leaves in its file.
@@ -110,6 +113,7 @@ impl DeckServices {
         DeckServices {
             memory: Some(self.arbiter.memory()),
             aborts: self.relay.aborts(),
+            void: self.relay.void(),
             inputs: self.inputs,
             ..DeckServices::new(nodes, boot)
         }
@@ -303,6 +307,7 @@ impl World {
                 commands: core::mem::take(&mut deck.commands),
                 statuses,
                 aborts: core::mem::take(&mut deck.aborts),
+                void: core::mem::take(&mut deck.void),
             };
             let relayed = deck.relay.step(now, &input);
             self.broadcast(t, PacketKind::Deck, &granted.grant);
@@ -623,6 +628,7 @@ impl DroneComputer {
             battery: autopilot.battery,
             landed: autopilot.landed,
             deck_distance_m,
+            abort: mission.abort,
         };
         if let Ok(bytes) = wire::encode(&status) {
             self.radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));

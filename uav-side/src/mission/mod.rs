@@ -225,7 +225,7 @@ impl Mission {
     }
 
     /// A command counts once, in order and while it is fresh. An abort counts however old it is, also after newer
-    /// orders, but not again after them. A landing that somebody else ordered just after an abort was ordered without
+    /// orders, but not again after them; its repetitions are echoed. A landing that somebody else ordered just after an abort was ordered without
     /// knowing of it.
     fn order(&mut self, now: Time<DroneClock>, command: &Command) -> Option<CommandKind> {
         let h = &command.header;
@@ -244,6 +244,14 @@ impl Mission {
             && self
                 .abort
                 .is_some_and(|a| a.boot != h.boot && h.at < a.at + UNAWARE_OF_ABORT);
+        // The vessel is answered whichever repetition it waits for.
+        if let Some(a) = &mut self.abort
+            && abort
+            && repeated
+            && h.version == MESSAGE_VERSION
+        {
+            a.sequence = h.sequence;
+        }
         if h.version != MESSAGE_VERSION || known || unaware || !(fresh || abort) {
             self.commands_rejected = self.commands_rejected.saturating_add(1);
             return None;
@@ -520,6 +528,7 @@ impl Mission {
             with_deck,
             waiting_offset,
             low_battery: self.progress.low_battery,
+            abort: self.abort.map(|h| [h.boot, h.sequence]),
         }
     }
 }

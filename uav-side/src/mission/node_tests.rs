@@ -241,6 +241,25 @@ fn abort_that_arrives_after_a_newer_order_counts_once() {
     assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
 }
 
+#[test]
+fn abort_is_echoed_to_the_vessel_with_its_newest_repetition() {
+    let mut m = node();
+    let mut echo = |t: f64, commands: Vec<Command>| {
+        let input = MissionIn {
+            commands,
+            ..fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3])
+        };
+        let out = m.step(at(t), &input);
+        (m.phase.state(), out.state.and_then(|s| s.abort))
+    };
+    let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
+    assert_eq!(echo(20.0, vec![land(1, 1, 20.0)]).1, None);
+    assert_eq!(echo(20.5, vec![abort(2, 20.5)]), (State::GaveUp, Some([1, 2])));
+    // Its repetition stops no landing that was ordered since, and is answered.
+    assert_eq!(echo(22.0, vec![land(1, 3, 22.0)]), (State::Hold, Some([1, 2])));
+    assert_eq!(echo(22.5, vec![abort(4, 20.49)]), (State::Hold, Some([1, 4])));
+}
+
 /// What a mission wrote that is over the deck in this state.
 fn memory(state: State, t: f64) -> MissionMemory {
     let header = Header::new(1, 1, 5, 9, at(t));

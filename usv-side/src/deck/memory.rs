@@ -1,5 +1,5 @@
 //! What the vessel must not forget of its deck when its process or its computer is started anew: who stands on it or
-//! may, whether it is closed, and the aborts that no drone has acknowledged.
+//! may, whether it is closed, the aborts that no drone has acknowledged, and what they made void.
 
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
@@ -80,6 +80,18 @@ impl DeckMemory {
     }
 }
 
+/// Boot and sequence of an operator's message.
+pub type Identity = (u32, u32);
+
+/// An operator's command that an abort has made void.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct VoidCommand {
+    /// For this drone.
+    pub drone: u32,
+    /// The operator's message, whose repetitions do not count.
+    pub identity: Identity,
+}
+
 /// An abort that its drone has not acknowledged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(bound = "")]
@@ -89,5 +101,5 @@ pub struct PendingAbort {
     /// When it was given.
     pub given: Time<VesselClock>,
     /// Boot and sequence of the operator's message.
-    pub identity: (u32, u32),
+    pub identity: Identity,
 }

@@ -1,9 +1,10 @@
 //! The operator relay: operators' commands on their way through the vessel to its drones.
 //!
-//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most; an abort for as
-//! long as it takes, also through a new start of the vessel's process ([`PendingAbort`]). While an
+//! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most; an abort until the
+//! status echoes it, for as long as it takes, also through a new start of the vessel's process ([`PendingAbort`]). While an
 //! abort has not shown its effect, no other command reaches that drone, and none that was given until then, nor a
-//! landing that somebody else orders within a second of it, counts afterwards. Each repetition bears the time at which
+//! landing that somebody else orders within a second of it, counts afterwards, nor in the vessel's next process
+//! ([`VoidCommand`]). Each repetition bears the time at which
 //! the command was given: what the drone was told since, by whomever, is newer.
 
 use std::collections::VecDeque;
@@ -16,17 +17,14 @@ use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
-use super::memory::PendingAbort;
+use super::memory::{Identity, PendingAbort, VoidCommand};
 
 /// Time between two repetitions.
 const REPEAT_PERIOD: Span = Span::from_millis(500);
 /// A command other than an abort that shows no effect is given up after this long.
 const TIMEOUT: Span = Span::from_millis(10_000);
-/// Most commands for a drone that are remembered as void: an operator's terminal repeats its own for 12 s.
-const MAX_VOID: usize = 16;
-
-/// Boot and sequence of an operator's message.
-type Identity = (u32, u32);
+/// Most commands that are remembered as void: an operator's terminal repeats its own for 12 s.
+const MAX_VOID: usize = 4 * MAX_DRONES;
 
 #[derive(Clone, Debug)]
 struct Pending {
@@ -35,19 +33,13 @@ struct Pending {
     given: Time<VesselClock>,
     next: Time<VesselClock>,
     identity: Identity,
+    /// Sequence of the first of its repetitions.
+    first: Option<u32>,
     /// In effect or given up: kept to recognise its repetitions.
     finished: bool,
-    /// Commands that an abort has made void, newest last: their repetitions never count.
-    void: VecDeque<Identity>,
 }
 
 impl Pending {
-    fn make_void(&mut self, identity: Identity) {
-        if self.void.len() >= MAX_VOID {
-            self.void.pop_front();
-        }
-        self.void.push_back(identity);
-    }
     /// Whether this abort keeps a command of `kind` away at `now`.
     fn forbids(&self, now: Time<VesselClock>, kind: CommandKind, identity: Identity) -> bool {
         // Who gave the abort knows of it.
@@ -66,6 +58,8 @@ pub struct OperatorIn {
     pub statuses: Vec<DroneStatus>,
     /// At the first step, the aborts that the former start left.
     pub aborts: Vec<PendingAbort>,
+    /// And the commands that never count.
+    pub void: Vec<VoidCommand>,
 }
 
 /// What the relay sends and has accepted.
@@ -84,6 +78,8 @@ pub struct OperatorRelay {
     boot: u32,
     sequence: u32,
     pending: Vec<Pending>,
+    /// Commands that an abort has made void, newest last: their repetitions never count.
+    void: VecDeque<VoidCommand>,
     rejected: u64,
 }
 
@@ -95,6 +91,7 @@ impl OperatorRelay {
             boot,
             sequence: 0,
             pending: Vec::new(),
+            void: VecDeque::new(),
             rejected: 0,
         }
     }
@@ -114,6 +111,17 @@ impl OperatorRelay {
         self.pending.iter().filter(pending).map(abort).collect()
     }
 
+    /// Commands whose repetitions never count.
+    pub fn void(&self) -> Vec<VoidCommand> {
+        self.void.iter().copied().collect()
+    }
+    fn make_void(&mut self, drone: u32, identity: Identity) {
+        if self.void.len() >= MAX_VOID {
+            self.void.pop_front();
+        }
+        self.void.push_back(VoidCommand { drone, identity });
+    }
+
     fn remember(&mut self, now: Time<VesselClock>, aborts: &[PendingAbort]) {
         self.pending = aborts
             .iter()
@@ -125,8 +133,8 @@ impl OperatorRelay {
                 given: a.given.min(now),
                 next: now,
                 identity: a.identity,
+                first: None,
                 finished: false,
-                void: VecDeque::new(),
             })
             .collect();
     }
@@ -138,10 +146,11 @@ impl OperatorRelay {
         let index = self.pending.iter().position(|p| p.drone == h.drone);
         let full = index.is_none() && self.pending.len() >= MAX_DRONES;
         let before = index.and_then(|k| self.pending.get_mut(k));
-        if before
-            .as_ref()
-            .is_some_and(|p| p.identity == identity || p.void.contains(&identity))
-        {
+        let void = VoidCommand {
+            drone: h.drone,
+            identity,
+        };
+        if before.as_ref().is_some_and(|p| p.identity == identity) || self.void.contains(&void) {
             return false;
         }
         let valid = h.version == MESSAGE_VERSION && h.vessel == self.vessel && h.drone != 0;
@@ -155,21 +164,20 @@ impl OperatorRelay {
             given: now,
             next: now,
             identity,
+            first: None,
             finished: false,
-            void: VecDeque::new(),
         };
         match before {
             Some(p) if p.forbids(now, command.kind, identity) => {
-                p.make_void(identity);
+                self.make_void(h.drone, identity);
                 self.rejected = self.rejected.saturating_add(1);
                 return false;
             }
             Some(p) => {
-                let mut before = core::mem::replace(p, pending);
+                let before = core::mem::replace(p, pending);
                 if command.kind == CommandKind::Abort {
-                    before.make_void(before.identity);
+                    self.make_void(h.drone, before.identity);
                 }
-                p.void = before.void;
             }
             None => self.pending.push(pending),
         }
@@ -186,15 +194,30 @@ impl Node for OperatorRelay {
         if self.pending.is_empty() {
             self.remember(now, &input.aborts);
         }
+        for c in &input.void {
+            self.make_void(c.drone, c.identity);
+        }
         let new = |c: &&OperatorCommand<VesselClock>| self.accept(now, c);
         let mut out = OperatorOut {
             accepted: input.commands.iter().filter(new).copied().collect(),
             commands: Vec::new(),
         };
         for p in &mut self.pending {
+            // An abort is answered by its own echo: another state shows what was before it as well.
+            let (boot, newest) = (self.boot, self.sequence);
+            let echoed = |s: &DroneStatus| {
+                s.abort.is_some_and(|[b, k]| {
+                    b == boot && p.first.is_some_and(|first| (first..=newest).contains(&k))
+                })
+            };
             // A status that was under way when the command was given shows nothing.
             let met = |s: &DroneStatus| {
-                p.drone == s.header.drone && p.next > p.given && p.kind.is_met(s.state, s.waiting.code)
+                p.drone == s.header.drone
+                    && if p.kind == CommandKind::Abort {
+                        echoed(s)
+                    } else {
+                        p.next > p.given && p.kind.is_met(s.state, s.waiting.code)
+                    }
             };
             p.finished |=
                 input.statuses.iter().any(met) || p.kind != CommandKind::Abort && now - p.given > TIMEOUT;
@@ -203,6 +226,7 @@ impl Node for OperatorRelay {
             }
             p.next = now + REPEAT_PERIOD;
             self.sequence = self.sequence.wrapping_add(1);
+            p.first.get_or_insert(self.sequence);
             out.commands.push(OperatorCommand {
                 header: Header::new(self.vessel, p.drone, self.boot, self.sequence, p.given),
                 kind: p.kind,
@@ -232,6 +256,14 @@ mod tests {
         }
     }
 
+    /// A status of a mission that has received the newest repetition.
+    fn echo(relay: &OperatorRelay) -> Option<DroneStatus> {
+        Some(DroneStatus {
+            abort: Some([relay.boot, relay.sequence]),
+            ..status(State::GaveUp, ReasonCode::NotCommanded)
+        })
+    }
+
     /// Steps the relay with at most one command and one status.
     fn step(
         relay: &mut OperatorRelay,
@@ -242,7 +274,7 @@ mod tests {
         let input = OperatorIn {
             commands: command.into_iter().collect(),
             statuses: status.into_iter().collect(),
-            aborts: Vec::new(),
+            ..OperatorIn::default()
         };
         let out = relay.step(Time::from_secs(t_s), &input);
         let sent = out.commands.iter().map(|c| c.kind).collect();
@@ -285,7 +317,10 @@ mod tests {
         assert!(!step(&mut relay, 1.3, again, None).0);
         let descent = Some(status(State::Descent, ReasonCode::TooFar));
         assert_eq!(step(&mut relay, 1.8, None, descent).1, [CommandKind::Abort]);
-        let over = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+        // It gave up before, as a status shows that was under way.
+        let before = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+        assert_eq!(step(&mut relay, 2.3, None, before).1, [CommandKind::Abort]);
+        let over = echo(&relay);
         assert!(step(&mut relay, 2.4, None, over).1.is_empty());
         assert!(step(&mut relay, 2.5, last, None).0);
         assert_eq!(relay.rejected(), 1);
@@ -298,24 +333,35 @@ mod tests {
             c.header.boot = boot;
             Some(c)
         };
-        let over = Some(status(State::GaveUp, ReasonCode::NotCommanded));
         let mut relay = OperatorRelay::new(1, 9);
         let before = of(6, 1, CommandKind::Land);
         assert!(step(&mut relay, 1.0, before, None).0);
         assert!(step(&mut relay, 2.0, of(5, 1, CommandKind::Abort), None).0);
         let meanwhile = of(7, 1, CommandKind::Land);
         assert!(!step(&mut relay, 2.1, meanwhile, None).0);
+        let over = echo(&relay);
         assert!(step(&mut relay, 2.4, None, over).1.is_empty());
         let just_after = of(8, 1, CommandKind::Land);
         assert!(!step(&mut relay, 2.9, just_after, None).0);
-        // Their terminals repeat them.
+        assert_eq!(relay.rejected(), 2);
+        // Their terminals repeat them, also to the vessel's next process.
         for k in 0..24 {
+            if k == 12 {
+                let left = relay.void();
+                relay = OperatorRelay::new(1, 10);
+                relay.step(
+                    Time::from_secs(8.9),
+                    &OperatorIn {
+                        void: left,
+                        ..OperatorIn::default()
+                    },
+                );
+            }
             for repeated in [before, meanwhile, just_after] {
                 let (accepted, sent) = step(&mut relay, 3.0 + 0.5 * f64::from(k), repeated, None);
                 assert!(!accepted && sent.is_empty(), "{repeated:?}");
             }
         }
-        assert_eq!(relay.rejected(), 2);
         assert!(step(&mut relay, 15.0, of(7, 2, CommandKind::Land), None).0);
         assert!(!step(&mut relay, 15.5, meanwhile, None).0);
     }
@@ -362,7 +408,7 @@ mod tests {
             assert_eq!(out.commands[0].header.at, Time::from_secs(given_s));
             let land = Some(command(2, 3, CommandKind::Land));
             assert!(!step(&mut relay, t_s + 0.1, land, None).0);
-            let over = Some(status(State::GaveUp, ReasonCode::NotCommanded));
+            let over = echo(&relay);
             assert!(step(&mut relay, t_s + 0.6, None, over).1.is_empty());
             assert!(relay.aborts().is_empty());
         }
