@@ -129,6 +129,21 @@ fn link_killed_after_the_stop_disarms_a_px4_that_denied_it() {
 }
 
 #[test]
+fn link_killed_after_the_stop_disarms_an_arducopter_that_denied_it() {
+    assert_lands_with("disarm-ap", Firmware::ArduCopter, "autopilot:kill:landed");
+}
+
+#[test]
+fn pilot_killed_after_the_stop_ends_disarmed() {
+    assert_lands_with("disarm-pilot", Firmware::Px4, "pilot:kill:landed");
+}
+
+#[test]
+fn predictor_killed_in_flare_knows_the_deck_again() {
+    assert_lands_with("predictor", Firmware::ArduCopter, "predictor:kill:flare");
+}
+
+#[test]
 fn cable_silent_at_the_touchdown_ends_disarmed() {
     let mut flight = with_fault(Firmware::Px4, MODERATE, None, 5);
     flight.cable_out = true;

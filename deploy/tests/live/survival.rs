@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use alight_shared::msg::{DroneStatus, Header, State};
+use alight_shared::msg::{DroneStatus, Header, LandedState, State};
 use alight_shared::time::Time;
 use alight_shared::transport::radio::{Radio, RadioConfig, TlsConfig};
 use alight_shared::wire;
@@ -68,6 +68,12 @@ impl Vessel {
         let mut paths = files.map(|f| f.path());
         let deck = |p: &PathBuf| p.extension().is_some_and(|e| e == "deck");
         paths.find(deck).expect("the deck's state")
+    }
+    /// The radio of a drone with this number, which speaks without a bridge.
+    fn drone(&self, number: u32) -> Radio {
+        let dial = RadioConfig::dialling(&self.endpoint, TlsConfig::default());
+        let key = format!("alight/drone-{number}/status");
+        Radio::open(&dial, common::publication(&key), Vec::new()).expect("opens")
     }
     fn status(&self) -> Value {
         let out = run(format!("status --json --config {}", self.config.display()));
@@ -205,9 +211,7 @@ fn vessel_outlives_a_limit_on_the_size_of_its_log_and_says_so() {
 fn occupied_and_closed_deck_outlive_a_vessel_that_is_killed() {
     let vessel = Vessel::prepare("deck");
     let mut process = vessel.start();
-    let dial = RadioConfig::dialling(&vessel.endpoint, TlsConfig::default());
-    let mut drone =
-        Radio::open(&dial, common::publication("alight/drone-1/status"), Vec::new()).expect("opens");
+    let mut drone = vessel.drone(1);
     let mut sequence = 0;
     // It lands, and is switched off.
     vessel.status_when("the drone is received on the deck", |s| {
@@ -253,6 +257,34 @@ fn occupied_and_closed_deck_outlive_a_vessel_that_is_killed() {
     std::fs::write(vessel.deck_file(), "half a fi").expect("written");
     let status = again(&mut process);
     assert_eq!(status["status"]["deck"]["closed"], "memory_damaged", "{status}");
+}
+
+#[test]
+fn deck_is_a_drones_that_stands_on_it_from_the_start_and_nobodys_when_two_have_its_number() {
+    let vessel = Vessel::prepare("parked");
+    let _process = vessel.start();
+    let mut drone = vessel.drone(1);
+    let mut sequence = 0;
+    // Boots take turns where there are two.
+    let mut report = |boots: &[u32], wanted: &dyn Fn(&Value) -> bool| {
+        vessel.status_when("the drones are received", |s| {
+            for boot in boots {
+                sequence += 1;
+                let status = DroneStatus {
+                    header: Header::new(1, 1, *boot, sequence, Time::EPOCH),
+                    state: State::Idle,
+                    landed: LandedState::OnGround,
+                    deck_distance_m: Some(0.3),
+                    ..DroneStatus::default()
+                };
+                drone.send(0, wire::encode(&status).expect("small"));
+            }
+            wanted(s)
+        })
+    };
+    let parked = report(&[7], &|s| s["status"]["occupied"] == true);
+    assert_eq!(parked["status"]["deck_owner"], 1, "{parked}");
+    report(&[7, 8], &|s| s["status"]["deck"]["doubles"][0] == 1);
 }
 
 #[test]
