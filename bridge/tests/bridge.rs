@@ -8,8 +8,8 @@ use alight_shared::admission::RejectionReason;
 use alight_shared::frames::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    Header, MESSAGE_VERSION, Message, PredictedStage, TimeReply, TimeRequest, VesselEstimate,
-    VesselPrediction, WaveMode, WaveModel, f16,
+    CommandKind, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage, TimeReply, TimeRequest,
+    VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -141,6 +141,26 @@ fn bridge_admits_nothing_before_the_clock_offset_is_known() {
     assert!(out.estimate.is_none());
     assert_eq!(b.rejections().of(RejectionReason::NoClock), 1);
     assert_eq!(out.link.unwrap().clock_offset_sd_s, f64::INFINITY);
+}
+
+#[test]
+fn bridge_passes_an_old_abort_with_its_own_time_and_any_without_a_clock() {
+    let abort = |sequence: u32, given: Time<VesselClock>| OperatorCommand {
+        header: Header::new(1, BridgeConfig::default().drone_id, 1, sequence, given),
+        kind: CommandKind::Abort,
+    };
+    let at = |b: &mut Bridge, now: f64, m: &OperatorCommand<VesselClock>| {
+        let out = step(b, now, vec![packet(now, PacketKind::Command, m)]);
+        out.command.map(|c| c.header.at.secs())
+    };
+    let (mut b, now) = settled(0.05, 0.05, 5);
+    let given = now - 20.0;
+    for k in 0..4 {
+        let passed = at(&mut b, now + 0.5 * f64::from(k), &abort(k, vessel(given))).unwrap();
+        assert!((passed - given).abs() < 0.01, "{passed}");
+    }
+    let mut without_a_clock = Bridge::new(&BridgeConfig::default(), 9);
+    assert_eq!(at(&mut without_a_clock, 7.0, &abort(0, vessel(1.0))), Some(7.0));
 }
 
 #[test]
