@@ -2,13 +2,12 @@
 //! half of a metre the deck is too near to be seen, and a predictor that began there would know the deck to the error of
 //! two GNSS receivers.
 
-use alight_shared::msg::{DroneState, Header, PredictorMemory};
+use alight_shared::msg::{DroneState, PredictorMemory};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use nalgebra::Vector3;
 
-use super::axis::{AxisNoise, MeasurementRow};
-use super::node::Predictor;
+use super::axis::AxisNoise;
 use super::track::JUMP_M;
 use super::waves::AXES;
 use crate::memory;
@@ -24,78 +23,56 @@ pub(super) struct Beginning {
     answer: Option<PredictorMemory>,
 }
 
-impl Predictor {
-    /// A predictor before this one may have flown: it asks for that one's memory first, and publishes nothing until it is
-    /// answered: a forecast by the radio alone may lie metres beside the deck, and would end a landing.
-    #[must_use]
-    pub fn as_successor(mut self) -> Self {
-        self.beginning = Some(Beginning::default());
-        self
-    }
+/// What it knows of that.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Begun {
+    /// Nobody has answered yet.
+    Waiting,
+    /// There is nothing.
+    Anew,
+    /// This, to be judged.
+    With(PredictorMemory),
+}
 
-    /// Takes the memory of the predictor before this one as soon as the radio's view of the deck is there to be offset,
-    /// unless this one has seen the deck itself.
-    pub(super) fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorMemory>) {
-        let Some(beginning) = &mut self.beginning else {
-            return;
-        };
-        let given = given.filter(|m| m.header.boot != self.boot);
-        beginning.answer = given.copied().or(beginning.answer);
-        let waited = now - *beginning.since.get_or_insert(now);
-        // Boot 0: who keeps it has nothing.
-        match beginning.answer {
-            None if waited < memory::WAIT => {}
-            Some(m) if m.header.boot != 0 && self.vision_at.is_none() => {
-                if self.resume(now, &m) {
-                    self.beginning = None;
-                }
-            }
-            Some(_) | None => self.beginning = None,
+impl Beginning {
+    /// Takes what the keeper says; `boot` is the predictor's own.
+    pub(super) fn step(
+        &mut self,
+        now: Time<DroneClock>,
+        boot: u32,
+        given: Option<&PredictorMemory>,
+    ) -> Begun {
+        self.answer = given.filter(|m| m.header.boot != boot).copied().or(self.answer);
+        let waited = now - *self.since.get_or_insert(now);
+        match self.answer {
+            // Boot 0: who keeps it has nothing.
+            Some(m) if m.header.boot != 0 => Begun::With(m),
+            None if waited < memory::WAIT => Begun::Waiting,
+            Some(_) | None => Begun::Anew,
         }
     }
+}
 
-    /// Whether `m` was judged: it waits for odometry and radio.
-    fn resume(&mut self, now: Time<DroneClock>, m: &PredictorMemory) -> bool {
-        let (Some(drone), Some(filter), Some((boot, _))) =
-            (self.track.newest(), self.filter.as_mut(), self.radio_sequence)
-        else {
-            return false;
-        };
-        let judged = memory::judge(now, drone.header.drone, MAX_AGE, m);
-        if judged.is_err() || m.vessel_boot != boot || !same_frame(drone, m) {
-            return true;
-        }
-        let age = (now - m.header.at).secs().max(0.0);
-        let noise = AxisNoise::all(&self.config);
-        let variance = core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age));
-        filter.know_offset(&m.offset, &variance);
-        self.vision_at = Some(m.vision_at);
-        self.tag_at = m.tag_at;
-        true
-    }
+/// Whether `m` counts for this drone and this start of the vessel.
+pub(super) fn counts(
+    now: Time<DroneClock>,
+    drone: &DroneState,
+    vessel_boot: u32,
+    m: &PredictorMemory,
+) -> bool {
+    memory::judge(now, drone.header.drone, MAX_AGE, m).is_ok()
+        && m.vessel_boot == vessel_boot
+        && same_frame(drone, m)
+}
 
-    /// What a successor has to know, by the newest observation, beside a forecast with this header.
-    pub(super) fn memory(&self, forecast: &Header<DroneClock>) -> Option<PredictorMemory> {
-        let (drone, filter) = (self.track.newest()?, self.filter.as_ref()?);
-        let axes = filter.last()?;
-        let offset: [(f64, f64); AXES] = core::array::from_fn(|i| axes[i].project(MeasurementRow::Offset));
-        Some(PredictorMemory {
-            header: Header {
-                vessel: drone.header.vessel,
-                drone: drone.header.drone,
-                at: filter.newest()?,
-                ..*forecast
-            },
-            vessel_boot: self.radio_sequence?.0,
-            vision_at: self.vision_at?,
-            tag_at: self.tag_at,
-            offset: offset.map(|(value, _)| value),
-            offset_sd: offset.map(|(_, variance)| variance.sqrt()),
-            position: drone.position,
-            velocity: drone.velocity,
-            odometry_at: drone.header.at,
-        })
-    }
+/// The variances of its offsets at `now`.
+pub(super) fn variances(
+    now: Time<DroneClock>,
+    noise: &[AxisNoise; AXES],
+    m: &PredictorMemory,
+) -> [f64; AXES] {
+    let age = (now - m.header.at).secs().max(0.0);
+    core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
 
 /// The odometry's origin is where it was: the drone has moved as its velocities say.
@@ -115,6 +92,7 @@ fn aged(variance: f64, noise: &AxisNoise, age: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::msg::Header;
 
     #[test]
     fn memory_of_an_origin_that_has_moved_is_of_another_frame() {

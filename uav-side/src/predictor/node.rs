@@ -21,7 +21,7 @@ use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
-use super::memory::Beginning;
+use super::memory::{self, Beginning, Begun};
 use super::observation::{self, MountRotation, Observation, Plane};
 use super::track::Track;
 use super::waves::{AXES, Waves};
@@ -68,29 +68,29 @@ const CLOCK_SD_UNKNOWN_S: f64 = 0.05;
 /// Fuses radio and vision and predicts the deck.
 #[derive(Clone, Debug)]
 pub struct Predictor {
-    pub(super) config: PredictorConfig,
-    pub(super) boot: u32,
+    config: PredictorConfig,
+    boot: u32,
     sequence: u32,
     waves: Waves,
-    pub(super) filter: Option<Filter>,
+    filter: Option<Filter>,
     horizon: Horizon,
     /// The same further ahead, in longer steps.
     far: Horizon,
-    pub(super) track: Track,
+    track: Track,
     clock_sd_s: f64,
     /// Variances that the vessel states (value, rate), from its newest estimate.
     stated: [(f64, f64); AXES],
     radio_at: Option<Time<DroneClock>>,
-    pub(super) radio_sequence: Option<(u32, u32)>,
-    pub(super) vision_at: Option<Time<DroneClock>>,
-    pub(super) tag_at: Option<Time<DroneClock>>,
+    radio_sequence: Option<(u32, u32)>,
+    vision_at: Option<Time<DroneClock>>,
+    tag_at: Option<Time<DroneClock>>,
     range_at: Option<Time<DroneClock>>,
     /// Apparent slopes of the deck as reported by the vessel, and when.
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     surroundings: Surroundings,
     next: Periodic<DroneClock>,
     /// Does not know yet whether a predictor before it flew.
-    pub(super) beginning: Option<Beginning>,
+    beginning: Option<Beginning>,
     rejections: Rejections,
 }
 
@@ -119,6 +119,15 @@ impl Predictor {
             next: Periodic::default(),
             beginning: None,
             rejections: Rejections::default(),
+        }
+    }
+    /// A predictor before this one may have flown: it asks for that one's memory first, and publishes nothing until it is
+    /// answered: a forecast by the radio alone may lie metres beside the deck, and would end a landing.
+    #[must_use]
+    pub fn as_successor(self) -> Self {
+        Predictor {
+            beginning: Some(Beginning::default()),
+            ..self
         }
     }
     /// Inputs not used since the start.
@@ -275,6 +284,56 @@ impl Predictor {
         let o = o.levelled(lever_arm_heave_m);
         self.range_at = Some(at);
         self.fuse(&o)
+    }
+
+    /// Takes the memory of the predictor before this one as soon as the radio's view of the deck is there to be offset,
+    /// unless this one has seen the deck itself.
+    fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorMemory>) {
+        let Some(beginning) = &mut self.beginning else {
+            return;
+        };
+        let m = match beginning.step(now, self.boot, given) {
+            Begun::Waiting => return,
+            Begun::With(m) if self.vision_at.is_none() => m,
+            Begun::With(_) | Begun::Anew => {
+                self.beginning = None;
+                return;
+            }
+        };
+        let (Some(drone), Some(filter), Some((vessel_boot, _))) =
+            (self.track.newest(), self.filter.as_mut(), self.radio_sequence)
+        else {
+            return;
+        };
+        self.beginning = None;
+        if memory::counts(now, drone, vessel_boot, &m) {
+            let noise = AxisNoise::all(&self.config);
+            filter.know_offset(&m.offset, &memory::variances(now, &noise, &m));
+            (self.vision_at, self.tag_at) = (Some(m.vision_at), m.tag_at);
+        }
+    }
+
+    /// What a successor has to know, by the newest observation, beside a forecast with this header.
+    fn memory(&self, forecast: &Header<DroneClock>) -> Option<PredictorMemory> {
+        let (drone, filter) = (self.track.newest()?, self.filter.as_ref()?);
+        let axes = filter.last()?;
+        let offset: [(f64, f64); AXES] = core::array::from_fn(|i| axes[i].project(MeasurementRow::Offset));
+        Some(PredictorMemory {
+            header: Header {
+                vessel: drone.header.vessel,
+                drone: drone.header.drone,
+                at: filter.newest()?,
+                ..*forecast
+            },
+            vessel_boot: self.radio_sequence?.0,
+            vision_at: self.vision_at?,
+            tag_at: self.tag_at,
+            offset: offset.map(|(value, _)| value),
+            offset_sd: offset.map(|(_, variance)| variance.sqrt()),
+            position: drone.position,
+            velocity: drone.velocity,
+            odometry_at: drone.header.at,
+        })
     }
 
     fn forecast(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
