@@ -23,33 +23,27 @@ pub(super) struct Beginning {
     answer: Option<PredictorMemory>,
 }
 
-/// What it knows of that.
+/// How a predictor begins.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Begun {
-    /// Nobody has answered yet.
-    Waiting,
-    /// There is nothing.
-    Anew,
-    /// This, to be judged.
-    With(PredictorMemory),
+pub(super) struct Begun {
+    /// What the one before it left, to be judged.
+    pub(super) memory: Option<PredictorMemory>,
 }
 
 impl Beginning {
-    /// Takes what the keeper says; `boot` is the predictor's own.
+    /// Takes what the keeper says, and gives how the predictor begins once it knows; `boot` is its own.
     pub(super) fn step(
         &mut self,
         now: Time<DroneClock>,
         boot: u32,
         given: Option<&PredictorMemory>,
-    ) -> Begun {
+    ) -> Option<Begun> {
         self.answer = given.filter(|m| m.header.boot != boot).copied().or(self.answer);
         let waited = now - *self.since.get_or_insert(now);
-        match self.answer {
-            // Boot 0: who keeps it has nothing.
-            Some(m) if m.header.boot != 0 => Begun::With(m),
-            None if waited < memory::WAIT => Begun::Waiting,
-            Some(_) | None => Begun::Anew,
-        }
+        let answered = self.answer.is_some() || waited >= memory::WAIT;
+        // Boot 0: who keeps it has nothing.
+        let memory = self.answer.filter(|m| m.header.boot != 0);
+        answered.then_some(Begun { memory })
     }
 }
 

@@ -21,7 +21,7 @@ use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
-use super::memory::{self, Beginning, Begun};
+use super::memory::{self, Beginning};
 use super::observation::{self, MountRotation, Observation, Plane};
 use super::track::Track;
 use super::waves::{AXES, Waves};
@@ -292,13 +292,12 @@ impl Predictor {
         let Some(beginning) = &mut self.beginning else {
             return;
         };
-        let m = match beginning.step(now, self.boot, given) {
-            Begun::Waiting => return,
-            Begun::With(m) if self.vision_at.is_none() => m,
-            Begun::With(_) | Begun::Anew => {
-                self.beginning = None;
-                return;
-            }
+        let Some(begun) = beginning.step(now, self.boot, given) else {
+            return;
+        };
+        let Some(m) = begun.memory.filter(|_| self.vision_at.is_none()) else {
+            self.beginning = None;
+            return;
         };
         let (Some(drone), Some(filter), Some((vessel_boot, _))) =
             (self.track.newest(), self.filter.as_mut(), self.radio_sequence)
