@@ -7,7 +7,7 @@ use alight_shared::time::{DroneClock, Span, Time};
 use serde::{Deserialize, Serialize};
 
 /// A node that begins waits so long for the memory of the one before it: six periods of who keeps it, and more.
-pub(crate) const WAIT: Span = Span::from_millis(300);
+const WAIT: Span = Span::from_millis(300);
 /// A memory may lie so far ahead of its reader's clock.
 const AHEAD: Span = Span::from_millis(50);
 
@@ -32,6 +32,30 @@ impl fmt::Display for MemoryRefusal {
             MemoryRefusal::Age => "too old",
             MemoryRefusal::Damaged => "damaged",
         })
+    }
+}
+
+/// The memory of the one before, for which a node asks at its beginning.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Predecessor<M> {
+    since: Option<Time<DroneClock>>,
+    /// Who keeps the memory has answered, with this.
+    answer: Option<M>,
+}
+
+impl<M: Message<Clock = DroneClock> + Copy> Predecessor<M> {
+    /// Takes what its keeper says to the node with this `boot`; whether the keeper has answered, or will not any more.
+    pub(crate) fn ask(&mut self, now: Time<DroneClock>, boot: u32, given: Option<&M>) -> bool {
+        self.answer = given.filter(|m| m.header().boot != boot).copied().or(self.answer);
+        self.answer.is_some() || self.waited(now) >= WAIT
+    }
+    /// Since the node asked first.
+    pub(crate) fn waited(&mut self, now: Time<DroneClock>) -> Span {
+        now - *self.since.get_or_insert(now)
+    }
+    /// What the one before left, to be judged; boot 0: who keeps it has nothing.
+    pub(crate) fn left(&self) -> Option<M> {
+        self.answer.filter(|m| m.header().boot != 0)
     }
 }
 

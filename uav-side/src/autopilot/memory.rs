@@ -24,17 +24,15 @@ impl AutopilotLink {
     /// Takes the memory of the link before this one, once and only at the beginning. `given`: what its keeper
     /// says; boot 0 where it keeps nothing.
     pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkMemory>, out: &mut AutopilotOut) {
-        let began = *self.began.get_or_insert(now);
         if self.has_begun {
             return;
         }
-        let given = given.filter(|m| m.header.boot != self.boot);
-        self.has_begun = given.is_some() || now - began > memory::WAIT;
-        let Some(m) = given.filter(|m| m.header.boot != 0 && m.commanding) else {
+        self.has_begun = self.before.ask(now, self.boot, given);
+        let Some(m) = self.before.left().filter(|m| m.commanding) else {
             return;
         };
-        match memory::judge(now, self.drone_id, MAX_AGE, m) {
-            Ok(()) => self.resume(now, m),
+        match memory::judge(now, self.drone_id, MAX_AGE, &m) {
+            Ok(()) => self.resume(now, &m),
             Err(why) => out.texts.push(format!(
                 "the memory of the link before this one does not count: it is {why}"
             )),

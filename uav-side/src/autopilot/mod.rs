@@ -46,6 +46,7 @@ use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::memory::Predecessor;
 use crate::odometry::{Odometry, OdometryConfig};
 use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
@@ -157,8 +158,8 @@ pub struct AutopilotLink {
     drone_id: u32,
     boot: u32,
     sequences: [u32; 4],
-    /// When its first step was.
-    began: Option<DroneTime>,
+    /// What the link before it left.
+    before: Predecessor<LinkMemory>,
     /// It asks no longer for the memory of a link before it.
     has_begun: bool,
 

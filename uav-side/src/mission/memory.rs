@@ -12,7 +12,7 @@ use alight_shared::topics;
 use super::config::MissionConfig;
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
-use crate::memory::{self, MemoryRefusal};
+use crate::memory::{self, MemoryRefusal, Predecessor};
 
 /// A memory older than this says nothing about the flight now: the pilot has left the drone to its autopilot
 /// meanwhile.
@@ -35,9 +35,7 @@ fn judge(now: DroneTime, drone: u32, m: &MissionMemory) -> Result<(), MemoryRefu
 /// A mission that does not know yet whether it is a successor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Beginning {
-    since: Option<DroneTime>,
-    /// Who keeps the memory has answered, with this.
-    answer: Option<MissionMemory>,
+    before: Predecessor<MissionMemory>,
     /// What came meanwhile, in order.
     commands: Vec<Command>,
 }
@@ -68,17 +66,12 @@ impl Beginning {
         complete: bool,
     ) -> Option<Begun> {
         let [drone, boot] = ids;
-        if let Some(m) = memory.filter(|m| m.header.boot != boot) {
-            self.answer = Some(*m);
-        }
         commands.iter().for_each(|c| self.keep(c));
-        let waited = now - *self.since.get_or_insert(now);
-        let answered = self.answer.is_some() || waited >= memory::WAIT;
-        if !answered || !(complete || waited >= EVIDENCE_WAIT) {
+        let answered = self.before.ask(now, boot, memory);
+        if !answered || !(complete || self.before.waited(now) >= EVIDENCE_WAIT) {
             return None;
         }
-        // Boot 0: who keeps it has nothing.
-        let memory = self.answer.filter(|m| m.header.boot != 0);
+        let memory = self.before.left();
         let refused = memory.and_then(|m| judge(now, drone, &m).err());
         Some(Begun {
             memory: memory.filter(|_| refused.is_none()),

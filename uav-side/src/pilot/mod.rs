@@ -129,7 +129,9 @@ pub struct Pilot {
 
 /// Steps further apart than this count as this long: a pilot that was away must not jump, s.
 const MAX_STEP_S: f64 = 0.05;
-/// A plan older than this, five periods of the planner, brakes by an old forecast of the deck, s.
+/// Period of the planner, s.
+const PLAN_PERIOD_S: f64 = 0.02;
+/// A plan older than this, five of its periods, brakes by an old forecast of the deck, s.
 const OLD_PLAN_S: f64 = 0.1;
 /// A landing without a plan has braked so long before its contact as one with a plan, s.
 const SOFT_S: f64 = 0.2;
@@ -487,7 +489,7 @@ impl Pilot {
     fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
         mission.state.phase() != Phase::Landing
             && mission.previous.phase() == Phase::Landing
-            && (plan.header.at - mission.since).secs() < 0.2 * OLD_PLAN_S
+            && (plan.header.at - mission.since).secs() < PLAN_PERIOD_S
             && (now - mission.since).secs() > OLD_PLAN_S
     }
 

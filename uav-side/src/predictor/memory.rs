@@ -15,38 +15,6 @@ use crate::memory;
 /// An older memory does not count: the odometry has drifted meanwhile, and so has the drone.
 const MAX_AGE: Span = topics::PREDICTOR_MEMORY.stale_after;
 
-/// A predictor that does not know yet what the one before it left.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Beginning {
-    since: Option<Time<DroneClock>>,
-    /// Who keeps the memory has answered, with this.
-    answer: Option<PredictorMemory>,
-}
-
-/// How a predictor begins.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Begun {
-    /// What the one before it left, to be judged.
-    pub(super) memory: Option<PredictorMemory>,
-}
-
-impl Beginning {
-    /// Takes what the keeper says, and gives how the predictor begins once it knows; `boot` is its own.
-    pub(super) fn step(
-        &mut self,
-        now: Time<DroneClock>,
-        boot: u32,
-        given: Option<&PredictorMemory>,
-    ) -> Option<Begun> {
-        self.answer = given.filter(|m| m.header.boot != boot).copied().or(self.answer);
-        let waited = now - *self.since.get_or_insert(now);
-        let answered = self.answer.is_some() || waited >= memory::WAIT;
-        // Boot 0: who keeps it has nothing.
-        let memory = self.answer.filter(|m| m.header.boot != 0);
-        answered.then_some(Begun { memory })
-    }
-}
-
 /// Whether `m` counts for this drone and this start of the vessel.
 pub(super) fn counts(
     now: Time<DroneClock>,

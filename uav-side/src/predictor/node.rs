@@ -21,10 +21,11 @@ use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
-use super::memory::{self, Beginning};
+use super::memory;
 use super::observation::{self, MountRotation, Observation, Plane};
 use super::track::Track;
 use super::waves::{AXES, Waves};
+use crate::memory::Predecessor;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -90,7 +91,7 @@ pub struct Predictor {
     surroundings: Surroundings,
     next: Periodic<DroneClock>,
     /// Does not know yet whether a predictor before it flew.
-    beginning: Option<Beginning>,
+    beginning: Option<Predecessor<PredictorMemory>>,
     rejections: Rejections,
 }
 
@@ -126,7 +127,7 @@ impl Predictor {
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
-            beginning: Some(Beginning::default()),
+            beginning: Some(Predecessor::default()),
             ..self
         }
     }
@@ -292,10 +293,10 @@ impl Predictor {
         let Some(beginning) = &mut self.beginning else {
             return;
         };
-        let Some(begun) = beginning.step(now, self.boot, given) else {
+        if !beginning.ask(now, self.boot, given) {
             return;
-        };
-        let Some(m) = begun.memory.filter(|_| self.vision_at.is_none()) else {
+        }
+        let Some(m) = beginning.left().filter(|_| self.vision_at.is_none()) else {
             self.beginning = None;
             return;
         };

@@ -5,7 +5,7 @@ pub mod memory;
 pub mod operator;
 
 pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs};
-pub use memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim, Identity, PendingAbort, VoidCommand};
+pub use memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim, PendingAbort, VoidCommand};
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
 
 /// Most drones that a vessel keeps apart; further ones get neither deck nor commands.

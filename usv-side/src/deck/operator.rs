@@ -33,8 +33,8 @@ struct Pending {
     given: Time<VesselClock>,
     next: Time<VesselClock>,
     identity: Identity,
-    /// Sequence of the first of its repetitions.
-    first: Option<u32>,
+    /// Sequence that the first of its repetitions has at least.
+    first: u32,
     /// In effect or given up: kept to recognise its repetitions.
     finished: bool,
 }
@@ -133,7 +133,7 @@ impl OperatorRelay {
                 given: a.given.min(now),
                 next: now,
                 identity: a.identity,
-                first: None,
+                first: self.sequence.wrapping_add(1),
                 finished: false,
             })
             .collect();
@@ -164,7 +164,7 @@ impl OperatorRelay {
             given: now,
             next: now,
             identity,
-            first: None,
+            first: self.sequence.wrapping_add(1),
             finished: false,
         };
         match before {
@@ -204,19 +204,16 @@ impl Node for OperatorRelay {
         };
         for p in &mut self.pending {
             // An abort is answered by its own echo: another state shows what was before it as well.
-            let (boot, newest) = (self.boot, self.sequence);
-            let echoed = |s: &DroneStatus| {
-                s.abort.is_some_and(|[b, k]| {
-                    b == boot && p.first.is_some_and(|first| (first..=newest).contains(&k))
-                })
-            };
+            let boot = self.boot;
+            let echoed = |s: &DroneStatus| s.abort.is_some_and(|[b, k]| b == boot && k >= p.first);
             // A status that was under way when the command was given shows nothing.
             let met = |s: &DroneStatus| {
                 p.drone == s.header.drone
-                    && if p.kind == CommandKind::Abort {
-                        echoed(s)
-                    } else {
-                        p.next > p.given && p.kind.is_met(s.state, s.waiting.code)
+                    && match p.kind {
+                        CommandKind::Abort => echoed(s),
+                        CommandKind::Land | CommandKind::Hold => {
+                            p.next > p.given && p.kind.is_met(s.state, s.waiting.code)
+                        }
                     }
             };
             p.finished |=
@@ -226,7 +223,6 @@ impl Node for OperatorRelay {
             }
             p.next = now + REPEAT_PERIOD;
             self.sequence = self.sequence.wrapping_add(1);
-            p.first.get_or_insert(self.sequence);
             out.commands.push(OperatorCommand {
                 header: Header::new(self.vessel, p.drone, self.boot, self.sequence, p.given),
                 kind: p.kind,
