@@ -337,7 +337,8 @@ impl DeckArbiter {
         let inside = match status.deck_distance_m {
             _ if claim >= Claim::Landing => true,
             _ if on_ground => false,
-            Some(_) => !is_far(status),
+            // Until it knows that it gave way it may yet fly in.
+            Some(_) => !is_far(status) || was_inside && self.may_be_unknown(now),
             None => was_inside,
         };
         let place = before
@@ -378,6 +379,11 @@ impl DeckArbiter {
         }
     }
 
+    /// The owner that gave way last may not know it yet.
+    fn may_be_unknown(&self, now: Time<VesselClock>) -> bool {
+        self.vacated.is_some_and(|t| now - t <= topics::DECK.stale_after)
+    }
+
     /// The owner from now on.
     fn assign(&mut self, now: Time<VesselClock>) -> Option<u32> {
         let c = &self.config;
@@ -407,8 +413,8 @@ impl DeckArbiter {
         let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
         // Nobody is given the deck while another may be above it, or may not know yet that it lost it.
         let free = |next: &&Drone| !drones().any(|d| d.inside && d.header.drone != next.header.drone);
-        let ready = self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s)
-            && self.vacated.is_none_or(|t| now - t > topics::DECK.stale_after);
+        let ready =
+            self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) && !self.may_be_unknown(now);
         let assigned = match current {
             Some(d) if next.is_some() && idle(d) => None,
             Some(d) => Some(d),
@@ -463,7 +469,17 @@ impl Node for DeckArbiter {
                     d.since = now;
                 }
             }
-            self.vacated = owner.map_or(Some(now), |_| self.vacated);
+            if owner.is_none() {
+                self.vacated = Some(now);
+                // One that gives way without having left may be on its way there and not be told: until it reports from
+                // beyond.
+                let former = self.owner;
+                let gives_way = |d: &&mut Drone| Some(d.header.drone) == former && d.claim > Claim::Away;
+                self.drones
+                    .iter_mut()
+                    .filter(gives_way)
+                    .for_each(|d| d.inside = true);
+            }
             self.owner = owner;
         }
         let published = self.published(now);

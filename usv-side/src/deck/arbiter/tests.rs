@@ -174,6 +174,26 @@ fn deck_arbiter_withdraws_the_deck_after_idling_but_never_for_silence() {
 }
 
 #[test]
+fn deck_arbiter_takes_an_owner_that_gives_way_unheard_for_flying_in() {
+    for last_s in [0.5, 1.5, 2.5] {
+        let mut rig = Rig::new();
+        rig.run(&[(1, State::Approach)], 0.5);
+        // The deck was closed meanwhile: both wait, and the owner for too long.
+        let both = [(1, State::Approach), (2, State::Approach)];
+        let waited = (0..80).find(|_| rig.run(&both, 0.5) == 0);
+        assert!(waited.is_some());
+        rig.run(&both, last_s);
+        let after = rig.run(&[(2, State::Approach)], 600.0);
+        if last_s > topics::DECK.stale_after.secs() {
+            assert_eq!(after, 2, "{last_s} s: it knows");
+        } else {
+            assert_eq!(after, 0, "{last_s} s");
+            assert_eq!(rig.run(&both, 1.0), 2, "it reports from beyond");
+        }
+    }
+}
+
+#[test]
 fn deck_arbiter_lets_a_drone_that_broke_off_climb_before_another_descends() {
     let mut rig = Rig::new();
     rig.run(&[(1, State::TrackingStable)], 0.5);
