@@ -63,6 +63,19 @@ fn drone_lands_softly_and_level_on_calm_water() {
     assert!(o.touchdown_speed_mps.unwrap() < 0.8 && o.tilt_error_deg.unwrap() < 3.0);
 }
 
+/// In a calm no model predicts what is left of the motion, and it is known all the same.
+#[test]
+fn drone_does_not_wait_above_a_deck_that_hardly_moves() {
+    let mut under_way = at_sea(0.0, 5.0);
+    under_way.vessel.course = Course::Straight;
+    under_way.vessel.speed_mps = 3.0;
+    for (scenario, seed) in [(at_sea(0.0, 5.0), 6004), (under_way, 6002)] {
+        let o = outcome(&scenario, seed);
+        assert!(o.success, "{}", o.reason);
+        assert!(o.over_deck_time_s.unwrap() < 10.0, "{:?} s", o.over_deck_time_s);
+    }
+}
+
 #[test]
 fn drone_lands_in_the_roughest_row_of_table_2() {
     let o = outcome(&at_sea(0.8, 5.0), 13);

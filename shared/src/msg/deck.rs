@@ -171,7 +171,7 @@ pub struct DeckForecast {
     pub vision_age_s: f64,
     /// Age of the newest tag detection that was used, s; infinite when there was none.
     pub tag_age_s: f64,
-    /// Confidence in the wave model, 0 (broad default) to 1.
+    /// Confidence in the wave model, 0 (broad default, or a calm) to 1.
     pub wave_confidence: f64,
     /// The deck's mean heading without the waves' share, rad.
     pub mean_heading: f64,
@@ -183,7 +183,7 @@ pub struct DeckForecast {
     /// What stands around the deck, as the vessel reported it last.
     pub surroundings: Surroundings,
     /// The apparent slope that is predicted for a drone on the deck, every [`PREDICTED_SLOPE_STEP_S`] from now on, in
-    /// steps of [`super::SLOPE_STEP`]; empty while no wave is named with confidence.
+    /// steps of [`super::SLOPE_STEP`]; empty while the vessel has not identified its motion.
     pub predicted_slopes: Seq<u8, PREDICTED_SLOPES>,
 }
 

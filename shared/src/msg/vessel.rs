@@ -115,10 +115,11 @@ pub struct WaveModel<C: Clock> {
     pub header: Header<C>,
     /// Significant wave height as the vessel's heave tells it, m.
     pub significant_height_m: f32,
-    /// Share of the motion's variance that the modes predict a second ahead, 0 to 1; 0 before the first
-    /// identification.
+    /// Share of the motion's variance that the modes predict a second ahead, 0 to 1: in a calm, where only noise is left
+    /// of the motion, 0.
     pub confidence: f32,
-    /// Modes, strongest first; the motion about its mean is the sum of their real parts.
+    /// Modes, strongest first; the motion about its mean is the sum of their real parts. None before the first
+    /// identification.
     pub modes: Seq<WaveMode, MAX_MODES>,
     /// The steepest apparent slope of the deck in each span of [`SLOPE_WINDOW_S`], the present one first, in steps of
     /// [`SLOPE_STEP`]: `|f_xy| / |f_z|`, the specific force in the deck's axes averaged over a second. Above the

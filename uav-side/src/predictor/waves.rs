@@ -138,6 +138,8 @@ pub struct Waves {
     spread_step_s: f64,
     /// The most that they leave.
     largest: [f64; AXES],
+    /// The vessel has sent modes.
+    identified: bool,
     /// Share of the motion's variance that the modes predict, 0 to 1.
     pub confidence: f64,
 }
@@ -162,12 +164,13 @@ impl Waves {
             spread: Seq::new(),
             spread_step_s: 1.0,
             largest: [0.0; AXES],
+            identified: false,
             confidence: 0.0,
         }
     }
-    /// The vessel has identified its motion.
+    /// The vessel has identified its motion and said how far its prediction is off.
     pub fn are_identified(&self) -> bool {
-        self.confidence > 0.0 && !self.spread.is_empty()
+        self.identified && !self.spread.is_empty()
     }
     /// The oscillators at time `at`. What the modes leave grows with their age. Of what they leave a quarter of a wave
     /// later it is the share `(left now / left then)²`: of fresh modes little, it fades; of stale ones all, and it
@@ -243,7 +246,8 @@ impl Waves {
     /// have to fold its oscillators into the first.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.confidence = f64::from(m.confidence).clamp(0.0, 1.0);
-        if !(self.confidence > 0.0) || self.spread.is_empty() {
+        self.identified = !m.modes.is_empty();
+        if !self.are_identified() {
             return false;
         }
         let newer = self.messages.back().is_none_or(|last| m.header.at > last.at);

@@ -108,7 +108,11 @@ impl Filter {
             },
             significant_height_m: (4.0 * deviation[HEAVE]).clamp(0.0, 50.0) as f32,
             confidence: self.motion.confidence() as f32,
-            modes: Seq::filled(modes.modes.iter().map(WaveMode::from)),
+            modes: if self.motion.is_identified() {
+                Seq::filled(modes.modes.iter().map(WaveMode::from))
+            } else {
+                Seq::new()
+            },
             slopes,
         })
     }

@@ -174,6 +174,10 @@ impl MotionModel {
         let modes = self.modes()?;
         Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))
     }
+    /// Whether its motion has been identified, be it that of a vessel in a calm that no model predicts.
+    pub fn is_identified(&self) -> bool {
+        self.model.is_some()
+    }
     /// Share of the variance of heave and tilt that is predicted a second ahead, 0 to 1; 0 before the first
     /// identification.
     pub fn confidence(&self) -> f64 {

@@ -4,6 +4,9 @@ use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::Message;
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
 use crate::VesselNodeConfig;
@@ -173,6 +176,29 @@ fn vessel_node_answers_its_own_time_requests_with_all_stamps() {
         (Time::from_secs(77.0), time(3), time(4))
     );
     assert_eq!((r.header.drone, n.rejected().of(RejectionReason::Vessel)), (7, 1));
+}
+
+#[test]
+fn wave_model_names_modes_as_soon_as_the_motion_is_identified_also_that_of_a_vessel_at_rest() {
+    let mut n = node();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    // An inertial sensor is never without noise.
+    let mut noisy =
+        |v: f64, sd: f64| v + sd * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
+    let modes: Vec<usize> = (0..3000)
+        .filter_map(|k| {
+            let mut input = rest(k);
+            for sample in &mut input.imu {
+                sample.gyro = sample.gyro.map(|v| noisy(v, 0.002));
+                sample.accelerometer = sample.accelerometer.map(|v| noisy(v, 0.03));
+            }
+            n.step(time(k), &input).wave
+        })
+        .map(|w| w.modes.len())
+        .collect();
+    let first = modes.iter().position(|m| *m > 0).unwrap();
+    assert!(first > 0, "before the identification there is none");
+    assert!(modes[first..].iter().all(|m| *m > 0), "{modes:?}");
 }
 
 #[test]

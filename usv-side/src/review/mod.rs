@@ -340,7 +340,7 @@ impl Evaluation {
         }
         if let Some(wave) = &out.wave {
             self.waves += 1;
-            self.identified = wave.confidence > 0.0;
+            self.identified = !wave.modes.is_empty();
             if self.identified {
                 self.confidence += f64::from(wave.confidence);
                 self.heights.push(f64::from(wave.significant_height_m));
