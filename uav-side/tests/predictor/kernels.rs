@@ -207,3 +207,22 @@ fn newer_modes_leave_the_deck_where_vision_has_seen_it() {
         assert!((a - b).abs() < 0.01, "{i}: {a} {b}");
     }
 }
+
+/// The vessel's modes take the bank's place also where they predict nothing of a calm; a vessel that names none leaves it.
+#[test]
+fn modes_without_confidence_are_used_and_none_leave_the_bank() {
+    let mut waves = Waves::new(&PredictorConfig::default());
+    waves.receive_prediction(&world::spread(1, 0.9));
+    let mut model = world::waves(&Vessel::moderate(), 1, 0.9);
+    let modes = core::mem::take(&mut model.modes);
+    assert!(!waves.receive(&model) && !waves.are_identified());
+    let heave = |waves: &Waves| -> f64 {
+        let all = waves.oscillators(Time::from_secs(1.0));
+        all.iter().map(|o| o.sd[2].powi(2)).sum::<f64>().sqrt()
+    };
+    let unknown = heave(&waves);
+    model.header = header(2, 1.0);
+    (model.modes, model.confidence) = (modes, 0.0);
+    assert!(waves.receive(&model) && waves.are_identified());
+    assert!(heave(&waves) < 0.1 * unknown, "{} {unknown}", heave(&waves));
+}

@@ -100,6 +100,7 @@ impl Filter {
         slopes: Seq<u8, SLOPE_WINDOWS>,
     ) -> Option<WaveModel<VesselClock>> {
         let modes = self.motion.modes()?;
+        let named = modes.modes.iter().filter(|_| self.motion.is_identified());
         let deviation = self.motion.deviation();
         Some(WaveModel {
             header: Header {
@@ -108,11 +109,7 @@ impl Filter {
             },
             significant_height_m: (4.0 * deviation[HEAVE]).clamp(0.0, 50.0) as f32,
             confidence: self.motion.confidence() as f32,
-            modes: if self.motion.is_identified() {
-                Seq::filled(modes.modes.iter().map(WaveMode::from))
-            } else {
-                Seq::new()
-            },
+            modes: Seq::filled(named.map(WaveMode::from)),
             slopes,
         })
     }

@@ -181,7 +181,7 @@ impl MotionModel {
     /// Share of the variance of heave and tilt that is predicted a second ahead, 0 to 1; 0 before the first
     /// identification.
     pub fn confidence(&self) -> f64 {
-        if self.model.is_none() {
+        if !self.is_identified() {
             return 0.0;
         }
         let (deviation, spread) = (self.deviation(), self.spread(1.0));

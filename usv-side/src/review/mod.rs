@@ -312,7 +312,6 @@ struct Evaluation {
     heights: Vec<f64>,
     periods: Vec<f64>,
     modes: Vec<WaveMode>,
-    identified: bool,
 }
 
 impl Evaluation {
@@ -340,8 +339,7 @@ impl Evaluation {
         }
         if let Some(wave) = &out.wave {
             self.waves += 1;
-            self.identified = !wave.modes.is_empty();
-            if self.identified {
+            if !wave.modes.is_empty() {
                 self.confidence += f64::from(wave.confidence);
                 self.heights.push(f64::from(wave.significant_height_m));
                 self.periods
@@ -360,7 +358,7 @@ impl Evaluation {
     }
     fn sea(&self) -> SeaReview {
         let identified = self.heights.len() as f64;
-        let modes = self.modes.iter().filter(|m| self.identified && m.pole[1] != 0.0);
+        let modes = self.modes.iter().filter(|m| m.pole[1] != 0.0);
         SeaReview {
             significant_height_m: median(self.heights.iter().copied()).filter(|_| self.heave),
             peak_period_s: median(self.periods.iter().copied()),
