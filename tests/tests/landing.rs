@@ -2,13 +2,16 @@
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use alight_shared::msg::State;
+use alight_shared::msg::{SetPointKind, State};
+use alight_shared::time::{DroneClock, Time, TrueTime};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::{Ending, Outcome};
 use alight_sim::harness::scenario::{NodeConfigs, Scenario, StateOutage};
-use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
+use alight_sim::harness::tap::Tap;
+use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly, fly_with};
 use alight_sim::physics::sea::SeaConfig;
 use alight_sim::physics::vessel::Course;
+use alight_uav::pilot::{PilotIn, PilotOut};
 
 /// A flight, and the phases that it went through.
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> (FlownTrial, Vec<&'static str>) {
@@ -54,6 +57,31 @@ fn drone_lands_in_a_moderate_sea_through_every_phase_in_order() {
     let away = (first.drone[0] - first.deck[0]).hypot(first.drone[1] - first.deck[1]);
     assert!(away >= 39.0, "started {away} m away");
     assert!(o.landing_time_s.unwrap() < 20.0 && o.position_error_m.unwrap() < 0.5);
+}
+
+/// Kinds of the set-points in the order in which they were sent.
+#[derive(Default)]
+struct Kinds(Vec<SetPointKind>);
+
+impl Tap for Kinds {
+    fn pilot(&mut self, _: Time<TrueTime>, _: Time<DroneClock>, _: &PilotIn, output: &PilotOut) {
+        let kind = output.set_point.map(|s| s.kind);
+        self.0.extend(kind.filter(|k| self.0.last() != Some(k)));
+    }
+}
+
+#[test]
+fn set_points_of_one_kind_from_start_to_contact() {
+    let (scenario, nodes) = (at_sea(0.5, 5.0), NodeConfigs::default());
+    let watch = Watch {
+        on_event: &mut |_| (),
+        trace_step_s: None,
+    };
+    let mut kinds = Kinds::default();
+    let flight = fly_with(&scenario, &nodes, 11, "story", watch, &mut kinds).unwrap();
+    assert!(flight.outcome.success, "{}", flight.outcome.reason);
+    let flown = kinds.0.iter().filter(|k| **k != SetPointKind::None);
+    assert_eq!(flown.collect::<Vec<_>>(), [&SetPointKind::Attitude]);
 }
 
 #[test]

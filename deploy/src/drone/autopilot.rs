@@ -34,8 +34,7 @@ const MAX_STEP_PERIOD_NS: i64 = 10_000_000;
 
 /// Whether its pilot sends attitude set-points.
 pub fn sends_attitudes(computer: &DroneComputer) -> bool {
-    let p = &computer.drone.pilot;
-    [p.navigation_output, p.follow_output, p.landing_output].contains(&Output::Attitude)
+    computer.drone.pilot.output == Output::Attitude
 }
 
 /// The node of this computer, for a start with this boot id.

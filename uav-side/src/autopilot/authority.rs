@@ -95,7 +95,7 @@ impl fmt::Display for ControlAuthority {
             ControlAuthority::OptionUnknown => "ArduCopter has not reported its GUID_OPTIONS yet",
             ControlAuthority::OptionMissing => {
                 "ArduCopter reads thrust as a climb rate: set GUID_OPTIONS bit 3 (add 8), or land by trajectory \
-                 (pilot.landing_output)"
+                 (drone.pilot.output)"
             }
             ControlAuthority::Disarmed => "in our mode, disarmed",
             ControlAuthority::Commanding => "commanding",

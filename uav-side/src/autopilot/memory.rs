@@ -13,7 +13,7 @@ use super::message::{AUTOPILOT_COMPONENT, Address};
 use super::modes::Firmware;
 use super::peer::Peer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
-use crate::memory;
+use crate::memory::{self, MemoryRefusal};
 
 /// A memory older than this does not count: PX4 has left OFFBOARD meanwhile (COM_OF_LOSS_T as it is checked).
 const MAX_AGE: Span = topics::LINK_MEMORY.stale_after;
@@ -33,9 +33,15 @@ impl AutopilotLink {
         };
         match memory::judge(now, self.drone_id, MAX_AGE, &m) {
             Ok(()) => self.resume(now, &m),
-            Err(why) => out.texts.push(format!(
-                "the memory of the link before this one does not count: it is {why}"
-            )),
+            Err(why) => {
+                // The airframe stays what it is: on a deck the thrust that hovers cannot be learned anew.
+                if why == MemoryRefusal::Age && m.header.at <= now {
+                    self.hover.resume(m.hover_thrust, m.hover_learned_s);
+                }
+                out.texts.push(format!(
+                    "the memory of the link before this one does not count: it is {why}"
+                ));
+            }
         }
     }
 

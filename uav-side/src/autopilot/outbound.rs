@@ -2,8 +2,8 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, Header, LandedState, MissionState, Motors, Phase, ReasonCode, SetPoint,
-    SetPointKind, State,
+    AutopilotMode, BatteryPlace, Header, LandedState, MissionState, Motors, Phase, PlanStage, ReasonCode,
+    SetPoint, SetPointKind, State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -14,6 +14,7 @@ use super::disarm::{self, ContactEvidence, DisarmDecision};
 use super::message::{Address, AttitudeTarget, CUSTOM_MODE, CommandLong, Message, PositionTarget, command};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, thrust};
+use crate::pilot::steer;
 
 /// The pilot's set-point is repeated this often while no newer one comes, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;
@@ -247,7 +248,7 @@ impl AutopilotLink {
         }
     }
 
-    /// A hold a little above where it was first asked for, for the autopilot's own position loop: with the deck while its
+    /// A hold a little above where it was first asked for, as set-points of the pilot's kind: with the deck while its
     /// forecast lives, but not down after one that sinks, because that one comes back.
     fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
         let deck = self.deck(now);
@@ -271,13 +272,25 @@ impl AutopilotLink {
                 (held.place.z, velocity[2]) = (highest, 0.0);
             }
         }
-        let (position, yaw) = (held.place.into(), held.yaw);
-        Some(SetPoint {
-            header: Header::new(0, self.drone_id, self.boot, 0, now),
-            kind: SetPointKind::Trajectory,
-            position,
+        let stage = PlanStage {
+            position: held.place.into(),
             velocity,
-            yaw,
+            euler: [0.0, 0.0, held.yaw],
+            ..PlanStage::default()
+        };
+        let header = Header::new(0, self.drone_id, self.boot, 0, now);
+        if self.attitudes {
+            return Some(SetPoint {
+                header,
+                ..steer(&stage, &self.state?, self.hover.value())
+            });
+        }
+        Some(SetPoint {
+            header,
+            kind: SetPointKind::Trajectory,
+            position: stage.position,
+            velocity,
+            yaw: stage.euler[2],
             ..SetPoint::default()
         })
     }
@@ -288,7 +301,7 @@ impl AutopilotLink {
             .mission
             .get()
             .map_or(unknown, |m| m.state.phase() == Phase::None);
-        idle && wanted.kind == SetPointKind::Trajectory && wanted.motors == Motors::Run
+        idle && wanted.kind != SetPointKind::None && wanted.motors == Motors::Run
     }
     /// A hold in the drone's place, at which a person may hand over.
     fn offered(&self, wanted: &SetPoint) -> Option<SetPoint> {

@@ -204,7 +204,7 @@ impl Mission {
         if let Some(m) = &input.set_point
             && self.set_point.offer(now, m)
         {
-            self.tilt.update(m);
+            self.tilt.update(m, self.drone.get());
         }
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);

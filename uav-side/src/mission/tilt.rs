@@ -15,15 +15,17 @@ pub(super) struct TiltMonitor {
 }
 
 impl TiltMonitor {
-    /// The pilot's newest set-point.
-    pub(super) fn update(&mut self, s: &SetPoint) {
+    /// The pilot's newest set-point. What was commanded before the first is not known: the tilt of the `drone` then counts
+    /// as commanded.
+    pub(super) fn update(&mut self, s: &SetPoint, drone: Option<&DroneState>) {
         if s.kind != SetPointKind::Attitude {
             // The autopilot chooses its own tilt.
             self.commanded = None;
             return;
         }
         let at = s.header.at;
-        let kept = self.kept(at).unwrap_or(0.0);
+        let is = || drone.map_or(0.0, |d| tilt(&d.attitude()));
+        let kept = self.kept(at).unwrap_or_else(is);
         self.commanded = Some((at, kept.max(tilt(&s.attitude()))));
     }
     /// How far the drone tilts beyond what was commanded, rad; 0 while no attitude is.
@@ -75,11 +77,11 @@ mod tests {
     fn tilt_that_follows_a_command_back_with_an_attitude_loops_lag_is_no_excess() {
         let mut m = TiltMonitor::default();
         let mut is = 0.4;
-        m.update(&commanded(0.0, 0.4));
+        m.update(&commanded(0.0, 0.4), None);
         for k in 0..200 {
             let t = 0.01 * f64::from(k);
             // Reversed at once; the slowest loop measured has 0.32 s.
-            m.update(&commanded(t, -0.05));
+            m.update(&commanded(t, -0.05), None);
             is += (-0.05 - is) * 0.01 / 0.32;
             assert!(m.excess(&drone(t, is)) < 0.01, "{t}");
         }
@@ -88,12 +90,27 @@ mod tests {
     #[test]
     fn tilt_beyond_every_command_is_excess_and_none_while_the_autopilot_chooses_it() {
         let mut m = TiltMonitor::default();
-        m.update(&commanded(1.0, -0.2));
+        m.update(&commanded(1.0, -0.2), None);
         assert!((m.excess(&drone(1.0, 0.5)) - 0.3).abs() < 1e-9);
-        m.update(&SetPoint {
+        let trajectory = SetPoint {
             kind: SetPointKind::Trajectory,
             ..commanded(1.1, 0.0)
-        });
+        };
+        m.update(&trajectory, None);
         assert_eq!(m.excess(&drone(1.1, 0.5)), 0.0);
+    }
+
+    #[test]
+    fn tilt_of_a_manoeuvre_that_began_before() {
+        // A mission that begins anew while the drone turns back from 0.22 rad.
+        let mut m = TiltMonitor::default();
+        let mut is = 0.22;
+        for k in 0..100 {
+            let t = 1.0 + 0.01 * f64::from(k);
+            m.update(&commanded(t, 0.0), Some(&drone(t, is)));
+            assert!(m.excess(&drone(t, is)) < 0.01, "{t}");
+            is -= is * 0.01 / 0.32;
+        }
+        assert!(m.excess(&drone(2.0, 0.5)) > 0.4);
     }
 }

@@ -8,23 +8,20 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "kebab-case")]
 pub enum Output {
     /// Position, velocity, acceleration, yaw: the autopilot closes the position loop.
-    #[default]
     Trajectory,
     /// Attitude and thrust: the pilot closes it.
+    #[default]
     Attitude,
 }
 
 config! {
     /// Parameters of the pilot.
     pub struct PilotConfig {
-        /// Set-points in NAVIGATION.
-        pub navigation_output: Output = Output::Trajectory;
-        /// Set-points in FOLLOW.
-        pub follow_output: Output = Output::Trajectory;
-        /// Set-points in LANDING.
+        /// The kind of set-points, the same for as long as Alight commands: PX4 learns of another kind up to 0.5 s late,
+        /// and until then two of its controllers write attitudes by turns.
         /// Source: The plan's attitude has to be met at the contact: measured on real autopilots,
-        /// position set-points leave it to their own loop.
-        pub landing_output: Output = Output::Attitude;
+        /// position set-points leave it to their own loop. PX4's Commander publishes vehicle_control_mode at 2 Hz.
+        pub output: Output = Output::Attitude;
         /// The pilot's own tracking loop.
         pub tracking: TrackingConfig;
         /// The lag of the autopilot's attitude loop.

@@ -19,12 +19,13 @@ mod tests;
 
 pub use config::{Output, PilotConfig};
 pub use touchdown::{Contact, Touchdown};
+pub(crate) use tracking::steer;
 
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DeckStage, DroneState, Header, Message, MissionState,
-    Motors, Phase, Plan, PlanStage, RangeSample, SetPoint, SetPointKind, State,
+    AutopilotMode, AutopilotState, DeckForecast, DeckStage, DroneState, Header, LandedState, Message,
+    MissionState, Motors, Phase, Plan, PlanStage, RangeSample, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -344,7 +345,6 @@ impl Pilot {
     /// Stands where the drone is; away from a deck that is `near`: with it, up from it, and along the vessel's escape
     /// direction.
     fn hold(&mut self, now: Time<DroneClock>, body: &Body, dt: f64, near: Option<&DeckBelow>) -> SetPoint {
-        self.tracker.reset();
         let (_, _, yaw) = body.attitude.euler_angles();
         let sinks = near.map_or(0.0, |_| body.velocity.z);
         let mut hold = self.hold.unwrap_or_else(|| HoldPlace {
@@ -365,15 +365,68 @@ impl Pilot {
             }
         };
         hold.horizontal += velocity * dt;
-        self.hold = Some(hold);
-        SetPoint {
-            kind: SetPointKind::Trajectory,
+        let stage = PlanStage {
             position: [hold.horizontal.x, hold.horizontal.y, hold.climb.z],
             velocity: [velocity.x, velocity.y, hold.climb.velocity],
             acceleration: [0.0, 0.0, (hold.climb.velocity - before) / dt.max(1e-3)],
-            yaw: hold.yaw,
+            euler: [0.0, 0.0, hold.yaw],
+            euler_rates: [0.0; 3],
+        };
+        let set_point = match self.config.output {
+            Output::Trajectory => {
+                self.tracker.reset();
+                SetPoint {
+                    kind: SetPointKind::Trajectory,
+                    position: stage.position,
+                    velocity: stage.velocity,
+                    acceleration: stage.acceleration,
+                    yaw: hold.yaw,
+                    ..self.set_point(now)
+                }
+            }
+            Output::Attitude => {
+                let authority = Authority {
+                    brakes: near.is_some(),
+                    ..Authority::descent(&self.config.tracking)
+                };
+                let body = self.acted_on(now, body);
+                self.tracked(now, &stage, &stage, &body, authority, dt)
+            }
+        };
+        self.hold = Some(hold);
+        set_point
+    }
+
+    /// A set-point that keeps a drone on the ground there: level, with less thrust than flight needs.
+    fn stand(&mut self, now: Time<DroneClock>, body: &Body) -> SetPoint {
+        self.tracker.reset();
+        let (_, _, yaw) = body.attitude.euler_angles();
+        let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        SetPoint {
+            kind: SetPointKind::Attitude,
+            position: body.position.into(),
+            yaw,
+            attitude: [level.w, level.i, level.j, level.k],
+            thrust: self.config.tracking.min_thrust_of_hover * self.estimate.hover(),
             ..self.set_point(now)
         }
+    }
+
+    /// Attitude and thrust that follow `led`, what the plan's `stage` is by the time they act.
+    fn tracked(
+        &mut self,
+        now: Time<DroneClock>,
+        stage: &PlanStage,
+        led: &PlanStage,
+        body: &Body,
+        authority: Authority,
+        dt: f64,
+    ) -> SetPoint {
+        let (c, lag) = (&self.config.tracking, self.config.lag.design_s);
+        let a = self
+            .tracker
+            .track(led, body, &self.estimate, authority, lag, dt, c);
+        self.attitude(now, Some(stage), a, body)
     }
 
     /// Onto the deck without a plan: braked at a constant rate to the speed of a soft contact, level, and in the end aligned
@@ -526,9 +579,10 @@ impl Pilot {
         let Some(mission) = mission.or_else(|| self.last_mission(now)) else {
             return self.no_set_point(now);
         };
+        let commands = autopilot.mode == AutopilotMode::Offboard;
         let output = match mission.state.phase() {
             Phase::None if landed => {
-                if !close || autopilot.mode != AutopilotMode::Offboard {
+                if !close || !commands {
                     return self.no_set_point(now);
                 }
                 Output::Attitude
@@ -536,14 +590,16 @@ impl Pilot {
             Phase::None => {
                 // Offboard modes want a stream of set-points before they can be entered; until
                 // then the place to hold moves with whoever flies.
-                if autopilot.mode != AutopilotMode::Offboard {
+                if !commands {
                     self.hold = None;
+                    self.tracker.reset();
+                }
+                if autopilot.landed == LandedState::OnGround && self.config.output == Output::Attitude {
+                    return self.stand(now, body);
                 }
                 return self.hold(now, body, dt, None);
             }
-            Phase::Navigation => self.config.navigation_output,
-            Phase::Follow => self.config.follow_output,
-            Phase::Landing => self.config.landing_output,
+            Phase::Navigation | Phase::Follow | Phase::Landing => self.config.output,
         };
         let plan = self
             .plan
@@ -586,21 +642,17 @@ impl Pilot {
                         Some(_) | None => Authority::descent(c),
                     }
                 };
-                let lag = self.config.lag.design_s;
                 // The thrust that acts after its lag is the one that the plan has by then.
                 let mut led = stage;
                 if let Some(then) = plan.sample(then + Span::from_secs(c.thrust_lag_s)) {
                     led.acceleration[2] = then.acceleration[2];
                 }
-                let old = self.plan.age_s(now) > OLD_PLAN_S;
+                let old = lands && self.plan.age_s(now) > OLD_PLAN_S;
                 let ahead = ahead.filter(|_| old);
                 if let Some(braked) = ahead.and_then(|b| self.renewed(&led, body, &b)) {
                     (led, authority.brakes) = (braked, true);
                 }
-                let a = self
-                    .tracker
-                    .track(&led, body, &self.estimate, authority, lag, dt, c);
-                self.attitude(now, Some(&stage), a, body)
+                self.tracked(now, &stage, &led, body, authority, dt)
             }
             (None, _, Some(b))
                 if committed && self.hold.is_none() || lands && self.lands_softer(now, body, b) =>
@@ -608,7 +660,6 @@ impl Pilot {
                 let b = self.below(self.acts_at(now), body).unwrap_or(*b);
                 let stage = self.sinking(body, &b);
                 let c = &self.config.tracking;
-                let lag = self.config.lag.design_s;
                 let authority = Authority {
                     brakes: true,
                     ..if b.clearance < c.fade_clearance_m {
@@ -617,10 +668,7 @@ impl Pilot {
                         Authority::descent(c)
                     }
                 };
-                let a = self
-                    .tracker
-                    .track(&stage, body, &self.estimate, authority, lag, dt, c);
-                self.attitude(now, Some(&stage), a, body)
+                self.tracked(now, &stage, &stage, body, authority, dt)
             }
             (None, _, _) => self.hold(now, body, dt, near),
         }
@@ -683,7 +731,11 @@ impl Node for Pilot {
         }
         self.learn(now, new.as_ref(), dt, below.as_ref());
         let set_point = self.fly(now, dt, mission, &body, below.as_ref());
-        let own = (set_point.kind == SetPointKind::Attitude).then(|| {
+        let followed = self
+            .autopilot
+            .get()
+            .is_some_and(|a| a.mode == AutopilotMode::Offboard);
+        let own = (followed && set_point.kind == SetPointKind::Attitude).then(|| {
             let [w, i, j, k] = set_point.attitude;
             (
                 UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k)),

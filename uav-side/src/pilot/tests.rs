@@ -121,7 +121,16 @@ fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> Pilot
 }
 /// One second of everything, then one of what `change` leaves; the last set-point.
 fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) -> SetPoint {
-    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    run(&PilotConfig::default(), state, height, secs, change)
+}
+fn run(
+    config: &PilotConfig,
+    state: State,
+    height: f64,
+    secs: f64,
+    change: impl Fn(&mut PilotIn),
+) -> SetPoint {
+    let mut pilot = Pilot::new(config, &DroneGeometry::default(), 1, 1);
     let mut last = SetPoint::default();
     for k in 0..(100.0 * (1.0 + secs)) as u32 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
@@ -136,19 +145,61 @@ fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) ->
 }
 
 #[test]
-fn pilot_sends_the_set_point_kind_of_each_phase() {
-    for (state, kind) in [
-        (State::GetAltitude, SetPointKind::Trajectory),
-        (State::Approach, SetPointKind::Trajectory),
-        (State::Tracking, SetPointKind::Trajectory),
-        (State::Descent, SetPointKind::Attitude),
-        (State::Flare, SetPointKind::Attitude),
-        (State::Idle, SetPointKind::Trajectory),
+fn set_point_kind_is_the_same_in_all_phases() {
+    for (state, held) in [
+        (State::Idle, true),
+        (State::GetAltitude, false),
+        (State::Approach, false),
+        (State::Tracking, false),
+        (State::Tracking, true),
+        (State::Descent, false),
+        (State::Descent, true),
+        (State::Flare, false),
     ] {
-        assert_eq!(after(state, 5.0, 0.0, |_| ()).kind, kind, "{state:?}");
+        for output in [Output::Attitude, Output::Trajectory] {
+            let config = PilotConfig {
+                output,
+                ..PilotConfig::default()
+            };
+            let s = run(&config, state, 5.0, 1.0, |i| i.plan = i.plan.filter(|_| !held));
+            let kind = match output {
+                Output::Attitude => SetPointKind::Attitude,
+                Output::Trajectory => SetPointKind::Trajectory,
+            };
+            assert_eq!(s.kind, kind, "{state:?}");
+        }
     }
     let s = after(State::Tracking, 5.0, 0.0, |_| ());
     assert_eq!(s.position, [1.0, 2.0, -6.6]);
+}
+
+#[test]
+fn idle_drone_on_the_ground_gets_less_thrust_than_hover() {
+    let s = after(State::Idle, 0.0, 1.0, |i| {
+        i.autopilot.as_mut().unwrap().landed = LandedState::OnGround;
+    });
+    assert!(
+        s.kind == SetPointKind::Attitude && (0.0..0.15).contains(&s.thrust),
+        "{s:?}"
+    );
+}
+
+#[test]
+fn pilot_learns_no_lag_from_attitudes_that_a_person_overrides() {
+    // A person rocks the drone while the pilot's set-points are streamed for the hand-over.
+    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let before = pilot.lag.lag(&pilot.config.lag);
+    for k in 0..1000 {
+        let t = f64::from(k) * 0.01;
+        let now = Time::from_secs(5.0 + t);
+        let mut i = everything(k, now, State::Idle, 5.0);
+        i.autopilot.as_mut().unwrap().mode = AutopilotMode::Other;
+        let q = UnitQuaternion::from_euler_angles(0.2 * (2.0 * t).sin(), 0.0, 0.0);
+        let d = i.drone.as_mut().unwrap();
+        (d.attitude, d.rates) = ([q.w, q.i, q.j, q.k], [0.4 * (2.0 * t).cos(), 0.0, 0.0]);
+        pilot.step(now, &i);
+    }
+    assert_eq!(pilot.lag.lag(&pilot.config.lag), before);
 }
 
 #[test]
@@ -210,10 +261,10 @@ fn pilot_climbs_when_a_landing_is_withdrawn_that_the_planner_goes_on_with() {
 #[test]
 fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     let s = after(State::Tracking, 6.0, 1.0, |i| i.plan = None);
-    assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0; 3]));
+    assert_eq!(s.velocity, [0.0; 3]);
     assert_eq!(s.position, [0.0, 0.0, -7.6]);
     let s = after(State::Descent, 2.0, 1.0, |i| i.plan = None);
-    assert_eq!((s.kind, s.velocity), (SetPointKind::Trajectory, [0.0, 0.0, -3.0]));
+    assert_eq!(s.velocity, [0.0, 0.0, -3.0]);
     assert!(s.position[2] < -4.4, "{s:?}");
     // Not before it is as high as the mission has asked for is it clear of the vessel, unless that is far away.
     let high = |i: &mut PilotIn| (i.plan, i.mission.as_mut().unwrap().height_m) = (None, 7.0);
@@ -236,7 +287,6 @@ fn pilot_holds_on_a_stale_plan_and_climbs_near_the_deck() {
     assert_eq!(s.velocity, [0.0; 3]);
     // Committed: level, sinking onto the deck.
     let s = after(State::Flare, 0.4, 1.0, |i| i.plan = None);
-    assert_eq!(s.kind, SetPointKind::Attitude);
     assert!((s.velocity[2] - 0.5).abs() < 1e-9);
     assert!(s.attitude().angle() < 0.01 && s.thrust < 0.34, "{s:?}");
 }
@@ -256,7 +306,7 @@ fn pilot_that_climbs_without_a_plan_is_not_committed_by_a_deck_that_comes_near()
         input.plan = input.plan.filter(|_| k < 100);
         last = pilot.step(now, &input).set_point.unwrap();
     }
-    assert_eq!((last.kind, last.velocity[2]), (SetPointKind::Trajectory, -3.0));
+    assert_eq!(last.velocity[2], -3.0);
 }
 
 /// The thrust (of hover) so long (s) after the last plan, of a drone that sinks at 2 m/s 0.6 m above a resting deck, as its
@@ -317,9 +367,8 @@ fn pilot_without_plan_and_mission_lands_where_a_climb_would_meet_the_deck_harder
     for state in [State::Descent, State::Flare] {
         let climbs = alone(state, 0.0);
         let up = climbs.velocity[2];
-        assert!(climbs.kind == SetPointKind::Trajectory && up < -1.0, "{climbs:?}");
+        assert!(up < -1.0, "{climbs:?}");
         let lands = alone(state, 12.0);
-        assert_eq!(lands.kind, SetPointKind::Attitude);
         assert!((lands.velocity[2] - 0.5).abs() < 1e-9, "{lands:?}");
     }
 }
@@ -335,7 +384,7 @@ fn pilot_sends_no_set_point_without_odometry_mission_or_control() {
     none(after(State::Tracking, 6.0, 5.0, |i| i.mission = None));
     none(after(State::Landed, 6.0, 1.0, |_| ()));
     let s = after(State::Tracking, 6.0, 2.0, |i| i.mission = None);
-    assert_eq!(s.kind, SetPointKind::Trajectory, "holds for a moment first");
+    assert_eq!(s.kind, SetPointKind::Attitude, "holds for a moment first");
 }
 
 /// A pilot's answers to a mission and an autopilot that change, 10 ms apart.
@@ -387,8 +436,8 @@ fn pilot_checks_its_configuration() {
         .unwrap_err()
         .to_string();
     assert!(e.contains("touchdown.press_of_hover"), "{e}");
-    let c = parse::<PilotConfig>("landing_output = \"trajectory\"", "test").unwrap();
-    assert_eq!(c.landing_output, Output::Trajectory);
+    let c = parse::<PilotConfig>("output = \"trajectory\"", "test").unwrap();
+    assert_eq!(c.output, Output::Trajectory);
 }
 
 fn wild() -> impl Strategy<Value = f64> {

@@ -6,11 +6,11 @@
 //! plan's attitude at the contact, a few centimetres off the plan's place.
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::PlanStage;
+use alight_shared::msg::{DroneState, PlanStage, SetPoint, SetPointKind};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::attitude::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_attitude, tilt_limited};
-use super::config::TrackingConfig;
+use super::config::{LagConfig, TrackingConfig};
 use super::estimate::FlightEstimator;
 
 /// Attitude and thrust to command.
@@ -192,6 +192,30 @@ impl Tracker {
         );
         self.last = Some(q);
         q
+    }
+}
+
+/// The attitude and thrust that bring a drone to `stage`, by the default gains and nothing but its newest odometry: for who
+/// commands without a pilot. `hover` is the collective thrust that hovers, 0 to 1; the header is the caller's.
+pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoint {
+    /// The command turns no further than the rate limit allows in this time, s: once, and not with each step.
+    const TURN_S: f64 = 0.2;
+    let c = TrackingConfig::default();
+    let body = Body {
+        position: drone.position(),
+        velocity: drone.velocity(),
+        attitude: drone.attitude(),
+    };
+    let (estimate, lag) = (FlightEstimator::new(hover), LagConfig::default().design_s);
+    let a = Tracker::default().track(stage, &body, &estimate, Authority::descent(&c), lag, TURN_S, &c);
+    SetPoint {
+        kind: SetPointKind::Attitude,
+        position: stage.position,
+        velocity: stage.velocity,
+        yaw: stage.euler[2],
+        attitude: [a.attitude.w, a.attitude.i, a.attitude.j, a.attitude.k],
+        thrust: a.thrust,
+        ..SetPoint::default()
     }
 }
 

@@ -46,9 +46,9 @@ const INGREDIENTS: [(&str, Change); 16] = [
     ("no wind in the plan", |n| {
         n.drone.planner.rendezvous.wind.limit_mps2 = 0.0;
     }),
-    // The autopilot closes the position loop in the landing.
+    // The autopilot closes the position loop.
     ("autopilot's position loop", |n| {
-        n.drone.pilot.landing_output = Output::Trajectory;
+        n.drone.pilot.output = Output::Trajectory;
     }),
     // v_la of the paper.
     ("descent at 1 m/s", |n| {

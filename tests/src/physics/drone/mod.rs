@@ -153,7 +153,7 @@ impl SimulatedDrone {
         let estimator = Estimator::new(&config.navigation, streams, &motion, 0.01);
         let hover = airframe.mass * GRAVITY / (4.0 * airframe.rotor_max);
         let believed = hover * config.autopilot.initial_hover_factor;
-        let autopilot = Autopilot::new(&config.autopilot, drone, estimator.now(), believed);
+        let autopilot = Autopilot::new(&config.autopilot, drone, estimator.now(), believed, streams);
         SimulatedDrone {
             contact: Contact::new(&config.contact, &airframe, drone, deck),
             wind: Wind::new(&config.wind, streams.stream("wind")),

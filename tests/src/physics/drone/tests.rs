@@ -586,3 +586,31 @@ proptest! {
         prop_assert!((w.motion.attitude * Vector3::z()).z > 0.4);
     }
 }
+
+/// Tilt (rad) of a drone 0.3 s after it was asked to lean by 0.2 rad, least and most over seeds; before it was sent `first`
+/// for 3 s.
+fn lean_after(first: &SetPoint) -> [f64; 2] {
+    let tilts = (0..12).map(|seed| {
+        let mut w = drone(&ideal(), seed, Vector3::new(0.0, 0.0, -10.0));
+        for k in 0..330 {
+            let lean = attitude_set_point(0.2, 0.0, 0.0, w.autopilot.hover_thrust());
+            w.apply(if k < 300 { first } else { &lean });
+            rest(&mut w, &nowhere(), DT);
+        }
+        w.motion.attitude.angle()
+    });
+    tilts.fold([f64::INFINITY, 0.0], |[least, most], t| {
+        [least.min(t), most.max(t)]
+    })
+}
+
+#[test]
+fn kind_of_set_point_changed_between_two_publications_of_the_control_mode() {
+    let hover = Vector3::new(0.0, 0.0, -10.0);
+    let zero = Vector3::zeros();
+    let [least, most] = lean_after(&attitude_set_point(0.0, 0.0, 0.0, 0.34));
+    assert!(least > 0.12 && most - least < 0.01, "{least} {most}");
+    // Position control writes attitudes, too, until it learns of the change: at once, or 0.5 s later.
+    let [least, most] = lean_after(&trajectory(hover, zero, zero));
+    assert!(least < 0.1 && most > 0.12, "{least} {most}");
+}
