@@ -8,7 +8,7 @@ use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::{Remembered, World};
+use alight_sim::harness::world::{Checkpoints, World};
 use alight_sim::physics::sea::SeaConfig;
 
 /// When the process dies.
@@ -59,7 +59,7 @@ const REST_S: f64 = 8.0;
 const CLIMB_S: f64 = 15.0;
 
 /// A landing with one order; the mission dies when `killed` says and starts anew `away_s` later.
-fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: Remembered) -> End {
+fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, checkpoints: Checkpoints) -> End {
     let scenario = Scenario {
         sea: SeaConfig::paper(amplitude_m, 5.0),
         ..Scenario::default()
@@ -110,7 +110,7 @@ fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: R
         }
         if died.is_some_and(|at| t >= at + away_s) && !started {
             started = true;
-            world.start_mission(0, &scenario, &nodes, remembered);
+            world.start_mission(0, &scenario, &nodes, checkpoints);
         }
         let over = stop.is_some_and(|at| t >= at + REST_S)
             || matches!(state, State::GaveUp | State::Idle) && t >= entered + CLIMB_S;
@@ -123,12 +123,12 @@ fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: R
 }
 
 /// Flies all and fails with every flight that was not safe; gives how many landed, and of how many.
-fn all_safe(cases: &[Killed], away_s: &[f64], remembered: Remembered) -> (usize, usize) {
+fn all_safe(cases: &[Killed], away_s: &[f64], checkpoints: Checkpoints) -> (usize, usize) {
     let (mut unsafe_ends, mut landed, mut flights) = (Vec::new(), 0, 0);
     for &killed in cases {
         for &away_s in away_s {
             for (amplitude_m, seed) in [(0.5, 41), (0.5, 42), (0.8, 43), (0.8, 44)] {
-                let end = flown(amplitude_m, seed, killed, away_s, remembered);
+                let end = flown(amplitude_m, seed, killed, away_s, checkpoints);
                 flights += 1;
                 landed += usize::from(end.landed());
                 if !end.is_safe() {
@@ -164,35 +164,35 @@ const AWAY_S: [f64; 2] = [0.3, 1.0];
 
 #[test]
 fn mission_killed_in_descent_goes_on_and_lands() {
-    let (landed, of) = all_safe(&IN_DESCENT, &AWAY_S, Remembered::Kept);
+    let (landed, of) = all_safe(&IN_DESCENT, &AWAY_S, Checkpoints::Kept);
     assert_eq!(landed, of);
 }
 
 #[test]
 fn mission_killed_in_flare_goes_on_and_lands() {
-    let (landed, of) = all_safe(&IN_FLARE, &AWAY_S, Remembered::Kept);
+    let (landed, of) = all_safe(&IN_FLARE, &AWAY_S, Checkpoints::Kept);
     assert_eq!(landed, of);
 }
 
 #[test]
 fn mission_killed_on_the_deck_ends_with_motors_off() {
-    let (landed, of) = all_safe(&ON_THE_DECK, &AWAY_S, Remembered::Kept);
+    let (landed, of) = all_safe(&ON_THE_DECK, &AWAY_S, Checkpoints::Kept);
     assert_eq!(landed, of);
 }
 
 #[test]
-fn mission_killed_in_descent_without_memory_climbs_from_the_deck_and_holds() {
-    all_safe(&IN_DESCENT, &AWAY_S, Remembered::Lost);
+fn mission_killed_in_descent_without_checkpoint_climbs_from_the_deck_and_holds() {
+    all_safe(&IN_DESCENT, &AWAY_S, Checkpoints::Lost);
 }
 
 #[test]
-fn mission_killed_in_flare_without_memory_lands_or_climbs() {
-    all_safe(&IN_FLARE, &AWAY_S, Remembered::Lost);
+fn mission_killed_in_flare_without_checkpoint_lands_or_climbs() {
+    all_safe(&IN_FLARE, &AWAY_S, Checkpoints::Lost);
 }
 
 #[test]
-fn mission_killed_on_the_deck_without_memory_ends_with_motors_off() {
-    let (landed, of) = all_safe(&ON_THE_DECK, &AWAY_S, Remembered::Lost);
+fn mission_killed_on_the_deck_without_checkpoint_ends_with_motors_off() {
+    let (landed, of) = all_safe(&ON_THE_DECK, &AWAY_S, Checkpoints::Lost);
     assert_eq!(landed, of);
 }
 

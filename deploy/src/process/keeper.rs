@@ -1,8 +1,8 @@
-//! Keeps what a node must not forget while its process is started anew. The supervisor does this: it lives as
-//! long as the flight.
+//! Keeps the nodes' checkpoints while their processes are restarted. The supervisor does this: it lives as long as the
+//! flight.
 
 use alight_shared::admission::Latest;
-use alight_shared::msg::{LinkMemory, Message, MissionMemory, PredictorMemory};
+use alight_shared::msg::{LinkCheckpoint, Message, MissionCheckpoint, PredictorCheckpoint};
 use alight_shared::time::{DroneClock, Time};
 use alight_shared::transport::TransportError;
 use alight_shared::transport::memory::{Memory, Publisher, Subscriber};
@@ -10,24 +10,24 @@ use alight_shared::transport::plain::Plain;
 
 use crate::exit::CliError;
 
-/// Keeps the memories of predictor, mission and link.
-pub struct MemoryKeeper {
-    predictor: Kept<PredictorMemory>,
-    mission: Kept<MissionMemory>,
-    link: Kept<LinkMemory>,
+/// Keeps the checkpoints of predictor, mission and link.
+pub struct CheckpointKeeper {
+    predictor: Kept<PredictorCheckpoint>,
+    mission: Kept<MissionCheckpoint>,
+    link: Kept<LinkCheckpoint>,
 }
 
-impl MemoryKeeper {
+impl CheckpointKeeper {
     /// Keeps nothing yet.
-    pub fn join(memory: &Memory) -> Result<MemoryKeeper, CliError> {
-        Ok(MemoryKeeper {
+    pub fn join(memory: &Memory) -> Result<CheckpointKeeper, CliError> {
+        Ok(CheckpointKeeper {
             predictor: Kept::join(memory)?,
             mission: Kept::join(memory)?,
             link: Kept::join(memory)?,
         })
     }
-    /// Takes the newest of each and says it on the same topic, where a node that begins looks for one of another
-    /// boot; while there is none it says that.
+    /// Takes the newest of each and publishes it on the same topic, where a node that begins looks for one of another
+    /// boot; while there is none it publishes that.
     pub fn poll(&mut self, now: Time<DroneClock>) {
         self.predictor.poll(now);
         self.mission.poll(now);
@@ -37,58 +37,59 @@ impl MemoryKeeper {
 
 /// One node's.
 struct Kept<M: Plain> {
-    written: Subscriber<M>,
-    said: Publisher<M>,
+    received: Subscriber<M>,
+    published: Publisher<M>,
     newest: Latest<M>,
 }
 
 impl<M: Plain + Message<Clock = DroneClock> + Default> Kept<M> {
     fn join(memory: &Memory) -> Result<Kept<M>, CliError> {
         Ok(Kept {
-            written: memory.subscriber()?,
-            said: memory.publisher()?,
+            received: memory.subscriber()?,
+            published: memory.publisher()?,
             newest: Latest::default(),
         })
     }
-    /// Its own words come back as what it knows already.
+    /// It receives its own publications, which are no newer.
     fn poll(&mut self, now: Time<DroneClock>) {
-        for m in self.written.all(now.nanos()) {
+        for m in self.received.all(now.nanos()) {
             if m.header().boot != 0 {
                 self.newest.offer(now, &m);
             }
         }
-        self.said.send(&self.newest.get().copied().unwrap_or_default());
+        self.published
+            .send(&self.newest.get().copied().unwrap_or_default());
     }
 }
 
-/// A node's own end of it: what the one before it left, and what it writes for the one after it.
-pub struct OwnMemory<M: Plain> {
-    written: Publisher<M>,
-    /// None: this node has written, and what it would read there are its own words.
-    before: Option<Subscriber<M>>,
+/// A node's own end: the checkpoint of a crashed predecessor, and its own for a successor.
+pub struct OwnCheckpoint<M: Plain> {
+    published: Publisher<M>,
+    /// None: this node has published, and would receive its own.
+    predecessor: Option<Subscriber<M>>,
 }
 
-impl<M: Plain> OwnMemory<M> {
-    /// Looks for what the one before it left.
-    pub fn join(memory: &Memory) -> Result<OwnMemory<M>, TransportError> {
-        Ok(OwnMemory {
-            written: memory.publisher()?,
-            before: Some(memory.subscriber()?),
+impl<M: Plain> OwnCheckpoint<M> {
+    /// Looks for a predecessor's.
+    pub fn join(memory: &Memory) -> Result<OwnCheckpoint<M>, TransportError> {
+        Ok(OwnCheckpoint {
+            published: memory.publisher()?,
+            predecessor: Some(memory.subscriber()?),
         })
     }
-    /// What the one before it left, until this one writes; `t` is the drone's clock, ns.
-    pub fn before(&mut self, t: i64) -> Option<M> {
-        self.before.as_mut().and_then(|before| before.newest(t))
+    /// The predecessor's, until this one publishes; `t` is the drone's clock, ns.
+    pub fn predecessor(&mut self, t: i64) -> Option<M> {
+        self.predecessor.as_mut().and_then(|p| p.newest(t))
     }
-    /// Writes, where there is something to write.
-    pub fn write(&mut self, m: Option<&M>) {
+    /// Publishes its own, where it is due.
+    pub fn publish(&mut self, m: Option<&M>) {
         if m.is_some() {
-            self.before = None;
+            self.predecessor = None;
         }
-        self.written.send_any(m);
+        self.published.send_any(m);
     }
     /// Messages that could not be published.
     pub fn unsent(&self) -> u64 {
-        self.written.unsent()
+        self.published.unsent()
     }
 }

@@ -6,7 +6,7 @@
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionMemory,
+    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionCheckpoint,
     MissionState, OperatorCommand, Plan, SetPoint, TimeRequest,
 };
 use alight_shared::node::Node;
@@ -20,7 +20,7 @@ use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_usv::deck::{
-    ArbiterIn, DeckArbiter, DeckInputs, DeckMemory, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
+    ArbiterIn, DeckArbiter, DeckCheckpoint, DeckInputs, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
     VoidCommand,
 };
 use alight_usv::{VesselIn, VesselNode};
@@ -89,7 +89,7 @@ struct DeckServices {
     /// Levels of the digital inputs, read at each tick.
     inputs: DeckInputs,
     /// What the vessel's former start left.
-    memory: Option<DeckMemory>,
+    checkpoint: Option<DeckCheckpoint>,
     aborts: Vec<PendingAbort>,
     void: Vec<VoidCommand>,
 }
@@ -103,7 +103,7 @@ impl DeckServices {
             operator_sequence: 0,
             orders: Vec::new(),
             inputs: DeckInputs::default(),
-            memory: None,
+            checkpoint: None,
             aborts: Vec::new(),
             void: Vec::new(),
         }
@@ -111,7 +111,7 @@ impl DeckServices {
     /// The vessel's next start, with what this one leaves in its file.
     fn restarted(&self, nodes: &NodeConfigs, boot: u32) -> DeckServices {
         DeckServices {
-            memory: Some(self.arbiter.memory()),
+            checkpoint: Some(self.arbiter.checkpoint()),
             aborts: self.relay.aborts(),
             void: self.relay.void(),
             inputs: self.inputs,
@@ -214,13 +214,13 @@ impl World {
     pub fn kill_mission(&mut self, k: usize) {
         self.drones[k].mission = None;
     }
-    /// It starts anew, with or without the memory of the one before it.
+    /// It starts anew, with or without the checkpoint of the one before it.
     pub fn start_mission(
         &mut self,
         k: usize,
         scenario: &Scenario,
         nodes: &NodeConfigs,
-        remembered: Remembered,
+        checkpoints: Checkpoints,
     ) {
         let (id, config) = (DRONE_ID + k as u32, mission_config(scenario, nodes));
         let drone = &mut self.drones[k];
@@ -228,7 +228,7 @@ impl World {
         let boot = drone.boot + drone.mission_starts;
         let (airframe, deck) = (&nodes.drone.airframe, &nodes.drone.deck);
         drone.mission = Some(Mission::new(&config, airframe, deck, id, boot).as_successor());
-        drone.memory.given = drone.memory.kept.filter(|_| remembered == Remembered::Kept);
+        drone.checkpoint.given = drone.checkpoint.kept.filter(|_| checkpoints == Checkpoints::Kept);
     }
     /// A drone's pilot process dies.
     pub fn kill_pilot(&mut self, k: usize) {
@@ -300,7 +300,7 @@ impl World {
                 statuses: statuses.clone(),
                 orders: core::mem::take(&mut deck.orders),
                 inputs: deck.inputs,
-                memory: deck.memory.take(),
+                checkpoint: deck.checkpoint.take(),
             };
             let granted = deck.arbiter.step(now, &input);
             let input = OperatorIn {
@@ -386,14 +386,14 @@ impl World {
 
 /// What the mission wrote, and what its successor is given of it.
 #[derive(Clone, Copy, Debug, Default)]
-struct KeptMemory {
-    kept: Option<MissionMemory>,
-    given: Option<MissionMemory>,
+struct KeptCheckpoint {
+    kept: Option<MissionCheckpoint>,
+    given: Option<MissionCheckpoint>,
 }
 
-/// What a mission that starts anew is given of the memory of the one before it.
+/// What a mission that starts anew is given of the checkpoint of the one before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Remembered {
+pub enum Checkpoints {
     /// All.
     Kept,
     /// Nothing.
@@ -414,7 +414,7 @@ pub struct DroneComputer {
     /// Starts of its process beyond the first.
     mission_starts: u32,
     /// What it must not forget, in the supervisor's hands.
-    memory: KeptMemory,
+    checkpoint: KeptCheckpoint,
     /// None: its process is dead.
     planner: Option<Planner>,
     /// None: its process is dead.
@@ -470,7 +470,7 @@ impl DroneComputer {
             predictor: Predictor::new(&drone.predictor(), boot),
             mission: Some(Mission::new(&mission, &drone.airframe, &drone.deck, id, boot)),
             mission_starts: 0,
-            memory: KeptMemory::default(),
+            checkpoint: KeptCheckpoint::default(),
             planner: Some(nodes.planner(boot)),
             pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
             plans: DelayLine::new(MAX_PLANS),
@@ -538,7 +538,7 @@ impl DroneComputer {
             tags: readings.tags,
             uvdar: readings.uvdar,
             ranges: readings.ranges.clone(),
-            memory: None,
+            checkpoint: None,
         };
         let predicted = self.predictor.step(now, &input);
         tap.predictor(t, now, &input, &predicted);
@@ -555,14 +555,14 @@ impl DroneComputer {
             set_point: self.last_set_point,
             commands: self.commands.drain(..).chain(received.command).collect(),
             deck: received.deck,
-            memory: self.memory.given,
+            checkpoint: self.checkpoint.given,
         };
         let mut decided = MissionOut::default();
         if let Some(mission) = &mut self.mission {
             decided = mission.step(now, &input);
             tap.mission(t, now, &input, &decided);
         }
-        self.memory.kept = decided.memory.or(self.memory.kept);
+        self.checkpoint.kept = decided.checkpoint.or(self.checkpoint.kept);
         let mission = decided.state;
         self.mission_state = mission.unwrap_or(self.mission_state);
         if reports_status && t >= self.status_due {

@@ -8,7 +8,7 @@ use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::{Remembered, World};
+use alight_sim::harness::world::{Checkpoints, World};
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 
@@ -96,7 +96,7 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
     world.command(CommandKind::Land);
     let fail = |world: &mut World, failed: bool| match (failing, failed) {
         (Failing::Mission, true) => world.kill_mission(0),
-        (Failing::Mission, false) => world.start_mission(0, &scenario, &nodes, Remembered::Kept),
+        (Failing::Mission, false) => world.start_mission(0, &scenario, &nodes, Checkpoints::Kept),
         (Failing::Pilot, true) => world.kill_pilot(0),
         (Failing::Pilot, false) => world.start_pilot(0, &nodes),
         (Failing::Link, _) => faults.dead.set(failed),
