@@ -10,6 +10,8 @@ use crate::process::supervisor::pause;
 
 /// The lock file's name in the instance's directory.
 const LOCK_FILE: &str = "lock";
+/// Where a supervisor keeps the checkpoints of its processes: they outlive one that is killed.
+pub const CHECKPOINTS_FILE: &str = "checkpoints";
 /// This file exists once all services are there: observers may join. It holds the owner's process number,
 /// because the file of a killed owner stays.
 const READY_FILE: &str = "ready";
@@ -90,15 +92,22 @@ impl Drop for OwnedInstance {
         let _none = std::fs::remove_file(self.file(READY_FILE));
         // All processes have ended by now. What cannot be removed is removed at the next start.
         let _left = self.instance.wipe();
-        let _left = std::fs::remove_dir_all(self.instance.directory());
+        let directory = self.instance.directory();
+        let _left = remove_contents(&directory);
+        let _left = std::fs::remove_file(self.file(LOCK_FILE));
+        // It stays with the checkpoints of a supervisor that nobody asked to end.
+        let _left = std::fs::remove_dir(directory);
     }
 }
 
-/// Removes what is in a former owner's directory, but not the lock that we hold.
+/// Removes what is in a former owner's directory, but not the lock that we hold, and not the checkpoints.
 fn remove_contents(directory: &Path) -> std::io::Result<()> {
     for entry in std::fs::read_dir(directory)? {
         let entry = entry?;
-        if entry.file_name() == LOCK_FILE {
+        if [LOCK_FILE, CHECKPOINTS_FILE]
+            .iter()
+            .any(|kept| entry.file_name() == *kept)
+        {
             continue;
         }
         // A link is removed and not what it leads to.

@@ -530,7 +530,7 @@ message!(MissionState, DroneClock, |m| {
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
 message!(MissionCheckpoint, DroneClock, |m| {
-    super::Message::check(&m.state).is_ok() => "state",
+    m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
     within([&m.recent_tilt_rad], MAX_ANGLE_RAD) => "recent_tilt_rad",
 });

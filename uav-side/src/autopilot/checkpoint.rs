@@ -7,16 +7,13 @@
 
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint};
 use alight_shared::time::Span;
-use alight_shared::topics;
 
 use super::message::{AUTOPILOT_COMPONENT, Address};
 use super::modes::Firmware;
 use super::peer::Peer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
-use alight_shared::checkpoint;
+use alight_shared::checkpoint::validate;
 
-/// A checkpoint older than this does not count: PX4 has left OFFBOARD meanwhile (COM_OF_LOSS_T as it is checked).
-const MAX_AGE: Span = topics::LINK_CHECKPOINT.stale_after;
 /// Period of writing.
 const PERIOD: Span = Span::from_millis(20);
 
@@ -31,7 +28,7 @@ impl AutopilotLink {
         let Some(m) = self.recovery.checkpoint().filter(|m| m.commanding) else {
             return;
         };
-        match checkpoint::validate(now, self.drone_id, MAX_AGE, &m) {
+        match validate(now, self.drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => out.texts.push(format!(
                 "the checkpoint of the link before this one does not count: it is {why}"

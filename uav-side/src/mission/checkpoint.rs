@@ -4,7 +4,7 @@
 //! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
 
 use alight_shared::msg::{
-    AutopilotMode, Command, CommandKind, MESSAGE_VERSION, MissionCheckpoint, Phase, Reason, ReasonCode, State,
+    AutopilotMode, Command, CommandKind, MissionCheckpoint, Phase, Reason, ReasonCode, State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -12,25 +12,14 @@ use alight_shared::topics;
 use super::config::MissionConfig;
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
-use alight_shared::checkpoint::{self, CheckpointRejection, Recovery};
+use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
-/// A checkpoint older than this says nothing about the flight now: the pilot has left the drone to its autopilot
-/// meanwhile.
-const MAX_AGE: Span = Span::from_millis(5000);
 /// A mission that begins waits so long for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
 /// Commands kept while it waits: an abort, and of the others the newest.
 const MAX_COMMANDS: usize = 16;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
 pub(super) const AT_REST_M: f64 = 0.15;
-
-/// Whether `m` counts for drone `drone` at `now`.
-fn validate(now: DroneTime, drone: u32, m: &MissionCheckpoint) -> Result<(), CheckpointRejection> {
-    if m.state.header.version != MESSAGE_VERSION {
-        return Err(CheckpointRejection::Version);
-    }
-    checkpoint::validate(now, drone, MAX_AGE, m)
-}
 
 /// A mission that does not know yet whether it is a successor.
 #[derive(Clone, Debug, Default)]

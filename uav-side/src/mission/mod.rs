@@ -162,6 +162,10 @@ impl Mission {
         }
     }
 
+    /// Of its process.
+    pub fn boot(&self) -> u32 {
+        self.boot
+    }
     /// A predecessor may have flown: it waits for that one's checkpoint first.
     #[must_use]
     pub fn as_successor(self) -> Self {

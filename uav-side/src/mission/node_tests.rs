@@ -409,7 +409,7 @@ fn successor_without_a_sound_checkpoint_climbs_from_the_deck_and_says_why() {
         ),
         (
             change(|m| m.state.header.version -= 1),
-            Some(CheckpointRejection::Version),
+            Some(CheckpointRejection::Damaged),
         ),
         (
             change(|m| m.header.drone = 2),

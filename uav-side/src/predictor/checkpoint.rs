@@ -3,17 +3,13 @@
 //! two GNSS receivers.
 
 use alight_shared::msg::{DroneState, PredictorCheckpoint};
-use alight_shared::time::{DroneClock, Span, Time};
-use alight_shared::topics;
+use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::axis::AxisNoise;
 use super::track::JUMP_M;
 use super::waves::AXES;
-use alight_shared::checkpoint;
-
-/// An older checkpoint does not count: the odometry has drifted meanwhile, and so has the drone.
-const MAX_AGE: Span = topics::PREDICTOR_CHECKPOINT.stale_after;
+use alight_shared::checkpoint::validate;
 
 /// Whether `m` counts for this drone and this start of the vessel.
 pub(super) fn is_valid(
@@ -22,9 +18,7 @@ pub(super) fn is_valid(
     vessel_boot: u32,
     m: &PredictorCheckpoint,
 ) -> bool {
-    checkpoint::validate(now, drone.header.drone, MAX_AGE, m).is_ok()
-        && m.vessel_boot == vessel_boot
-        && same_frame(drone, m)
+    validate(now, drone.header.drone, m).is_ok() && m.vessel_boot == vessel_boot && same_frame(drone, m)
 }
 
 /// The variances of its offsets at `now`.

@@ -122,6 +122,10 @@ impl Predictor {
             rejections: Rejections::default(),
         }
     }
+    /// Of its process.
+    pub fn boot(&self) -> u32 {
+        self.boot
+    }
     /// A predecessor may have flown: it waits for that one's checkpoint first, and publishes nothing until then. A
     /// forecast by the radio alone may lie metres beside the deck, and would end a landing.
     #[must_use]
