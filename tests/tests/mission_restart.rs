@@ -41,7 +41,8 @@ struct End {
     height_m: f64,
     /// Off the deck's centre, m.
     off_m: f64,
-    /// The hardest contact, m/s.
+    /// The hardest contact while the computer runs, m/s: without it the autopilot holds a fixed place, and the deck may
+    /// rise into the drone.
     hardest_mps: f64,
     water: bool,
 }
@@ -88,6 +89,7 @@ fn flown(
     let (mut entered, mut state) = (0.0, State::Idle);
     let (mut contact, mut stop) = (None, None);
     let mut died: Option<f64> = None;
+    let gone = |died: Option<f64>, t: f64| dies == Dies::Supervisor && died.is_some_and(|at| t < at + away_s);
     let mut started = false;
     let mut end = None;
     let (mut hardest_mps, mut water) = (0.0_f64, false);
@@ -101,7 +103,9 @@ fn flown(
         let o = world.observation();
         for c in o.contacts {
             contact.get_or_insert(t);
-            hardest_mps = hardest_mps.max(c.normal_mps);
+            if !gone(died, t) {
+                hardest_mps = hardest_mps.max(c.normal_mps);
+            }
         }
         water |= o.in_water;
         if !o.motors_on {
@@ -222,19 +226,19 @@ fn mission_killed_on_the_deck_without_checkpoint_ends_with_motors_off() {
 #[test]
 fn supervisor_killed_in_descent() {
     let (landed, of) = all_safe(Dies::Supervisor, &IN_DESCENT, &AWAY_S, Checkpoints::Kept);
-    println!("{landed} of {of} landed");
+    assert_eq!(landed, of);
 }
 
 #[test]
 fn supervisor_killed_in_flare() {
     let (landed, of) = all_safe(Dies::Supervisor, &IN_FLARE, &AWAY_S, Checkpoints::Kept);
-    println!("{landed} of {of} landed");
+    assert_eq!(landed, of);
 }
 
 #[test]
 fn supervisor_killed_on_the_deck() {
     let (landed, of) = all_safe(Dies::Supervisor, &ON_THE_DECK, &AWAY_S, Checkpoints::Kept);
-    println!("{landed} of {of} landed");
+    assert_eq!(landed, of);
 }
 
 #[test]

@@ -249,11 +249,12 @@ fn cable_out_after_the_stop_ends_disarmed_or_climbs() {
 #[test]
 fn supervisor_restarted_in_the_air() {
     let (landed, of) = all_safe(Failing::Supervisor, &IN_THE_AIR, &[0.3, 0.6, 1.0]);
-    println!("{landed} of {of} landed");
+    assert_eq!(landed, of);
 }
 
 #[test]
 fn supervisor_restarted_after_the_stop() {
     let (landed, of) = all_safe(Failing::Supervisor, &AFTER_THE_STOP, &[0.3, 0.6, 1.0]);
-    println!("{landed} of {of} landed");
+    // An autopilot whose own hold has taken off from a deck that sinks is not pressed back onto it.
+    assert!(4 * landed >= 3 * of, "{landed} of {of}");
 }
