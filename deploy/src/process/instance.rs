@@ -167,15 +167,21 @@ mod tests {
         std::fs::write(directory.join("pilot.err"), "an old complaint").unwrap();
         std::fs::write(directory.join(READY_FILE), std::process::id().to_string()).unwrap();
         std::fs::write(directory.join("log/old/pilot.log"), "old").unwrap();
+        std::fs::write(directory.join(CHECKPOINTS_FILE), "a crashed supervisor's").unwrap();
         std::fs::write(&elsewhere, "somebody else's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, directory.join("link")).unwrap();
         let owned = OwnedInstance::take(&name).unwrap();
-        let left: Vec<_> = std::fs::read_dir(&directory)
-            .unwrap()
-            .map(|e| e.unwrap().file_name())
-            .collect();
-        assert_eq!(left, [LOCK_FILE]);
+        let left = || {
+            let entries = std::fs::read_dir(&directory).unwrap();
+            let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name()).collect();
+            names.sort();
+            names
+        };
+        assert_eq!(left(), [CHECKPOINTS_FILE, LOCK_FILE]);
         assert!(elsewhere.exists() && !is_running(owned.instance()));
+        drop(owned);
+        assert_eq!(left(), [CHECKPOINTS_FILE]);
+        std::fs::remove_dir_all(directory).unwrap();
         std::fs::remove_file(elsewhere).unwrap();
     }
 

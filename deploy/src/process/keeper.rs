@@ -203,3 +203,47 @@ impl<M: Plain> OwnCheckpoint<M> {
         self.published.unsent()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::msg::Header;
+
+    #[test]
+    fn checkpoint_file_of_a_crashed_supervisor() {
+        let now = Time::from_secs(10.0);
+        let path = std::env::temp_dir().join(format!("alight-checkpoints-{}", std::process::id()));
+        let file = || CheckpointFile::open(path.clone()).unwrap();
+        let restored = || {
+            let mut keeper = Keeper::default();
+            file().restore(now, &mut keeper);
+            keeper.newest::<LinkCheckpoint>().header.boot
+        };
+        assert_eq!(restored(), 0);
+        let mut keeper = Keeper::default();
+        let header = Header::new(1, 1, 7, 1, now);
+        keeper.take(
+            now,
+            Some(&LinkCheckpoint {
+                header,
+                ..LinkCheckpoint::default()
+            }),
+        );
+        let mut kept = file();
+        kept.poll(now, false, &keeper);
+        assert_eq!(restored(), 0, "nothing new");
+        kept.poll(now, true, &keeper);
+        assert_eq!(restored(), 7);
+        for other in ["", "another program's"] {
+            fs::write(&path, other).unwrap();
+            assert_eq!(restored(), 0);
+        }
+        fs::remove_file(&path).unwrap();
+        fs::create_dir(&path).unwrap();
+        assert_eq!(restored(), 0);
+        kept.poll(now + FILE_PERIOD, true, &keeper);
+        assert!(kept.failed);
+        fs::remove_dir(&path).unwrap();
+        fs::remove_file(path.with_extension("new")).unwrap();
+    }
+}
