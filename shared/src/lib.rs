@@ -5,6 +5,7 @@
 
 pub mod admission;
 pub mod autopilot_parameters;
+pub mod checkpoint;
 pub mod config;
 pub mod estimation;
 pub mod frames;

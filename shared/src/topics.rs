@@ -112,12 +112,12 @@ topics! {
     SET_POINT: "pilot/setpoint", msg::SetPoint, Memory, 100.0 Hz, size_of::<msg::SetPoint>(), 100 ms, 2 deep;
     /// The operator's command.
     COMMAND: "operator/command", msg::Command, Memory, 0.1 Hz, size_of::<msg::Command>(), 5000 ms, 16 deep;
-    /// What the mission must not forget.
-    MISSION_MEMORY: "mission/memory", msg::MissionMemory, Memory, 50.0 Hz, size_of::<msg::MissionMemory>(), 5000 ms, 4 deep;
-    /// What the predictor must not forget.
-    PREDICTOR_MEMORY: "deck/memory", msg::PredictorMemory, Memory, 50.0 Hz, size_of::<msg::PredictorMemory>(), 2000 ms, 4 deep;
-    /// What the link to the autopilot must not forget.
-    LINK_MEMORY: "drone/memory", msg::LinkMemory, Memory, 50.0 Hz, size_of::<msg::LinkMemory>(), 500 ms, 4 deep;
+    /// The mission's checkpoint. After this time the pilot has left the drone to its autopilot.
+    MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, Memory, 50.0 Hz, size_of::<msg::MissionCheckpoint>(), 5000 ms, 4 deep;
+    /// The predictor's checkpoint. After this time the odometry has drifted, and so has the drone.
+    PREDICTOR_CHECKPOINT: "deck/checkpoint", msg::PredictorCheckpoint, Memory, 50.0 Hz, size_of::<msg::PredictorCheckpoint>(), 2000 ms, 4 deep;
+    /// The autopilot link's checkpoint. After this time PX4 has left OFFBOARD (COM_OF_LOSS_T as it is checked).
+    LINK_CHECKPOINT: "drone/checkpoint", msg::LinkCheckpoint, Memory, 50.0 Hz, size_of::<msg::LinkCheckpoint>(), 500 ms, 4 deep;
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-//! The mission's process dies near the deck and starts anew, with one order to land and nobody who orders again.
+//! The mission's process, or the supervisor with all of them, dies near the deck and starts anew, with one order to land
+//! and nobody who orders again.
 // Helpers of tests may panic, as tests do.
 #![allow(clippy::unwrap_used, clippy::panic)]
 
@@ -8,8 +9,17 @@ use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::{Remembered, World};
+use alight_sim::harness::world::{Checkpoints, World};
 use alight_sim::physics::sea::SeaConfig;
+
+/// What dies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Dies {
+    /// The mission's process.
+    Mission,
+    /// The supervisor, and with it every process of the drone's computer.
+    Supervisor,
+}
 
 /// When the process dies.
 #[derive(Clone, Copy, Debug)]
@@ -31,7 +41,8 @@ struct End {
     height_m: f64,
     /// Off the deck's centre, m.
     off_m: f64,
-    /// The hardest contact, m/s.
+    /// The hardest contact while the computer runs, m/s: without it the autopilot holds a fixed place, and the deck may
+    /// rise into the drone.
     hardest_mps: f64,
     water: bool,
 }
@@ -59,7 +70,14 @@ const REST_S: f64 = 8.0;
 const CLIMB_S: f64 = 15.0;
 
 /// A landing with one order; the mission dies when `killed` says and starts anew `away_s` later.
-fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: Remembered) -> End {
+fn flown(
+    dies: Dies,
+    amplitude_m: f64,
+    seed: u64,
+    killed: Killed,
+    away_s: f64,
+    checkpoints: Checkpoints,
+) -> End {
     let scenario = Scenario {
         sea: SeaConfig::paper(amplitude_m, 5.0),
         ..Scenario::default()
@@ -71,6 +89,7 @@ fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: R
     let (mut entered, mut state) = (0.0, State::Idle);
     let (mut contact, mut stop) = (None, None);
     let mut died: Option<f64> = None;
+    let gone = |died: Option<f64>, t: f64| dies == Dies::Supervisor && died.is_some_and(|at| t < at + away_s);
     let mut started = false;
     let mut end = None;
     let (mut hardest_mps, mut water) = (0.0_f64, false);
@@ -84,7 +103,9 @@ fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: R
         let o = world.observation();
         for c in o.contacts {
             contact.get_or_insert(t);
-            hardest_mps = hardest_mps.max(c.normal_mps);
+            if !gone(died, t) {
+                hardest_mps = hardest_mps.max(c.normal_mps);
+            }
         }
         water |= o.in_water;
         if !o.motors_on {
@@ -106,11 +127,17 @@ fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: R
         });
         if due && died.is_none() {
             died = Some(t);
-            world.kill_mission(0);
+            match dies {
+                Dies::Mission => world.kill_mission(0),
+                Dies::Supervisor => world.kill_computer(0),
+            }
         }
         if died.is_some_and(|at| t >= at + away_s) && !started {
             started = true;
-            world.start_mission(0, &scenario, &nodes, remembered);
+            match dies {
+                Dies::Mission => world.start_mission(0, &scenario, &nodes, checkpoints),
+                Dies::Supervisor => world.start_computer(0, &scenario, &nodes, checkpoints),
+            }
         }
         let over = stop.is_some_and(|at| t >= at + REST_S)
             || matches!(state, State::GaveUp | State::Idle) && t >= entered + CLIMB_S;
@@ -123,12 +150,12 @@ fn flown(amplitude_m: f64, seed: u64, killed: Killed, away_s: f64, remembered: R
 }
 
 /// Flies all and fails with every flight that was not safe; gives how many landed, and of how many.
-fn all_safe(cases: &[Killed], away_s: &[f64], remembered: Remembered) -> (usize, usize) {
+fn all_safe(dies: Dies, cases: &[Killed], away_s: &[f64], checkpoints: Checkpoints) -> (usize, usize) {
     let (mut unsafe_ends, mut landed, mut flights) = (Vec::new(), 0, 0);
     for &killed in cases {
         for &away_s in away_s {
             for (amplitude_m, seed) in [(0.5, 41), (0.5, 42), (0.8, 43), (0.8, 44)] {
-                let end = flown(amplitude_m, seed, killed, away_s, remembered);
+                let end = flown(dies, amplitude_m, seed, killed, away_s, checkpoints);
                 flights += 1;
                 landed += usize::from(end.landed());
                 if !end.is_safe() {
@@ -141,7 +168,7 @@ fn all_safe(cases: &[Killed], away_s: &[f64], remembered: Remembered) -> (usize,
     }
     assert!(
         unsafe_ends.is_empty(),
-        "{} of {flights}:\n{}",
+        "{dies:?}, {} of {flights} ({landed} landed):\n{}",
         unsafe_ends.len(),
         unsafe_ends.join("\n")
     );
@@ -164,35 +191,53 @@ const AWAY_S: [f64; 2] = [0.3, 1.0];
 
 #[test]
 fn mission_killed_in_descent_goes_on_and_lands() {
-    let (landed, of) = all_safe(&IN_DESCENT, &AWAY_S, Remembered::Kept);
+    let (landed, of) = all_safe(Dies::Mission, &IN_DESCENT, &AWAY_S, Checkpoints::Kept);
     assert_eq!(landed, of);
 }
 
 #[test]
 fn mission_killed_in_flare_goes_on_and_lands() {
-    let (landed, of) = all_safe(&IN_FLARE, &AWAY_S, Remembered::Kept);
+    let (landed, of) = all_safe(Dies::Mission, &IN_FLARE, &AWAY_S, Checkpoints::Kept);
     assert_eq!(landed, of);
 }
 
 #[test]
 fn mission_killed_on_the_deck_ends_with_motors_off() {
-    let (landed, of) = all_safe(&ON_THE_DECK, &AWAY_S, Remembered::Kept);
+    let (landed, of) = all_safe(Dies::Mission, &ON_THE_DECK, &AWAY_S, Checkpoints::Kept);
     assert_eq!(landed, of);
 }
 
 #[test]
-fn mission_killed_in_descent_without_memory_climbs_from_the_deck_and_holds() {
-    all_safe(&IN_DESCENT, &AWAY_S, Remembered::Lost);
+fn mission_killed_in_descent_without_checkpoint_climbs_from_the_deck_and_holds() {
+    all_safe(Dies::Mission, &IN_DESCENT, &AWAY_S, Checkpoints::Lost);
 }
 
 #[test]
-fn mission_killed_in_flare_without_memory_lands_or_climbs() {
-    all_safe(&IN_FLARE, &AWAY_S, Remembered::Lost);
+fn mission_killed_in_flare_without_checkpoint_lands_or_climbs() {
+    all_safe(Dies::Mission, &IN_FLARE, &AWAY_S, Checkpoints::Lost);
 }
 
 #[test]
-fn mission_killed_on_the_deck_without_memory_ends_with_motors_off() {
-    let (landed, of) = all_safe(&ON_THE_DECK, &AWAY_S, Remembered::Lost);
+fn mission_killed_on_the_deck_without_checkpoint_ends_with_motors_off() {
+    let (landed, of) = all_safe(Dies::Mission, &ON_THE_DECK, &AWAY_S, Checkpoints::Lost);
+    assert_eq!(landed, of);
+}
+
+#[test]
+fn supervisor_killed_in_descent() {
+    let (landed, of) = all_safe(Dies::Supervisor, &IN_DESCENT, &AWAY_S, Checkpoints::Kept);
+    assert_eq!(landed, of);
+}
+
+#[test]
+fn supervisor_killed_in_flare() {
+    let (landed, of) = all_safe(Dies::Supervisor, &IN_FLARE, &AWAY_S, Checkpoints::Kept);
+    assert_eq!(landed, of);
+}
+
+#[test]
+fn supervisor_killed_on_the_deck() {
+    let (landed, of) = all_safe(Dies::Supervisor, &ON_THE_DECK, &AWAY_S, Checkpoints::Kept);
     assert_eq!(landed, of);
 }
 

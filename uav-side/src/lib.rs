@@ -6,7 +6,6 @@ mod deck_height;
 mod escape;
 #[cfg(test)]
 mod fixtures;
-mod memory;
 pub mod mission;
 pub mod odometry;
 pub mod pilot;

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use alight_shared::config;
 use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, LinkMemory, MissionState, RangeSample, Seq, SetPoint,
+    AutopilotState, DeckForecast, DroneState, LinkCheckpoint, MissionState, RangeSample, Seq, SetPoint,
 };
 use alight_shared::transport::clock::steady_ns;
 use alight_shared::transport::memory::{Instance, Memory};
@@ -24,7 +24,7 @@ use crate::exit::{CliError, Exit};
 use crate::io::byte_link::ByteLink;
 use crate::io::link_url::LinkUrl;
 use crate::process::args::AutopilotArgs;
-use crate::process::keeper::OwnMemory;
+use crate::process::keeper::OwnCheckpoint;
 use crate::process::life::Process;
 
 /// Pause when the link had no bytes.
@@ -63,7 +63,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
     let mut set_points = memory.subscriber::<SetPoint>()?;
     let mut missions = memory.subscriber::<MissionState>()?;
     let mut forecasts = memory.subscriber::<DeckForecast>()?;
-    let mut memories: OwnMemory<LinkMemory> = OwnMemory::join(&memory)?;
+    let mut checkpoint: OwnCheckpoint<LinkCheckpoint> = OwnCheckpoint::join(&memory)?;
     let mut odometry = memory.publisher::<DroneState>()?;
     let mut states = memory.publisher::<AutopilotState>()?;
     let mut ranges = memory.publisher::<RangeSample>()?;
@@ -83,10 +83,10 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
         input.set_point = set_points.newest(t);
         input.mission = missions.newest(t);
         input.forecast = forecasts.newest(t);
-        input.memory = memories.before(t);
+        input.checkpoint = checkpoint.predecessor(t);
         if input.received.is_empty()
             && input.set_point.is_none()
-            && input.memory.is_none()
+            && input.checkpoint.is_none()
             && steady_ns() - stepped_ns < MAX_STEP_PERIOD_NS
         {
             if !memory.wait(IDLE_WAIT) {
@@ -105,7 +105,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
                     link.write(steady_ns(), &bytes);
                 }
             }
-            memories.write(out.memory.as_ref());
+            checkpoint.publish(out.checkpoint.as_ref());
             out.ranges.iter().for_each(|m| ranges.send(m));
             states.send_any(out.state.as_ref());
             // Odometry last, because it wakes the other processes.
@@ -132,7 +132,7 @@ pub fn run(args: &AutopilotArgs) -> Result<Exit, CliError> {
             ]
         };
         let unsent =
-            link.unsent() + memories.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
+            link.unsent() + checkpoint.unsent() + odometry.unsent() + states.unsent() + ranges.unsent();
         let report = process.state(inputs, unsent);
         reports.send_any(report.as_ref());
     }

@@ -2,7 +2,8 @@
 //! forget goes to the supervisor, which says it again to a mission that begins.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionMemory, MissionState, Plan, SetPoint,
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, MissionCheckpoint, MissionState, Plan,
+    SetPoint,
 };
 use alight_shared::time::DroneClock;
 use alight_shared::transport::TransportError;
@@ -12,7 +13,7 @@ use alight_uav::mission::{Mission, MissionIn, MissionOut};
 use tracing::warn;
 
 use crate::config::DroneComputer;
-use crate::process::keeper::OwnMemory;
+use crate::process::keeper::OwnCheckpoint;
 use crate::process::shell::{Shell, reads};
 
 reads! {
@@ -25,14 +26,14 @@ reads! {
         newest set_point: SetPoint,
         all commands: Command,
         newest deck: DeckGrant<DroneClock>,
-        ; memory
+        ; checkpoint
     }
 }
 
 /// What the mission says, to the others and to the one after it.
 pub struct MissionShell {
     state: Publisher<MissionState>,
-    memory: OwnMemory<MissionMemory>,
+    checkpoint: OwnCheckpoint<MissionCheckpoint>,
 }
 
 impl Shell for MissionShell {
@@ -47,7 +48,7 @@ impl Shell for MissionShell {
     fn join(memory: &Memory) -> Result<Self, TransportError> {
         Ok(MissionShell {
             state: memory.publisher()?,
-            memory: OwnMemory::join(memory)?,
+            checkpoint: OwnCheckpoint::join(memory)?,
         })
     }
     fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
@@ -58,18 +59,18 @@ impl Shell for MissionShell {
         ])
     }
     fn complete(&mut self, t: i64, input: &mut MissionIn) {
-        input.memory = self.memory.before(t);
+        input.checkpoint = self.checkpoint.predecessor(t);
     }
     fn send(&mut self, out: &MissionOut) -> bool {
         // First what must not be lost.
-        self.memory.write(out.memory.as_ref());
+        self.checkpoint.publish(out.checkpoint.as_ref());
         self.state.send_any(out.state.as_ref());
-        if let Some(why) = out.refused {
-            warn!("the memory of the mission before this one does not count: it is {why}");
+        if let Some(why) = out.rejected {
+            warn!("the checkpoint of the mission before this one does not count: it is {why}");
         }
         out.state.is_some()
     }
     fn unsent(&self) -> u64 {
-        self.state.unsent() + self.memory.unsent()
+        self.state.unsent() + self.checkpoint.unsent()
     }
 }

@@ -27,8 +27,8 @@ use crate::config::DroneComputer;
 use crate::config::supervision::Supervision;
 use crate::exit::{CliError, Exit};
 use crate::process::args::{ProcessArgs, Scheduling};
-use crate::process::instance::OwnedInstance;
-use crate::process::keeper::MemoryKeeper;
+use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
+use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::end_with_supervisor;
 use crate::process::notify::Notify;
 use crate::process::observer::Observer;
@@ -82,7 +82,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let services = Services::create(&memory)?;
     owned.ready()?;
     let mut observer = Observer::join(&memory)?;
-    let mut keeper = MemoryKeeper::join(&memory)?;
+    let checkpoints = owned.file(CHECKPOINTS_FILE);
+    let mut keeper = CheckpointKeeper::join(&memory)?.in_file(checkpoints, computer.clock.now());
     let limits = Limits {
         silence_timeout_s: Some(computer.supervision.silent_s),
         max_failures: None,
@@ -131,6 +132,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     }
     notify.stopping();
     supervisor.stop();
+    keeper.forget();
     drop(services);
     drop(memory);
     drop(owned);

@@ -2,7 +2,7 @@
 //! supervisor, which says it again to a predictor that begins.
 
 use alight_shared::msg::{
-    DeckForecast, DroneState, LinkState, PredictorMemory, RangeSample, TagPose, UvdarFix, VesselEstimate,
+    DeckForecast, DroneState, LinkState, PredictorCheckpoint, RangeSample, TagPose, UvdarFix, VesselEstimate,
     VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::time::DroneClock;
@@ -12,7 +12,7 @@ use alight_shared::transport::process::ProcessKind;
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
 use crate::config::DroneComputer;
-use crate::process::keeper::OwnMemory;
+use crate::process::keeper::OwnCheckpoint;
 use crate::process::shell::{Shell, reads};
 
 reads! {
@@ -27,14 +27,14 @@ reads! {
         all tags: TagPose,
         all uvdar: UvdarFix,
         all ranges: RangeSample,
-        ; memory
+        ; checkpoint
     }
 }
 
 /// What the predictor says, to the others and to the one after it.
 pub struct PredictorShell {
     forecast: Publisher<DeckForecast>,
-    memory: OwnMemory<PredictorMemory>,
+    checkpoint: OwnCheckpoint<PredictorCheckpoint>,
 }
 
 impl Shell for PredictorShell {
@@ -48,21 +48,21 @@ impl Shell for PredictorShell {
     fn join(memory: &Memory) -> Result<Self, TransportError> {
         Ok(PredictorShell {
             forecast: memory.publisher()?,
-            memory: OwnMemory::join(memory)?,
+            checkpoint: OwnCheckpoint::join(memory)?,
         })
     }
     fn wakes(memory: &Memory) -> Result<Vec<Listener>, TransportError> {
         Ok(vec![memory.listener::<DroneState>()?])
     }
     fn complete(&mut self, t: i64, input: &mut PredictorIn) {
-        input.memory = self.memory.before(t);
+        input.checkpoint = self.checkpoint.predecessor(t);
     }
     fn send(&mut self, out: &PredictorOut) -> bool {
         self.forecast.send_any(out.forecast.as_ref());
-        self.memory.write(out.memory.as_ref());
+        self.checkpoint.publish(out.checkpoint.as_ref());
         out.forecast.is_some()
     }
     fn unsent(&self) -> u64 {
-        self.forecast.unsent() + self.memory.unsent()
+        self.forecast.unsent() + self.checkpoint.unsent()
     }
 }

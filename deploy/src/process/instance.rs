@@ -10,6 +10,8 @@ use crate::process::supervisor::pause;
 
 /// The lock file's name in the instance's directory.
 const LOCK_FILE: &str = "lock";
+/// Where a supervisor keeps the checkpoints of its processes: they outlive one that is killed.
+pub const CHECKPOINTS_FILE: &str = "checkpoints";
 /// This file exists once all services are there: observers may join. It holds the owner's process number,
 /// because the file of a killed owner stays.
 const READY_FILE: &str = "ready";
@@ -90,15 +92,22 @@ impl Drop for OwnedInstance {
         let _none = std::fs::remove_file(self.file(READY_FILE));
         // All processes have ended by now. What cannot be removed is removed at the next start.
         let _left = self.instance.wipe();
-        let _left = std::fs::remove_dir_all(self.instance.directory());
+        let directory = self.instance.directory();
+        let _left = remove_contents(&directory);
+        let _left = std::fs::remove_file(self.file(LOCK_FILE));
+        // It stays with the checkpoints of a supervisor that nobody asked to end.
+        let _left = std::fs::remove_dir(directory);
     }
 }
 
-/// Removes what is in a former owner's directory, but not the lock that we hold.
+/// Removes what is in a former owner's directory, but not the lock that we hold, and not the checkpoints.
 fn remove_contents(directory: &Path) -> std::io::Result<()> {
     for entry in std::fs::read_dir(directory)? {
         let entry = entry?;
-        if entry.file_name() == LOCK_FILE {
+        if [LOCK_FILE, CHECKPOINTS_FILE]
+            .iter()
+            .any(|kept| entry.file_name() == *kept)
+        {
             continue;
         }
         // A link is removed and not what it leads to.
@@ -158,15 +167,21 @@ mod tests {
         std::fs::write(directory.join("pilot.err"), "an old complaint").unwrap();
         std::fs::write(directory.join(READY_FILE), std::process::id().to_string()).unwrap();
         std::fs::write(directory.join("log/old/pilot.log"), "old").unwrap();
+        std::fs::write(directory.join(CHECKPOINTS_FILE), "a crashed supervisor's").unwrap();
         std::fs::write(&elsewhere, "somebody else's").unwrap();
         std::os::unix::fs::symlink(&elsewhere, directory.join("link")).unwrap();
         let owned = OwnedInstance::take(&name).unwrap();
-        let left: Vec<_> = std::fs::read_dir(&directory)
-            .unwrap()
-            .map(|e| e.unwrap().file_name())
-            .collect();
-        assert_eq!(left, [LOCK_FILE]);
+        let left = || {
+            let entries = std::fs::read_dir(&directory).unwrap();
+            let mut names: Vec<_> = entries.map(|e| e.unwrap().file_name()).collect();
+            names.sort();
+            names
+        };
+        assert_eq!(left(), [CHECKPOINTS_FILE, LOCK_FILE]);
         assert!(elsewhere.exists() && !is_running(owned.instance()));
+        drop(owned);
+        assert_eq!(left(), [CHECKPOINTS_FILE]);
+        std::fs::remove_dir_all(directory).unwrap();
         std::fs::remove_file(elsewhere).unwrap();
     }
 

@@ -7,8 +7,8 @@
 //! holds it, the others say that it is the one before.
 
 use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header, MissionMemory, MissionState, Plan,
-    RangeSample, SetPoint,
+    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, Header, MissionCheckpoint, MissionState,
+    Plan, RangeSample, SetPoint,
 };
 use alight_shared::time::DroneClock;
 use alight_uav::mission::MissionIn;
@@ -73,7 +73,7 @@ pub struct MissionEntry {
     set_point: Option<SetPoint>,
     commands: Vec<Command>,
     deck: Option<DeckGrant<DroneClock>>,
-    memory: Option<MissionMemory>,
+    checkpoint: Option<MissionCheckpoint>,
 }
 /// The planner's input.
 #[derive(Serialize, Deserialize)]
@@ -112,7 +112,7 @@ impl MissionEntry {
             set_point: i.set_point,
             commands: i.commands.clone(),
             deck: i.deck,
-            memory: i.memory,
+            checkpoint: i.checkpoint,
         }
     }
 }
@@ -215,7 +215,7 @@ impl MissionEntry {
             set_point: self.set_point,
             commands: self.commands,
             deck: self.deck,
-            memory: self.memory,
+            checkpoint: self.checkpoint,
         })
     }
 }

@@ -28,7 +28,7 @@ const RECORDING: &str = "recording";
 pub const VESSEL_FILE: &str = "vessel.toml";
 /// Name of the attached configuration of the drone's side.
 pub const DRONE_FILE: &str = "drone.toml";
-/// Metadata: 1 when the mission was a process, which begins with a question for the memory of one before it.
+/// Metadata: 1 when the mission was a process, which begins by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";
 
 /// Name of a node's boot id.

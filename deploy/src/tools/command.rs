@@ -152,7 +152,7 @@ fn deck(args: &CommandArgs, word: DeckWord) -> Result<Exit, CliError> {
         pause(POLL_PERIOD);
         newest = status_file::read(&computer).and_then(Result::ok);
         let ordered = newest.as_ref().map(|s| match s.deck.closed {
-            Some(Closure::Crew | Closure::MemoryDamaged) => DeckWord::Closed,
+            Some(Closure::Crew | Closure::CheckpointDamaged) => DeckWord::Closed,
             // These close it beside an order.
             Some(Closure::Switch | Closure::Sensor) | None => DeckWord::Open,
         });

@@ -230,7 +230,7 @@ fn deck(status: &VesselStatus) -> Vec<Finding> {
     const OPEN: &str = "alight command deck open";
     let mut all = match (deck.closed, deck.owner_age_s) {
         (Some(Closure::Crew), _) => vec![TOPIC.warning(format!("closed by the crew; {found}"), OPEN)],
-        (Some(Closure::MemoryDamaged), _) => vec![TOPIC.warning(
+        (Some(Closure::CheckpointDamaged), _) => vec![TOPIC.warning(
             "closed: the file of who stands on it was damaged",
             format!("look, and once it is empty: {OPEN}"),
         )],

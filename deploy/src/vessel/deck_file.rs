@@ -12,7 +12,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use alight_shared::wire;
-use alight_usv::deck::{DeckMemory, DeckOrder, PendingAbort, VoidCommand};
+use alight_usv::deck::{DeckCheckpoint, DeckOrder, PendingAbort, VoidCommand};
 use serde::{Deserialize, Serialize};
 use tracing::{info, warn};
 
@@ -35,7 +35,7 @@ const RETRY_PERIOD: Duration = Duration::from_secs(10);
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Kept {
     /// Who has to do with the deck.
-    pub deck: DeckMemory,
+    pub deck: DeckCheckpoint,
     /// Aborts that no drone has acknowledged.
     pub aborts: Vec<PendingAbort>,
     /// Commands that aborts have made void.
@@ -170,7 +170,7 @@ impl DeckFile {
                     path.display()
                 );
                 Kept {
-                    deck: DeckMemory::damaged(),
+                    deck: DeckCheckpoint::damaged(),
                     ..Kept::default()
                 }
             }
@@ -274,7 +274,7 @@ mod tests {
     }
     fn occupied() -> Kept {
         Kept {
-            deck: DeckMemory {
+            deck: DeckCheckpoint {
                 owner: Some(3),
                 closed: None,
                 claims: vec![DroneClaim {
@@ -327,7 +327,7 @@ mod tests {
         for (name, bytes) in cases {
             fs::write(&path, bytes).unwrap();
             let (_file, kept) = DeckFile::at(path.clone(), 1);
-            assert_eq!(kept.deck.closed, Some(Closure::MemoryDamaged), "{name}");
+            assert_eq!(kept.deck.closed, Some(Closure::CheckpointDamaged), "{name}");
         }
         remove(&path);
     }

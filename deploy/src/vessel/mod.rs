@@ -110,7 +110,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let arbiter = DeckArbiter::new(&computer.deck, id, boot);
     let mut arbiter = LoggedNode::new(DECK_ARBITER, args, boot, arbiter)?;
     let (mut deck_file, left) = DeckFile::open(&computer);
-    let (mut deck_memory, mut aborts, mut void) = (Some(left.deck), left.aborts, left.void);
+    let (mut deck_checkpoint, mut aborts, mut void) = (Some(left.deck), left.aborts, left.void);
     let mut deck_inputs = InputFiles::start(&computer.deck, steady_ns());
     let mut orders = Vec::new();
     let mut doubles = Vec::new();
@@ -171,7 +171,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             statuses: drone_statuses.clone(),
             orders: std::mem::take(&mut orders),
             inputs: deck_inputs.poll(steady_ns()),
-            memory: deck_memory.take(),
+            checkpoint: deck_checkpoint.take(),
         };
         let ArbiterOut { grant } = arbiter.step(now, &input);
         publish(&mut radio, DECK, grant.as_ref());
@@ -196,7 +196,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             publish(&mut radio, DRONES, Some(status));
         }
         deck_file.keep(Kept {
-            deck: arbiter.node().memory(),
+            deck: arbiter.node().checkpoint(),
             aborts: operator_relay.node().aborts(),
             void: operator_relay.node().void(),
         });

@@ -193,6 +193,28 @@ impl Installed {
         drop(child.stdin.take());
         child.wait().expect("waited for");
     }
+    /// Kills the drone's supervisor and starts it again as its service's manager does: once all of its processes are
+    /// gone, after RestartSec.
+    fn crash_supervisor(&mut self) {
+        let processes = self.status()["processes"].as_array().cloned().unwrap_or_default();
+        let of_drone = processes.iter().filter(|p| p["kind"] != "World");
+        let pids: Vec<u64> = of_drone.filter_map(|p| p["pid"].as_u64()).collect();
+        assert!(pids.len() >= 5, "{processes:?}");
+        let at = self.children.iter().rposition(|(n, _)| *n == "drone");
+        let (_, mut child) = self.children.remove(at.expect("it runs"));
+        let began_ns = steady_ns();
+        child.kill().expect("killed");
+        child.wait().expect("waited for");
+        while pids.iter().any(|p| Path::new(&format!("/proc/{p}")).exists()) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let gone_ns = steady_ns();
+        std::thread::sleep(Duration::from_millis(100));
+        self.start_drone();
+        let [gone_s, ready_s] = [gone_ns, steady_ns()].map(|t| (t - began_ns) as f64 * 1e-9);
+        // For a person, with --nocapture.
+        println!("gone after {gone_s:.3} s, ready after {ready_s:.3} s");
+    }
     fn complaints(&self) -> String {
         ["vessel", "drone", "world"]
             .map(|name| std::fs::read_to_string(self.file(&format!("{name}.err"))).unwrap_or_default())
@@ -476,6 +498,16 @@ fn drone_holds_after_its_computer_restarted_and_lands_on_a_new_command() {
     });
     assert_eq!(after["mission"]["state"], "Idle", "it waits to be told: {after}");
     all.assert_accepted(&all.order("land"));
+    all.assert_success();
+}
+
+#[test]
+fn supervisor_killed_in_descent() {
+    let mut all = Installed::prepare("crash", 109, |_, _| {});
+    all.begin_landing();
+    all.status_when("descends", |s| s["mission"]["state"] == "Descent");
+    all.crash_supervisor();
+    println!("{}", all.complaints());
     all.assert_success();
 }
 

@@ -256,7 +256,10 @@ fn occupied_and_closed_deck_outlive_a_vessel_that_is_killed() {
 
     std::fs::write(vessel.deck_file(), "half a fi").expect("written");
     let status = again(&mut process);
-    assert_eq!(status["status"]["deck"]["closed"], "memory_damaged", "{status}");
+    assert_eq!(
+        status["status"]["deck"]["closed"], "checkpoint_damaged",
+        "{status}"
+    );
 }
 
 #[test]

@@ -132,15 +132,13 @@ pub struct AutopilotState {
     pub parameters: Reason,
 }
 
-/// What the link to the autopilot must not forget: its successor goes on commanding before the autopilot's own
-/// failsafe begins.
+/// Checkpoint of the link to the autopilot: a successor goes on commanding before the autopilot's own failsafe begins.
 ///
-/// It is written 50 times a second, outlives its writer where that keeps it (the supervisor), and is judged by the
-/// successor before it counts.
+/// It is published 50 times a second, and validated by the successor before it counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
-pub struct LinkMemory {
-    /// Identity of the writer and time of writing; boot 0: nobody has written yet.
+pub struct LinkCheckpoint {
+    /// Identity of the writer and time of writing; boot 0: there is none.
     pub header: Header<DroneClock>,
     /// The autopilot follows our set-points: armed, and in the mode that a person gave.
     pub commanding: bool,
@@ -169,15 +167,15 @@ pub struct LinkMemory {
     pub hover_learned_s: f64,
 }
 
-/// What the predictor must not forget: the camera's view of the deck against the radio's, which its successor could not
+/// Checkpoint of the predictor: the camera's view of the deck against the radio's, which its successor could not
 /// find again where the deck is too near to be seen.
 ///
-/// It is written with every forecast once the camera has seen the deck, outlives its writer where that keeps it (the
-/// supervisor), and is judged by the successor before it counts.
+/// It is published with every forecast once the camera has seen the deck, and validated by the successor before it
+/// counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
-pub struct PredictorMemory {
-    /// Identity of the writer and time of writing; boot 0: nobody has written yet.
+pub struct PredictorCheckpoint {
+    /// Identity of the writer and time of writing; boot 0: there is none.
     pub header: Header<DroneClock>,
     /// Boot of the vessel whose radio it is: another start of it has another error.
     pub vessel_boot: u32,
@@ -389,13 +387,13 @@ message!(AutopilotState, DroneClock, |m| {
     FRACTION.contains(&m.thrust) => "thrust",
     FRACTION.contains(&m.hover_thrust) => "hover_thrust",
 });
-message!(LinkMemory, DroneClock, |m| {
+message!(LinkCheckpoint, DroneClock, |m| {
     (0.0..=1.0).contains(&m.clock_error_s) => "clock_error_s",
     within(&m.origin, MAX_POSITION_M) => "origin",
     m.smoothing.iter().all(|s| within(s, MAX_SPEED_MPS)) => "smoothing",
     FRACTION.contains(&m.hover_thrust) && m.hover_learned_s >= 0.0 => "hover_thrust or hover_learned_s",
 });
-message!(PredictorMemory, DroneClock, |m| {
+message!(PredictorCheckpoint, DroneClock, |m| {
     within(&m.offset, MAX_POSITION_M) => "offset",
     m.offset_sd.iter().all(|s| (0.0..=1e3).contains(s)) => "offset_sd",
     within(&m.position, MAX_POSITION_M) && within(&m.velocity, MAX_SPEED_MPS) => "position or velocity",

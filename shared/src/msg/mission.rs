@@ -373,16 +373,15 @@ impl MissionState {
     }
 }
 
-/// What a mission must not forget: its successor goes on from there when the process ends in flight.
+/// Checkpoint of the mission: a successor goes on from there when the process ends in flight.
 ///
-/// It is written with every [`MissionState`], outlives its writer where that keeps it (the supervisor), and is
-/// judged by the successor before it counts.
+/// It is published with every [`MissionState`], and validated by the successor before it counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
-pub struct MissionMemory {
-    /// Identity of the writer and time of writing; boot 0: nobody has written yet.
+pub struct MissionCheckpoint {
+    /// Identity of the writer and time of writing; boot 0: there is none.
     pub header: Header<DroneClock>,
-    /// What the mission said last.
+    /// The state published last.
     pub state: MissionState,
     /// A landing is wanted.
     pub landing: bool,
@@ -530,8 +529,8 @@ message!(MissionState, DroneClock, |m| {
     within(m.waiting_offset.iter().flatten(), MAX_POSITION_M) => "waiting_offset",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });
-message!(MissionMemory, DroneClock, |m| {
-    super::Message::check(&m.state).is_ok() => "state",
+message!(MissionCheckpoint, DroneClock, |m| {
+    m.state.header.version == m.header.version && super::Message::check(&m.state).is_ok() => "state",
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
     within([&m.recent_tilt_rad], MAX_ANGLE_RAD) => "recent_tilt_rad",
 });

@@ -46,14 +46,14 @@ pub use deck::{
     RangeSample, Source, TagPose, UvdarFix,
 };
 pub use drone::{
-    AutopilotMode, AutopilotState, DroneState, LandedState, LinkMemory, Motors, PLAN_STAGES, Plan, PlanStage,
-    PredictorMemory, SetPoint, SetPointKind, Solve,
+    AutopilotMode, AutopilotState, DroneState, LandedState, LinkCheckpoint, Motors, PLAN_STAGES, Plan,
+    PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, Solve,
 };
 pub use grant::{DECK_CLOSED, DeckGrant, OWNER_ONLY_M, PLACES, WAITING_DISTANCE_M, WaitingPlace};
 /// Numbers of which three digits suffice.
 pub use half::f16;
 pub use mission::{
-    BatteryPlace, Command, CommandKind, DroneStatus, MissionMemory, MissionState, OperatorCommand, Phase,
+    BatteryPlace, Command, CommandKind, DroneStatus, MissionCheckpoint, MissionState, OperatorCommand, Phase,
     Reason, ReasonCode, State, UNAWARE_OF_ABORT,
 };
 pub use sensors::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};

@@ -72,9 +72,9 @@ plain! {
     msg::Plan => PLAN;
     msg::SetPoint => SET_POINT;
     msg::Command => COMMAND;
-    msg::MissionMemory => MISSION_MEMORY;
-    msg::PredictorMemory => PREDICTOR_MEMORY;
-    msg::LinkMemory => LINK_MEMORY;
+    msg::MissionCheckpoint => MISSION_CHECKPOINT;
+    msg::PredictorCheckpoint => PREDICTOR_CHECKPOINT;
+    msg::LinkCheckpoint => LINK_CHECKPOINT;
 }
 
 // SAFETY: as above.

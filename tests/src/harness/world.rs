@@ -5,9 +5,10 @@
 //! Delays belong here (radio, clocks, solve time, attitude lag), not to the nodes.
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
+use alight_shared::checkpoint::Keeper;
 use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionMemory,
-    MissionState, OperatorCommand, Plan, SetPoint, TimeRequest,
+    AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionState,
+    OperatorCommand, Plan, SetPoint, TimeRequest,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
@@ -18,9 +19,9 @@ use alight_uav::mission::{Mission, MissionConfig, MissionIn, MissionOut};
 use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
-use alight_uav::predictor::{Predictor, PredictorIn};
+use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 use alight_usv::deck::{
-    ArbiterIn, DeckArbiter, DeckInputs, DeckMemory, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
+    ArbiterIn, DeckArbiter, DeckCheckpoint, DeckInputs, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
     VoidCommand,
 };
 use alight_usv::{VesselIn, VesselNode};
@@ -89,7 +90,7 @@ struct DeckServices {
     /// Levels of the digital inputs, read at each tick.
     inputs: DeckInputs,
     /// What the vessel's former start left.
-    memory: Option<DeckMemory>,
+    checkpoint: Option<DeckCheckpoint>,
     aborts: Vec<PendingAbort>,
     void: Vec<VoidCommand>,
 }
@@ -103,7 +104,7 @@ impl DeckServices {
             operator_sequence: 0,
             orders: Vec::new(),
             inputs: DeckInputs::default(),
-            memory: None,
+            checkpoint: None,
             aborts: Vec::new(),
             void: Vec::new(),
         }
@@ -111,7 +112,7 @@ impl DeckServices {
     /// The vessel's next start, with what this one leaves in its file.
     fn restarted(&self, nodes: &NodeConfigs, boot: u32) -> DeckServices {
         DeckServices {
-            memory: Some(self.arbiter.memory()),
+            checkpoint: Some(self.arbiter.checkpoint()),
             aborts: self.relay.aborts(),
             void: self.relay.void(),
             inputs: self.inputs,
@@ -214,21 +215,50 @@ impl World {
     pub fn kill_mission(&mut self, k: usize) {
         self.drones[k].mission = None;
     }
-    /// It starts anew, with or without the memory of the one before it.
+    /// It starts anew, with or without the checkpoint of the one before it.
     pub fn start_mission(
         &mut self,
         k: usize,
         scenario: &Scenario,
         nodes: &NodeConfigs,
-        remembered: Remembered,
+        checkpoints: Checkpoints,
     ) {
         let (id, config) = (DRONE_ID + k as u32, mission_config(scenario, nodes));
         let drone = &mut self.drones[k];
-        drone.mission_starts += 1;
-        let boot = drone.boot + drone.mission_starts;
+        let boot = drone.next_boot(checkpoints);
         let (airframe, deck) = (&nodes.drone.airframe, &nodes.drone.deck);
         drone.mission = Some(Mission::new(&config, airframe, deck, id, boot).as_successor());
-        drone.memory.given = drone.memory.kept.filter(|_| remembered == Remembered::Kept);
+    }
+    /// A drone's predictor process dies.
+    pub fn kill_predictor(&mut self, k: usize) {
+        self.drones[k].predictor = None;
+    }
+    /// It starts anew, with or without the checkpoint of the one before it.
+    pub fn start_predictor(&mut self, k: usize, nodes: &NodeConfigs, checkpoints: Checkpoints) {
+        let drone = &mut self.drones[k];
+        let boot = drone.next_boot(checkpoints);
+        drone.predictor = Some(Predictor::new(&nodes.settings().predictor(), boot).as_successor());
+    }
+    /// All processes of a drone's computer die, as with their supervisor.
+    pub fn kill_computer(&mut self, k: usize) {
+        self.drones[k].is_dead = true;
+    }
+    /// They start anew, with or without the checkpoints of the ones before them.
+    pub fn start_computer(
+        &mut self,
+        k: usize,
+        scenario: &Scenario,
+        nodes: &NodeConfigs,
+        checkpoints: Checkpoints,
+    ) {
+        let before = &mut self.drones[k];
+        let boot = before.next_boot(checkpoints);
+        let new = DroneComputer::new(k, scenario, nodes, &self.physics, boot);
+        let before = core::mem::replace(before, new);
+        let drone = &mut self.drones[k];
+        (drone.radio, drone.firmware, drone.keeper) = (before.radio, before.firmware, before.keeper);
+        drone.predictor = drone.predictor.take().map(Predictor::as_successor);
+        drone.mission = drone.mission.take().map(Mission::as_successor);
     }
     /// A drone's pilot process dies.
     pub fn kill_pilot(&mut self, k: usize) {
@@ -237,7 +267,7 @@ impl World {
     /// It starts anew.
     pub fn start_pilot(&mut self, k: usize, nodes: &NodeConfigs) {
         let drone = &mut self.drones[k];
-        let (settings, boot) = (nodes.settings(), drone.boot + 1);
+        let (settings, boot) = (nodes.settings(), drone.next_boot(Checkpoints::Kept));
         let pilot = Pilot::new(&settings.pilot, &settings.airframe, DRONE_ID + k as u32, boot);
         drone.pilot = Some(pilot);
     }
@@ -300,7 +330,7 @@ impl World {
                 statuses: statuses.clone(),
                 orders: core::mem::take(&mut deck.orders),
                 inputs: deck.inputs,
-                memory: deck.memory.take(),
+                checkpoint: deck.checkpoint.take(),
             };
             let granted = deck.arbiter.step(now, &input);
             let input = OperatorIn {
@@ -384,17 +414,10 @@ impl World {
     }
 }
 
-/// What the mission wrote, and what its successor is given of it.
-#[derive(Clone, Copy, Debug, Default)]
-struct KeptMemory {
-    kept: Option<MissionMemory>,
-    given: Option<MissionMemory>,
-}
-
-/// What a mission that starts anew is given of the memory of the one before it.
+/// What a successor is given of its crashed predecessor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Remembered {
-    /// All.
+pub enum Checkpoints {
+    /// Its checkpoint.
     Kept,
     /// Nothing.
     Lost,
@@ -408,13 +431,14 @@ pub struct DroneComputer {
     bridge: Bridge,
     cameras: Option<SimulatedCameras>,
     odometry: Odometry,
-    predictor: Predictor,
+    /// None: its process is dead.
+    predictor: Option<Predictor>,
     /// None: its process is dead.
     mission: Option<Mission>,
-    /// Starts of its process beyond the first.
-    mission_starts: u32,
-    /// What it must not forget, in the supervisor's hands.
-    memory: KeptMemory,
+    /// The supervisor's.
+    keeper: Keeper,
+    /// All of its processes are dead.
+    is_dead: bool,
     /// None: its process is dead.
     planner: Option<Planner>,
     /// None: its process is dead.
@@ -467,10 +491,10 @@ impl DroneComputer {
             bridge: Bridge::new(&bridge, boot),
             cameras: SimulatedCameras::new(scenario, &drone.camera, &drone.deck, identity, &streams),
             odometry: Odometry::new(&drone.odometry),
-            predictor: Predictor::new(&drone.predictor(), boot),
+            predictor: Some(Predictor::new(&drone.predictor(), boot)),
             mission: Some(Mission::new(&mission, &drone.airframe, &drone.deck, id, boot)),
-            mission_starts: 0,
-            memory: KeptMemory::default(),
+            keeper: Keeper::default(),
+            is_dead: false,
             planner: Some(nodes.planner(boot)),
             pilot: Some(Pilot::new(&drone.pilot, &drone.airframe, id, boot)),
             plans: DelayLine::new(MAX_PLANS),
@@ -487,6 +511,15 @@ impl DroneComputer {
         }
     }
 
+    /// The boot of a process that starts anew, with or without the checkpoints of the ones before.
+    fn next_boot(&mut self, checkpoints: Checkpoints) -> u32 {
+        if checkpoints == Checkpoints::Lost {
+            self.keeper = Keeper::default();
+        }
+        self.boot += 1;
+        self.boot
+    }
+
     /// What the radio carried and lost: to the drone, to the vessel.
     pub fn radio_counts(&self) -> [ChannelCounts; 2] {
         self.radio.counts()
@@ -500,6 +533,12 @@ impl DroneComputer {
         // The radio, then the bridge.
         let stamped = |(arrival, packet)| Stamped::new(clock.read(arrival), packet);
         let packets = self.radio.at_drone(t).into_iter().map(stamped).collect();
+        if self.is_dead {
+            // What arrives is lost.
+            let _lost = physics.drone_measurements(k);
+            let _lost = self.firmware.as_mut().map(|firmware| firmware.receive(now));
+            return;
+        }
         let input = BridgeIn { packets };
         let received = self.bridge.step(now, &input);
         tap.bridge(t, now, &input, &received);
@@ -538,10 +577,14 @@ impl DroneComputer {
             tags: readings.tags,
             uvdar: readings.uvdar,
             ranges: readings.ranges.clone(),
-            memory: None,
+            checkpoint: self.predictor.as_ref().and_then(|p| self.keeper.answer(p.boot())),
         };
-        let predicted = self.predictor.step(now, &input);
-        tap.predictor(t, now, &input, &predicted);
+        let mut predicted = PredictorOut::default();
+        if let Some(predictor) = &mut self.predictor {
+            predicted = predictor.step(now, &input);
+            tap.predictor(t, now, &input, &predicted);
+        }
+        self.keeper.take(now, predicted.checkpoint.as_ref());
         let forecast = predicted.forecast;
         self.forecast = forecast.or(self.forecast);
 
@@ -555,14 +598,14 @@ impl DroneComputer {
             set_point: self.last_set_point,
             commands: self.commands.drain(..).chain(received.command).collect(),
             deck: received.deck,
-            memory: self.memory.given,
+            checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };
         let mut decided = MissionOut::default();
         if let Some(mission) = &mut self.mission {
             decided = mission.step(now, &input);
             tap.mission(t, now, &input, &decided);
         }
-        self.memory.kept = decided.memory.or(self.memory.kept);
+        self.keeper.take(now, decided.checkpoint.as_ref());
         let mission = decided.state;
         self.mission_state = mission.unwrap_or(self.mission_state);
         if reports_status && t >= self.status_due {

@@ -114,7 +114,7 @@ impl FirmwareLink for Linked {
             set_point: outputs.set_point,
             mission: outputs.mission,
             forecast: outputs.forecast,
-            memory: None,
+            checkpoint: None,
         };
         self.step_link(now, &input);
     }

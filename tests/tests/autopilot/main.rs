@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod arbitrary;
+mod checkpoint;
 mod disarm;
 mod firmwares;
 mod landings;
-mod memory;
 mod pair;
 mod restarts;
 mod wired;

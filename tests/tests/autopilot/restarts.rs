@@ -1,4 +1,4 @@
-//! Mission, pilot, link or its cable fail between the descent and the disarm, with one order to land: the drone ends
+//! Mission, pilot, link, its cable or the supervisor fail between the descent and the disarm, with one order to land: the drone ends
 //! disarmed on the deck or flies on, and is disarmed nowhere else.
 
 use std::rc::Rc;
@@ -8,7 +8,7 @@ use alight_sim::harness::outcome::MAX_CONTACT_MPS;
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::tap::NoTap;
-use alight_sim::harness::world::{Remembered, World};
+use alight_sim::harness::world::{Checkpoints, World};
 use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 
@@ -22,6 +22,8 @@ enum Failing {
     Pilot,
     Link,
     Cable,
+    /// With every process of the drone's computer.
+    Supervisor,
 }
 
 /// When it fails.
@@ -96,11 +98,19 @@ fn flown(firmware: Firmware, failing: Failing, when: When, away_s: f64, seed: u6
     world.command(CommandKind::Land);
     let fail = |world: &mut World, failed: bool| match (failing, failed) {
         (Failing::Mission, true) => world.kill_mission(0),
-        (Failing::Mission, false) => world.start_mission(0, &scenario, &nodes, Remembered::Kept),
+        (Failing::Mission, false) => world.start_mission(0, &scenario, &nodes, Checkpoints::Kept),
         (Failing::Pilot, true) => world.kill_pilot(0),
         (Failing::Pilot, false) => world.start_pilot(0, &nodes),
         (Failing::Link, _) => faults.dead.set(failed),
         (Failing::Cable, _) => faults.cut.set(failed),
+        (Failing::Supervisor, true) => {
+            faults.dead.set(true);
+            world.kill_computer(0);
+        }
+        (Failing::Supervisor, false) => {
+            faults.dead.set(false);
+            world.start_computer(0, &scenario, &nodes, Checkpoints::Kept);
+        }
     };
     let stubborn = matches!(when, When::In(State::Landed, _));
     let (mut entered_s, mut state, mut contact) = (0.0, State::Idle, false);
@@ -232,6 +242,19 @@ fn cable_out_in_descent_flare_or_at_contact_lands_or_flies_on() {
 #[test]
 fn cable_out_after_the_stop_ends_disarmed_or_climbs() {
     let (landed, of) = all_safe(Failing::Cable, &AFTER_THE_STOP, &[1.0]);
+    // An autopilot whose own hold has taken off from a deck that sinks is not pressed back onto it.
+    assert!(4 * landed >= 3 * of, "{landed} of {of}");
+}
+
+#[test]
+fn supervisor_restarted_in_the_air() {
+    let (landed, of) = all_safe(Failing::Supervisor, &IN_THE_AIR, &[0.3, 0.6, 1.0]);
+    assert_eq!(landed, of);
+}
+
+#[test]
+fn supervisor_restarted_after_the_stop() {
+    let (landed, of) = all_safe(Failing::Supervisor, &AFTER_THE_STOP, &[0.3, 0.6, 1.0]);
     // An autopilot whose own hold has taken off from a deck that sinks is not pressed back onto it.
     assert!(4 * landed >= 3 * of, "{landed} of {of}");
 }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::msg::LinkMemory;
+use alight_shared::msg::LinkCheckpoint;
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Time};
 use alight_sim::autopilots::fake::FakeAutopilot;
@@ -27,7 +27,7 @@ impl Wire {
 pub struct Wired {
     pub link: AutopilotLink,
     /// What the link's supervisor keeps of it.
-    pub kept: LinkMemory,
+    pub kept: LinkCheckpoint,
     /// Makes the link of a boot.
     make: Box<dyn Fn(u32) -> AutopilotLink>,
     boot: u32,
@@ -53,7 +53,7 @@ impl Wired {
         let boot = 7;
         Wired {
             link: make(boot),
-            kept: LinkMemory::default(),
+            kept: LinkCheckpoint::default(),
             make: Box::new(make),
             boot,
             autopilot,
@@ -93,13 +93,13 @@ impl Wired {
     }
     /// One step of the link, whose messages go on the wire.
     pub fn step_link(&mut self, now_s: f64, now: Time<DroneClock>, input: &AutopilotIn) -> AutopilotOut {
-        let memory = Some(self.kept);
+        let checkpoint = Some(self.kept);
         let input = AutopilotIn {
-            memory,
+            checkpoint,
             ..input.clone()
         };
         let out = self.link.step(now, &input);
-        self.kept = out.memory.unwrap_or(self.kept);
+        self.kept = out.checkpoint.unwrap_or(self.kept);
         for message in &out.messages {
             self.sequence = self.sequence.wrapping_add(1);
             let bytes = encode(out.from, self.sequence, message).expect("a message of ours");

@@ -4,7 +4,7 @@
 //!
 //! Read in this order: [`message`] (the messages of the link), [`authority`] (who commands, and why),
 //! [`disarm`] (when motors are stopped), this file (one step), [`inbound`] and [`outbound`] (its two
-//! halves), [`memory`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
+//! halves), [`checkpoint`] (what outlives the process), [`clock`], [`streams`], [`drone_state`], [`modes`],
 //! [`parameters`] (what a landing relies on), and [`wire`] for the bytes.
 //!
 //! Safety does not rest on this node being alive. Without its set-points PX4 leaves OFFBOARD after
@@ -12,13 +12,13 @@
 //! holds in GUIDED (after one of attitude: level, no climb).
 
 pub mod authority;
+mod checkpoint;
 mod clock;
 pub mod config;
 mod deck;
 mod disarm;
 mod drone_state;
 mod inbound;
-mod memory;
 pub mod message;
 pub mod modes;
 mod outbound;
@@ -38,16 +38,16 @@ use alight_shared::admission::{Latest, Periodic};
 use alight_shared::frames::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LinkMemory, MissionState,
-    RangeSample, Reason, SetPoint,
+    AutopilotMode, AutopilotState, DeckForecast, DroneState, Header, LandedState, LinkCheckpoint,
+    MissionState, RangeSample, Reason, SetPoint,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::memory::Predecessor;
 use crate::odometry::{Odometry, OdometryConfig};
+use alight_shared::checkpoint::Recovery;
 use authority::{AuthorityStateMachine, Evidence};
 use clock::RemoteClock;
 use disarm::DisarmSequence;
@@ -88,8 +88,8 @@ pub struct AutopilotIn {
     pub mission: Option<MissionState>,
     /// The deck's forecast.
     pub forecast: Option<DeckForecast>,
-    /// What the link before this one wrote; boot 0: nothing is kept. Read until this one writes.
-    pub memory: Option<LinkMemory>,
+    /// Checkpoint of a crashed predecessor; boot 0: there is none. Read until this one publishes its own.
+    pub checkpoint: Option<LinkCheckpoint>,
 }
 
 /// What is sent.
@@ -105,8 +105,8 @@ pub struct AutopilotOut {
     pub state: Option<AutopilotState>,
     /// Readings of the rangefinder.
     pub ranges: Vec<RangeSample>,
-    /// For the link after this one.
-    pub memory: Option<LinkMemory>,
+    /// For a successor.
+    pub checkpoint: Option<LinkCheckpoint>,
     /// For a person: changes of control authority, denied commands, the autopilot's own texts.
     pub texts: Vec<String>,
 }
@@ -132,7 +132,7 @@ enum Output {
     Odometry,
     State,
     Range,
-    Memory,
+    Checkpoint,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -143,7 +143,7 @@ struct Timers {
     state: Periodic<DroneClock>,
     deck: Periodic<DroneClock>,
     origin: Periodic<DroneClock>,
-    memory: Periodic<DroneClock>,
+    checkpoint: Periodic<DroneClock>,
 }
 
 /// The link's node.
@@ -158,9 +158,9 @@ pub struct AutopilotLink {
     drone_id: u32,
     boot: u32,
     sequences: [u32; 4],
-    /// What the link before it left.
-    before: Predecessor<LinkMemory>,
-    /// It asks no longer for the memory of a link before it.
+    /// Of a crashed predecessor.
+    recovery: Recovery<LinkCheckpoint>,
+    /// It waits no longer for a predecessor's checkpoint.
     has_begun: bool,
 
     peer: Option<Peer>,
@@ -368,7 +368,7 @@ impl Node for AutopilotLink {
         let mut out = AutopilotOut::default();
         let before = (self.mode_and_arming(), self.control_authority());
         let mut heartbeat = false;
-        self.begin(now, input.memory.as_ref(), &mut out);
+        self.begin(now, input.checkpoint.as_ref(), &mut out);
         for frame in input.received.iter().take(MAX_FRAMES) {
             heartbeat |= self.receive(now, frame, &mut out);
         }
@@ -398,7 +398,7 @@ impl Node for AutopilotLink {
         }
         out.texts
             .extend(self.peer.iter_mut().flat_map(|p| p.parameters.news()));
-        out.memory = self.memory(now);
+        out.checkpoint = self.checkpoint(now);
         out.state = self.state_report(now, after != before, evidence.alive);
         out.texts.truncate(MAX_TEXTS);
         out.from = self.address();

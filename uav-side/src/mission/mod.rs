@@ -1,12 +1,12 @@
 //! The mission: permits what the planner may fly, and gives the reason why it does not permit more.
 //!
 //! Read `transition` (the state machine as a pure function), `states` (its table), `phase` (the states and what they
-//! remember), `situation` (every quantity it judges), `staying` (will the landed drone stay?), then `memory` (what
+//! remember), `situation` (every quantity it judges), `staying` (will the landed drone stay?), then `checkpoint` (what
 //! outlives the process). This file keeps the inputs and writes the output.
 
+mod checkpoint;
 pub mod config;
 mod limits;
-mod memory;
 mod phase;
 mod situation;
 mod states;
@@ -22,15 +22,15 @@ mod node_tests;
 #[cfg(test)]
 mod tests;
 
-pub use crate::memory::MemoryRefusal;
+pub use alight_shared::checkpoint::CheckpointRejection;
 pub use config::MissionConfig;
 
 use alight_shared::admission::Latest;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    MESSAGE_VERSION, MissionMemory, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve,
-    State, UNAWARE_OF_ABORT,
+    MESSAGE_VERSION, MissionCheckpoint, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint,
+    Solve, State, UNAWARE_OF_ABORT,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -40,7 +40,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::deck_height::{MeanDeckHeight, forecast_mean};
 use crate::odometry::origin::OriginResets;
-use memory::{Beginning, Begun};
+use checkpoint::{Beginning, Begun};
 use phase::{MissionPhase, Progress, gave_up, hold_height, moving_place, stands_aside};
 use situation::{ControlState, Deck, OwnState, Reservation, Situation, rotors_carry};
 use states::blind_limit;
@@ -66,8 +66,8 @@ pub struct MissionIn {
     pub commands: Vec<Command>,
     /// Who has the vessel's deck.
     pub deck: Option<DeckGrant<DroneClock>>,
-    /// What a mission before this one wrote, from who keeps it.
-    pub memory: Option<MissionMemory>,
+    /// Checkpoint of a crashed predecessor.
+    pub checkpoint: Option<MissionCheckpoint>,
 }
 
 /// Outputs.
@@ -75,10 +75,10 @@ pub struct MissionIn {
 pub struct MissionOut {
     /// The state: 50 Hz, and at once when it changes.
     pub state: Option<MissionState>,
-    /// With every state: what it must not forget.
-    pub memory: Option<MissionMemory>,
-    /// Once, at the beginning: the memory that it was given does not count, and why.
-    pub refused: Option<MemoryRefusal>,
+    /// With every state, for a successor.
+    pub checkpoint: Option<MissionCheckpoint>,
+    /// Once, at the beginning: why the predecessor's checkpoint does not count.
+    pub rejected: Option<CheckpointRejection>,
 }
 
 /// Time between outputs.
@@ -129,7 +129,7 @@ pub struct Mission {
 
     /// Does not know yet whether a mission before it flew.
     beginning: Option<Beginning>,
-    /// Began without a memory or lost the drone to the autopilot's hold, and has not seen yet that the drone is safe.
+    /// Began without a checkpoint or lost the drone to the autopilot's hold, and does not know yet that the drone is safe.
     unjudged: bool,
     phase: MissionPhase,
     progress: Progress,
@@ -162,7 +162,11 @@ impl Mission {
         }
     }
 
-    /// A mission before this one may have flown: it asks for that one's memory first.
+    /// Of its process.
+    pub fn boot(&self) -> u32 {
+        self.boot
+    }
+    /// A predecessor may have flown: it waits for that one's checkpoint first.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Mission {
@@ -392,15 +396,15 @@ impl Mission {
 
     /// Begins where the mission before it was, or anew; gives the command that came meanwhile.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun, s: &Situation) -> Option<CommandKind> {
-        self.unjudged = begun.memory.is_none();
-        if let Some(m) = &begun.memory {
+        self.unjudged = begun.checkpoint.is_none();
+        if let Some(m) = &begun.checkpoint {
             let same_frame = self
                 .autopilot
                 .get()
                 .is_none_or(|a| a.origin_resets == m.origin_resets);
-            let (phase, changed) = memory::remembered(m, same_frame, s, &self.config);
+            let (phase, changed) = checkpoint::restored(m, same_frame, s, &self.config);
             self.phase = phase;
-            self.progress = memory::progress(m);
+            self.progress = checkpoint::progress(m);
             self.previous = m.state.previous;
             self.since = m.state.since;
             self.entered = m.state.entered;
@@ -422,20 +426,20 @@ impl Mission {
         let stopped = self.progress.stopped;
         if let Some((phase, why)) = self
             .published
-            .and_then(|at| memory::interrupted(at, state, stopped, s, &self.config))
+            .and_then(|at| checkpoint::interrupted(at, state, stopped, s, &self.config))
         {
             (self.previous, self.since, self.entered) = (state, now, why);
             self.phase = phase;
         }
     }
 
-    /// What a mission without a memory, or after a lapse, decides about a drone that it finds in flight.
+    /// What a mission without a checkpoint, or after a lapse, decides about a drone that it finds in flight.
     fn safe_start(&mut self, s: &Situation) -> Option<Decision> {
         if !self.unjudged || self.phase != MissionPhase::Idle {
             self.unjudged = false;
             return None;
         }
-        let found = memory::safe_start(s, self.progress.landing, &self.config);
+        let found = checkpoint::safe_start(s, self.progress.landing, &self.config);
         self.unjudged = found.is_err();
         let (phase, why) = found.ok().flatten()?;
         Some(Decision {
@@ -446,8 +450,8 @@ impl Mission {
         })
     }
 
-    fn memory(&self, state: &MissionState) -> MissionMemory {
-        MissionMemory {
+    fn checkpoint(&self, state: &MissionState) -> MissionCheckpoint {
+        MissionCheckpoint {
             header: state.header,
             state: *state,
             landing: self.progress.landing,
@@ -541,18 +545,18 @@ impl Node for Mission {
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
         self.receive(now, input);
         let mut s = self.situation(now);
-        let (mut order, mut refused) = (None, None);
+        let (mut order, mut rejected) = (None, None);
         if let Some(beginning) = &mut self.beginning {
             let complete = s.flight == ControlState::Disarmed
                 || s.flight != ControlState::Unknown && s.fresh_deck().is_some();
             let ids = [self.drone_id, self.boot];
-            let Some(begun) = beginning.step(now, ids, input.memory.as_ref(), &input.commands, complete)
+            let Some(begun) = beginning.step(now, ids, input.checkpoint.as_ref(), &input.commands, complete)
             else {
                 return MissionOut::default();
             };
             self.beginning = None;
             order = self.begin(now, &begun, &s);
-            refused = begun.refused;
+            rejected = begun.rejected;
             s = self.situation(now);
         } else {
             self.resume(now, &s);
@@ -581,7 +585,7 @@ impl Node for Mission {
         }
         if now < self.due && !changed {
             return MissionOut {
-                refused,
+                rejected,
                 ..MissionOut::default()
             };
         }
@@ -594,8 +598,8 @@ impl Node for Mission {
         let state = self.message(now, &s, decision.waiting);
         MissionOut {
             state: Some(state),
-            memory: Some(self.memory(&state)),
-            refused,
+            checkpoint: Some(self.checkpoint(&state)),
+            rejected,
         }
     }
 }

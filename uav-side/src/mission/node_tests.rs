@@ -260,10 +260,10 @@ fn abort_is_echoed_to_the_vessel_with_its_newest_repetition() {
     assert_eq!(echo(22.5, vec![abort(4, 20.49)]), (State::Hold, Some([1, 4])));
 }
 
-/// What a mission wrote that is over the deck in this state.
-fn memory(state: State, t: f64) -> MissionMemory {
+/// The checkpoint of a mission that is over the deck in this state.
+fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     let header = Header::new(1, 1, 5, 9, at(t));
-    MissionMemory {
+    MissionCheckpoint {
         header,
         state: MissionState {
             header,
@@ -276,29 +276,29 @@ fn memory(state: State, t: f64) -> MissionMemory {
         landing: true,
         started: at(t - 30.0),
         mean_deck_z: Some(-1.3),
-        ..MissionMemory::default()
+        ..MissionCheckpoint::default()
     }
 }
 
-/// Where a successor begins that is given this memory at 10 s while the drone hovers at `height` above the deck; and
-/// why it refused it.
-fn begun(memory: Option<MissionMemory>, height: f64) -> (MissionState, Option<MemoryRefusal>) {
+/// Where a successor begins that is given this checkpoint at 10 s while the drone hovers at `height` above the deck;
+/// and why it rejected it.
+fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = Mission::new(&config(), &drone, &deck, 1, 2).as_successor();
     for k in 0..100_u32 {
         let t = at(10.0 + 0.01 * f64::from(k));
         let z = -1.3 - drone.feet_below_m - height;
         let input = MissionIn {
-            memory,
+            checkpoint,
             ..fresh_input(k, t, [0.1, 0.0, z])
         };
         let out = m.step(t, &input);
         if let Some(state) = out.state {
-            assert_eq!(out.memory.map(|m| m.state), Some(state));
-            return (state, out.refused);
+            assert_eq!(out.checkpoint.map(|m| m.state), Some(state));
+            return (state, out.rejected);
         }
     }
-    panic!("says nothing for a second")
+    panic!("no state for a second")
 }
 
 #[test]
@@ -313,26 +313,32 @@ fn successor_goes_on_where_the_mission_before_it_was() {
         State::Hold,
         State::GaveUp,
     ] {
-        let (s, refused) = begun(Some(memory(state, 9.8)), 3.0);
+        let (s, rejected) = begun(Some(checkpoint(state, 9.8)), 3.0);
         let wanted = if state == State::Idle {
             State::GetAltitude
         } else {
             state
         };
-        assert_eq!((s.state, refused), (wanted, None));
+        assert_eq!((s.state, rejected), (wanted, None));
         if matches!(state, State::Hold | State::GaveUp) {
             // Over the deck it moves with that until it is as high.
             assert_eq!((s.hold_position, s.with_deck), ([0.1, 0.0, -16.0], true));
         }
     }
-    assert_eq!(begun(Some(memory(State::Flare, 9.8)), 0.5).0.state, State::Flare);
+    assert_eq!(
+        begun(Some(checkpoint(State::Flare, 9.8)), 0.5).0.state,
+        State::Flare
+    );
     // The pilot has left the plan since: anew, but not from the deck.
     assert_eq!(
-        begun(Some(memory(State::Flare, 9.0)), 0.5).0.state,
+        begun(Some(checkpoint(State::Flare, 9.0)), 0.5).0.state,
         State::Tracking
     );
-    assert_eq!(begun(Some(memory(State::Flare, 9.0)), 0.05).0.state, State::Flare);
-    assert_eq!(begun(Some(memory(State::Descent, 9.8)), 3.0).0.attempts, 1);
+    assert_eq!(
+        begun(Some(checkpoint(State::Flare, 9.0)), 0.05).0.state,
+        State::Flare
+    );
+    assert_eq!(begun(Some(checkpoint(State::Descent, 9.8)), 3.0).0.attempts, 1);
 }
 
 #[test]
@@ -387,35 +393,41 @@ fn drone_given_back_after_a_lapse_low_above_the_deck_climbs_also_without_radio_o
 }
 
 #[test]
-fn successor_without_a_sound_memory_climbs_from_the_deck_and_says_why() {
-    let change = |f: fn(&mut MissionMemory)| {
-        let mut m = memory(State::Descent, 9.8);
+fn successor_without_a_sound_checkpoint_climbs_from_the_deck_and_says_why() {
+    let change = |f: fn(&mut MissionCheckpoint)| {
+        let mut m = checkpoint(State::Descent, 9.8);
         f(&mut m);
         Some(m)
     };
     for (bad, why) in [
         (None, None),
-        // Who keeps it has none.
-        (Some(MissionMemory::default()), None),
-        (change(|m| m.header.version -= 1), Some(MemoryRefusal::Version)),
+        // The keeper has none.
+        (Some(MissionCheckpoint::default()), None),
+        (
+            change(|m| m.header.version -= 1),
+            Some(CheckpointRejection::Version),
+        ),
         (
             change(|m| m.state.header.version -= 1),
-            Some(MemoryRefusal::Version),
+            Some(CheckpointRejection::Damaged),
         ),
-        (change(|m| m.header.drone = 2), Some(MemoryRefusal::OtherDrone)),
-        (change(|m| m.header.at = at(4.0)), Some(MemoryRefusal::Age)),
-        (change(|m| m.header.at = at(11.0)), Some(MemoryRefusal::Age)),
+        (
+            change(|m| m.header.drone = 2),
+            Some(CheckpointRejection::OtherDrone),
+        ),
+        (change(|m| m.header.at = at(4.0)), Some(CheckpointRejection::Age)),
+        (change(|m| m.header.at = at(11.0)), Some(CheckpointRejection::Age)),
         (
             change(|m| m.state.hold_position[0] = f64::NAN),
-            Some(MemoryRefusal::Damaged),
+            Some(CheckpointRejection::Damaged),
         ),
         (
             change(|m| m.mean_deck_z = Some(f64::NAN)),
-            Some(MemoryRefusal::Damaged),
+            Some(CheckpointRejection::Damaged),
         ),
     ] {
-        let (s, refused) = begun(bad, 1.0);
-        assert_eq!((s.state, refused), (State::GaveUp, why), "{bad:?}");
+        let (s, rejected) = begun(bad, 1.0);
+        assert_eq!((s.state, rejected), (State::GaveUp, why), "{bad:?}");
         assert_eq!(s.entered.code, ReasonCode::Restarted);
         assert!((s.hold_position[2] + 16.3).abs() < 0.1, "{s:?}");
     }
@@ -442,7 +454,7 @@ fn abort_among_many_commands_to_a_waiting_successor_is_heard() {
                     .then(|| command(header(k + 1, t), kind))
                     .into_iter()
                     .collect(),
-                memory: (k == 29).then(|| memory(State::Tracking, 10.2)),
+                checkpoint: (k == 29).then(|| checkpoint(State::Tracking, 10.2)),
                 ..fresh_input(k, t, [0.1, 0.0, -8.3])
             };
             if let Some(state) = m.step(t, &input).state {

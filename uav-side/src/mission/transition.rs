@@ -6,8 +6,8 @@
 
 use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
 
+use super::checkpoint::{AT_REST_M, ends_softer};
 use super::config::MissionConfig;
-use super::memory::{AT_REST_M, ends_softer};
 use super::phase::{HoldCause, MissionPhase, Progress, Transition, gave_up, holding, old_data};
 use super::situation::{ControlState, Deck, Reservation, Situation};
 use super::states;

@@ -8,18 +8,18 @@
 //! - [`track`]: where the drone was at the time of exposure.
 //! - [`lever_arm_heave`]: the deck's height due to its tilt.
 //! - [`forecast`]: the horizon.
-//! - `memory`: what outlives the process.
+//! - `checkpoint`: what outlives the process.
 //!
 //! The vessel and the drone each have a GNSS error of a metre or more, so the vessel's position is
 //! known to the drone only up to a slow offset; vision measures that offset. With the radio
 //! silent the same filters go on by vision alone.
 
 pub mod axis;
+mod checkpoint;
 mod config;
 pub mod filter;
 pub mod forecast;
 pub mod lever_arm_heave;
-mod memory;
 mod node;
 pub mod observation;
 pub mod track;

@@ -4,7 +4,7 @@ use alight_shared::admission::{Periodic, RejectionReason, Rejections};
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, PredictorMemory,
+    DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S, PredictorCheckpoint,
     RangeSample, SLOPE_WINDOWS, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction,
     VesselSurroundings, WaveModel,
 };
@@ -17,15 +17,15 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, VISION, compass};
+use super::checkpoint;
 use super::config::PredictorConfig;
 use super::filter::{Filter, Fused};
 use super::forecast::Horizon;
 use super::lever_arm_heave::lever_arm_heave;
-use super::memory;
 use super::observation::{self, MountRotation, Observation, Plane};
 use super::track::Track;
 use super::waves::{AXES, Waves};
-use crate::memory::Predecessor;
+use alight_shared::checkpoint::Recovery;
 
 /// What arrived since the last step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -48,8 +48,8 @@ pub struct PredictorIn {
     pub uvdar: Vec<UvdarFix>,
     /// Rangefinder.
     pub ranges: Vec<RangeSample>,
-    /// What the predictor before this one left, where somebody keeps it.
-    pub memory: Option<PredictorMemory>,
+    /// Checkpoint of a crashed predecessor.
+    pub checkpoint: Option<PredictorCheckpoint>,
 }
 
 /// What is published.
@@ -57,8 +57,8 @@ pub struct PredictorIn {
 pub struct PredictorOut {
     /// The deck's forecast, at the predictor's rate, while anything is known.
     pub forecast: Option<DeckForecast>,
-    /// What a successor has to know, with each forecast once the camera has seen the deck.
-    pub memory: Option<PredictorMemory>,
+    /// For a successor, with each forecast once the camera has seen the deck.
+    pub checkpoint: Option<PredictorCheckpoint>,
 }
 
 /// A message may be this much ahead of now: jitter between processes.
@@ -91,7 +91,7 @@ pub struct Predictor {
     surroundings: Surroundings,
     next: Periodic<DroneClock>,
     /// Does not know yet whether a predictor before it flew.
-    beginning: Option<Predecessor<PredictorMemory>>,
+    recovery: Option<Recovery<PredictorCheckpoint>>,
     rejections: Rejections,
 }
 
@@ -118,16 +118,20 @@ impl Predictor {
             slopes: None,
             surroundings: Surroundings::default(),
             next: Periodic::default(),
-            beginning: None,
+            recovery: None,
             rejections: Rejections::default(),
         }
     }
-    /// A predictor before this one may have flown: it asks for that one's memory first, and publishes nothing until it is
-    /// answered: a forecast by the radio alone may lie metres beside the deck, and would end a landing.
+    /// Of its process.
+    pub fn boot(&self) -> u32 {
+        self.boot
+    }
+    /// A predecessor may have flown: it waits for that one's checkpoint first, and publishes nothing until then. A
+    /// forecast by the radio alone may lie metres beside the deck, and would end a landing.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
-            beginning: Some(Predecessor::default()),
+            recovery: Some(Recovery::default()),
             ..self
         }
     }
@@ -287,17 +291,17 @@ impl Predictor {
         self.fuse(&o)
     }
 
-    /// Takes the memory of the predictor before this one as soon as the radio's view of the deck is there to be offset,
-    /// unless this one has seen the deck itself.
-    fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorMemory>) {
-        let Some(beginning) = &mut self.beginning else {
+    /// Takes the predecessor's checkpoint as soon as the radio's view of the deck is there to be offset, unless this one
+    /// has seen the deck itself.
+    fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorCheckpoint>) {
+        let Some(recovery) = &mut self.recovery else {
             return;
         };
-        if !beginning.ask(now, self.boot, given) {
+        if !recovery.poll(now, self.boot, given) {
             return;
         }
-        let Some(m) = beginning.left().filter(|_| self.vision_at.is_none()) else {
-            self.beginning = None;
+        let Some(m) = recovery.checkpoint().filter(|_| self.vision_at.is_none()) else {
+            self.recovery = None;
             return;
         };
         let (Some(drone), Some(filter), Some((vessel_boot, _))) =
@@ -305,20 +309,20 @@ impl Predictor {
         else {
             return;
         };
-        self.beginning = None;
-        if memory::counts(now, drone, vessel_boot, &m) {
+        self.recovery = None;
+        if checkpoint::is_valid(now, drone, vessel_boot, &m) {
             let noise = AxisNoise::all(&self.config);
-            filter.know_offset(&m.offset, &memory::variances(now, &noise, &m));
+            filter.know_offset(&m.offset, &checkpoint::variances(now, &noise, &m));
             (self.vision_at, self.tag_at) = (Some(m.vision_at), m.tag_at);
         }
     }
 
-    /// What a successor has to know, by the newest observation, beside a forecast with this header.
-    fn memory(&self, forecast: &Header<DroneClock>) -> Option<PredictorMemory> {
+    /// The checkpoint by the newest observation, beside a forecast with this header.
+    fn checkpoint(&self, forecast: &Header<DroneClock>) -> Option<PredictorCheckpoint> {
         let (drone, filter) = (self.track.newest()?, self.filter.as_ref()?);
         let axes = filter.last()?;
         let offset: [(f64, f64); AXES] = core::array::from_fn(|i| axes[i].project(MeasurementRow::Offset));
-        Some(PredictorMemory {
+        Some(PredictorCheckpoint {
             header: Header {
                 vessel: drone.header.vessel,
                 drone: drone.header.drone,
@@ -532,16 +536,16 @@ impl Node for Predictor {
                 self.rejections.count(r);
             }
         }
-        self.begin(now, input.memory.as_ref());
+        self.begin(now, input.checkpoint.as_ref());
         let period = Span::from_secs(1.0 / self.config.rate_hz);
         let due = self.next.is_due(now, period);
-        let forecast = if due && self.beginning.is_none() {
+        let forecast = if due && self.recovery.is_none() {
             self.forecast(now)
         } else {
             None
         };
         PredictorOut {
-            memory: forecast.as_ref().and_then(|f| self.memory(&f.header)),
+            checkpoint: forecast.as_ref().and_then(|f| self.checkpoint(&f.header)),
             forecast,
         }
     }

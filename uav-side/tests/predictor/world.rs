@@ -333,9 +333,9 @@ pub fn run(v: &Vessel, set: &Setup, seconds: f64) -> Run {
             given = Some(kept.filter(|_| remembers).unwrap_or_default());
         }
         // Its keeper says it at 50 Hz.
-        arrived.memory = given.filter(|_| k % 2 == 0);
+        arrived.checkpoint = given.filter(|_| k % 2 == 0);
         let out = predictor.step(time(now), &arrived);
-        kept = out.memory.or(kept);
+        kept = out.checkpoint.or(kept);
         if let Some(forecast) = out.forecast {
             forecast.check().unwrap();
             samples.push(Sample {

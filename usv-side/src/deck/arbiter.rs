@@ -8,7 +8,7 @@
 //! Every drone in the air gets a waiting place of its own, beside the deck. Within [`OWNER_ONLY_M`] of the deck there is
 //! its owner alone: nobody is given the deck before the owner before it is beyond that. A silent drone keeps its place.
 //!
-//! The crew closes and opens the deck ([`DeckOrder`]). What the arbiter must not forget outlives it ([`DeckMemory`]).
+//! The crew closes and opens the deck ([`DeckOrder`]). A [`DeckCheckpoint`] outlives the process.
 //! Digital inputs close it too, where configured ([`DeckInputs`]): the crew's switch, and a sensor of what lies on the
 //! deck that is no drone's weight. They free it of nobody, and one that is not read any more closes it.
 
@@ -23,7 +23,7 @@ use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
-use super::memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim};
+use super::checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim};
 
 /// Time between two grants without a change.
 const PERIOD: Span = Span::from_millis(500);
@@ -193,8 +193,8 @@ pub struct ArbiterIn {
     pub orders: Vec<DeckOrder>,
     /// Digital inputs.
     pub inputs: DeckInputs,
-    /// At the first step, what the former start left.
-    pub memory: Option<DeckMemory>,
+    /// At the first step, that of the former start.
+    pub checkpoint: Option<DeckCheckpoint>,
 }
 
 /// What the arbiter publishes.
@@ -214,7 +214,7 @@ pub struct DeckArbiter {
     drones: Vec<Drone>,
     owner: Option<u32>,
     published: u32,
-    /// By an order or by the state of the memory: until the crew orders it open.
+    /// By an order or by the state of the checkpoint: until the crew orders it open.
     closed: Option<Closure>,
     switch: Option<Reading>,
     sensor: Option<Reading>,
@@ -277,8 +277,8 @@ impl DeckArbiter {
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
-    /// What must not be forgotten.
-    pub fn memory(&self) -> DeckMemory {
+    /// What the next start of the process begins with.
+    pub fn checkpoint(&self) -> DeckCheckpoint {
         let kept =
             |d: &&Drone| d.claim >= Claim::Landing || self.owner == Some(d.header.drone) || d.place.is_some();
         let claims = self.drones.iter().filter(kept).map(|d| DroneClaim {
@@ -288,16 +288,16 @@ impl DeckArbiter {
             place: d.place,
             inside: d.inside,
         });
-        DeckMemory {
+        DeckCheckpoint {
             owner: self.owner,
             closed: self.closed,
             claims: claims.collect(),
         }
     }
 
-    fn remember(&mut self, now: Time<VesselClock>, memory: &DeckMemory) {
-        (self.owner, self.closed) = (memory.owner, memory.closed);
-        let drones = memory.claims.iter().take(MAX_DRONES).map(|c| Drone {
+    fn restore(&mut self, now: Time<VesselClock>, checkpoint: &DeckCheckpoint) {
+        (self.owner, self.closed) = (checkpoint.owner, checkpoint.closed);
+        let drones = checkpoint.claims.iter().take(MAX_DRONES).map(|c| Drone {
             // Whatever comes next follows it.
             header: Header::new(self.vessel, c.drone, c.boot, 0, Time::EPOCH),
             // It was not received since.
@@ -305,7 +305,7 @@ impl DeckArbiter {
             claim: c.claim,
             since: now,
             // The owner may have gone there meanwhile.
-            inside: c.inside || memory.owner == Some(c.drone),
+            inside: c.inside || checkpoint.owner == Some(c.drone),
             place: c.place,
             rival: None,
             descends: false,
@@ -448,8 +448,8 @@ impl Node for DeckArbiter {
     type Out = ArbiterOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &ArbiterIn) -> ArbiterOut {
-        if let Some(memory) = input.memory.as_ref().filter(|_| self.began.is_none()) {
-            self.remember(now, memory);
+        if let Some(checkpoint) = input.checkpoint.as_ref().filter(|_| self.began.is_none()) {
+            self.restore(now, checkpoint);
         }
         self.began = self.began.or(Some(now));
         for status in &input.statuses {

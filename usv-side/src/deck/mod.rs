@@ -1,11 +1,11 @@
 //! The deck arbiter and the operator relay: the vessel's nodes that exchange messages with drones.
 
 pub mod arbiter;
-pub mod memory;
+pub mod checkpoint;
 pub mod operator;
 
 pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs};
-pub use memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim, PendingAbort, VoidCommand};
+pub use checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim, PendingAbort, VoidCommand};
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
 
 /// Most drones that a vessel keeps apart; further ones get neither deck nor commands.

@@ -17,7 +17,7 @@ use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
-use super::memory::{Identity, PendingAbort, VoidCommand};
+use super::checkpoint::{Identity, PendingAbort, VoidCommand};
 
 /// Time between two repetitions.
 const REPEAT_PERIOD: Span = Span::from_millis(500);

@@ -41,7 +41,7 @@ use crate::lab::record::Subject;
 use crate::lab::scene::Scene;
 use crate::lab::{outcome_table, plot};
 use crate::process::instance::OwnedInstance;
-use crate::process::keeper::MemoryKeeper;
+use crate::process::keeper::CheckpointKeeper;
 use crate::process::life::{draw_boot, end_with_supervisor};
 use crate::process::log;
 use crate::process::observer::Observer;
@@ -343,7 +343,7 @@ struct Landing<'a> {
     plan: &'a LandingSetup,
     supervisor: Supervisor,
     observer: Observer,
-    keeper: MemoryKeeper,
+    keeper: CheckpointKeeper,
     commands: Publisher<Command>,
     boot: u32,
     sequence: u32,
@@ -369,7 +369,7 @@ impl<'a> Landing<'a> {
         owned: &OwnedInstance,
     ) -> Result<Landing<'a>, CliError> {
         let observer = Observer::join(memory)?;
-        let keeper = MemoryKeeper::join(memory)?;
+        let keeper = CheckpointKeeper::join(memory)?;
         let relay = plan.attachments.relay.as_ref();
         let tap = relay.map(|r| Tap::open(owned.instance(), r));
         let tap = tap.transpose()?;

@@ -63,7 +63,7 @@ pub struct Subject<'a> {
     pub sea: &'a str,
     /// Boot ids of the nodes, in the order of [`NODES`].
     pub boots: [u32; NODES.len()],
-    /// The mission was a process, which begins with a question for the memory of one before it.
+    /// The mission was a process, which begins by waiting for a predecessor's checkpoint.
     pub live: bool,
 }
 

@@ -61,12 +61,12 @@ impl Rig {
         assert_eq!(closed.is_some(), self.arbiter.published == DECK_CLOSED);
         closed
     }
-    /// The vessel is started anew with this memory.
-    fn restart(&mut self, memory: Option<DeckMemory>) {
+    /// The vessel is started anew with this checkpoint.
+    fn restart(&mut self, checkpoint: Option<DeckCheckpoint>) {
         self.t_s += 0.5;
         self.arbiter = DeckArbiter::new(&DeckConfig::default(), 1, 2);
         let input = ArbiterIn {
-            memory,
+            checkpoint,
             ..ArbiterIn::default()
         };
         self.arbiter.step(Time::from_secs(self.t_s), &input);
@@ -220,7 +220,7 @@ fn deck_arbiter_gives_each_drone_a_place_of_its_own_and_keeps_those_of_silent_on
     assert_eq!(places(&rig), held, "the last two have none");
     // Through silence and a restart of the vessel.
     rig.run(&crowd[3..], 600.0);
-    rig.restart(Some(rig.arbiter.memory()));
+    rig.restart(Some(rig.arbiter.checkpoint()));
     rig.run(&crowd[3..], 600.0);
     assert_eq!(places(&rig), held);
     // One lands ashore: the next takes its place.
@@ -306,7 +306,7 @@ fn deck_arbiter_closes_the_deck_for_its_crew_until_they_open_it() {
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     // Also through a restart.
-    rig.restart(Some(rig.arbiter.memory()));
+    rig.restart(Some(rig.arbiter.checkpoint()));
     rig.run(&waiting, 60.0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     rig.order(DeckOrder::Open);
@@ -322,17 +322,17 @@ fn deck_arbiter_remembers_a_drone_on_the_deck_and_one_on_its_way_through_a_resta
         let mut rig = Rig::new();
         rig.run(&[(1, State::TrackingStable)], 0.5);
         rig.run(&[(1, last)], 5.0);
-        rig.restart(Some(rig.arbiter.memory()));
+        rig.restart(Some(rig.arbiter.checkpoint()));
         let waiting = [(2, State::Approach)];
         assert_eq!(rig.run(&waiting, 600.0), 1, "{last:?}");
         // The crew's word counts at once: nobody was received since.
-        rig.restart(Some(rig.arbiter.memory()));
+        rig.restart(Some(rig.arbiter.checkpoint()));
         rig.order(DeckOrder::Open);
         assert_eq!(rig.run(&waiting, 4.0), 2, "{last:?}");
     }
     // Of a file that is damaged nothing is known.
     let mut rig = Rig::new();
-    rig.restart(Some(DeckMemory::damaged()));
+    rig.restart(Some(DeckCheckpoint::damaged()));
     assert_eq!(rig.run(&[(2, State::Approach)], 600.0), 0);
     assert_eq!(rig.arbiter.published, DECK_CLOSED);
     rig.order(DeckOrder::Open);
@@ -441,7 +441,7 @@ fn deck_arbiter_opens_the_deck_once_neither_the_crews_switch_nor_their_order_clo
     rig.order(DeckOrder::Open);
     assert_eq!(rig.closed(), Some(Closure::Switch), "the switch is closed still");
     assert_eq!(
-        rig.arbiter.memory().closed,
+        rig.arbiter.checkpoint().closed,
         None,
         "it is read again after a restart"
     );

@@ -1,10 +1,10 @@
-//! What outlives the mission's process: written with every state, judged by the successor before it counts.
+//! The mission's checkpoint: published with every state, validated by a successor before it counts.
 //!
 //! A mission that begins while the drone flies goes on where the last one was, or makes itself safe from what it
-//! sees. Until it knows which, it says nothing: the pilot goes on with the last state for its validity.
+//! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
 
 use alight_shared::msg::{
-    AutopilotMode, Command, CommandKind, MESSAGE_VERSION, MissionMemory, Phase, Reason, ReasonCode, State,
+    AutopilotMode, Command, CommandKind, MissionCheckpoint, Phase, Reason, ReasonCode, State,
 };
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -12,11 +12,8 @@ use alight_shared::topics;
 use super::config::MissionConfig;
 use super::phase::{DroneTime, HoldCause, MissionPhase, Progress, gave_up, holding};
 use super::situation::{ControlState, Deck, Situation};
-use crate::memory::{self, MemoryRefusal, Predecessor};
+use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
-/// A memory older than this says nothing about the flight now: the pilot has left the drone to its autopilot
-/// meanwhile.
-const MAX_AGE: Span = Span::from_millis(5000);
 /// A mission that begins waits so long for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
 /// Commands kept while it waits: an abort, and of the others the newest.
@@ -24,26 +21,18 @@ const MAX_COMMANDS: usize = 16;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
 pub(super) const AT_REST_M: f64 = 0.15;
 
-/// Whether `m` counts for drone `drone` at `now`.
-fn judge(now: DroneTime, drone: u32, m: &MissionMemory) -> Result<(), MemoryRefusal> {
-    if m.state.header.version != MESSAGE_VERSION {
-        return Err(MemoryRefusal::Version);
-    }
-    memory::judge(now, drone, MAX_AGE, m)
-}
-
 /// A mission that does not know yet whether it is a successor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Beginning {
-    before: Predecessor<MissionMemory>,
+    recovery: Recovery<MissionCheckpoint>,
     /// What came meanwhile, in order.
     commands: Vec<Command>,
 }
 
 /// How a mission begins.
 pub(super) struct Begun {
-    pub(super) memory: Option<MissionMemory>,
-    pub(super) refused: Option<MemoryRefusal>,
+    pub(super) checkpoint: Option<MissionCheckpoint>,
+    pub(super) rejected: Option<CheckpointRejection>,
     pub(super) commands: Vec<Command>,
 }
 
@@ -61,30 +50,30 @@ impl Beginning {
         &mut self,
         now: DroneTime,
         ids: [u32; 2],
-        memory: Option<&MissionMemory>,
+        checkpoint: Option<&MissionCheckpoint>,
         commands: &[Command],
         complete: bool,
     ) -> Option<Begun> {
         let [drone, boot] = ids;
         commands.iter().for_each(|c| self.keep(c));
-        let answered = self.before.ask(now, boot, memory);
-        if !answered || !(complete || self.before.waited(now) >= EVIDENCE_WAIT) {
+        let answered = self.recovery.poll(now, boot, checkpoint);
+        if !answered || !(complete || self.recovery.waited(now) >= EVIDENCE_WAIT) {
             return None;
         }
-        let memory = self.before.left();
-        let refused = memory.and_then(|m| judge(now, drone, &m).err());
+        let checkpoint = self.recovery.checkpoint();
+        let rejected = checkpoint.and_then(|m| validate(now, drone, &m).err());
         Some(Begun {
-            memory: memory.filter(|_| refused.is_none()),
-            refused,
+            checkpoint: checkpoint.filter(|_| rejected.is_none()),
+            rejected,
             commands: core::mem::take(&mut self.commands),
         })
     }
 }
 
-/// The phase that `m` tells of, and why it is another than the one before; a place in another frame than the
+/// The phase that `m` reports, and why it is another than the one before; a place in another frame than the
 /// present (`same_frame`) counts as none.
-pub(super) fn remembered(
-    m: &MissionMemory,
+pub(super) fn restored(
+    m: &MissionCheckpoint,
     same_frame: bool,
     s: &Situation,
     c: &MissionConfig,
@@ -132,7 +121,7 @@ pub(super) fn ends_softer(d: &Deck, s: &Situation, c: &MissionConfig) -> bool {
     rests_on(d, s, c) || d.climb_contact_mps.is_some_and(|v| v > c.flare_mps)
 }
 
-fn phase_of(m: &MissionMemory, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {
+fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = (m.state.hold_position(), m.state.hold_yaw);
     match m.state.state {
         State::Idle => MissionPhase::Idle,
@@ -174,8 +163,8 @@ fn phase_of(m: &MissionMemory, same_frame: bool, s: &Situation, c: &MissionConfi
     }
 }
 
-/// The progress that `m` tells of.
-pub(super) fn progress(m: &MissionMemory) -> Progress {
+/// The progress that `m` reports.
+pub(super) fn progress(m: &MissionCheckpoint) -> Progress {
     Progress {
         landing: m.landing,
         attempts: m.state.attempts,
@@ -187,7 +176,7 @@ pub(super) fn progress(m: &MissionMemory) -> Progress {
     }
 }
 
-/// What an idle mission without a memory does about a drone that flies, or rests with motors on, near a deck: it
+/// What an idle mission without a checkpoint does about a drone that flies, or rests with motors on, near a deck: it
 /// was landing or leaving, and holding a fixed place there lets the deck rise into it. Where it is `landing` still, it
 /// climbs to begin anew. `Err`: it cannot tell yet.
 pub(super) fn safe_start(

@@ -1,7 +1,7 @@
 //! A link whose process ends in flight: the next one commands on, or begins anew.
 
 use alight_shared::frames::Datum;
-use alight_shared::msg::{LinkMemory, State};
+use alight_shared::msg::{LinkCheckpoint, State};
 use alight_sim::autopilots::fake::FakeAutopilot;
 use nalgebra::Vector3;
 
@@ -12,7 +12,7 @@ use crate::{BOTH, config};
 const AWAY_S: f64 = 0.2;
 
 #[test]
-fn link_that_begins_with_a_memory_commands_at_once_in_the_same_frame() {
+fn link_that_begins_with_a_checkpoint_commands_at_once_in_the_same_frame() {
     for firmware in BOTH {
         let mut p = Pair::at(firmware, 5.0, &config(), Some(Datum::new(43.5, 16.3, 5.0)));
         p.wired.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
@@ -46,7 +46,7 @@ fn link_that_begins_with_a_memory_commands_at_once_in_the_same_frame() {
 }
 
 #[test]
-fn link_that_begins_with_a_memory_gives_way_to_who_took_the_drone_meanwhile() {
+fn link_that_begins_with_a_checkpoint_gives_way_to_who_took_the_drone_meanwhile() {
     for firmware in BOTH {
         let mut p = Pair::commanding(firmware, 5.0, &config());
         p.mission = State::Tracking;
@@ -64,8 +64,8 @@ fn link_that_begins_with_a_memory_gives_way_to_who_took_the_drone_meanwhile() {
 }
 
 #[test]
-fn link_begins_anew_where_the_memory_does_not_count() {
-    type Change = fn(&mut LinkMemory);
+fn link_begins_anew_where_the_checkpoint_does_not_count() {
+    type Change = fn(&mut LinkCheckpoint);
     let cases: [(&str, f64, Change); 7] = [
         ("too old", 0.6, |_| {}),
         ("not commanding", AWAY_S, |m| m.commanding = false),
@@ -73,7 +73,7 @@ fn link_begins_anew_where_the_memory_does_not_count() {
         ("another version", AWAY_S, |m| m.header.version += 1),
         ("damaged", AWAY_S, |m| m.origin[0] = f64::NAN),
         ("another firmware", AWAY_S, |m| m.autopilot = 0),
-        ("nothing kept", AWAY_S, |m| *m = LinkMemory::default()),
+        ("nothing kept", AWAY_S, |m| *m = LinkCheckpoint::default()),
     ];
     for firmware in BOTH {
         for (what, away_s, change) in cases {

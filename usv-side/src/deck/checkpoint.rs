@@ -1,10 +1,10 @@
-//! What the vessel must not forget of its deck when its process or its computer is started anew: who stands on it or
-//! may, whether it is closed, the aborts that no drone has acknowledged, and what they made void.
+//! The deck's checkpoint, for a restart of the vessel's process or computer: who stands on the deck or may, whether it is
+//! closed, the aborts that no drone has acknowledged, and what they made void.
 
 use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
-/// What the crew says of the deck.
+/// The crew's order about the deck.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DeckOrder {
@@ -20,8 +20,9 @@ pub enum DeckOrder {
 pub enum Closure {
     /// The crew closed it.
     Crew,
-    /// Its memory is damaged: who stands on it is not known.
-    MemoryDamaged,
+    /// Its checkpoint is damaged: who stands on it is not known.
+    #[serde(alias = "memory_damaged")]
+    CheckpointDamaged,
     /// The crew's switch is closed, or cannot be read.
     Switch,
     /// By its sensor something lies on it that is no drone, or the sensor cannot be read.
@@ -59,9 +60,9 @@ pub struct DroneClaim {
     pub inside: bool,
 }
 
-/// The deck's part, of the arbiter.
+/// The arbiter's checkpoint.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DeckMemory {
+pub struct DeckCheckpoint {
     /// The drone that owns the deck.
     pub owner: Option<u32>,
     /// Why the deck is closed, if it is.
@@ -70,12 +71,12 @@ pub struct DeckMemory {
     pub claims: Vec<DroneClaim>,
 }
 
-impl DeckMemory {
+impl DeckCheckpoint {
     /// In the place of one that cannot be read.
-    pub fn damaged() -> DeckMemory {
-        DeckMemory {
-            closed: Some(Closure::MemoryDamaged),
-            ..DeckMemory::default()
+    pub fn damaged() -> DeckCheckpoint {
+        DeckCheckpoint {
+            closed: Some(Closure::CheckpointDamaged),
+            ..DeckCheckpoint::default()
         }
     }
 }

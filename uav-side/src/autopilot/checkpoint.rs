@@ -1,52 +1,50 @@
-//! What outlives the link's process: written while it runs, so that its successor commands again before the
+//! The link's checkpoint: published while it runs, so that a successor commands again before the
 //! autopilot's own failsafe begins.
 //!
 //! A link that begins would otherwise wait for two heartbeats, the clock, the origin and ArduCopter's options.
 //! A person who took the drone meanwhile loses nothing: in another mode the autopilot follows no set-points, and
 //! its first heartbeat in that mode ends the command.
 
-use alight_shared::msg::{AutopilotMode, LinkMemory};
+use alight_shared::msg::{AutopilotMode, LinkCheckpoint, Message as _};
 use alight_shared::time::Span;
-use alight_shared::topics;
 
 use super::message::{AUTOPILOT_COMPONENT, Address};
 use super::modes::Firmware;
 use super::peer::Peer;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
-use crate::memory::{self, MemoryRefusal};
+use alight_shared::checkpoint::{CheckpointRejection, validate};
 
-/// A memory older than this does not count: PX4 has left OFFBOARD meanwhile (COM_OF_LOSS_T as it is checked).
-const MAX_AGE: Span = topics::LINK_MEMORY.stale_after;
 /// Period of writing.
 const PERIOD: Span = Span::from_millis(20);
 
 impl AutopilotLink {
-    /// Takes the memory of the link before this one, once and only at the beginning. `given`: what its keeper
-    /// says; boot 0 where it keeps nothing.
-    pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkMemory>, out: &mut AutopilotOut) {
+    /// Takes the checkpoint of the link before this one, once and only at the beginning. `given`: what its keeper
+    /// publishes; boot 0 where it keeps nothing.
+    pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkCheckpoint>, out: &mut AutopilotOut) {
         if self.has_begun {
             return;
         }
-        self.has_begun = self.before.ask(now, self.boot, given);
-        let Some(m) = self.before.left().filter(|m| m.commanding) else {
+        self.has_begun = self.recovery.poll(now, self.boot, given);
+        let Some(m) = self.recovery.checkpoint().filter(|m| m.commanding) else {
             return;
         };
-        match memory::judge(now, self.drone_id, MAX_AGE, &m) {
+        match validate(now, self.drone_id, &m) {
             Ok(()) => self.resume(now, &m),
             Err(why) => {
                 // The airframe stays what it is: on a deck the thrust that hovers cannot be learned anew.
-                if why == MemoryRefusal::Age && m.header.at <= now {
+                let aged = why == CheckpointRejection::Age && m.header.at <= now;
+                if aged && m.check().is_ok() {
                     self.hover.resume(m.hover_thrust, m.hover_learned_s);
                 }
                 out.texts.push(format!(
-                    "the memory of the link before this one does not count: it is {why}"
+                    "the checkpoint of the link before this one does not count: it is {why}"
                 ));
             }
         }
     }
 
-    /// Goes on where the link before this one was, unless the autopilot has said otherwise meanwhile.
-    fn resume(&mut self, now: DroneTime, m: &LinkMemory) {
+    /// Goes on where the link before this one was, unless the autopilot has reported otherwise meanwhile.
+    fn resume(&mut self, now: DroneTime, m: &LinkCheckpoint) {
         let address = Address::new(m.vehicle, AUTOPILOT_COMPONENT);
         let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
             return;
@@ -73,15 +71,15 @@ impl AutopilotLink {
     }
 
     /// What a successor has to know, when it is to be written.
-    pub(super) fn memory(&mut self, now: DroneTime) -> Option<LinkMemory> {
-        if !self.has_begun || !self.timers.memory.is_due_spaced(now, PERIOD) {
+    pub(super) fn checkpoint(&mut self, now: DroneTime) -> Option<LinkCheckpoint> {
+        if !self.has_begun || !self.timers.checkpoint.is_due_spaced(now, PERIOD) {
             return None;
         }
-        let header = self.header(Output::Memory, now);
+        let header = self.header(Output::Checkpoint, now);
         let peer = self.peer.as_ref()?;
         let (clock_offset_ns, clock_error_s) = self.clock.offset(now)?;
         let (hover_thrust, hover_learned_s) = self.hover.learned();
-        Some(LinkMemory {
+        Some(LinkCheckpoint {
             header,
             commanding: self.control_authority().commands(),
             vehicle: peer.address.system,

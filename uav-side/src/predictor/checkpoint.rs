@@ -1,44 +1,38 @@
-//! What outlives the predictor's process: the offset between the camera's view of the deck and the radio's. In the last
+//! The predictor's checkpoint: the offset between the camera's view of the deck and the radio's. In the last
 //! half of a metre the deck is too near to be seen, and a predictor that began there would know the deck to the error of
 //! two GNSS receivers.
 
-use alight_shared::msg::{DroneState, PredictorMemory};
-use alight_shared::time::{DroneClock, Span, Time};
-use alight_shared::topics;
+use alight_shared::msg::{DroneState, PredictorCheckpoint};
+use alight_shared::time::{DroneClock, Time};
 use nalgebra::Vector3;
 
 use super::axis::AxisNoise;
 use super::track::JUMP_M;
 use super::waves::AXES;
-use crate::memory;
-
-/// An older memory does not count: the odometry has drifted meanwhile, and so has the drone.
-const MAX_AGE: Span = topics::PREDICTOR_MEMORY.stale_after;
+use alight_shared::checkpoint::validate;
 
 /// Whether `m` counts for this drone and this start of the vessel.
-pub(super) fn counts(
+pub(super) fn is_valid(
     now: Time<DroneClock>,
     drone: &DroneState,
     vessel_boot: u32,
-    m: &PredictorMemory,
+    m: &PredictorCheckpoint,
 ) -> bool {
-    memory::judge(now, drone.header.drone, MAX_AGE, m).is_ok()
-        && m.vessel_boot == vessel_boot
-        && same_frame(drone, m)
+    validate(now, drone.header.drone, m).is_ok() && m.vessel_boot == vessel_boot && same_frame(drone, m)
 }
 
 /// The variances of its offsets at `now`.
 pub(super) fn variances(
     now: Time<DroneClock>,
     noise: &[AxisNoise; AXES],
-    m: &PredictorMemory,
+    m: &PredictorCheckpoint,
 ) -> [f64; AXES] {
     let age = (now - m.header.at).secs().max(0.0);
     core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
 
 /// The odometry's origin is where it was: the drone has moved as its velocities say.
-fn same_frame(drone: &DroneState, given: &PredictorMemory) -> bool {
+fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     let dt = (drone.header.at - given.odometry_at).secs();
     let moved = drone.position() - Vector3::from(given.position);
     let mean = 0.5 * (drone.velocity() + Vector3::from(given.velocity));
@@ -57,12 +51,12 @@ mod tests {
     use alight_shared::msg::Header;
 
     #[test]
-    fn memory_of_an_origin_that_has_moved_is_of_another_frame() {
-        let given = PredictorMemory {
+    fn checkpoint_of_an_origin_that_has_moved_is_of_another_frame() {
+        let given = PredictorCheckpoint {
             position: [1.0, 2.0, -3.0],
             velocity: [4.0, 0.0, 0.0],
             odometry_at: Time::from_secs(10.0),
-            ..PredictorMemory::default()
+            ..PredictorCheckpoint::default()
         };
         let later = |x: f64| DroneState {
             header: Header::new(1, 1, 1, 1, Time::from_secs(11.0)),
@@ -77,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_grows_less_certain_with_its_age() {
+    fn checkpoint_grows_less_certain_with_its_age() {
         let noise = AxisNoise::all(&super::super::PredictorConfig::default())[0];
         let sd = |age: f64| aged(0.05_f64.powi(2), &noise, age).sqrt();
         assert_eq!(sd(0.0), 0.05);

@@ -1,0 +1,270 @@
+//! Checkpoints: what of a node outlives its process, so that a successor goes on where a crashed predecessor was. A node
+//! publishes its checkpoint as it runs; a [`Keeper`] holds the newest of each node; a successor waits for its answer
+//! ([`Recovery`]) and validates it before it counts ([`validate`]).
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::admission::Latest;
+use crate::msg::{LinkCheckpoint, MESSAGE_VERSION, Message, MissionCheckpoint, PredictorCheckpoint};
+use crate::time::{DroneClock, Span, Time};
+use crate::topics;
+use crate::wire::{self, WireError};
+
+/// A successor waits so long for an answer: 15 periods of its keeper.
+const TIMEOUT: Span = Span::from_millis(300);
+/// A checkpoint may lie so far ahead of its reader's clock.
+const AHEAD: Span = Span::from_millis(50);
+
+/// Why a checkpoint does not count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum CheckpointRejection {
+    /// Another layout.
+    Version,
+    /// Another drone's.
+    OtherDrone,
+    /// Too old, or from the future.
+    Age,
+    /// A number in it is none that its writer writes.
+    Damaged,
+    /// Of another boot of the computer, whose clock was another.
+    OtherBoot,
+}
+
+impl fmt::Display for CheckpointRejection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            CheckpointRejection::Version => "of another version",
+            CheckpointRejection::OtherDrone => "another drone's",
+            CheckpointRejection::Age => "too old",
+            CheckpointRejection::Damaged => "damaged",
+            CheckpointRejection::OtherBoot => "of another boot of the computer",
+        })
+    }
+}
+
+/// A node that begins waits for the checkpoint of a crashed predecessor.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Recovery<M> {
+    since: Option<Time<DroneClock>>,
+    /// The keeper's answer.
+    answer: Option<M>,
+}
+
+impl<M: Message<Clock = DroneClock> + Copy> Recovery<M> {
+    /// Takes the checkpoint that the node with this `boot` is `given`; true once the keeper has answered, or the wait is
+    /// over.
+    pub fn poll(&mut self, now: Time<DroneClock>, boot: u32, given: Option<&M>) -> bool {
+        self.answer = given.filter(|m| m.header().boot != boot).copied().or(self.answer);
+        self.answer.is_some() || self.waited(now) >= TIMEOUT
+    }
+    /// Time since the first poll.
+    pub fn waited(&mut self, now: Time<DroneClock>) -> Span {
+        now - *self.since.get_or_insert(now)
+    }
+    /// The predecessor's checkpoint, not yet validated; None where the keeper has none (boot 0).
+    pub fn checkpoint(&self) -> Option<M> {
+        self.answer.filter(|m| m.header().boot != 0)
+    }
+}
+
+/// Whether `m` counts at `now` for drone `drone`.
+pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Result<(), CheckpointRejection> {
+    let h = m.header();
+    if h.version != MESSAGE_VERSION {
+        return Err(CheckpointRejection::Version);
+    }
+    if h.drone != drone {
+        return Err(CheckpointRejection::OtherDrone);
+    }
+    if now - h.at < -AHEAD || now - h.at > M::MAX_AGE {
+        return Err(CheckpointRejection::Age);
+    }
+    m.check().map_err(|_field| CheckpointRejection::Damaged)
+}
+
+/// A node's checkpoint, with its place in the [`Keeper`].
+pub trait Checkpoint: Message<Clock = DroneClock> + Copy + Default {
+    /// An older one does not count.
+    const MAX_AGE: Span;
+    /// Its place.
+    fn of(keeper: &Keeper) -> &Latest<Self>;
+    /// The same, to be changed.
+    fn of_mut(keeper: &mut Keeper) -> &mut Latest<Self>;
+}
+
+macro_rules! kept {
+    ($($field:ident: $checkpoint:ty, $topic:ident;)*) => {
+        /// Holds the newest checkpoint of each node of a drone, for a successor.
+        #[derive(Clone, Debug, Default)]
+        pub struct Keeper { $($field: Latest<$checkpoint>,)* }
+
+        /// What the file holds of a [`Keeper`].
+        #[derive(Default, Serialize, Deserialize)]
+        struct Checkpoints { $($field: Option<$checkpoint>,)* }
+
+        impl Keeper {
+            fn checkpoints(&self) -> Checkpoints {
+                Checkpoints { $($field: self.$field.get().copied(),)* }
+            }
+            fn take_all(&mut self, now: Time<DroneClock>, kept: &Checkpoints) {
+                $(self.take(now, kept.$field.as_ref());)*
+            }
+        }
+        $(impl Checkpoint for $checkpoint {
+            const MAX_AGE: Span = topics::$topic.stale_after;
+            fn of(keeper: &Keeper) -> &Latest<Self> {
+                &keeper.$field
+            }
+            fn of_mut(keeper: &mut Keeper) -> &mut Latest<Self> {
+                &mut keeper.$field
+            }
+        })*
+    };
+}
+kept! {
+    predictor: PredictorCheckpoint, PREDICTOR_CHECKPOINT;
+    mission: MissionCheckpoint, MISSION_CHECKPOINT;
+    link: LinkCheckpoint, LINK_CHECKPOINT;
+}
+
+/// Layout of the file.
+const FILE_VERSION: u32 = 1;
+
+/// The file: [`Checkpoints`] as bytes, and what they have to fulfil to count.
+#[derive(Serialize, Deserialize)]
+struct File {
+    version: (u32, u16),
+    computer_boot: String,
+    checksum: u64,
+    checkpoints: Vec<u8>,
+}
+
+impl File {
+    fn checksum(&self) -> Result<u64, WireError> {
+        wire::hash_record(&(self.version, &self.computer_boot, &self.checkpoints))
+    }
+}
+
+impl Keeper {
+    /// Takes a checkpoint that a node published; whether it is newer than the last.
+    pub fn take<M: Checkpoint>(&mut self, now: Time<DroneClock>, m: Option<&M>) -> bool {
+        m.filter(|m| m.header().boot != 0)
+            .is_some_and(|m| M::of_mut(self).offer(now, m))
+    }
+    /// The newest; boot 0 where there is none.
+    pub fn newest<M: Checkpoint>(&self) -> M {
+        M::of(self).get().copied().unwrap_or_default()
+    }
+    /// The answer to the node with this `boot`; None once it has published its own.
+    pub fn answer<M: Checkpoint>(&self, boot: u32) -> Option<M> {
+        Some(self.newest()).filter(|m: &M| m.header().boot != boot)
+    }
+    /// The content of a file that outlives the keeper. The checkpoints' times are the computer's steady clock, which
+    /// begins anew when it boots: `computer_boot` names this boot.
+    pub fn encode(&self, computer_boot: &str) -> Result<Vec<u8>, WireError> {
+        let mut file = File {
+            version: (FILE_VERSION, MESSAGE_VERSION),
+            computer_boot: computer_boot.into(),
+            checksum: 0,
+            checkpoints: wire::encode_record(&self.checkpoints())?,
+        };
+        file.checksum = file.checksum()?;
+        wire::encode_record(&file)
+    }
+    /// Takes the checkpoints of a former keeper's file.
+    pub fn restore(
+        &mut self,
+        now: Time<DroneClock>,
+        computer_boot: &str,
+        file: &[u8],
+    ) -> Result<(), CheckpointRejection> {
+        let damaged = |_: WireError| CheckpointRejection::Damaged;
+        let file: File = wire::decode_record(file).map_err(damaged)?;
+        if file.version != (FILE_VERSION, MESSAGE_VERSION) {
+            return Err(CheckpointRejection::Version);
+        }
+        if file.checksum != file.checksum().map_err(damaged)? {
+            return Err(CheckpointRejection::Damaged);
+        }
+        if file.computer_boot != computer_boot {
+            return Err(CheckpointRejection::OtherBoot);
+        }
+        self.take_all(now, &wire::decode_record(&file.checkpoints).map_err(damaged)?);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::msg::Header;
+
+    fn at(s: f64) -> Time<DroneClock> {
+        Time::from_secs(s)
+    }
+    fn mission(boot: u32, s: f64) -> MissionCheckpoint {
+        let header = Header::new(1, 1, boot, 1, at(s));
+        let mut m = MissionCheckpoint {
+            header,
+            ..MissionCheckpoint::default()
+        };
+        m.state.header = header;
+        m
+    }
+    fn keeper() -> Keeper {
+        let mut k = Keeper::default();
+        assert!(k.take(at(1.0), Some(&mission(7, 1.0))));
+        k
+    }
+
+    #[test]
+    fn keeper_answers_a_successor_with_the_newest() {
+        let mut k = keeper();
+        assert!(
+            !k.take(at(1.0), Some(&mission(7, 0.9))) && !k.take(at(1.0), Some(&MissionCheckpoint::default()))
+        );
+        assert_eq!(k.answer(7), None::<MissionCheckpoint>);
+        assert_eq!(k.answer(8), Some(mission(7, 1.0)));
+        assert_eq!(k.answer(8), Some(LinkCheckpoint::default()));
+    }
+
+    #[test]
+    fn keeper_file_round_trip() {
+        let file = keeper().encode("this boot").unwrap();
+        let mut k = Keeper::default();
+        assert_eq!(k.restore(at(1.5), "this boot", &file), Ok(()));
+        assert_eq!(k.answer(8), Some(mission(7, 1.0)));
+    }
+
+    #[test]
+    fn keeper_file_rejection() {
+        let file = keeper().encode("this boot").unwrap();
+        let restored = |boot: &str, file: &[u8]| {
+            let mut k = Keeper::default();
+            let result = k.restore(at(1.5), boot, file);
+            assert_eq!(k.newest::<MissionCheckpoint>().header.boot == 7, result.is_ok());
+            result
+        };
+        assert_eq!(
+            restored("another boot", &file),
+            Err(CheckpointRejection::OtherBoot)
+        );
+        assert_eq!(restored("this boot", &[]), Err(CheckpointRejection::Damaged));
+        for at in 0..file.len() {
+            let (mut flipped, mut cut) = (file.clone(), file.clone());
+            flipped[at] ^= 1;
+            cut.truncate(at);
+            assert!(restored("this boot", &flipped).is_err(), "{at}");
+            assert_eq!(
+                restored("this boot", &cut),
+                Err(CheckpointRejection::Damaged),
+                "{at}"
+            );
+        }
+        let mut old = file.clone();
+        old[0] += 1;
+        assert_eq!(restored("this boot", &old), Err(CheckpointRejection::Version));
+    }
+}
