@@ -94,6 +94,10 @@ impl Px4Plant {
     pub fn due(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= self.every_us
     }
+    /// It answers no sample as seldom as this: it is busy, not on its way to the next sample.
+    pub fn is_overdue(&self) -> bool {
+        self.sampled_us.saturating_sub(self.answered_us) >= MAX_ANSWER_PERIOD * self.period_us
+    }
     /// Motors as heard last.
     pub fn motors(&self) -> Option<[f64; ROTORS]> {
         self.outputs.and_then(|o| motors(&self.config, &o))

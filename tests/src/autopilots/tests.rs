@@ -186,6 +186,39 @@ fn px4_plant_carries_a_take_off_hover_and_landing() {
 }
 
 #[test]
+fn px4_that_begins_to_answer_every_second_sample() {
+    let (c, streams) = (
+        FirmwareConfig::default(),
+        crate::physics::streams::Streams::new(1),
+    );
+    let sensors = FirmwareSensors::new(&c, &NavigationConfig::default(), Default::default(), &streams);
+    let mut plant = Px4Plant::new(&c, sensors);
+    let mut wanted = Vec::new();
+    for k in 1..=24_u64 {
+        let at = alight_shared::time::Time::from_nanos(k as i64 * 2_500_000);
+        plant.encode_sensors(
+            &PlantState {
+                at,
+                ..PlantState::default()
+            },
+            RATE_HZ,
+        );
+        wanted.push((plant.due(), plant.is_overdue()));
+        if k <= 8 || k.is_multiple_of(2) && k <= 16 {
+            plant.decode(&stand_in::motor_answer(1_000_000 + k * 2500, [0.25; 4], true));
+        }
+    }
+    // Each; one that does not come, and is not waited for in whole; every second; silent, and after four waited for.
+    assert_eq!(wanted[7], (true, false));
+    assert_eq!(wanted[8], (true, false));
+    assert_eq!(
+        wanted[10..14],
+        [(false, false), (true, false), (false, false), (true, false)]
+    );
+    assert_eq!(wanted[19..24], [(true, true); 5]);
+}
+
+#[test]
 fn drone_without_a_firmware_stands_on_its_pad_while_the_sea_goes_on() {
     let mut physics = Physics::new(&calm(), 5).expect("a world");
     physics.place_drone_on_pad(0);
