@@ -44,8 +44,6 @@ pub struct VesselIn {
     pub attitude: Vec<AttitudeFix>,
     /// Time requests of drones, stamped with their arrival.
     pub time_requests: Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
-    /// The drone that is on its way down.
-    pub landing: Option<u32>,
 }
 
 /// What the vessel publishes.
@@ -164,6 +162,10 @@ impl VesselNode {
     /// The fraction of the full rates that is used.
     pub fn rate_fraction(&self) -> f64 {
         self.rate_control.rate_fraction()
+    }
+    /// The rates are from now on those that the link of this drone carries, which is on its way down.
+    pub fn prioritise(&mut self, landing: Option<u32>) {
+        self.rate_control.landing = landing;
     }
     /// The estimator, for display and tests.
     pub fn estimator(&self) -> &Estimator {
@@ -298,7 +300,6 @@ impl Node for VesselNode {
     type Out = VesselOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) -> VesselOut {
-        self.rate_control.landing = input.landing;
         self.take_measurements(now, input);
         self.estimator.tick(now);
         let mut out = VesselOut {
