@@ -2,15 +2,16 @@
 
 use core::fmt;
 
+use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
 use alight_shared::msg::{CommandKind, DeckGrant, DroneStatus, OperatorCommand, Reason, State};
 use alight_shared::node::Node;
-use alight_shared::time::{Stamped, Time, VesselClock};
+use alight_shared::time::{Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
 use crate::deck::{
-    ArbiterIn, DeckArbiter, DeckConfig, DeckInputs, DeckMemory, DeckOrder, DroneMonitor, OperatorIn,
-    OperatorRelay, PendingAbort, VoidCommand,
+    ArbiterIn, DeckArbiter, DeckConfig, DeckInputs, DeckMemory, DeckOrder, DroneMonitor, GivenCommand,
+    OperatorIn, OperatorRelay,
 };
 use crate::node::{VesselIn, VesselNode, VesselOut};
 
@@ -19,10 +20,10 @@ use crate::node::{VesselIn, VesselNode, VesselOut};
 pub struct ComputerIn {
     /// Measurements and time requests.
     pub vessel: VesselIn,
-    /// Statuses of drones, stamped with their arrival.
-    pub statuses: Vec<Stamped<VesselClock, DroneStatus>>,
-    /// Commands of operators.
-    pub commands: Vec<OperatorCommand<VesselClock>>,
+    /// Statuses of drones.
+    pub statuses: Vec<Arrival<VesselClock, DroneStatus>>,
+    /// Commands of operators whose certificates were accepted.
+    pub commands: Vec<Arrival<VesselClock, OperatorCommand<VesselClock>>>,
     /// Orders of the crew.
     pub deck_orders: Vec<DeckOrder>,
     /// Digital inputs.
@@ -40,6 +41,8 @@ pub struct ComputerOut {
     pub grant: Option<DeckGrant<VesselClock>>,
     /// Commands for the drones that their headers name.
     pub commands: Vec<OperatorCommand<VesselClock>>,
+    /// Statuses of drones, for operators.
+    pub statuses: Vec<DroneStatus>,
     /// What happened in this step.
     pub events: Vec<VesselEvent>,
 }
@@ -49,10 +52,8 @@ pub struct ComputerOut {
 pub struct VesselCheckpoint {
     /// Who has to do with the deck.
     pub deck: DeckMemory,
-    /// Aborts that no drone has acknowledged.
-    pub aborts: Vec<PendingAbort>,
-    /// Commands that aborts have made void.
-    pub void: Vec<VoidCommand>,
+    /// The commands that operators gave, for longer than their terminals repeat them.
+    pub commands: Vec<GivenCommand>,
 }
 
 /// What people on board are to know.
@@ -141,6 +142,7 @@ pub struct VesselComputer {
     relay: OperatorRelay,
     drones: DroneMonitor,
     doubles: Vec<(u32, [u32; 2])>,
+    rejected: Rejections,
 }
 
 impl VesselComputer {
@@ -152,6 +154,7 @@ impl VesselComputer {
             relay: OperatorRelay::new(vessel, boot),
             drones: DroneMonitor::new(vessel),
             doubles: Vec::new(),
+            rejected: Rejections::default(),
         }
     }
     /// Estimator and broadcast.
@@ -170,13 +173,30 @@ impl VesselComputer {
     pub fn drones(&self) -> &DroneMonitor {
         &self.drones
     }
+    /// Messages that name another author than the key that they were published on.
+    pub fn on_other_keys(&self) -> u32 {
+        let reason = RejectionReason::Sender;
+        self.rejected.of(reason) + self.node.rejected().of(reason)
+    }
     /// What must not be forgotten.
     pub fn checkpoint(&self) -> VesselCheckpoint {
         VesselCheckpoint {
             deck: self.arbiter.memory(),
-            aborts: self.relay.aborts(),
-            void: self.relay.void(),
+            commands: self.relay.given(),
         }
+    }
+
+    /// The messages that may come from the sender of their key.
+    fn authentic<'a, M>(
+        &mut self,
+        arrivals: &'a [Arrival<VesselClock, M>],
+        may_come: impl Fn(Sender, &M) -> bool,
+    ) -> Vec<&'a Arrival<VesselClock, M>> {
+        let own = arrivals.iter().filter(|a| may_come(a.sender, &a.message));
+        let own: Vec<_> = own.collect();
+        self.rejected
+            .count_many(RejectionReason::Sender, arrivals.len() - own.len());
+        own
     }
 
     /// What has changed of the deck's owner and the drones' numbers.
@@ -202,8 +222,12 @@ impl Node for VesselComputer {
             .copied()
             .map(VesselEvent::DeckOrder)
             .collect();
-        events.extend(input.statuses.iter().filter_map(|s| self.drones.observe(s)));
-        let statuses: Vec<DroneStatus> = input.statuses.iter().map(|s| s.value).collect();
+        let of_drone = |sender, status: &DroneStatus| sender == Sender::Drone(status.header.drone);
+        let statuses = self.authentic(&input.statuses, of_drone);
+        // A command names no operator.
+        let commands = self.authentic(&input.commands, |sender, _| matches!(sender, Sender::Operator(_)));
+        events.extend(statuses.iter().filter_map(|s| self.drones.observe(s)));
+        let statuses: Vec<DroneStatus> = statuses.iter().map(|s| s.message).collect();
         let left = input.checkpoint.as_ref();
 
         // Status of the drones -> deck arbiter and operator relay.
@@ -221,10 +245,9 @@ impl Node for VesselComputer {
         let relayed = self.relay.step(
             now,
             &OperatorIn {
-                commands: input.commands.clone(),
-                statuses,
-                aborts: left.map(|c| c.aborts.clone()).unwrap_or_default(),
-                void: left.map(|c| c.void.clone()).unwrap_or_default(),
+                commands: commands.iter().map(|c| c.message).collect(),
+                statuses: statuses.clone(),
+                given: left.map(|c| c.commands.clone()).unwrap_or_default(),
             },
         );
         events.extend(relayed.accepted.iter().map(|c| VesselEvent::Command {
@@ -238,6 +261,7 @@ impl Node for VesselComputer {
             vessel: self.node.step(now, &input.vessel),
             grant: granted.grant,
             commands: relayed.commands,
+            statuses,
             events,
         }
     }
@@ -246,17 +270,21 @@ impl Node for VesselComputer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::{Header, ReasonCode};
+    use alight_shared::msg::{Header, ReasonCode, TimeRequest};
 
-    fn status(boot: u32, sequence: u32, state: State) -> Stamped<VesselClock, DroneStatus> {
-        let status = DroneStatus {
+    fn status(boot: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
+        let message = DroneStatus {
             header: Header::new(1, 3, boot, sequence, Time::EPOCH),
             state,
             entered: Reason::plain(ReasonCode::Operator),
             battery: 0.5,
             ..DroneStatus::default()
         };
-        Stamped::new(Time::EPOCH, status)
+        Arrival {
+            at: Time::EPOCH,
+            sender: Sender::Drone(3),
+            message,
+        }
     }
 
     /// The events of a step.
@@ -292,5 +320,83 @@ mod tests {
             ..ComputerIn::default()
         };
         assert_eq!(events(&mut computer, 8.0, order), ["crew order: deck closed"]);
+    }
+
+    /// A drone with a sound certificate speaks for another, which lands.
+    #[test]
+    fn message_for_another_drone_counts_nowhere() {
+        let config = VesselNodeConfig::default();
+        let mut computer = VesselComputer::new(&config, &DeckConfig::default(), 1, 9);
+        let abort = OperatorCommand {
+            header: Header::new(1, 3, 5, 1, Time::EPOCH),
+            kind: CommandKind::Abort,
+        };
+        let command = |sender, message| Arrival {
+            at: Time::EPOCH,
+            sender,
+            message,
+        };
+        let landing = ComputerIn {
+            statuses: vec![status(7, 1, State::Descent)],
+            commands: vec![command(Sender::Operator(2), abort)],
+            ..ComputerIn::default()
+        };
+        let out = computer.step(Time::from_secs(5.0), &landing);
+        let [relayed] = out.commands[..] else {
+            panic!("{out:?}")
+        };
+
+        let mut acknowledged = status(7, 2, State::GaveUp);
+        acknowledged.message.abort = Some([relayed.header.boot, relayed.header.sequence]);
+        let mut left = status(8, 1, State::Idle);
+        left.message.deck_distance_m = Some(900.0);
+        let land = OperatorCommand {
+            kind: CommandKind::Land,
+            ..abort
+        };
+        let mut request = TimeRequest {
+            header: Header::new(1, 3, 7, 1, Time::EPOCH),
+            newest_at: Time::from_secs(1.0),
+            newest_boot: 9,
+        };
+        let mut requests = Vec::new();
+        for k in 0..20_u32 {
+            request.header.sequence = k;
+            requests.push(Arrival {
+                at: Time::from_secs(7.0),
+                sender: Sender::Drone(4),
+                message: request,
+            });
+        }
+        let forged = ComputerIn {
+            vessel: VesselIn {
+                time_requests: requests,
+                ..VesselIn::default()
+            },
+            statuses: [acknowledged, left]
+                .map(|s| Arrival {
+                    sender: Sender::Drone(4),
+                    ..s
+                })
+                .into(),
+            commands: vec![command(Sender::Drone(4), land)],
+            ..ComputerIn::default()
+        };
+        let out = computer.step(Time::from_secs(7.0), &forged);
+        assert!(
+            out.events.is_empty() && out.vessel.time_replies.is_empty(),
+            "{out:?}"
+        );
+        assert_eq!(computer.arbiter().owner(), Some(3));
+        assert_eq!(computer.relay().unacknowledged().collect::<Vec<_>>(), [3]);
+        assert_eq!(computer.node().rate_fraction(), 1.0);
+        assert_eq!(computer.on_other_keys(), 23);
+        // Itself it is believed.
+        let own = ComputerIn {
+            statuses: vec![acknowledged],
+            ..ComputerIn::default()
+        };
+        computer.step(Time::from_secs(7.1), &own);
+        assert_eq!(computer.relay().unacknowledged().count(), 0);
     }
 }

@@ -22,7 +22,7 @@ use crate::process::supervisor::STATE_VARIABLE;
 use crate::vessel::status_file::file_name;
 
 /// Of this layout.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Directory of the installed service, which outlives the computer's restarts.
 const SERVICE_DIRECTORY: &str = "/var/lib/alight";
 /// Longest file, bytes.

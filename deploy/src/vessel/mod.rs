@@ -81,7 +81,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         // Read after the packets: a step is never earlier than what it consumes.
         let now = process.now();
         let out = process.step(now, &input, |out| {
-            radio.publish(&input, out);
+            radio.publish(out);
             true
         });
         people.show(&out, process.now(), process.node().node());
@@ -193,7 +193,8 @@ fn metrics(
         RejectionReason::Flood,
     ]
     .map(|reason| u64::from(rejected.of(reason)));
-    let requests = radio.undecoded + node.relay().rejected() + requests.iter().sum::<u64>();
+    let requests =
+        radio.undecoded + u64::from(node.relay().rejected().total()) + requests.iter().sum::<u64>();
     let drones = node.drones();
     let age_s = |q| people.estimate_age_s.quantile(q);
     let mut metrics = vec![
@@ -206,11 +207,12 @@ fn metrics(
         MetricName::LastPeerRejection.with(MetricValue::AccessRejection(people.peers.last)),
         MetricName::MeasurementToEstimateP50.seconds(age_s(0.5)),
         MetricName::MeasurementToEstimateP99.seconds(age_s(0.99)),
+        MetricName::Rejected(RejectionReason::Sender).count(node.on_other_keys()),
         MetricName::DroneMessages.count(drones.received()),
         MetricName::DroneMessagesRejected.count(drones.rejected() + radio.undecoded_statuses),
     ];
     if let Some(newest) = drones.newest() {
-        let status = &newest.value;
+        let status = &newest.message;
         metrics.extend([
             MetricName::DroneMessageAge.seconds((now - newest.at).secs()),
             MetricName::DroneState.with(MetricValue::State(Some(status.state))),

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use alight_shared::msg::OperatorCommand;
-use alight_shared::time::{Stamped, Time, VesselClock};
+use alight_shared::admission::Arrival;
+use alight_shared::time::{Time, VesselClock};
 use alight_shared::topics::{self, Topic};
+use alight_shared::transport::Received;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::radio::{Publication, Radio, RadioCounts, Urgency};
 use alight_shared::wire;
@@ -98,30 +99,26 @@ impl VesselRadio {
             let at = at(packet.at_ns);
             match packet.subscription {
                 TIME_REQUESTS => {
-                    let request = decode(&packet.bytes, &mut self.undecoded);
-                    let stamped = request.map(|r| Stamped::new(at, r));
-                    input.vessel.time_requests.extend(stamped);
+                    let request = decode(&packet, at, &mut self.undecoded);
+                    input.vessel.time_requests.extend(request);
                 }
                 COMMANDS if !self.secured => self.undecoded += 1,
-                COMMANDS => {
-                    let command: Option<OperatorCommand<VesselClock>> =
-                        decode(&packet.bytes, &mut self.undecoded);
-                    input.commands.extend(command);
-                }
+                COMMANDS => input.commands.extend(decode(&packet, at, &mut self.undecoded)),
                 _ => {
-                    let status = decode(&packet.bytes, &mut self.undecoded_statuses);
-                    input.statuses.extend(status.map(|s| Stamped::new(at, s)));
+                    let status = decode(&packet, at, &mut self.undecoded_statuses);
+                    input.statuses.extend(status);
                 }
             }
         }
     }
 
-    /// Publishes the output of a step with this input.
-    pub fn publish(&mut self, input: &ComputerIn, out: &ComputerOut) {
+    /// Publishes the output of a step.
+    pub fn publish(&mut self, out: &ComputerOut) {
         let ComputerOut {
             vessel,
             grant,
             commands,
+            statuses,
             events: _,
         } = out;
         self.send(ESTIMATE, &vessel.estimate);
@@ -132,7 +129,7 @@ impl VesselRadio {
         self.send(PREDICTION, &vessel.prediction);
         self.send(SURROUNDINGS, &vessel.surroundings);
         if self.operators {
-            self.send(DRONES, input.statuses.iter().map(|s| &s.value));
+            self.send(DRONES, statuses);
         }
     }
     /// The report of the process with the rates of the radio; sent, for people can wait, less often while only
@@ -156,9 +153,17 @@ impl VesselRadio {
     }
 }
 
-/// The message, or one more that is none.
-fn decode<M: DeserializeOwned>(bytes: &[u8], undecoded: &mut u64) -> Option<M> {
-    let message = wire::decode(bytes).ok();
+/// The message that arrived at `at`, or one more that is none.
+fn decode<M: DeserializeOwned>(
+    packet: &Received,
+    at: Time<VesselClock>,
+    undecoded: &mut u64,
+) -> Option<Arrival<VesselClock, M>> {
+    let message = wire::decode(&packet.bytes).ok();
     *undecoded += u64::from(message.is_none());
-    message
+    Some(Arrival {
+        at,
+        sender: packet.sender,
+        message: message?,
+    })
 }

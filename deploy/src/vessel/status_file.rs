@@ -189,7 +189,7 @@ impl DeckStatus {
             closed: arbiter.closed(now),
             owner_age_s: arbiter.owner_age_s(now).map(finite),
             doubles: arbiter.doubles().map(|(id, _)| id).collect(),
-            aborts: relay.aborts().iter().map(|a| a.drone).collect(),
+            aborts: relay.unacknowledged().collect(),
             ..DeckStatus::default()
         }
     }
@@ -331,7 +331,7 @@ impl StatusFile {
         if now.saturating_sub(self.certificate.0) > CERTIFICATE_PERIOD_NS {
             self.certificate = (now, certificate(computer));
         }
-        let drones = node.drones().statuses();
+        let (drones, on_other_keys) = (node.drones().statuses(), node.on_other_keys().into());
         let node = node.node();
         let (gated, rejected) = (node.gated(), node.rejected());
         let status = VesselStatus {
@@ -353,8 +353,10 @@ impl StatusFile {
             certificate: self.certificate.1.clone(),
             rejected: AccessRejection::ALL
                 .iter()
-                .map(|r| (r.name().to_owned(), rejections.of(*r)))
+                .map(|r| (r.name(), rejections.of(*r)))
+                .chain([("a name that is not its key's", on_other_keys)])
                 .filter(|(_, n)| *n > 0)
+                .map(|(why, n)| (why.to_owned(), n))
                 .collect(),
             rejected_last: rejections.last.map(|r| r.name().to_owned()),
             deck_owner: deck.owner,
@@ -362,11 +364,11 @@ impl StatusFile {
             deck,
             drones: drones
                 .map(|s| DroneContact {
-                    drone: s.value.header.drone,
+                    drone: s.message.header.drone,
                     age_s: (at - s.at).secs().max(0.0),
-                    state: s.value.state.name().to_owned(),
-                    entered: s.value.entered.to_string(),
-                    battery: finite(s.value.battery),
+                    state: s.message.state.name().to_owned(),
+                    entered: s.message.entered.to_string(),
+                    battery: finite(s.message.battery),
                 })
                 .collect(),
             estimator: EstimatorStatus {

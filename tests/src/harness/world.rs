@@ -5,6 +5,7 @@
 //! Delays belong here (radio, clocks, solve time, attitude lag), not to the nodes.
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
+use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionMemory,
     MissionState, OperatorCommand, Plan, SetPoint, TimeRequest,
@@ -142,7 +143,11 @@ impl World {
         let now = self.physics.vessel_now();
         self.operator_sequence += 1;
         let header = Header::new(VESSEL_ID, DRONE_ID + k as u32, BOOT, self.operator_sequence, now);
-        self.given.commands.push(OperatorCommand { header, kind });
+        self.given.commands.push(Arrival {
+            at: now,
+            sender: Sender::Operator(1),
+            message: OperatorCommand { header, kind },
+        });
     }
     /// The vessel's crew says something of the deck.
     pub fn deck_order(&mut self, order: DeckOrder) {
@@ -279,16 +284,19 @@ impl World {
         &mut self,
         t: Time<TrueTime>,
     ) -> (
-        Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
-        Vec<Stamped<VesselClock, DroneStatus>>,
+        Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
+        Vec<Arrival<VesselClock, DroneStatus>>,
     ) {
         let clock = self.physics.vessel_clock();
         let (mut requests, mut statuses) = (Vec::new(), Vec::new());
-        for (arrival, message) in self.drones.iter_mut().flat_map(|d| d.radio.at_vessel(t)) {
-            let at = clock.read(arrival);
-            match message {
-                Uplink::TimeRequest(request) => requests.push(Stamped::new(at, request)),
-                Uplink::Status(status) => statuses.push(Stamped::new(at, status)),
+        for drone in &mut self.drones {
+            let sender = Sender::Drone(DRONE_ID + drone.k as u32);
+            for (arrival, uplink) in drone.radio.at_vessel(t) {
+                let at = clock.read(arrival);
+                match uplink {
+                    Uplink::TimeRequest(message) => requests.push(Arrival { at, sender, message }),
+                    Uplink::Status(message) => statuses.push(Arrival { at, sender, message }),
+                }
             }
         }
         (requests, statuses)
@@ -300,11 +308,15 @@ impl World {
         kind: PacketKind,
         messages: impl IntoIterator<Item = &'a M>,
     ) {
+        let sender = Sender::Vessel(VESSEL_ID);
         // A message that does not encode is a message that is not sent: the receiver sees the gap.
         for bytes in messages.into_iter().filter_map(|m| wire::encode(m).ok()) {
             for drone in &mut self.drones {
                 let bytes = bytes.clone();
-                drone.radio.send_to_drone(t, bytes.len(), Packet { kind, bytes });
+                let length = bytes.len();
+                drone
+                    .radio
+                    .send_to_drone(t, length, Packet { kind, sender, bytes });
             }
         }
     }
@@ -500,7 +512,7 @@ impl DroneComputer {
             autopilot,
             plan,
             set_point: self.last_set_point,
-            commands: self.commands.drain(..).chain(received.command).collect(),
+            commands: self.commands.drain(..).chain(received.commands).collect(),
             deck: received.deck,
             memory: self.memory.given,
         };

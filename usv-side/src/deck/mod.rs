@@ -7,7 +7,7 @@ pub mod monitor;
 pub mod operator;
 
 pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs};
-pub use memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim, PendingAbort, VoidCommand};
+pub use memory::{Claim, Closure, DeckMemory, DeckOrder, DroneClaim, GivenCommand};
 pub use monitor::DroneMonitor;
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
 

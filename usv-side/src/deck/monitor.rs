@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::admission::check_message;
+use alight_shared::admission::{Arrival, check_message};
 use alight_shared::msg::DroneStatus;
-use alight_shared::time::{Stamped, VesselClock};
+use alight_shared::time::VesselClock;
 
 use super::MAX_DRONES;
 use crate::computer::VesselEvent;
@@ -13,7 +13,7 @@ use crate::computer::VesselEvent;
 #[derive(Clone, Debug)]
 pub struct DroneMonitor {
     vessel: u32,
-    drones: BTreeMap<u32, Stamped<VesselClock, DroneStatus>>,
+    drones: BTreeMap<u32, Arrival<VesselClock, DroneStatus>>,
     newest: Option<u32>,
     received: u64,
     rejected: u64,
@@ -31,10 +31,10 @@ impl DroneMonitor {
         }
     }
     /// A status arrived; an event when the mission's state changed.
-    pub(crate) fn observe(&mut self, status: &Stamped<VesselClock, DroneStatus>) -> Option<VesselEvent> {
-        let new = &status.value;
+    pub(crate) fn observe(&mut self, status: &Arrival<VesselClock, DroneStatus>) -> Option<VesselEvent> {
+        let new = &status.message;
         let header = &new.header;
-        let before = self.drones.get(&header.drone).map(|s| &s.value);
+        let before = self.drones.get(&header.drone).map(|s| &s.message);
         let repeated = before.is_some_and(|s| !header.follows(&s.header));
         let full = before.is_none() && self.drones.len() >= MAX_DRONES;
         if check_message(new).is_err() || header.vessel != self.vessel || repeated || full {
@@ -53,11 +53,11 @@ impl DroneMonitor {
         })
     }
     /// Every drone's newest status, with its arrival.
-    pub fn statuses(&self) -> impl Iterator<Item = &Stamped<VesselClock, DroneStatus>> {
+    pub fn statuses(&self) -> impl Iterator<Item = &Arrival<VesselClock, DroneStatus>> {
         self.drones.values()
     }
     /// The newest of all.
-    pub fn newest(&self) -> Option<&Stamped<VesselClock, DroneStatus>> {
+    pub fn newest(&self) -> Option<&Arrival<VesselClock, DroneStatus>> {
         self.drones.get(&self.newest?)
     }
     /// Statuses received.
@@ -73,17 +73,22 @@ impl DroneMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::admission::Sender;
     use alight_shared::msg::{Header, MESSAGE_VERSION, State};
     use alight_shared::time::Time;
 
-    fn status(vessel: u32, drone: u32, sequence: u32, state: State) -> Stamped<VesselClock, DroneStatus> {
-        let status = DroneStatus {
+    fn status(vessel: u32, drone: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
+        let message = DroneStatus {
             header: Header::new(vessel, drone, 7, sequence, Time::EPOCH),
             state,
             battery: 0.5,
             ..DroneStatus::default()
         };
-        Stamped::new(Time::from_secs(f64::from(sequence)), status)
+        Arrival {
+            at: Time::from_secs(f64::from(sequence)),
+            sender: Sender::Drone(drone),
+            message,
+        }
     }
 
     #[test]
@@ -92,9 +97,9 @@ mod tests {
         assert!(monitor.observe(&status(1, 4, 1, State::Tracking)).is_some());
         assert_eq!(monitor.observe(&status(1, 4, 2, State::Tracking)), None);
         let mut nan = status(1, 4, 3, State::Landed);
-        nan.value.battery = f64::NAN;
+        nan.message.battery = f64::NAN;
         let mut version = status(1, 4, 3, State::Landed);
-        version.value.header.version = MESSAGE_VERSION + 1;
+        version.message.header.version = MESSAGE_VERSION + 1;
         let foreign = status(2, 4, 3, State::Landed);
         let repeated = status(1, 4, 2, State::Landed);
         for bad in [foreign, repeated, nan, version] {
@@ -105,7 +110,7 @@ mod tests {
         assert_eq!(monitor.observe(&status(1, 4, 3, State::Tracking)), None);
         assert!(monitor.observe(&status(1, 4, 4, State::Landed)).is_some());
         assert_eq!((monitor.received(), monitor.rejected()), (5, 4));
-        let newest = monitor.newest().map(|s| (s.at, s.value.header.drone));
+        let newest = monitor.newest().map(|s| (s.at, s.message.header.drone));
         assert_eq!(newest, Some((Time::from_secs(4.0), 4)));
         assert_eq!(monitor.statuses().count(), 2);
     }
