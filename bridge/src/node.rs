@@ -2,10 +2,11 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::{Periodic, RejectionReason, Rejections, check_identity};
+use alight_shared::admission::command::counts_despite;
+use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, check_identity};
 use alight_shared::msg::{
-    Command, CommandKind, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest,
-    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+    Command, DeckGrant, Header, LinkState, Message, OperatorCommand, TimeReply, TimeRequest, VesselEstimate,
+    VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
@@ -47,6 +48,8 @@ impl PacketKind {
 pub struct Packet {
     /// Its topic.
     pub kind: PacketKind,
+    /// On whose key it came.
+    pub sender: Sender,
     /// Its content, as [`wire::encode`] makes it.
     pub bytes: Vec<u8>,
 }
@@ -71,8 +74,8 @@ pub struct BridgeOut {
     pub deck: Option<DeckGrant<DroneClock>>,
     /// What stands around it.
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
-    /// An operator's command.
-    pub command: Option<Command>,
+    /// Operators' commands, in the order of their arrival.
+    pub commands: Vec<Command>,
     /// The link's state, at its own rate.
     pub link: Option<LinkState>,
     /// A question for the vessel, to be sent at once.
@@ -142,6 +145,7 @@ impl Bridge {
         out: &mut BridgeOut,
     ) -> Result<(), RejectionReason> {
         let kind = packet.kind;
+        packet.sender.check(Sender::Vessel(self.config.vessel_id))?;
         match kind {
             PacketKind::Estimate => {
                 let m: VesselEstimate<VesselClock> = decode(&packet.bytes)?;
@@ -183,13 +187,9 @@ impl Bridge {
             }
             PacketKind::Command => {
                 let m: OperatorCommand<VesselClock> = decode(&packet.bytes)?;
-                let abort = m.kind == CommandKind::Abort;
                 let at = match self.admit(arrival, &m, kind, &topics::OPERATOR, 0.0) {
                     Ok((at, _)) => at,
-                    // An abort counts however old it is and whatever the clocks show.
-                    Err(
-                        why @ (RejectionReason::Stale | RejectionReason::Future | RejectionReason::NoClock),
-                    ) if abort => {
+                    Err(why) if counts_despite(m.kind, why) => {
                         self.orders[kind as usize].admit(m.header.sequence);
                         // An old one keeps its time: the mission knows its repetitions by it.
                         let given = self.on_own_clock(arrival, &m.header).map(|(at, _)| at);
@@ -197,13 +197,7 @@ impl Bridge {
                     }
                     Err(reason) => return Err(reason),
                 };
-                // Of several since the last step an abort wins.
-                if abort || out.command.is_none_or(|c| c.kind != CommandKind::Abort) {
-                    out.command = Some(Command {
-                        header: m.header.restamped(at),
-                        kind: m.kind,
-                    });
-                }
+                out.commands.push(m.restamped(at));
             }
         }
         Ok(())

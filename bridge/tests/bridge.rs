@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used)] // Helpers of a test may.
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet, PacketKind};
-use alight_shared::admission::RejectionReason;
+use alight_shared::admission::{RejectionReason, Sender};
 use alight_shared::frames::Datum;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
@@ -44,6 +44,7 @@ fn packet<T: serde::Serialize>(arrival: f64, kind: PacketKind, m: &T) -> Stamped
         drone(arrival),
         Packet {
             kind,
+            sender: Sender::Vessel(1),
             bytes: wire::encode(m).unwrap(),
         },
     )
@@ -151,7 +152,7 @@ fn bridge_passes_an_old_abort_with_its_own_time_and_any_without_a_clock() {
     };
     let at = |b: &mut Bridge, now: f64, m: &OperatorCommand<VesselClock>| {
         let out = step(b, now, vec![packet(now, PacketKind::Command, m)]);
-        out.command.map(|c| c.header.at.secs())
+        out.commands.first().map(|c| c.header.at.secs())
     };
     let (mut b, now) = settled(0.05, 0.05, 5);
     let given = now - 20.0;
@@ -177,9 +178,12 @@ fn bridge_names_the_reason_of_each_rejection() {
     long.value.bytes.resize(wire::MAX_WIRE_BYTES + 1, 0);
     let mut short = packet(now, PacketKind::Estimate, &good);
     short.value.bytes.truncate(100);
+    let mut elsewhere = packet(now, PacketKind::Estimate, &estimate(1, 11, vessel(now - 0.02)));
+    elsewhere.value.sender = Sender::Vessel(2);
     let faults = [
         (long, RejectionReason::Oversized),
         (short, RejectionReason::Malformed),
+        (elsewhere, RejectionReason::Sender),
         (
             edit(&|m| m.header.version = MESSAGE_VERSION + 1),
             RejectionReason::Version,
@@ -317,7 +321,11 @@ proptest! {
     ) {
         let (mut b, now) = settled(0.05, 0.05, 1);
         let kind = [PacketKind::Estimate, PacketKind::Wave, PacketKind::Prediction, PacketKind::TimeReply][kind];
-        let out = step(&mut b, now, vec![Stamped::new(drone(now), Packet { kind, bytes })]);
+        let out = step(&mut b, now, vec![Stamped::new(drone(now), Packet {
+                kind,
+                sender: Sender::Vessel(1),
+                bytes,
+            })]);
         prop_assert!(out.estimate.is_none() && out.wave.is_none() && out.prediction.is_none());
         prop_assert_eq!(b.rejections().total(), 1);
     }

@@ -16,7 +16,7 @@ use alight_uav::calibrate::{
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use alight_usv::calibrate::incline::{inertia, stiffness};
 use alight_usv::calibrate::{DOF_NAMES, NotObservable, Record, Weight};
-use alight_usv::{VesselIn, VesselOut};
+use alight_usv::{ComputerIn, ComputerOut};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// Hands the calibration what the predictor reads, once the drone stands.
@@ -147,8 +147,8 @@ fn deck_calibration_separates_receiver_offsets_from_a_displaced_deck() {
 struct Recorder(Record);
 
 impl Tap for Recorder {
-    fn vessel(&mut self, _: Time<TrueTime>, _: Time<VesselClock>, i: &VesselIn, _: &VesselOut) {
-        self.0.add(i);
+    fn vessel(&mut self, _: Time<TrueTime>, _: Time<VesselClock>, i: &ComputerIn, _: &ComputerOut) {
+        self.0.add(&i.vessel);
     }
 }
 

@@ -2,6 +2,7 @@
 //!
 //! | module | what |
 //! |---|---|
+//! | [`computer`] | [`VesselComputer`]: all nodes of the vessel, as world and process step them |
 //! | [`sensors`] | bytes of the vessel's sensors to measurements with their time |
 //! | [`node`] | [`VesselNode`]: admission, [`estimator`], broadcast, time replies |
 //! | [`estimator`] | the Kalman filter |
@@ -13,6 +14,7 @@
 
 pub mod apparent_slope;
 pub mod calibrate;
+pub mod computer;
 pub mod config;
 pub mod deck;
 pub mod estimator;
@@ -25,7 +27,8 @@ pub mod rate_control;
 pub mod review;
 pub mod sensors;
 
+pub use computer::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer, VesselEvent};
 pub use config::{BroadcastConfig, GnssConfig, HeadingConfig, ImuConfig, VesselNodeConfig};
-pub use deck::{DeckArbiter, DeckConfig, OperatorRelay};
+pub use deck::DeckConfig;
 pub use estimator::Estimator;
 pub use node::{KINDS, SourceCounts, VesselIn, VesselNode, VesselOut};

@@ -1,13 +1,13 @@
 //! The vessel's node: admission of measurements, the estimator, broadcast, time replies.
 
-use alight_shared::admission::{InOrder, Periodic, RejectionReason, Rejections, Rule};
+use alight_shared::admission::{Arrival, InOrder, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::msg::{
     AttitudeFix, GnssFix, Header, HeadingFix, ImuSample, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
     TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
-use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
+use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use crate::VesselNodeConfig;
@@ -42,10 +42,8 @@ pub struct VesselIn {
     pub heading: Vec<HeadingFix>,
     /// Attitudes.
     pub attitude: Vec<AttitudeFix>,
-    /// Time requests of drones, stamped with their arrival.
-    pub time_requests: Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
-    /// The drone that is on its way down.
-    pub landing: Option<u32>,
+    /// Time requests of drones.
+    pub time_requests: Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
 }
 
 /// What the vessel publishes.
@@ -165,6 +163,10 @@ impl VesselNode {
     pub fn rate_fraction(&self) -> f64 {
         self.rate_control.rate_fraction()
     }
+    /// The rates are from now on those that the link of this drone carries, which is on its way down.
+    pub fn prioritise(&mut self, landing: Option<u32>) {
+        self.rate_control.landing = landing;
+    }
     /// The estimator, for display and tests.
     pub fn estimator(&self) -> &Estimator {
         &self.estimator
@@ -253,16 +255,18 @@ impl VesselNode {
     fn reply(&mut self, now: Time<VesselClock>, input: &VesselIn) -> Vec<TimeReply<VesselClock, DroneClock>> {
         let mut replies = Vec::new();
         for request in input.time_requests.iter().take(MAX_PER_STEP) {
-            let asked = &request.value.header;
-            if asked.version != MESSAGE_VERSION || request.at > now {
+            let asked = &request.message.header;
+            if request.sender != Sender::Drone(asked.drone) {
+                self.rejected.count(RejectionReason::Sender);
+            } else if asked.version != MESSAGE_VERSION || request.at > now {
                 self.rejected.count(RejectionReason::Version);
             } else if asked.vessel != self.vessel {
                 self.rejected.count(RejectionReason::Vessel);
             } else {
                 let period_s = 1.0 / (self.config.broadcast.estimate_hz * self.rate_control.rate_fraction());
                 // Boot 0: the drone has received no estimate yet.
-                if request.value.newest_boot != 0 && request.value.newest_boot == self.boot {
-                    let newest = request.value.newest_at;
+                if request.message.newest_boot != 0 && request.message.newest_boot == self.boot {
+                    let newest = request.message.newest_at;
                     self.rate_control
                         .observe(request.at, asked.drone, newest, period_s);
                 }
@@ -298,7 +302,6 @@ impl Node for VesselNode {
     type Out = VesselOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) -> VesselOut {
-        self.rate_control.landing = input.landing;
         self.take_measurements(now, input);
         self.estimator.tick(now);
         let mut out = VesselOut {

@@ -37,6 +37,13 @@ config! {
     }
 }
 
+impl VesselComputer {
+    /// Its nodes, for a start with this boot id.
+    pub fn node(&self, boot: u32) -> alight_usv::VesselComputer {
+        alight_usv::VesselComputer::new(&self.vessel, &self.deck, self.vessel_id, boot)
+    }
+}
+
 config! {
     /// The drone's file: `[bridge]` and `[drone.*]`.
     pub struct DroneFile {

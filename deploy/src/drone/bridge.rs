@@ -80,7 +80,14 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             heard_bytes += packet.bytes.len() as u64;
             let bytes = packet.bytes;
             match SUBSCRIPTIONS.get(packet.subscription) {
-                Some((kind, _)) => packets.push((packet.at_ns, Packet { kind: *kind, bytes })),
+                Some((kind, _)) => {
+                    let packet_in = Packet {
+                        kind: *kind,
+                        sender: packet.sender,
+                        bytes,
+                    };
+                    packets.push((packet.at_ns, packet_in));
+                }
                 None => refused += u64::from(!show_vessel(&mut state, &bytes)),
             }
             received = radio.receive(Duration::ZERO);
@@ -96,7 +103,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         prediction.send_any(out.prediction.as_ref());
         grant.send_any(out.deck.as_ref());
         surroundings.send_any(out.surroundings.as_ref());
-        command.send_any(out.command.as_ref());
+        out.commands.iter().for_each(|c| command.send(c));
         link.send_any(out.link.as_ref());
         age_s = out.link.map_or(age_s, |l| l.age_s);
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {

@@ -93,50 +93,10 @@ impl Life {
     }
 }
 
-/// A node whose steps are logged where the process logs.
-pub struct LoggedNode<N> {
+/// A node as a process; its steps are logged where that is asked for.
+pub struct Process<N: Node> {
     node: N,
     log: Option<NodeLog>,
-}
-
-impl<N: Node<In: Serialize, Out: Serialize>> LoggedNode<N> {
-    /// The node `name` of a process that was started with `args`.
-    pub fn new(name: &str, args: &ProcessArgs, boot: u32, node: N) -> Result<LoggedNode<N>, CliError> {
-        let log = args
-            .log
-            .as_ref()
-            .map(|directory| node_log(directory, name, boot, &args.config));
-        let log = log.transpose()?;
-        Ok(LoggedNode { node, log })
-    }
-    /// One step of the node, logged.
-    pub fn step(&mut self, now: Time<N::Clock>, input: &N::In) -> N::Out {
-        let out = self.node.step(now, input);
-        self.log(now, input, &out);
-        out
-    }
-    fn log(&mut self, now: Time<N::Clock>, input: &N::In, out: &N::Out) {
-        if let Some(log) = &mut self.log {
-            log.write(steady_ns(), now.nanos(), input, out);
-        }
-    }
-    /// Puts on disk what was logged.
-    pub fn flush(&mut self) {
-        self.log.iter_mut().for_each(|log| log.flush(steady_ns()));
-    }
-    /// Steps that are not logged because the log could not be written; None where nothing is logged.
-    fn unlogged(&self) -> Option<u64> {
-        self.log.as_ref().map(NodeLog::unlogged)
-    }
-    /// The node.
-    pub fn node(&self) -> &N {
-        &self.node
-    }
-}
-
-/// A node as a process.
-pub struct Process<N: Node> {
-    node: LoggedNode<N>,
     clock: ProcessClock,
     last: Time<N::Clock>,
     /// Its reports.
@@ -178,8 +138,11 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     ) -> Result<Process<N>, CliError> {
         let boot = draw_boot();
         args.scheduling.apply();
+        let directory = args.log.as_ref();
+        let log = directory.map(|directory| node_log(directory, kind.name(), boot, &args.config));
         Ok(Process {
-            node: LoggedNode::new(kind.name(), args, boot, make(boot))?,
+            node: make(boot),
+            log: log.transpose()?,
             clock,
             last: Time::from_nanos(i64::MIN),
             life: Life::begin(kind, boot, args.supervised),
@@ -198,16 +161,18 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     /// One step of the node, its output sent, then logged; timed where `send` says that it had work to do.
     pub fn step(&mut self, now: Time<N::Clock>, input: &N::In, send: impl FnOnce(&N::Out) -> bool) -> N::Out {
         let before = steady_ns();
-        let out = self.node.node.step(now, input);
+        let out = self.node.step(now, input);
         let time_s = (steady_ns() - before) as f64 * 1e-9;
         // Steps without work do not count in the time that its work takes.
         self.life.stepped(send(&out).then_some(time_s));
-        self.node.log(now, input, &out);
+        if let Some(log) = &mut self.log {
+            log.write(steady_ns(), now.nanos(), input, &out);
+        }
         out
     }
     /// The node.
     pub fn node(&self) -> &N {
-        self.node.node()
+        &self.node
     }
     /// Whether the process was asked to end.
     pub fn ended(&self) -> bool {
@@ -216,10 +181,12 @@ impl<N: Node<In: Serialize, Out: Serialize>> Process<N> {
     /// The next report, when it is due.
     pub fn state(&mut self, inputs: impl FnOnce() -> Vec<InputState>, unsent: u64) -> Option<ProcessState> {
         let mut state = self.life.state(inputs, unsent)?;
-        self.node.flush();
-        if let Some(n) = self.node.unlogged() {
+        if let Some(log) = &mut self.log {
+            log.flush(steady_ns());
             // A process has fewer metrics than there is place for.
-            let _full = state.metrics.push(MetricName::StepsUnlogged.count(n));
+            let _full = state
+                .metrics
+                .push(MetricName::StepsUnlogged.count(log.unlogged()));
         }
         Some(state)
     }

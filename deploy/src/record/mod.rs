@@ -26,6 +26,8 @@ pub const NODES: [&str; 6] = ["vessel", "bridge", "predictor", "mission", "plann
 const RECORDING: &str = "recording";
 /// Name of the attached configuration of the vessel's side.
 pub const VESSEL_FILE: &str = "vessel.toml";
+/// Name of the attached configuration of the deck arbiter.
+pub const DECK_FILE: &str = "deck.toml";
 /// Name of the attached configuration of the drone's side.
 pub const DRONE_FILE: &str = "drone.toml";
 /// Metadata: 1 when the mission was a process, which begins by waiting for a predecessor's checkpoint.

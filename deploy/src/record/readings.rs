@@ -5,7 +5,7 @@ use std::path::Path;
 use alight_shared::wire;
 use alight_usv::log::{LogError, MAX_MEASUREMENTS, Recording};
 use alight_usv::sensors::{Decoded, Measurement};
-use alight_usv::{VesselIn, VesselNodeConfig};
+use alight_usv::{ComputerIn, VesselNodeConfig};
 
 use crate::exit::CliError;
 use crate::record::entry::Entry;
@@ -36,8 +36,8 @@ fn read_sound(path: &Path) -> Result<(Recording, VesselNodeConfig), CliError> {
         if Some(node) != vessel || measurements.len() > MAX_MEASUREMENTS {
             return Ok(());
         }
-        let entry: Entry<VesselIn> = wire::decode_record(bytes)?;
-        let i = entry.input;
+        let entry: Entry<ComputerIn> = wire::decode_record(bytes)?;
+        let i = entry.input.vessel;
         decoded.good += 1;
         measurements.extend(i.imu.into_iter().map(Measurement::Imu));
         measurements.extend(i.attitude.into_iter().map(Measurement::Attitude));

@@ -9,7 +9,7 @@ use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::{PlannerIn, PlannerOut};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::{VesselIn, VesselOut};
+use alight_usv::{ComputerIn, ComputerOut};
 use mcap::McapError;
 use serde::Serialize;
 
@@ -113,9 +113,9 @@ impl Recorder {
     }
 
     /// A step of the vessel.
-    pub fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &VesselIn, o: &VesselOut) {
+    pub fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &ComputerIn, o: &ComputerOut) {
         self.entry(0, t, now.nanos(), i, o);
-        self.views.vessel(&mut self.sink, t, i, o);
+        self.views.vessel(&mut self.sink, t, &i.vessel, &o.vessel);
     }
     /// A step of the bridge.
     pub fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {

@@ -12,7 +12,7 @@ use alight_uav::planner::Planner;
 use alight_uav::planner::law::Law;
 use alight_uav::predictor::{Predictor, PredictorIn};
 use alight_uav::settings::DroneSettings;
-use alight_usv::{VesselNode, VesselNodeConfig};
+use alight_usv::VesselComputer;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -20,7 +20,7 @@ use crate::config::DroneFile;
 use crate::exit::CliError;
 use crate::record::entry::{Computed, Entry, Missing, MissionEntry, PilotEntry, PlannerEntry};
 use crate::record::reading::Recording;
-use crate::record::{DRONE_FILE, LIVE, NODES, VESSEL_FILE};
+use crate::record::{DECK_FILE, DRONE_FILE, LIVE, NODES, VESSEL_FILE};
 
 /// How one node's replay went.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -68,7 +68,7 @@ pub fn replay(path: &Path, law: ForeignLaw) -> Result<Vec<NodeReplay>, CliError>
 
 /// The nodes as they began.
 struct Nodes {
-    vessel: VesselNode,
+    vessel: VesselComputer,
     bridge: Bridge,
     predictor: Predictor,
     mission: Mission,
@@ -87,7 +87,10 @@ impl Nodes {
             *boot = number(&crate::record::boot(node))?;
         }
         let [v, b, p, m, l, t] = boots;
-        let vessel: VesselNodeConfig = recording.configuration(VESSEL_FILE)?;
+        let (vessel, arbiter) = (
+            recording.configuration(VESSEL_FILE)?,
+            recording.configuration(DECK_FILE)?,
+        );
         let DroneFile { bridge, drone } = recording.configuration(DRONE_FILE)?;
         let (planner, airframe, deck) = (&drone.planner, &drone.airframe, &drone.deck);
         let planner = match law(recording, &drone)? {
@@ -100,7 +103,7 @@ impl Nodes {
             _ => mission.as_successor(),
         };
         Ok(Nodes {
-            vessel: VesselNode::new(&vessel, vessel_id, v),
+            vessel: VesselComputer::new(&vessel, &arbiter, vessel_id, v),
             bridge: Bridge::new(&bridge, b),
             predictor: Predictor::new(&drone.predictor(), p),
             mission,

@@ -6,8 +6,6 @@ use alight_bridge::Bridge;
 use alight_shared::config;
 use alight_shared::node::Node;
 use alight_shared::time::Time;
-use alight_usv::VesselNode;
-use alight_usv::deck::{DeckArbiter, OperatorRelay};
 use clap::Args;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -29,7 +27,6 @@ use crate::record::reading::contained;
 use crate::record::replay::{ForeignLaw, NodeReplay, replay};
 use crate::table::{Table, verdict};
 use crate::terminal::{self, note};
-use crate::vessel::{DECK_ARBITER, OPERATOR_RELAY};
 
 /// A recording to compute again.
 #[derive(Args, Debug)]
@@ -131,15 +128,7 @@ fn replay_log(path: &Path) -> Result<Option<NodeReplay>, CliError> {
     let vessel = || config::parse::<VesselComputer>(&config, &origin);
     let drone = || config::parse::<DroneComputer>(&config, &origin);
     let replayed = match process.as_str() {
-        "vessel" => {
-            let c = vessel()?;
-            through(log, VesselNode::new(&c.vessel, c.vessel_id, boot))
-        }
-        DECK_ARBITER => {
-            let c = vessel()?;
-            through(log, DeckArbiter::new(&c.deck, c.vessel_id, boot))
-        }
-        OPERATOR_RELAY => through(log, OperatorRelay::new(vessel()?.vessel_id, boot)),
+        "vessel" => through(log, vessel()?.node(boot)),
         SUPERVISOR => {
             let limits = toml::from_str(&config).doing(&origin)?;
             through(log, SupervisorNode::new(limits))

@@ -12,7 +12,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use alight_shared::wire;
-use alight_usv::deck::{DeckCheckpoint, DeckOrder, PendingAbort, VoidCommand};
+use alight_usv::VesselCheckpoint;
+use alight_usv::deck::{DeckCheckpoint, DeckOrder};
 use serde::{Deserialize, Serialize};
 use tracing::{info, warn};
 
@@ -21,7 +22,7 @@ use crate::process::supervisor::STATE_VARIABLE;
 use crate::vessel::status_file::file_name;
 
 /// Of this layout.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Directory of the installed service, which outlives the computer's restarts.
 const SERVICE_DIRECTORY: &str = "/var/lib/alight";
 /// Longest file, bytes.
@@ -31,31 +32,20 @@ const MAX_WAITING: usize = 4;
 /// A file that cannot be written is tried again after this long.
 const RETRY_PERIOD: Duration = Duration::from_secs(10);
 
-/// What outlives the process.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Kept {
-    /// Who has to do with the deck.
-    pub deck: DeckCheckpoint,
-    /// Aborts that no drone has acknowledged.
-    pub aborts: Vec<PendingAbort>,
-    /// Commands that aborts have made void.
-    pub void: Vec<VoidCommand>,
-}
-
 #[derive(Serialize, Deserialize)]
 struct Content {
     version: u32,
     vessel: u32,
     checksum: String,
-    kept: Kept,
+    kept: VesselCheckpoint,
 }
 
-fn checksum(vessel: u32, kept: &Kept) -> Result<String, String> {
+fn checksum(vessel: u32, kept: &VesselCheckpoint) -> Result<String, String> {
     let hash = wire::hash_record(&(VERSION, vessel, kept)).map_err(|e| e.to_string())?;
     Ok(format!("{hash:016x}"))
 }
 
-fn encode(vessel: u32, kept: &Kept) -> Result<Vec<u8>, String> {
+fn encode(vessel: u32, kept: &VesselCheckpoint) -> Result<Vec<u8>, String> {
     let content = Content {
         version: VERSION,
         vessel,
@@ -66,7 +56,7 @@ fn encode(vessel: u32, kept: &Kept) -> Result<Vec<u8>, String> {
 }
 
 /// What the former start left; None on the first start. An error says why it cannot be known.
-fn load(path: &Path, vessel: u32) -> Result<Option<Kept>, String> {
+fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String> {
     let Some(bytes) = read(path)? else {
         return Ok(None);
     };
@@ -145,7 +135,7 @@ pub fn leave(computer: &VesselComputer, order: DeckOrder) -> Result<PathBuf, Str
 pub struct DeckFile {
     vessel: u32,
     path: PathBuf,
-    newest: Option<Kept>,
+    newest: Option<VesselCheckpoint>,
     states: Option<SyncSender<Vec<u8>>>,
     writer: Option<JoinHandle<()>>,
     error: Arc<Mutex<Option<String>>>,
@@ -153,13 +143,13 @@ pub struct DeckFile {
 
 impl DeckFile {
     /// Opens the computer's file; with what the former start left.
-    pub fn open(computer: &VesselComputer) -> (DeckFile, Kept) {
+    pub fn open(computer: &VesselComputer) -> (DeckFile, VesselCheckpoint) {
         DeckFile::at(own_path(computer), computer.vessel_id)
     }
-    fn at(path: PathBuf, vessel: u32) -> (DeckFile, Kept) {
+    fn at(path: PathBuf, vessel: u32) -> (DeckFile, VesselCheckpoint) {
         let kept = match load(&path, vessel) {
             Ok(Some(kept)) => kept,
-            Ok(None) => Kept::default(),
+            Ok(None) => VesselCheckpoint::default(),
             Err(e) => {
                 let damaged = path.with_extension("damaged");
                 // A copy: until the closed state has replaced it, the next start must find it damaged too.
@@ -169,9 +159,9 @@ impl DeckFile {
                      open",
                     path.display()
                 );
-                Kept {
+                VesselCheckpoint {
                     deck: DeckCheckpoint::damaged(),
-                    ..Kept::default()
+                    ..VesselCheckpoint::default()
                 }
             }
         };
@@ -193,7 +183,7 @@ impl DeckFile {
         (file, kept)
     }
     /// Keeps this from now on.
-    pub fn keep(&mut self, kept: Kept) {
+    pub fn keep(&mut self, kept: VesselCheckpoint) {
         if self.newest.as_ref() == Some(&kept) {
             return;
         }
@@ -272,8 +262,8 @@ mod tests {
         fs::create_dir_all(&directory).unwrap();
         directory.join("vessel.deck")
     }
-    fn occupied() -> Kept {
-        Kept {
+    fn occupied() -> VesselCheckpoint {
+        VesselCheckpoint {
             deck: DeckCheckpoint {
                 owner: Some(3),
                 closed: None,
@@ -285,7 +275,7 @@ mod tests {
                     inside: true,
                 }],
             },
-            ..Kept::default()
+            ..VesselCheckpoint::default()
         }
     }
     fn remove(path: &Path) {
@@ -296,8 +286,12 @@ mod tests {
     fn deck_file_gives_the_next_start_the_newest_state() {
         let path = scratch("newest");
         let (mut file, before) = DeckFile::at(path.clone(), 1);
-        assert_eq!(before, Kept::default(), "a first start knows of nobody");
-        file.keep(Kept::default());
+        assert_eq!(
+            before,
+            VesselCheckpoint::default(),
+            "a first start knows of nobody"
+        );
+        file.keep(VesselCheckpoint::default());
         file.keep(occupied());
         drop(file);
         assert_eq!(DeckFile::at(path.clone(), 1).1, occupied());

@@ -3,17 +3,15 @@
 //!
 //! The file is named after the port of the vessel's sensors, which no two processes of a computer have.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use alight_shared::msg::{DeckGrant, DroneStatus, MESSAGE_VERSION, Message};
 use alight_shared::time::{Time, VesselClock};
 use alight_shared::transport::metrics::MetricName;
 use alight_shared::transport::process::ProcessState;
 use alight_shared::transport::rejections::{AccessRejection, AccessRejections};
-use alight_usv::deck::{Closure, DeckArbiter, OperatorRelay};
-use alight_usv::{KINDS, VesselIn, VesselNode, VesselOut};
+use alight_usv::deck::Closure;
+use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 use serde::{Deserialize, Serialize};
 
 use crate::certificates;
@@ -24,8 +22,6 @@ use crate::vessel::sensor_supervisor::{SensorSupervisor, SourceReport};
 const SERVICE_DIRECTORY: &str = "/run/alight";
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
-/// Drones that are listed at most.
-const MAX_DRONES: usize = 64;
 /// The certificate's file is read again this often, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
@@ -186,13 +182,14 @@ pub struct DeckStatus {
 
 impl DeckStatus {
     /// As arbiter and relay know it at `now`.
-    pub fn of(now: Time<VesselClock>, arbiter: &DeckArbiter, relay: &OperatorRelay) -> DeckStatus {
+    pub fn of(now: Time<VesselClock>, node: &alight_usv::VesselComputer) -> DeckStatus {
+        let (arbiter, relay) = (node.arbiter(), node.relay());
         DeckStatus {
             owner: arbiter.owner(),
             closed: arbiter.closed(now),
             owner_age_s: arbiter.owner_age_s(now).map(finite),
             doubles: arbiter.doubles().map(|(id, _)| id).collect(),
-            aborts: relay.aborts().iter().map(|a| a.drone).collect(),
+            aborts: relay.unacknowledged().collect(),
             ..DeckStatus::default()
         }
     }
@@ -275,7 +272,6 @@ pub struct StatusFile {
     sd: [f64; 4],
     waves: Option<[f64; 2]>,
     occupied: bool,
-    drones: BTreeMap<u32, (i64, DroneStatus)>,
     certificate: (i64, CertificateStatus),
 }
 
@@ -289,27 +285,13 @@ impl StatusFile {
             sd: [0.0; 4],
             waves: None,
             occupied: false,
-            drones: BTreeMap::new(),
             certificate: (i64::MIN, CertificateStatus::None),
         }
     }
-    /// Statuses of drones, as they arrived.
-    pub fn observe_drones(&mut self, computer: &VesselComputer, statuses: &[(i64, DroneStatus)]) {
-        for (at_ns, status) in statuses {
-            let h = &status.header;
-            let ours =
-                h.version == MESSAGE_VERSION && h.vessel == computer.vessel_id && status.check().is_ok();
-            if ours && (self.drones.len() < MAX_DRONES || self.drones.contains_key(&h.drone)) {
-                self.drones.insert(h.drone, (*at_ns, *status));
-            }
-        }
-    }
-    /// What the deck arbiter decided.
-    pub fn observe_grant(&mut self, grant: Option<&DeckGrant<VesselClock>>) {
-        self.occupied = grant.map_or(self.occupied, |g| g.occupied);
-    }
     /// A step of the node at `now_ns` of the steady clock.
-    pub fn observe_step(&mut self, now_ns: i64, input: &VesselIn, out: &VesselOut) {
+    pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
+        self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
+        let (input, out) = (&input.vessel, &out.vessel);
         let arrived = [
             // An attitude sensor stands in where there is no inertial one.
             !(input.imu.is_empty() && input.attitude.is_empty()),
@@ -338,7 +320,7 @@ impl StatusFile {
     pub fn write(
         &mut self,
         computer: &VesselComputer,
-        node: &VesselNode,
+        (node, at): (&alight_usv::VesselComputer, Time<VesselClock>),
         process: &ProcessState,
         deck: DeckStatus,
         rejections: &AccessRejections,
@@ -349,6 +331,8 @@ impl StatusFile {
         if now.saturating_sub(self.certificate.0) > CERTIFICATE_PERIOD_NS {
             self.certificate = (now, certificate(computer));
         }
+        let (drones, on_other_keys) = (node.drones().statuses(), node.on_other_keys().into());
+        let node = node.node();
         let (gated, rejected) = (node.gated(), node.rejected());
         let status = VesselStatus {
             vessel: computer.vessel_id,
@@ -369,22 +353,22 @@ impl StatusFile {
             certificate: self.certificate.1.clone(),
             rejected: AccessRejection::ALL
                 .iter()
-                .map(|r| (r.name().to_owned(), rejections.of(*r)))
+                .map(|r| (r.name(), rejections.of(*r)))
+                .chain([("a name that is not its key's", on_other_keys)])
                 .filter(|(_, n)| *n > 0)
+                .map(|(why, n)| (why.to_owned(), n))
                 .collect(),
             rejected_last: rejections.last.map(|r| r.name().to_owned()),
             deck_owner: deck.owner,
             occupied: self.occupied,
             deck,
-            drones: self
-                .drones
-                .iter()
-                .map(|(id, (at, status))| DroneContact {
-                    drone: *id,
-                    age_s: (now - at).max(0) as f64 * 1e-9,
-                    state: status.state.name().to_owned(),
-                    entered: status.entered.to_string(),
-                    battery: finite(status.battery),
+            drones: drones
+                .map(|s| DroneContact {
+                    drone: s.message.header.drone,
+                    age_s: (at - s.at).secs().max(0.0),
+                    state: s.message.state.name().to_owned(),
+                    entered: s.message.entered.to_string(),
+                    battery: finite(s.message.battery),
                 })
                 .collect(),
             estimator: EstimatorStatus {

@@ -5,6 +5,7 @@ use std::net::{TcpListener, UdpSocket};
 use std::path::Path;
 use std::time::Duration;
 
+use alight_shared::admission::Sender;
 use alight_shared::config;
 use alight_shared::transport::radio::{Radio, RadioConfig};
 
@@ -51,10 +52,10 @@ fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
         vessel.send(0, vec![mark; 300]);
         drone.send(0, vec![mark; 30]);
         while let Some(message) = vessel.receive(Duration::from_millis(20)) {
-            at_vessel |= message.bytes == vec![mark; 30];
+            at_vessel |= message.bytes == vec![mark; 30] && message.sender == Sender::Drone(1);
         }
         while let Some(message) = drone.receive(Duration::from_millis(20)) {
-            at_drone |= message.bytes == vec![mark; 300];
+            at_drone |= message.bytes == vec![mark; 300] && message.sender == Sender::Vessel(1);
         }
         if at_vessel && at_drone {
             return;

@@ -1,13 +1,17 @@
 //! Admission of inputs, the same for every node: why one is rejected and how often, the newest of each
-//! kind, and what is due when.
+//! kind, what is due when, who published it, and which command counts.
 
+pub mod command;
 mod latest;
 mod periodic;
 mod rejection;
+mod sender;
 
+pub use command::CommandAdmission;
 pub use latest::{InOrder, Latest, Rule};
 pub use periodic::Periodic;
 pub use rejection::{RejectionReason, Rejections};
+pub use sender::{Arrival, Sender};
 
 use crate::msg::{Header, MESSAGE_VERSION, Message};
 use crate::time::Clock;

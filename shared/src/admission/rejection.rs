@@ -60,6 +60,10 @@ reasons! {
     Flood: "more than a step takes",
     /// An output of ours that failed its own check.
     Withheld: "withheld outputs",
+    /// It names another author than the key that it was published on.
+    Sender: "under a foreign key",
+    /// A landing that was ordered without knowing of an abort.
+    Unaware: "unaware of an abort",
 }
 
 /// Rejections since the start, per reason.

@@ -10,7 +10,7 @@ use super::{
     within,
 };
 use crate::autopilot_parameters::{REQUESTS, numbered};
-use crate::time::{Clock, DroneClock, Span, Time};
+use crate::time::{Clock, DroneClock, Time};
 use crate::topics;
 
 /// States of the landing mission (Procházka et al., section IV).
@@ -396,7 +396,7 @@ pub struct MissionCheckpoint {
     /// On the deck, and disarmed meanwhile.
     pub disarmed: bool,
     /// The newest command that was accepted.
-    pub command: Option<Header<DroneClock>>,
+    pub command: Option<Command>,
     /// The newest abort that was accepted.
     pub abort: Option<Header<DroneClock>>,
     /// The autopilot's count of origin resets: another count, another frame.
@@ -421,21 +421,11 @@ pub enum CommandKind {
     Hold,
 }
 
-/// An order to land within this time of an abort was given by somebody who cannot have seen the abort's effect.
-pub const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
-
 /// A command to the mission.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[repr(C)]
-pub struct Command {
-    /// Identity and time it was given.
-    pub header: Header<DroneClock>,
-    /// What to do.
-    pub kind: CommandKind,
-}
+pub type Command = OperatorCommand<DroneClock>;
 
-/// A command on its way over the radio: from an operator to the vessel, and from the vessel to the drone
-/// that its header names.
+/// A command for the drone that its header names: from an operator to the vessel, from the vessel to the drone, and to
+/// the mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
@@ -447,6 +437,7 @@ pub struct OperatorCommand<C: Clock> {
 }
 
 message!(@C OperatorCommand<C>, C, |m| {});
+restamped!(OperatorCommand { kind });
 
 impl CommandKind {
     /// Whether a mission that stands so, and waits for this, has done what was commanded.
@@ -534,4 +525,3 @@ message!(MissionCheckpoint, DroneClock, |m| {
     m.mean_deck_z.is_none_or(|z| within([&z], MAX_POSITION_M)) => "mean_deck_z",
     within([&m.recent_tilt_rad], MAX_ANGLE_RAD) => "recent_tilt_rad",
 });
-message!(Command, DroneClock, |m| {});

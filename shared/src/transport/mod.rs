@@ -21,11 +21,15 @@ pub mod wake;
 
 use thiserror::Error;
 
+use crate::admission::Sender;
+
 /// A message that came over the radio.
 #[derive(Clone, Debug)]
 pub struct Received {
     /// Index of its subscription.
     pub subscription: usize,
+    /// Who published it, by its key.
+    pub sender: Sender,
     /// The steady clock at its arrival, ns.
     pub at_ns: i64,
     /// Its content.

@@ -13,6 +13,7 @@ use zenoh::Wait;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority, Reliability};
 
+use crate::admission::Sender;
 use crate::config;
 use crate::config::{Check, Keys};
 use crate::transport::clock::steady_ns;
@@ -395,6 +396,7 @@ impl Radio {
                     let bytes = payload.to_bytes().into_owned();
                     let received = Received {
                         subscription,
+                        sender: Sender::of_key(sample.key_expr().as_str()),
                         at_ns: steady_ns(),
                         bytes,
                     };

@@ -8,7 +8,7 @@ use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut};
 use alight_uav::planner::{PlannerIn, PlannerOut};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
-use alight_usv::{VesselIn, VesselOut};
+use alight_usv::{ComputerIn, ComputerOut};
 
 use crate::physics::body::RigidState;
 
@@ -22,13 +22,13 @@ pub trait Tap {
         _drone: Option<&RigidState<DroneBody>>,
     ) {
     }
-    /// The vessel's node.
+    /// The vessel's computer.
     fn vessel(
         &mut self,
         _t: Time<TrueTime>,
         _now: Time<VesselClock>,
-        _input: &VesselIn,
-        _output: &VesselOut,
+        _input: &ComputerIn,
+        _output: &ComputerOut,
     ) {
     }
     /// The bridge.

@@ -1,10 +1,11 @@
 //! The simulated world in lock-step with the nodes. [`World::tick`] is the architecture diagram:
-//! sensors, estimator, deck arbiter, radio; then on each drone's computer ([`DroneComputer`]) bridge,
+//! the vessel's computer ([`VesselComputer`]), radio; then on each drone's computer ([`DroneComputer`]) bridge,
 //! predictor, mission, planner, pilot; autopilots and physics at last, in the order data flow.
 //!
 //! Delays belong here (radio, clocks, solve time, attitude lag), not to the nodes.
 
 use alight_bridge::{Bridge, BridgeConfig, BridgeIn, Packet, PacketKind};
+use alight_shared::admission::{Arrival, Sender};
 use alight_shared::checkpoint::Keeper;
 use alight_shared::msg::{
     AutopilotState, Command, CommandKind, DeckForecast, DroneState, DroneStatus, Header, MissionState,
@@ -20,11 +21,8 @@ use alight_uav::odometry::Odometry;
 use alight_uav::pilot::{Pilot, PilotIn};
 use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
-use alight_usv::deck::{
-    ArbiterIn, DeckArbiter, DeckCheckpoint, DeckInputs, DeckOrder, OperatorIn, OperatorRelay, PendingAbort,
-    VoidCommand,
-};
-use alight_usv::{VesselIn, VesselNode};
+use alight_usv::deck::{DeckInputs, DeckOrder};
+use alight_usv::{ComputerIn, VesselComputer, VesselIn, VesselNode};
 use serde::Serialize;
 
 use super::cameras::SimulatedCameras;
@@ -78,56 +76,18 @@ enum Uplink {
     Status(DroneStatus),
 }
 
-/// Deck arbiter and operator relay, where a trial has several drones or asks for a reservation.
-struct DeckServices {
-    arbiter: DeckArbiter,
-    relay: OperatorRelay,
-    /// What the operator has given since the last tick.
-    commands: Vec<OperatorCommand<VesselClock>>,
-    operator_sequence: u32,
-    /// What the crew has said since the last tick.
-    orders: Vec<DeckOrder>,
-    /// Levels of the digital inputs, read at each tick.
-    inputs: DeckInputs,
-    /// What the vessel's former start left.
-    checkpoint: Option<DeckCheckpoint>,
-    aborts: Vec<PendingAbort>,
-    void: Vec<VoidCommand>,
-}
-
-impl DeckServices {
-    fn new(nodes: &NodeConfigs, boot: u32) -> DeckServices {
-        DeckServices {
-            arbiter: DeckArbiter::new(&nodes.deck, VESSEL_ID, boot),
-            relay: OperatorRelay::new(VESSEL_ID, boot),
-            commands: Vec::new(),
-            operator_sequence: 0,
-            orders: Vec::new(),
-            inputs: DeckInputs::default(),
-            checkpoint: None,
-            aborts: Vec::new(),
-            void: Vec::new(),
-        }
-    }
-    /// The vessel's next start, with what this one leaves in its file.
-    fn restarted(&self, nodes: &NodeConfigs, boot: u32) -> DeckServices {
-        DeckServices {
-            checkpoint: Some(self.arbiter.checkpoint()),
-            aborts: self.relay.aborts(),
-            void: self.relay.void(),
-            inputs: self.inputs,
-            ..DeckServices::new(nodes, boot)
-        }
-    }
-}
-
 /// Truth, nodes and what connects them.
 pub struct World {
     physics: Physics,
     // The vessel's computer.
     vessel_boot: u32,
-    vessel: VesselNode,
-    deck: Option<DeckServices>,
+    vessel: VesselComputer,
+    /// What its crew, its operators and its former start have given it since the last tick.
+    given: ComputerIn,
+    operator_sequence: u32,
+    /// Drones report to the vessel, and it grants its deck and passes commands on: the load that a drone which flies alone
+    /// and needs no reservation does without.
+    shares_deck: bool,
     // The drones' radios and computers.
     drones: Vec<DroneComputer>,
 }
@@ -137,11 +97,12 @@ impl World {
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<World, SetupError> {
         let scenario = &scenario.drawn(seed);
         let physics = Physics::new(scenario, seed)?;
-        let reserves = scenario.drones > 1 || nodes.drone.mission.reservation_required;
         Ok(World {
-            vessel: VesselNode::new(&nodes.vessel, VESSEL_ID, BOOT),
+            vessel: VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, BOOT),
             vessel_boot: BOOT,
-            deck: reserves.then(|| DeckServices::new(nodes, BOOT)),
+            given: ComputerIn::default(),
+            operator_sequence: 0,
+            shares_deck: scenario.drones > 1 || nodes.drone.mission.reservation_required,
             drones: (0..scenario.drones as usize)
                 .map(|k| DroneComputer::new(k, scenario, nodes, &physics, BOOT))
                 .collect(),
@@ -178,26 +139,24 @@ impl World {
             drone.commands.push(Command { header, kind });
         }
     }
-    /// The vessel's operator gives a drone a command; nothing happens where the vessel relays none.
+    /// The vessel's operator gives a drone a command.
     pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
         let now = self.physics.vessel_now();
-        if let Some(deck) = &mut self.deck {
-            deck.operator_sequence += 1;
-            let header = Header::new(VESSEL_ID, DRONE_ID + k as u32, BOOT, deck.operator_sequence, now);
-            deck.commands.push(OperatorCommand { header, kind });
-        }
+        self.operator_sequence += 1;
+        let header = Header::new(VESSEL_ID, DRONE_ID + k as u32, BOOT, self.operator_sequence, now);
+        self.given.commands.push(Arrival {
+            at: now,
+            sender: Sender::Operator(1),
+            message: OperatorCommand { header, kind },
+        });
     }
     /// The vessel's crew says something of the deck.
     pub fn deck_order(&mut self, order: DeckOrder) {
-        if let Some(deck) = &mut self.deck {
-            deck.orders.push(order);
-        }
+        self.given.deck_orders.push(order);
     }
     /// The deck's digital inputs have these levels from now on.
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
-        if let Some(deck) = &mut self.deck {
-            deck.inputs = inputs;
-        }
+        self.given.deck_inputs = inputs;
     }
     /// A person takes a drone away and starts it anew, its computer too: it appears in the air where it began.
     pub fn restart_drone(&mut self, k: usize, scenario: &Scenario, nodes: &NodeConfigs) {
@@ -280,14 +239,15 @@ impl World {
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].external = Some(set_point);
     }
-    /// The vessel's computer starts anew.
+    /// The vessel's computer starts anew, with what it kept.
     pub fn restart_vessel(&mut self, nodes: &NodeConfigs) {
         self.vessel_boot += 1;
-        self.vessel = VesselNode::new(&nodes.vessel, VESSEL_ID, self.vessel_boot);
-        self.deck = self
-            .deck
-            .take()
-            .map(|deck| deck.restarted(nodes, self.vessel_boot));
+        self.given = ComputerIn {
+            checkpoint: Some(self.vessel.checkpoint()),
+            deck_inputs: self.given.deck_inputs,
+            ..ComputerIn::default()
+        };
+        self.vessel = VesselComputer::new(&nodes.vessel, &nodes.deck, VESSEL_ID, self.vessel_boot);
     }
 
     /// The outage of a drone's radio that a mission's new state brings about.
@@ -308,47 +268,38 @@ impl World {
         let t = self.physics.now();
         tap.truth(t, &self.physics.vessel(), self.physics.drone(0).as_ref());
 
-        // The vessel: sensors -> estimator -> broadcast.
+        // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
         let (now, readings) = (self.physics.vessel_now(), self.physics.vessel_readings());
         let (time_requests, statuses) = self.received_at_vessel(t);
-        let input = VesselIn {
-            time_requests,
-            landing: self.deck.as_ref().and_then(|deck| deck.arbiter.landing(now)),
-            ..readings.input()
+        let given = ComputerIn {
+            deck_inputs: self.given.deck_inputs,
+            ..ComputerIn::default()
+        };
+        let input = ComputerIn {
+            vessel: VesselIn {
+                time_requests,
+                ..readings.input()
+            },
+            statuses,
+            ..core::mem::replace(&mut self.given, given)
         };
         let output = self.vessel.step(now, &input);
         tap.vessel(t, now, &input, &output);
-        self.broadcast(t, PacketKind::Estimate, &output.estimate);
-        self.broadcast(t, PacketKind::Wave, &output.wave);
-        self.broadcast(t, PacketKind::Prediction, &output.prediction);
-        self.broadcast(t, PacketKind::Surroundings, &output.surroundings);
-        self.broadcast(t, PacketKind::TimeReply, &output.time_replies);
-
-        // The vessel: status of the drones -> deck arbiter and operator relay -> broadcast.
-        if let Some(deck) = &mut self.deck {
-            let input = ArbiterIn {
-                statuses: statuses.clone(),
-                orders: core::mem::take(&mut deck.orders),
-                inputs: deck.inputs,
-                checkpoint: deck.checkpoint.take(),
-            };
-            let granted = deck.arbiter.step(now, &input);
-            let input = OperatorIn {
-                commands: core::mem::take(&mut deck.commands),
-                statuses,
-                aborts: core::mem::take(&mut deck.aborts),
-                void: core::mem::take(&mut deck.void),
-            };
-            let relayed = deck.relay.step(now, &input);
-            self.broadcast(t, PacketKind::Deck, &granted.grant);
-            self.broadcast(t, PacketKind::Command, &relayed.commands);
+        self.broadcast(t, PacketKind::Estimate, &output.vessel.estimate);
+        self.broadcast(t, PacketKind::Wave, &output.vessel.wave);
+        self.broadcast(t, PacketKind::Prediction, &output.vessel.prediction);
+        self.broadcast(t, PacketKind::Surroundings, &output.vessel.surroundings);
+        self.broadcast(t, PacketKind::TimeReply, &output.vessel.time_replies);
+        if self.shares_deck {
+            self.broadcast(t, PacketKind::Deck, &output.grant);
+            self.broadcast(t, PacketKind::Command, &output.commands);
         }
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> autopilot.
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
-                0 => drone.tick(&mut self.physics, self.deck.is_some(), tap),
-                _ => drone.tick(&mut self.physics, self.deck.is_some(), &mut NoTap),
+                0 => drone.tick(&mut self.physics, self.shares_deck, tap),
+                _ => drone.tick(&mut self.physics, self.shares_deck, &mut NoTap),
             }
         }
 
@@ -363,15 +314,19 @@ impl World {
         &mut self,
         t: Time<TrueTime>,
     ) -> (
-        Vec<Stamped<VesselClock, TimeRequest<DroneClock>>>,
-        Vec<DroneStatus>,
+        Vec<Arrival<VesselClock, TimeRequest<DroneClock>>>,
+        Vec<Arrival<VesselClock, DroneStatus>>,
     ) {
         let clock = self.physics.vessel_clock();
         let (mut requests, mut statuses) = (Vec::new(), Vec::new());
-        for (arrival, message) in self.drones.iter_mut().flat_map(|d| d.radio.at_vessel(t)) {
-            match message {
-                Uplink::TimeRequest(request) => requests.push(Stamped::new(clock.read(arrival), request)),
-                Uplink::Status(status) => statuses.push(status),
+        for drone in &mut self.drones {
+            let sender = Sender::Drone(DRONE_ID + drone.k as u32);
+            for (arrival, uplink) in drone.radio.at_vessel(t) {
+                let at = clock.read(arrival);
+                match uplink {
+                    Uplink::TimeRequest(message) => requests.push(Arrival { at, sender, message }),
+                    Uplink::Status(message) => statuses.push(Arrival { at, sender, message }),
+                }
             }
         }
         (requests, statuses)
@@ -383,11 +338,15 @@ impl World {
         kind: PacketKind,
         messages: impl IntoIterator<Item = &'a M>,
     ) {
+        let sender = Sender::Vessel(VESSEL_ID);
         // A message that does not encode is a message that is not sent: the receiver sees the gap.
         for bytes in messages.into_iter().filter_map(|m| wire::encode(m).ok()) {
             for drone in &mut self.drones {
                 let bytes = bytes.clone();
-                drone.radio.send_to_drone(t, bytes.len(), Packet { kind, bytes });
+                let length = bytes.len();
+                drone
+                    .radio
+                    .send_to_drone(t, length, Packet { kind, sender, bytes });
             }
         }
     }
@@ -398,7 +357,7 @@ impl World {
     }
     /// The vessel's node.
     pub fn vessel_node(&self) -> &VesselNode {
-        &self.vessel
+        self.vessel.node()
     }
     /// The drones' computers.
     pub fn drones(&self) -> &[DroneComputer] {
@@ -596,7 +555,7 @@ impl DroneComputer {
             autopilot,
             plan,
             set_point: self.last_set_point,
-            commands: self.commands.drain(..).chain(received.command).collect(),
+            commands: self.commands.drain(..).chain(received.commands).collect(),
             deck: received.deck,
             checkpoint: self.mission.as_ref().and_then(|m| self.keeper.answer(m.boot())),
         };

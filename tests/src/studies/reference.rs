@@ -13,7 +13,7 @@ use alight_shared::msg::{CommandKind, Phase, State, VesselEstimate, VesselPredic
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, TrueTime, VesselClock};
 use alight_usv::review::ridge::{Published, RefittedRidge};
-use alight_usv::{VesselIn, VesselNode, VesselNodeConfig, VesselOut};
+use alight_usv::{ComputerIn, ComputerOut, VesselNode, VesselNodeConfig};
 use serde::Serialize;
 
 use super::prediction::{Frame, follow_only, frame_error, ticks};
@@ -261,8 +261,8 @@ struct DroneTap {
 }
 
 impl Tap for DroneTap {
-    fn vessel(&mut self, _t: Time<TrueTime>, _now: Time<VesselClock>, _i: &VesselIn, out: &VesselOut) {
-        self.estimate = out.estimate;
+    fn vessel(&mut self, _t: Time<TrueTime>, _now: Time<VesselClock>, _i: &ComputerIn, out: &ComputerOut) {
+        self.estimate = out.vessel.estimate;
     }
     fn predictor(
         &mut self,

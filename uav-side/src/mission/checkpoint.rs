@@ -3,9 +3,8 @@
 //! A mission that begins while the drone flies goes on where the last one was, or makes itself safe from what it
 //! sees. Until it knows which, it publishes nothing: the pilot goes on with the last state for its validity.
 
-use alight_shared::msg::{
-    AutopilotMode, Command, CommandKind, MissionCheckpoint, Phase, Reason, ReasonCode, State,
-};
+use alight_shared::admission::command::keep;
+use alight_shared::msg::{AutopilotMode, Command, MissionCheckpoint, Phase, Reason, ReasonCode, State};
 use alight_shared::time::Span;
 use alight_shared::topics;
 
@@ -16,7 +15,7 @@ use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
 /// A mission that begins waits so long for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
-/// Commands kept while it waits: an abort, and of the others the newest.
+/// Commands kept while it waits.
 const MAX_COMMANDS: usize = 16;
 /// Feet no further from the deck than this rest on it, m: the forecast's error.
 pub(super) const AT_REST_M: f64 = 0.15;
@@ -37,13 +36,6 @@ pub(super) struct Begun {
 }
 
 impl Beginning {
-    fn keep(&mut self, command: &Command) {
-        if self.commands.len() >= MAX_COMMANDS {
-            let spare = self.commands.iter().position(|c| c.kind != CommandKind::Abort);
-            self.commands.remove(spare.unwrap_or(0));
-        }
-        self.commands.push(*command);
-    }
     /// Takes what arrives, and gives how the mission begins once it knows. `boot` is its own; `complete` says
     /// that it sees the drone and its deck.
     pub(super) fn step(
@@ -55,7 +47,9 @@ impl Beginning {
         complete: bool,
     ) -> Option<Begun> {
         let [drone, boot] = ids;
-        commands.iter().for_each(|c| self.keep(c));
+        for c in commands {
+            keep(&mut self.commands, c, MAX_COMMANDS);
+        }
         let answered = self.recovery.poll(now, boot, checkpoint);
         if !answered || !(complete || self.recovery.waited(now) >= EVIDENCE_WAIT) {
             return None;

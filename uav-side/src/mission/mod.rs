@@ -25,12 +25,11 @@ mod tests;
 pub use alight_shared::checkpoint::CheckpointRejection;
 pub use config::MissionConfig;
 
-use alight_shared::admission::Latest;
+use alight_shared::admission::{CommandAdmission, Latest};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, Header,
-    MESSAGE_VERSION, MissionCheckpoint, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint,
-    Solve, State, UNAWARE_OF_ABORT,
+    MissionCheckpoint, MissionState, Motors, Phase, Plan, Reason, ReasonCode, SetPoint, Solve, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -93,9 +92,6 @@ const TILT_TIME_S: f64 = 20.0;
 /// that moves for good shows in the count of origin resets.
 const LEVEL_STEP_M: f64 = 2.0;
 
-/// Repetitions of one abort differ in time by the error of the clocks, at most.
-const SAME_ABORT: Span = Span::from_millis(100);
-
 /// The mission node.
 #[derive(Clone, Debug, Default)]
 pub struct Mission {
@@ -115,9 +111,7 @@ pub struct Mission {
     plan: Latest<Plan>,
     set_point: Latest<SetPoint>,
     grant: Latest<DeckGrant<DroneClock>>,
-    command: Option<Header<DroneClock>>,
-    abort: Option<Header<DroneClock>>,
-    commands_rejected: u32,
+    commands: CommandAdmission<DroneClock>,
     origin: OriginResets,
     mean_deck_z: MeanDeckHeight,
     wind: WindMonitor,
@@ -213,61 +207,6 @@ impl Mission {
         if let Some(m) = &input.deck {
             self.grant.offer(now, m);
         }
-    }
-
-    /// What of these commands counts: an abort before all others.
-    fn orders(&mut self, now: Time<DroneClock>, commands: &[Command]) -> Option<CommandKind> {
-        let mut newest = None;
-        for command in commands {
-            let accepted = self.order(now, command);
-            newest = match newest {
-                Some(CommandKind::Abort) => newest,
-                Some(CommandKind::Land | CommandKind::Hold) | None => accepted.or(newest),
-            };
-        }
-        newest
-    }
-
-    /// A command counts once, in order and while it is fresh. An abort counts however old it is, also after newer
-    /// orders, but not again after them; its repetitions are echoed. A landing that somebody else ordered just after an abort was ordered without
-    /// knowing of it.
-    fn order(&mut self, now: Time<DroneClock>, command: &Command) -> Option<CommandKind> {
-        let h = &command.header;
-        let abort = command.kind == CommandKind::Abort;
-        let overtaken = self.command.is_some_and(|k| h.at < k.at);
-        let repeated = self
-            .abort
-            .is_some_and(|a| a.boot == h.boot && h.at <= a.at + SAME_ABORT);
-        let known = self
-            .command
-            .is_some_and(|k| k.boot == h.boot && k.sequence == h.sequence)
-            || overtaken && (!abort || repeated);
-        let age = now - h.at;
-        let fresh = (Span::from_millis(-500)..=topics::COMMAND.stale_after).contains(&age);
-        let unaware = command.kind == CommandKind::Land
-            && self
-                .abort
-                .is_some_and(|a| a.boot != h.boot && h.at < a.at + UNAWARE_OF_ABORT);
-        // The vessel is answered whichever repetition it waits for.
-        if let Some(a) = &mut self.abort
-            && abort
-            && repeated
-            && h.version == MESSAGE_VERSION
-        {
-            a.sequence = h.sequence;
-        }
-        if h.version != MESSAGE_VERSION || known || unaware || !(fresh || abort) {
-            self.commands_rejected = self.commands_rejected.saturating_add(1);
-            return None;
-        }
-        // A damaged time far ahead must not lock out what follows, nor a late abort let in what came before it.
-        let in_order = fresh && !overtaken;
-        let accepted = if in_order { *h } else { Header { at: now, ..*h } };
-        self.command = Some(accepted);
-        if abort {
-            self.abort = Some(accepted);
-        }
-        Some(command.kind)
     }
 
     /// The steepest recent tilt of the predicted deck, rad, which decays slowly: the forecast of a deck that rocks faster
@@ -411,13 +350,13 @@ impl Mission {
             if let Some(why) = changed {
                 (self.previous, self.since, self.entered) = (m.state.state, now, why);
             }
-            (self.command, self.abort) = (m.command, m.abort);
+            self.commands = CommandAdmission::after(m.command, m.abort);
             self.steepest = Some((m.header.at, m.recent_tilt_rad));
             if let Some(z) = m.mean_deck_z.filter(|_| same_frame) {
                 self.mean_deck_z.begin(m.header.at, z);
             }
         }
-        self.orders(now, &begun.commands)
+        self.commands.first_of(now, &begun.commands)
     }
 
     /// A process that stood still for longer than the others wait for its state goes on as its successor would.
@@ -460,8 +399,8 @@ impl Mission {
             stopped: self.progress.stopped,
             committed: matches!(self.phase, MissionPhase::Flare { committed: true, .. }),
             disarmed: matches!(self.phase, MissionPhase::Landed { disarmed: true, .. }),
-            command: self.command,
-            abort: self.abort,
+            command: self.commands.newest(),
+            abort: self.commands.abort(),
             origin_resets: self.autopilot.get().map_or(0, |a| a.origin_resets),
             mean_deck_z: self.mean_deck_z.value(),
             recent_tilt_rad: self.steepest.map_or(0.0, |(_, tilt)| tilt),
@@ -532,7 +471,7 @@ impl Mission {
             with_deck,
             waiting_offset,
             low_battery: self.progress.low_battery,
-            abort: self.abort.map(|h| [h.boot, h.sequence]),
+            abort: self.commands.abort().map(|h| [h.boot, h.sequence]),
         }
     }
 }
@@ -545,7 +484,8 @@ impl Node for Mission {
     fn step(&mut self, now: Time<DroneClock>, input: &MissionIn) -> MissionOut {
         self.receive(now, input);
         let mut s = self.situation(now);
-        let (mut order, mut rejected) = (None, None);
+        let order;
+        let mut rejected = None;
         if let Some(beginning) = &mut self.beginning {
             let complete = s.flight == ControlState::Disarmed
                 || s.flight != ControlState::Unknown && s.fresh_deck().is_some();
@@ -560,7 +500,7 @@ impl Node for Mission {
             s = self.situation(now);
         } else {
             self.resume(now, &s);
-            order = self.orders(now, &input.commands).or(order);
+            order = self.commands.first_of(now, &input.commands);
         }
         self.follows = self.follows(&s);
         let tilt = self.recent_tilt(now, s.fresh_deck());
@@ -578,6 +518,10 @@ impl Node for Mission {
         // Given back after a lapse it may be near the deck, with nothing to do there.
         let lapsed = s.flight == ControlState::OtherControl(AutopilotMode::Hold);
         self.unjudged |= changed && lapsed && self.phase == MissionPhase::Idle;
+        if changed && self.phase == MissionPhase::Idle && !self.progress.landing {
+            // Whoever took the drone over has it landed by a new order, not by one that is repeated.
+            self.commands.supersede(now);
+        }
         if let Some(why) = decision.entered {
             self.previous = was;
             self.since = now;

@@ -160,7 +160,10 @@ fn mission_lands_an_ideal_drone_and_begins_its_descent_within_three_seconds_of_a
     let dawdled = (begun.unwrap() - arrived.unwrap()).secs();
     assert!(dawdled < 4.0, "{dawdled}");
     let rejected = m.forecast.rejected() + m.drone.rejected() + m.autopilot.rejected() + m.plan.rejected();
-    assert_eq!(rejected + m.set_point.rejected() + m.commands_rejected, 0);
+    assert_eq!(
+        rejected + m.set_point.rejected() + m.commands.rejected().total(),
+        0
+    );
 }
 
 #[test]
@@ -170,7 +173,7 @@ fn mission_accepts_a_command_once_and_while_it_is_fresh() {
         let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
         input.commands = vec![command(header(n, at(given)), kind)];
         m.step(at(t), &input);
-        m.commands_rejected
+        m.commands.rejected().total()
     };
     assert_eq!(give(&mut m, 20.0, 10.0, 1, CommandKind::Land), 1, "too old");
     assert_eq!(m.phase.state(), State::Idle);
@@ -194,6 +197,54 @@ fn told(m: &mut Mission, t: f64, commands: Vec<Command>) -> State {
 /// An order to land by the operator who has this boot id.
 fn land(boot: u32, sequence: u32, given: f64) -> Command {
     command(Header::new(1, 1, boot, sequence, at(given)), CommandKind::Land)
+}
+
+/// A person takes the drone over by remote control, and gives it back while the order is still repeated.
+#[test]
+fn repeated_landing_after_a_take_over() {
+    for (repeated, state) in [
+        (land(7, 2, 20.0), State::Idle),
+        // From a relay that was started anew.
+        (land(8, 1, 20.01), State::Idle),
+        // On its way since before the take-over.
+        (land(8, 1, 20.9), State::Idle),
+        (land(7, 2, 21.6), State::GetAltitude),
+    ] {
+        let mut m = node();
+        assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+        let mut taken = fresh_input(2100, at(21.0), [0.0, 0.0, -16.3]);
+        taken.autopilot = taken.autopilot.map(|a| AutopilotState {
+            mode: AutopilotMode::Other,
+            ..a
+        });
+        m.step(at(21.0), &taken);
+        assert_eq!(m.phase.state(), State::Idle);
+        assert_eq!(told(&mut m, 21.7, vec![repeated]), state, "{repeated:?}");
+        assert_eq!(told(&mut m, 22.7, vec![land(9, 1, 22.7)]), State::GetAltitude);
+    }
+}
+
+/// A repetition under the next sequence number is no order to use the battery's reserve.
+#[test]
+fn repeated_landing_below_the_reserve() {
+    let mut m = node();
+    let low = |t: f64, commands| {
+        let mut input = fresh_input((t * 100.0) as u32, at(t), [0.0, 0.0, -16.3]);
+        input.autopilot = input.autopilot.map(|a| AutopilotState {
+            battery: 0.3 * config().battery_reserve,
+            ..a
+        });
+        MissionIn { commands, ..input }
+    };
+    assert_eq!(told(&mut m, 20.0, vec![land(7, 1, 20.0)]), State::GetAltitude);
+    m.step(at(20.5), &low(20.5, Vec::new()));
+    assert_eq!(m.phase.state(), State::GaveUp);
+    for (t, repeated) in [(21.0, land(7, 2, 20.01)), (21.5, land(7, 3, 19.99))] {
+        m.step(at(t), &low(t, vec![repeated]));
+        assert_eq!(m.phase.state(), State::GaveUp, "{repeated:?}");
+    }
+    m.step(at(22.0), &low(22.0, vec![land(7, 4, 22.0)]));
+    assert_eq!(m.phase.state(), State::Hold);
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! The deck's checkpoint, for a restart of the vessel's process or computer: who stands on the deck or may, whether it is
-//! closed, the aborts that no drone has acknowledged, and what they made void.
+//! closed, and the commands that operators gave.
 
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::msg::OperatorCommand;
+use alight_shared::time::VesselClock;
 use serde::{Deserialize, Serialize};
 
 /// The crew's order about the deck.
@@ -81,26 +82,11 @@ impl DeckCheckpoint {
     }
 }
 
-/// Boot and sequence of an operator's message.
-pub type Identity = (u32, u32);
-
-/// An operator's command that an abort has made void.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct VoidCommand {
-    /// For this drone.
-    pub drone: u32,
-    /// The operator's message, whose repetitions do not count.
-    pub identity: Identity,
-}
-
-/// An abort that its drone has not acknowledged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(bound = "")]
-pub struct PendingAbort {
-    /// For this drone.
-    pub drone: u32,
-    /// When it was given.
-    pub given: Time<VesselClock>,
-    /// Boot and sequence of the operator's message.
-    pub identity: Identity,
+/// An operator's command that the vessel knows, with the time at which it was given.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GivenCommand {
+    /// The command: boot and sequence are those of the operator's message, whose repetitions do not count.
+    pub command: OperatorCommand<VesselClock>,
+    /// It is repeated to its drone: neither acknowledged nor replaced, given up or made void by an abort.
+    pub open: bool,
 }

@@ -1,11 +1,14 @@
-//! The deck arbiter and the operator relay: the vessel's nodes that exchange messages with drones.
+//! The deck arbiter and the operator relay: the vessel's nodes that exchange messages with drones; and the monitor of
+//! what those report.
 
 pub mod arbiter;
 pub mod checkpoint;
+pub mod monitor;
 pub mod operator;
 
 pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, DeckConfig, DeckInputs};
-pub use checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim, PendingAbort, VoidCommand};
+pub use checkpoint::{Claim, Closure, DeckCheckpoint, DeckOrder, DroneClaim, GivenCommand};
+pub use monitor::DroneMonitor;
 pub use operator::{OperatorIn, OperatorOut, OperatorRelay};
 
 /// Most drones that a vessel keeps apart; further ones get neither deck nor commands.

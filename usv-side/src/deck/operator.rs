@@ -1,51 +1,49 @@
 //! The operator relay: operators' commands on their way through the vessel to its drones.
 //!
 //! A command is sent to its drone at 2 Hz until the drone's status shows its effect, for 10 s at most; an abort until the
-//! status echoes it, for as long as it takes, also through a new start of the vessel's process ([`PendingAbort`]). While an
-//! abort has not shown its effect, no other command reaches that drone, and none that was given until then, nor a
-//! landing that somebody else orders within a second of it, counts afterwards, nor in the vessel's next process
-//! ([`VoidCommand`]). Each repetition bears the time at which
-//! the command was given: what the drone was told since, by whomever, is newer.
+//! status echoes it, for as long as it takes. While an abort has not shown its effect, no other command reaches that drone,
+//! and none that was given until then, nor a landing that somebody else orders within a second of it, counts afterwards.
+//! Each repetition bears the time at which the command was given: what the drone was told since, by whomever, is newer.
+//!
+//! An operator's terminal repeats its command for 12 s. The relay knows the commands that it was given, and when, also
+//! after a new start of the vessel's process ([`GivenCommand`]).
 
 use std::collections::VecDeque;
 
-use alight_shared::msg::{
-    CommandKind, DroneStatus, Header, MESSAGE_VERSION, OperatorCommand, UNAWARE_OF_ABORT,
-};
+use alight_shared::admission::{RejectionReason, Rejections, check_identity};
+use alight_shared::msg::{CommandKind, DroneStatus, Header, OperatorCommand};
 use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
 use super::MAX_DRONES;
-use super::checkpoint::{Identity, PendingAbort, VoidCommand};
+use super::checkpoint::GivenCommand;
 
 /// Time between two repetitions.
 const REPEAT_PERIOD: Span = Span::from_millis(500);
 /// A command other than an abort that shows no effect is given up after this long.
 const TIMEOUT: Span = Span::from_millis(10_000);
-/// Most commands that are remembered as void: an operator's terminal repeats its own for 12 s.
-const MAX_VOID: usize = 4 * MAX_DRONES;
+/// Most commands that are known.
+const MAX_COMMANDS: usize = 4 * MAX_DRONES;
 
-#[derive(Clone, Debug)]
-struct Pending {
-    drone: u32,
-    kind: CommandKind,
-    given: Time<VesselClock>,
+/// A command and its repetitions to the drone.
+#[derive(Clone, Copy, Debug)]
+struct Relayed {
+    given: GivenCommand,
     next: Time<VesselClock>,
-    identity: Identity,
     /// Sequence that the first of its repetitions has at least.
     first: u32,
-    /// In effect or given up: kept to recognise its repetitions.
-    finished: bool,
 }
 
-impl Pending {
-    /// Whether this abort keeps a command of `kind` away at `now`.
-    fn forbids(&self, now: Time<VesselClock>, kind: CommandKind, identity: Identity) -> bool {
-        // Who gave the abort knows of it.
-        let unaware =
-            kind == CommandKind::Land && identity.0 != self.identity.0 && now - self.given < UNAWARE_OF_ABORT;
-        self.kind == CommandKind::Abort && kind != CommandKind::Abort && (!self.finished || unaware)
+impl Relayed {
+    fn drone(&self) -> u32 {
+        self.given.command.header.drone
+    }
+    /// Whether this abort keeps another command away.
+    fn forbids(&self, command: &OperatorCommand<VesselClock>) -> bool {
+        let GivenCommand { command: own, open } = &self.given;
+        let other = own.kind == CommandKind::Abort && command.kind != CommandKind::Abort;
+        self.drone() == command.header.drone && other && (*open || command.is_unaware_of(&own.header))
     }
 }
 
@@ -56,10 +54,8 @@ pub struct OperatorIn {
     pub commands: Vec<OperatorCommand<VesselClock>>,
     /// From drones.
     pub statuses: Vec<DroneStatus>,
-    /// At the first step, the aborts that the former start left.
-    pub aborts: Vec<PendingAbort>,
-    /// And the commands that never count.
-    pub void: Vec<VoidCommand>,
+    /// At the first step, the commands that the former start knew.
+    pub given: Vec<GivenCommand>,
 }
 
 /// What the relay sends and has accepted.
@@ -77,10 +73,9 @@ pub struct OperatorRelay {
     vessel: u32,
     boot: u32,
     sequence: u32,
-    pending: Vec<Pending>,
-    /// Commands that an abort has made void, newest last: their repetitions never count.
-    void: VecDeque<VoidCommand>,
-    rejected: u64,
+    /// In the order in which they came; of a drone's one at most is open.
+    commands: VecDeque<Relayed>,
+    rejected: Rejections,
 }
 
 impl OperatorRelay {
@@ -90,98 +85,101 @@ impl OperatorRelay {
             vessel,
             boot,
             sequence: 0,
-            pending: Vec::new(),
-            void: VecDeque::new(),
-            rejected: 0,
+            commands: VecDeque::new(),
+            rejected: Rejections::default(),
         }
     }
-    /// Commands that were not passed on.
-    pub fn rejected(&self) -> u64 {
-        self.rejected
+    /// Commands that were not passed on, by reason.
+    pub fn rejected(&self) -> &Rejections {
+        &self.rejected
+    }
+    /// Drones that have not acknowledged an abort.
+    pub fn unacknowledged(&self) -> impl Iterator<Item = u32> {
+        let pending = |c: &&Relayed| c.given.open && c.given.command.kind == CommandKind::Abort;
+        self.commands.iter().filter(pending).map(Relayed::drone)
+    }
+    /// The commands that it knows, for the next start.
+    pub fn given(&self) -> Vec<GivenCommand> {
+        self.commands.iter().map(|c| c.given).collect()
     }
 
-    /// Aborts that no drone has acknowledged.
-    pub fn aborts(&self) -> Vec<PendingAbort> {
-        let pending = |p: &&Pending| !p.finished && p.kind == CommandKind::Abort;
-        let abort = |p: &Pending| PendingAbort {
-            drone: p.drone,
-            given: p.given,
-            identity: p.identity,
-        };
-        self.pending.iter().filter(pending).map(abort).collect()
-    }
-
-    /// Commands whose repetitions never count.
-    pub fn void(&self) -> Vec<VoidCommand> {
-        self.void.iter().copied().collect()
-    }
-    fn make_void(&mut self, drone: u32, identity: Identity) {
-        if self.void.len() >= MAX_VOID {
-            self.void.pop_front();
+    fn restore(&mut self, now: Time<VesselClock>, given: &[GivenCommand]) {
+        for before in given.iter().take(MAX_COMMANDS) {
+            let mut restored = *before;
+            let header = &mut restored.command.header;
+            // A computer that was started anew counts its time from zero: when it was given is not known any more.
+            if header.at > now {
+                header.at = now;
+                restored.open &= restored.command.kind == CommandKind::Abort;
+            }
+            self.push(now, restored);
         }
-        self.void.push_back(VoidCommand { drone, identity });
     }
-
-    fn remember(&mut self, now: Time<VesselClock>, aborts: &[PendingAbort]) {
-        self.pending = aborts
-            .iter()
-            .take(MAX_DRONES)
-            .map(|a| Pending {
-                drone: a.drone,
-                kind: CommandKind::Abort,
-                // A computer that was started anew counts its time from zero.
-                given: a.given.min(now),
-                next: now,
-                identity: a.identity,
-                first: self.sequence.wrapping_add(1),
-                finished: false,
-            })
-            .collect();
-    }
-
-    /// Takes an operator's command; true when it is new and valid.
-    fn accept(&mut self, now: Time<VesselClock>, command: &OperatorCommand<VesselClock>) -> bool {
-        let h = &command.header;
-        let identity = (h.boot, h.sequence);
-        let index = self.pending.iter().position(|p| p.drone == h.drone);
-        let full = index.is_none() && self.pending.len() >= MAX_DRONES;
-        let before = index.and_then(|k| self.pending.get_mut(k));
-        let void = VoidCommand {
-            drone: h.drone,
-            identity,
-        };
-        if before.as_ref().is_some_and(|p| p.identity == identity) || self.void.contains(&void) {
-            return false;
+    fn push(&mut self, now: Time<VesselClock>, given: GivenCommand) {
+        if self.commands.len() >= MAX_COMMANDS {
+            let spare = self.commands.iter().position(|c| !c.given.open);
+            self.commands.remove(spare.unwrap_or(0));
         }
-        let valid = h.version == MESSAGE_VERSION && h.vessel == self.vessel && h.drone != 0;
-        if !valid || full {
-            self.rejected = self.rejected.saturating_add(1);
-            return false;
-        }
-        let pending = Pending {
-            drone: h.drone,
-            kind: command.kind,
-            given: now,
+        self.commands.push_back(Relayed {
+            given,
             next: now,
-            identity,
             first: self.sequence.wrapping_add(1),
-            finished: false,
+        });
+    }
+
+    /// Takes an operator's command, or says why it does not count.
+    fn accept(
+        &mut self,
+        now: Time<VesselClock>,
+        command: &OperatorCommand<VesselClock>,
+    ) -> Result<(), RejectionReason> {
+        let h = &command.header;
+        let same = |c: &Relayed| {
+            let known = &c.given.command.header;
+            (known.drone, known.boot, known.sequence) == (h.drone, h.boot, h.sequence)
         };
-        match before {
-            Some(p) if p.forbids(now, command.kind, identity) => {
-                self.make_void(h.drone, identity);
-                self.rejected = self.rejected.saturating_add(1);
-                return false;
-            }
-            Some(p) => {
-                let before = core::mem::replace(p, pending);
-                if command.kind == CommandKind::Abort {
-                    self.make_void(h.drone, before.identity);
-                }
-            }
-            None => self.pending.push(pending),
+        if self.commands.iter().any(same) {
+            return Err(RejectionReason::Duplicate);
         }
-        true
+        check_identity(h, self.vessel, h.drone)?;
+        if h.drone == 0 {
+            return Err(RejectionReason::Drone);
+        }
+        let replaced = |c: &Relayed| c.given.open && c.drone() == h.drone;
+        let open = self.commands.iter().filter(|c| c.given.open).count();
+        if open >= MAX_DRONES && !self.commands.iter().any(replaced) {
+            return Err(RejectionReason::Flood);
+        }
+        let command = OperatorCommand {
+            header: Header { at: now, ..*h },
+            ..*command
+        };
+        // Also one that does not count is known: its repetitions do not count later.
+        let forbidden = self.commands.iter().any(|c| c.forbids(&command));
+        for c in self.commands.iter_mut().filter(|c| !forbidden && replaced(c)) {
+            c.given.open = false;
+        }
+        let open = !forbidden;
+        self.push(now, GivenCommand { command, open });
+        if forbidden {
+            return Err(RejectionReason::Unaware);
+        }
+        Ok(())
+    }
+
+    /// Whether a status shows that its drone has taken a command.
+    fn is_met(&self, c: &Relayed, status: &DroneStatus) -> bool {
+        let command = &c.given.command;
+        // An abort is answered by its own echo: another state shows what was before it as well.
+        let echoed = || status.abort.is_some_and(|[b, k]| b == self.boot && k >= c.first);
+        // A status that was under way when the command was given shows nothing.
+        let repeated = c.next > command.header.at;
+        let taken = || repeated && command.kind.is_met(status.state, status.waiting.code);
+        let met = match command.kind {
+            CommandKind::Abort => echoed(),
+            CommandKind::Land | CommandKind::Hold => taken(),
+        };
+        status.header.drone == c.drone() && met
     }
 }
 
@@ -191,42 +189,35 @@ impl Node for OperatorRelay {
     type Out = OperatorOut;
 
     fn step(&mut self, now: Time<VesselClock>, input: &OperatorIn) -> OperatorOut {
-        if self.pending.is_empty() {
-            self.remember(now, &input.aborts);
-        }
-        for c in &input.void {
-            self.make_void(c.drone, c.identity);
-        }
-        let new = |c: &&OperatorCommand<VesselClock>| self.accept(now, c);
-        let mut out = OperatorOut {
-            accepted: input.commands.iter().filter(new).copied().collect(),
-            commands: Vec::new(),
-        };
-        for p in &mut self.pending {
-            // An abort is answered by its own echo: another state shows what was before it as well.
-            let boot = self.boot;
-            let echoed = |s: &DroneStatus| s.abort.is_some_and(|[b, k]| b == boot && k >= p.first);
-            // A status that was under way when the command was given shows nothing.
-            let met = |s: &DroneStatus| {
-                p.drone == s.header.drone
-                    && match p.kind {
-                        CommandKind::Abort => echoed(s),
-                        CommandKind::Land | CommandKind::Hold => {
-                            p.next > p.given && p.kind.is_met(s.state, s.waiting.code)
-                        }
-                    }
-            };
-            p.finished |=
-                input.statuses.iter().any(met) || p.kind != CommandKind::Abort && now - p.given > TIMEOUT;
-            if p.finished || now < p.next {
-                continue;
+        self.restore(now, &input.given);
+        let mut out = OperatorOut::default();
+        for command in &input.commands {
+            match self.accept(now, command) {
+                Ok(()) => out.accepted.push(*command),
+                // A terminal repeats its command as long as it runs.
+                Err(RejectionReason::Duplicate) => {}
+                Err(reason) => self.rejected.count(reason),
             }
-            p.next = now + REPEAT_PERIOD;
-            self.sequence = self.sequence.wrapping_add(1);
-            out.commands.push(OperatorCommand {
-                header: Header::new(self.vessel, p.drone, self.boot, self.sequence, p.given),
-                kind: p.kind,
-            });
+        }
+        for k in 0..self.commands.len() {
+            let Some(mut c) = self.commands.get(k).copied().filter(|c| c.given.open) else {
+                continue;
+            };
+            let command = c.given.command;
+            let given_up = command.kind != CommandKind::Abort && now - command.header.at > TIMEOUT;
+            c.given.open = !given_up && !input.statuses.iter().any(|s| self.is_met(&c, s));
+            if c.given.open && now >= c.next {
+                c.next = now + REPEAT_PERIOD;
+                self.sequence = self.sequence.wrapping_add(1);
+                let (drone, at) = (c.drone(), command.header.at);
+                out.commands.push(OperatorCommand {
+                    header: Header::new(self.vessel, drone, self.boot, self.sequence, at),
+                    kind: command.kind,
+                });
+            }
+            if let Some(slot) = self.commands.get_mut(k) {
+                *slot = c;
+            }
         }
         out
     }
@@ -258,6 +249,17 @@ mod tests {
             abort: Some([relay.boot, relay.sequence]),
             ..status(State::GaveUp, ReasonCode::NotCommanded)
         })
+    }
+
+    /// The relay of the vessel's next process at `t_s`, with what this one leaves, and what it sends at once.
+    fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
+        let mut relay = OperatorRelay::new(1, before.boot + 1);
+        let input = OperatorIn {
+            given: before.given(),
+            ..OperatorIn::default()
+        };
+        let out = relay.step(Time::from_secs(t_s), &input);
+        (relay, out)
     }
 
     /// Steps the relay with at most one command and one status.
@@ -292,7 +294,7 @@ mod tests {
         let climbing = Some(status(State::GetAltitude, ReasonCode::TooFar));
         assert!(step(&mut relay, 3.0, None, climbing).1.is_empty());
         assert!(step(&mut relay, 4.0, None, None).1.is_empty());
-        assert_eq!(relay.rejected(), 0);
+        assert_eq!(relay.rejected().total(), 0);
     }
 
     #[test]
@@ -319,7 +321,7 @@ mod tests {
         let over = echo(&relay);
         assert!(step(&mut relay, 2.4, None, over).1.is_empty());
         assert!(step(&mut relay, 2.5, last, None).0);
-        assert_eq!(relay.rejected(), 1);
+        assert_eq!(relay.rejected().total(), 1);
     }
 
     #[test]
@@ -339,19 +341,11 @@ mod tests {
         assert!(step(&mut relay, 2.4, None, over).1.is_empty());
         let just_after = of(8, 1, CommandKind::Land);
         assert!(!step(&mut relay, 2.9, just_after, None).0);
-        assert_eq!(relay.rejected(), 2);
+        assert_eq!(relay.rejected().total(), 2);
         // Their terminals repeat them, also to the vessel's next process.
         for k in 0..24 {
             if k == 12 {
-                let left = relay.void();
-                relay = OperatorRelay::new(1, 10);
-                relay.step(
-                    Time::from_secs(8.9),
-                    &OperatorIn {
-                        void: left,
-                        ..OperatorIn::default()
-                    },
-                );
+                relay = restarted(&relay, 8.9).0;
             }
             for repeated in [before, meanwhile, just_after] {
                 let (accepted, sent) = step(&mut relay, 3.0 + 0.5 * f64::from(k), repeated, None);
@@ -369,7 +363,7 @@ mod tests {
         let mut other = command(2, 3, CommandKind::Abort);
         other.header.vessel = 2;
         assert!(!step(&mut relay, 1.0, Some(other), None).0);
-        assert_eq!(relay.rejected(), 2);
+        assert_eq!(relay.rejected().total(), 2);
         let hold = command(3, 3, CommandKind::Hold);
         let sent: usize = (0..100)
             .map(|k| {
@@ -389,16 +383,10 @@ mod tests {
             .map(|k| step(&mut relay, 1.0 + f64::from(k) * 0.5, None, None).1.len())
             .sum();
         assert_eq!(sent, 1199, "ten minutes without a radio");
-        let left = relay.aborts();
-        assert_eq!(left.len(), 1);
+        assert_eq!(relay.unacknowledged().collect::<Vec<_>>(), [3]);
         // The vessel's process is started anew, then once more with its computer, whose clock begins at zero.
         for (t_s, given_s) in [(700.0, 1.0), (0.5, 0.5)] {
-            let mut relay = OperatorRelay::new(1, 10);
-            let input = OperatorIn {
-                aborts: left.clone(),
-                ..OperatorIn::default()
-            };
-            let out = relay.step(Time::from_secs(t_s), &input);
+            let (mut relay, out) = restarted(&relay, t_s);
             assert_eq!(out.commands.len(), 1);
             assert_eq!(out.commands[0].kind, CommandKind::Abort);
             assert_eq!(out.commands[0].header.at, Time::from_secs(given_s));
@@ -406,7 +394,7 @@ mod tests {
             assert!(!step(&mut relay, t_s + 0.1, land, None).0);
             let over = echo(&relay);
             assert!(step(&mut relay, t_s + 0.6, None, over).1.is_empty());
-            assert!(relay.aborts().is_empty());
+            assert_eq!(relay.unacknowledged().count(), 0);
         }
     }
 
@@ -425,5 +413,40 @@ mod tests {
         }
         let at = Time::from_secs(1.0);
         assert_eq!(given, [(at, 1), (at, 2), (at, 3), (at, 4)]);
+    }
+
+    /// A terminal repeats its landing while the vessel's process is started anew, and on the drone somebody aborts it.
+    #[test]
+    fn restarted_relay_keeps_the_time_of_a_command() {
+        let mut relay = OperatorRelay::new(1, 9);
+        let land = Some(command(1, 3, CommandKind::Land));
+        assert!(step(&mut relay, 1.0, land, None).0);
+        let (mut relay, out) = restarted(&relay, 3.0);
+        assert_eq!(out.commands[0].header.at, Time::from_secs(1.0));
+        assert_eq!(step(&mut relay, 3.1, land, None), (false, vec![]));
+        let sent: usize = (0..20)
+            .map(|k| step(&mut relay, 3.2 + 0.5 * f64::from(k), land, None).1.len())
+            .sum();
+        assert_eq!(sent, 15, "10 s after it was given");
+        assert!(step(&mut relay, 14.0, Some(command(2, 3, CommandKind::Land)), None).0);
+        // A computer that was started anew does not know any more when it was given: no landing goes on from there.
+        let (mut relay, out) = restarted(&relay, 0.5);
+        assert!(out.commands.is_empty());
+        assert!(!step(&mut relay, 1.0, Some(command(2, 3, CommandKind::Land)), None).0);
+    }
+
+    #[test]
+    fn replaced_command_stays_replaced() {
+        let mut relay = OperatorRelay::new(1, 9);
+        let [land, mut hold] = [CommandKind::Land, CommandKind::Hold].map(|kind| command(1, 3, kind));
+        hold.header.boot = 6;
+        assert!(step(&mut relay, 1.0, Some(land), None).0);
+        assert_eq!(
+            step(&mut relay, 1.2, Some(hold), None),
+            (true, vec![CommandKind::Hold])
+        );
+        // The first operator's terminal repeats its own.
+        assert!(!step(&mut relay, 1.5, Some(land), None).0);
+        assert_eq!(step(&mut relay, 1.7, None, None).1, [CommandKind::Hold]);
     }
 }

@@ -153,14 +153,16 @@ fn vessel_node_counts_and_ignores_repeated_and_reordered_samples() {
 fn vessel_node_answers_its_own_time_requests_with_all_stamps() {
     let mut n = node();
     let ask = |vessel| {
-        Stamped::new(
-            time(3),
-            TimeRequest {
-                header: Header::new(vessel, 7, 1, 0, Time::<DroneClock>::from_secs(77.0)),
-                newest_at: Time::EPOCH,
-                newest_boot: 0,
-            },
-        )
+        let message = TimeRequest {
+            header: Header::new(vessel, 7, 1, 0, Time::<DroneClock>::from_secs(77.0)),
+            newest_at: Time::EPOCH,
+            newest_boot: 0,
+        };
+        Arrival {
+            at: time(3),
+            sender: Sender::Drone(7),
+            message,
+        }
     };
     let out = n.step(
         time(4),

@@ -9,7 +9,6 @@ use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::transport::clock::ProcessClock;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::tap::Tap;
-use alight_usv::VesselNode;
 use serde::de::DeserializeOwned;
 
 use crate::config::{DroneComputer, VesselComputer};
@@ -157,11 +156,7 @@ pub fn write(
             }));
         }};
     }
-    play!(vessel, vessel.clock, |boot| VesselNode::new(
-        &vessel.vessel,
-        vessel.vessel_id,
-        boot
-    ));
+    play!(vessel, vessel.clock, |boot| vessel.node(boot));
     play!(bridge, drone.clock, |boot| Bridge::new(&drone.bridge, boot));
     play!(predictor, drone.clock, |boot| PredictorShell::node(drone, boot));
     play!(mission, drone.clock, |boot| MissionShell::node(drone, boot));

@@ -21,13 +21,13 @@ use alight_uav::planner::law::Law;
 use alight_uav::planner::{PlannerIn, PlannerOut};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use alight_uav::settings::DroneSettings;
-use alight_usv::{VesselIn, VesselOut};
+use alight_usv::{ComputerIn, ComputerOut};
 use serde::{Deserialize, Serialize};
 
 use crate::config::DroneFile;
 use crate::exit::{CliError, Doing};
 use crate::record::reading::Recording;
-use crate::record::{DRONE_FILE, LIVE, NODES, Recorder, VESSEL_FILE};
+use crate::record::{DECK_FILE, DRONE_FILE, LIVE, NODES, Recorder, VESSEL_FILE};
 use truth::TruthViews;
 
 /// Boot ids of the nodes in lock-step.
@@ -106,6 +106,7 @@ impl FlightRecorder {
                 VESSEL_FILE,
                 toml::to_string(&subject.nodes.vessel).map_err(doing)?,
             ),
+            (DECK_FILE, toml::to_string(&subject.nodes.deck).map_err(doing)?),
             (DRONE_FILE, toml::to_string(&drone).map_err(doing)?),
             (BASELINE_FILE, toml::to_string(&baseline).map_err(doing)?),
             ("scenario.toml", toml::to_string(subject.scenario).map_err(doing)?),
@@ -142,7 +143,7 @@ impl Tap for FlightRecorder {
     ) {
         self.truth.show(&mut self.recorder, t, vessel, drone);
     }
-    fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &VesselIn, o: &VesselOut) {
+    fn vessel(&mut self, t: Time<TrueTime>, now: Time<VesselClock>, i: &ComputerIn, o: &ComputerOut) {
         self.recorder.vessel(t, now, i, o);
     }
     fn bridge(&mut self, t: Time<TrueTime>, now: Time<DroneClock>, i: &BridgeIn, o: &BridgeOut) {

@@ -9,7 +9,7 @@ use alight_usv::calibrate::{
     DOF_NAMES, Decay, NotObservable, Record, Signal, Stiffness, ValueWithSd, VesselCalibration, Weight,
     identify,
 };
-use alight_usv::{VesselIn, VesselNodeConfig};
+use alight_usv::{ComputerIn, VesselNodeConfig};
 use clap::Args;
 use serde_json::{Value, json};
 
@@ -128,8 +128,8 @@ fn logged(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, Cl
         }
     };
     let mut record = Record::default();
-    while let Some((_, input, _)) = log.step::<VesselIn>().doing(doing)? {
-        record.add(&input);
+    while let Some((_, input, _)) = log.step::<ComputerIn>().doing(doing)? {
+        record.add(&input.vessel);
     }
     let found = record.identify(&config);
     Ok((config, found))
@@ -145,8 +145,8 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
         let mut record = Record::default();
         recording.steps(|k, _, bytes| {
             if NODES[k] == "vessel" {
-                let entry: Entry<VesselIn> = wire::decode_record(bytes)?;
-                record.add(&entry.input);
+                let entry: Entry<ComputerIn> = wire::decode_record(bytes)?;
+                record.add(&entry.input.vessel);
             }
             Ok(())
         })?;

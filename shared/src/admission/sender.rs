@@ -1,0 +1,87 @@
+//! Who published a message: the name in its key, to which access control binds the publisher's certificate.
+
+use serde::{Deserialize, Serialize};
+
+use super::RejectionReason;
+use crate::time::{Clock, Time};
+
+/// The publisher of a message, by its key `alight/NAME/TOPIC`. What the message says of itself counts only where it
+/// agrees: a certificate is worth nothing if its holder may speak for others.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sender {
+    /// `vessel-N`.
+    Vessel(u32),
+    /// `drone-N`.
+    Drone(u32),
+    /// `operator-N`.
+    Operator(u32),
+    /// Another name, or a key of another layout.
+    #[default]
+    Unknown,
+}
+
+impl Sender {
+    /// The publisher of a message on this key.
+    pub fn of_key(key: &str) -> Sender {
+        let mut chunks = key.split('/');
+        let (root, name) = (chunks.next(), chunks.next().unwrap_or_default());
+        let (kind, digits) = name.split_once('-').unwrap_or_default();
+        // One number has one name: neither a sign nor leading zeros.
+        let number = digits.parse().ok().filter(|n: &u32| n.to_string() == digits);
+        match (root, kind, number) {
+            (Some("alight"), "vessel", Some(n)) => Sender::Vessel(n),
+            (Some("alight"), "drone", Some(n)) => Sender::Drone(n),
+            (Some("alight"), "operator", Some(n)) => Sender::Operator(n),
+            (_, _, _) => Sender::Unknown,
+        }
+    }
+    /// Whether a message that names `claimed` as its author may come from this publisher.
+    pub fn check(self, claimed: Sender) -> Result<(), RejectionReason> {
+        if self == claimed {
+            Ok(())
+        } else {
+            Err(RejectionReason::Sender)
+        }
+    }
+}
+
+/// A message as it came over the radio.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(bound(serialize = "M: Serialize", deserialize = "M: Deserialize<'de>"))]
+pub struct Arrival<C: Clock, M> {
+    /// When it arrived.
+    pub at: Time<C>,
+    /// On whose key.
+    pub sender: Sender,
+    /// What it says.
+    pub message: M,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sender_is_the_name_in_the_key() {
+        for (key, sender) in [
+            ("alight/drone-12/status", Sender::Drone(12)),
+            ("alight/vessel-1/time/reply", Sender::Vessel(1)),
+            ("alight/operator-3/command", Sender::Operator(3)),
+            ("alight/drone-012/status", Sender::Unknown),
+            ("alight/drone-+1/status", Sender::Unknown),
+            ("alight/drone-$*/status", Sender::Unknown),
+            ("alight/*/status", Sender::Unknown),
+            ("alight/drone-4294967296/status", Sender::Unknown),
+            ("other/drone-1/status", Sender::Unknown),
+            ("alight", Sender::Unknown),
+            ("", Sender::Unknown),
+        ] {
+            assert_eq!(Sender::of_key(key), sender, "{key}");
+        }
+        assert_eq!(
+            Sender::Drone(2).check(Sender::Drone(1)),
+            Err(RejectionReason::Sender)
+        );
+        assert_eq!(Sender::Drone(2).check(Sender::Drone(2)), Ok(()));
+    }
+}

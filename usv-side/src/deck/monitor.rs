@@ -1,0 +1,117 @@
+//! The drones as the vessel receives them, for people on board.
+
+use std::collections::BTreeMap;
+
+use alight_shared::admission::{Arrival, check_message};
+use alight_shared::msg::DroneStatus;
+use alight_shared::time::VesselClock;
+
+use super::MAX_DRONES;
+use crate::computer::VesselEvent;
+
+/// The newest status of each drone, with its arrival.
+#[derive(Clone, Debug)]
+pub struct DroneMonitor {
+    vessel: u32,
+    drones: BTreeMap<u32, Arrival<VesselClock, DroneStatus>>,
+    newest: Option<u32>,
+    received: u64,
+    rejected: u64,
+}
+
+impl DroneMonitor {
+    /// Nothing received yet by vessel `vessel`.
+    pub fn new(vessel: u32) -> DroneMonitor {
+        DroneMonitor {
+            vessel,
+            drones: BTreeMap::new(),
+            newest: None,
+            received: 0,
+            rejected: 0,
+        }
+    }
+    /// A status arrived; an event when the mission's state changed.
+    pub(crate) fn observe(&mut self, status: &Arrival<VesselClock, DroneStatus>) -> Option<VesselEvent> {
+        let new = &status.message;
+        let header = &new.header;
+        let before = self.drones.get(&header.drone).map(|s| &s.message);
+        let repeated = before.is_some_and(|s| !header.follows(&s.header));
+        let full = before.is_none() && self.drones.len() >= MAX_DRONES;
+        if check_message(new).is_err() || header.vessel != self.vessel || repeated || full {
+            self.rejected += 1;
+            return None;
+        }
+        let changed = before.is_none_or(|s| s.state != new.state);
+        self.received += 1;
+        self.newest = Some(header.drone);
+        self.drones.insert(header.drone, *status);
+        changed.then_some(VesselEvent::DroneState {
+            drone: header.drone,
+            state: new.state,
+            entered: new.entered,
+            battery: new.battery,
+        })
+    }
+    /// Every drone's newest status, with its arrival.
+    pub fn statuses(&self) -> impl Iterator<Item = &Arrival<VesselClock, DroneStatus>> {
+        self.drones.values()
+    }
+    /// The newest of all.
+    pub fn newest(&self) -> Option<&Arrival<VesselClock, DroneStatus>> {
+        self.drones.get(&self.newest?)
+    }
+    /// Statuses received.
+    pub fn received(&self) -> u64 {
+        self.received
+    }
+    /// Statuses of another vessel or version, damaged, repeated, or of a drone beyond [`MAX_DRONES`].
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alight_shared::admission::Sender;
+    use alight_shared::msg::{Header, MESSAGE_VERSION, State};
+    use alight_shared::time::Time;
+
+    fn status(vessel: u32, drone: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
+        let message = DroneStatus {
+            header: Header::new(vessel, drone, 7, sequence, Time::EPOCH),
+            state,
+            battery: 0.5,
+            ..DroneStatus::default()
+        };
+        Arrival {
+            at: Time::from_secs(f64::from(sequence)),
+            sender: Sender::Drone(drone),
+            message,
+        }
+    }
+
+    #[test]
+    fn drone_monitor_counts_and_reports_each_state_once() {
+        let mut monitor = DroneMonitor::new(1);
+        assert!(monitor.observe(&status(1, 4, 1, State::Tracking)).is_some());
+        assert_eq!(monitor.observe(&status(1, 4, 2, State::Tracking)), None);
+        let mut nan = status(1, 4, 3, State::Landed);
+        nan.message.battery = f64::NAN;
+        let mut version = status(1, 4, 3, State::Landed);
+        version.message.header.version = MESSAGE_VERSION + 1;
+        let foreign = status(2, 4, 3, State::Landed);
+        let repeated = status(1, 4, 2, State::Landed);
+        for bad in [foreign, repeated, nan, version] {
+            assert_eq!(monitor.observe(&bad), None);
+        }
+        // Another drone between two statuses of one is no change of state.
+        assert!(monitor.observe(&status(1, 5, 1, State::Idle)).is_some());
+        assert_eq!(monitor.observe(&status(1, 4, 3, State::Tracking)), None);
+        assert!(monitor.observe(&status(1, 4, 4, State::Landed)).is_some());
+        assert_eq!((monitor.received(), monitor.rejected()), (5, 4));
+        let newest = monitor.newest().map(|s| (s.at, s.message.header.drone));
+        assert_eq!(newest, Some((Time::from_secs(4.0), 4)));
+        assert_eq!(monitor.statuses().count(), 2);
+    }
+}
