@@ -192,7 +192,7 @@ mod tests {
             (before_landing, 10.5, (9, 2, 10.05, Hold), Ok(())),
             (before_landing, 10.5, (9, 2, 9.5, Hold), Err(OutOfOrder)),
             // Given before an abort, or without knowing of it.
-            (before_abort, 20.5, (9, 3, 10.0, Land), Err(OutOfOrder)),
+            (before_abort, 20.5, (9, 3, 19.0, Land), Err(OutOfOrder)),
             (before_abort, 20.5, (7, 1, 20.3, Land), Err(Unaware)),
             (before_abort, 20.5, (9, 3, 20.3, Land), Ok(())),
             (before_abort, 21.5, (7, 1, 21.2, Land), Ok(())),
