@@ -41,7 +41,7 @@ struct End {
     height_m: f64,
     /// Off the deck's centre, m.
     off_m: f64,
-    /// The hardest contact while the computer runs, m/s: without it the autopilot holds a fixed place, and the deck may
+    /// The hardest contact while somebody commands, m/s: without the computer the autopilot holds a fixed place, and the deck may
     /// rise into the drone.
     hardest_mps: f64,
     water: bool,
@@ -66,6 +66,8 @@ impl End {
 const LIMIT_S: f64 = 150.0;
 /// Flown on after the restart and after the motors stopped, s.
 const REST_S: f64 = 8.0;
+/// Time after the restart of all processes until the drone is commanded again, at most, s.
+const RESUME_S: f64 = 1.5;
 /// Flown on after the mission gave up or was idle, s.
 const CLIMB_S: f64 = 15.0;
 
@@ -89,7 +91,9 @@ fn flown(
     let (mut entered, mut state) = (0.0, State::Idle);
     let (mut contact, mut stop) = (None, None);
     let mut died: Option<f64> = None;
-    let gone = |died: Option<f64>, t: f64| dies == Dies::Supervisor && died.is_some_and(|at| t < at + away_s);
+    let gone = |died: Option<f64>, t: f64| {
+        dies == Dies::Supervisor && died.is_some_and(|at| t < at + away_s + RESUME_S)
+    };
     let mut started = false;
     let mut end = None;
     let (mut hardest_mps, mut water) = (0.0_f64, false);

@@ -55,7 +55,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     let mut forecasts = memory.subscriber::<DeckForecast>()?;
 
     let mut autopilot = memory.subscriber::<AutopilotState>()?;
-    let (mut deck, mut flight) = (MissionState::default(), AutopilotState::default());
+    let (mut decided, mut flight) = (None::<MissionState>, AutopilotState::default());
     let mut age_s = f64::INFINITY;
     let (mut heard_bytes, mut refused, mut sequence) = (0_u64, 0_u64, 0_u32);
 
@@ -109,7 +109,7 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
         if let Some(Ok(bytes)) = out.time_request.as_ref().map(wire::encode) {
             radio.send(0, bytes);
         }
-        deck = mission.newest(now.nanos()).unwrap_or(deck);
+        decided = mission.newest(now.nanos()).or(decided);
         flight = autopilot.newest(now.nanos()).unwrap_or(flight);
         let counts = radio.counts();
         process.life.metrics = metrics(process.node().rejections(), heard_bytes, refused, &counts);
@@ -121,6 +121,8 @@ pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
             let now = process.now();
             let own = odometry.newest(now.nanos());
             let forecast = forecasts.newest(now.nanos());
+            // Until the mission decides, the vessel knows better than a state that nobody is in: it would free the deck.
+            let Some(deck) = decided else { continue };
             let status = DroneStatus {
                 header: Header::new(
                     vessel,

@@ -197,7 +197,9 @@ impl Installed {
     /// gone, after RestartSec.
     fn crash_supervisor(&mut self) {
         let processes = self.status()["processes"].as_array().cloned().unwrap_or_default();
-        let of_drone = processes.iter().filter(|p| p["kind"] != "World");
+        let of_drone = processes
+            .iter()
+            .filter(|p| p["kind"] != "World" && p["kind"] != "Vessel");
         let pids: Vec<u64> = of_drone.filter_map(|p| p["pid"].as_u64()).collect();
         assert!(pids.len() >= 5, "{processes:?}");
         let at = self.children.iter().rposition(|(n, _)| *n == "drone");
@@ -205,7 +207,11 @@ impl Installed {
         let began_ns = steady_ns();
         child.kill().expect("killed");
         child.wait().expect("waited for");
-        while pids.iter().any(|p| Path::new(&format!("/proc/{p}")).exists()) {
+        // One that has ended has no program any more, whether somebody has waited for it or not.
+        while pids
+            .iter()
+            .any(|p| std::fs::read_link(format!("/proc/{p}/exe")).is_ok())
+        {
             std::thread::sleep(Duration::from_millis(5));
         }
         let gone_ns = steady_ns();
